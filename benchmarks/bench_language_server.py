@@ -26,7 +26,7 @@ from functools import partial
 from pathlib import Path
 
 from lsprotocol import types
-from measuring import ROOT, machine, options, show, table
+from measuring import ROOT, chain_spec, machine, options, show, table
 from pytest_lsp import LanguageClient, client_capabilities, make_test_lsp_client
 
 from r2bspec.check.engine import check_cases
@@ -36,43 +36,6 @@ from r2bspec.language_server.server import DEBOUNCE_S
 EDITOR = "editor, from change to diagnostics"
 FULL = "full validate, in-process"
 PROCESS = "full validate, new process"
-LINES_OF_A_NODE = 10
-
-
-def spec_text(lines: int) -> str:
-    """A spec of about that many lines: nodes in a chain, with comments and parameters."""
-    head = [
-        "r2bspec: 1",
-        "name: long",
-        "data_loader:",
-        "  bag: r2b_storage",
-        "  topics: {/d455_1_rgb_image: recorded/image}",
-        "playback:",
-        "  inputs:",
-        "    link_0: {from: recorded/image, format: sensor_msgs/msg/Image}",
-        "benchmark: {rates: [30 Hz], duration: 10 s}",
-        "graph:",
-        "  nodes:",
-    ]
-    nodes = (lines - len(head)) // LINES_OF_A_NODE
-    for number in range(nodes):
-        head += [
-            f"    # stage {number}: takes what the stage before it has made",
-            f"    relay_{number}:",
-            "      python: r2bspec.nodes.RelayNode",
-            "      parameters:",
-            "        service_time_ms: 0.5",
-            "      env:",
-            '        OMP_NUM_THREADS: "1"',
-            "      remappings:",
-            f"        input: link_{number}",
-            f"        output: link_{number + 1}",
-        ]
-    end = [
-        f"monitors: {{end: {{topic: link_{nodes}, format: sensor_msgs/msg/Image}}}}",
-        "slos: {fast: {require: [latency.p90 < 250 ms, drop_rate <= 5 %]}}",
-    ]
-    return "\n".join([*head, *end]) + "\n"
 
 
 class Editor:
@@ -155,7 +118,7 @@ async def measure(lines: int, repeat: int, folder: Path) -> dict[str, list[float
             )
         )
         path = folder / f"lines_{lines}.r2b.yaml"
-        editor = Editor(client, path, spec_text(lines))
+        editor = Editor(client, path, chain_spec(lines // 10))
         await editor.open()
         for round_number in range(repeat + 2):
             seconds = await editor.change()

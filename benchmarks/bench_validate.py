@@ -29,7 +29,7 @@ from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
-from measuring import ROOT, environment, machine, options, show, table
+from measuring import ROOT, chain_spec, environment, machine, options, show, table
 
 SPEC = ROOT / "specs" / "apriltag_node.r2b.yaml"
 SCHEMA = ROOT / "schemas" / "r2bspec-v1.schema.json"
@@ -89,30 +89,6 @@ def compare_tools(files: list[Path], repeat: int, folder: Path) -> dict[str, lis
     """Runs of all tools over the same files."""
     names = [*map(str, files)]
     return compare({tool: [*command, *names] for tool, command in TOOLS.items()}, repeat, folder)
-
-
-def chain(nodes: int) -> str:
-    """A spec with that many nodes, each of which reads what the one before it writes."""
-    lines = [
-        "r2bspec: 1",
-        "name: chain",
-        "data_loader: {bag: r2b_storage, topics: {/d455_1_rgb_image: recorded/image}}",
-        "playback:",
-        "  inputs: {link_0: {from: recorded/image, format: sensor_msgs/msg/Image}}",
-        "graph:",
-        "  nodes:",
-    ]
-    for number in range(nodes):
-        lines += [
-            f"    relay_{number}:",
-            "      python: r2bspec.nodes.RelayNode",
-            f"      remappings: {{input: link_{number}, output: link_{number + 1}}}",
-        ]
-    lines += [
-        f"monitors: {{end: {{topic: link_{nodes}, format: sensor_msgs/msg/Image}}}}",
-        "benchmark: {rates: [30 Hz]}",
-    ]
-    return "\n".join(lines) + "\n"
 
 
 def copies(folder: Path, number: int) -> list[Path]:
@@ -199,7 +175,7 @@ def main() -> None:
         chains = {}
         for nodes in (500, 5000):
             chains[nodes] = folder / f"chain_{nodes}.r2b.yaml"
-            chains[nodes].write_text(chain(nodes))
+            chains[nodes].write_text(chain_spec(nodes))
         measured = partial(compare_tools, folder=folder)
         cases = {
             "one spec": measured([SPEC], 2 * given.repeat),

@@ -48,6 +48,36 @@ def machine() -> str:
     )
 
 
+def chain_spec(nodes: int) -> str:
+    """A spec of ten lines for each node: nodes in a chain, with comments and parameters."""
+    lines = [
+        "r2bspec: 1",
+        "name: chain",
+        "data_loader: {bag: r2b_storage, topics: {/d455_1_rgb_image: recorded/image}}",
+        "playback:",
+        "  inputs: {link_0: {from: recorded/image, format: sensor_msgs/msg/Image}}",
+        "benchmark: {rates: [30 Hz], duration: 10 s}",
+        f"monitors: {{end: {{topic: link_{nodes}, format: sensor_msgs/msg/Image}}}}",
+        "slos: {fast: {require: [latency.p90 < 250 ms, drop_rate <= 5 %]}}",
+        "graph:",
+        "  nodes:",
+    ]
+    for number in range(nodes):
+        lines += [
+            f"    # stage {number}: takes what the stage before it has made",
+            f"    relay_{number}:",
+            "      python: r2bspec.nodes.RelayNode",
+            "      parameters:",
+            "        service_time_ms: 0.5",
+            "      env:",
+            '        OMP_NUM_THREADS: "1"',
+            "      remappings:",
+            f"        input: link_{number}",
+            f"        output: link_{number + 1}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
 def run_command(spec: Path, output: Path, *arguments: str) -> list[str]:
     """The command line of a run of this source tree."""
     command = [sys.executable, "-m", "r2bspec", "run", str(spec), "--quiet"]

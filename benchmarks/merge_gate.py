@@ -10,15 +10,15 @@ r2bspec that gates is the one that is installed: it must not change meanwhile. U
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import shutil
 import statistics
-import sys
 import tempfile
 from collections import Counter
 from pathlib import Path
+
+from measuring import options, show, table, tell
 
 from pull_requests import SPEC, Gated, Workspace, spec
 
@@ -28,27 +28,28 @@ COST_MS = {"neutral": 20.0, "15 % slower": 23.0}
 
 def main() -> None:
     """Gate the pull requests, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = options(__doc__)
     parser.add_argument("--each", type=int, default=10, help="pull requests of each kind")
     parser.add_argument("--pairs", type=int, default=5)
-    options = parser.parse_args()
-    sys.stdout.write(
-        "| pull request | PASS | FAIL | INCONCLUSIVE | error | ratio, min … max | load |" + "\n"
-    )
-    sys.stdout.write(f"{'| --- ' * 7}|\n")
-    for kind, cost_ms in COST_MS.items():
-        outcomes: Counter[str] = Counter()
-        ratios, loads = [], []
-        for _ in range(options.each):
-            loads.append(os.getloadavg()[0])
-            with tempfile.TemporaryDirectory() as folder:
-                outcome, ratio = gated(Path(folder), cost_ms, options.pairs)
-            outcomes[outcome] += 1
-            ratios += [ratio] if ratio is not None else []
-        counts = " | ".join(str(outcomes[name]) for name in (*OUTCOMES.values(), "error"))
-        span = f"{min(ratios):.3f} … {max(ratios):.3f}" if ratios else ""
-        sys.stdout.write(f"| {kind} | {counts} | {span} | {statistics.median(loads):.1f} |" + "\n")
-        sys.stdout.flush()
+    given = parser.parse_args()
+    head = ("pull request", *OUTCOMES.values(), "error", "ratio, min … max", "load")
+    for line in table(head, (row(kind, given.each, given.pairs) for kind in COST_MS)):
+        show(line)
+
+
+def row(kind: str, number: int, pairs: int) -> list[str]:
+    """The outcomes of so many pull requests of a kind."""
+    outcomes: Counter[str] = Counter()
+    ratios, loads = [], []
+    for _ in range(number):
+        loads.append(os.getloadavg()[0])
+        with tempfile.TemporaryDirectory() as folder:
+            outcome, ratio = gated(Path(folder), COST_MS[kind], pairs)
+        outcomes[outcome] += 1
+        ratios += [ratio] if ratio is not None else []
+    counts = [str(outcomes[name]) for name in (*OUTCOMES.values(), "error")]
+    span = f"{min(ratios):.3f} … {max(ratios):.3f}" if ratios else ""
+    return [kind, *counts, span, f"{statistics.median(loads):.1f}"]
 
 
 def gated(folder: Path, cost_ms: float, pairs: int) -> tuple[str, float | None]:
@@ -63,7 +64,7 @@ def gated(folder: Path, cost_ms: float, pairs: int) -> tuple[str, float | None]:
     result = done.folder / "result.json"
     if done.status not in OUTCOMES or not result.exists():
         place = keep_output(done)
-        sys.stderr.write(f"exit status {done.status}: its output is kept in {place}\n")
+        tell(f"exit status {done.status}: its output is kept in {place}")
         return "error", None
     requirements = json.loads(result.read_text())["verdict"]["requirements"]
     ratio = next(one["estimate"] for one in requirements if one["objective"] == "fast")

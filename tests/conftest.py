@@ -15,7 +15,7 @@ from hypothesis import settings
 if TYPE_CHECKING:
     from r2bspec.bags.recording import SyntheticDataset
 
-pytest_plugins = ["command_line", "reported_runs"]
+pytest_plugins = ["command_line", "family_trees", "reported_runs"]
 
 # A first example that imports or compiles something, on a busy machine, is no failure. The rest is
 # as Hypothesis has it, which in a CI job draws the same examples each time.
@@ -41,6 +41,8 @@ def pytest_configure() -> None:
     os.environ["R2BSPEC_NO_LOCK"] = "1"
     # Output is plainer and rarer in a CI job; tests of that set the variable themselves.
     os.environ.pop("CI", None)
+    # A simulated run is a dozen files, and no test looks at what survives a power cut.
+    pytest.MonkeyPatch().setattr(os, "fsync", lambda _descriptor: None)
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
@@ -77,11 +79,13 @@ def default_middleware(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="session")
 def storage_room(tmp_path_factory: pytest.TempPathFactory) -> SyntheticDataset:
-    """A short stretch of r2b_storage with every topic."""
+    """A short stretch of r2b_storage with every topic, made once for all workers."""
     from data_bags import WINDOW
     from r2bspec.datasets.synthesis import make
 
-    return make("r2b_storage", None, WINDOW, cache_dir=tmp_path_factory.mktemp("datasets"))
+    folder = tmp_path_factory.getbasetemp()
+    folder = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
+    return make("r2b_storage", None, WINDOW, cache_dir=folder / "datasets")
 
 
 @pytest.fixture

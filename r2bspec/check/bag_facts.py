@@ -3,7 +3,7 @@
 Indexing a bag opens all of its files, which for a bag of many files takes longer than all rules
 together. The indexes of large bags are therefore kept in the cache of the user. The key of an index
 has the size, times and inode of each file, so a changed bag is indexed again. If the cache cannot
-be read or written, bags are indexed without it.
+be read or written, or others can change it, bags are indexed without it.
 
 Counts of rendered datasets and of whole bags are exact. Other counts are estimated from the mean
 rate; if the estimate is low, the messages are read.
@@ -26,6 +26,7 @@ from r2bspec.bags.recording import BagIndex, BagLocation, DataError, Message, Wi
 from r2bspec.datasets.catalogue import describe
 from r2bspec.datasets.catalogue import index as index_location
 from r2bspec.private_files import private_files
+from r2bspec.safe_io.cache_folder import cache_folder
 from r2bspec.safe_io.limits import MAX_BAG_INDEX_BYTES, MAX_STAMPS_BYTES
 from r2bspec.safe_io.safe_json import read_json
 
@@ -74,8 +75,9 @@ def _cache_file(bag: Path) -> Path | None:
     for file, stat in stats:
         values = (file.name, stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns)
         identity.update(repr(values).encode())
-    base = os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
-    return Path(base) / "r2bspec" / "indexes" / f"{identity.hexdigest()}.json"
+    with contextlib.suppress(OSError):
+        return cache_folder("indexes") / f"{identity.hexdigest()}.json"
+    return None
 
 
 def _store(entry: Path, content: bytes) -> None:
@@ -83,7 +85,6 @@ def _store(entry: Path, content: bytes) -> None:
     try:
         # Names of topics are not for other users, and no other user may exchange an entry.
         with private_files():
-            entry.parent.mkdir(parents=True, exist_ok=True)
             scratch.write_bytes(content)
         scratch.replace(entry)
     except OSError:

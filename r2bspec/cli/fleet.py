@@ -100,11 +100,12 @@ def worker(
     require_distributed()
     from r2bspec.fleet.host_service import HostService
     from r2bspec.fleet.host_store import HostStore
-    from r2bspec.fleet.hosts import describe_host
+    from r2bspec.fleet.hosts import HostName, describe_host
     from r2bspec.fleet.permissions import COMMANDS, PYTHON
     from r2bspec.fleet.worker import WorkerSettings, run_worker
     from r2bspec.language.quantities import parse_size_option
     from r2bspec.private_files import private_files
+    from r2bspec.safe_io.cache_folder import cache_or_temporary_folder
 
     _check_installation()
     address = fleet_address(scheduler, **connection)
@@ -115,7 +116,12 @@ def worker(
         raise click.UsageError(f"--cache-limit: {error}") from error
     allows = (*([COMMANDS] if allow_commands else []), *([PYTHON] if allow_python else []))
     facts = describe_host(name, parse_pairs("--label", labels), allows=allows, doctor=not no_doctor)
-    store = HostStore((folder or _default_folder()).absolute(), limit_bytes, shared)
+    try:
+        msgspec.convert(facts.name, HostName)
+    except msgspec.ValidationError as error:
+        raise click.UsageError("--name: no comma, slash, or dot at its beginning") from error
+    folder = folder or cache_or_temporary_folder("fleet")
+    store = HostStore(folder.absolute(), limit_bytes, shared)
     with private_files(), store.locked(_EARLIER_RUN_S) as lock:
         if lock is None:
             raise click.UsageError(f"another worker uses {store.root}: name another --folder")
@@ -221,9 +227,3 @@ def _hosts_of(scheduler: str, connection: dict[str, Any]) -> list[Host]:
 
     with FleetClient(fleet_address(scheduler, **connection)) as client:
         return [each for _, each in sorted(client.hosts.items())]
-
-
-def _default_folder() -> Path:
-    import platformdirs
-
-    return Path(platformdirs.user_cache_dir("r2bspec")) / "fleet"

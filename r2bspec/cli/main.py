@@ -21,6 +21,7 @@ from r2bspec._version import __version__
 from r2bspec.diagnostics.plain_text import plain
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError, exit_status_text
 from r2bspec.report.output import echo
+from r2bspec.safe_io.cache_folder import passed_over
 
 _VERBS = {
     "init": "Create a commented spec to start from.",
@@ -121,7 +122,7 @@ def main(argv: list[str] | None = None) -> int:
             # What the encoding of a terminal lacks shows as a question mark, not as a crash.
             stream.reconfigure(errors="replace")
     try:
-        with _interruptible():
+        with _notes_on_caches(), _interruptible():
             status = command.main(args=argv, prog_name="r2bspec", standalone_mode=False)
     except R2bspecError as error:
         show_error(error)
@@ -163,6 +164,17 @@ def main(argv: list[str] | None = None) -> int:
 def _discard_output() -> None:
     """Let the flush at the exit of the interpreter succeed."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+@contextlib.contextmanager
+def _notes_on_caches() -> Iterator[None]:
+    """Say at the end which caches were not used, and why."""
+    passed_over.clear()
+    try:
+        yield
+    finally:
+        for note in passed_over:
+            echo(note, err=True)
 
 
 @contextlib.contextmanager

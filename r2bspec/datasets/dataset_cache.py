@@ -23,13 +23,8 @@ _SCRATCH_PREFIX = ".making-"
 _LOCKS = ".locks"
 
 
-def datasets_dir(cache_dir: Path | None = None) -> Path:
-    """The folder of datasets: `cache_dir`, or the user's cache folder ($XDG_CACHE_HOME)."""
-    if cache_dir is not None:
-        return Path(cache_dir)
-    import platformdirs
-
-    return Path(platformdirs.user_cache_dir("r2bspec")) / "datasets"
+KIND = "datasets"
+"""The folder of datasets in the cache of the user."""
 
 
 @contextmanager

@@ -43,7 +43,7 @@ from r2bspec.datasets.catalogue import (
     select_sources,
 )
 from r2bspec.datasets.dataset_cache import (
-    datasets_dir,
+    KIND,
     entry_lock,
     is_intact,
     new_entry,
@@ -61,6 +61,7 @@ from r2bspec.datasets.rig import TopicSource, message_bytes
 from r2bspec.datasets.scenes import Scene, find_scene
 from r2bspec.datasets.sensors import render_depth, render_message
 from r2bspec.private_files import private_files
+from r2bspec.safe_io.cache_folder import cache_or_temporary_folder
 
 if TYPE_CHECKING:
     import numpy as np
@@ -132,7 +133,7 @@ def make(
         window=bounded_window(dataset, window),
         storage=storage,
     )
-    root = datasets_dir(cache_dir)
+    root = cache_dir or cache_or_temporary_folder(KIND)
     final = root / cache_key.name
     record = _cached_record(root, final)
     if record is None:

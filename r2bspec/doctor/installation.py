@@ -192,4 +192,6 @@ def check_native(system: System) -> list[CheckResult]:
     except BuildError as error:
         found = str(error).splitlines()[0]
         return [CheckResult(_NATIVE, "build", "problem", found, error.hint)]
-    return [advised(_NATIVE, "build", str(program), "", {"program": str(program)})]
+    # A program that is not kept has no path, and is known by its descriptor.
+    found = str(program.resolve())
+    return [advised(_NATIVE, "build", found, "", {"program": found})]

@@ -17,12 +17,13 @@ from collections.abc import Iterator, Set
 from dataclasses import dataclass
 from pathlib import Path
 
-from r2bspec.datasets.dataset_cache import datasets_dir
+from r2bspec.datasets.dataset_cache import KIND
 from r2bspec.doctor.checkup import CheckResult, System, advised
 from r2bspec.ipc.process_cleanup import Session, end_run_processes, now_ticks
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.judge.measure.units import show
 from r2bspec.middleware.middleware import known_middlewares
+from r2bspec.safe_io.cache_folder import cache_path
 
 _WATCHDOG = "r2bspec.harness.watchdog"
 _START_FIELD = 19
@@ -171,7 +172,7 @@ def unfinished_datasets(cache: Path | None = None) -> list[Path]:
 
     A process holds the lock of the dataset that it creates, so a free lock means that it exited.
     """
-    root = cache or datasets_dir()
+    root = cache or cache_path(KIND)
     return sorted(each for each in root.glob(".making-*") if _is_old(each) and _is_free(root, each))
 
 

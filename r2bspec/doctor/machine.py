@@ -14,10 +14,11 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from r2bspec.datasets.dataset_cache import datasets_dir
+from r2bspec.datasets.dataset_cache import KIND
 from r2bspec.doctor.checkup import CheckResult, Status, System, advised, read_int, read_text
 from r2bspec.judge.measure.units import show
 from r2bspec.middleware.middleware import Middleware, Transport, middleware_of
+from r2bspec.safe_io.cache_folder import cache_path, distrust
 
 _PROCESSOR = "processor"
 
@@ -209,7 +210,7 @@ _MIN_FREE_BYTES = 4 << 30
 
 def check_datasets(system: System, cache: Path | None = None) -> list[CheckResult]:
     """Check the cache, and the folder of recorded datasets if R2B_DATASETS is set."""
-    checks = [_cache(cache or datasets_dir())]
+    checks = [_cache(cache or cache_path(KIND))]
     named = system.environ.get("R2B_DATASETS")
     if named and not Path(named).is_dir():
         found = f"R2B_DATASETS is {named}, which is not a folder"
@@ -234,6 +235,8 @@ def _cache(folder: Path) -> CheckResult:
         if free < _MIN_FREE_BYTES
         else ""
     )
+    if reason := distrust(existing.resolve()):
+        advice = f"it is not used: {reason}; XDG_CACHE_HOME names another folder"
     return advised(_DATASETS, "cache", f"{used}, {show(free, 'B')} free; {folder}", advice, data)
 
 

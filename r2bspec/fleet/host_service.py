@@ -147,9 +147,10 @@ class HostService(WorkerPlugin):
         return {}
 
     def _check_allowed(self, job: Job) -> None:
+        files = [file.path for file in job.files]
         for side in job.sides:
             plan = parse_plan(side.plan.encode(), "the plan of the client")
-            check_allowed(plan, self.facts.allows, self.facts.name, job.environments)
+            check_allowed(plan, self.facts.allows, self.facts.name, job.environments, files=files)
             if lacks := unmet(plan.requires or None, self.facts.machine):
                 raise NoHostError("; ".join(lacks))
 

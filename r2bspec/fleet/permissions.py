@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Final
 
@@ -36,6 +36,15 @@ _VARIABLES: Final = frozenset(
 )
 """None of them names a file, a program or a plugin."""
 
+_LOADED_UNASKED: Final = frozenset(
+    (
+        *("DEFAULT_FASTRTPS_PROFILES.xml", "DEFAULT_FASTDDS_PROFILES.xml"),
+        *("USER_QOS_PROFILES.xml", "matplotlibrc"),
+    )
+)
+"""What middleware and libraries read from the working directory, which is that of the spec: logs
+that are written anywhere, and plugins."""
+
 _PACKAGE: Final = re.compile(r"[A-Za-z0-9_][\w-]*")
 _EXECUTABLE: Final = re.compile(rf"\$\(executable {_PACKAGE.pattern} (?!\.\.?\))[^/\s)]+\)")
 _MODULE: Final = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
@@ -45,15 +54,27 @@ _OWN_NODES: Final = "r2bspec.nodes."
 
 
 def check_allowed(
-    plan: Plan, allows: Sequence[str], host: str, environments: Sequence[str] = ()
+    plan: Plan,
+    allows: Sequence[str],
+    host: str,
+    environments: Sequence[str] = (),
+    files: Iterable[str] = (),
 ) -> None:
-    """See that a host may run a plan, and source the setup files of a comparison.
+    """See that a host may run a plan.
+
+    Args:
+        plan: of a benchmark.
+        allows: the permissions of the owner of the host.
+        host: its name.
+        environments: setup files and variables of the base of a comparison.
+        files: the paths of what the spec brings along.
 
     Raises:
         NotAllowedError: it may not.
     """
-    sourced = [(COMMANDS, f"the environment {text!r}") for text in environments]
-    for permission, what in sorted((*_needs(plan), *sourced)):
+    needs = [*_needs(plan), *((COMMANDS, f"the environment {text!r}") for text in environments)]
+    needs += ((COMMANDS, f"with {path!r}") for path in files if Path(path).name in _LOADED_UNASKED)
+    for permission, what in sorted(needs):
         if permission not in allows:
             raise NotAllowedError(
                 f"the host {host} may not run {what}, because its worker was started without "

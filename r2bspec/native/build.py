@@ -4,6 +4,10 @@ A result is kept under the digest of everything that it was made from: sources, 
 and flags. It is compiled in a folder of its own and moved into place, so that two builds at once
 do not disturb each other, and an interrupted one leaves nothing behind that would be used.
 
+What is kept is run. It is opened where nobody else can exchange it (`safe_io.cache_folder`) and
+compared with its digest, and programs are started by that open file. Where there is no such cache,
+a result is a file without a name, which ends with this process.
+
 A ROS installation that is sourced has headers and libraries in its prefixes
 (``AMENT_PREFIX_PATH``); the wheels have them in the environment of the interpreter. Both have one
 folder for each package below ``include``.
@@ -11,20 +15,26 @@ folder for each package below ``include``.
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import hashlib
 import os
 import shlex
 import shutil
+import stat
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.private_files import private_files
+from r2bspec.safe_io.cache_folder import UnusableCacheError, cache_folder, exposed_by, pass_over
+from r2bspec.safe_io.limits import DIGEST_CHARACTERS
+from r2bspec.safe_io.safe_file import read_text
 
 NOT_BUILT = "R2B668"
 
@@ -140,11 +150,46 @@ def find_compiler(environ: Mapping[str, str] = os.environ) -> list[str]:
     return [path, *words[1:]]
 
 
-def cache_folder() -> Path:
-    """Where builds are kept: in the user's cache folder ($XDG_CACHE_HOME)."""
-    import platformdirs
+@dataclass(frozen=True)
+class _Result:
+    """A program or library that this process uses.
 
-    return Path(platformdirs.user_cache_dir("r2bspec")) / "native"
+    Attributes:
+        path: of a kept one, which no other user can exchange; else it leads to the descriptor.
+        descriptor: the file itself.
+    """
+
+    path: Path
+    descriptor: int
+
+    @classmethod
+    def open(cls, path: Path) -> _Result:
+        flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+        return cls(path, os.open(path, flags))
+
+    @property
+    def link(self) -> Path:
+        """A path that leads to the file even after it was moved or removed."""
+        return Path(f"/proc/{os.getpid()}/fd/{self.descriptor}")
+
+    def is_kept(self) -> bool:
+        """Whether its path still leads to it, and no other user can change that."""
+        try:
+            status = os.fstat(self.descriptor)
+            return (
+                stat.S_ISREG(status.st_mode)
+                and not exposed_by(self.path)
+                and os.path.samestat(status, self.path.lstat())
+            )
+        except OSError:
+            return False
+
+    def digest(self) -> str:
+        return hashlib.sha256(self.link.read_bytes()).hexdigest()
+
+
+_results: dict[str, _Result] = {}
+"""By the digests of what they were made from."""
 
 
 def build(
@@ -157,7 +202,6 @@ def build(
     packages: Sequence[str] = (),
     flags: Sequence[str] = (),
     libraries: Sequence[str] = _LIBRARIES,
-    cache: Path | None = None,
 ) -> Path:
     """Compile a program or a library, unless it has been.
 
@@ -170,13 +214,13 @@ def build(
         packages: with headers, besides those that rcl needs.
         flags: further ones.
         libraries: to link.
-        cache: in place of `cache_folder`.
 
     Returns:
-        The path of the result; its folder has no other file.
+        The path of the result. It stays the same file while this process lives, as long as this
+        user does not exchange it: no other one can.
 
     Raises:
-        BuildError: there is no compiler, it rejects the sources, or the result cannot be kept.
+        BuildError: there is no compiler, or it rejects the sources.
     """
     command = [*(compiler or find_compiler())]
     includes = ros.include_folders([*RCL_PACKAGES, *packages])
@@ -187,53 +231,124 @@ def build(
     words += [f"-isystem{each}" for each in includes]
     links = [f"-L{each}" for each in ros.library_folders()] + [*libraries]
     digest = _digest(command, sources, includes, [name, kind, *words, *links])
-    entry = (cache_folder() if cache is None else cache) / digest
+    result = _results.get(digest)
+    if result is None or not (result.path == result.link or result.is_kept()):
+        command += [*words, *map(str, sources), *links]
+        result = _results[digest] = _find_or_make(digest, name, command)
+    return result.path
+
+
+def descriptor_of(program: str) -> int | None:
+    """The open file of a program that `build` has given the path of."""
+    return next((each.descriptor for each in _results.values() if str(each.path) == program), None)
+
+
+def _find_or_make(digest: str, name: str, command: Sequence[str]) -> _Result:
+    entry: Path | None = None
     try:
-        with private_files():
-            entry.parent.mkdir(parents=True, exist_ok=True)
-            _refuse_foreign(entry.parent)
-            _require_executable(entry.parent)
-            if not (entry / name).exists():
-                _compile(entry, name, [*command, *words, *map(str, sources), *links])
+        folder = cache_folder("native")
+        if _is_noexec(folder):
+            raise UnusableCacheError("its file system is mounted noexec")
+        entry = folder / digest
+    except OSError as error:
+        pass_over("native", error)
+    if entry is not None and (kept := _open_kept(entry / name)):
+        return kept
+    try:
+        with private_files(), _scratch_folder() as scratch:
+            _compile(scratch / name, command)
+            # Another build of the same may have been faster.
+            if entry is not None and not _open_kept(entry / name):
+                _keep(scratch / name, entry)
+            if entry is not None and (kept := _open_kept(entry / name)):
+                return kept
+            _require_executable(scratch)
+            result = _Result.open(scratch / name)
+            return replace(result, path=result.link)
     except OSError as error:
         raise BuildError(
-            f"cannot build in {entry.parent}: {error.strerror or error}",
-            hint="Make room there, or choose another cache folder in XDG_CACHE_HOME.",
+            f"cannot build in {tempfile.gettempdir()}: {error.strerror or error}",
+            hint="Make room there, or choose another folder in TMPDIR.",
         ) from error
-    return entry / name
 
 
-def _compile(entry: Path, name: str, command: Sequence[str]) -> None:
-    with tempfile.TemporaryDirectory(prefix=".building-", dir=entry.parent) as scratch:
-        made = Path(scratch) / "made"
-        made.mkdir()
+_SHA256 = "sha256"
+
+
+def _open_kept(path: Path) -> _Result | None:
+    """A result in the cache, if it is what was built."""
+    try:
+        result = _Result.open(path)
+    except OSError:
+        return None
+    with contextlib.suppress(OSError):
+        if result.is_kept() and result.digest() == read_text(
+            path.with_name(_SHA256), max_bytes=DIGEST_CHARACTERS
+        ):
+            return result
+    os.close(result.descriptor)
+    return None
+
+
+def _keep(made: Path, entry: Path) -> None:
+    """Keep a result; without room for it, it is made again next time."""
+    with (
+        contextlib.suppress(OSError),
+        tempfile.TemporaryDirectory(prefix=".building-", dir=entry.parent) as scratch,
+    ):
+        copy = Path(scratch) / "made"
+        copy.mkdir()
+        shutil.copy(made, copy)
+        (copy / _SHA256).write_text(hashlib.sha256(made.read_bytes()).hexdigest())
+        if entry.exists():
+            # A damaged one is moved away first, because only an empty folder can be replaced.
+            entry.rename(Path(scratch) / "damaged")
+        copy.rename(entry)
+
+
+@contextlib.contextmanager
+def _scratch_folder() -> Iterator[Path]:
+    """A new folder, by a path on which nobody can exchange it.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    with tempfile.TemporaryDirectory(prefix="r2bspec-build-") as folder:
+        flags = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
+        descriptor = os.open(folder, flags)
         try:
-            done = subprocess.run(
-                [*command, "-o", str(made / name)],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                env={**os.environ, "LC_ALL": "C", "TMPDIR": scratch},
-                timeout=_TIMEOUT_S,
-                check=False,
-            )
-        except subprocess.TimeoutExpired as error:
-            raise BuildError(f"{command[0]} took more than {_TIMEOUT_S:g} s for {name}") from error
-        if done.returncode or not (made / name).is_file():
-            text = done.stdout.decode(errors="replace").splitlines()[:_SHOWN_LINES]
-            raise BuildError(
-                f"{command[0]} cannot compile {name}; it ended with status {done.returncode}"
-                + (":\n" + "\n".join(text) if text else " and printed nothing"),
-                hint="Headers of libc may be missing (Debian and Ubuntu: apt install libc6-dev), "
-                "or CC names something that is no C compiler; otherwise please report it, with "
-                "this text.",
-            )
-        try:
-            made.rename(entry)
-        except OSError:
-            # Another build of the same may have been faster.
-            if not entry.is_dir():
-                raise
+            status = os.fstat(descriptor)
+            if status.st_uid != os.geteuid() or status.st_mode & 0o077:
+                raise PermissionError(errno.EPERM, "another user has exchanged a folder", folder)
+            yield Path(f"/proc/{os.getpid()}/fd/{descriptor}")
+        finally:
+            os.close(descriptor)
+
+
+def _compile(target: Path, command: Sequence[str]) -> None:
+    try:
+        done = subprocess.run(
+            [*command, "-o", str(target)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, "LC_ALL": "C", "TMPDIR": str(target.parent)},
+            timeout=_TIMEOUT_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise BuildError(
+            f"{command[0]} took more than {_TIMEOUT_S:g} s for {target.name}"
+        ) from error
+    if done.returncode or not target.is_file():
+        text = done.stdout.decode(errors="replace").splitlines()[:_SHOWN_LINES]
+        raise BuildError(
+            f"{command[0]} cannot compile {target.name}; it ended with status {done.returncode}"
+            + (":\n" + "\n".join(text) if text else " and printed nothing"),
+            hint="Headers of libc may be missing (Debian and Ubuntu: apt install libc6-dev), "
+            "or CC names something that is no C compiler; otherwise please report it, with "
+            "this text.",
+        )
 
 
 def _digest(
@@ -254,31 +369,21 @@ def _digest(
     return state.hexdigest()[:40]
 
 
-def _refuse_foreign(folder: Path) -> None:
-    """Refuse a cache in which another user could have placed what will be run.
-
-    Raises:
-        BuildError: the folder is not this user's, or others may write to it.
-    """
-    status = folder.stat()
-    if status.st_uid != os.geteuid() or status.st_mode & 0o022:
-        raise BuildError(
-            f"other users can write to {folder}, in which programs are kept",
-            hint="Remove it, or choose another cache folder in XDG_CACHE_HOME.",
-        )
-
-
 def _require_executable(folder: Path) -> None:
     """See that what is built in a folder can be run.
 
     Raises:
         BuildError: its file system is mounted noexec.
     """
-    if os.statvfs(folder).f_flag & os.ST_NOEXEC:
+    if _is_noexec(folder):
         raise BuildError(
-            f"no program can run in {folder}: its file system is mounted noexec",
+            f"no program can run in {folder.resolve()}: its file system is mounted noexec",
             hint="Choose a cache folder on another file system in XDG_CACHE_HOME.",
         )
+
+
+def _is_noexec(folder: Path) -> bool:
+    return bool(os.statvfs(folder).f_flag & os.ST_NOEXEC)
 
 
 PROGRAM = "r2bspec_harness"
@@ -335,16 +440,13 @@ def join_object(flags: Sequence[str] = ()) -> Path:
     """The object to preload; see ``join.c``.
 
     Raises:
-        BuildError: it cannot be built, or its path cannot be preloaded (R2B668).
+        BuildError: it cannot be built (R2B668).
     """
     path = _build_own(
         "r2bspec_join.so", "library", ("join.c",), os.environ, flags, libraries=("-ldl",)
     )
     if any(each in str(path) for each in _SEPARATORS):
-        raise BuildError(
-            f"{path} cannot be preloaded: the path has a blank or a colon",
-            hint="Choose a cache folder without them in XDG_CACHE_HOME.",
-        )
+        return Path(f"/proc/{os.getpid()}/fd/{descriptor_of(str(path))}")
     return path
 
 

@@ -6,6 +6,7 @@
 
 #include <signal.h>
 #include <stdlib.h>
+#include <sys/prctl.h>
 #include <unistd.h>
 
 #define CONTROL_FD "R2BSPEC_CONTROL_FD"
@@ -28,6 +29,8 @@ static void exit_now(int signal)
 
 int main(void)
 {
+  /* It is started by a descriptor, whose number would be its name. */
+  (void)prctl(PR_SET_NAME, "r2bspec_harness");
   const int player = take_variable(CONTROL_FD "_PLAYER");
   const int monitor = take_variable(CONTROL_FD "_MONITOR");
   const int own = take_variable(CONTROL_FD);

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Self
 
+import msgspec
 import numpy as np
 
 from r2bspec.plan.canonical_json import PlanError, parse_plan
@@ -43,6 +44,7 @@ from r2bspec.record.sample_arrays import (
     PLAYBACK_DTYPE,
     RESOURCE_DTYPE,
     Rows,
+    check_digest,
     read_rows,
     write_rows,
 )
@@ -92,6 +94,8 @@ def _frame(name: str) -> str:
 _FOLDER_MODE = 0o700
 """Recorded images and logs are not for other users of the machine."""
 
+_RESOURCES = "resources.npy"
+_INTERFERENCE = "interference.npy"
 
 _SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+=@-]*")
 
@@ -109,6 +113,7 @@ class RunFolder:
     def __init__(self, path: Path, lock: FolderLock | None = None) -> None:
         self.path = path
         self._lock = lock
+        self._digests: dict[str, str] = {}
 
     @classmethod
     def create(cls, path: Path) -> Self:
@@ -177,28 +182,41 @@ class RunFolder:
 
     def write_playback(self, segment: str, rows: Rows) -> None:
         """Write the playback of a segment: rows of `PLAYBACK_DTYPE`."""
-        write_rows(_segment_folder(self.path, segment) / "playback.npy", rows, PLAYBACK_DTYPE)
+        self._write_rows(f"{_samples_of(segment)}/playback.npy", rows, PLAYBACK_DTYPE)
 
     def write_monitor(self, segment: str, monitor: str, rows: Rows) -> None:
         """Write the messages of a monitor in a segment, even if there are none (no rows)."""
-        write_rows(
-            _segment_folder(self.path, segment) / _monitor_file(monitor), rows, MONITOR_DTYPE
-        )
+        self._write_rows(f"{_samples_of(segment)}/{_monitor_file(monitor)}", rows, MONITOR_DTYPE)
 
     def write_tap(self, segment: str, topic: str, rows: Rows) -> None:
         """Write the messages of a tap in a segment."""
-        write_rows(_segment_folder(self.path, segment) / _tap_file(topic), rows, MONITOR_DTYPE)
+        self._write_rows(f"{_samples_of(segment)}/{_tap_file(topic)}", rows, MONITOR_DTYPE)
 
     def write_resources(self, rows: Rows) -> None:
         """Write CPU and memory over the whole run: rows of `sample_arrays.RESOURCE_DTYPE`."""
-        write_rows(self.path / "resources.npy", rows, RESOURCE_DTYPE)
+        self._write_rows(_RESOURCES, rows, RESOURCE_DTYPE)
 
     def write_interference(self, rows: Rows) -> None:
         """Write host interference over the whole run: rows of `INTERFERENCE_DTYPE`."""
-        write_rows(self.path / "interference.npy", rows, INTERFERENCE_DTYPE)
+        self._write_rows(_INTERFERENCE, rows, INTERFERENCE_DTYPE)
+
+    def _write_rows(self, place: str, rows: Rows, dtype: np.dtype[np.void]) -> None:
+        self._digests[place] = write_rows(self.path / place, rows, dtype)
 
     def write_record(self, record: RunRecord) -> None:
-        """Write ``record.json``; it may be written repeatedly during the run."""
+        """Write ``record.json``, with the digests of the samples that it is about.
+
+        It may be written repeatedly during the run.
+        """
+        covered = {_samples_of(segment.id) for segment in record.segments}
+        if record.status != "incomplete":
+            covered.add("")
+        digests = {
+            place: digest
+            for place, digest in (record.samples | self._digests).items()
+            if place.rpartition("/")[0] in covered
+        }
+        record = msgspec.structs.replace(record, samples=digests)
         write_atomically(self.path / "record.json", to_json(record))
 
     def write_result(self, content: bytes) -> None:
@@ -247,7 +265,7 @@ class Run:
         Raises:
             RecordError: the file is missing or damaged.
         """
-        return read_rows(_segment_folder(self.folder, segment.id) / file, dtype)
+        return read_rows(self.folder / _samples_of(segment.id) / file, dtype)
 
     def resources(self) -> Rows:
         """CPU and memory samples (type `RESOURCE_DTYPE`); no rows if none were taken.
@@ -255,7 +273,7 @@ class Run:
         Raises:
             RecordError: the file is damaged.
         """
-        return self._read_optional("resources.npy", RESOURCE_DTYPE)
+        return self._read_optional(_RESOURCES, RESOURCE_DTYPE)
 
     def interference(self) -> Rows:
         """Host interference (type `INTERFERENCE_DTYPE`); no rows if it was not sampled.
@@ -263,7 +281,7 @@ class Run:
         Raises:
             RecordError: the file is damaged.
         """
-        return self._read_optional("interference.npy", INTERFERENCE_DTYPE)
+        return self._read_optional(_INTERFERENCE, INTERFERENCE_DTYPE)
 
     def _read_optional(self, name: str, dtype: np.dtype[np.void]) -> Rows:
         path = self.folder / name
@@ -310,8 +328,36 @@ def open_run(path: Path) -> Run:
             f"{path} is damaged: it lists the segment {twice!r} {names[twice]:,} times",
             hint=RUN_FILES.changed,
         )
+    _check_samples(folder, record)
     plan = read_stored_plan(RUN_FILES, folder / "plan.json", record.plan_hash)
     return Run(folder=folder, record=record, plan=plan)
+
+
+def _check_samples(folder: Path, record: RunRecord) -> None:
+    """Compare the samples with their digests; a record of an older version has none.
+
+    Raises:
+        RecordError: a file is missing or another one, or samples and segments do not correspond.
+    """
+    if not record.samples:
+        return
+    listed = {segment.id for segment in record.segments}
+    stored = {place.split("/")[1] for place in record.samples if "/" in place}
+    if differing := sorted(listed ^ stored):
+        raise RecordError(
+            f"{folder / 'record.json'} is damaged: it does not list both segment and samples of "
+            f"{', '.join(map(repr, differing[:_MAX_LISTED]))}",
+            hint=RUN_FILES.changed,
+        )
+    for segment in sorted(stored):
+        if not is_folder(folder / _samples_of(segment)):
+            raise RecordError(
+                f"the samples of segment {segment!r} are missing: there is no folder "
+                f"{folder / _samples_of(segment)}",
+                hint=RUN_FILES.changed,
+            )
+    for place, digest in record.samples.items():
+        check_digest(folder.joinpath(*map(_safe_name, place.split("/"))), digest)
 
 
 def read_stored_plan(files: FolderReader, path: Path, expected_hash: str) -> Plan:
@@ -369,8 +415,8 @@ def read_loaded_files(folder: Path) -> dict[str, tuple[str, ...]]:
     return RUN_FILES.optional(folder / LOADED_FILES, dict[str, tuple[str, ...]]) or {}
 
 
-def _segment_folder(folder: Path, segment: str) -> Path:
-    return folder / "samples" / _safe_name(segment)
+def _samples_of(segment: str) -> str:
+    return f"samples/{_safe_name(segment)}"
 
 
 def _monitor_file(name: str) -> str:

@@ -500,7 +500,9 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     counts for nothing. `accuracy` has one entry for each monitor that is compared with the
     truth, unless the run ended before that. `phases` say where the time went, and are empty in
     older records. `identity` is what the graph was made of; None if that was not looked up.
-    `gate` is what reports say of the merge gate, one sentence each.
+    `gate` is what reports say of the merge gate, one sentence each. `samples` has the SHA-256 of
+    every file of samples by its path in the run folder, and is empty in older records; those of
+    the whole run are in no incomplete record, because they grow until the run has ended.
     """
 
     r2bspec_record: Literal[1] = 1
@@ -531,3 +533,4 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     phases: tuple[PhaseTime, ...] = ()
     identity: GraphIdentity | None = None
     gate: tuple[str, ...] = ()
+    samples: dict[str, str] = {}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import os
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -75,8 +77,8 @@ RESOURCE_DTYPE: np.dtype[np.void] = np.dtype(list(RESOURCE_FIELDS))
 INTERFERENCE_DTYPE: np.dtype[np.void] = np.dtype(list(INTERFERENCE_FIELDS))
 
 
-def write_rows(path: Path, rows: Rows, dtype: np.dtype[np.void]) -> None:
-    """Write rows atomically to an ``.npy`` file.
+def write_rows(path: Path, rows: Rows, dtype: np.dtype[np.void]) -> str:
+    """Write rows atomically to an ``.npy`` file; returns the SHA-256 of its content.
 
     Raises:
         ValueError: `rows` is not one-dimensional or not of type `dtype`.
@@ -84,11 +86,31 @@ def write_rows(path: Path, rows: Rows, dtype: np.dtype[np.void]) -> None:
     """
     if rows.ndim != 1 or rows.dtype != dtype:
         raise ValueError(f"{path.name}: expected rows of {dtype}, not {rows.ndim}-d {rows.dtype}")
+    buffer = io.BytesIO()
+    npy_format.write_array(buffer, rows, allow_pickle=False)
+    content = buffer.getvalue()
+    write_atomically(path, content)
+    return hashlib.sha256(content).hexdigest()
 
-    def save(file: BinaryIO) -> None:
-        npy_format.write_array(file, rows, allow_pickle=False)
 
-    write_atomically(path, save)
+def check_digest(path: Path, expected: str) -> None:
+    """See that a file of rows is the one that was written.
+
+    Raises:
+        RecordError: it is missing, cannot be read, or has another SHA-256.
+    """
+    try:
+        with open_regular(path) as file:
+            _limit_size(file)
+            digest = hashlib.sha256(file.read()).hexdigest()
+    except FileNotFoundError as error:
+        raise RecordError(f"{path} is missing", hint=_HINT) from error
+    except OSError as error:
+        raise RecordError(f"{path} cannot be read: {error.strerror}", hint=_HINT) from error
+    if digest != expected:
+        raise RecordError(
+            f"{path} is damaged: these are not the samples that the run wrote", hint=_HINT
+        )
 
 
 def read_rows(path: Path, dtype: np.dtype[np.void]) -> Rows:
@@ -102,8 +124,7 @@ def read_rows(path: Path, dtype: np.dtype[np.void]) -> Rows:
     """
     try:
         with open_regular(path) as file:
-            if os.fstat(file.fileno()).st_size > MAX_SAMPLES_BYTES:
-                raise TooLargeError(f"it is larger than {MAX_SAMPLES_BYTES:,} bytes")
+            _limit_size(file)
             rows: Rows = npy_format.read_array(file, allow_pickle=False)
             whole = not file.read(1)
     except FileNotFoundError as error:
@@ -116,6 +137,11 @@ def read_rows(path: Path, dtype: np.dtype[np.void]) -> Rows:
     if not whole or rows.ndim != 1 or rows.dtype != dtype:
         raise RecordError(f"{path} is damaged: it has no {path.stem} rows", hint=_HINT)
     return rows
+
+
+def _limit_size(file: BinaryIO) -> None:
+    if os.fstat(file.fileno()).st_size > MAX_SAMPLES_BYTES:
+        raise TooLargeError(f"it is larger than {MAX_SAMPLES_BYTES:,} bytes")
 
 
 def _with_missing_fields(rows: Rows, dtype: np.dtype[np.void]) -> Rows:

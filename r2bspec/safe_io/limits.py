@@ -180,6 +180,8 @@ MAX_IDENTITY_TEXT_BYTES: Final = 4_000_000
 """A text file of the graph that is compared between runs."""
 MAX_DIGEST_BYTES: Final = 512_000_000
 """A program whose content is compared."""
+DIGEST_CHARACTERS: Final = 64
+"""Of a SHA-256."""
 MAX_LOADED_NAMES_BYTES: Final = 16 << 20
 """Names of files that a process has loaded."""
 MAX_MANIFEST_BYTES: Final = 1_000_000

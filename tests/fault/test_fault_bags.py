@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from command_line import Call
 from data_bags import (
     STRING,
     chatter,
@@ -27,7 +28,6 @@ from data_bags import (
     write_mcap,
     write_ros1,
 )
-from r2bspec.cli.main import main
 from r2bspec.report.findings_text import code_with_slug
 from ros_runs import quick_input, relay_node, relay_spec
 
@@ -52,26 +52,24 @@ def spec_of(bag: Path, topic: str = "/ping", kind: str = STRING, window: str = "
     return path
 
 
-def _cut(file: Path) -> None:
+def _cut(bag: Path) -> Path:
+    file = bag if bag.is_file() else storage_file(bag)
     file.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
+    return bag
 
 
-def _cut_sqlite(at: Path) -> Path:
+def _stored(at: Path, make: Callable[[Path], object]) -> Path:
+    """A bag with something else in place of its storage."""
     bag = write_bag(at, MESSAGES)
-    _cut(storage_file(bag))
+    file = storage_file(bag)
+    file.unlink()
+    make(file)
     return bag
 
 
-def _cut_mcap(at: Path) -> Path:
-    bag = write_bag(at, MESSAGES, storage="mcap")
-    _cut(storage_file(bag))
-    return bag
-
-
-def _cut_ros1(at: Path) -> Path:
-    bag = write_ros1(at.with_suffix(".bag"), MESSAGES)
-    _cut(bag)
-    return bag
+def _made(path: Path, make: Callable[[Path], object]) -> Path:
+    make(path)
+    return path
 
 
 def _without_a_part(at: Path) -> Path:
@@ -110,29 +108,9 @@ def _recorder_killed_on_a_read_only_disk(at: Path) -> Path:
     return bag
 
 
-def _pointer(at: Path) -> Path:
-    bag = write_bag(at, MESSAGES)
-    storage_file(bag).write_text(LFS_POINTER)
-    return bag
-
-
 def _lie(at: Path) -> Path:
     bag = write_bag(at, MESSAGES)
     edit_metadata(bag, "message_count: 15", "message_count: 14", count=1)
-    return bag
-
-
-def _folder_for_file(at: Path) -> Path:
-    folder = at.with_suffix(".mcap")
-    folder.mkdir()
-    return folder
-
-
-def _file_is_a_folder(at: Path) -> Path:
-    bag = write_bag(at, MESSAGES)
-    file = storage_file(bag)
-    file.unlink()
-    file.mkdir()
     return bag
 
 
@@ -140,14 +118,6 @@ def _loop(at: Path) -> Path:
     at.symlink_to(at.with_name("other"))
     at.with_name("other").symlink_to(at)
     return at
-
-
-def _dangling(at: Path) -> Path:
-    bag = write_bag(at, MESSAGES)
-    file = storage_file(bag)
-    file.unlink()
-    file.symlink_to(bag / "gone.db3")
-    return bag
 
 
 def _unreadable(at: Path) -> Path:
@@ -158,20 +128,18 @@ def _unreadable(at: Path) -> Path:
     return bag
 
 
-def _empty_file(at: Path) -> Path:
-    file = at.with_suffix(".mcap")
-    file.touch()
-    return file
-
-
-def _device(_at: Path) -> Path:
-    return Path("/dev/null")
-
-
 FAULTS: dict[str, tuple[Callable[[Path], Path], str, str]] = {
-    "sqlite3 cut short": (_cut_sqlite, "R2B304", "bytes of"),
-    "MCAP cut short": (_cut_mcap, "R2B304", "ends before its footer"),
-    "ROS 1 cut short": (_cut_ros1, "R2B304", "cannot be read"),
+    "sqlite3 cut short": (lambda at: _cut(write_bag(at, MESSAGES)), "R2B304", "bytes of"),
+    "MCAP cut short": (
+        lambda at: _cut(write_bag(at, MESSAGES, storage="mcap")),
+        "R2B304",
+        "ends before its footer",
+    ),
+    "ROS 1 cut short": (
+        lambda at: _cut(write_ros1(at.with_suffix(".bag"), MESSAGES)),
+        "R2B304",
+        "cannot be read",
+    ),
     "MCAP with a damaged index": (_damaged_index, "R2B304", "checksum of its summary"),
     "a part of a split recording is missing": (_without_a_part, "R2B303", "has no bag_1.db3"),
     "the recorder was killed": (_recorder_killed, "R2B313", "bag.db3-wal"),
@@ -180,15 +148,31 @@ FAULTS: dict[str, tuple[Callable[[Path], Path], str, str]] = {
         "R2B313",
         "wal_checkpoint",
     ),
-    "a Git LFS pointer": (_pointer, "R2B305", "git lfs pull"),
+    "a Git LFS pointer": (
+        lambda at: _stored(at, lambda file: file.write_text(LFS_POINTER)),
+        "R2B305",
+        "git lfs pull",
+    ),
     "metadata that lies": (_lie, "R2B310", "/ping: 14 stated, 15 stored"),
-    "a folder named like a file": (_folder_for_file, "R2B302", "no metadata.yaml"),
-    "a file that is a folder": (_file_is_a_folder, "R2B303", "bag.db3"),
+    "a folder named like a file": (
+        lambda at: _made(at.with_suffix(".mcap"), Path.mkdir),
+        "R2B302",
+        "no metadata.yaml",
+    ),
+    "a file that is a folder": (lambda at: _stored(at, Path.mkdir), "R2B303", "bag.db3"),
     "links in a circle": (_loop, "R2B301", "does not exist"),
-    "a link to nothing": (_dangling, "R2B303", "bag.db3"),
+    "a link to nothing": (
+        lambda at: _stored(at, lambda file: file.symlink_to("gone.db3")),
+        "R2B303",
+        "bag.db3",
+    ),
     "no permission": (_unreadable, "R2B304", "permissions"),
-    "an empty file": (_empty_file, "R2B304", "does not begin like an MCAP file"),
-    "a device": (_device, "R2B304", "neither a bag folder nor"),
+    "an empty file": (
+        lambda at: _made(at.with_suffix(".mcap"), Path.touch),
+        "R2B304",
+        "does not begin like an MCAP file",
+    ),
+    "a device": (lambda _: Path("/dev/null"), "R2B304", "neither a bag folder nor"),
     "nothing there": (lambda at: at, "R2B301", "does not exist"),
     "a name that is too long": (lambda at: at.with_name("x" * 300), "R2B301", "does not exist"),
     "a home of nobody": (lambda _: Path("~nobody-knows-me/bag"), "R2B301", "nobody-knows-me"),
@@ -196,9 +180,7 @@ FAULTS: dict[str, tuple[Callable[[Path], Path], str, str]] = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_every_verb_names_what_is_wrong(
-    fault: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_verb_names_what_is_wrong(fault: str, tmp_path: Path, call: Call) -> None:
     make, code, words = FAULTS[fault]
     bag = make(tmp_path / "bag")
     spec = tmp_path / "spec.r2b.yaml"
@@ -207,29 +189,28 @@ def test_every_verb_names_what_is_wrong(
         spec.write_text(spec.read_text().replace(str(tmp_path / "x"), str(bag)))
     output = tmp_path / "run"
     for arguments, status in (
-        (["validate", str(spec)], 1),
-        (["plan", str(spec)], 2),
-        (["run", str(spec), "--output", str(output)], 2),
-        (["data", "info", str(bag)], 2),
+        (("validate", spec), 1),
+        (("plan", spec), 2),
+        (("run", spec, "--output", output), 2),
+        (("data", "info", bag), 2),
     ):
-        found = main(arguments)
-        said = capsys.readouterr()
-        assert found == status, (arguments[0], said)
+        said = call(*arguments, status=status)
         told = said.out + said.err
         assert f"error[{code_with_slug(code)}]" in told, arguments[0]
         assert words in told
         assert "help: " in told
         assert "Traceback" not in told
     assert not output.exists()
-    assert main(["data", "verify", str(bag)]) in (1, 2)
-    assert words in "".join(capsys.readouterr())
+    verified = call("data", "verify", bag)
+    assert verified.status in (1, 2)
+    assert words in verified.out + verified.err
 
 
 # What can be planned but not played
 
 
 def test_a_topic_without_messages_is_an_error_before_anything_starts(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, call: Call
 ) -> None:
     bag = write_bag(tmp_path / "bag", MESSAGES, topics=["/quiet"])
     output = tmp_path / "run"
@@ -238,36 +219,32 @@ def test_a_topic_without_messages_is_an_error_before_anything_starts(
         spec_of(bag, window="{start: 11 ms, end: 12 ms}"),
         spec_of(write_bag(tmp_path / "empty", [], topics=["/ping"])),
     ):
-        assert main(["run", str(spec), "--output", str(output)]) == 2
-        assert "error[R2B3" in capsys.readouterr().err
+        assert "error[R2B3" in call("run", spec, "--output", output, status=2).err
         assert not output.exists()
 
 
 def test_damage_that_only_playing_meets_ends_the_run_and_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, call: Call
 ) -> None:
     """Bodies are not read before a run: what is wrong with them is told then, and kept."""
     bag = write_bag(tmp_path / "bag", MESSAGES, compression="message")
     with closing(sqlite3.connect(storage_file(bag))) as database, database:
         database.execute("UPDATE messages SET data = substr(data, 1, 9) WHERE id = 7")
-    assert main(["run", str(spec_of(bag)), "--output", str(tmp_path / "run")]) in (2, 4)
-    said = capsys.readouterr().err
-    assert "error[R2B304 bag-file-unreadable]" in said
-    assert "bag.db3" in said
-    assert main(["data", "verify", str(bag)]) == 1
+    said = call("run", spec_of(bag), "--output", tmp_path / "run")
+    assert said.status in (2, 4)
+    assert "error[R2B304 bag-file-unreadable]" in said.err
+    assert "bag.db3" in said.err
+    call("data", "verify", bag, status=1)
 
 
-def test_a_type_that_is_not_installed_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_type_that_is_not_installed_is_named(tmp_path: Path, call: Call) -> None:
     pytest.importorskip("rclpy")
     kind = "nowhere_msgs/msg/Nothing"
     bag = write_bag(tmp_path / "bag", [("/ping", 0, text("x")), ("/ping", 10, text("y"))])
     with closing(sqlite3.connect(storage_file(bag))) as database, database:
         database.execute("UPDATE topics SET type = ?", (kind,))
     edit_metadata(bag, STRING, kind)
-    assert main(["run", str(spec_of(bag, kind=kind)), "--output", str(tmp_path / "run")]) == 2
-    said = capsys.readouterr().err
+    said = call("run", spec_of(bag, kind=kind), "--output", tmp_path / "run", status=2).err
     assert kind in said
     assert "error[R2B681 message-type-not-installed]" in said
     assert "Traceback" not in said

@@ -60,8 +60,11 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     return found
 
 
+SmallDisk = Callable[[int], Path]
+
+
 @pytest.fixture
-def small_disk(bench: Bench) -> Iterator[Callable[[int], Path]]:
+def small_disk(bench: Bench) -> Iterator[SmallDisk]:
     """Mounts a file system of a few kibibytes; needs the rights of root."""
     mounted: list[Path] = []
 
@@ -80,8 +83,8 @@ def small_disk(bench: Bench) -> Iterator[Callable[[int], Path]]:
         subprocess.run(["umount", str(folder)], check=True)  # noqa: S607
 
 
-def assert_names_the_file(done: Finished) -> None:
-    """See that the run tells which file the disk had no room for, with the code of that."""
+def assert_names_the_file(bench: Bench, done: Finished) -> None:
+    """See that the run tells which file the disk had no room for, and can be judged."""
     assert done.status == 4
     assert done.error.startswith("error[R2B651 run-folder-not-writable]")
     assert re.search(rf"{re.escape(str(done.folder))}/\S+ cannot be written", done.error)
@@ -89,24 +92,22 @@ def assert_names_the_file(done: Finished) -> None:
     record = done.run().record
     assert record.status == "incomplete"
     assert record.reason.startswith("R2B651: ")
+    assert bench.judge(done.folder).status == 4
 
 
 @only_nightly()
 @pytest.mark.parametrize("kibibytes", [120, 140, 170, 200])
 def test_a_disk_without_room_for_the_samples(
-    bench: Bench, small_disk: Callable[[int], Path], kibibytes: int
+    bench: Bench, small_disk: SmallDisk, kibibytes: int
 ) -> None:
     # Some of it is written before a playback, and some by the monitor as it goes.
     spec = relay_spec()
     spec["benchmark"] |= {"iterations": 50}
     done = bench.run(spec, output=small_disk(kibibytes) / "run")
-    assert_names_the_file(done)
-    assert bench.judge(done.folder).status == 4
+    assert_names_the_file(bench, done)
 
 
-def test_a_disk_without_room_for_the_messages(
-    bench: Bench, small_disk: Callable[[int], Path]
-) -> None:
+def test_a_disk_without_room_for_the_messages(bench: Bench, small_disk: SmallDisk) -> None:
     done = bench.run(relay_spec(), output=small_disk(60) / "run")
     assert done.status == 4
     assert "No space left on device" in done.error
@@ -116,12 +117,11 @@ def test_a_disk_without_room_for_the_messages(
     assert bench.judge(done.folder).status == 4
 
 
-def test_a_disk_that_fills_up_in_mid_run(bench: Bench, small_disk: Callable[[int], Path]) -> None:
+def test_a_disk_that_fills_up_in_mid_run(bench: Bench, small_disk: SmallDisk) -> None:
     spec = relay_spec(graph={"nodes": {"relay": {"python": "./nodes.py:Talkative"}}})
     spec["benchmark"] |= {"iterations": 50}
     done = bench.run(spec, output=small_disk(4096) / "run")
-    assert_names_the_file(done)
-    assert bench.judge(done.folder).status == 4
+    assert_names_the_file(bench, done)
     assert [each.name for each in done.folder.iterdir() if each.name.startswith(".")] == []
 
 
@@ -130,17 +130,16 @@ def test_a_disk_that_fills_up_in_mid_run(bench: Bench, small_disk: Callable[[int
     ("node", "kibibytes"), [("TalkativeFromTheStart", 1024), ("SilentWithoutRoom", 1280)]
 )
 def test_a_disk_that_a_node_fills_in_the_warm_up(
-    bench: Bench, small_disk: Callable[[int], Path], node: str, kibibytes: int
+    bench: Bench, small_disk: SmallDisk, node: str, kibibytes: int
 ) -> None:
     # Whether the node then raises or publishes nothing, the full disk is what is reported.
     spec = relay_spec(graph={"nodes": {"relay": {"python": f"./nodes.py:{node}"}}})
     spec["benchmark"] |= {"iterations": 50, "start_timeout": "20 s"}
     done = bench.run(spec, output=small_disk(kibibytes) / "run")
-    assert_names_the_file(done)
-    assert bench.judge(done.folder).status == 4
+    assert_names_the_file(bench, done)
 
 
-def test_a_file_system_that_is_read_only(bench: Bench, small_disk: Callable[[int], Path]) -> None:
+def test_a_file_system_that_is_read_only(bench: Bench, small_disk: SmallDisk) -> None:
     disk = small_disk(64)
     subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)  # noqa: S607
     done = bench.run(relay_spec(), output=disk / "run")
@@ -161,10 +160,7 @@ def test_a_folder_that_may_not_be_written_to(bench: Bench) -> None:
 
 
 @only_nightly()
-@only_nightly()
-def test_a_disk_that_a_profiler_fills_costs_no_verdict(
-    bench: Bench, small_disk: Callable[[int], Path]
-) -> None:
+def test_a_disk_that_a_profiler_fills_costs_no_verdict(bench: Bench, small_disk: SmallDisk) -> None:
     filling = "sh -c 'cat /dev/zero > $(profile).big; exec \"$@\"' sh"
     done = bench.run(relay_spec(), "--profile", filling, output=small_disk(4096) / "run")
     done.assert_complete()

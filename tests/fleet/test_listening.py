@@ -16,6 +16,8 @@ import pytest
 pytest.importorskip("distributed")
 
 from fleet_hosts import HANG_S, fleet
+from r2bspec.fleet.client import FleetClient
+from r2bspec.fleet.security import fleet_address
 
 pytestmark = pytest.mark.timeout(HANG_S)
 
@@ -38,9 +40,20 @@ def test_scheduler_and_worker_listen_on_the_loopback_interface_only(tmp_path: Pa
         assert hosts.scheduler is not None
         worker = psutil.Process(hosts.workers["a"].pid)
         assert listening(worker) == listening(psutil.Process(hosts.scheduler.pid)) == {"127.0.0.1"}
+        with FleetClient(fleet_address(hosts.address)) as client:
+            assert list(client.hosts) == ["a"]
+            assert listening(psutil.Process()) & {"0.0.0.0", "::"} == set()  # noqa: S104
         # A worker has one port: that of Dask's own messages.
         ports = [each for each in worker.net_connections("inet") if each.status == "LISTEN"]
         assert len(ports) == 1
+
+
+@pytest.mark.parametrize("name", ["../x", "a,b", ".x", "a\nb"])
+def test_a_name_that_no_client_would_take_is_refused(name: str, tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "r2bspec", "fleet", "worker", "tcp://127.0.0.1:9", "--no-doctor"]
+    words += ["--folder", str(tmp_path / "host"), "--name", name]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=HANG_S)
+    assert (done.returncode, "--name" in done.stderr) == (2, True)
 
 
 @pytest.mark.parametrize("listen", ["0.0.0.0", "::", socket.gethostname()])  # noqa: S104

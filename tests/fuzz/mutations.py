@@ -125,7 +125,7 @@ def python(data: bytes, rng: random.Random) -> bytes:
         node, name, value = rng.choice(places)
         others = [other for _, _, other in places if type(other) is type(value)]
         if isinstance(value, ast.expr):
-            others = [each for each in nodes if isinstance(each, ast.expr)]
+            others = [expression for expression in nodes if isinstance(expression, ast.expr)]
         other = copy.deepcopy(rng.choice(others))
         if isinstance(value, list) and rng.random() < 0.5:
             value.insert(rng.randint(0, len(value)), copy.deepcopy(rng.choice(value)))
@@ -140,8 +140,8 @@ def xml(words: Sequence[str]) -> Mutation:
     def mutate(data: bytes, rng: random.Random) -> bytes:
         root = ET.fromstring(data)  # noqa: S314 - of this fuzzer
         elements = [*root.iter()]
-        names = [*words, *(name for each in elements for name in (each.tag, *each.attrib))]
-        values = [*words, *(value for each in elements for value in each.attrib.values())]
+        names = [*words, *(name for element in elements for name in (element.tag, *element.attrib))]
+        values = [*words, *(value for element in elements for value in element.attrib.values())]
         for _ in range(rng.randint(1, 3)):
             element, other = rng.choice(elements), rng.choice(elements)
             match rng.randrange(4):
@@ -278,18 +278,18 @@ def archive(data: bytes, rng: random.Random) -> bytes:
             entry.pax_headers = {rng.choice(["path", "size", "mtime", "linkpath"]): "9" * 20}
         case _:
             contents.append(rng.choice(contents))
-    made = io.BytesIO()
-    with tarfile.open(fileobj=made, mode="w:gz", compresslevel=1) as tar:
+    packed = io.BytesIO()
+    with tarfile.open(fileobj=packed, mode="w:gz", compresslevel=1) as tar:
         for entry, content in contents:
             tar.addfile(entry, io.BytesIO(content))
-    return made.getvalue()
+    return packed.getvalue()
 
 
 def by_start(starts: dict[bytes, Mutation], otherwise: Mutation) -> Mutation:
     """The mutation of the kind of file that the first bytes tell."""
 
     def mutate(data: bytes, rng: random.Random) -> bytes:
-        known = (made for start, made in starts.items() if data.lstrip().startswith(start))
-        return next(known, otherwise)(data, rng)
+        fitting = (starts[start] for start in starts if data.lstrip().startswith(start))
+        return next(fitting, otherwise)(data, rng)
 
     return mutate

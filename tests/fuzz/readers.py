@@ -43,6 +43,7 @@ from r2bspec.errors import R2bspecError
 from r2bspec.language.json_schema import published_schema
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.report.finding_formats import FORMATS, render
+from run_simulation import remove_digests
 
 TESTS = Path(__file__).parents[1]
 CORPUS = Path(__file__).parent / "corpus"
@@ -57,11 +58,11 @@ ENVIRON = {"HOME": "/home/someone"}
 
 
 @functools.cache
-def _made() -> Prototypes:
+def _prototypes() -> Prototypes:
     folder = tempfile.TemporaryDirectory(prefix="r2bspec-fuzz-prototypes-")
-    made = Prototypes(Path(folder.name))
-    vars(made)["keeps"] = folder
-    return made
+    prototypes = Prototypes(Path(folder.name))
+    vars(prototypes)["keeps"] = folder
+    return prototypes
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ class Reader:
     read: Callable[[bytes, Path], None]
     mutate: Mutation
     seeds: Callable[[], Iterable[bytes]] = tuple
-    prepare: Callable[[], object] = _made
+    prepare: Callable[[], object] = _prototypes
 
 
 def read(name: str, data: bytes) -> None:
@@ -93,8 +94,8 @@ def read(name: str, data: bytes) -> None:
         with _watched(Path(place)) as events, _inside(folder):
             READERS[name].read(data, folder)
         assert not events, f"forbidden: {events}"
-        assert time.process_time() - before[0] < MOST_CPU_S, "too much time"
         assert _most_memory() - before[1] < MOST_BYTES, "too much memory"
+        assert time.process_time() - before[0] < MOST_CPU_S, "too much time"
         assert os.listdir(place) == ["work"], "a file is left"
 
 
@@ -117,7 +118,8 @@ def _inside(folder: Path) -> Iterator[None]:
 
 
 _PROGRAMS = {"os.exec", "os.fork", "os.forkpty", "os.posix_spawn", "os.system", "subprocess.Popen"}
-_CHANGES = {"os.link", "os.mkdir", "os.remove", "os.rename", "os.rmdir", "os.symlink", "os.chmod"}
+_CHANGES = {"os.chmod", "os.mkdir", "os.remove", "os.rmdir"}
+_MOVES = {"os.link", "os.rename", "os.symlink"}
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 _watch: list[tuple[Path, list[str]]] = []
 
@@ -148,9 +150,11 @@ def _audit(event: str, arguments: tuple[Any, ...]) -> None:
         is_forbidden = bool(flags & _WRITING) and not _is_below(path, place)
     elif event in _CHANGES:
         is_forbidden = not _is_below(arguments[0], place)
+    elif event in _MOVES:
+        is_forbidden = not _is_below(arguments[1], place)
     elif event == "exec":
-        code = arguments[0]
-        is_forbidden = isinstance(code, CodeType) and code.co_filename.startswith(str(place))
+        file = arguments[0].co_filename if isinstance(arguments[0], CodeType) else "<string>"
+        is_forbidden = not file.startswith("<") and _is_below(file, place)
     else:
         is_forbidden = event in _PROGRAMS
     if is_forbidden:
@@ -285,7 +289,7 @@ _LAUNCH_WORDS = (
 
 def _sqlite(data: bytes, folder: Path) -> None:
     """The storage file of a bag, or its metadata.yaml."""
-    shutil.copytree(_made().bag, folder / "bag")
+    shutil.copytree(_prototypes().bag, folder / "bag")
     is_storage = data.startswith(b"SQLite")
     (folder / "bag" / ("bag.db3" if is_storage else "metadata.yaml")).write_bytes(data)
     lone = (("data", "info", "bag/bag.db3"),) if is_storage else ()
@@ -298,7 +302,7 @@ def _bag_file(suffix: str, data: bytes, folder: Path) -> None:
 
 
 def _sqlite_seeds() -> Iterator[bytes]:
-    for folder in (_made().bag, _made().packed):
+    for folder in (_prototypes().bag, _prototypes().packed):
         yield next(folder.glob("*.db3")).read_bytes()
         metadata = (folder / "metadata.yaml").read_text()
         yield from (metadata.replace(*pair).encode() for pair in (("", ""), *METADATA))
@@ -350,7 +354,7 @@ def _json_of(data: bytes) -> Any:
 
 def _run_in(folder: Path) -> Path:
     run = folder / "run"
-    shutil.copytree(_made().run, run)
+    shutil.copytree(_prototypes().run, run)
     return run
 
 
@@ -362,7 +366,7 @@ def _judge() -> None:
 
 
 def _record_seeds() -> Iterator[bytes]:
-    run = _made().run
+    run = _prototypes().run
     names = ("record.json", "plan.json")
     yield json.dumps({name: json.loads((run / name).read_text()) for name in names}).encode()
     yield (run / "result.json").read_bytes()
@@ -374,11 +378,12 @@ def _arrays(data: bytes, folder: Path) -> None:
     run = _run_in(folder)
     files = sorted(run.rglob("*.npy"))
     files[data[0] % len(files) if data else 0].write_bytes(data[1:])
+    remove_digests(run)
     _judge()
 
 
 def _arrays_seeds() -> Iterator[bytes]:
-    for number, file in enumerate(sorted(_made().run.rglob("*.npy"))):
+    for number, file in enumerate(sorted(_prototypes().run.rglob("*.npy"))):
         yield bytes([number]) + file.read_bytes()
 
 
@@ -548,9 +553,9 @@ def _fleet_seeds() -> Iterator[bytes]:
     from r2bspec.record.run_folder import open_run
 
     with tempfile.TemporaryDirectory() as folder:
-        pack_run(_made().run, Path(folder, "run.tar.gz"))
+        pack_run(_prototypes().run, Path(folder, "run.tar.gz"))
         yield Path(folder, "run.tar.gz").read_bytes()
-        plan = open_run(_made().run).plan
+        plan = open_run(_prototypes().run).plan
         (head,) = make_bundle([PreparedBenchmark(plan, Path(folder), SPEC)]).sides
     sent = SentFile(path="a/b.py", size=2, sha256=hashlib.sha256(b"ab").hexdigest())
     recordings = (SentRecording(path="../bag", sha256="0" * 64),)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import runpy
+import subprocess
 from pathlib import Path
 
 import pytest
-from readers import CORPUS, READERS, read
+from readers import CORPUS, READERS, Reader, read
 
 FILES = [(name, file) for name in READERS for file in sorted((CORPUS / name).glob("*"))]
 
@@ -21,3 +24,29 @@ def test_seeds(name: str) -> None:
     """What targets begin with is of use."""
     for seed in READERS[name].seeds():
         read(name, seed)
+
+
+@pytest.mark.parametrize(
+    ("code", "says"),
+    [
+        ("Path('/tmp/r2bspec-fuzz-x').write_text('')", "forbidden: .*open"),
+        ("Path('../x').write_text('')", "a file is left"),
+        ("Path('x').symlink_to('/')", ""),
+        ("Path('x').rename('/x')", "forbidden: .*os.rename"),
+        ("subprocess.run(['true'])", "forbidden: .*subprocess.Popen"),
+        ("Path('x.py').write_text('1'); runpy.run_path('x.py')", "forbidden: .*exec"),
+        ("sum(range(10**7)) * 10**9", "too much time"),
+        ("len(bytearray(b'x') * 500_000_000)", "too much memory"),
+    ],
+)
+def test_what_is_not_clean_is_noticed(
+    code: str, says: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run(data: bytes, folder: Path) -> None:
+        with contextlib.suppress(OSError):
+            exec(data, {"Path": Path, "subprocess": subprocess, "runpy": runpy})  # noqa: S102
+
+    monkeypatch.setattr("readers.MOST_CPU_S", 0.05)
+    monkeypatch.setitem(READERS, "x", Reader(run, lambda data, _: data))
+    with pytest.raises(AssertionError, match=says) if says else contextlib.nullcontext():
+        read("x", code.encode())

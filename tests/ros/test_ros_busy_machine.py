@@ -18,17 +18,13 @@ pytest.importorskip("rclpy")
 
 from machine_load import skip_for_load
 from ros_runs import Bench, Finished, relay_node, relay_spec
+from ros_runs import bench as bench
 
 # Its strangers would disturb what is tested beside it.
 pytestmark = only_nightly()
 
 BUSY = "while True: pass"
 SAID = "other processes used"
-
-
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
-    return Bench(tmp_path_factory.mktemp("busy"))
 
 
 @pytest.fixture(scope="module", autouse=True)

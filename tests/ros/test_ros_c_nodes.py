@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import signal
-from pathlib import Path
 
 import pytest
 
@@ -15,14 +14,10 @@ pytest.importorskip("rclpy")
 from c_nodes import c_node_spec
 from r2bspec.record.run_record import Segment
 from ros_runs import Bench, relay_spec
+from ros_runs import bench as bench
 
 STEPS = 20
 """Of the one iteration of `relay_spec`."""
-
-
-@pytest.fixture
-def bench(tmp_path: Path) -> Bench:
-    return Bench(tmp_path / "bench")
 
 
 def test_programs_get_their_arguments_and_are_waited_for(bench: Bench) -> None:

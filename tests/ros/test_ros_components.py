@@ -20,6 +20,7 @@ from r2bspec.api import validate
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.processes.prerequisites import find_executable
 from ros_runs import Bench, relay_spec
+from ros_runs import bench as bench
 
 
 def installed(package: str, executable: str) -> bool:
@@ -35,11 +36,6 @@ FULL_ROS = find_spec("composition_interfaces") is not None and installed(
 )
 
 COMPONENT: dict[str, Any] = {"package": "image_tools", "plugin": "image_tools::Nothing"}
-
-
-@pytest.fixture
-def bench(tmp_path: Path) -> Bench:
-    return Bench(tmp_path / "components")
 
 
 @pytest.fixture

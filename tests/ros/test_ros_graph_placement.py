@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 from collections import Counter
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -20,6 +19,7 @@ pytest.importorskip("rclpy")
 from c_nodes import c_node, c_node_spec
 from r2bspec.record.run_record import ProcessRecord
 from ros_runs import IMAGE, MEASURED, Bench, Finished, relay_node, relay_spec
+from ros_runs import bench as bench
 
 GRAPH: dict[str, Any] = {"placement": "graph"}
 STEPS = 20
@@ -39,11 +39,6 @@ class Starts(Node):
         self.out = self.create_publisher(Image, "output", 100)
         self.create_subscription(Image, "input", self.out.publish, 100)
 """
-
-
-@pytest.fixture
-def bench(tmp_path: Path) -> Bench:
-    return Bench(tmp_path / "bench")
 
 
 def c_relay(**changes: Any) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from ros_runs import IMAGE, STRING, Bench, Finished, relay_node
+from ros_runs import bench as bench
 
 NODES = """
 from std_msgs.msg import String
@@ -61,9 +62,7 @@ SPEC: dict[str, Any] = {
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Finished:
-    bench = Bench(tmp_path_factory.mktemp("live"))
-    bench.write_node("nodes.py", NODES)
+def done(bench: Bench) -> Finished:
     return bench.run(SPEC)
 
 

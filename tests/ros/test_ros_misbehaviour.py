@@ -12,6 +12,7 @@ from r2bspec.report.findings_text import code_with_slug
 pytest.importorskip("rclpy")
 
 from ros_runs import Bench, relay_spec
+from ros_runs import bench as bench
 
 NODES = """
 import os
@@ -61,13 +62,6 @@ def spec(trick: str, at: int) -> dict[str, Any]:
     used = relay_spec(graph={"nodes": {"relay": node}})
     used["benchmark"] |= {"iterations": 2, "rates": [f"{STEPS} Hz"]}
     return used
-
-
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
-    found = Bench(tmp_path_factory.mktemp("misbehaviour"))
-    found.write_node("nodes.py", NODES)
-    return found
 
 
 @pytest.mark.parametrize(

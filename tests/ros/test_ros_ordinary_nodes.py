@@ -11,6 +11,7 @@ from nightly import only_nightly
 pytest.importorskip("rclpy")
 
 from ros_runs import IMAGE, Bench, relay_spec
+from ros_runs import bench as bench
 
 # The first is the node of the tutorials; the second has defaults only; the third brings its main.
 NODES = """
@@ -82,13 +83,6 @@ class Ignores(Node):
 if __name__ == "__main__":
     raise SystemExit("it was run as a script")
 """
-
-
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
-    found = Bench(tmp_path_factory.mktemp("ordinary"))
-    found.write_node("nodes.py", NODES)
-    return found
 
 
 def chain(placement: str) -> dict[str, Any]:

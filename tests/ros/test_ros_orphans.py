@@ -15,6 +15,7 @@ pytest.importorskip("rclpy")
 from r2bspec.execute.processes.resources import OrphanFinder
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from ros_runs import IMAGE, Bench, relay_spec
+from ros_runs import bench as bench
 
 NODES = '''
 import subprocess
@@ -45,10 +46,8 @@ class Relay(Node):
 
 
 def test_the_processor_time_of_an_orphaned_grandchild_is_the_runs_own(
-    tmp_path_factory: pytest.TempPathFactory,
+    bench: Bench,
 ) -> None:
-    bench = Bench(tmp_path_factory.mktemp("orphans"))
-    bench.write_node("nodes.py", NODES)
     endpoints = {"publishes": {"output": IMAGE}, "subscribes": {"input": IMAGE}}
     spec = relay_spec(graph={"nodes": {"relay": {"python": "./nodes.py:Relay", **endpoints}}})
     spec["benchmark"] |= {"duration": "2 s", "iterations": 1}

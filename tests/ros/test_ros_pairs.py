@@ -17,6 +17,7 @@ from machine_load import skip_for_load
 from r2bspec.judge.statistics.t_interval import pair_orders
 from r2bspec.record.comparison_folder import open_comparison
 from ros_runs import Bench, Finished, relay_node, relay_spec
+from ros_runs import bench as bench
 
 # The base waits for six times as long: nothing fails, so that nothing is played again for that.
 RELAY = relay_node()
@@ -33,11 +34,6 @@ SPEC = relay_spec(
     },
     slos={"no_regression": {"at": "10 Hz", "require": ["latency.p50 <= 100 % of baseline"]}},
 )
-
-
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
-    return Bench(tmp_path_factory.mktemp("pairs"))
 
 
 @pytest.fixture(scope="module")

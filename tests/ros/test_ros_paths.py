@@ -14,11 +14,13 @@ pytest.importorskip("rclpy")
 
 from r2bspec.judge.measure.matching import match
 from ros_runs import IMAGE, Bench, Finished, quick_input, relay_node, relay_spec
+from ros_runs import bench as bench
 
 STRING = "std_msgs/msg/String"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
 WARM_UP, STEPS, ITERATIONS = 10, 20, 2
+TOPICS = dict.fromkeys(("/camera", "/right"), range(0, 330, 33))
 
 NODES = f"""
 from diagnostic_msgs.msg import DiagnosticArray
@@ -136,10 +138,7 @@ def spec() -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Finished:
-    stamps = range(0, 330, 33)
-    bench = Bench(tmp_path_factory.mktemp("paths"), {"/camera": stamps, "/right": stamps})
-    bench.write_node("nodes.py", NODES)
+def done(bench: Bench) -> Finished:
     finished = bench.run(spec())
     assert finished.status == 0 or finished.outcome in {"invalid", "inconclusive"}
     return finished

@@ -9,6 +9,7 @@ from nightly import only_nightly
 pytest.importorskip("rclpy")
 
 from ros_runs import MEASURED, Bench, Finished, relay_node, relay_spec
+from ros_runs import bench as bench
 
 FAILS = """
 class Fails(Node):
@@ -22,11 +23,6 @@ class Fails(Node):
 """
 
 IN_ONE = {"placement": "shared"}
-
-
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
-    return Bench(tmp_path_factory.mktemp("placement"))
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,10 @@ from nightly import only_nightly
 pytest.importorskip("rclpy")
 
 from ros_runs import IMAGE, STRING, Bench, Finished, quick_input, relay_node, relay_spec
+from ros_runs import bench as bench
 
 COUNT = 40
+TOPICS = {"/camera": range(0, 33 * COUNT, 33)}
 
 NODES = """
 from rclpy.qos import qos_profile_sensor_data
@@ -71,13 +73,6 @@ def spec(folder: Path, source: str, kind: str, node: str) -> dict[str, Any]:
         playback={"inputs": {"input": quick_input(source, kind)}},
         graph={"nodes": {"notebook": notes}},
     )
-
-
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
-    found = Bench(tmp_path_factory.mktemp("prepare"), {"/camera": range(0, 33 * COUNT, 33)})
-    found.write_node("nodes.py", NODES)
-    return found
 
 
 @pytest.fixture(scope="module")

@@ -19,6 +19,7 @@ from r2bspec.execute.profilers import find_profiler, require_usable
 from r2bspec.record.run_folder import read_stacks
 from r2bspec.record.run_record import ProfileRecord
 from ros_runs import Bench, Finished, relay_node, relay_spec
+from ros_runs import bench as bench
 
 STEPS = 20
 """Of the one iteration of `relay_spec`, and of the one that is observed."""
@@ -37,11 +38,6 @@ while kill -0 $! 2> /dev/null; do wait; done
 echo report > "$output.nsys-rep"
 : > "$output$(printf '\\377')"
 """
-
-
-@pytest.fixture
-def bench(tmp_path: Path) -> Bench:
-    return Bench(tmp_path / "bench")
 
 
 def require(name: str) -> None:

@@ -13,6 +13,7 @@ from machine_load import skip_for_load
 from r2bspec.judge.measure.host_usage import CONTROLLER_INDEX, MACHINE_INDEX
 from r2bspec.record.run_record import SearchRecord, Segment
 from ros_runs import HEIGHT, MEASURED, WIDTH, Bench, Finished, relay_node, relay_spec
+from ros_runs import bench as bench
 
 SERVICE_S = 0.010
 # So low that a loaded machine, too, publishes within half a period of the due time.
@@ -46,11 +47,6 @@ SPEC = relay_spec(
         "at_its_limit": {"at": "peak", "level": "info", "require": ["received >= 0"]},
     },
 )
-
-
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
-    return Bench(tmp_path_factory.mktemp("relay"))
 
 
 @pytest.fixture(scope="module")

@@ -19,11 +19,7 @@ from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.record.run_folder import open_run
 from ros_runs import IMAGE, Bench, relay_node, relay_spec
-
-
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
-    return Bench(tmp_path_factory.mktemp("samples"))
+from ros_runs import bench as bench
 
 
 def test_samples_in_memory_are_those_of_the_run_folder(

@@ -12,6 +12,7 @@ from nightly import only_nightly
 pytest.importorskip("rclpy")
 
 from ros_runs import IMAGE, Bench, Finished, quick_input, relay_spec
+from ros_runs import bench as bench
 
 NODES = """
 def nanoseconds(message):
@@ -81,14 +82,7 @@ LEFT_MS = range(0, 330, 33)
 RIGHT_MS = [each + 3 for each in LEFT_MS if each != 132]
 
 
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
-    found = Bench(
-        tmp_path_factory.mktemp("sensors"),
-        {"/left": LEFT_MS, "/right": RIGHT_MS, "/fast": range(1, 330, 5)},
-    )
-    found.write_node("nodes.py", NODES)
-    return found
+TOPICS = {"/left": LEFT_MS, "/right": RIGHT_MS, "/fast": range(1, 330, 5)}
 
 
 def stereo_spec(pairing: Mapping[str, Any], keeps: str = "left", **playback: Any) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from r2bspec.errors import ExitStatus
 pytest.importorskip("rclpy")
 
 from ros_runs import IMAGE, MEASURED, Bench, Finished, relay_spec
+from ros_runs import bench as bench
 
 NODES = '''
 import os
@@ -40,13 +41,6 @@ class Relay(Node):
 '''
 ITERATIONS = 5
 PROCESSES = ("relay", "harness.observer", "player", "monitor")
-
-
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
-    made = Bench(tmp_path_factory.mktemp("starts"))
-    made.write_node("nodes.py", NODES)
-    return made
 
 
 def spec(counter: str, *, iterations: int, starts: int, **changes: Any) -> dict[str, Any]:

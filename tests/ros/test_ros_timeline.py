@@ -11,12 +11,14 @@ pytest.importorskip("rclpy")
 
 from r2bspec.judge.measure.run_samples import match_segment, read_samples
 from ros_runs import IMAGE, START_NS, Bench, Finished, quick_input, relay_node, relay_spec
+from ros_runs import bench as bench
 
 MS = 1_000_000
 CAMERA = (0, 100, 170, 300)
 LEFT = (0, 105, 170)
 IMU = tuple(range(7, 300, 30))
 LATER = 11
+TOPICS = {"/camera": CAMERA, "/left": LEFT, "/imu": IMU}
 
 SPEC = relay_spec(
     data_loader={
@@ -61,9 +63,8 @@ COUNT = 2 * len(STEPS) + sum(at * MS < 700 * MS - 2 * ROUND_NS for at in STEPS)
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Finished:
-    topics = {"/camera": CAMERA, "/left": LEFT, "/imu": IMU}
-    return Bench(tmp_path_factory.mktemp("timeline"), topics).run(SPEC)
+def done(bench: Bench) -> Finished:
+    return bench.run(SPEC)
 
 
 @pytest.fixture(scope="module")
@@ -145,10 +146,8 @@ def test_the_report_says_as_recorded_and_no_rate(done: Finished) -> None:
 
 
 def test_a_monitor_that_joins_inputs_of_different_rates_must_say_which_it_answers(
-    tmp_path_factory: pytest.TempPathFactory,
+    bench: Bench,
 ) -> None:
-    bench = Bench(tmp_path_factory.mktemp("joined"), {"/camera": CAMERA, "/imu": IMU})
-    bench.write_node("nodes.py", "")
     spec = SPEC | {
         "data_loader": {"bag": "./bag", "topics": {"/camera": "camera_raw", "/imu": "imu_raw"}},
         "playback": {

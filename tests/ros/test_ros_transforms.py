@@ -12,6 +12,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from ros_runs import START_NS, Bench, Finished, quick_input, relay_spec
+from ros_runs import bench as bench
 from transform_bags import read_transforms, with_tf2, write_transform_bag
 
 MS = 1_000_000
@@ -75,17 +76,10 @@ def spec(folder: Path, **changes: Any) -> dict[str, Any]:
     )
 
 
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
-    found = Bench(tmp_path_factory.mktemp("transforms"))
-    found.write_node("nodes.py", NODES)
-    write_transform_bag(found.folder / "moving", IMAGES, TF, STATIC)
-    return found
-
-
 @pytest.fixture(scope="module", autouse=True)
-def importable() -> Any:
-    """The children of a run inherit what tf2_msgs needs."""
+def moving(bench: Bench) -> Any:
+    """A bag with transforms; the children of a run inherit what tf2_msgs needs."""
+    write_transform_bag(bench.folder / "moving", IMAGES, TF, STATIC)
     with pytest.MonkeyPatch.context() as patch:
         for name, value in with_tf2().items():
             patch.setenv(name, value)

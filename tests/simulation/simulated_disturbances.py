@@ -17,14 +17,14 @@ from typing import Literal
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from simulated_runs import RATE_HZ, run_of
 from simulated_worlds import bursts
 
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.measure.host_usage import HostInterference
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge
-from run_simulation import objective
+from run_simulation import objective, with_interference
+from simulated_runs import RATE_HZ, run_of
 
 Kind = Literal["stalls", "contention"]
 
@@ -63,14 +63,7 @@ def outcomes(
     known: Counter[str] = Counter()
     for _ in range(runs):
         samples = _run(random, machine, slower, iterations)
-        unaware = replace(
-            samples,
-            iterations={
-                rate: tuple(replace(one, interference=None) for one in found)
-                for rate, found in samples.iterations.items()
-            },
-        )
-        for count, each in ((played, unaware), (known, samples)):
+        for count, each in ((played, with_interference(samples, None)), (known, samples)):
             count[judge({"slo": objective(ASKED)}, each, DecisionPolicy()).outcome] += 1
     return Counts(played, known)
 

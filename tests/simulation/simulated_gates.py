@@ -1,19 +1,28 @@
-"""How often a gate passes and fails in simulated runs, by each of its methods."""
+"""How often gates pass and fail in simulated runs of known truth, by each of their methods.
+
+A gate gives 1 for a pass, -1 for a fail and 0 for what stays open. Where nothing else is said the
+truth is exactly on the limit, where a gate is wrong most often, and each batch is drawn anew.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from simulated_worlds import World
+from scipy import signal
+from simulated_worlds import World, bursts, stationary
 
 from r2bspec.judge.baseline_comparison import HISTORY_CONFIRMATION_CONFIDENCE
 from r2bspec.judge.decision_policy import InterimLooks
+from r2bspec.judge.measure.times import rank
 from r2bspec.judge.statistics.autocorrelation import serial_inflation
 from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
 from r2bspec.judge.statistics.effective_sample_size import SampleDesign, effective_sample
+from r2bspec.judge.statistics.percentile_interval import RankedMessages
 from r2bspec.judge.statistics.t_interval import (
     RatioInterval,
     mean_interval,
@@ -22,25 +31,12 @@ from r2bspec.judge.statistics.t_interval import (
     predicted_ratio,
     welch_ratio,
 )
+from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 
 CONFIDENCE = 0.95
+LOOKS = InterimLooks((10, 20, 40))
 
-
-@dataclass(frozen=True)
-class Rates:
-    """Shares of runs."""
-
-    passed: float
-    failed: float
-
-    @classmethod
-    def of(cls, outcomes: list[int]) -> Rates:
-        """Count outcomes: 1 is a pass, -1 a fail, 0 open."""
-        found = np.array(outcomes)
-        return cls(float(np.mean(found > 0)), float(np.mean(found < 0)))
-
-    def __str__(self) -> str:
-        return f"{100 * self.passed:.1f} / {100 * self.failed:.1f}"
+Values = NDArray[np.float64]
 
 
 @dataclass
@@ -50,8 +46,14 @@ class Errors:
     runs: int
     counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, dtype=np.int64))
 
-    def add(self, outcome: int, confirm: Callable[[], int] = lambda: 0) -> None:
-        """Count an outcome (1 is a pass, -1 a fail), and that of the confirmation of a fail."""
+    @classmethod
+    def of(cls, outcomes: Iterable[int]) -> Errors:
+        """Those of gates without a confirmation."""
+        found = np.array([*outcomes])
+        return cls(found.size, np.array([np.sum(found > 0), np.sum(found < 0), 0]))
+
+    def add(self, outcome: int, confirm: Callable[[], int]) -> None:
+        """Count an outcome, and that of the confirmation of a fail."""
         self.counts += (outcome > 0, outcome < 0, outcome < 0 and confirm() < 0)
 
     @property
@@ -59,8 +61,39 @@ class Errors:
         passed, failed, confirmed = (self.counts / self.runs).tolist()
         return passed, failed, confirmed
 
+    @property
+    def passed(self) -> float:
+        return self.shares[0]
+
+    @property
+    def failed(self) -> float:
+        return self.shares[1]
+
+    @property
+    def rates(self) -> str:
+        """Passes and fails in percent."""
+        return f"{100 * self.passed:.1f} / {100 * self.failed:.1f}"
+
     def __str__(self) -> str:
-        return " / ".join(f"{100 * share:.1f}" for share in self.shares)
+        return f"{self.rates} / {100 * self.shares[2]:.1f}"
+
+
+def chance(promise: float, runs: int) -> float:
+    """What a promised share comes to in so many runs with bad luck: three standard errors more."""
+    return promise + 3 * math.sqrt(promise * (1 - promise) / runs)
+
+
+def held(found: Errors) -> bool:
+    """Whether the three shares are what is promised, or more by chance."""
+    most = chance(0.05, found.runs)
+    return max(found.shares[:2]) <= most and found.shares[2] <= chance(0.01, found.runs)
+
+
+def share_test(bad: float, messages: float, allowed: float, confidence: float = CONFIDENCE) -> int:
+    """The exact binomial test."""
+    if upper_bound(bad, messages, confidence) <= allowed:
+        return 1
+    return -1 if lower_bound(bad, messages, confidence) > allowed else 0
 
 
 def share_outcome(
@@ -70,12 +103,55 @@ def share_outcome(
     *,
     plain: bool = False,
 ) -> int:
-    """The exact binomial test of one run, on its effective number or on the plain one."""
+    """The test of one run, on its effective number of messages or on the plain one."""
     worth = effective_sample(list(pieces), SampleDesign(allowed=allowed, confidence=confidence))
     f = 1.0 if plain else worth.inflation
-    if upper_bound(worth.bad / f, worth.n / f, confidence) <= allowed:
-        return 1
-    return -1 if lower_bound(worth.bad / f, worth.n / f, confidence) > allowed else 0
+    return share_test(worth.bad / f, worth.n / f, allowed, confidence)
+
+
+def percentile_outcome(
+    values: Values, limit: float, allowed: float, confidence: float, starts: tuple[int, ...] = ()
+) -> int:
+    """The test of one run, whose percentile has to be as far from the limit as levels scatter."""
+    ranked = RankedMessages(list(values), SampleDesign(starts, allowed, confidence))
+    sample = ranked.effective_sample(int(np.count_nonzero(values > limit)))
+    levels = ranked.level_margin(1 - allowed, confidence)
+    margin = levels.half if levels is not None else 0.0
+    estimate = float(ranked.ordered[rank(1 - allowed, ranked.n) - 1])
+    found = share_test(sample.bad_messages, sample.messages, allowed, confidence)
+    clear = estimate + margin <= limit if found > 0 else estimate - margin > limit
+    return found if clear else 0
+
+
+def mean_outcome(values: list[float], confidence: float = CONFIDENCE, limit: float = 1.0) -> int:
+    """``mean < limit`` by t over iterations."""
+    found = mean_interval(values, confidence, inflation=serial_inflation(values))
+    return int(found.upper < limit) - int(found.lower >= limit)
+
+
+def ratio_outcome(interval: RatioInterval, limit: float = 1.0) -> int:
+    """``>= limit of baseline``."""
+    return int(interval.lower >= limit) - int(interval.upper < limit)
+
+
+def look(
+    run: NDArray[np.bool_],
+    allowed: float,
+    confidence: float = CONFIDENCE,
+    *,
+    planned: bool = True,
+) -> tuple[int, int]:
+    """A share requirement at looks: the outcome, and how many iterations were played.
+
+    Not `planned`: each look decides at the full confidence, as extending a run until it passes.
+    """
+    outcome = end = 0
+    for number, end in enumerate(LOOKS.iterations, start=1):
+        at = LOOKS.confidence_at(number, confidence) if planned else confidence
+        outcome = share_outcome(run[:end], allowed, at)
+        if outcome:
+            break
+    return outcome, end
 
 
 def share_gate(
@@ -88,39 +164,51 @@ def share_gate(
     iterations: int = 10,
     plain: bool = False,
     seed: int = 1,
-) -> Rates:
+) -> Errors:
     """A percentile or share requirement in many runs."""
-    random = np.random.default_rng(seed)
-    flags = world(random, (runs, iterations, messages), truth)
-    return Rates.of([share_outcome(run, allowed, plain=plain) for run in flags])
+    flags = world(np.random.default_rng(seed), (runs, iterations, messages), truth)
+    return Errors.of(share_outcome(run, allowed, plain=plain) for run in flags)
 
 
-def mean_gate(values: NDArray[np.float64], limit: float) -> Rates:
-    """``mean < limit`` by t over iterations; `values` is (runs, iterations)."""
-    intervals = [
-        mean_interval(run, CONFIDENCE, inflation=serial_inflation(run)) for run in values.tolist()
-    ]
-    return Rates.of([(one.upper < limit) - (one.lower >= limit) for one in intervals])
+def mean_gate(values: Values, limit: float = 1.0) -> Errors:
+    """``mean < limit``; `values` is (runs, iterations)."""
+    return Errors.of(mean_outcome(run, limit=limit) for run in values.tolist())
+
+
+def _resembling_means(random: np.random.Generator, runs: int, m: int) -> Values:
+    noise = random.standard_normal((runs, m + 100))
+    return np.asarray(1 + signal.lfilter([0.75**0.5], [1, -0.5], noise, axis=1)[:, 100:])
+
+
+def _resembling_messages(random: np.random.Generator, runs: int, m: int) -> Values:
+    noise = random.standard_normal((runs, m, 150))
+    messages = signal.lfilter([0.19**0.5], [1, -0.9], noise, axis=2)[:, :, 50:]
+    return np.asarray(1 + 0.1 * messages.mean(axis=2))
+
+
+MEAN_WORLDS: dict[str, Callable[[np.random.Generator, int, int], Values]] = {
+    "stationary, 2 % variation": lambda random, runs, m: random.normal(1, 0.02, (runs, m)),
+    "drifting by 6 %": lambda random, runs, m: (
+        random.normal(1, 0.02, (runs, m)) + np.linspace(-0.03, 0.03, m)
+    ),
+    "each like the one before (r = 0.5)": _resembling_means,
+    "log-normal messages (sigma 1), 300 each": lambda random, runs, m: np.exp(
+        random.normal(0, 1, (runs // 2, m, 300)) - 0.5
+    ).mean(axis=2),
+    "Pareto messages (index 3), 300 each": lambda random, runs, m: (
+        2 * random.pareto(3, (runs // 2, m, 300))
+    ).mean(axis=2),
+    "messages like those before (r = 0.9)": _resembling_messages,
+}
+"""Means of m iterations in so many runs; the true mean is 1."""
 
 
 def looked_gate(
-    flags: NDArray[np.bool_], allowed: float, looks: InterimLooks, *, planned: bool = True
-) -> tuple[Rates, float]:
-    """A share requirement at looks; and how many iterations were played, in the mean.
-
-    Not `planned`: each look decides at the full confidence, as extending a run until it passes.
-    """
-    outcomes, played = [], []
-    for run in flags:
-        outcome = 0
-        for look, end in enumerate(looks.iterations, start=1):
-            confidence = looks.confidence_at(look) if planned else CONFIDENCE
-            outcome = share_outcome(run[:end], allowed, confidence)
-            if outcome:
-                break
-        outcomes.append(outcome)
-        played.append(end)
-    return Rates.of(outcomes), float(np.mean(played))
+    flags: NDArray[np.bool_], allowed: float, *, planned: bool = True
+) -> tuple[Errors, float]:
+    """A share requirement at looks; and how many iterations were played, in the mean."""
+    outcomes, played = zip(*(look(run, allowed, planned=planned) for run in flags), strict=True)
+    return Errors.of(outcomes), float(np.mean(played))
 
 
 def heads(pairs: int, seed: int) -> NDArray[np.bool_]:
@@ -135,7 +223,7 @@ def paired_values(
     ratio: float,
     variation: float = 0.02,
     drift: float = 0.1,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Values, Values]:
     """Base and head of interleaved runs, shape (runs, pairs) each.
 
     Each value varies by itself; all share a machine that gets slower by `drift` over the run, in
@@ -149,18 +237,15 @@ def paired_values(
     return level[~is_head].reshape(runs, pairs), level[is_head].reshape(runs, pairs)
 
 
-def ratio_outcome(interval: RatioInterval, limit: float) -> int:
-    """``>= limit of baseline``."""
-    return int(interval.lower >= limit) - int(interval.upper < limit)
-
-
-def add_history_run(found: Errors, earlier: list[float], new: float, fresh: float) -> None:
-    """Count a run against earlier ones; the run that confirms its failure meets the same ones."""
-
-    def judged(value: float, confidence: float) -> int:
-        return ratio_outcome(predicted_ratio(earlier, value, confidence), 1.0)
-
-    found.add(judged(new, CONFIDENCE), lambda: judged(fresh, HISTORY_CONFIRMATION_CONFIDENCE))
+def ratio_gate(
+    ratio: Callable[[list[float], list[float], float], RatioInterval],
+    base: Values,
+    head: Values,
+    limit: float = 1.0,
+) -> Errors:
+    """``>= limit of baseline`` by an interval of the ratios of rows of `head` and `base`."""
+    rows = zip(base.tolist(), head.tolist(), strict=True)
+    return Errors.of(ratio_outcome(ratio(*row, CONFIDENCE), limit) for row in rows)
 
 
 def paired_gate(
@@ -171,57 +256,132 @@ def paired_gate(
     runs: int,
     variation: float = 0.02,
     seed: int = 1,
-) -> Rates:
+) -> Errors:
     """``>= limit of baseline`` by interleaved pairs, if the true ratio is `ratio`."""
     random = np.random.default_rng(seed)
-    base, head = paired_values(random, runs, pairs, ratio, variation)
-    return Rates.of(
-        [
-            ratio_outcome(paired_ratio(a, b, CONFIDENCE), limit)
-            for a, b in zip(base.tolist(), head.tolist(), strict=True)
-        ]
-    )
+    return ratio_gate(paired_ratio, *paired_values(random, runs, pairs, ratio, variation), limit)
 
 
-def bootstrap_gate(ratio: float, *, pairs: int, runs: int, seed: int = 1) -> Rates:
-    """The same with a percentile bootstrap of the mean ratio, and the limit at the truth."""
-    random = np.random.default_rng(seed)
-    base, head = paired_values(random, runs, pairs, ratio)
+def bootstrap_gate(*, pairs: int, runs: int) -> Errors:
+    """Pairs of one graph by a percentile bootstrap of the mean ratio."""
+    random = np.random.default_rng(1)
+    base, head = paired_values(random, runs, pairs, 1.0)
     drawn = random.integers(0, pairs, (runs, 500, pairs))
-    rows = np.arange(runs)[:, np.newaxis, np.newaxis]
-    means = (head / base)[rows, drawn].mean(axis=2)
+    means = (head / base)[np.arange(runs)[:, np.newaxis, np.newaxis], drawn].mean(axis=2)
     lower, upper = np.quantile(means, [1 - CONFIDENCE, CONFIDENCE], axis=1)
-    return Rates(float(np.mean(lower >= ratio)), float(np.mean(upper < ratio)))
+    return Errors.of((lower >= 1).astype(int) - (upper < 1).astype(int))
 
 
-def run_values(
-    random: np.random.Generator, runs: int, iterations: int, between: float = 0.027
-) -> NDArray[np.float64]:
-    """Stored runs of one graph: they differ by `between`, their iterations by 1 % on top."""
-    level = random.normal(0, between / np.sqrt(2), (runs, 1))
+def run_values(random: np.random.Generator, runs: int, iterations: int = 10) -> Values:
+    """Stored runs of one graph: they differ by 2.7 %, their iterations by 1 % on top."""
+    level = random.normal(0, 0.027 / np.sqrt(2), (runs, 1))
     return np.exp(level + random.normal(0, 0.01, (runs, iterations)))
 
 
-def stored_gate(iterations: int, *, runs: int, seed: int = 1) -> Rates:
+def stored_gate(iterations: int, *, runs: int) -> Errors:
     """Two stored runs of one graph by Welch's test: ``>= 100 % of baseline``."""
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(1)
     base, head = (run_values(random, runs, iterations) for _ in range(2))
-    return Rates.of(
-        [
-            ratio_outcome(welch_ratio(a, b, CONFIDENCE), 1.0)
-            for a, b in zip(base.tolist(), head.tolist(), strict=True)
-        ]
+    return ratio_gate(welch_ratio, base, head)
+
+
+# Gates whose failures are confirmed by a fresh batch.
+
+Batch = Callable[[np.random.Generator, float], int]
+"""The outcome of a new batch, at a confidence."""
+
+
+def confirmed_gates(batch: Batch, *, runs: int) -> Errors:
+    """Many gates, each failure of which is confirmed by a fresh batch or not."""
+    random = np.random.default_rng(1)
+    found = Errors(runs)
+    for _ in range(runs):
+        found.add(batch(random, CONFIDENCE), partial(batch, random, CONFIRMATION_CONFIDENCE))
+    return found
+
+
+def _shares(world: World, iterations: int, messages: int, allowed: float) -> Batch:
+    return lambda random, confidence: share_outcome(
+        world(random, (1, iterations, messages), allowed)[0], allowed, confidence
     )
 
 
-def history_gate(
-    ratio: float, limit: float, *, history: int, iterations: int = 10, runs: int, seed: int = 1
-) -> Rates:
-    """A new run against a history of runs: ``>= limit of baseline``."""
-    random = np.random.default_rng(seed)
-    outcomes = []
+def _paired(random: np.random.Generator, confidence: float) -> int:
+    base, head = paired_values(random, 1, 10, 1.0)
+    return ratio_outcome(paired_ratio(base[0].tolist(), head[0].tolist(), confidence))
+
+
+KINDS: dict[str, Batch] = {
+    "percentile, bursts of 5": _shares(bursts(5), 10, 300, 0.01),
+    "drop rate": _shares(stationary, 10, 100, 0.05),
+    "mean over iterations": lambda random, confidence: mean_outcome(
+        random.normal(1, 0.02, 10).tolist(), confidence
+    ),
+    "windows": _shares(bursts(2), 10, 20, 0.1),
+    "looks at 1x, 2x, 4x": lambda random, confidence: look(
+        stationary(random, (1, 40, 75), 0.1)[0], 0.1, confidence
+    )[0],
+    "interleaved pairs, no margin": _paired,
+}
+
+# Worlds of successive runs; two of them differ by 2.7 %.
+
+RunWorld = Callable[[np.random.Generator, int], Values]
+"""The logarithms of the values of so many successive runs, each with fresh processes."""
+
+_SCATTER = 0.019
+
+
+def _alike(random: np.random.Generator, runs: int) -> Values:
+    return random.normal(0, _SCATTER, runs)
+
+
+def _resembling(random: np.random.Generator, runs: int) -> Values:
+    noise = random.normal(0, _SCATTER * math.sqrt(0.75), runs + 20)
+    return np.asarray(signal.lfilter([1], [1, -0.5], noise)[20:])
+
+
+RUN_WORLDS: dict[str, RunWorld] = {
+    "runs differ by 2.7 %": _alike,
+    "each run is slower by 0.5 %": lambda random, runs: (
+        _alike(random, runs) - 0.005 * np.arange(runs)
+    ),
+    "runs resemble (0.5)": _resembling,
+    "the machine wanders by 1 % a run": lambda random, runs: (
+        _alike(random, runs) + np.cumsum(random.normal(0, 0.01, runs))
+    ),
+    "1 run in 10 is disturbed by a fifth": lambda random, runs: (
+        _alike(random, runs) - 0.2 * (random.random(runs) < 0.1)
+    ),
+    "skewed differences": lambda random, runs: -0.02 * random.exponential(1, runs),
+}
+
+
+def pairs_errors(world: RunWorld, *, pairs: int = 10, runs: int) -> Errors:
+    """Interleaved pairs in the order of a coin; a failure is confirmed by as many fresh pairs."""
+
+    def batch(random: np.random.Generator, confidence: float) -> int:
+        values = np.exp(world(random, 2 * pairs))
+        order = heads(pairs, int(random.integers(2**32)))
+        return ratio_outcome(
+            paired_ratio(values[~order].tolist(), values[order].tolist(), confidence)
+        )
+
+    return confirmed_gates(batch, runs=runs)
+
+
+def history_errors(
+    world: RunWorld, *, history: int, runs: int, ratio: float = 1.0, limit: float = 1.0
+) -> Errors:
+    """A new run against earlier ones; a failure is confirmed by a run that meets the same ones."""
+    random = np.random.default_rng(1)
+    found = Errors(runs)
+
+    def judged(earlier: list[float], value: float, confidence: float) -> int:
+        return ratio_outcome(predicted_ratio(earlier, ratio * value, confidence), limit)
+
     for _ in range(runs):
-        earlier = run_values(random, history, iterations).mean(axis=1).tolist()
-        new = float(run_values(random, 1, iterations).mean()) * ratio
-        outcomes.append(ratio_outcome(predicted_ratio(earlier, new, CONFIDENCE), limit))
-    return Rates.of(outcomes)
+        *earlier, new, fresh = np.exp(world(random, history + 2)).tolist()
+        confirm = partial(judged, earlier, fresh, HISTORY_CONFIRMATION_CONFIDENCE)
+        found.add(judged(earlier, new, CONFIDENCE), confirm)
+    return found

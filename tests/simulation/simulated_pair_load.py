@@ -18,7 +18,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from simulated_gates import Errors, heads
-from simulated_runs import RATE_HZ, run_of
 
 from r2bspec.judge.confirmation import confirm_run
 from r2bspec.judge.decision_policy import DecisionPolicy
@@ -34,6 +33,7 @@ from r2bspec.judge.verdict import InterferencePolicy, Verdict
 from r2bspec.language.spec import Objective
 from r2bspec.record.comparison_folder import Side
 from run_simulation import objective
+from simulated_runs import RATE_HZ, run_of
 
 Shares = NDArray[np.float64]
 LoadWorld = Callable[[np.random.Generator, NDArray[np.bool_]], Shares]

@@ -14,19 +14,26 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal, special
-from simulated_gates import CONFIDENCE, Errors
+from simulated_gates import (
+    CONFIDENCE,
+    LOOKS,
+    Errors,
+    Values,
+    percentile_outcome,
+    ratio_outcome,
+    share_test,
+)
 
-from r2bspec.judge.decision_policy import InterimLooks
-from r2bspec.judge.measure.times import rank
-from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
 from r2bspec.judge.statistics.effective_sample_size import SampleDesign, effective_sample
 from r2bspec.judge.statistics.percentile_interval import RankedMessages, percentile_interval
-from r2bspec.judge.statistics.t_interval import hierarchical_interval
+from r2bspec.judge.statistics.t_interval import (
+    RunValues,
+    hierarchical_interval,
+    welch_ratio_of_runs,
+)
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 
-Values = NDArray[np.float64]
 Parts = tuple[tuple[float, float, float], ...]
 
 SCATTER = 0.1
@@ -196,30 +203,16 @@ def outcome(
         return int(found.interval.upper < limit) - int(found.interval.lower >= limit)
     starts = shape.numbers[: len(values)]
     if quantity == WINDOWS:
-        ranked = RankedMessages(
-            list(window_means(values)),
-            SampleDesign(starts, round(1 - _WINDOW_SHARE, 12), confidence),
-        )
+        design = SampleDesign(starts, round(1 - _WINDOW_SHARE, 12), confidence)
+        ranked = RankedMessages(list(window_means(values)), design)
         interval = percentile_interval(ranked, _WINDOW_SHARE, confidence)
         return int(interval.upper < limit) - int(interval.lower >= limit)
+    allowed = round(1 - QUANTILES.get(quantity, 0.99), 12)
     if quantity == "drop rate 1 %":
-        allowed = 0.01
         design = SampleDesign(starts, allowed, confidence)
-        sample, margin, estimate = effective_sample(list(values > limit), design), 0.0, limit
-        passes = fails = True
-    else:
-        q = QUANTILES[quantity]
-        allowed = round(1 - q, 12)
-        ranked = RankedMessages(list(values), SampleDesign(starts, allowed, confidence))
-        sample = ranked.effective_sample(int(np.count_nonzero(values > limit)))
-        levels = ranked.level_margin(q, confidence)
-        margin = levels.half if levels is not None else 0.0
-        estimate = float(ranked.ordered[rank(q, ranked.n) - 1])
-        passes, fails = estimate + margin <= limit, estimate - margin > limit
-    counts = sample.bad_messages, sample.messages, confidence
-    if passes and upper_bound(*counts) <= allowed:
-        return 1
-    return -1 if fails and lower_bound(*counts) > allowed else 0
+        sample = effective_sample(list(values > limit), design)
+        return share_test(sample.bad_messages, sample.messages, allowed, confidence)
+    return percentile_outcome(values, limit, allowed, confidence, starts)
 
 
 _TRUTH_RUNS = 4000
@@ -248,21 +241,21 @@ def errors(
     *,
     shape: Shape = DEFAULT,
     runs: int,
-    looks: InterimLooks | None = None,
-    seed: int = 1,
+    looks: bool = False,
 ) -> dict[str, Errors]:
     """Judge many runs, exactly on the limit, and play failures again."""
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(1)
     limits = {quantity: limit_of(world, quantity) for quantity in quantities}
     found = {quantity: Errors(runs) for quantity in quantities}
-    ends = looks.iterations if looks is not None else (shape.pieces,)
+    ends = {shape.pieces: CONFIDENCE}
+    if looks:
+        ends = {end: LOOKS.confidence_at(at) for at, end in enumerate(LOOKS.iterations, start=1)}
     for _ in range(runs):
         values = world.run(random, shape)
         again: Values | None = None
         for quantity, limit in limits.items():
             first, end = 0, 0
-            for look, end in enumerate(ends, start=1):
-                confidence = looks.confidence_at(look) if looks is not None else CONFIDENCE
+            for end, confidence in ends.items():
                 first = outcome(values[:end], shape, quantity, limit, confidence)
                 if first:
                     break
@@ -272,3 +265,16 @@ def errors(
             confirm = partial(outcome, fresh[:end], shape, quantity, limit, CONFIRMATION_CONFIDENCE)
             found[quantity].add(first, confirm)
     return found
+
+
+def stored_errors(world: StartWorld, shape: Shape, *, by_starts: bool = True, runs: int) -> Errors:
+    """Two stored runs of one graph by Welch's test, with or without regard to their starts."""
+    random = np.random.default_rng(1)
+    starts = shape.numbers if by_starts else ()
+
+    def stored() -> RunValues:
+        return RunValues(world.run(random, shape).mean(axis=1).tolist(), starts)
+
+    return Errors.of(
+        ratio_outcome(welch_ratio_of_runs(stored(), stored(), CONFIDENCE)[0]) for _ in range(runs)
+    )

@@ -7,18 +7,16 @@ a share of the time, in stalls of a random length; it waits for it only while it
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import msgspec
 import numpy as np
-from simulated_runs import run_of
 
 from r2bspec.judge.decision_policy import DecisionPolicy
-from r2bspec.judge.measure.host_usage import HostInterference
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge
-from run_simulation import objective
+from run_simulation import objective, with_interference
+from simulated_runs import RATE_HZ, run_of
 from simulated_waits import Stalls, disturbed
 
 DEPTH = 5
@@ -52,7 +50,7 @@ def fails(load: float, share: float, *, stricter: float, runs: int, seed: int = 
     for _ in range(runs):
         known = _run(random, load, share)
         for number, samples in enumerate(
-            (_with(known, lambda _: None), _with(known, _only_pressure), known)
+            (with_interference(known, None), _only_pressure(known), known)
         ):
             verdict = judge({"slo": objective(*asked)}, samples, DecisionPolicy())
             counts[number] += verdict.outcome == "fail"
@@ -94,22 +92,9 @@ def _stalls(random: np.random.Generator, share: float) -> Stalls:
     return found
 
 
-def _with(
-    samples: RunSamples, change: Callable[[HostInterference], HostInterference | None]
-) -> RunSamples:
-    """The run, with something else known about its machine."""
-    return replace(
-        samples,
-        iterations={
-            rate: tuple(
-                replace(one, interference=change(one.interference))
-                for one in found
-                if one.interference is not None
-            )
-            for rate, found in samples.iterations.items()
-        },
+def _only_pressure(samples: RunSamples) -> RunSamples:
+    """The run on a machine that does not tell how long its processes waited."""
+    around = [one.interference for one in samples.iterations[RATE_HZ]]
+    return with_interference(
+        samples, *(msgspec.structs.replace(one, own_waited=None) for one in around if one)
     )
-
-
-def _only_pressure(known: HostInterference) -> HostInterference:
-    return msgspec.structs.replace(known, own_waited=None)

@@ -10,246 +10,336 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
 import os
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import signal, stats
-from simulated_batches import KINDS, aa_gates, history_gates
-from simulated_disturbances import Kind as Disturbance
-from simulated_disturbances import Machine, outcomes
 from simulated_gates import (
+    KINDS,
+    MEAN_WORLDS,
+    RUN_WORLDS,
     Errors,
-    Rates,
-    bootstrap_gate,
-    history_gate,
-    looked_gate,
+    RunWorld,
+    confirmed_gates,
+    held,
+    history_errors,
     mean_gate,
     paired_gate,
+    pairs_errors,
     share_gate,
-    stored_gate,
 )
-from simulated_runs import judged
+from simulated_pair_load import LOAD_WORLDS, LoadWorld, PairGate
+from simulated_starts import QUANTITIES, Shape, errors, stored_errors
+from simulated_starts import WORLDS as START_WORLDS
 from simulated_waiting import fails
 from simulated_worlds import WORLDS
-from start_tables import START_TABLES, show
 
-from compared_searches import Method, csit, probabilistic_bisection, rfc_2544
-from r2bspec.judge.decision_policy import InterimLooks
 from r2bspec.judge.rate_decision import Criterion
 from r2bspec.judge.statistics.binomial import upper_bound
-from r2bspec.judge.statistics.t_interval import smallest_detectable
+from r2bspec.judge.statistics.t_interval import mean_interval, smallest_detectable
 from simulated_peaks import SERVERS, Kind, outcome, searched
-from simulated_queues import SUSTAINED, Server
+from simulated_queues import SUSTAINED, Play, Server
 from simulated_queues import probe as probed
 from simulated_speeds import WORLDS as SPEEDS
 from simulated_speeds import Graph, World, find
 
 RUNS = 2000
 
+Row = TypeVar("Row")
+Column = TypeVar("Column")
+
+
+def show(title: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Print a table."""
+    lines = [title, "", f"| {' | '.join(head)} |", f"|{' --- |' * len(head)}"]
+    lines += [f"| {' | '.join(map(str, row))} |" for row in rows]
+    sys.stdout.write("\n".join(lines) + "\n\n")
+    sys.stdout.flush()
+
+
+def grid(
+    title: str,
+    corner: str,
+    rows: Mapping[str, Row],
+    columns: Mapping[str, Column],
+    cell: Callable[[Row, Column], object],
+) -> None:
+    """Print a table of which each cell is a function of its row and its column."""
+    show(
+        title,
+        [corner, *columns],
+        ([name, *(cell(row, each) for each in columns.values())] for name, row in rows.items()),
+    )
+
+
+def bold(found: Errors) -> str:
+    """The three shares in percent; bold where they are more than is promised."""
+    return str(found) if held(found) else f"**{found}**"
+
+
+def chosen(worlds: Mapping[str, Row], *names: str) -> dict[str, Row]:
+    """The worlds of these names."""
+    return {name: worlds[name] for name in names}
+
+
+PAIR_NUMBERS = {"3 pairs": 3, "5": 5, "10": 10, "20": 20}
+ITERATIONS = {"3 iterations": 3, "5": 5, "10": 10, "20": 20}
+
 
 def messages() -> None:
-    def least(over: int, share: float) -> int:
+    def least(over: int, share: float) -> str:
         n = over + 1
         while upper_bound(over, n, 0.95) > share:
             n += 1
-        return n
+        return f"{n:,}"
 
-    show(
+    grid(
         "Messages that pass, by how many are over the limit",
-        ["over the limit", "p50", "p90", "p95", "p99", "p99.9"],
-        (
-            [over, *(f"{least(over, share):,}" for share in (0.5, 0.1, 0.05, 0.01, 0.001))]
-            for over in (0, 1, 2, 5, 10)
-        ),
+        "over the limit",
+        {str(over): over for over in (0, 1, 2, 5, 10)},
+        {"p50": 0.5, "p90": 0.1, "p95": 0.05, "p99": 0.01, "p99.9": 0.001},
+        least,
     )
 
 
 def shares() -> None:
-    def row(name: str) -> Iterable[object]:
-        yield name
-        for allowed, number in ((0.01, 300), (0.01, 1000), (0.1, 300)):
-            for plain in (True, False):
-                yield share_gate(
-                    WORLDS[name], allowed, allowed, runs=RUNS, messages=number, plain=plain
-                )
-
-    show(
+    grid(
         "Wrong passes / wrong fails, in % of runs",
-        [
-            "world",
-            "p99, 3,000: plain",
-            "effective",
-            "p99, 10,000: plain",
-            "effective",
-            "p90, 3,000: plain",
-            "effective",
-        ],
-        ([*row(name)] for name in WORLDS),
+        "world",
+        WORLDS,
+        {
+            f"{name}: {how}": (allowed, number, how == "plain")
+            for name, allowed, number in (
+                ("p99, 3,000", 0.01, 300),
+                ("p99, 10,000", 0.01, 1000),
+                ("p90, 3,000", 0.1, 300),
+            )
+            for how in ("plain", "effective")
+        },
+        lambda world, asked: (
+            share_gate(
+                world, asked[0], asked[0], runs=RUNS, messages=asked[1], plain=asked[2]
+            ).rates
+        ),
     )
 
 
 def means() -> None:
     random = np.random.default_rng(1)
-
-    def made(world: str, m: int) -> NDArray[np.float64]:
-        shape = (RUNS // 2, m, 300)
-        match world:
-            case "stationary, 2 % variation":
-                return random.normal(1, 0.02, (RUNS, m))
-            case "drifting by 6 %":
-                return random.normal(1, 0.02, (RUNS, m)) + np.linspace(-0.03, 0.03, m)
-            case "each like the one before (r = 0.5)":
-                noise = random.standard_normal((RUNS, m + 100))
-                values = signal.lfilter([0.75**0.5], [1, -0.5], noise, axis=1)
-                return np.asarray(1 + values[:, 100:])
-            case "log-normal messages (sigma 1), 300 each":
-                return np.asarray(np.exp(random.normal(0, 1, shape) - 0.5).mean(axis=2))
-        return np.asarray((2 * random.pareto(3, shape)).mean(axis=2))
-
-    worlds = (
-        "stationary, 2 % variation",
-        "drifting by 6 %",
-        "each like the one before (r = 0.5)",
-        "log-normal messages (sigma 1), 300 each",
-        "Pareto messages (index 3), 300 each",
-    )
-    show(
+    grid(
         "Means: wrong passes / wrong fails, in % of runs",
-        ["world", "3 iterations", "5", "10", "20"],
-        ([name, *(mean_gate(made(name, m), 1.0) for m in (3, 5, 10, 20))] for name in worlds),
+        "world",
+        MEAN_WORLDS,
+        ITERATIONS,
+        lambda world, m: mean_gate(world(random, RUNS, m)).rates,
+    )
+
+
+def care() -> None:
+    """What it costs where iterations are independent that they might not be."""
+    random = np.random.default_rng(1)
+
+    def cell(errors_off: float, m: int) -> str:
+        values = random.normal(1, 0.02, (RUNS, m)) + errors_off * 0.02 / math.sqrt(m)
+        alone = np.mean([mean_interval(run, 0.95).lower >= 1 for run in values.tolist()])
+        return f"{100 * alone:.0f} / {100 * mean_gate(values).failed:.0f}"
+
+    grid(
+        "Independent iterations: means that fail by t alone / as judged, in %",
+        "the mean is over the limit by",
+        {f"{off} standard errors": off for off in (3, 6, 12)},
+        ITERATIONS,
+        cell,
     )
 
 
 def power() -> None:
-    random = np.random.default_rng(2)
-    p99_ms = float(stats.lognorm.ppf(0.99, 0.3)) * 20
-
-    def caught(loss: float, variation: float, pairs: int) -> str:
+    def caught(case: tuple[float, float], pairs: int) -> str:
+        variation, loss = case
         found = paired_gate(1 - loss, 0.97, pairs=pairs, runs=600, variation=variation)
         return f"{100 * found.failed:.0f}"
 
-    def failed(slower: float, iterations: int) -> str:
-        made = [
-            judged(
-                stats.lognorm.rvs(
-                    0.3, scale=0.02 * slower, size=(iterations, 300), random_state=random
-                ),
-                f"latency.p99 < {1.03 * p99_ms:.5f} ms",
-            ).outcome
-            for _ in range(60)
-        ]
-        return f"{100 * made.count('fail') / 60:.0f}"
-
-    show(
-        "latency.p99, limit 3 % above what it was: caught, in % of runs",
-        ["slower by", "3 iterations", "5", "10", "20"],
-        (
-            [f"{round(100 * (slower - 1))} %", *(failed(slower, m) for m in (3, 5, 10, 20))]
-            for slower in (1.05, 1.1, 1.2)
-        ),
-    )
-    show(
+    grid(
         "Interleaved pairs, limit 97 % of baseline: caught, in % of runs",
-        ["loss", "variation", "3 pairs", "5", "10", "20"],
-        (
-            [
-                f"{loss:.0%}",
-                f"{variation:.0%}",
-                *(caught(loss, variation, n) for n in (3, 5, 10, 20)),
-            ]
+        "variation, loss",
+        {
+            f"{variation:.0%}, {loss:.0%}": (variation, loss)
             for variation in (0.02, 0.05)
             for loss in (0.05, 0.1, 0.2)
-        ),
+        },
+        PAIR_NUMBERS,
+        caught,
     )
-    show(
+    grid(
         "Smallest regression beyond the limit that is found nine times in ten",
-        ["noise floor", "5 pairs", "10", "20", "40"],
-        (
-            [
-                f"{floor:.0%}",
-                *(
-                    f"{100 * np.expm1(smallest_detectable(floor, n, 0.95)):.1f} %"
-                    for n in (5, 10, 20, 40)
-                ),
-            ]
-            for floor in (0.01, 0.02, 0.03, 0.05)
-        ),
-    )
-
-
-def looks() -> None:
-    plan = InterimLooks((10, 20, 40))
-    names = ("stationary", "bursts of 5", "autocorrelated, 0.9", "heavy-tailed")
-
-    def row(name: str) -> Iterable[object]:
-        flags = WORLDS[name](np.random.default_rng(3), (RUNS, 40, 75), 0.1)
-        yield name
-        for planned in (False, True):
-            yield looked_gate(flags, 0.1, plan, planned=planned)[0]
-
-    show(
-        "Looks at 10, 20 and 40 iterations: wrong passes / wrong fails, in % of runs",
-        ["world", "unplanned: each at 95 %", "planned: the error divided"],
-        ([*row(name)] for name in names),
+        "noise floor",
+        {f"{floor:.0%}": floor for floor in (0.01, 0.02, 0.03, 0.05)},
+        {"5 pairs": 5, "10": 10, "20": 20, "40": 40},
+        lambda floor, n: f"{100 * np.expm1(smallest_detectable(floor, n, 0.95)):.1f} %",
     )
 
 
 def gates() -> None:
-    def row(name: str, found: Errors) -> Iterable[object]:
-        return name, *(f"{100 * share:.1f}" for share in found.shares)
+    def row(name: str) -> list[str]:
+        return [
+            name,
+            *(f"{100 * share:.1f}" for share in confirmed_gates(KINDS[name], runs=600).shares),
+        ]
 
     show(
         "600 A/A gates of each kind, exactly on the limit, in %",
         ["gate", "wrong passes", "wrong fails", "after confirmation"],
-        [
-            *([*row(name, aa_gates(batch))] for name, batch in KINDS.items()),
-            [*row("history of ten runs, no margin", history_gates())],
-        ],
+        map(row, KINDS),
     )
 
 
-def baselines() -> None:
-    methods: dict[str, Callable[[int], Rates]] = {
-        "pairs, paired t on logs, no margin": lambda n: paired_gate(1, 1, pairs=n, runs=RUNS),
-        "pairs, paired t on logs, 5 % margin": lambda n: paired_gate(1, 0.95, pairs=n, runs=RUNS),
-        "pairs, bootstrap of the ratio, no margin": lambda n: bootstrap_gate(1, pairs=n, runs=1000),
-        "two stored runs of one start, Welch, no margin": lambda n: stored_gate(n, runs=RUNS),
-        "history of so many runs, no margin": lambda n: history_gate(1, 1, history=n, runs=RUNS),
-        "history of so many runs, 5 % margin": lambda n: history_gate(
-            1, 0.95, history=n, runs=RUNS
-        ),
-    }
+def starts() -> None:
+    """Every world, a run of 5 starts of 2 iterations of 300 messages."""
     show(
-        "A against A: 'worse', in % of comparisons",
-        ["method", "5", "10", "30"],
+        "5 starts x 2 iterations x 300 messages: wrong passes / fails / confirmed fails, in %",
+        ["world", *QUANTITIES],
         (
-            [name, *(f"{100 * gate(n).failed:.1f}" for n in (5, 10, 30))]
-            for name, gate in methods.items()
+            [name, *map(bold, errors(world, runs=1000).values())]
+            for name, world in START_WORLDS.items()
         ),
+    )
+
+
+def shapes() -> None:
+    """How many starts and iterations are needed, by 3,000 messages a run."""
+
+    def cell(case: tuple[Shape, str], name: str) -> str:
+        shape, quantity = case
+        if quantity == "mean, throughput" and shape.pieces == 1:
+            return "open"
+        return bold(errors(START_WORLDS[name], (quantity,), shape=shape, runs=500)[quantity])
+
+    sizes = ((1, 1), (1, 3), (1, 5), (1, 10), (2, 2), (3, 2), (5, 2), (10, 2), (20, 2))
+    names = (
+        "nothing differs",
+        "iterations differ by 2.7 %",
+        "iterations resemble (0.5), 5 %",
+        "starts differ by 2.7 %",
+    )
+    grid(
+        "Starts x iterations, 3,000 messages in all: the same",
+        "starts x iterations",
+        {
+            f"{number} x {each}, {quantity}": (
+                Shape(number, each, 3000 // (number * each)),
+                quantity,
+            )
+            for quantity in ("p50", "mean, throughput")
+            for number, each in sizes
+        },
+        {name: name for name in names},
+        cell,
+    )
+
+
+def comparisons() -> None:
+    """Base against head, in pairs and with a history."""
+    columns: Mapping[str, Callable[[RunWorld], Errors]] = {
+        f"{n} pairs": partial(pairs_errors, pairs=n, runs=RUNS) for n in (5, 10)
+    } | {f"history of {n}": partial(history_errors, history=n, runs=RUNS) for n in (5, 10, 30)}
+    grid(
+        "A against A, ratio and limit 1: wrong passes / fails / confirmed fails, in %",
+        "world",
+        RUN_WORLDS,
+        columns,
+        lambda world, gate: bold(gate(world)),
+    )
+
+
+def stored() -> None:
+    """Two stored runs of one graph, by their iterations and by their starts."""
+    names = (
+        "nothing differs",
+        "iterations differ by 2.7 %",
+        "starts differ by 2.7 %",
+        "both differ by 2.7 %",
+        "stalls of 5 messages",
+        "skewed messages (log-normal)",
+        "the hour differs by 2.7 %",
+    )
+    grid(
+        "Two stored runs, A against A: 'worse' by iterations / as compared, in %",
+        "world",
+        chosen(START_WORLDS, *names),
+        {f"{number} starts": Shape(number, 2) for number in (2, 3, 5, 10)},
+        lambda world, shape: " / ".join(
+            f"{100 * stored_errors(world, shape, by_starts=by, runs=1000).failed:.1f}"
+            for by in (False, True)
+        ),
+    )
+
+
+def pair_load() -> None:
+    """Pairs on a machine that others use, too."""
+    columns: dict[str, Callable[[LoadWorld], PairGate]] = {
+        "on the limit, A B B A, as played": partial(
+            PairGate, limit=100.0, fixed_order=True, interference="tolerate"
+        ),
+        "on the limit": partial(PairGate, limit=100.0),
+        "unchanged, limit 105 %": PairGate,
+        "15 % slower, limit 105 %": partial(PairGate, slower=1.15),
+    }
+    grid(
+        "10 pairs, latency.p50 <= limit: passes / fails / confirmed fails, in % of 200",
+        "world",
+        LOAD_WORLDS,
+        columns,
+        lambda world, gate: gate(world).outcomes(runs=200),
+    )
+
+
+def pair_numbers() -> None:
+    """How many pairs it takes, by how much starts differ, under load that both sides had alike."""
+    world = LOAD_WORLDS["a third is taken from both sides"]
+
+    def cell(differ: float, pairs: int) -> str:
+        same, slower = (
+            100
+            * PairGate(world, pairs=pairs, starts=differ, slower=slower)
+            .outcomes(runs=200)
+            .shares[2]
+            for slower in (1.0, 1.15)
+        )
+        return f"{same:.1f} / {slower:.0f}"
+
+    grid(
+        "A third taken from both sides, limit 105 %: confirmed fails, same / 15 % slower, in %",
+        "starts differ by",
+        {f"{100 * each:g} %": each for each in (0.027, 0.05, 0.1)},
+        {f"{pairs} pairs": pairs for pairs in (3, 5, 10, 20, 40)},
+        cell,
     )
 
 
 def sustained() -> None:
-    def cell(kind: Kind, load: float, seconds: float, number: int) -> str:
+    def cell(probe: tuple[Kind, float, int], load: float) -> str:
+        kind, seconds, number = probe
         found = Counter(outcome(kind, load, seconds=seconds, seed=seed) for seed in range(number))
         valid = number - found["invalid"]
         return f"{100 * found['pass'] / valid:.0f} / {100 * found['fail'] / valid:.0f}"
 
-    loads = (0.8, 0.9, 0.95, 1.05, 1.1, 1.2)
     kinds: tuple[Kind, ...] = ("D/D/1", "D/M/1", "M/D/1", "M/M/1")
-    show(
+    grid(
         "sustained: passes / fails, in % of probes, by load",
-        ["queue, length of the probe", *(f"{load:.0%}" for load in loads)],
-        (
-            [f"{kind}, {seconds} s", *(cell(kind, load, seconds, number) for load in loads)]
+        "queue, length of the probe",
+        {
+            f"{kind}, {seconds} s": (kind, seconds, number)
             for kind in kinds
             for seconds, number in ((3, 150), (10, 150), (30, 60))
-        ),
+        },
+        {f"{load:.0%}": load for load in (0.8, 0.9, 0.95, 1.05, 1.1, 1.2)},
+        cell,
     )
 
 
@@ -294,70 +384,26 @@ def peak_worlds() -> None:
         "peak worlds: 200 searches each, in %: brackets with 95 % that hold the truth, that do "
         "not, and without 95 %",
         ["graph", "right", "wrong", "unsteady", "open", "width", "played", "such as"],
-        (row(name) for name in SPEEDS),
+        map(row, SPEEDS),
     )
-
-
-def peak_methods() -> None:
-    number = 40
-
-    def own(name: str) -> str:
-        found = [find(name, seed) for seed in range(number)]
-        results = Counter(each.result for each in found)
-        said = number - results["right"] - results["wrong"]
-        right = f"{100 * results['right'] / number:.0f} %"
-        return _method_cell(
-            f"{100 * said / number:.0f} % unsteady or open" if 2 * said > number else right,
-            [each.width for each in found],
-            [each.played_s for each in found],
-        )
-
-    def other(method: Method, name: str) -> str:
-        found = [method(name, seed) for seed in range(number)]
-        return _method_cell(
-            f"{100 * sum(each.contains for each in found) / number:.0f} %",
-            [each.width for each in found],
-            [each.played_s for each in found],
-        )
-
-    others = {
-        "MLRsearch, RFC 2544": rfc_2544,
-        "MLRsearch, CSIT": csit,
-        "probabilistic bisection": probabilistic_bisection,
-    }
-    worlds = [name for name in SPEEDS if not name.startswith("loses")]
-    show(
-        "peak methods: truth in the bracket, median width, median time played, of 40 searches each",
-        ["graph", "r2bspec", *others],
-        ([name, own(name), *(other(each, name) for each in others.values())] for name in worlds),
-    )
-
-
-def _method_cell(right: str, widths: Sequence[float], times_s: Sequence[float]) -> str:
-    return f"{right}, {100 * float(np.median(widths)):.1f} %, {np.median(times_s):.0f} s"
 
 
 def peak_losses() -> None:
     def cell(loses: float, rate_hz: float) -> str:
-        holds = {"probe": 0, "sustained": 0}
+        holds: Counter[Play | None] = Counter()
         for seed in range(200):
             server = Server(1000.0, loses=loses, seed=seed)
-            criterion = Criterion(precision=0.02)
-            short = probed(server, rate_hz, criterion=criterion)
-            whole = probed(server, rate_hz, criterion=criterion, play=SUSTAINED)
-            holds["probe"] += bool(short.judgement.holds)
-            holds["sustained"] += bool(whole.judgement.holds)
-        return f"{holds['probe'] / 2:.1f} / {holds['sustained'] / 2:.1f}"
+            for play in (None, SUSTAINED):
+                holds[play] += bool(probed(server, rate_hz, play=play).judgement.holds)
+        return f"{holds[None] / 2:.1f} / {holds[SUSTAINED] / 2:.1f}"
 
-    rates = (10.0, 20.0, 30.0, 60.0, 120.0)
-    show(
+    grid(
         "peak losses: probes of the search / of objectives that find a rate sustained at which a "
         "graph loses messages, where none may be lost, in % of 200",
-        ["lost", *(f"{each:g} Hz" for each in rates)],
-        (
-            [f"{loses:.1%}", *(cell(loses, each) for each in rates)]
-            for loses in (0.005, 0.02, 0.05, 0.1)
-        ),
+        "lost",
+        {f"{loses:.1%}": loses for loses in (0.005, 0.02, 0.05, 0.1)},
+        {f"{each:g} Hz": each for each in (10.0, 20.0, 30.0, 60.0, 120.0)},
+        cell,
     )
 
 
@@ -367,89 +413,78 @@ def peak_edges() -> None:
         for seed in range(400):
             graph = Graph(World(variation=variation), 100.0, np.random.default_rng(seed))
             criterion = Criterion(precision=0.02)
-            judged = probed(graph, 100 * load, criterion=criterion, play=SUSTAINED).judgement
-            holds += bool(judged.holds)
+            probe = probed(graph, 100 * load, criterion=criterion, play=SUSTAINED)
+            holds += bool(probe.judgement.holds)
         return f"{holds / 4:.1f}"
 
-    loads = (1.005, 1.01, 1.02, 1.03, 1.04, 1.06)
-    show(
+    grid(
         "peak edges: objectives that find a rate sustained at this multiple of the capacity, "
         "precision 2 %, in % of 400",
-        ["service times", *(f"{each:g}" for each in loads)],
-        ([f"log-normal, cv {cv:g}", *(cell(cv, each) for each in loads)] for cv in (0.1, 0.3, 0.6)),
-    )
-
-
-def disturbances() -> None:
-    def cell(kind: Disturbance, share: float, slower: float) -> str:
-        played, known = outcomes(Machine(kind, share), runs=200, slower=slower).fails()
-        return f"{100 * played:.0f} / {100 * known:.0f}"
-
-    kinds: tuple[Disturbance, ...] = ("stalls", "contention")
-    slower = (0.5, 1.8, 2.5, 5.0, 14.0)
-    show(
-        "Fails as it was played / as it is judged, in % of runs, by how slow the graph is",
-        ["machine", "half the limit", "on the limit", "1.3 x", "2.5 x", "7 x"],
-        (
-            [f"{kind} in {share:.0%} of iterations", *(cell(kind, share, each) for each in slower)]
-            for kind in kinds
-            for share in (0.3, 1.0)
-        ),
+        "service times",
+        {f"log-normal, cv {cv:g}": cv for cv in (0.1, 0.3, 0.6)},
+        {f"{each:g}": each for each in (1.005, 1.01, 1.02, 1.03, 1.04, 1.06)},
+        cell,
     )
 
 
 def waiting() -> None:
-    def cell(load: float, share: float, stricter: float) -> str:
+    def cell(load: float, case: tuple[float, float]) -> str:
+        share, stricter = case
         found = fails(load, share, stricter=stricter, runs=100)
         return " / ".join(
             f"{100 * each:.0f}" for each in (found.measured, found.pressure, found.waits)
         )
 
-    show(
+    grid(
         "Fails as measured / as judged by the pressure / by the run-queue waits, in % of runs",
-        ["server", *(f"{share:.0%} taken: {what}" for share in (0.1, 0.2) for what in _ASKED)],
-        (
-            [
-                f"offered {load:g} x what it can do",
-                *(cell(load, share, each) for share in (0.1, 0.2) for each in _ASKED.values()),
-            ]
-            for load in (0.5, 0.9, 1.05, 1.5, 2.0, 3.0)
-        ),
+        "server",
+        {f"offered {load:g} x what it can do": load for load in (0.5, 0.9, 1.05, 1.5, 2.0, 3.0)},
+        {
+            f"{share:.0%} taken: {what}": (share, stricter)
+            for share in (0.1, 0.2)
+            for what, stricter in (("just met alone", 1.0), ("missed by 3 x", 1 / 3))
+        },
+        cell,
     )
 
 
-_ASKED = {"just met alone": 1.0, "missed by 3 x": 1 / 3}
-
-
-TABLES = (
-    *START_TABLES,
-    messages,
-    shares,
-    means,
-    power,
-    looks,
-    gates,
-    baselines,
-    sustained,
-    peaks,
-    peak_worlds,
-    peak_methods,
-    peak_losses,
-    peak_edges,
-    disturbances,
-    waiting,
-)
+TABLES = {
+    table.__name__: table
+    for table in (
+        starts,
+        shapes,
+        comparisons,
+        care,
+        stored,
+        pair_load,
+        pair_numbers,
+        messages,
+        shares,
+        means,
+        power,
+        gates,
+        sustained,
+        peaks,
+        peak_worlds,
+        peak_losses,
+        peak_edges,
+        waiting,
+    )
+}
 
 
 def main(names: Sequence[str]) -> int:
     """Print the tables of these names, or all."""
-    known = [table.__name__ for table in TABLES]
-    if unknown := sorted({*names} - {*known}):
-        sys.stderr.write(f"no table is called {', '.join(unknown)}; there are {', '.join(known)}\n")
+    if unknown := sorted({*names} - {*TABLES}):
+        sys.stderr.write(
+            f"no table is called {', '.join(unknown)}; there are {', '.join(TABLES)}\n"
+        )
         return 2
     problems = []
     with ProcessPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-        for text, problem in pool.map(_made, [name for name in known if name in (names or known)]):
+        for text, problem in pool.map(
+            _made, [name for name in TABLES if name in (names or TABLES)]
+        ):
             sys.stdout.write(text)
             sys.stdout.flush()
             problems += problem
@@ -459,14 +494,13 @@ def main(names: Sequence[str]) -> int:
 
 def _made(name: str) -> tuple[str, list[str]]:
     """What a table prints, and why it ended early, if it did."""
+    problems = []
     with contextlib.redirect_stdout(io.StringIO()) as printed:
         try:
-            next(table for table in TABLES if table.__name__ == name)()
+            TABLES[name]()
         except Exception as error:  # the others are printed all the same
-            return printed.getvalue(), [
-                f"{name} could not be made: {type(error).__name__}: {error}\n"
-            ]
-    return printed.getvalue(), []
+            problems.append(f"{name} could not be made: {type(error).__name__}: {error}\n")
+    return printed.getvalue(), problems
 
 
 if __name__ == "__main__":

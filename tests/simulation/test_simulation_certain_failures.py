@@ -8,7 +8,6 @@ from typing import Literal
 import msgspec
 import numpy as np
 import pytest
-from simulated_runs import RATE_HZ, run_of
 
 from nightly import size
 from r2bspec.judge.decision_policy import certain_failures, decision_policy
@@ -17,6 +16,7 @@ from r2bspec.judge.pipeline import judge
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.plan.plan import Plan, PlayPlan
 from run_simulation import Simulation, objective
+from simulated_runs import RATE_HZ, run_of
 
 pytestmark = pytest.mark.simulation
 

@@ -6,11 +6,11 @@ import itertools
 
 import numpy as np
 import pytest
-from simulated_runs import judged, run_of
 
 from r2bspec.judge.measure.metric_catalogue import names
 from r2bspec.judge.pipeline import judge
 from run_simulation import objective
+from simulated_runs import judged, run_of
 
 pytestmark = pytest.mark.simulation
 

@@ -7,8 +7,8 @@ slower at least 95 % found.
 from __future__ import annotations
 
 import pytest
+from simulated_gates import chance
 from simulated_pair_load import LOAD_WORLDS, PairGate
-from start_tables import chance
 
 from nightly import noise, size
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from scipy import stats
 from simulated_gates import share_gate
-from simulated_runs import judged
 from simulated_worlds import WORLDS, bursts, stationary
 
 from nightly import noise, size
+from simulated_runs import judged
 
 pytestmark = pytest.mark.simulation
 
@@ -28,35 +28,26 @@ FEW_BURSTS = {"bursts of 20", "autocorrelated, 0.9"}
 
 @pytest.mark.parametrize("name", WORLDS)
 @pytest.mark.parametrize("allowed", [0.1, 0.01])
-def test_wrong_fails_are_at_most_five_percent(name: str, allowed: float) -> None:
+def test_both_errors_are_at_most_five_percent(name: str, allowed: float) -> None:
     found = share_gate(WORLDS[name], allowed, allowed, runs=RUNS)
     assert found.failed <= LEVEL + noise(0.06)
+    # At p90 there are bursts enough for any world.
+    if name != "uneven iterations" and (name not in FEW_BURSTS or allowed == 0.1):
+        assert found.passed <= LEVEL + NOISE
 
 
-@pytest.mark.parametrize("name", sorted(set(WORLDS) - FEW_BURSTS - {"uneven iterations"}))
-@pytest.mark.parametrize("allowed", [0.1, 0.01])
-def test_wrong_passes_are_at_most_five_percent(name: str, allowed: float) -> None:
-    found = share_gate(WORLDS[name], allowed, allowed, runs=RUNS)
-    assert found.passed <= LEVEL + NOISE
-
-
-def test_at_p90_there_are_bursts_enough_for_any_world() -> None:
-    for name in FEW_BURSTS:
-        assert share_gate(WORLDS[name], 0.1, 0.1, runs=RUNS).passed <= LEVEL + NOISE
-
-
-def test_iterations_that_differ_at_random_are_the_hardest() -> None:
-    plain = share_gate(WORLDS["uneven iterations"], 0.1, 0.1, runs=RUNS, plain=True)
-    found = share_gate(WORLDS["uneven iterations"], 0.1, 0.1, runs=RUNS)
+@pytest.mark.parametrize(
+    ("name", "allowed", "most"), [("uneven iterations", 0.1, 0.1), ("bursts of 5", 0.01, 0.06)]
+)
+def test_of_messages_counted_one_by_one_a_quarter_pass(
+    name: str, allowed: float, most: float
+) -> None:
+    plain, found = (
+        share_gate(WORLDS[name], allowed, allowed, runs=RUNS, plain=plain)
+        for plain in (True, False)
+    )
     assert plain.passed > 0.25
-    assert found.passed < 0.1 + noise(0.06)
-
-
-def test_bursts_of_five_pass_a_third_of_the_time_if_messages_are_counted_one_by_one() -> None:
-    plain = share_gate(bursts(5), 0.01, 0.01, runs=RUNS, plain=True)
-    found = share_gate(bursts(5), 0.01, 0.01, runs=RUNS)
-    assert plain.passed > 0.25
-    assert 0.01 - noise(0.01) <= found.passed <= 0.06 + noise(0.06)
+    assert found.passed < most + noise(0.06)
 
 
 def test_bursts_of_twenty_stay_undecided_at_p99_unless_none_came() -> None:

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from simulated_comparisons import RUN_WORLDS, history_errors, pairs_errors, stored_errors
-from simulated_gates import Errors
-from simulated_runs import run_of
+from simulated_gates import RUN_WORLDS, Errors, Values, chance, held, history_errors, pairs_errors
 from simulated_starts import (
+    DEFAULT,
     QUANTITIES,
     WINDOWS,
     WORLDS,
@@ -22,14 +21,15 @@ from simulated_starts import (
     errors,
     limit_of,
     outcome,
+    stored_errors,
 )
-from simulated_words import SAID, said
-from start_tables import chance, held
 
 from nightly import noise, size
-from r2bspec.judge.decision_policy import DecisionPolicy, InterimLooks
+from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.pipeline import judge
+from r2bspec.judge.verdict import Verdict
 from run_simulation import objective
+from simulated_runs import run_of
 
 pytestmark = pytest.mark.simulation
 
@@ -38,31 +38,41 @@ COMPARISONS = size(100, 1000)
 NOISE = noise(0.2)
 """What a small sample adds to the largest figures below."""
 
-UNSEEN = 0.42
-"""Of 10 iterations none is one of the slow tenth in 35 % of runs, of 5 starts none of the slow
-fifth in 33 %."""
+RESEMBLE = "hardly show whether each resembles the one before"
+HOUR = "another hour may differ"
+BURSTS = "burst"
+STALLS = "stall"
 
-NOT_HELD: dict[str, dict[str, float]] = {
-    "messages resemble (0.99)": {"p99": 0.13, "drop rate 1 %": 0.32},
-    "iterations resemble (0.5), 5 %": {"p99": 0.11, "drop rate 1 %": 0.14},
+# Of 10 iterations none is one of the slow tenth in 35 % of runs, of 5 starts none of the slow
+# fifth in 33 %.
+UNSEEN = dict.fromkeys(QUANTITIES, (0.42, "may be of a kind not met"))
+
+NOT_HELD: dict[str, dict[str, tuple[float, str]]] = {
+    "messages resemble (0.99)": {"p99": (0.13, BURSTS), "drop rate 1 %": (0.32, BURSTS)},
+    "iterations resemble (0.5), 5 %": {"p99": (0.11, RESEMBLE), "drop rate 1 %": (0.14, RESEMBLE)},
     "iterations resemble (0.8), 5 %": {
-        "p50": 0.15,
-        "p99": 0.19,
-        "drop rate 1 %": 0.25,
-        "mean, throughput": 0.16,
+        "p50": (0.15, RESEMBLE),
+        "p99": (0.19, RESEMBLE),
+        "drop rate 1 %": (0.25, RESEMBLE),
+        "mean, throughput": (0.16, RESEMBLE),
     },
-    "starts resemble (0.5), 2.7 %": {"p99": 0.10, "drop rate 1 %": 0.14},
-    "stalls of 20 messages": {"p99": 0.10, "drop rate 1 %": 0.11, "mean, throughput": 0.19},
+    "starts resemble (0.5), 2.7 %": {"p99": (0.10, RESEMBLE), "drop rate 1 %": (0.14, RESEMBLE)},
+    "stalls of 20 messages": {
+        "p99": (0.10, BURSTS),
+        "drop rate 1 %": (0.11, BURSTS),
+        "mean, throughput": (0.19, STALLS),
+    },
     "stalls of 40 messages": {
-        "p99": 0.28,
-        "drop rate 1 %": 0.28,
-        "mean, throughput": 0.34,
+        "p99": (0.28, BURSTS),
+        "drop rate 1 %": (0.28, BURSTS),
+        "mean, throughput": (0.34, STALLS),
     },
-    "1 iteration in 10 is slow": dict.fromkeys(QUANTITIES, UNSEEN),
-    "1 start in 5 is slow": dict.fromkeys(QUANTITIES, UNSEEN),
-    "the hour differs by 2.7 %": dict.fromkeys(QUANTITIES, 0.5),
+    "1 iteration in 10 is slow": UNSEEN,
+    "1 start in 5 is slow": UNSEEN,
+    "the hour differs by 2.7 %": dict.fromkeys(QUANTITIES, (0.5, HOUR)),
 }
-"""The largest share of wrong passes, by world and quantity; wrong fails are held in all but two."""
+"""The largest share of wrong passes, by world and quantity, and the words that a wrong verdict has
+in its limits, which every report shows, or in a note; wrong fails are held in all but two."""
 
 NEW_RUN_DIFFERS = {
     "each run is slower by 0.5 %",
@@ -72,31 +82,52 @@ NEW_RUN_DIFFERS = {
 """Worlds in which the new run is in truth worse than what a history shows."""
 
 MEMORY = "iterations resemble (0.8), 5 %"
-HOUR = "the hour differs by 2.7 %"
 
 
 @pytest.mark.parametrize("name", WORLDS)
 def test_errors_on_the_limit(name: str) -> None:
     for quantity, found in errors(WORLDS[name], runs=RUNS).items():
         passed, failed, confirmed = found.shares
-        assert passed <= NOT_HELD.get(name, {}).get(quantity, chance(0.05, RUNS)) + NOISE, quantity
-        if name == HOUR:
+        most_passed, _ = NOT_HELD.get(name, {}).get(quantity, (chance(0.05, RUNS), ""))
+        assert passed <= most_passed + NOISE, quantity
+        if name == "the hour differs by 2.7 %":
             continue
         most = 0.16 + NOISE if name == MEMORY else chance(0.05, RUNS)
         assert failed <= most, quantity
         assert confirmed <= chance(0.01, RUNS), quantity
 
 
-@pytest.mark.parametrize(("name", "quantity"), [(name, one) for name in SAID for one in SAID[name]])
+@pytest.mark.parametrize(
+    ("name", "quantity"), [(name, one) for name in NOT_HELD for one in NOT_HELD[name]]
+)
 def test_where_no_test_holds_the_verdict_says_so(name: str, quantity: str) -> None:
-    wrong = size(4, 40)
-    found = said(name, quantity, wrong=wrong)
-    assert found.wrong == wrong
-    assert found.share >= 0.95
+    """The runs that the simulation judges wrongly are judged again, from their messages."""
+    world, (_, words), wanted = WORLDS[name], NOT_HELD[name][quantity], size(4, 40)
+    random, limit = np.random.default_rng(5), limit_of(world, quantity)
+    told: list[bool] = []
+    for _ in range(2000):
+        values = world.run(random, DEFAULT)
+        if not outcome(values, DEFAULT, quantity, limit):
+            continue
+        verdict = verdict_on(values, quantity, limit)
+        # Wrong fails are held in all worlds of bursts and stalls.
+        if verdict.outcome == "pass" or (
+            verdict.outcome == "fail" and words not in {BURSTS, STALLS}
+        ):
+            told.append(words in " ".join((*verdict.limits, *verdict.requirements[0].notes)))
+        if len(told) == wanted:
+            break
+    assert len(told) == wanted
+    assert sum(told) >= 0.95 * wanted
 
 
-def test_what_is_not_held_is_said() -> None:
-    assert all(SAID[name].keys() >= NOT_HELD[name].keys() for name in NOT_HELD)
+def verdict_on(values: Values, quantity: str, limit: float) -> Verdict:
+    """The verdict on a run with these messages, of which one takes 20 ms."""
+    latency, metric = values * 0.02, quantity.partition(",")[0]
+    text = f"latency.{metric} < {limit * 20:.6f} ms"
+    if quantity == "drop rate 1 %":
+        latency, text = np.where(values > limit, np.nan, latency), "drop_rate <= 1 %"
+    return judge({"slo": objective(text)}, run_of(latency, DEFAULT.numbers), DecisionPolicy())
 
 
 @pytest.mark.parametrize("shape", [Shape(2, 2, 750), Shape(3, 2, 500), Shape(10, 2, 150)])
@@ -122,8 +153,7 @@ def test_one_start_tells_of_this_start_alone() -> None:
 
 @pytest.mark.parametrize("name", ["nothing differs", "starts differ by 2.7 %"])
 def test_looks_after_whole_starts(name: str) -> None:
-    looks = InterimLooks((10, 20, 40))
-    found = errors(WORLDS[name], ("p50", "p90"), shape=Shape(20, 2, 75), looks=looks, runs=RUNS)
+    found = errors(WORLDS[name], ("p50", "p90"), shape=Shape(20, 2, 75), looks=True, runs=RUNS)
     assert all(held(one) for one in found.values())
 
 
@@ -148,16 +178,11 @@ def test_comparisons_of_one_graph(name: str) -> None:
 
 
 @pytest.mark.parametrize("shape", [Shape(), Shape(1, 10)])
-@pytest.mark.parametrize(
-    ("quantity", "allowed", "truth"), [("p99", 0.01, 0.002), ("p99", 0.01, 0.03)]
-)
-def test_clear_cases_are_decided(quantity: str, allowed: float, truth: float, shape: Shape) -> None:
+@pytest.mark.parametrize(("truth", "wanted"), [(0.002, 1), (0.03, -1)])
+def test_clear_cases_are_decided(truth: float, wanted: int, shape: Shape) -> None:
     world, random = StartWorld(), np.random.default_rng(11)
     limit = world.quantile(1 - truth)
-    found = [
-        outcome(world.run(random, shape), shape, quantity, limit) for _ in range(size(30, 200))
-    ]
-    wanted = 1 if truth < allowed else -1
+    found = [outcome(world.run(random, shape), shape, "p99", limit) for _ in range(size(30, 200))]
     assert found.count(wanted) >= 0.85 * len(found)
     assert found.count(-wanted) == 0
 
@@ -165,17 +190,15 @@ def test_clear_cases_are_decided(quantity: str, allowed: float, truth: float, sh
 @pytest.mark.parametrize("quantity", ["p50", "p99"])
 def test_the_verdict_of_a_run_is_the_simulated_one(quantity: str) -> None:
     """The verdict asks the test of every limit on one side: that makes it more careful only."""
-    world, random, shape = WORLDS["starts differ by 2.7 %"], np.random.default_rng(3), Shape()
+    world, random = WORLDS["starts differ by 2.7 %"], np.random.default_rng(3)
     words = {1: "pass", -1: "fail", 0: "inconclusive"}
     limit = limit_of(world, quantity) * 1.02
     same = 0
     runs = size(10, 40)
     for _ in range(runs):
-        values = world.run(random, shape)
-        samples = run_of(values * 0.02, shape.numbers)
-        asked = {"slo": objective(f"latency.{quantity} < {limit * 20:.6f} ms")}
-        verdict = judge(asked, samples, DecisionPolicy())
-        simulated = words[outcome(values, shape, quantity, limit)]
+        values = world.run(random, DEFAULT)
+        verdict = verdict_on(values, quantity, limit)
+        simulated = words[outcome(values, DEFAULT, quantity, limit)]
         assert verdict.starts == 5
         assert verdict.outcome in {simulated, "inconclusive"}
         same += verdict.outcome == simulated

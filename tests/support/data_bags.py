@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
+import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.recording import Message, Window
+from r2bspec.bags.recording import DataError, Message, Window
+from r2bspec.datasets.ground_truth import GroundTruth, read_ground_truth
 
 STRING = "std_msgs/msg/String"
 START_NS = 1_700_000_000_000_000_000
@@ -21,6 +23,13 @@ START_NS = 1_700_000_000_000_000_000
 # What the shared dataset holds: two frames of each camera, a turn of the lidar, ten readings of
 # the IMU.
 WINDOW = Window(start_ns=0, end_ns=50_000_000)
+
+
+def refusal_of(action: Callable[..., object], *arguments: Any, **more: Any) -> DataError:
+    """The error with which data is refused."""
+    with pytest.raises(DataError) as refused:
+        action(*arguments, **more)
+    return refused.value
 
 
 @cache
@@ -157,9 +166,16 @@ def storage_file(folder: Path) -> Path:
     return found
 
 
-def decoded(folder: Path, topic: str) -> list[tuple[Message, Any]]:
-    """Messages of a topic of a made dataset, raw and decoded."""
+def truth_of(folder: Path) -> GroundTruth:
+    """The ground truth of a made dataset."""
+    truth = read_ground_truth(folder)
+    assert truth is not None
+    return truth
 
+
+@cache
+def decoded(folder: Path, topic: str) -> list[tuple[Message, Any]]:
+    """Messages of a topic of a made dataset, raw and decoded; nobody changes them."""
     info = index_bag(folder).find(topic)
     assert info is not None
     return [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -10,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import psutil
+import pytest
 
 from r2bspec.ipc.process_cleanup import Session, SessionLeader
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
@@ -64,8 +66,9 @@ class Family:
 
     def __init__(self, folder: Path, run_id: str) -> None:
         self._folder = folder
-        self._run_id = run_id
+        self.run_id = run_id
         self._program = folder / "program.py"
+        folder.mkdir(exist_ok=True)
         self._program.write_text(_PROGRAM)
         self._started: list[SessionLeader] = []
         self._seen: set[int] = set()
@@ -82,7 +85,7 @@ class Family:
         said.touch()
         process = SessionLeader(
             [sys.executable, str(self._program), kind, str(said)],
-            env=os.environ | {RUN_ID_VARIABLE: self._run_id},
+            env=os.environ | {RUN_ID_VARIABLE: self.run_id},
         )
         self._started.append(process)
         wait_for(lambda: len(said.read_text().split()) >= members)
@@ -111,6 +114,19 @@ class Family:
         for process in self._started:
             process.kill()
             process.wait()
+
+
+@pytest.fixture
+def run_id() -> str:
+    """That of a run of the test's own."""
+    return secrets.token_hex(8)
+
+
+@pytest.fixture
+def people(tmp_path: Path, run_id: str) -> Iterator[Family]:
+    """Processes of that run."""
+    with family(tmp_path, run_id) as found:
+        yield found
 
 
 @contextmanager

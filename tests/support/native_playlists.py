@@ -109,12 +109,12 @@ def playback_files(folder: Path) -> list[PlaybackFiles]:
         for number in range(3):
             writer.append(number, bytes(16))
         writer.close()
-    found = []
+    files = []
     for number, schedule in enumerate(SCHEDULES):
         playlist, playback = folder / f"playlist-{number}", folder / f"playback-{number}"
-        made = read_round(schedule, topics, [True, False], folder)
-        write_playlist(playlist, made)
-        write_playback(playback, made, 1e6, 4)
+        playback_round = read_round(schedule, topics, [True, False], folder)
+        write_playlist(playlist, playback_round)
+        write_playback(playback, playback_round, 1e6, 4)
         buffers = tuple(buffer_path(folder, topic, "cdr") for topic in topics)
-        found.append(PlaybackFiles(playlist.read_bytes(), playback.read_bytes(), buffers))
-    return found
+        files.append(PlaybackFiles(playlist.read_bytes(), playback.read_bytes(), buffers))
+    return files

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -10,8 +10,7 @@ import numpy as np
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
-from r2bspec.plan.plan import Plan
-from r2bspec.record.run_record import ProfileRecord, RunRecord, Segment
+from r2bspec.record.run_record import ProfileRecord
 from run_simulation import Played, Simulation
 
 WHOLE = ProfileRecord(
@@ -28,18 +27,8 @@ MISSING = ProfileRecord(
 )
 
 
-@dataclass(frozen=True)
-class ProfiledSimulation(Simulation):
-    """A simulation with profiles."""
-
-    profiles: tuple[ProfileRecord, ...] = ()
-
-    def _record(self, plan: Plan, segments: tuple[Segment, ...]) -> RunRecord:
-        return msgspec.structs.replace(super()._record(plan, segments), profiles=self.profiles)
-
-
 def profiled_run(folder: Path, *profiles: ProfileRecord) -> ReportInput:
     """What the reports of a run with these profiles are made of."""
-    segments = [Played(30, np.full(90, 0.02))]
-    run = ProfiledSimulation(segments=segments, profiles=profiles).write(folder)
+    run = Simulation(segments=[Played(30, np.full(90, 0.02))]).write(folder)
+    run = replace(run, record=msgspec.structs.replace(run.record, profiles=profiles))
     return ReportInput(result=result_of(run), run=run)

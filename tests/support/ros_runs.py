@@ -256,6 +256,17 @@ class Bench:
         return [each for each in psutil.process_iter() if _bench_of(each) is self]
 
 
+@pytest.fixture(scope="module")
+def bench(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    """A bench for the runs of a module, which imports this fixture: with its `NODES`, if it has
+    any, in ``nodes.py``, and its `TOPICS` recorded.
+    """
+    module = request.module
+    made = Bench(tmp_path_factory.mktemp(module.__name__), getattr(module, "TOPICS", None))
+    made.write_node("nodes.py", getattr(module, "NODES", ""))
+    return made
+
+
 _DISCOVERY = re.compile(r"fast\w+_port7[0-3]\d\d")
 """Ports below those of domain 0, which all domains of a machine share for discovery."""
 

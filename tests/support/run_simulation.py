@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -12,7 +14,14 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.measure.host_usage import HostInterference
+from r2bspec.judge.measure.host_usage import HostInterference, rows_by_process
+from r2bspec.judge.measure.run_samples import (
+    NO_STAMPS,
+    HostSamples,
+    SegmentRows,
+    run_samples,
+    segment_samples,
+)
 from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
 from r2bspec.language.quantities import Duration, Rate
 from r2bspec.language.requirement_grammar import parse_requirement
@@ -21,6 +30,7 @@ from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import DatasetPlan, MonitorPlan, Plan
 from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.record.run_record import (
+    AccuracyRecord,
     ConfirmationRecord,
     Probe,
     ProcessRecord,
@@ -64,6 +74,13 @@ EMPTY_RECORD = RunRecord(
 STAMP_NS = 1_800_000_000_000_000_000
 
 
+def remove_digests(folder: Path) -> None:
+    """Let a run folder be one of an older version, which does not say what its samples were."""
+    record = msgspec.json.decode((folder / "record.json").read_bytes())
+    del record["samples"]
+    (folder / "record.json").write_bytes(msgspec.json.encode(record))
+
+
 @dataclass(frozen=True)
 class Played:
     """One segment: a latency in seconds for each step (NaN: lost), and what went wrong.
@@ -102,6 +119,7 @@ class Simulation:
     search: SearchRecord | None = None
     sustained: tuple[Probe, ...] = ()
     confirmation: ConfirmationRecord | None = None
+    accuracy: tuple[AccuracyRecord, ...] = ()
     status: Literal["complete", "incomplete", "invalid"] = "complete"
     reason: str = ""
     cpu: Mapping[str, float] = field(default_factory=lambda: {"player": 0.1, "apriltag": 0.5})
@@ -115,37 +133,60 @@ class Simulation:
         plan = self.plan()
         folder.write_plan(canonical_json(plan).decode())
         folder.write_spec("r2bspec: 1\nname: simulated\n")
-        segments: list[Segment] = []
-        start_ns = self.start_ns
-        counts: dict[str, int] = {}
-        for played in self.segments:
-            counts[played.kind] = counts.get(played.kind, 0) + 1
-            segment_id = f"{played.kind}-{len(segments) + 1:03d}"
-            playback = playback_rows(played, start_ns)
-            folder.write_playback(segment_id, playback)
-            for name in self.monitors:
-                rows = monitor_rows(played, playback)
-                folder.write_monitor(segment_id, name, rows[:0] if name in played.silent else rows)
-            ended_ns = start_ns + round(len(played.latency) * 1e9 / played.rate_hz)
-            segments.append(
-                Segment(
-                    id=segment_id,
-                    kind=played.kind,
-                    rate_hz=played.rate_hz,
-                    index=counts[played.kind],
-                    steps=len(played.latency),
-                    began_ns=start_ns,
-                    ended_ns=ended_ns,
-                    complete=played.complete,
-                    monitor_held_ns=round(played.held * 1e9),
-                )
-            )
-            start_ns = ended_ns + 500_000_000
-        folder.write_resources(self._resources(start_ns))
+        played = self._played()
+        for segment, rows in played:
+            folder.write_playback(segment.id, rows.playback)
+            for name, seen in rows.monitors.items():
+                folder.write_monitor(segment.id, name, seen)
+        end_ns = self._end_ns(played)
+        folder.write_resources(self._resources(end_ns))
         if self.interference:
-            folder.write_interference(self._interference(start_ns))
-        folder.write_record(self._record(plan, tuple(segments)))
+            folder.write_interference(self._interference(end_ns))
+        folder.write_record(self._record(plan, tuple(segment for segment, _ in played)))
         return open_run(path)
+
+    def samples(self) -> RunSamples:
+        """What is read from the run folder, without one."""
+        plan, played = self.plan(), self._played()
+        rows = {segment.id: of_segment for segment, of_segment in played}
+        end_ns = self._end_ns(played)
+        return run_samples(
+            self._record(plan, tuple(segment for segment, _ in played)),
+            plan,
+            lambda segment: segment_samples(plan, segment, rows[segment.id]),
+            HostSamples(
+                rows_by_process(self._resources(end_ns)),
+                self._interference(end_ns)
+                if self.interference
+                else np.empty(0, INTERFERENCE_DTYPE),
+            ),
+        )
+
+    def _played(self) -> list[tuple[Segment, SegmentRows]]:
+        """The segments, one after the other on one clock, and what was recorded of each."""
+        found: list[tuple[Segment, SegmentRows]] = []
+        counts: Counter[str] = Counter()
+        for played in self.segments:
+            counts[played.kind] += 1
+            start_ns = self._end_ns(found)
+            segment = msgspec.structs.replace(
+                segment_of(played.rate_hz, len(played.latency), start_ns),
+                id=f"{played.kind}-{len(found) + 1:03d}",
+                kind=played.kind,
+                index=counts[played.kind],
+                complete=played.complete,
+                monitor_held_ns=round(played.held * 1e9),
+            )
+            playback = playback_rows(played, start_ns)
+            rows = monitor_rows(played, playback)
+            monitors = {name: rows[:0] if name in played.silent else rows for name in self.monitors}
+            earlier = [NO_STAMPS, *(rows.playback["stamp_ns"] for _, rows in found)]
+            stamps = partial(np.concatenate, earlier)
+            found.append((segment, SegmentRows(playback, monitors, {}, stamps)))
+        return found
+
+    def _end_ns(self, played: Sequence[tuple[Segment, SegmentRows]]) -> int:
+        return played[-1][0].ended_ns + 500_000_000 if played else self.start_ns
 
     def plan(self) -> Plan:
         """The plan of the run, as far as measuring and judging read it."""
@@ -202,6 +243,7 @@ class Simulation:
             sustained=self.sustained,
             events=((self.start_ns, "start"),),
             confirmation=self.confirmation,
+            accuracy=self.accuracy,
         )
 
     def _interference(self, end_ns: int) -> Rows:
@@ -224,6 +266,22 @@ class Simulation:
         rows["waited_s"] = self.waited * ((rows["time_ns"] - times[0]) / 1e9)
         rows["memory_bytes"] = (np.tile(range(len(loads)), times.size) + 1) * 50 * 2**20
         return rows
+
+
+def segment_of(
+    rate_hz: float, steps: int, start_ns: int = EPOCH_NS, *, length_ns: int | None = None
+) -> Segment:
+    """A first iteration of so many steps."""
+    return Segment(
+        id="iteration-001",
+        kind="iteration",
+        rate_hz=rate_hz,
+        index=1,
+        steps=steps,
+        began_ns=start_ns,
+        ended_ns=start_ns + (round(steps * 1e9 / rate_hz) if length_ns is None else length_ns),
+        complete=True,
+    )
 
 
 def monitor_plan(name: str, match: Literal["stamp", "order"] = "stamp") -> MonitorPlan:
@@ -273,6 +331,13 @@ def objective(*requirements: str, at: str = "30 Hz") -> Objective:
         at=Rate.parse(at) if at else None,
         require=tuple(parse_requirement(text) for text in requirements),
     )
+
+
+def bracket(record: SearchRecord) -> tuple[float, float]:
+    """The rate that a search has found to hold, and the one that fails."""
+    assert record.holds_hz is not None
+    assert record.fails_hz is not None
+    return record.holds_hz, record.fails_hz
 
 
 def probe(rate_hz: float, *, holds: bool, reason: str = "delivered as offered") -> Probe:

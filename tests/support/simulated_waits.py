@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from r2bspec.judge.measure.host_usage import HostInterference
 from r2bspec.judge.measure.matching import match_monitor
 from r2bspec.judge.measure.samples import MonitorSamples, monitor_samples
-from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE
-from run_simulation import EPOCH_NS, MONITOR_PLAN, STAMP_NS
+from run_simulation import EPOCH_NS, MONITOR_PLAN, STAMP_NS, segment_of
 
 Times = NDArray[np.float64]
 Stalls = list[tuple[float, float]]
@@ -105,14 +104,5 @@ def _samples(arrive: Times, left: Times) -> MonitorSamples:
     rows = np.zeros(came.size, MONITOR_DTYPE)
     rows["stamp_ns"] = played["stamp_ns"][came]
     rows["received_ns"] = EPOCH_NS + np.round(left[came] * 1e9)
-    segment = Segment(
-        id="iteration-001",
-        kind="iteration",
-        rate_hz=30.0,
-        index=1,
-        steps=arrive.size,
-        began_ns=EPOCH_NS,
-        ended_ns=EPOCH_NS + round(arrive.size / 30.0 * 1e9),
-        complete=True,
-    )
+    segment = segment_of(30.0, arrive.size)
     return monitor_samples(segment, match_monitor(played, rows, MONITOR_PLAN))

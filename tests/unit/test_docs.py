@@ -15,7 +15,8 @@ PAGES = [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md", ROOT / "CON
 EVERY_PAGE = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 
 RELIABILITY = (ROOT / "docs" / "proofs" / "reliability.md").read_text(encoding="utf-8")
-PROMISED = sorted(set(re.findall(r"`(tests/\S+?\.py)::(\w+)`", RELIABILITY)))
+THREATS = (ROOT / "docs" / "threat_model.md").read_text(encoding="utf-8")
+PROMISED = sorted(set(re.findall(r"`(tests/\S+?\.py)::(\w+)`", RELIABILITY + THREATS)))
 
 
 @cache
@@ -79,6 +80,7 @@ def functions(file: Path) -> frozenset[str]:
 
 def test_every_promise_names_a_test() -> None:
     rows = [line for line in RELIABILITY.splitlines() if line.startswith("- ")]
+    rows += [line for line in THREATS.splitlines() if line.startswith("| ")][2:]
     assert len(rows) > 100
     assert [row for row in rows if "`tests/" not in row] == []
 

@@ -32,6 +32,7 @@ from r2bspec.ipc import protocol
 from r2bspec.ipc.process_cleanup import SessionLeader, clean_up, run_processes
 from r2bspec.ipc.sample_files import is_refusal
 from r2bspec.middleware.middleware import middleware_of
+from r2bspec.native.build import descriptor_of
 from r2bspec.private_files import PRIVATE_UMASK
 from r2bspec.record.run_record import ProcessRecord
 
@@ -126,6 +127,8 @@ class ProcessSupervisor:
         named = () if role in _ROLES_WITHOUT_CHANNEL else ("", *parts)
         channels = {part: socket.socketpair() for part in named}
         theirs = {part: pair[1] for part, pair in channels.items()}
+        # What was checked is run, whatever its path leads to by now.
+        opened = descriptor_of(command[0])
         env = env | {
             protocol.control_variable(part): str(each.fileno()) for part, each in theirs.items()
         }
@@ -135,12 +138,16 @@ class ProcessSupervisor:
                 log_start = os.fstat(output.fileno()).st_size
                 process = SessionLeader(
                     command,
+                    executable=None if opened is None else f"/proc/self/fd/{opened}",
                     cwd=cwd,
                     env=env,
                     stdin=subprocess.DEVNULL,
                     stdout=output,
                     stderr=subprocess.STDOUT,
-                    pass_fds=[each.fileno() for each in theirs.values()],
+                    pass_fds=[
+                        *(each.fileno() for each in theirs.values()),
+                        *([] if opened is None else [opened]),
+                    ],
                     umask=umask,
                 )
         except OSError as error:

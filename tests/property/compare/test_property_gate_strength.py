@@ -58,7 +58,7 @@ OPERATORS = st.sampled_from(["<", "<=", ">", ">=", "==", "!="])
 @given(CHOICES)
 def test_a_gate_is_as_strong_as_itself(choices: tuple[int, ...]) -> None:
     comparison = compare_gates(gate(choices), gate(choices))
-    assert (comparison.weaker, comparison.stronger) == ((), ())
+    assert (comparison.weaker, comparison.stronger, comparison.sentences) == ((), (), ())
 
 
 @settings(max_examples=40, deadline=None)

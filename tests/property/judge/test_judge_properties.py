@@ -8,20 +8,13 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.judge.measure.matching import NO_MATCH
-from r2bspec.judge.measure.samples import (
-    MonitorSamples,
-    PlaybackSamples,
-    RunSamples,
-    SegmentSamples,
-    StepTimes,
-)
+from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
 from r2bspec.judge.statistics.t_interval import mean_interval
 from r2bspec.judge.verdict import RequirementVerdict
-from r2bspec.record.run_record import Segment
-from run_simulation import EMPTY_RECORD, EPOCH_NS, objective
+from run_simulation import objective
+from simulated_runs import run_of as simulated
 
 ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}
 
@@ -36,50 +29,7 @@ iterations = st.lists(
 
 def run_of(given_iterations: list[tuple[list[float], int]]) -> RunSamples:
     """A run whose iterations have these latencies and these losses."""
-    made = []
-    for index, (latency, lost) in enumerate(given_iterations, start=1):
-        times = np.array(latency)
-        sent = times.size + lost
-        segment = Segment(
-            id=f"iteration-{index:03d}",
-            kind="iteration",
-            rate_hz=30,
-            index=index,
-            steps=sent,
-            began_ns=EPOCH_NS,
-            ended_ns=EPOCH_NS + round(sent * 1e9 / 30),
-            complete=True,
-        )
-        due_ns = EPOCH_NS + np.round(np.arange(sent) * 1e9 / 30).astype(np.int64)
-        received_ns = np.full(sent, NO_MATCH, dtype=np.int64)
-        received_ns[: times.size] = due_ns[: times.size] + np.round(times * 1e9).astype(np.int64)
-        monitor = MonitorSamples(
-            steps=StepTimes(due_ns, due_ns, received_ns),
-            times={"latency": times, "latency_from_due": times, "interval": times, "jitter": times},
-            sent=sent,
-            answered=times.size,
-            received=times.size,
-            duplicates=0,
-            reordered=0,
-            unmatched=0,
-            throughput_hz=30 * times.size / sent,
-        )
-        made.append(
-            SegmentSamples(
-                segment=segment,
-                playback=PlaybackSamples(sent=sent, rate_hz=30.0, lateness=np.zeros(sent)),
-                monitors={"out": monitor},
-                processes={},
-                machine=None,
-            )
-        )
-    return RunSamples(
-        record=EMPTY_RECORD,
-        monitors=("out",),
-        iterations={30.0: tuple(made)},
-        sustained={},
-        incomplete=(),
-    )
+    return simulated(np.array([*times, *[np.nan] * lost]) for times, lost in given_iterations)
 
 
 def ask(samples: RunSamples, requirement: str) -> RequirementVerdict:

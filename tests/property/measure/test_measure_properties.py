@@ -10,9 +10,8 @@ from r2bspec.judge.measure.matching import MatchedMonitor, Ratio, arrivals, matc
 from r2bspec.judge.measure.samples import monitor_samples, step_times
 from r2bspec.judge.measure.times import intervals, jitter, percentile
 from r2bspec.judge.measure.units import show
-from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE, Rows
-from run_simulation import EPOCH_NS
+from run_simulation import EPOCH_NS, segment_of
 
 finite = st.floats(min_value=0, max_value=1e3, allow_nan=False)
 samples = st.lists(finite, min_size=1, max_size=60).map(np.array)
@@ -106,16 +105,7 @@ def test_throughput_is_never_more_than_what_was_offered_and_answered(
         ratio = Ratio()
     matching = match(playback, monitor, by, ratio)  # type: ignore[arg-type]
     seen = monitor_samples(
-        Segment(
-            id="iteration-001",
-            kind="iteration",
-            rate_hz=10.0,
-            index=1,
-            steps=int(playback.size),
-            began_ns=EPOCH_NS,
-            ended_ns=EPOCH_NS + length_ns,
-            complete=True,
-        ),
+        segment_of(10.0, int(playback.size), length_ns=length_ns),
         MatchedMonitor(playback, monitor, ratio, matching),
     )
     if not seen.expected:

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from r2bspec.bags import metadata
 from r2bspec.bags.metadata import read_metadata
 from r2bspec.bags.recording import DataError
 from r2bspec.bags.storage import ros1
 from r2bspec.record.files import RecordError
 from r2bspec.record.run_folder import open_run
-from r2bspec.safe_io.limits import MAX_BAG_ENTRIES
 from run_simulation import Played, Simulation
 
 HEAD = """\
@@ -24,7 +24,6 @@ rosbag2_bagfile_information:
   duration: {nanoseconds: 1}
   message_count: 0
 """
-FILES = ", ".join(f"a{index}.db3" for index in range(MAX_BAG_ENTRIES + 1))
 
 
 def topics(number: int, name: str = "/t") -> str:
@@ -42,14 +41,18 @@ def topics(number: int, name: str = "/t") -> str:
             f"  relative_file_paths: [{'a.db3, ' * 20_000}]\n{topics(1)}",
             "the file a.db3 more than once",
         ),
-        (f"  relative_file_paths: [a.db3]\n{topics(MAX_BAG_ENTRIES + 1)}", "the limit is 10,000"),
-        (f"  relative_file_paths: [{FILES}]\n{topics(1)}", "the limit is 10,000"),
+        (f"  relative_file_paths: [a.db3]\n{topics(101)}", "the limit is 100"),
+        (
+            f"  relative_file_paths: [{', '.join(f'a{i}.db3' for i in range(101))}]\n" + topics(1),
+            "the limit is 100",
+        ),
         (f"  relative_file_paths: [a.db3]\n{topics(1, '/t' * 1000)}", "2,001 characters"),
     ],
 )
 def test_metadata_that_would_cost_long_work_is_refused(
-    text: str, said: str, tmp_path: Path
+    text: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(metadata, "MAX_BAG_ENTRIES", 100)
     (tmp_path / "metadata.yaml").write_text(HEAD + text)
     with pytest.raises(DataError, match=said):
         read_metadata(tmp_path)

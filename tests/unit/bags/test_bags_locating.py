@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from data_bags import chatter, write_bag
+from data_bags import chatter, refusal_of, write_bag
 from r2bspec.bags.recording import BagLocation, DataError
 from r2bspec.datasets.catalogue import index, known_datasets, locate
 
@@ -25,9 +25,7 @@ def test_what_lies_beside_the_spec_is_a_path(tmp_path: Path) -> None:
 
 
 def test_a_missing_path_is_no_dataset(tmp_path: Path) -> None:
-    with pytest.raises(DataError) as caught:
-        locate("./r2b_storage", tmp_path)
-    assert caught.value.code == "R2B301"
+    assert refusal_of(locate, "./r2b_storage", tmp_path).code == "R2B301"
 
 
 def test_a_name_is_a_synthetic_dataset(tmp_path: Path) -> None:
@@ -52,9 +50,7 @@ def test_real_datasets_may_have_names_of_their_own(
     monkeypatch.setenv("R2B_DATASETS", str(tmp_path / "real"))
     assert locate("r2b_robotarm", tmp_path).kind == "recorded"
     assert "r2b_robotarm" in known_datasets()
-    with pytest.raises(DataError) as caught:
-        locate("r2b_robotram", tmp_path)
-    assert caught.value.hint == "did you mean r2b_robotarm?"
+    assert refusal_of(locate, "r2b_robotram", tmp_path).hint == "did you mean r2b_robotarm?"
 
 
 def test_a_wrong_datasets_folder_is_not_passed_over(
@@ -67,6 +63,4 @@ def test_a_wrong_datasets_folder_is_not_passed_over(
 
 @pytest.mark.parametrize("name", ["", "r2b_strage", "nothing of the kind"])
 def test_unknown_names_are_refused(tmp_path: Path, name: str) -> None:
-    with pytest.raises(DataError) as caught:
-        locate(name, tmp_path)
-    assert caught.value.code == "R2B307"
+    assert refusal_of(locate, name, tmp_path).code == "R2B307"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from data_bags import START_NS, chatter, edit_metadata, storage_file, text, write_bag
+from data_bags import START_NS, edit_metadata, refusal_of, storage_file, text, write_bag
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.recording import DataError, Window
@@ -23,8 +23,7 @@ def read(bag: Path, topics: Iterable[str] = ("/ping", "/pong")) -> list[tuple[st
     ]
 
 
-def test_touches_only_the_named_topics(tmp_path: Path) -> None:
-    bag = write_bag(tmp_path / "bag", chatter())
+def test_touches_only_the_named_topics(bag: Path) -> None:
     with closing(sqlite3.connect(storage_file(bag))) as database, database:
         database.execute(
             "UPDATE messages SET data = x'DEAD' WHERE topic_id ="
@@ -38,44 +37,26 @@ def test_touches_only_the_named_topics(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("start_ns", "end_ns"), [(50_000_001, None), (5, 5), (5, 4), (-1, None), (-5, -1)]
 )
-def test_refuses_windows_that_hold_nothing(
-    tmp_path: Path, start_ns: int, end_ns: int | None
-) -> None:
-    bag = write_bag(tmp_path / "bag", chatter())
-    with pytest.raises(DataError) as caught:
-        read_messages(bag, ["/ping"], Window(start_ns=start_ns, end_ns=end_ns))
-    assert caught.value.code == "R2B309"
+def test_refuses_windows_that_hold_nothing(bag: Path, start_ns: int, end_ns: int | None) -> None:
+    assert (
+        refusal_of(read_messages, bag, ["/ping"], Window(start_ns=start_ns, end_ns=end_ns)).code
+        == "R2B309"
+    )
 
 
-def test_proposes_the_topic_that_was_meant(tmp_path: Path) -> None:
-    bag = write_bag(tmp_path / "bag", chatter())
+def test_proposes_the_topic_that_was_meant(bag: Path) -> None:
     with pytest.raises(DataError, match="no topic /pingg") as caught:
         read_messages(bag, ["/pingg"])
     assert (caught.value.code, caught.value.hint) == ("R2B308", "did you mean /ping?")
 
 
-def test_refuses_a_foreign_serialization_only_where_it_is_named(tmp_path: Path) -> None:
-    bag = write_bag(tmp_path / "bag", chatter())
+def test_refuses_a_foreign_serialization_only_where_it_is_named(bag: Path) -> None:
     edit_metadata(bag, "serialization_format: cdr", "serialization_format: protobuf", count=1)
     foreign = [
         name for name, info in index_bag(bag).topics.items() if info.serialization == "protobuf"
     ]
     assert len(read(bag, {"/ping", "/pong"}.difference(foreign))) == 3
-    with pytest.raises(DataError) as caught:
-        read_messages(bag, foreign)
-    assert caught.value.code == "R2B306"
-
-
-def test_a_message_whose_compression_is_damaged_is_reported(tmp_path: Path) -> None:
-    bag = write_bag(tmp_path / "bag", chatter(), compression="message")
-    with closing(sqlite3.connect(storage_file(bag))) as database, database:
-        database.execute("UPDATE messages SET data = substr(data, 1, 9) WHERE rowid = 3")
-    messages = read_messages(bag, ["/ping", "/pong"])
-    assert [next(messages).time_ns, next(messages).time_ns] == [START_NS, START_NS + 10_000_000]
-    with pytest.raises(DataError) as caught:
-        next(messages)
-    assert caught.value.code == "R2B304"
-    assert "bag.db3" in str(caught.value)
+    assert refusal_of(read_messages, bag, foreign).code == "R2B306"
 
 
 def test_large_messages_keep_their_order_among_small_ones(tmp_path: Path) -> None:
@@ -95,6 +76,4 @@ def test_large_messages_keep_their_order_among_small_ones(tmp_path: Path) -> Non
         database.execute("UPDATE messages SET data = substr(data, 1, 70000) WHERE rowid = 12")
     found = read_messages(bag, ["/ping", "/pong"])
     assert [next(found).data for _ in range(11)] == [data for _, _, data in messages[:11]]
-    with pytest.raises(DataError) as caught:
-        next(found)
-    assert caught.value.code == "R2B304"
+    assert refusal_of(next, found).code == "R2B304"

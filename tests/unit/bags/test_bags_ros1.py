@@ -10,7 +10,7 @@ import pytest
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from data_bags import START_NS, chatter, typestore, write_ros1
+from data_bags import START_NS, chatter, refusal_of, typestore, write_ros1
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.recording import DataError
@@ -150,9 +150,7 @@ def test_a_definition_that_cannot_be_read_is_no_stack_trace(tmp_path: Path, stor
 
 def test_a_message_that_is_not_of_its_type_is_damage(tmp_path: Path, store: Any) -> None:
     bag = record(tmp_path / "old.bag", store, [("/talk", "std_msgs/msg/String", b"\xff\0\0\0abc")])
-    with pytest.raises(DataError) as caught:
-        list(read_messages(bag, ["/talk"]))
-    assert caught.value.code == "R2B304"
+    assert refusal_of(lambda: list(read_messages(bag, ["/talk"]))).code == "R2B304"
 
 
 def test_the_index_says_that_messages_are_converted(tmp_path: Path) -> None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +15,14 @@ import pytest
 
 import r2bspec.cli.check_files as check_files_module
 from example_spec import example
+from r2bspec.api import prepare
 from r2bspec.cli.main import main
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.errors import ExitStatus
-from r2bspec.judge.judge_run import from_json, result_of, to_json
+from r2bspec.judge.judge_run import from_json, to_json
 from r2bspec.plan.canonical_json import PlanError, canonical_json, parse_plan
 from r2bspec.record.files import RecordError
 from r2bspec.record.run_folder import open_run
-from report_runs import USUAL
 
 SPEC = Path(__file__).parents[3] / "specs" / "relay.r2b.yaml"
 
@@ -114,21 +118,23 @@ PLAN_PLACES: dict[tuple[str | int, ...], list[object]] = {
     ids=lambda each: "-".join(map(str, each)) if isinstance(each, tuple) else str(each)[:20],
 )
 def test_a_number_that_no_plan_has_is_refused(place: tuple[str | int, ...], value: object) -> None:
-    plan = json.loads(canonical_json(_searching_plan()))
+    plan = _put(json.loads(_searching_plan()), place, value)
     with pytest.raises(PlanError) as caught:
-        parse_plan(json.dumps(_put(plan, place, value)).encode(), "p.json")
+        parse_plan(json.dumps(plan).encode(), "p.json")
     assert caught.value.code in {"R2B611", "R2B612"}
     assert str(place[-1]) in str(caught.value)
 
 
-def _searching_plan() -> Any:
-    from r2bspec.api import prepare
+@functools.cache
+def _searching_plan() -> bytes:
+    spec = SPEC.with_name("apriltag_node.r2b.yaml")
+    return canonical_json(prepare(spec).plan)
 
-    spec = Path(__file__).parents[3] / "specs" / "apriltag_node.r2b.yaml"
-    return prepare(spec).plan
+
+EVERY_EXTREME = pytest.mark.parametrize("value", EXTREME, ids=lambda each: str(each)[:20])
 
 
-@pytest.mark.parametrize("value", EXTREME, ids=lambda each: str(each)[:20])
+@EVERY_EXTREME
 @pytest.mark.parametrize(
     "place",
     [
@@ -139,19 +145,26 @@ def _searching_plan() -> Any:
     ],
 )
 def test_a_number_that_no_record_has_is_refused(
-    place: tuple[str | int, ...], value: object, tmp_path: Path
+    place: tuple[str | int, ...],
+    value: object,
+    reported: Callable[[str], ReportInput],
+    tmp_path: Path,
 ) -> None:
-    USUAL.write(tmp_path / "run")
-    file = tmp_path / "run" / "record.json"
-    record = json.loads(file.read_text())
-    file.write_text(json.dumps(_put(record, place, value)))
+    run = reported("usual").run
+    assert run is not None
+    for name in ("plan.json", "spec.yaml"):
+        shutil.copy(run.folder / name, tmp_path)
+    record = json.loads((run.folder / "record.json").read_text())
+    (tmp_path / "record.json").write_text(json.dumps(_put(record, place, value)))
     with pytest.raises(RecordError, match="is damaged"):
-        open_run(tmp_path / "run")
+        open_run(tmp_path)
 
 
-@pytest.mark.parametrize("value", EXTREME, ids=lambda each: str(each)[:20])
-def test_a_number_that_no_result_has_is_refused(value: object, tmp_path: Path) -> None:
-    result = json.loads(to_json(result_of(USUAL.write(tmp_path / "run"))))
+@EVERY_EXTREME
+def test_a_number_that_no_result_has_is_refused(
+    value: object, reported: Callable[[str], ReportInput]
+) -> None:
+    result = json.loads(to_json(reported("usual").result))
     changed = _put(result, ("verdict", "requirements", 0, "limit"), value)
     with pytest.raises(msgspec.DecodeError):
         from_json(json.dumps(changed).encode())

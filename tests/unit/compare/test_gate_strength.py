@@ -191,11 +191,6 @@ def test_the_graph_and_its_words_are_free_to_change(
     assert compare_gates(changed, side(DOCUMENT)).weaker == ()
 
 
-def test_a_spec_is_as_strong_as_itself() -> None:
-    comparison = compare_gates(side(DOCUMENT), side(DOCUMENT))
-    assert (comparison.weaker, comparison.stronger, comparison.sentences) == ((), (), ())
-
-
 def test_objectives_and_monitors_are_compared_by_content() -> None:
     renamed = with_value(DOCUMENT, ("slos", "fast"), GONE)
     renamed = with_value(renamed, ("slos", "quick"), DOCUMENT["slos"]["fast"])
@@ -237,23 +232,11 @@ def test_starts_that_follow_from_the_iterations_have_no_name_of_their_own() -> N
 @pytest.mark.parametrize(
     ("stronger", "weaker", "expected"),
     [
-        ("latency.p90 < 1 ms", "latency.p90 < 2 ms", True),
-        ("latency.p90 <= 2 ms", "latency.p90 < 2 ms", False),
-        ("sent == 3", "sent <= 3", True),
-        ("sent == 3", "sent >= 4", False),
-        ("sent == 3", "sent != 4", True),
-        ("sent > 4", "sent != 4", True),
-        ("sent >= 4", "sent != 4", False),
-        ("sent != 4", "sent != 4", True),
-        ("sent != 3", "sent != 4", False),
-        ("sent <= 3", "sent == 3", False),
-        ("sent > 3", "sent >= 3", True),
-        ("sent >= 3", "sent > 3", False),
         ("sustained", "sustained", True),
         ("sent > 3", "sustained", False),
     ],
 )
-def test_a_bound_implies_another_if_no_value_meets_only_the_first(
+def test_a_requirement_without_a_bound_implies_itself_alone(
     stronger: str, weaker: str, expected: bool
 ) -> None:
     assert implies(parse_requirement(stronger), parse_requirement(weaker)) is expected

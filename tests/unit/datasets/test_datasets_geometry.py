@@ -9,8 +9,7 @@ import pytest
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from data_bags import decoded, pixels, stamp_ns
-from ground_truth_files import read_disparity, read_ground_truth
+from data_bags import decoded, pixels, stamp_ns, truth_of
 from r2bspec.bags.recording import SyntheticDataset
 from r2bspec.datasets import rig
 from r2bspec.datasets.cameras import (
@@ -22,6 +21,7 @@ from r2bspec.datasets.cameras import (
     transpose,
 )
 from r2bspec.datasets.catalogue import SEQUENCES
+from r2bspec.datasets.ground_truth import read_disparity
 from r2bspec.datasets.scenes import find_scene
 from r2bspec.datasets.sensors import cloud_dtype, render_depth
 
@@ -40,7 +40,7 @@ def sampled(image: NDArray[np.float64], across: NDArray[np.float64]) -> NDArray[
 
 def rectified(made: SyntheticDataset, topic: str, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """What an ideal camera would have recorded, by OpenCV; the image itself without a lens."""
-    camera = read_ground_truth(made.path).cameras[topic]
+    camera = truth_of(made.path).cameras[topic]
     if not camera.distortion:
         return image
     cv2 = pytest.importorskip("cv2")
@@ -53,7 +53,7 @@ def rectified(made: SyntheticDataset, topic: str, image: NDArray[np.uint8]) -> N
 def test_the_right_image_shows_the_left_one_shifted_by_the_disparity(
     storage_room: SyntheticDataset, pair: str
 ) -> None:
-    truth = read_ground_truth(storage_room.path).stereo[pair]
+    truth = truth_of(storage_room.path).stereo[pair]
     shown = find_scene("r2b_storage")
     left_camera, right_camera = (
         next(source.camera for source in SEQUENCES["r2b_storage"].sources if source.name == topic)
@@ -175,7 +175,7 @@ def test_imu_agrees_with_the_cameras_motion(storage_room: SyntheticDataset) -> N
 
 
 def test_the_truth_tells_the_bodys_path(storage_room: SyntheticDataset) -> None:
-    truth = read_ground_truth(storage_room.path)
+    truth = truth_of(storage_room.path)
     motion = find_scene("r2b_storage").motion
     assert [pose.stamp_ns for pose in truth.body] == sorted(
         {

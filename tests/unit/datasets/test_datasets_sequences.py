@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from data_bags import WINDOW
+from data_bags import WINDOW, refusal_of
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.recording import DataError, SyntheticDataset, Window
+from r2bspec.bags.recording import SyntheticDataset, Window
 from r2bspec.datasets.catalogue import DURATION_NS, SEQUENCES, describe, message_times_ns
 
 
@@ -61,6 +61,12 @@ def test_sizes_are_exact(storage_room: SyntheticDataset) -> None:
     assert sizes == {name: {info.max_message_bytes} for name, info in topics.items()}
 
 
+WHOLE = [
+    (source, message_times_ns(source, Window(start_ns=0, end_ns=DURATION_NS)))
+    for source in SEQUENCES["r2b_lounge"].sources
+]
+
+
 @given(
     st.integers(0, DURATION_NS - 1).flatmap(
         lambda start: st.tuples(st.just(start), st.integers(start + 1, DURATION_NS))
@@ -68,8 +74,7 @@ def test_sizes_are_exact(storage_room: SyntheticDataset) -> None:
 )
 def test_counts_in_a_window_are_those_of_the_whole_inside_it(ends: tuple[int, int]) -> None:
     window = Window(start_ns=ends[0], end_ns=ends[1])
-    for source in SEQUENCES["r2b_lounge"].sources:
-        whole = message_times_ns(source, Window(start_ns=0, end_ns=DURATION_NS))
+    for source, whole in WHOLE:
         inside = [time_ns for time_ns in whole if window.contains(time_ns)]
         assert message_times_ns(source, window) == inside
 
@@ -88,10 +93,9 @@ def test_counts_in_a_window_are_those_of_the_whole_inside_it(ends: tuple[int, in
 def test_refuses_what_it_does_not_carry(
     name: str, topics: list[str] | None, window: Window | None, code: str, words: str
 ) -> None:
-    with pytest.raises(DataError) as caught:
-        describe(name, topics, window)
-    assert caught.value.code == code
-    assert words in caught.value.hint
+    error = refusal_of(describe, name, topics, window)
+    assert error.code == code
+    assert words in error.hint
 
 
 def test_describing_loads_neither_numpy_nor_rosbags() -> None:

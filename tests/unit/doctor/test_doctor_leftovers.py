@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -150,22 +147,6 @@ def segment(system: System, name: str, *, lock: bool = True) -> None:
         (system.shared_memory / f"{name}_el").touch()
 
 
-@contextmanager
-def owner(system: System, name: str) -> Iterator[None]:
-    with (system.shared_memory / f"{name}_el").open("rb") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield
-
-
-def test_a_segment_is_dead_when_its_lock_is_free(system: System) -> None:
-    segment(system, "fastrtps_used")
-    segment(system, "fastrtps_dead")
-    with owner(system, "fastrtps_used"):
-        (found,) = dead_shm_files(system)
-    assert found.name == "fastrtps_dead"
-    assert found.bytes >= 8192
-
-
 def test_a_segment_without_a_lock_is_dead_unless_it_is_mapped(system: System) -> None:
     segment(system, "fastdds_mapped", lock=False)
     segment(system, "fastdds_dead", lock=False)
@@ -177,13 +158,6 @@ def test_a_segment_without_a_lock_is_dead_unless_it_is_mapped(system: System) ->
     assert [each.name for each in dead_shm_files(system)] == ["fastdds_dead"]
 
 
-def test_looking_for_segments_changes_nothing(system: System) -> None:
-    segment(system, "fastrtps_dead")
-    before = sorted(system.shared_memory.iterdir())
-    dead_shm_files(system)
-    assert sorted(system.shared_memory.iterdir()) == before
-
-
 def scratch(system: System, run_id: str, *, age_s: float = 60.0) -> Path:
     folder = system.runs / f"folder-of-{run_id}"
     made = folder / ".scratch-abc"
@@ -192,12 +166,6 @@ def scratch(system: System, run_id: str, *, age_s: float = 60.0) -> Path:
     old = time.time() - age_s
     os.utime(made, (old, old))
     return made
-
-
-def test_scratch_of_a_dead_run_is_abandoned(system: System) -> None:
-    dead = scratch(system, "dead")
-    scratch(system, "alive")
-    assert abandoned_scratch(system, {"alive"}) == [dead]
 
 
 def test_scratch_that_was_just_made_may_belong_to_a_run_that_is_starting(system: System) -> None:

@@ -1,18 +1,24 @@
-"""The first fault on the path of the messages, for given facts."""
+"""What is wrong on the path of the messages, and what of it is certain before a start is over."""
 
 from __future__ import annotations
+
+import dataclasses
 
 import msgspec
 import pytest
 
 from r2bspec.execute.bringup.find_fault import (
     Fault,
+    RemappedTopic,
+    certain_topics,
     find_input_fault,
     first_fault,
     full_path,
     path_lines,
     path_to,
+    unmatched,
 )
+from r2bspec.execute.bringup.graph_matching import EarlyDiagnosis
 from r2bspec.execute.bringup.observe_graph import GraphFacts, TopicFacts, gather_facts
 from r2bspec.ipc.protocol import Discovered, Endpoint, QosMismatch
 from r2bspec.plan.plan import TopicPlan
@@ -74,13 +80,6 @@ def test_a_node_that_publishes_nothing_although_messages_reach_it() -> None:
     assert (one.kind, one.topic, one.owner, one.code) == ("no output", "/out", "/b", "R2B641")
     assert one.sentence == (
         "/b publishes nothing on /out, although it subscribes to /mid (10 messages)"
-    )
-
-
-def test_the_first_of_several_topics_without_messages_decides() -> None:
-    one = found(IN, topic("/mid", "/a", "/b", passed=0), OUT)
-    assert one.sentence == (
-        "/a publishes nothing on /mid, although it subscribes to /in (10 messages)"
     )
 
 
@@ -285,3 +284,124 @@ def test_an_input_that_no_node_subscribes_to_and_a_topic_that_one_waits_for() ->
         "no subscription to /in, which is played; /camera, to which /plain subscribes, has no "
         "publisher"
     )
+
+
+INPUT = "/r2b/image"
+
+
+def stranger(
+    name: str,
+    publishers: str = "",
+    subscriptions: str = "",
+    planned: tuple[str, str] = ("", ""),
+    kind: str = IMAGE,
+) -> TopicFacts:
+    """A topic that is in no plan, unless it is said for whom."""
+    facts = topic(name, publishers, subscriptions, planned=planned, kinds=(kind, kind))
+    return facts if any(planned) else dataclasses.replace(facts, type="")
+
+
+def around(*others: TopicFacts, planned: str = "/r2b/a", nodes: str = "/r2b/a") -> GraphFacts:
+    """A graph whose input has no subscription."""
+    facts = graph(topic(INPUT, "player", planned=("player", planned)), *others)
+    return dataclasses.replace(facts, nodes=frozenset(nodes.split()))
+
+
+def certain(facts: GraphFacts, *remapped: RemappedTopic) -> bool:
+    return certain_topics(facts, [INPUT], remapped) == {INPUT}
+
+
+def test_a_subscription_that_is_not_there_yet_may_come() -> None:
+    assert not certain(around())
+    assert not certain(around(nodes=""))
+    # The publisher of a node whose subscriptions wait for a subscriber says nothing.
+    assert not certain(around(stranger("/r2b/out", "/r2b/a")))
+
+
+@pytest.mark.parametrize("name", ["/image", "/other/image", "/r2b/imgae"])
+def test_an_unused_subscription_with_a_similar_name_was_meant(name: str) -> None:
+    assert certain(around(stranger(name, "", "/r2b/a")))
+    assert certain(around(stranger(name, "", "/image_node"), planned="", nodes="/image_node"))
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        stranger("/camera/mask", "", "/r2b/a"),
+        stranger("/image", "", "/r2b/a", kind=TEXT),
+        stranger("/image", "/r2b/a", ""),
+        stranger("/image", "/r2b/b", "/r2b/a"),
+        stranger("/image", "", "/r2b/a", planned=("", "/r2b/a")),
+        stranger("/image", "", "monitor"),
+        stranger("/image", "", "/r2b/other"),
+    ],
+    ids=["other name", "other type", "other side", "in use", "planned", "harness", "other node"],
+)
+def test_an_endpoint_that_may_be_right_proves_nothing(other: TopicFacts) -> None:
+    assert not certain(around(other))
+
+
+def test_a_planned_node_in_another_namespace_has_its_endpoints_there() -> None:
+    elsewhere = stranger("/camera/mask", "", "/a")
+    assert certain(around(elsewhere, nodes="/a"))
+    assert not certain(around(elsewhere, nodes="/a /r2b/a"))
+    assert not certain(around(stranger("/camera/mask", "", "/b"), nodes="/b"))
+    assert not certain(around(stranger("/camera/mask", "", "/a", kind=TEXT), nodes="/a"))
+
+
+def test_a_remapping_without_effect_explains_an_endpoint_of_any_name() -> None:
+    rule = RemappedTopic("/r2b/a", "camera/msk", INPUT, own_node_name=True)
+    facts = around(stranger("/camera/mask", "", "/r2b/a"))
+    assert certain(facts, rule)
+    assert [*unmatched(facts, [rule])] == [rule]
+    other = stranger("/camera/mask", "", "/r2b/a", kind=TEXT)
+    assert not certain(around(other), rule)
+
+
+def test_a_remapping_with_effect_is_not_unmatched() -> None:
+    facts = around(stranger("/r2b/out", "/r2b/a"), stranger("/r2b/last", "/plain"))
+
+    def has_no_effect(node: str, name: str, *, own: bool) -> bool:
+        return bool([*unmatched(facts, [RemappedTopic(node, "o", name, own_node_name=own)])])
+
+    assert not has_no_effect("/r2b/a", "/r2b/out", own=True)
+    assert has_no_effect("/r2b/b", "/r2b/out", own=True)
+    # A program may have nodes of any name, but not those of other nodes in the plan.
+    assert not has_no_effect("/r2b/b", "/r2b/last", own=False)
+    assert has_no_effect("/r2b/b", "/r2b/out", own=False)
+
+
+def test_an_incompatible_profile_is_certain() -> None:
+    facts = around()
+    played = dataclasses.replace(
+        facts.topics[INPUT],
+        subscriptions=(end("/r2b/a"),),
+        qos_mismatches=(QosMismatch("player", "/r2b/a", INPUT, "reliability"),),
+    )
+    assert certain(dataclasses.replace(facts, topics={INPUT: played}))
+
+
+def test_nothing_is_certain_while_the_graph_changes() -> None:
+    now = 0.0
+    facts = around(stranger("/image", "", "/r2b/a"))
+    looks: list[float] = []
+
+    def look() -> GraphFacts:
+        looks.append(now)
+        # Until 3 s, each look shows another node.
+        return dataclasses.replace(facts, nodes=frozenset({"/r2b/a", f"/{min(now, 3.0)}"}))
+
+    watch = EarlyDiagnosis(Simulation().plan(), (), look, clock=lambda: now)
+    said: list[float] = []
+    while not said and now < 20:
+        if watch.certain([INPUT]):
+            said.append(now)
+        now += 0.25
+    assert said == [7.0]
+    assert looks == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
+
+
+def test_the_topics_of_a_node_of_unknown_name_are_those_of_nodes_outside_of_the_plan() -> None:
+    facts = around(stranger("/image", "", "/plain"), stranger("/out", "/plain"))
+    assert facts.topics_of("/r2b/b") == ("/image", "/out")
+    assert facts.topics_of("/plain") == ("/image", "/out")

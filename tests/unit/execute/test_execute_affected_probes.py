@@ -5,23 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Literal, cast
 
-import msgspec
 import numpy as np
 import pytest
 
 from r2bspec.execute.host_watch import Interference, interference_of
 from r2bspec.execute.measurement.harness_overhead import _quietest
-from r2bspec.execute.measurement.peak_search import (
-    LongPlays,
-    PeakSearch,
-    ProbeOutcome,
-    unexplained_end,
-)
+from r2bspec.execute.measurement.peak_search import LongPlays, PeakSearch, ProbeOutcome
 from r2bspec.execute.measurement.rate_probe import MAX_FUTILE_REPLAYS, AffectedProbes
 from r2bspec.execute.run_context import TimeBudget
 from r2bspec.judge.measure.host_usage import HostInterference
 from r2bspec.judge.stationarity import CompletionTimes
 from r2bspec.record.run_record import Probe, SearchRecord, Segment
+from run_simulation import bracket
 
 QUIET = Interference()
 Purpose = Literal["probe", "saturation", "confirmation"]
@@ -145,10 +140,10 @@ def test_on_a_busy_machine_the_peak_is_at_best_a_lower_bound() -> None:
     machine = Machine(BUSY)
     found = machine.search()
     assert found.limited_by == "interference"
-    assert found.holds_hz is not None
     # It holds what is left of the server, and the failures just above say nothing.
-    assert 0.95 * 57.0 <= found.holds_hz <= 57.0
-    assert found.fails_hz == 400.0
+    holds_hz, fails_hz = bracket(found)
+    assert 0.95 * 57.0 <= holds_hz <= 57.0
+    assert fails_hz == 400.0
     assert found.disturbed == BUSY.reasons
 
 
@@ -170,20 +165,8 @@ def test_without_any_clean_failure_there_is_no_upper_end() -> None:
 def test_strangers_that_leave_do_not_change_the_bracket() -> None:
     disturbed = Machine(QUIET, BUSY, QUIET, BUSY, QUIET).search()
     assert disturbed.limited_by == "graph"
-    assert disturbed.holds_hz is not None
-    assert disturbed.fails_hz is not None
-    assert disturbed.holds_hz <= 95.0 < disturbed.fails_hz <= disturbed.holds_hz * 1.02
-
-
-def test_an_upper_end_from_the_capacity_of_clean_plays_stays() -> None:
-    """An upper end at which no probe was played is a bound of the capacity.
-
-    `test_a_disturbed_overload_shows_no_capacity`: of that, no explained play is a part.
-    """
-    probe = Probe(segment="p", rate_hz=120.0, delivered_hz=60.0, holds=False, reason="")
-    explained = msgspec.structs.replace(probe, disturbed=BUSY.reasons, explained=True)
-    assert unexplained_end([explained], 50.0, 61.0) == 61.0
-    assert unexplained_end([explained], 50.0, 120.0) is None
+    holds_hz, fails_hz = bracket(disturbed)
+    assert holds_hz <= 95.0 < fails_hz <= holds_hz * 1.02
 
 
 class Overloaded(Machine):
@@ -213,9 +196,8 @@ def test_a_disturbed_overload_shows_no_capacity() -> None:
     assert found.capacity is None
     # Short probes without interference found the upper end.
     assert found.fails_hz in [each.rate_hz for each in found.probes if not each.explained]
-    assert found.holds_hz is not None
-    assert found.fails_hz is not None
-    assert found.holds_hz <= 95.0 < found.fails_hz
+    holds_hz, fails_hz = bracket(found)
+    assert holds_hz <= 95.0 < fails_hz
 
 
 def test_an_overload_that_was_hardly_disturbed_shows_the_capacity() -> None:
@@ -240,28 +222,25 @@ def test_a_bound_of_the_capacity_stays_if_others_disturbed_another_probe(
 @pytest.mark.parametrize(
     ("seen", "reasons", "taken"),
     [
-        (None, 0, 0.0),
-        (HostInterference(seconds=4.0, cores=2, foreign_cores=0.2, own_waited=0.3), 0, 0.0),
+        ({"foreign_cores": 0.2, "own_waited": 0.3}, 0, 0.0),
         # The pressure of a probe near the peak is the graph's own.
-        (HostInterference(seconds=4.0, cores=2, foreign_cores=0.1, pressure=0.9), 0, 0.0),
-        (HostInterference(seconds=4.0, cores=2, foreign_cores=1.7, pressure=0.9), 1, 0.75),
-        (HostInterference(seconds=4.0, cores=2, foreign_cores=0.6, pressure=0.9), 1, 0.6),
-        (
-            HostInterference(
-                seconds=4.0, cores=2, foreign_cores=1.7, pressure=0.9, own_waited=0.1, own_cores=0.2
-            ),
-            1,
-            0.2,
-        ),
-        (HostInterference(seconds=4.0, cores=2, steal=0.1, own_waited=0.0), 1, 0.2),
+        ({"foreign_cores": 0.1, "pressure": 0.9}, 0, 0.0),
+        ({"foreign_cores": 1.7, "pressure": 0.9}, 1, 0.75),
+        ({"foreign_cores": 0.6, "pressure": 0.9}, 1, 0.6),
+        ({"foreign_cores": 1.7, "pressure": 0.9, "own_waited": 0.1, "own_cores": 0.2}, 1, 0.2),
+        ({"steal": 0.1, "own_waited": 0.0}, 1, 0.2),
     ],
 )
 def test_what_is_said_of_a_part_of_a_run(
-    seen: HostInterference | None, reasons: int, taken: float
+    seen: dict[str, float], reasons: int, taken: float
 ) -> None:
-    found = interference_of(seen)
+    found = interference_of(HostInterference(seconds=4.0, cores=2, **seen))
     assert len(found.reasons) == reasons
     assert found.taken == pytest.approx(taken)
+
+
+def test_what_was_not_observed_disturbed_nobody() -> None:
+    assert interference_of(None) == QUIET
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ import shutil
 import struct
 import subprocess
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,12 @@ import msgspec
 import pytest
 
 from elf_files import elf_file
+from git_repositories import commit, git, write_files
+from plans import node_plan, process_plan
 from r2bspec.execute.identity.file_digests import build_id
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.plan.command_lines import HARNESS_ARGV
-from r2bspec.plan.plan import AfterReadyPlan, ExternalPlan, NodePlan, Plan, ProcessPlan, SetupPlan
+from r2bspec.plan.plan import AfterReadyPlan, ExternalPlan, Plan, ProcessPlan, SetupPlan
 from r2bspec.record.graph_identity import (
     GraphIdentity,
     NodeIdentity,
@@ -36,39 +37,13 @@ def plan_of(*processes: ProcessPlan, **fields: Any) -> Plan:
     return msgspec.structs.replace(EMPTY, processes=processes, **fields)
 
 
-def node_plan(name: str, **fields: Any) -> NodePlan:
-    values = {"target": "", "parameters": {}, "remappings": {}} | fields
-    return NodePlan(name=f"/{name}", node=name, namespace="/", **values)
-
-
-def process_of(node: NodePlan, *argv: str, **fields: Any) -> ProcessPlan:
-    values = {"name": node.node, "role": "command", "phase": "measure", "env": {}} | fields
-    return ProcessPlan(argv=argv, nodes=(node,), **values)
+def process_of(name: str, *argv: str, role: str = "command", **node: Any) -> ProcessPlan:
+    """A process with one node, of which `node` says more."""
+    return process_plan(name, role, argv=argv, nodes=(node_plan(name, namespace="/", **node),))
 
 
 def python_process(name: str, target: str, **fields: Any) -> ProcessPlan:
-    return process_of(node_plan(name, target=target, **fields), *HARNESS_ARGV, role="host")
-
-
-def command_process(name: str, *argv: str) -> ProcessPlan:
-    return process_of(node_plan(name), *argv)
-
-
-def write(top: Path, files: Mapping[str, str]) -> None:
-    for name, text in files.items():
-        path = top / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
-
-
-def git(folder: Path, *arguments: str) -> str:
-    program = shutil.which("git")
-    assert program is not None
-    author = ["-c", "user.name=A", "-c", "user.email=a@example.org"]
-    done = subprocess.run(
-        [program, *author, *arguments], cwd=folder, capture_output=True, text=True, check=True
-    )
-    return done.stdout.strip()
+    return process_of(name, *HARNESS_ARGV, role="host", target=target, **fields)
 
 
 def only_node(identity: GraphIdentity) -> NodeIdentity:
@@ -91,21 +66,16 @@ def _no_workspace(monkeypatch: pytest.MonkeyPatch) -> None:
 def new_work_tree(tmp_path: Path) -> Path:
     """A work tree with a node in a folder, a helper that it imports, and one that it does not."""
     top = tmp_path / "work tree"
-    write(
-        top,
-        {
-            "bench/blur.r2b.yaml": "r2bspec: 1\n",
-            "nodes/blur.py": f"import json\nimport helper\nfrom shapes.box import Box\n{NODE}",
-            "nodes/helper.py": "WEIGHT = 1\n",
-            "nodes/unused.py": "UNUSED = 1\n",
-            "nodes/shapes/__init__.py": "",
-            "nodes/shapes/box.py": "from .corner import Corner\nBox = 1\n",
-            "nodes/shapes/corner.py": "Corner = 1\n",
-        },
-    )
-    git(top, "init", "-q", "-b", "main")
-    git(top, "add", "-A")
-    git(top, "commit", "-q", "-m", "first")
+    files = {
+        "bench/blur.r2b.yaml": "r2bspec: 1\n",
+        "nodes/blur.py": f"import json\nimport helper\nfrom shapes.box import Box\n{NODE}",
+        "nodes/helper.py": "WEIGHT = 1\n",
+        "nodes/unused.py": "UNUSED = 1\n",
+        "nodes/shapes/__init__.py": "",
+        "nodes/shapes/box.py": "from .corner import Corner\nBox = 1\n",
+        "nodes/shapes/corner.py": "Corner = 1\n",
+    }
+    commit(top, files)
     return top
 
 
@@ -131,12 +101,13 @@ def test_a_python_file_is_known_by_itself_and_what_it_imports_beside_it(top: Pat
 
 
 def test_a_file_of_a_package_is_known_by_the_modules_of_its_package(top: Path) -> None:
-    package = top / "src" / "camera" / "camera"
-    package.mkdir(parents=True)
-    (package / "__init__.py").write_text("from .names import NAME\n")
-    (package / "names.py").write_text("NAME = 1\n")
-    (package / "cost.py").write_text("def work(): ...\n")
-    (package / "node.py").write_text("from camera.cost import work\nclass Node: ...\n")
+    package = {
+        "__init__.py": "from .names import NAME\n",
+        "names.py": "NAME = 1\n",
+        "cost.py": "def work(): ...\n",
+        "node.py": "from camera.cost import work\nclass Node: ...\n",
+    }
+    write_files(top / "src/camera/camera", package)
     plan = plan_of(python_process("camera", "../src/camera/camera/node.py:Node"))
     assert paths(only_node(identity_of(top, plan))) == [
         f"src/camera/camera/{name}.py" for name in ("__init__", "cost", "names", "node")
@@ -157,9 +128,7 @@ def test_a_change_of_any_of_its_files_is_another_identity_and_is_named(
 
 def test_a_file_that_is_not_imported_and_another_commit_change_nothing(top: Path) -> None:
     before = identity_of(top)
-    write(top, {"nodes/unused.py": "UNUSED = 2\n", "README.md": "text"})
-    git(top, "add", "-A")
-    git(top, "commit", "-q", "-m", "second")
+    commit(top, {"nodes/unused.py": "UNUSED = 2\n", "README.md": "text"})
     after = identity_of(top)
     assert after.digest == before.digest
     assert after.revision != before.revision
@@ -167,14 +136,16 @@ def test_a_file_that_is_not_imported_and_another_commit_change_nothing(top: Path
 
 
 def test_a_computed_import_makes_everything_beside_it_a_source(top: Path) -> None:
-    write(top, {"nodes/helper.py": "import importlib\nimportlib.import_module('un' + 'used')\n"})
+    write_files(
+        top, {"nodes/helper.py": "import importlib\nimportlib.import_module('un' + 'used')\n"}
+    )
     assert "nodes/unused.py" in paths(only_node(identity_of(top)))
 
 
 def test_imports_within_functions_and_over_several_lines_count_and_those_of_types_do_not(
     top: Path,
 ) -> None:
-    write(
+    write_files(
         top,
         {
             "nodes/helper.py": "from typing import TYPE_CHECKING\n"
@@ -214,13 +185,12 @@ def test_the_digest_does_not_depend_on_the_place_of_the_work_tree(
 def test_nothing_is_executed(top: Path, tmp_path: Path) -> None:
     mark = tmp_path / "executed"
     guard = f"open({str(mark)!r}, 'w')\n"
-    write(top, {"nodes/blur.py": guard + NODE, "nodes/helper.py": guard})
+    write_files(top, {"nodes/blur.py": guard + NODE, "nodes/helper.py": guard})
     program = top / "bench" / "program.sh"
     program.write_text(f"#!/bin/sh\necho > '{mark}'\n")
     program.chmod(0o755)
     plan = plan_of(
-        python_process("blur", "../nodes/blur.py:Blur"),
-        command_process("program", "./program.sh"),
+        python_process("blur", "../nodes/blur.py:Blur"), process_of("program", "./program.sh")
     )
     assert {*identity_of(top, plan).nodes} == {"blur", "program"}
     assert not mark.exists()
@@ -230,13 +200,13 @@ def test_nothing_is_executed(top: Path, tmp_path: Path) -> None:
 
 
 def test_a_clean_a_dirty_and_no_work_tree(top: Path, tmp_path: Path) -> None:
-    commit = git(top, "rev-parse", "HEAD")
-    assert identity_of(top).revision == Revision(commit, dirty=False)
-    write(top, {"untracked.txt": ""})
-    assert identity_of(top).revision == Revision(commit, dirty=False)
-    write(top, {"nodes/unused.py": "UNUSED = 3\n"})
-    assert identity_of(top).revision == Revision(commit, dirty=True)
-    write(tmp_path / "outside", {"blur.py": NODE})
+    revision = Revision(git(top, "rev-parse", "HEAD"), dirty=False)
+    assert identity_of(top).revision == revision
+    write_files(top, {"untracked.txt": ""})
+    assert identity_of(top).revision == revision
+    write_files(top, {"nodes/unused.py": "UNUSED = 3\n"})
+    assert identity_of(top).revision == msgspec.structs.replace(revision, dirty=True)
+    write_files(tmp_path / "outside", {"blur.py": NODE})
     plan = plan_of(python_process("blur", "./blur.py:Blur"))
     outside = graph_identity(plan, tmp_path / "outside")
     assert outside.revision is None
@@ -263,7 +233,7 @@ def test_the_text_of_a_revision(revision: Revision | None, text: str) -> None:
 def install(folder: Path, name: str, version: str, module: str = "", requires: str = "") -> None:
     module = module or name
     required = f"Requires-Dist: {requires}\n" if requires else ""
-    write(
+    write_files(
         folder,
         {
             f"{module}/__init__.py": f"VERSION = {version!r}\n",
@@ -286,7 +256,7 @@ def test_what_is_imported_from_a_distribution_is_known_by_its_version(
 ) -> None:
     install(installed, "fast_filters", "1.0", module="filters", requires="deep_filters (>=1)")
     install(installed, "deep_filters", "0.3")
-    write(top, {"nodes/helper.py": "def late():\n    import filters.kernels\n"})
+    write_files(top, {"nodes/helper.py": "def late():\n    import filters.kernels\n"})
     before = identity_of(top)
     assert before.packages["fast-filters"] == "1.0"
     assert before.packages["deep-filters"] == "0.3"
@@ -308,7 +278,7 @@ def test_a_distribution_on_the_path_of_this_process_is_found_too(
     folder = tmp_path / "site-packages"
     install(folder, "filters", "2.0")
     monkeypatch.syspath_prepend(str(folder))
-    write(top, {"nodes/helper.py": "import filters\n"})
+    write_files(top, {"nodes/helper.py": "import filters\n"})
     assert identity_of(top).packages["filters"] == "2.0"
 
 
@@ -316,7 +286,7 @@ def test_what_was_installed_from_a_folder_is_known_by_its_files(top: Path, insta
     install(installed, "own", "1.0")
     info = installed / "own-1.0.dist-info"
     (info / "direct_url.json").write_text('{"url": "file:///home/me/own", "dir_info": {}}')
-    write(top, {"nodes/helper.py": "import own\n"})
+    write_files(top, {"nodes/helper.py": "import own\n"})
     before = identity_of(top)
     (installed / "own" / "__init__.py").write_text("VERSION = 'patched'\n")
     assert identity_differences(before, identity_of(top)) == ("__init__.py changed",)
@@ -325,7 +295,7 @@ def test_what_was_installed_from_a_folder_is_known_by_its_files(top: Path, insta
 def test_a_module_on_the_path_is_followed_with_its_package(
     top: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write(
+    write_files(
         top,
         {
             "src/lens/lens/__init__.py": "",
@@ -340,7 +310,7 @@ def test_a_module_on_the_path_is_followed_with_its_package(
     before = identity_of(top, plan)
     names = ["__init__.py", "blur.py", "kernel.py", "sizes.py"]
     assert paths(only_node(before)) == [f"src/lens/lens/{name}" for name in names]
-    write(top, {"src/lens/lens/kernel.py": "K = 2\n"})
+    write_files(top, {"src/lens/lens/kernel.py": "K = 2\n"})
     assert identity_differences(before, identity_of(top, plan)) == ("kernel.py changed",)
     monkeypatch.delenv("PYTHONPATH")
     gone = only_node(identity_of(top, plan))
@@ -350,11 +320,13 @@ def test_a_module_on_the_path_is_followed_with_its_package(
 
 def test_the_target_itself_is_followed_wherever_it_is_installed(top: Path, installed: Path) -> None:
     install(installed, "lens", "1.0")
-    write(installed, {"lens/blur.py": "from lens import kernel\n", "lens/kernel.py": "K = 1\n"})
+    write_files(
+        installed, {"lens/blur.py": "from lens import kernel\n", "lens/kernel.py": "K = 1\n"}
+    )
     plan = plan_of(python_process("blur", "lens.blur.Blur"))
     before = identity_of(top, plan)
     assert before.packages["lens"] == "1.0"
-    write(installed, {"lens/kernel.py": "K = 2\n"})
+    write_files(installed, {"lens/kernel.py": "K = 2\n"})
     assert identity_differences(before, identity_of(top, plan)) == ("kernel.py changed",)
 
 
@@ -381,19 +353,16 @@ class Workspace:
         dependency = f"<depend>{depends}</depend>" if depends else ""
         manifest = f"<package><name>{name}</name><version>{version}</version>{dependency}</package>"
         index = "share/ament_index/resource_index/packages"
-        write(prefix, {f"{index}/{name}": "", f"share/{name}/package.xml": manifest})
-        write(self.top / "src" / name, {"package.xml": manifest})
+        write_files(prefix, {f"{index}/{name}": "", f"share/{name}/package.xml": manifest})
+        write_files(self.top / "src" / name, {"package.xml": manifest})
         return prefix
-
-    def activate(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        prefixes = sorted(self.install.iterdir())
-        monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join(map(str, prefixes)))
-        folders = [str(each) for each in self.install.glob("*/lib/python3/site-packages")]
-        monkeypatch.setenv("PYTHONPATH", os.pathsep.join(folders))
 
 
 @pytest.fixture(name="workspace")
-def new_workspace(top: Path) -> Workspace:
+def new_workspace(top: Path, monkeypatch: pytest.MonkeyPatch) -> Workspace:
+    prefixes = [top / "install" / package for package in ("core", "lens")]
+    monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join(map(str, prefixes)))
+    monkeypatch.setenv("PYTHONPATH", str(top / "install/lens/lib/python3/site-packages"))
     return Workspace(top)
 
 
@@ -404,16 +373,15 @@ def write_program(path: Path, content: bytes) -> None:
 
 
 def test_an_executable_of_the_work_tree_is_known_by_the_sources_of_its_package(
-    top: Path, workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+    top: Path, workspace: Workspace
 ) -> None:
     prefix = workspace.package("lens", depends="core")
     workspace.package("core")
     write_program(prefix / "lib/lens/blur_node", elf(b"\xab\xcd"))
     sources = {"lens/src/blur.cpp": "int a;", "core/src/core.cpp": "int b;"}
     tests = {"lens/test/test_blur.cpp": "int t;", "lens/README.md": "text"}
-    write(top / "src", sources | tests)
-    workspace.activate(monkeypatch)
-    plan = plan_of(command_process("blur", "$(executable lens blur_node)"))
+    write_files(top / "src", sources | tests)
+    plan = plan_of(process_of("blur", "$(executable lens blur_node)"))
     before = identity_of(top, plan)
     node = only_node(before)
     assert (node.kind, node.package, node.version) == ("executable", "lens", "0.1.0")
@@ -424,7 +392,7 @@ def test_an_executable_of_the_work_tree_is_known_by_the_sources_of_its_package(
         "src/lens/package.xml",
         "src/lens/src/blur.cpp",
     ]
-    write(top / "src", {"core/src/core.cpp": "int c;"})
+    write_files(top / "src", {"core/src/core.cpp": "int c;"})
     after = identity_of(top, plan)
     assert identity_differences(before, after) == ("core.cpp changed",)
     write_program(prefix / "lib/lens/blur_node", elf(b"\xab\xce"))
@@ -435,36 +403,33 @@ def test_an_executable_of_the_work_tree_is_known_by_the_sources_of_its_package(
 
 @pytest.mark.parametrize("links", [False, True])
 def test_a_python_executable_of_a_workspace_is_known_by_the_modules_that_it_imports(
-    top: Path, workspace: Workspace, monkeypatch: pytest.MonkeyPatch, *, links: bool
+    top: Path, workspace: Workspace, *, links: bool
 ) -> None:
     prefix = workspace.package("lens")
     sources = top / "src" / "lens" / "lens"
-    write(sources, {"__init__.py": "", "blur.py": "from lens import kernel\n", "kernel.py": "K=1"})
+    write_files(
+        sources, {"__init__.py": "", "blur.py": "from lens import kernel\n", "kernel.py": "K=1"}
+    )
     site = prefix / "lib/python3/site-packages"
     site.mkdir(parents=True)
     if links:
         (site / "lens").symlink_to(sources)
     else:
         shutil.copytree(sources, site / "lens")
-    write(
-        site / "lens-0.1.0-py3.12.egg-info",
-        {
-            "top_level.txt": "lens\n",
-            "entry_points.txt": "[console_scripts]\nblur_node = lens.blur:main\n",
-        },
-    )
+    entry_points = "[console_scripts]\nblur_node = lens.blur:main\n"
+    egg_info = {"top_level.txt": "lens\n", "entry_points.txt": entry_points}
+    write_files(site / "lens-0.1.0-py3.12.egg-info", egg_info)
     script = (
         "#!/usr/bin/python3\n"
         "# EASY-INSTALL-ENTRY-SCRIPT: 'lens==0.1.0','console_scripts','blur_node'\n"
         "import re\nimport sys\n"
     )
     write_program(prefix / "lib/lens/blur_node", script.encode())
-    workspace.activate(monkeypatch)
-    plan = plan_of(command_process("blur", "$(executable lens blur_node)"))
+    plan = plan_of(process_of("blur", "$(executable lens blur_node)"))
     before = identity_of(top, plan)
     names = ["__init__.py", "blur.py", "kernel.py"]
     assert paths(only_node(before)) == [f"src/lens/lens/{name}" for name in names]
-    write(sources, {"kernel.py": "K=2"})
+    write_files(sources, {"kernel.py": "K=2"})
     assert identity_differences(before, identity_of(top, plan)) in {
         ("kernel.py changed",),
         # The installation is older than the sources: both count.
@@ -476,20 +441,17 @@ def test_a_python_executable_of_a_workspace_is_known_by_the_modules_that_it_impo
     }
 
 
-def test_a_component_is_known_by_its_library(
-    top: Path, workspace: Workspace, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_component_is_known_by_its_library(top: Path, workspace: Workspace) -> None:
     prefix = workspace.package("lens")
     index = "share/ament_index/resource_index/rclcpp_components/lens"
-    write(prefix, {index: "lens::Sharpen;lib/libsharpen.so\nlens::Blur;lib/libblur.so\n"})
+    write_files(prefix, {index: "lens::Sharpen;lib/libsharpen.so\nlens::Blur;lib/libblur.so\n"})
     write_program(prefix / "lib/libblur.so", elf(b"\x01"))
     write_program(prefix / "lib/libsharpen.so", elf(b"\x02"))
-    workspace.activate(monkeypatch)
 
     def identity_of_component(plugin: str) -> NodeIdentity:
-        node = node_plan("blur", package="lens", plugin=plugin)
         argv = "$(executable rclcpp_components component_container)"
-        return only_node(identity_of(top, plan_of(process_of(node, argv, role="container"))))
+        process = process_of("blur", argv, role="container", package="lens", plugin=plugin)
+        return only_node(identity_of(top, plan_of(process)))
 
     node = identity_of_component("lens::Blur")
     assert (node.kind, node.build_id, node.version) == ("plugin", "01", "0.1.0")
@@ -523,46 +485,42 @@ def test_a_real_build_id_is_what_the_linker_wrote() -> None:
 
 
 def test_a_command_is_known_by_the_files_of_the_work_tree_that_it_names(top: Path) -> None:
-    write(top, {"bench/tool.py": "import helper\n", "bench/helper.py": "", "bench/map.yaml": "a"})
-    plan = plan_of(
-        command_process("tool", "python3", "./tool.py", "--map:=map.yaml", "missing.yaml")
+    write_files(
+        top, {"bench/tool.py": "import helper\n", "bench/helper.py": "", "bench/map.yaml": "a"}
     )
+    plan = plan_of(process_of("tool", "python3", "./tool.py", "--map:=map.yaml", "missing.yaml"))
     before = identity_of(top, plan)
     assert only_node(before).kind == "command"
     assert paths(only_node(before)) == ["bench/helper.py", "bench/map.yaml", "bench/tool.py"]
-    write(top, {"bench/map.yaml": "b"})
+    write_files(top, {"bench/map.yaml": "b"})
     assert identity_differences(before, identity_of(top, plan)) == ("map.yaml changed",)
 
 
 def test_a_program_that_is_not_there_is_unknown(top: Path) -> None:
-    node = only_node(identity_of(top, plan_of(command_process("tool", "no-such-program"))))
+    node = only_node(identity_of(top, plan_of(process_of("tool", "no-such-program"))))
     assert (node.digest, node.unknown) == ("", "program no-such-program is not installed")
 
 
 def test_parameter_files_count_for_every_kind_of_node(top: Path) -> None:
-    write(top, {"bench/params.yaml": "/**: {ros__parameters: {a: 1}}\n"})
+    write_files(top, {"bench/params.yaml": "/**: {ros__parameters: {a: 1}}\n"})
     plan = plan_of(
         python_process("blur", "../nodes/blur.py:Blur", parameter_files=("params.yaml",))
     )
     before = identity_of(top, plan)
     assert "bench/params.yaml" in paths(only_node(before))
-    write(top, {"bench/params.yaml": "/**: {ros__parameters: {a: 2}}\n"})
+    write_files(top, {"bench/params.yaml": "/**: {ros__parameters: {a: 2}}\n"})
     assert identity_differences(before, identity_of(top, plan)) == ("params.yaml changed",)
 
 
 def test_a_launch_file_counts_with_what_it_names_and_says_that_there_is_more(
-    top: Path, workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+    top: Path, workspace: Workspace
 ) -> None:
     workspace.package("lens")
-    write(top, {"src/lens/src/blur.cpp": "int a;", "bench/gains.yaml": "g: 1\n"})
+    write_files(top, {"src/lens/src/blur.cpp": "int a;", "bench/gains.yaml": "g: 1\n"})
     text = "Node(package='lens', executable='blur', parameters=['gains.yaml'])\n"
-    write(top, {"bench/blur.launch.py": text})
-    workspace.activate(monkeypatch)
-    plan = plan_of(
-        command_process(
-            "blur", "ros2", "launch", "$(included_launch)", "file:=./blur.launch.py", "namespace:=/"
-        )
-    )
+    write_files(top, {"bench/blur.launch.py": text})
+    launched = ("$(included_launch)", "file:=./blur.launch.py", "namespace:=/")
+    plan = plan_of(process_of("blur", "ros2", "launch", *launched))
     before = identity_of(top, plan)
     node = only_node(before)
     assert node.kind == "launch"
@@ -573,12 +531,12 @@ def test_a_launch_file_counts_with_what_it_names_and_says_that_there_is_more(
         "src/lens/src/blur.cpp",
     ]
     assert "when it is executed" in node.unknown
-    write(top, {"bench/blur.launch.py": f"{text}# changed\n"})
+    write_files(top, {"bench/blur.launch.py": f"{text}# changed\n"})
     assert identity_differences(before, identity_of(top, plan)) == ("blur.launch.py changed",)
 
 
 def test_preprocessors_setup_steps_and_external_nodes_have_names_of_their_own(top: Path) -> None:
-    write(top, {"bench/build.sh": "make\n", "bench/call.sh": "call\n"})
+    write_files(top, {"bench/build.sh": "make\n", "bench/call.sh": "call\n"})
     process = python_process("blur", "../nodes/blur.py:Blur")
     before = msgspec.structs.replace(process, name="preprocess.blur", phase="preprocess")
     plan = plan_of(
@@ -611,11 +569,11 @@ def test_preprocessors_setup_steps_and_external_nodes_have_names_of_their_own(to
 
 
 def test_nodes_that_come_go_or_change_their_kind_are_named(top: Path) -> None:
-    write(top, {"bench/tool.sh": "tool\n"})
+    write_files(top, {"bench/tool.sh": "tool\n"})
     blur = python_process("blur", "../nodes/blur.py:Blur")
-    base = identity_of(top, plan_of(blur, command_process("old", "sh", "./tool.sh")))
-    head = identity_of(top, plan_of(command_process("blur", "sh", "./tool.sh"), blur))
-    other = identity_of(top, plan_of(command_process("blur", "sh", "./tool.sh")))
+    base = identity_of(top, plan_of(blur, process_of("old", "sh", "./tool.sh")))
+    head = identity_of(top, plan_of(process_of("blur", "sh", "./tool.sh"), blur))
+    other = identity_of(top, plan_of(process_of("blur", "sh", "./tool.sh")))
     assert "old removed" in identity_differences(base, head)
     assert "blur: python → command" in identity_differences(base, other)
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from command_line import Call
 from example_spec import example
-from r2bspec.cli.main import main
 
 PACKAGE = Path(__file__).parents[3] / "r2bspec"
 
@@ -38,9 +38,7 @@ def test_every_command_line_has_the_option() -> None:
 
 
 def test_validate_with_several_processes_imports_nothing_from_the_folder(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
     for name in sys.stdlib_module_names:
         (tmp_path / f"{name}.py").write_text("raise SystemExit('the module of a stranger')\n")
@@ -48,5 +46,4 @@ def test_validate_with_several_processes_imports_nothing_from_the_folder(
         (tmp_path / f"{number}.r2b.yaml").write_text(example(), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
-    assert main(["validate", "--offline", "."]) == 0
-    assert "110 files" in capsys.readouterr().out
+    assert "110 files" in call("validate", "--offline", ".", status=0).out

@@ -53,6 +53,11 @@ class Played:
         )
 
 
+UNKNOWN: Any = dict.fromkeys(
+    ("estimate", "lower", "upper", "limit", "over", "share", "rule_of_three")
+)
+
+
 def found(
     outcome: Outcome, *disturbed: DisturbedIteration, weakened: bool = False, at_hz: float = 30.0
 ) -> Verdict:
@@ -64,17 +69,11 @@ def found(
         monitor="out",
         outcome=outcome,
         method="exact binomial",
-        estimate=None,
-        lower=None,
-        upper=None,
-        limit=None,
+        **UNKNOWN,
         unit="s",
         n=1,
         confidence=0.95,
-        over=None,
         lost=False,
-        share=None,
-        rule_of_three=None,
         reason="",
         remedy="",
         weakened=weakened,

@@ -8,10 +8,11 @@ from typing import Any, cast
 import msgspec
 import pytest
 
+from command_line import Call
 from example_spec import example
+from plans import process_plan
 from r2bspec import api
 from r2bspec.check.rules.machine import transport_unsupported_by_middleware
-from r2bspec.cli.main import main
 from r2bspec.compare.interleaved_comparison import ComparisonSide, prepare_comparison
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.errors import MiddlewareError
@@ -20,7 +21,7 @@ from r2bspec.execute.processes.machine import describe_versions
 from r2bspec.execute.processes.prerequisites import check_middleware
 from r2bspec.ipc import protocol
 from r2bspec.plan.canonical_json import canonical_json
-from r2bspec.plan.plan import Plan, ProcessPlan
+from r2bspec.plan.plan import Plan
 from r2bspec.record.run_folder import open_run
 from run_simulation import Simulation
 
@@ -30,7 +31,7 @@ FAST = {"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}
 
 def plan(transport: Any, env: dict[str, str] | None = None) -> Plan:
     """A plan with one node, in whose environment `env` is."""
-    process = ProcessPlan(name="relay", role="host", phase="measure", argv=("x",), env=env or {})
+    process = process_plan("relay", "host", env=env or {})
     return msgspec.structs.replace(Simulation().plan(), transport=transport, processes=(process,))
 
 
@@ -71,15 +72,14 @@ def test_what_can_be_configured_is_not_refused(
 
 
 def test_a_plan_file_is_refused_before_anything_is_started(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
     spec = tmp_path / "relay.r2b.yaml"
     spec.write_text(example())
     (tmp_path / "plan.json").write_bytes(canonical_json(api.compile_plan(spec)))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("RMW_IMPLEMENTATION", CYCLONE["RMW_IMPLEMENTATION"])
-    assert main(["run", "plan.json", "--output", "run"]) == 2
-    said = capsys.readouterr().err
+    said = call("run", "plan.json", "--output", "run", status=2).err
     assert transport_unsupported_by_middleware.code in said
     assert "cannot be configured with rmw_cyclonedds_cpp" in said
     record = open_run(tmp_path / "run").record

@@ -12,6 +12,7 @@ import pytest
 from r2bspec.execute.measurement.peak_search import LongPlays, Overload, PeakSearch, ProbeOutcome
 from r2bspec.judge.stationarity import CompletionTimes
 from r2bspec.record.run_record import Probe, SearchRecord
+from run_simulation import bracket
 
 SECONDS = 10.0
 
@@ -97,12 +98,6 @@ class Graph:
 
     def rates(self, purpose: str) -> list[float]:
         return [rate_hz for what, rate_hz in self.played if what == purpose]
-
-
-def bracket(record: SearchRecord) -> tuple[float, float]:
-    assert record.holds_hz is not None
-    assert record.fails_hz is not None
-    return record.holds_hz, record.fails_hz
 
 
 def steady(capacity_hz: float) -> Graph:
@@ -202,14 +197,6 @@ def test_the_end_of_the_range_is_played_whole_too() -> None:
     assert graph.rates("confirmation") == [1000.0]
     assert graph.rates("saturation") == []
     assert (record.holds_hz, record.limited_by, record.proof) == (1000.0, "range", "confirmed")
-
-
-def test_a_graph_below_the_range_is_not_overloaded() -> None:
-    graph = steady(5.0)
-    record = graph.search()
-    assert record.holds_hz is None
-    assert record.proof == ""
-    assert {what for what, _ in graph.played} == {"probe"}
 
 
 def overload(play: Callable[[float], CompletionTimes | None], **changes: Any) -> Overload:

@@ -8,11 +8,12 @@ import msgspec
 import numpy as np
 import pytest
 
+from plans import process_plan
 from r2bspec.errors import UsageError
 from r2bspec.execute.errors import ProfilerError
 from r2bspec.execute.profiled_iteration import profiled_processes, profiled_rate
 from r2bspec.execute.profilers import Profiler, find_profiler, require_usable, stacks_of
-from r2bspec.plan.plan import NodePlan, Plan, PlayPlan, ProcessPlan
+from r2bspec.plan.plan import Plan, PlayPlan, ProcessPlan
 from run_simulation import Played, Simulation
 
 BASE = Path("/runs/one/profile/relay/relay")
@@ -39,34 +40,13 @@ def plan_of(*processes: ProcessPlan, **changes: object) -> Plan:
     return msgspec.structs.replace(plan, processes=processes, **changes)
 
 
-def process(name: str, role: str = "command", *nodes: str, phase: str = "measure") -> ProcessPlan:
-    return ProcessPlan(
-        name=name,
-        role=role,  # type: ignore[arg-type]
-        phase=phase,  # type: ignore[arg-type]
-        argv=("true",),
-        env={},
-        nodes=tuple(
-            NodePlan(
-                name=f"/r2b/{node}",
-                node=node,
-                namespace="/r2b",
-                target="",
-                parameters={},
-                remappings={},
-            )
-            for node in nodes
-        ),
-    )
-
-
 GRAPH = plan_of(
-    process("loader", "loader", phase="load"),
-    process("preprocess.resize", "host", "resize", phase="preprocess"),
-    process("player", "player"),
-    process("monitor", "monitor"),
-    process("shared", "host", "left", "right"),
-    process("relay", "command", "relay"),
+    process_plan("loader", "loader", phase="load"),
+    process_plan("preprocess.resize", "host", "resize", phase="preprocess"),
+    process_plan("player", "player"),
+    process_plan("monitor", "monitor"),
+    process_plan("shared", "host", "left", "right"),
+    process_plan("relay", "command", "relay"),
 )
 
 
@@ -82,7 +62,7 @@ def test_every_process_of_the_graph_is_observed_unless_one_is_named() -> None:
 
 
 def test_nodes_in_the_process_of_the_harness_are_observed_there() -> None:
-    assert names(plan_of(process("harness", "harness", "relay"))) == ["harness"]
+    assert names(plan_of(process_plan("harness", "harness", "relay"))) == ["harness"]
 
 
 def test_an_unknown_node_is_refused_with_the_known_ones() -> None:
@@ -93,7 +73,7 @@ def test_an_unknown_node_is_refused_with_the_known_ones() -> None:
 
 def test_a_graph_that_others_start_has_no_process_to_observe() -> None:
     with pytest.raises(UsageError, match="no process of the graph"):
-        profiled_processes(plan_of(process("player", "player")), "")
+        profiled_processes(plan_of(process_plan("player", "player")), "")
 
 
 def test_the_highest_rate_is_played_for_the_length_of_its_iterations() -> None:

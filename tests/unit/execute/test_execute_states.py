@@ -1,15 +1,26 @@
-"""The states of a run: they follow each other as the documentation draws them, and only so."""
+"""The states of a run, where its time goes, and how signals and the time budget end it."""
 
 from __future__ import annotations
 
+import itertools
+import os
 import re
+import signal
+import subprocess
+import sys
+import threading
+import time
 from collections import defaultdict
 from pathlib import Path
 
 import pytest
 
+from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.progress import NullProgress
-from r2bspec.execute.states import NEXT, RunState, RunStates
+from r2bspec.execute.run_context import TimeBudget
+from r2bspec.execute.states import NEXT, Interrupts, PhaseClock, RunState, RunStates
+from r2bspec.record.run_record import PhaseTime, WaitTime
+from r2bspec.report.terminal_tables import took_ns, waits_text
 
 PAGE = Path(__file__).parents[3] / "docs" / "execution.md"
 
@@ -54,3 +65,219 @@ def test_a_run_cannot_skip_a_state() -> None:
     assert states.state is RunState.LOAD
     assert [text for _, text in states.events] == ["phase load", "3 messages"]
     assert [phase.name for phase in states.clock.phases()] == ["prepare", "load"]
+
+
+MS = 1_000_000
+
+
+def spin(milliseconds: float) -> None:
+    """Use the processor for a time."""
+    end = time.process_time() + milliseconds / 1000
+    while time.process_time() < end:
+        pass
+
+
+def test_phases_follow_each_other_without_gaps() -> None:
+    clock = PhaseClock()
+    clock.begin("load")
+    clock.begin("start")
+    phases = clock.phases()
+    assert [each.name for each in phases] == ["prepare", "load", "start"]
+    for before, after in itertools.pairwise(phases):
+        assert before.began_ns <= before.ended_ns <= after.began_ns
+        # What lies in between is two instructions, not a part of the run.
+        assert after.began_ns - before.ended_ns <= took_ns(phases)
+
+
+def test_a_wait_has_no_part_in_a_phase_that_begins_meanwhile() -> None:
+    clock = PhaseClock()
+    with clock.waiting("relay: ready"):
+        clock.begin("load")
+    prepare, load = clock.phases()
+    assert load.waits == ()
+    assert prepare.name == "prepare"
+    with clock.waiting("bag: read"):
+        pass
+    (wait,) = clock.phases()[1].waits
+    assert (wait.what, wait.count) == ("bag: read", 1)
+
+
+def test_a_wait_inside_another_is_not_counted_twice() -> None:
+    clock = PhaseClock()
+    with clock.waiting("endpoints: matched"):
+        for _ in range(3):
+            with clock.waiting("monitor: matched"):
+                spin(1)
+    with clock.waiting("endpoints: matched"):
+        pass
+    (phase,) = clock.phases()
+    (wait,) = phase.waits
+    assert (wait.what, wait.count) == ("endpoints: matched", 2)
+    assert 3 * MS <= wait.took_ns <= phase.took_ns
+
+
+def test_the_longest_wait_is_first_and_the_processor_time_is_that_of_the_phase() -> None:
+    clock = PhaseClock()
+    with clock.waiting("short"):
+        spin(1)
+    with clock.waiting("long"):
+        spin(20)
+    clock.begin("load")
+    prepare, load = clock.phases()
+    assert [each.what for each in prepare.waits] == ["long", "short"]
+    assert prepare.cpu_ns >= 21 * MS > load.cpu_ns
+
+
+def test_a_wait_that_fails_is_counted_too() -> None:
+    clock = PhaseClock()
+    try:
+        with clock.waiting("relay: ready"):
+            raise TimeoutError
+    except TimeoutError:
+        pass
+    (phase,) = clock.phases()
+    assert [each.what for each in phase.waits] == ["relay: ready"]
+
+
+def test_waits_of_several_starts_are_shown_together() -> None:
+    def phase(ready_ms: int, matched_ms: int) -> PhaseTime:
+        return PhaseTime(
+            name="graph",
+            began_ns=0,
+            ended_ns=1000 * MS,
+            cpu_ns=0,
+            waits=(
+                WaitTime(what="relay: ready", count=1, took_ns=ready_ms * MS),
+                WaitTime(what="endpoints: matched", count=1, took_ns=matched_ms * MS),
+            ),
+        )
+
+    shown = waits_text([phase(100, 300), phase(150, 300)])
+    assert shown == "endpoints: matched 600 ms, relay: ready 250 ms"
+
+
+HOUR_NS = 3600 * 10**9
+
+
+def test_no_budget_allows_everything() -> None:
+    notes: list[str] = []
+    budget = TimeBudget(0, notes.append)
+    budget.begin()
+    assert budget.allows("no confirmation run", 1e9)
+    assert (notes, budget.left_out) == ([], [])
+
+
+def test_what_fits_is_played_and_what_does_not_is_told() -> None:
+    notes: list[str] = []
+    budget = TimeBudget(HOUR_NS, notes.append)
+    budget.begin()
+    assert budget.allows("no more iterations", 60.0)
+    assert not budget.allows("no confirmation run", 3601.0)
+    assert notes == ["no confirmation run: it would exceed the time budget of 3600 s"]
+    assert budget.left_out == ["No confirmation run: it would exceed the time budget of 3600 s."]
+
+
+def test_time_before_it_begins_does_not_count() -> None:
+    budget = TimeBudget(HOUR_NS, lambda _: None)
+    assert budget.spent_s() == 0.0
+    assert budget.allows("no confirmation run", 3600.0)
+    budget.begin()
+    assert budget.spent_s() >= 0.0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_is_reported_once(number: signal.Signals) -> None:
+    with Interrupts() as interrupts:
+        interrupts.check()
+        os.kill(os.getpid(), number)
+        with pytest.raises(InterruptedRunError, match=number.name) as raised:
+            interrupts.check()
+        assert raised.value.exit_code == 130
+        # Cleaning up must not be interrupted by the signal that led to it.
+        interrupts.check()
+
+
+def test_a_signal_that_came_before_long_work_keeps_it_from_beginning() -> None:
+    with Interrupts() as interrupts:
+        os.kill(os.getpid(), signal.SIGINT)
+        with pytest.raises(InterruptedRunError), interrupts.immediate():
+            pytest.fail("it began")
+
+
+def test_after_long_work_signals_wait_again() -> None:
+    with Interrupts() as interrupts:
+        with interrupts.immediate():
+            pass
+        os.kill(os.getpid(), signal.SIGINT)
+        with pytest.raises(InterruptedRunError):
+            interrupts.check()
+
+
+def test_handlers_are_as_before_afterwards() -> None:
+    before = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)}
+    with Interrupts():
+        assert signal.getsignal(signal.SIGINT) != before[signal.SIGINT]
+    assert {each: signal.getsignal(each) for each in before} == before
+
+
+def test_what_catches_every_error_does_not_catch_an_interrupt() -> None:
+    with (
+        Interrupts() as interrupts,
+        pytest.raises(InterruptedRunError, match="interrupted by SIGTERM"),
+        interrupts.immediate(),
+    ):
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(60)
+        except Exception as error:
+            raise ValueError("the bag cannot be read") from error
+
+
+def test_a_run_that_was_started_with_nohup_outlives_its_terminal() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with Interrupts() as interrupts:
+            os.kill(os.getpid(), signal.SIGHUP)
+            interrupts.check()
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_a_second_signal_ends_the_process_at_once() -> None:
+    program = (
+        "import os, signal; from r2bspec.execute import states as interrupts\n"
+        "interrupts._DEBOUNCE_S = 0.0\n"
+        "with interrupts.Interrupts():\n"
+        "    os.kill(os.getpid(), signal.SIGTERM); print('one', flush=True)\n"
+        "    os.kill(os.getpid(), signal.SIGTERM); print('two', flush=True)\n"
+    )
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.stdout == "one\n"
+    assert done.returncode == 130
+
+
+def test_one_act_that_arrives_twice_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("r2bspec.execute.states._DEBOUNCE_S", 3600.0)
+    with Interrupts() as interrupts:
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGINT)
+        with pytest.raises(InterruptedRunError):
+            interrupts.check()
+
+
+def test_a_run_in_a_thread_does_without_signals() -> None:
+    # Python lets only the main thread set handlers; whoever runs us elsewhere has their own.
+    problems: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            with Interrupts() as interrupts:
+                interrupts.check()
+        except BaseException as error:
+            problems.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join()
+    assert problems == []

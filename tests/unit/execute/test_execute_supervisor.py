@@ -5,16 +5,18 @@ from __future__ import annotations
 import itertools
 import os
 import secrets
+import shutil
 import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
 
-from family_trees import alive, wait_for
+from family_trees import wait_for
 from r2bspec.execute.errors import (
     InterruptedRunError,
     NotInstalledError,
@@ -69,14 +71,17 @@ class Stage:
         self.interrupt: Callable[[], None] = lambda: None
         self.children = ProcessSupervisor(self.run_id, folder / "scratch", lambda: self.interrupt())
 
-    def start(self, program: str, name: str = "node", role: str = "host") -> ManagedProcess:
-        return self.run([sys.executable, "-c", PRELUDE + program], name, role)
+    def start(
+        self, program: str, name: str = "node", role: str = "host", **more: Any
+    ) -> ManagedProcess:
+        return self.run([sys.executable, "-c", PRELUDE + program], name, role, **more)
 
-    def run(self, argv: list[str], name: str = "node", role: str = "host") -> ManagedProcess:
+    def run(
+        self, argv: list[str], name: str = "node", role: str = "host", **more: Any
+    ) -> ManagedProcess:
         environment = os.environ | {RUN_ID_VARIABLE: self.run_id, "PYTHONUNBUFFERED": "1"}
-        return self.children.start(
-            name, role, argv, environment, cwd=self.folder, log=self.folder / f"{name}.log"
-        )
+        log = self.folder / f"{name}.log"
+        return self.children.start(name, role, argv, environment, cwd=self.folder, log=log, **more)
 
     def pump_until(self, condition: Callable[[], object]) -> None:
         deadline = time.monotonic() + HANG_S
@@ -125,12 +130,19 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 # Listening
 
 
-def test_each_child_answers_for_itself(stage: Stage) -> None:
-    started = [stage.start(ANSWERS, f"node{number}") for number in range(3)]
-    for number, child in enumerate(started):
-        child.send(protocol.Play(rate_hz=1.0, steps=number))
-    for number, child in reversed(list(enumerate(started))):
-        assert stage.children.answer(child, protocol.Played, HANG_S).steps == number
+def test_a_program_that_was_checked_is_run_whatever_takes_its_place(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = stage.folder / "program"
+    shutil.copy("/bin/echo", program)
+    descriptor = os.open(program, os.O_RDONLY)
+    monkeypatch.setattr(supervisor, "descriptor_of", {str(program): descriptor}.get)
+    program.unlink()
+    program.write_text("#!/bin/sh\necho exchanged\n")
+    program.chmod(0o755)
+    stage.run([str(program), "checked"], role="command").process.wait(HANG_S)
+    os.close(descriptor)
+    assert stage.said() == "checked\n"
 
 
 def test_what_is_no_answer_is_passed_over(stage: Stage) -> None:
@@ -160,6 +172,70 @@ def test_a_command_that_a_stopped_child_does_not_take_blocks_nobody(
     large = protocol.LoadSchedule(schedule=CyclicSchedule(steps=steps))
     with pytest.raises(RunError, match="did not respond"):
         stage.children.request(child, large, protocol.Ready, 0.2)
+
+
+# Several parts in one process
+
+
+PARTS = """
+from r2bspec.harness.control_channel import Channel
+ends = {part: Channel.from_environment(part) for part in ("", "player", "monitor")}
+assert not [name for name in os.environ if name.startswith(protocol.CONTROL_FD_VARIABLE)]
+while True:
+    for part, own in list(ends.items()):
+        if not own.wait(0.01):
+            continue
+        match own.receive():
+            case protocol.Play(steps=0):
+                own.send(protocol.Failed(code="R2B630", message="cannot play nothing"))
+            case protocol.Play(steps=steps):
+                own.send(protocol.Played(steps=steps + len(part)))
+            case protocol.Stop():
+                sys.exit(3)
+            case protocol.Shutdown() if part:
+                ends.pop(part).close()
+            case protocol.Shutdown():
+                sys.exit(4 if len(ends) > 1 else 0)
+"""
+
+
+def play(steps: int) -> protocol.Play:
+    return protocol.Play(rate_hz=1.0, steps=steps)
+
+
+@pytest.fixture
+def whole(stage: Stage) -> ManagedProcess:
+    """Several parts of the harness in one process: each speaks and listens for itself."""
+    return stage.start(PARTS, "harness", "harness", parts=("player", "monitor"))
+
+
+def test_each_part_answers_for_itself_and_ends_before_its_process(
+    stage: Stage, whole: ManagedProcess
+) -> None:
+    children = stage.children
+    player, monitor = whole.parts["player"], whole.parts["monitor"]
+    for child in (whole, player, monitor):
+        child.send(play(10))
+    # In another order than they were asked.
+    for child, name in ((player, "player"), (whole, ""), (monitor, "monitor")):
+        assert children.answer(child, protocol.Played, HANG_S).steps == 10 + len(name)
+    assert [record.name for record in children.records()] == ["harness"]
+    assert {player.pid, monitor.pid} == {whole.pid}
+    children.end([whole])
+    assert whole.process.returncode == 0
+    assert list(children) == []
+
+
+def test_a_part_that_fails_is_named(stage: Stage, whole: ManagedProcess) -> None:
+    whole.parts["player"].send(play(0))
+    with pytest.raises(ProcessFailedError, match="^player: cannot play nothing"):
+        stage.children.pump_for(HANG_S)
+
+
+def test_a_process_that_dies_takes_its_parts_along(stage: Stage, whole: ManagedProcess) -> None:
+    whole.parts["monitor"].send(protocol.Stop())
+    with pytest.raises(ProcessDiedError, match="process harness exited with status 3"):
+        stage.pump_for_ever()
 
 
 # Dying
@@ -321,23 +397,13 @@ def test_one_that_hangs_does_not_keep_the_rest_waiting_in_turn(
     polite = stage.start(ANSWERS, "polite")
     for child in hangs:
         stage.children.answer(child, protocol.Ready, HANG_S)
-    stage.children.request(polite, protocol.Play(rate_hz=1.0, steps=1), protocol.Played, HANG_S)
+    stage.children.request(polite, play(1), protocol.Played, HANG_S)
     monkeypatch.setattr(middleware_of({}), "exit_in_turn_s", 0.2)
     # What is left to the polite one, on however busy a machine.
     monkeypatch.setattr(process, "MAX_EXIT_S", 3.0)
     stage.children.end([*hangs, polite])
     assert polite.process.returncode == 0
     assert {child.process.returncode for child in hangs} == {-signal.SIGTERM}
-
-
-def test_only_those_named_are_ended(stage: Stage) -> None:
-    first, second = stage.start(ANSWERS, "first"), stage.start(ANSWERS, "second")
-    play = protocol.Play(rate_hz=1.0, steps=2)
-    assert stage.children.request(first, play, protocol.Played, HANG_S).steps == 2
-    stage.children.end([first])
-    assert first.process.returncode == 0
-    assert list(stage.children) == [second]
-    assert stage.children.request(second, play, protocol.Played, HANG_S).steps == 2
 
 
 LEAVES = "def leave(number, frame): shout(number, frame); sys.exit(0)\n"
@@ -385,39 +451,12 @@ def test_a_child_that_is_stopped_is_killed(stage: Stage, impatient: None) -> Non
     assert child.process.returncode == -signal.SIGKILL
 
 
-GRANDCHILD = (
-    "subprocess.Popen([sys.executable, '-c', "
-    "'import os, signal, sys, time\\n"
-    "for each in (signal.SIGINT, signal.SIGTERM): signal.signal(each, signal.SIG_IGN)\\n"
-    'print("grandchild", os.getpid(), flush=True)\\n'
-    "time.sleep(600)'], start_new_session={own})\n"
-)
-
-
-def grandchild(stage: Stage) -> int:
-    stage.pump_until(lambda: stage.said().endswith("\n") and "grandchild" in stage.said())
-    line = next(each for each in stage.said().splitlines() if each.startswith("grandchild"))
-    return int(line.split()[1])
-
-
-@pytest.mark.parametrize("own_session", [False, True])
-def test_stubborn_grandchildren_end_with_the_run(
-    stage: Stage, impatient: None, own_session: bool
-) -> None:
-    stage.start(GRANDCHILD.format(own=own_session) + ANSWERS)
-    pid = grandchild(stage)
-    killed = stage.children.close()
-    assert not alive(pid)
-    if own_session:
-        assert [name.startswith("python") for name in killed] == [True]
-
-
 def test_the_record_lists_all_in_order_with_how_they_ended(stage: Stage, impatient: None) -> None:
     first = stage.start(ANSWERS, "first", "player")
     stubborn = "ignore(signal.SIGINT, signal.SIGTERM)\n" + SLEEPS
     second = stage.start(stubborn, "second", "command")
     stage.pump_until(lambda: "here" in stage.said("second"))
-    stage.children.request(first, protocol.Play(rate_hz=1.0, steps=1), protocol.Played, HANG_S)
+    stage.children.request(first, play(1), protocol.Played, HANG_S)
     stage.children.end([first])
     running = stage.children.records()
     assert [(each.name, each.role, each.exit_code) for each in running] == [
@@ -444,13 +483,5 @@ def test_an_interrupt_is_seen_while_an_answer_is_awaited(stage: Stage) -> None:
         stage.children.request(child, protocol.CountMatches(), protocol.Matched, HANG_S)
 
 
-@pytest.mark.parametrize(
-    ("status", "words"),
-    [
-        (17, "exited with status 17"),
-        (-9, "was killed by SIGKILL"),
-        (-250, "was killed by signal 250"),
-    ],
-)
-def test_a_status_is_put_in_words(status: int, words: str) -> None:
-    assert describe_exit(status) == words
+def test_a_signal_without_a_name_has_its_number() -> None:
+    assert describe_exit(-250) == "was killed by signal 250"

@@ -12,18 +12,20 @@ import yaml
 from r2bspec.fleet.errors import NotAllowedError
 from r2bspec.fleet.permissions import check_allowed
 from r2bspec.language.load_spec import load_spec
+from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.command_lines import INCLUDED_LAUNCH
 from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.plan import AfterReadyPlan, Plan
 from ros_runs import relay_spec
 
 OWN = {"python": "r2bspec.nodes.RelayNode"}
+NODE_MAIN = ["$(python)", "-P", "-m", "r2bspec.harness.node_main"]
 LAUNCH_LINE = ["ros2", "launch", INCLUDED_LAUNCH]
 LAUNCH_END = ["namespace:=/", "remappings:={}", "arguments:={}"]
 
 
-def plan_of(node: dict[str, Any]) -> Plan:
-    loaded = load_spec(yaml.safe_dump(relay_spec(graph={"nodes": {"own": node}})))
+def plan_of(node: dict[str, Any], **parts: Any) -> Plan:
+    loaded = load_spec(yaml.safe_dump(relay_spec(graph={"nodes": {"own": node}}, **parts)))
     assert loaded.spec is not None, loaded.diagnostics
     return compile_plan(loaded.spec, None)
 
@@ -120,7 +122,8 @@ def test_python_of_a_ros_package_that_is_installed_needs_none(
         ((*LAUNCH_LINE, "file:=./x.py", *LAUNCH_END), "python"),
         ((*LAUNCH_LINE, "package:=demo", "file:=../x", *LAUNCH_END), "python"),
         ((*LAUNCH_LINE, "package:=../demo", "file:=x", *LAUNCH_END), "python"),
-        (("$(python)", "-P", "-m", "r2bspec.harness.node_main", "./evil.py:main"), "python"),
+        ((*NODE_MAIN, "./evil.py:main"), "python"),
+        ((*NODE_MAIN, "r2bspec.nodes.x.main", "launch", "./evil.launch.py"), "commands"),
     ],
 )
 def test_a_plan_cannot_pass_a_command_off_as_a_program_of_r2bspec(
@@ -130,6 +133,42 @@ def test_a_plan_cannot_pass_a_command_off_as_a_program_of_r2bspec(
     check_allowed(plan, (), "here")
     changed = [msgspec.structs.replace(plan.processes[0], argv=argv), *plan.processes[1:]]
     assert needs(msgspec.structs.replace(plan, processes=tuple(changed))) == {permission}
+
+
+@pytest.mark.parametrize(
+    ("parts", "permission"),
+    [
+        ({"setup": {"x": {"command": ["./x"]}}}, "commands"),
+        ({"after_ready": {"x": {"command": ["./x"]}}}, "commands"),
+        ({"preprocessors": {"x": {"command": ["./x"]}}}, "commands"),
+        ({"preprocessors": {"x": {"python": "./x.py:X"}}}, "python"),
+        ({"preprocessors": {"x": {**OWN, "env": {"HOME": "."}}}}, "commands"),
+        ({"containers": {"c": {"prefix": ["./x"]}}}, "commands"),
+        ({"containers": {"c": {"env": {"LD_PRELOAD": "./x.so"}}}}, "commands"),
+    ],
+)
+def test_no_part_of_a_spec_goes_around_the_permissions(
+    parts: dict[str, Any], permission: str
+) -> None:
+    in_container = {"package": "demo", "plugin": "demo::Talker", "container": "c"}
+    assert needs(plan_of(in_container if "containers" in parts else OWN, **parts)) == {permission}
+
+
+def test_how_a_base_is_built_stays_on_the_machine_of_the_client() -> None:
+    gate = {"base": {"build": [["touch", "built"]], "setup": "./sourced.bash"}}
+    plan = plan_of(OWN, benchmark={**relay_spec()["benchmark"], "gate": gate})
+    assert needs(plan) == set()
+    assert not {b"built", b"sourced"} & set(canonical_json(plan).replace(b'"', b" ").split())
+
+
+@pytest.mark.parametrize(
+    "file", ["DEFAULT_FASTRTPS_PROFILES.xml", "x/USER_QOS_PROFILES.xml", "matplotlibrc"]
+)
+def test_files_that_are_loaded_unasked_need_a_permission(file: str) -> None:
+    check_allowed(plan_of(OWN), ("commands",), "here", files=[file])
+    check_allowed(plan_of(OWN), (), "here", files=["profiles.xml"])
+    with pytest.raises(NotAllowedError, match="--allow-commands"):
+        check_allowed(plan_of(OWN), (), "here", files=[file])
 
 
 def test_libraries_are_loaded_from_installed_packages_only() -> None:

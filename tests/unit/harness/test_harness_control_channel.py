@@ -6,11 +6,11 @@ import os
 import socket
 import threading
 from collections.abc import Iterator
-from typing import Any
 
 import msgspec
 import pytest
 
+from plans import node_plan
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.ipc import protocol
 from r2bspec.ipc.schedule import (
@@ -21,7 +21,7 @@ from r2bspec.ipc.schedule import (
     TimelineStep,
 )
 from r2bspec.language.spec import QoS
-from r2bspec.plan.plan import InputPlan, MonitorPlan, NodePlan
+from r2bspec.plan.plan import InputPlan, MonitorPlan
 
 INPUT = InputPlan(
     topic="/r2b/image",
@@ -33,13 +33,8 @@ INPUT = InputPlan(
 MONITOR = MonitorPlan(
     name="out", topic="/r2b/out", type="sensor_msgs/msg/Image", match="order", qos=None
 )
-NODE = NodePlan(
-    name="/r2b/relay",
-    node="relay",
-    namespace="/r2b",
-    target="./nodes.py:Relay",
-    parameters={"rate": 1.5, "count": 2, "names": ["a", "b"], "on": True, "text": "10"},
-    remappings={"input": "image"},
+NODE = node_plan(
+    "relay", parameters={"rate": 1.5, "count": 2, "names": ["a", "b"], "on": True, "text": "10"}
 )
 ENDPOINT = protocol.Endpoint(
     node="/r2b/relay", type="x/msg/Y", reliability="reliable", durability="volatile"
@@ -93,28 +88,29 @@ REPLIES: list[protocol.Reply] = [
 
 
 @pytest.fixture
-def ends() -> Iterator[tuple[Channel, socket.socket]]:
-    """A child's channel, and the controller's end of it."""
+def pair() -> Iterator[tuple[socket.socket, socket.socket]]:
     theirs, ours = socket.socketpair()
     with theirs, ours:
         ours.settimeout(30)
-        yield Channel(theirs), ours
+        yield theirs, ours
 
 
-@pytest.mark.parametrize("command", COMMANDS, ids=lambda each: type(each).__name__)
-def test_every_command_arrives_as_it_was_sent(
-    ends: tuple[Channel, socket.socket], command: protocol.Command
-) -> None:
-    channel, controller = ends
-    controller.sendall(protocol.encode(command))
-    assert channel.receive() == command
+@pytest.fixture
+def channel(pair: tuple[socket.socket, socket.socket]) -> Channel:
+    """That of a child."""
+    return Channel(pair[0])
+
+
+@pytest.fixture
+def controller(pair: tuple[socket.socket, socket.socket]) -> socket.socket:
+    """The other end of the channel."""
+    return pair[1]
 
 
 @pytest.mark.parametrize("reply", REPLIES, ids=lambda each: type(each).__name__)
 def test_every_reply_is_one_line_that_reads_back(
-    ends: tuple[Channel, socket.socket], reply: protocol.Reply
+    channel: Channel, controller: socket.socket, reply: protocol.Reply
 ) -> None:
-    channel, controller = ends
     channel.send(reply)
     line = controller.recv(1 << 16)
     assert line.count(b"\n") == 1
@@ -145,8 +141,9 @@ def test_what_is_no_command_is_refused(line: bytes) -> None:
         protocol.decode_command(line)
 
 
-def test_commands_may_come_in_pieces_and_together(ends: tuple[Channel, socket.socket]) -> None:
-    channel, controller = ends
+def test_every_command_arrives_as_it_was_sent_in_pieces_and_together(
+    channel: Channel, controller: socket.socket
+) -> None:
     data = b"".join(protocol.encode(each) for each in COMMANDS)
 
     def drip() -> None:
@@ -160,9 +157,9 @@ def test_commands_may_come_in_pieces_and_together(ends: tuple[Channel, socket.so
 
 
 def test_a_command_larger_than_the_sockets_buffer_arrives_whole(
-    ends: tuple[Channel, socket.socket],
+    channel: Channel,
+    controller: socket.socket,
 ) -> None:
-    channel, controller = ends
     steps = tuple((number, number + 1) for number in range(100_000))
     sent = protocol.LoadSchedule(schedule=CyclicSchedule(steps=steps))
     thread = threading.Thread(target=controller.sendall, args=(protocol.encode(sent),))
@@ -171,8 +168,7 @@ def test_a_command_larger_than_the_sockets_buffer_arrives_whole(
     thread.join()
 
 
-def test_waiting_ends_when_a_command_is_there(ends: tuple[Channel, socket.socket]) -> None:
-    channel, controller = ends
+def test_waiting_ends_when_a_command_is_there(channel: Channel, controller: socket.socket) -> None:
     assert channel.wait(0.0) is False
     assert channel.wait(-1.0) is False
     controller.sendall(protocol.encode(protocol.Stop()) + protocol.encode(protocol.Shutdown()))
@@ -184,8 +180,7 @@ def test_waiting_ends_when_a_command_is_there(ends: tuple[Channel, socket.socket
     assert channel.wait(0.0) is False
 
 
-def test_the_end_of_the_controller_is_noticed(ends: tuple[Channel, socket.socket]) -> None:
-    channel, controller = ends
+def test_the_end_of_the_controller_is_noticed(channel: Channel, controller: socket.socket) -> None:
     controller.close()
     assert channel.wait(30.0) is True
     with pytest.raises(ChannelClosedError):
@@ -194,8 +189,9 @@ def test_the_end_of_the_controller_is_noticed(ends: tuple[Channel, socket.socket
         channel.send(protocol.Ready())
 
 
-def test_half_a_command_at_the_end_is_no_command(ends: tuple[Channel, socket.socket]) -> None:
-    channel, controller = ends
+def test_half_a_command_at_the_end_is_no_command(
+    channel: Channel, controller: socket.socket
+) -> None:
     controller.sendall(protocol.encode(protocol.Stop())[:-3])
     controller.close()
     with pytest.raises(ChannelClosedError):
@@ -214,8 +210,4 @@ def test_the_socket_is_taken_from_the_environment_once(monkeypatch: pytest.Monke
         assert not os.get_inheritable(number)
         ours.sendall(protocol.encode(protocol.Stop()))
         assert channel.receive() == protocol.Stop()
-        close(channel)
-
-
-def close(channel: Any) -> None:
-    channel._socket.close()
+        channel._socket.close()

@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 
+from plans import node_plan
+
 pytest.importorskip("rclpy")
 
 from r2bspec.harness.service_client import ComponentError, load_error, load_request
@@ -15,17 +17,8 @@ from r2bspec.plan.plan import NodePlan
 
 
 def node(**changes: Any) -> NodePlan:
-    fields: dict[str, Any] = {
-        "name": "/r2b/left/rectify",
-        "node": "rectify",
-        "namespace": "/r2b/left",
-        "target": "",
-        "parameters": {},
-        "remappings": {},
-        "package": "image_proc",
-        "plugin": "image_proc::RectifyNode",
-    }
-    return NodePlan(**fields | changes)
+    of = {"package": "image_proc", "plugin": "image_proc::RectifyNode"}
+    return node_plan("rectify", namespace="/r2b/left", **of, **changes)
 
 
 def value(given: Any) -> dict[str, Any]:

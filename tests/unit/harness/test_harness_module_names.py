@@ -20,12 +20,10 @@ def run(
 ) -> subprocess.CompletedProcess[str]:
     """Run a program as a process of a graph, with further folders before and after ours."""
     folders = [folder for folder in (before, str(FOLDER), after, str(tmp_path)) if folder]
+    names = {"R2BSPEC_MODULES_FOLDER": str(tmp_path / "names")}
     return subprocess.run(
         [sys.executable, *options, "-c", program],
-        env={
-            "PYTHONPATH": os.pathsep.join(folders),
-            "R2BSPEC_MODULES_FOLDER": str(tmp_path / "names"),
-        },
+        env={"PYTHONPATH": os.pathsep.join(folders), **names},
         capture_output=True,
         text=True,
         check=False,
@@ -86,13 +84,8 @@ def test_what_the_user_customizes_is_there(tmp_path: Path, gains: Path, place: s
 def test_a_customization_that_fails_fails_as_without_this(tmp_path: Path) -> None:
     folder = custom(tmp_path, "import absent_module\n")
     failed = run(tmp_path, "print('runs')", after=folder)
-    alone = subprocess.run(
-        [sys.executable, "-c", "print('runs')"],
-        env={"PYTHONPATH": folder},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command = [sys.executable, "-c", "print('runs')"]
+    alone = subprocess.run(command, env={"PYTHONPATH": folder}, capture_output=True, text=True)
     assert (failed.returncode, failed.stdout) == (alone.returncode, alone.stdout)
     assert failed.stderr.splitlines()[-1] == alone.stderr.splitlines()[-1]
 

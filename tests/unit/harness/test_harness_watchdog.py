@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
 import signal
 import subprocess
 import sys
@@ -12,18 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from family_trees import Family, alive, family
-
-
-@pytest.fixture
-def run_id() -> str:
-    return secrets.token_hex(8)
-
-
-@pytest.fixture
-def people(tmp_path: Path, run_id: str) -> Iterator[Family]:
-    with family(tmp_path, run_id) as found:
-        yield found
+from family_trees import Family, alive, family, wait_for
 
 
 @pytest.fixture
@@ -85,8 +73,7 @@ def test_a_process_whose_session_it_was_never_told_is_found_by_its_id(
 def test_a_session_whose_number_was_used_again_is_left_alone(
     watchdog: subprocess.Popen[str], people: Family, tmp_path: Path
 ) -> None:
-    (tmp_path / "others").mkdir()
-    with family(tmp_path / "others", secrets.token_hex(8)) as others:
+    with family(tmp_path / "others", "another") as others:
         pids = others.start("plain")
         (session,) = others.sessions
         tell(
@@ -126,8 +113,6 @@ def test_signals_for_the_controller_do_not_end_it(
 
 
 def wait_for_handlers(pid: int) -> None:
-    from family_trees import wait_for
-
     def ignores_termination() -> bool:
         status = Path(f"/proc/{pid}/status").read_text()
         mask = next(line for line in status.splitlines() if line.startswith("SigIgn:"))

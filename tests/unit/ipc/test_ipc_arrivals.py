@@ -84,17 +84,6 @@ def test_a_step_between_arrival_and_taking_moves_no_arrival(world: World, step: 
     assert world.found() == world.really
 
 
-@pytest.mark.parametrize("step", STEPS)
-def test_a_step_while_nothing_waits_moves_nothing(world: World, step: int) -> None:
-    world.ahead += step
-    for _ in range(3):
-        world.now += 20 * MS
-        world.receive()
-        world.now += MS
-        world.take()
-    assert world.found() == world.really
-
-
 def test_a_clock_that_is_slewed_is_no_step(world: World) -> None:
     # 500 ppm is what the kernel slews by; messages wait for 1 ms.
     for _ in range(1000):

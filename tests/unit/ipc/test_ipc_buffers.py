@@ -1,24 +1,32 @@
-"""Buffers: serialised messages on disk, and what is in them."""
+"""Buffers: serialised messages on disk, and the stamps inside them."""
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_typestore
 
+from r2bspec.execute.fill_buffers import merge_static
 from r2bspec.ipc.buffers import (
     BufferWriter,
     buffer_path,
     largest_message_bytes,
     read_index,
     read_messages,
+    read_stamp,
+    transform_stamps,
 )
+from transform_bags import read_transforms, transforms
 
 TYPE = "sensor_msgs/msg/Image"
 
-TOPICS = st.from_regex(r"(/[a-zA-Z_][a-zA-Z0-9_]*){1,4}", fullmatch=True)
+TOPICS = st.lists(st.sampled_from(["a", "A", "_", "a_", "_a", "a__a", "a1"]), min_size=1).map(
+    lambda tokens: "/" + "/".join(tokens)
+)
 
 
 def write(
@@ -64,7 +72,6 @@ def test_a_buffer_that_was_not_closed_is_not_there(tmp_path: Path) -> None:
     assert read_index(tmp_path, "/image").sizes == (3,)
 
 
-@settings(max_examples=40)
 @given(first=TOPICS, second=TOPICS)
 def test_distinct_topics_have_distinct_files_in_the_folder(first: str, second: str) -> None:
     folder = Path("buffers")
@@ -80,3 +87,74 @@ def test_the_largest_message_is_found_over_all_buffers(tmp_path: Path) -> None:
     write(tmp_path, "/a", [(1, b"123"), (2, b"12345")])
     write(tmp_path, "/b/c", [(1, b"1234")])
     assert largest_message_bytes(tmp_path) == 5
+
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+
+# Seconds are int32 and nanoseconds are below one second.
+STAMPS = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)
+
+
+def header(stamp_ns: int, frame: str, *, little: bool) -> bytearray:
+    """A std_msgs/Header as an independent serialiser writes it."""
+    time = STORE.types["builtin_interfaces/msg/Time"]
+    kind = STORE.types["std_msgs/msg/Header"]
+    message = kind(time(*divmod(stamp_ns, 10**9)), frame)
+    return bytearray(STORE.serialize_cdr(message, "std_msgs/msg/Header", little_endian=little))
+
+
+@given(stamp_ns=STAMPS, frame=st.text(max_size=5), little=st.booleans())
+def test_a_stamp_is_read_as_it_was_written(stamp_ns: int, frame: str, little: bool) -> None:
+    assert read_stamp(header(stamp_ns, frame, little=little)) == stamp_ns
+
+
+@pytest.mark.parametrize("size", [4, 11])
+def test_a_message_that_is_too_short_is_refused(size: int) -> None:
+    with pytest.raises(struct.error):
+        read_stamp(header(1, "", little=True)[:size])
+
+
+SECOND = 10**9
+
+FRAMES = st.text(st.characters(min_codepoint=33, max_codepoint=126), max_size=12)
+TRANSFORMS = st.lists(
+    st.tuples(FRAMES, FRAMES, st.integers(10 * SECOND, 2**31 * SECOND - 1)), max_size=6
+)
+
+
+@settings(deadline=None)
+@given(found=TRANSFORMS, big_endian=st.booleans())
+def test_each_stamp_is_found_at_its_place(
+    found: list[tuple[str, str, int]], big_endian: bool
+) -> None:
+    message = transforms(*found, big_endian=big_endian)
+    stamps = transform_stamps(message)
+    assert [stamp_ns for _, stamp_ns in stamps] == [stamp_ns for _, _, stamp_ns in found]
+    moved = bytearray(message)
+    for place, stamp_ns in stamps:
+        layout = ">iI" if big_endian else "<iI"
+        struct.pack_into(layout, moved, place, *divmod(stamp_ns - SECOND, SECOND))
+    earlier = [(frame, child, stamp_ns - SECOND) for frame, child, stamp_ns in found]
+    assert moved == transforms(*earlier, big_endian=big_endian)
+
+
+@pytest.mark.parametrize("length", range(0, 100, 7))
+def test_a_message_that_is_cut_short_is_refused(length: int) -> None:
+    whole = transforms(("map", "odom", 5 * SECOND), ("odom", "base", 5 * SECOND))
+    with pytest.raises(ValueError, match="truncated"):
+        transform_stamps(whole[:length])
+
+
+def test_static_transforms_become_one_message_with_the_last_one_to_each_child() -> None:
+    merged = merge_static(
+        [
+            transforms(("base", "camera", SECOND), ("base", "lidar", SECOND)),
+            transforms(("arm", "camera", 2 * SECOND)),
+            transforms(("camera", "optical", 3 * SECOND), big_endian=True),
+        ]
+    )
+    assert read_transforms(merged) == [
+        ("arm", "camera", 2 * SECOND),
+        ("base", "lidar", SECOND),
+        ("camera", "optical", 3 * SECOND),
+    ]

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-import secrets
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 
 from family_trees import Family, family, wait_for
@@ -28,22 +27,9 @@ from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.middleware import fast_dds
 
 
-@pytest.fixture
-def run_id() -> str:
-    return secrets.token_hex(8)
-
-
-@pytest.fixture
-def people(tmp_path: Path, run_id: str) -> Iterator[Family]:
-    with family(tmp_path, run_id) as found:
-        yield found
-
-
 @pytest.mark.parametrize(
     ("kind", "count"),
     [
-        ("plain", 1),
-        ("parent-of-plain", 2),
         ("parent-of-parent-of-plain", 3),
         ("gone-parent-of-plain", 1),
         ("parent-of-stranger", 2),
@@ -51,47 +37,40 @@ def people(tmp_path: Path, run_id: str) -> Iterator[Family]:
         ("parent-of-nameless", 2),
     ],
 )
-def test_every_descendant_is_found_and_ended(
-    people: Family, run_id: str, kind: str, count: int
-) -> None:
+def test_every_descendant_is_found_and_ended(people: Family, kind: str, count: int) -> None:
     pids = people.start(kind, count)
-    assert {process.pid for process in run_processes(run_id, people.sessions)} >= set(pids)
-    assert end_run_processes(run_id, people.sessions, grace_s=30.0) == []
+    assert {process.pid for process in run_processes(people.run_id, people.sessions)} >= set(pids)
+    assert end_run_processes(people.run_id, people.sessions, grace_s=30.0) == []
     assert people.living() == []
-    assert run_processes(run_id, people.sessions) == []
+    assert run_processes(people.run_id, people.sessions) == []
 
 
 @pytest.mark.parametrize("kind", ["stubborn", "parent-of-stubborn", "parent-of-stubborn-stranger"])
-def test_what_ignores_polite_signals_is_killed_and_named(
-    people: Family, run_id: str, kind: str
-) -> None:
+def test_what_ignores_polite_signals_is_killed_and_named(people: Family, kind: str) -> None:
     people.start(kind, kind.count("-of-") + 1)
-    killed = end_run_processes(run_id, people.sessions, grace_s=0.2)
+    killed = end_run_processes(people.run_id, people.sessions, grace_s=0.2)
     assert len(killed) >= 1
     assert all(name.startswith("python") for name in killed)
     assert people.living() == []
 
 
-def test_the_id_alone_finds_those_who_opened_a_session_of_their_own(
-    people: Family, run_id: str
-) -> None:
+def test_the_id_alone_finds_those_who_opened_a_session_of_their_own(people: Family) -> None:
     parent, child = people.start("parent-of-stranger", 2)
     assert os.getsid(parent) != os.getsid(child)
-    assert {process.pid for process in run_processes(run_id, [])} == {parent, child}
+    assert {process.pid for process in run_processes(people.run_id, [])} == {parent, child}
 
 
-def test_the_session_alone_finds_those_who_have_lost_the_id(people: Family, run_id: str) -> None:
+def test_the_session_alone_finds_those_who_have_lost_the_id(people: Family) -> None:
     pids = people.start("parent-of-nameless", 2)
     found = {process.pid for process in run_processes("some other run", people.sessions)}
     assert found == set(pids)
 
 
-def test_other_runs_are_left_alone(tmp_path: Path, people: Family, run_id: str) -> None:
-    (tmp_path / "others").mkdir()
-    with family(tmp_path / "others", secrets.token_hex(8)) as others:
+def test_other_runs_are_left_alone(tmp_path: Path, people: Family) -> None:
+    with family(tmp_path / "others", "another") as others:
         theirs = others.start("parent-of-stranger", 2)
         people.start("plain")
-        end_run_processes(run_id, people.sessions, grace_s=30.0)
+        end_run_processes(people.run_id, people.sessions, grace_s=30.0)
         assert people.living() == []
         assert others.living() == sorted(theirs)
 
@@ -158,18 +137,16 @@ def test_a_zombie_is_no_member(run_id: str) -> None:
 
 
 def test_one_that_may_not_be_looked_at_is_passed_over(
-    monkeypatch: pytest.MonkeyPatch, people: Family, run_id: str
+    monkeypatch: pytest.MonkeyPatch, people: Family
 ) -> None:
-    import psutil
-
     people.start("plain")
 
     def refuse(_process: psutil.Process) -> dict[str, str]:
         raise psutil.AccessDenied
 
     monkeypatch.setattr(psutil.Process, "environ", refuse)
-    assert run_processes(run_id, []) == []
-    assert len(run_processes(run_id, people.sessions)) == 1
+    assert run_processes(people.run_id, []) == []
+    assert len(run_processes(people.run_id, people.sessions)) == 1
 
 
 @pytest.mark.parametrize(

@@ -66,15 +66,6 @@ def test_a_timeline_plays_each_message_at_its_own_time() -> None:
     assert [each.complete for each in events] == [0, 0, 0, 2, 3]
 
 
-def test_the_next_round_of_a_timeline_is_played_and_stamped_on() -> None:
-    events = [each for each in played_events(TIMELINE, 0.0, 6) if each.step != NO_STEP]
-    first, second = events[:4], events[4:]
-    assert [each.offset_ns + 30 for each in first] == [each.offset_ns for each in second]
-    assert [each.step + 3 for each in first] == [each.step for each in second]
-    assert [each.stamp_ns for each in first] == [-2, 2, -2, 18]
-    assert [each.stamp_ns for each in second] == [58, 62, 58, 78]
-
-
 @given(steps=st.integers(1, 40))
 @settings(deadline=None)
 def test_the_span_of_a_timeline_ends_where_the_next_step_is_due(steps: int) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -15,7 +14,6 @@ from r2bspec.judge.affected_iterations import find_affected_iterations, interfer
 from r2bspec.judge.decision_policy import DecisionPolicy, decision_policy
 from r2bspec.judge.interference_bound import best_case_iteration, waiting_share
 from r2bspec.judge.measure.host_usage import HostInterference
-from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import InterferencePolicy, Outcome, RequirementVerdict, Verdict
@@ -75,19 +73,17 @@ class TestWhatDisturbs:
         assert interference_reasons(HostInterference(), usual=0.0) == ()
         assert interference_reasons(None, usual=0.0) == ()
 
-    def test_pressure_that_the_graph_makes_itself(self, tmp_path: Path) -> None:
+    def test_pressure_that_the_graph_makes_itself(self) -> None:
         own = HostInterference(seconds=10.0, pressure=0.4)
-        assert find_affected_iterations(run(tmp_path, {"pass": own}, {"pass": own})) == {}
+        assert find_affected_iterations(run({"pass": own}, {"pass": own})) == {}
 
-    def test_what_was_sampled_becomes_the_surroundings(self, tmp_path: Path) -> None:
+    def test_what_was_sampled_becomes_the_surroundings(self) -> None:
         around = {"stolen_s": 0.02, "waited_s": 0.25, "throttled_s": 0.0, "busy_s": 1.6}
-        samples = read_samples(
-            Simulation(
-                segments=[Played(30, FAST)],
-                cpu={"player": 0.1, "apriltag": 0.5},
-                interference=around,
-            ).write(tmp_path)
-        )
+        samples = Simulation(
+            segments=[Played(30, FAST)],
+            cpu={"player": 0.1, "apriltag": 0.5},
+            interference=around,
+        ).samples()
         found = samples.iterations[30.0][0].interference
         assert found is not None
         assert found.steal == pytest.approx(0.01)
@@ -95,16 +91,15 @@ class TestWhatDisturbs:
         assert found.throttled_s == 0.0
         assert found.foreign_cores == pytest.approx(1.0, abs=1e-6)
 
-    def test_what_the_system_does_not_tell_stays_unknown(self, tmp_path: Path) -> None:
+    def test_what_the_system_does_not_tell_stays_unknown(self) -> None:
         around = {"stolen_s": np.nan, "waited_s": np.nan, "throttled_s": np.nan, "busy_s": np.nan}
-        made = Simulation(segments=[Played(30, FAST)], interference=around).write(tmp_path)
-        found = read_samples(made).iterations[30.0][0].interference
+        made = Simulation(segments=[Played(30, FAST)], interference=around).samples()
+        found = made.iterations[30.0][0].interference
         # What the run itself used is read from its processes.
         assert found == HostInterference(seconds=10.0, cores=2, own_cores=0.6)
 
 
 def run(
-    path: Path,
     *iterations: Mapping[str, HostInterference | None],
     again: Mapping[int, tuple[str, HostInterference]] | None = None,
 ) -> RunSamples:
@@ -113,7 +108,7 @@ def run(
     again = again or {}
     played = [Played(30, LATENCIES[name]) for name in outcomes]
     played += [Played(30, LATENCIES[name]) for name, _ in again.values()]
-    samples = read_samples(Simulation(segments=played).write(path))
+    samples = Simulation(segments=played).samples()
     found = samples.iterations[30.0]
     known = [around for each in iterations for around in each.values()]
     first = tuple(
@@ -146,10 +141,9 @@ class TestWhatTheyMayDo:
         ],
     )
     def test_a_failure_may_be_weakened_and_nothing_else(
-        self, tmp_path: Path, first: str, again: str, outcome: Outcome
+        self, first: str, again: str, outcome: Outcome
     ) -> None:
         samples = run(
-            tmp_path,
             {first: STOLEN},
             {first: STOLEN},
             again={0: (again, QUIET), 1: (again, QUIET)},
@@ -162,9 +156,8 @@ class TestWhatTheyMayDo:
         notes = found.requirements[0].notes
         assert any("interference" in note for note in notes) == (first == "fail")
 
-    def test_a_rerun_that_is_disturbed_too_does_not_count(self, tmp_path: Path) -> None:
+    def test_a_rerun_that_is_disturbed_too_does_not_count(self) -> None:
         samples = run(
-            tmp_path,
             {"fail": STOLEN},
             {"fail": STOLEN},
             again={0: ("fail", STOLEN), 1: ("fail", STOLEN)},
@@ -174,50 +167,47 @@ class TestWhatTheyMayDo:
         reruns_of = [one.rerun_of for one in found.disturbed]
         assert reruns_of == ["", "iteration-001", "", "iteration-002"]
 
-    def test_only_what_was_disturbed_is_in_doubt(self, tmp_path: Path) -> None:
-        samples = run(tmp_path, {"fail": QUIET}, {"fail": QUIET}, {"fail": STOLEN})
+    def test_only_what_was_disturbed_is_in_doubt(self) -> None:
+        samples = run({"fail": QUIET}, {"fail": QUIET}, {"fail": STOLEN})
         found = judged(samples)
         assert found.outcome == "fail"
         assert "The unaffected part fails, too" in found.requirements[0].notes[0]
 
     @pytest.mark.parametrize("requirement", [ASKED, "latency.mean < 60 ms", "latency.max < 60 ms"])
-    def test_what_no_disturbance_explains_stays_a_failure(
-        self, tmp_path: Path, requirement: str
-    ) -> None:
+    def test_what_no_disturbance_explains_stays_a_failure(self, requirement: str) -> None:
         busy = msgspec.structs.replace(QUIET, foreign_cores=4.0, pressure=1.0)
-        samples = run(tmp_path, {"hopeless": busy}, {"hopeless": busy})
+        samples = run({"hopeless": busy}, {"hopeless": busy})
         found = judged(samples, requirement)
         assert found.outcome == "fail"
         assert iterations_to_rerun(found) == []
 
-    def test_a_monitor_that_received_nothing_fails_on_any_machine(self, tmp_path: Path) -> None:
+    def test_a_monitor_that_received_nothing_fails_on_any_machine(self) -> None:
         segments = [Played(30, FAST, silent=("detections",))] * 2
-        samples = read_samples(Simulation(segments=segments).write(tmp_path))
+        samples = Simulation(segments=segments).samples()
         assert judged(with_interference(samples, STOLEN)).outcome == "fail"
 
-    def test_memory_is_the_graphs_own(self, tmp_path: Path) -> None:
-        samples = run(tmp_path, {"pass": STOLEN}, {"pass": STOLEN})
+    def test_memory_is_the_graphs_own(self) -> None:
+        samples = run({"pass": STOLEN}, {"pass": STOLEN})
         assert judged(samples, "memory.apriltag.max < 1 MiB").outcome == "fail"
 
-    def test_the_machines_processor_time_is_not(self, tmp_path: Path) -> None:
+    def test_the_machines_processor_time_is_not(self) -> None:
         segments = [Played(30, FAST)] * 3
         cpu = {"player": 0.1, "apriltag": 0.5}
-        samples = read_samples(Simulation(segments=segments, cpu=cpu).write(tmp_path))
+        samples = Simulation(segments=segments, cpu=cpu).samples()
         crowded = with_interference(samples, STOLEN)
         assert judged(samples, "cpu.system.mean < 62 %").outcome == "fail"
         assert judged(crowded, "cpu.system.mean < 62 %").outcome == "inconclusive"
         assert judged(crowded, "cpu.system.mean < 50 %").outcome == "fail"
 
-    def test_only_failures_at_its_rate_are_in_doubt(self, tmp_path: Path) -> None:
-        samples = run(tmp_path, {"fail": STOLEN}, {"fail": STOLEN})
+    def test_only_failures_at_its_rate_are_in_doubt(self) -> None:
+        samples = run({"fail": STOLEN}, {"fail": STOLEN})
         other = msgspec.structs.replace(objective("no_such_metric < 3"), at=None)
         found = judge({"slo": objective(ASKED), "other": other}, samples)
         assert [one.weakened for one in found.requirements] == [True, False]
         assert found.outcome == "fail"
 
-    def test_what_is_to_be_played_again(self, tmp_path: Path) -> None:
+    def test_what_is_to_be_played_again(self) -> None:
         samples = run(
-            tmp_path,
             {"fail": STOLEN},
             {"fail": QUIET},
             {"pass": STOLEN},
@@ -226,7 +216,7 @@ class TestWhatTheyMayDo:
         found = judged(samples, "latency.max < 50 ms")
         # One undisturbed iteration is over the limit: nothing is to be gained.
         assert (found.outcome, iterations_to_rerun(found)) == ("fail", [])
-        calm = run(tmp_path / "calm", {"fail": STOLEN}, {"pass": QUIET}, {"pass": STOLEN})
+        calm = run({"fail": STOLEN}, {"pass": QUIET}, {"pass": STOLEN})
         found = judged(calm, "latency.max < 50 ms")
         assert found.outcome == "inconclusive"
         assert [one.segment for one in iterations_to_rerun(found)] == [
@@ -254,10 +244,10 @@ class TestTheBestLight:
     ) -> None:
         assert waiting_share(known) == pytest.approx(share)
 
-    def test_the_faster_half_stands_for_all(self, tmp_path: Path) -> None:
+    def test_the_faster_half_stands_for_all(self) -> None:
         latency = np.linspace(0.010, 0.0399, 300)
         latency[[5, 250]] = np.nan
-        samples = read_samples(Simulation(segments=[Played(30, latency)]).write(tmp_path))
+        samples = Simulation(segments=[Played(30, latency)]).samples()
         (one,) = samples.iterations[30.0]
         best = best_case_iteration(
             replace(one, interference=HostInterference(seconds=10.0, pressure=0.5))
@@ -267,16 +257,16 @@ class TestTheBestLight:
         half = np.sort(latency)[:150] * 0.5
         assert np.sort(found.times["latency"]) == pytest.approx(np.repeat(half, 2), abs=2e-9)
 
-    def test_more_than_half_lost_stays_lost(self, tmp_path: Path) -> None:
+    def test_more_than_half_lost_stays_lost(self) -> None:
         latency = np.where(np.arange(300) % 3 == 0, 0.01, np.nan)
-        samples = read_samples(Simulation(segments=[Played(30, latency)]).write(tmp_path))
+        samples = Simulation(segments=[Played(30, latency)]).samples()
         (one,) = samples.iterations[30.0]
         found = best_case_iteration(one).monitors["detections"]
         assert found.missed == 100
 
-    def test_throughput_gains_what_the_time_allows(self, tmp_path: Path) -> None:
+    def test_throughput_gains_what_the_time_allows(self) -> None:
         latency = np.where(np.arange(300) % 2 == 0, 0.01, np.nan)
-        samples = read_samples(Simulation(segments=[Played(30, latency)]).write(tmp_path))
+        samples = Simulation(segments=[Played(30, latency)]).samples()
         (one,) = samples.iterations[30.0]
         for share in (0.0, 0.2):
             around = HostInterference(seconds=10.0, pressure=share)
@@ -300,9 +290,9 @@ class TestTheBestLight:
     ],
 )
 def test_what_each_policy_makes_of_a_busy_machine(
-    tmp_path: Path, latency: str, policy: InterferencePolicy, outcome: Outcome
+    latency: str, policy: InterferencePolicy, outcome: Outcome
 ) -> None:
-    found = judged(run(tmp_path, {latency: BUSY}, {latency: BUSY}), P90, policy)
+    found = judged(run({latency: BUSY}, {latency: BUSY}), P90, policy)
     assert found.outcome == outcome
     # Whatever it does to the verdict, it is said.
     assert [one.reasons for one in found.disturbed] == [
@@ -311,15 +301,15 @@ def test_what_each_policy_makes_of_a_busy_machine(
 
 
 @pytest.mark.parametrize("policy", ["tolerate", "note", "strict"])
-def test_a_quiet_machine_is_judged_alike(tmp_path: Path, policy: InterferencePolicy) -> None:
+def test_a_quiet_machine_is_judged_alike(policy: InterferencePolicy) -> None:
     for latency, outcome in (("fast", "pass"), ("slow", "fail")):
-        found = judged(run(tmp_path / outcome, {latency: QUIET}, {latency: QUIET}), P90, policy)
+        found = judged(run({latency: QUIET}, {latency: QUIET}), P90, policy)
         assert found.outcome == outcome
         assert not found.disturbed
 
 
-def test_a_strict_pass_needs_an_unaffected_rerun_of_each(tmp_path: Path) -> None:
-    samples = run(tmp_path, {"fast": QUIET}, {"fast": BUSY}, again={1: ("fast", QUIET)})
+def test_a_strict_pass_needs_an_unaffected_rerun_of_each() -> None:
+    samples = run({"fast": QUIET}, {"fast": BUSY}, again={1: ("fast", QUIET)})
     (alone,) = judged(replace(samples, reruns={}), P90, "strict").requirements
     assert (alone.outcome, alone.weakened) == ("inconclusive", True)
     assert "'interference: strict' accepts no such PASS" in alone.notes[-1]
@@ -328,8 +318,8 @@ def test_a_strict_pass_needs_an_unaffected_rerun_of_each(tmp_path: Path) -> None
     assert "1 of them played again, 1 without interference" in again.notes[-1]
 
 
-def test_the_note_says_how_much_was_taken(tmp_path: Path) -> None:
-    (one,) = judged(run(tmp_path, {"slow": BUSY}, {"slow": BUSY}), P90).requirements
+def test_the_note_says_how_much_was_taken() -> None:
+    (one,) = judged(run({"slow": BUSY}, {"slow": BUSY}), P90).requirements
     # 30 % of waiting, and half of the 0.2 cores that may have been shared.
     assert "others took at most 40 % of the time from the run" in one.notes[0]
 
@@ -350,11 +340,9 @@ def probe(rate_hz: float, *, holds: bool, explained: bool = False, busy: bool = 
     )
 
 
-def judged_probes(
-    path: Path, policy: InterferencePolicy, asked: str, **record: object
-) -> RequirementVerdict:
+def judged_probes(policy: InterferencePolicy, asked: str, **record: object) -> RequirementVerdict:
     simulation = replace(Simulation(segments=[Played(30, FAST)]), **record)  # type: ignore[arg-type]
-    (one,) = judged(read_samples(simulation.write(path)), asked, policy).requirements
+    (one,) = judged(simulation.samples(), asked, policy).requirements
     return one
 
 
@@ -371,15 +359,15 @@ def judged_probes(
     ],
 )
 def test_a_rate_that_was_probed_on_a_busy_machine(
-    tmp_path: Path, holds: bool, explained: bool, policy: InterferencePolicy, outcome: Outcome
+    holds: bool, explained: bool, policy: InterferencePolicy, outcome: Outcome
 ) -> None:
     sustained = (probe(30.0, holds=holds, explained=explained),)
-    one = judged_probes(tmp_path, policy, "sustained", sustained=sustained)
+    one = judged_probes(policy, "sustained", sustained=sustained)
     assert one.outcome == outcome
     assert "Host interference during the probe at 30 Hz: other processes" in one.notes[0]
 
 
-def test_a_peak_that_was_found_on_a_busy_machine(tmp_path: Path) -> None:
+def test_a_peak_that_was_found_on_a_busy_machine() -> None:
     search = SearchRecord(
         probes=(probe(60.0, holds=True), probe(80.0, holds=False, explained=True)),
         holds_hz=60.0,
@@ -387,16 +375,16 @@ def test_a_peak_that_was_found_on_a_busy_machine(tmp_path: Path) -> None:
         limited_by="interference",
     )
     asked = "peak.rate >= 50 Hz"
-    at_least = judged_probes(tmp_path / "a", "note", asked, search=search)
+    at_least = judged_probes("note", asked, search=search)
     assert (at_least.outcome, at_least.upper) == ("pass", None)
     assert "during the probes above it other processes used" in at_least.reason
-    strict = judged_probes(tmp_path / "b", "strict", asked, search=search)
+    strict = judged_probes("strict", asked, search=search)
     assert strict.outcome == "inconclusive"
-    open_ = judged_probes(tmp_path / "c", "note", "peak.rate >= 90 Hz", search=search)
+    open_ = judged_probes("note", "peak.rate >= 90 Hz", search=search)
     assert (open_.outcome, open_.remedy) == (
         "inconclusive",
         "Run again on an otherwise idle machine.",
     )
     # That it is below 90 Hz is not known: the failures may be the machine's.
-    below = judged_probes(tmp_path / "d", "note", "peak.rate < 90 Hz", search=search)
+    below = judged_probes("note", "peak.rate < 90 Hz", search=search)
     assert below.outcome == "inconclusive"

@@ -64,6 +64,7 @@ def rewrite(run: Run, change: Callable[[Rows, Rows], Rows]) -> Run:
     for segment in run.record.segments:
         rows = change(run.playback(segment), run.monitor(segment, "detections"))
         folder.write_monitor(segment.id, "detections", rows)
+    folder.write_record(run.record)
     return open_run(run.folder)
 
 

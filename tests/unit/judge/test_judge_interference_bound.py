@@ -7,6 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from nightly import size
 from r2bspec.judge.interference_bound import shortest_latencies, taken_share
 from r2bspec.judge.measure.host_usage import HostInterference
 from simulated_waits import Disturbed, Stalls, disturbed
@@ -29,7 +30,7 @@ def some_stalls(draw: st.DrawFn) -> Stalls:
     return [(float(each), length) for each in gaps + np.arange(number) * length]
 
 
-@settings(deadline=None, max_examples=300, suppress_health_check=[HealthCheck.too_slow])
+@settings(deadline=None, max_examples=size(60, 300), suppress_health_check=[HealthCheck.too_slow])
 @given(
     load=st.sampled_from([0.1, 0.5, 0.9, 0.97, 1.05, 1.5, 2.0]),
     depth=st.sampled_from([1, 2, 5, 100]),

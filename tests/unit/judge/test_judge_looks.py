@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import msgspec
 import numpy as np
 import pytest
@@ -16,7 +14,6 @@ from r2bspec.judge.decision_policy import (
     decision_policy,
 )
 from r2bspec.judge.measure.metric_catalogue import METRICS
-from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.methods import Method
 from r2bspec.judge.pipeline import judge
@@ -110,17 +107,17 @@ class TestAllLooksTogether:
 
 class TestAWholeRun:
     @staticmethod
-    def samples(path: Path, iterations: int) -> RunSamples:
+    def samples(iterations: int) -> RunSamples:
         random = np.random.default_rng(3)
         segments = [
             Played(30, np.where(random.random(100) < 0.04, 0.1, 0.02)) for _ in range(iterations)
         ]
-        return read_samples(Simulation(segments=segments).write(path))
+        return Simulation(segments=segments).samples()
 
-    def test_each_look_is_taken_from_the_iterations_that_it_had(self, tmp_path: Path) -> None:
+    def test_each_look_is_taken_from_the_iterations_that_it_had(self) -> None:
         policy = DecisionPolicy(looks=InterimLooks((3, 6, 12)))
         objectives = {"slo": objective("latency.p90 < 60 ms", "missed == 0")}
-        samples = self.samples(tmp_path, 12)
+        samples = self.samples(12)
         found = judge(objectives, samples, policy)
         percentile, missed = found.requirements
         assert percentile.outcome == "pass"

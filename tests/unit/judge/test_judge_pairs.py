@@ -32,7 +32,7 @@ from r2bspec.judge.verdict import (
 )
 from r2bspec.record.comparison_folder import open_comparison
 from r2bspec.record.files import RecordError
-from run_simulation import Played, Simulation, objective
+from run_simulation import Played, Simulation, objective, remove_digests
 
 NOISE = np.exp([0.004, -0.006, 0.003, -0.002, 0.005, -0.004])
 BASE = (0.020 * NOISE).tolist()
@@ -296,6 +296,7 @@ def test_a_silent_head_fails_also_where_the_base_is_silent(tmp_path: Path) -> No
     pairs = comparison.write(tmp_path / "pairs")
     for each in pairs.record.pairs:
         for folder in (each.base, each.head):
+            remove_digests(pairs.folder / folder)
             (segment,) = (pairs.folder / folder / "samples").iterdir()
             (segment / "monitor.detections.npy").unlink()
             silent = Simulation(segments=[Played(30.0, latencies(0.02), silent=("detections",))])

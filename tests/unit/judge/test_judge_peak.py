@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.methods.peak_bracket import peak_doubts, with_refuted_peak
 from r2bspec.judge.pipeline import judge
@@ -34,8 +31,8 @@ def changed(**changes: object) -> SearchRecord:
     return msgspec.structs.replace(CONFIRMED, **changes)
 
 
-def samples_of(folder: Path, search: SearchRecord, *segments: Played) -> RunSamples:
-    return read_samples(Simulation(segments=segments, search=search).write(folder))
+def samples_of(search: SearchRecord, *segments: Played) -> RunSamples:
+    return Simulation(segments=segments, search=search).samples()
 
 
 def ask(samples: RunSamples, requirement: str) -> RequirementVerdict:
@@ -66,10 +63,8 @@ def ask(samples: RunSamples, requirement: str) -> RequirementVerdict:
         ("peak.rate >= 130 Hz", changed(unsteady=("it drifts",), unsteady_ratio=1.2), "fail"),
     ],
 )
-def test_what_is_doubted_decides_less(
-    tmp_path: Path, requirement: str, search: SearchRecord, outcome: str
-) -> None:
-    found = ask(samples_of(tmp_path, search), requirement)
+def test_what_is_doubted_decides_less(requirement: str, search: SearchRecord, outcome: str) -> None:
+    found = ask(samples_of(search), requirement)
     assert found.outcome == outcome
     assert bool(found.remedy) == (outcome == "inconclusive")
 
@@ -87,11 +82,11 @@ def test_what_is_doubted_decides_less(
     ],
 )
 def test_reports_and_verdicts_say_what_is_missing_instead_of_a_confidence(
-    tmp_path: Path, search: SearchRecord, words: str
+    search: SearchRecord, words: str
 ) -> None:
     assert words in peak_text(search)
     assert "confidence" not in peak_text(search)
-    reason = ask(samples_of(tmp_path, search), "peak.rate >= 10 Hz").reason
+    reason = ask(samples_of(search), "peak.rate >= 10 Hz").reason
     assert words in reason.lower()
 
 
@@ -115,16 +110,16 @@ def played(climb: float, *, lost: int = 0, seed: int = 0) -> Played:
     return Played(100, latency)
 
 
-def test_iterations_that_are_sustained_refute_nothing(tmp_path: Path) -> None:
-    samples = samples_of(tmp_path, CONFIRMED, *(played(0.0, seed=seed) for seed in range(5)))
+def test_iterations_that_are_sustained_refute_nothing() -> None:
+    samples = samples_of(CONFIRMED, *(played(0.0, seed=seed) for seed in range(5)))
     assert with_refuted_peak(samples) is samples
     assert ask(samples, "peak.rate >= 100 Hz").outcome == "pass"
 
 
 @pytest.mark.parametrize("number", [1, 5])
-def test_a_backlog_that_grows_at_the_peak_refutes_it(tmp_path: Path, number: int) -> None:
+def test_a_backlog_that_grows_at_the_peak_refutes_it(number: int) -> None:
     iterations = (played(0.05, seed=seed) for seed in range(number))
-    samples = samples_of(tmp_path, CONFIRMED, *iterations)
+    samples = samples_of(CONFIRMED, *iterations)
     search = with_refuted_peak(samples).record.search
     assert search is not None
     assert not search.shown
@@ -135,23 +130,23 @@ def test_a_backlog_that_grows_at_the_peak_refutes_it(tmp_path: Path, number: int
     assert "refute it" in found.reason
 
 
-def test_losses_at_the_peak_refute_it(tmp_path: Path) -> None:
+def test_losses_at_the_peak_refute_it() -> None:
     lossy = (played(0.0, lost=12, seed=seed) for seed in range(5))
-    search = with_refuted_peak(samples_of(tmp_path / "a", CONFIRMED, *lossy)).record.search
+    search = with_refuted_peak(samples_of(CONFIRMED, *lossy)).record.search
     assert search is not None
     assert search.refuted.endswith("60 of 1500 messages were lost")
     few = (played(0.0, lost=3, seed=seed) for seed in range(5))
-    search = with_refuted_peak(samples_of(tmp_path / "b", CONFIRMED, *few)).record.search
+    search = with_refuted_peak(samples_of(CONFIRMED, *few)).record.search
     assert search is not None
     assert search.refuted == ""
 
 
-def test_iterations_at_other_rates_refute_nothing(tmp_path: Path) -> None:
+def test_iterations_at_other_rates_refute_nothing() -> None:
     climbing = played(0.05)
-    samples = samples_of(tmp_path, changed(holds_hz=80.0), climbing)
+    samples = samples_of(changed(holds_hz=80.0), climbing)
     assert with_refuted_peak(samples) is samples
 
 
-def test_records_of_earlier_versions_are_left_as_they_are(tmp_path: Path) -> None:
-    samples = samples_of(tmp_path, changed(proof=""), played(0.05))
+def test_records_of_earlier_versions_are_left_as_they_are() -> None:
+    samples = samples_of(changed(proof=""), played(0.05))
     assert with_refuted_peak(samples) is samples

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from scipy import stats
 
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.measure.host_usage import HostInterference
-from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.statistics.effective_sample_size import BadFlags, SampleDesign, effective_sample
@@ -25,8 +23,8 @@ STARTS = (1, 1, 2, 2, 3, 3, 4, 4, 5, 5)
 NAN = float("nan")
 
 
-def run(path: Path, *segments: Played, starts: tuple[int, ...] = ()) -> RunSamples:
-    samples = read_samples(Simulation(segments=segments).write(path))
+def run(*segments: Played, starts: tuple[int, ...] = ()) -> RunSamples:
+    samples = Simulation(segments=segments).samples()
     return with_starts(samples, starts or (1,) * len(segments))
 
 
@@ -106,12 +104,12 @@ class TestMeans:
         assert (found.pieces, found.number) == ("iterations", 10)
         assert found.interval.upper > 2.5
 
-    def test_the_reason_counts_starts(self, tmp_path: Path) -> None:
+    def test_the_reason_counts_starts(self) -> None:
         segments = [
             Played(30, np.full(60, 0.02 + 0.001 * start + 0.0001 * (at % 2)))
             for at, start in enumerate(STARTS)
         ]
-        samples = run(tmp_path, *segments, starts=STARTS)
+        samples = run(*segments, starts=STARTS)
         assert "10 iterations in 5 starts" in one(samples, "latency.mean < 50 ms").reason
 
 
@@ -141,36 +139,34 @@ class TestLevels:
         lost = [np.full(10, np.inf), np.ones(10)]
         assert level_margin(lost, (), 0.5, 0.95) is None
 
-    def test_the_verdict_says_what_leaves_it_open(self, tmp_path: Path) -> None:
+    def test_the_verdict_says_what_leaves_it_open(self) -> None:
         # Each start is uniform, and no message of any is over the limit; but they differ.
         segments = [Played(30, np.full(300, 0.01 + 0.008 * start)) for start in STARTS]
-        found = one(run(tmp_path, *segments, starts=STARTS), "latency.p99 < 52 ms")
+        found = one(run(*segments, starts=STARTS), "latency.p99 < 52 ms")
         assert (found.outcome, found.over) == ("inconclusive", 0)
         assert "the 5 starts differ by 12.6 ms" in found.reason
         assert "starts would decide it" in found.remedy or "too close" in found.remedy
-        assert one(
-            run(tmp_path / "far", *segments, starts=STARTS), "latency.p99 < 1 s"
-        ).outcome == ("pass")
+        assert one(run(*segments, starts=STARTS), "latency.p99 < 1 s").outcome == ("pass")
 
 
 class TestWhatItSays:
-    def test_of_how_many_starts(self, tmp_path: Path) -> None:
+    def test_of_how_many_starts(self) -> None:
         segments = [Played(30, np.full(60, 0.02)) for _ in STARTS]
-        several = verdict(run(tmp_path / "5", *segments, starts=STARTS), "latency.p50 < 50 ms")
-        single = verdict(run(tmp_path / "1", *segments), "latency.p50 < 50 ms")
+        several = verdict(run(*segments, starts=STARTS), "latency.p50 < 50 ms")
+        single = verdict(run(*segments), "latency.p50 < 50 ms")
         assert (several.starts, single.starts) == (5, 1)
         assert several.unseen_starts == pytest.approx(1 - 0.05 ** (1 / 5))
         assert single.unseen_starts == pytest.approx(0.95)
 
-    def test_the_rate_with_the_fewest_starts_counts(self, tmp_path: Path) -> None:
-        samples = run(tmp_path, *(Played(30, np.full(60, 0.02)) for _ in STARTS), starts=STARTS)
+    def test_the_rate_with_the_fewest_starts_counts(self) -> None:
+        samples = run(*(Played(30, np.full(60, 0.02)) for _ in STARTS), starts=STARTS)
         more = {**samples.iterations, 60.0: samples.iterations[30.0][:4]}
         assert replace(samples, iterations=more).starts == 2
         assert replace(samples, iterations={}).starts == 1
 
-    def test_bursts_it_may_have_missed(self, tmp_path: Path) -> None:
+    def test_bursts_it_may_have_missed(self) -> None:
         clean = [Played(30, np.full(1500, 0.02)) for _ in range(2)]
-        samples = run(tmp_path / "clean", *clean)
+        samples = run(*clean)
         found = verdict(samples, "latency.p99 < 60 ms")
         assert found.outcome == "pass"
         assert not found.requirements[0].notes
@@ -183,19 +179,19 @@ class TestWhatItSays:
         assert both.limits[1].startswith("3 requirements passed without a burst")
         assert "latency.p99 < 60 ms allows the shortest" in both.limits[1]
         longer = [Played(30, np.full(6000, 0.02)) for _ in range(2)]
-        assert not verdict(run(tmp_path / "longer", *longer), "latency.p99 < 60 ms").limits[1:]
+        assert not verdict(run(*longer), "latency.p99 < 60 ms").limits[1:]
 
-    def test_some_bursts_are_told_where_they_matter(self, tmp_path: Path) -> None:
+    def test_some_bursts_are_told_where_they_matter(self) -> None:
         late = np.full(1500, 0.02)
         late[100:103] = late[700:704] = 0.1
-        found = one(run(tmp_path, Played(30, late), Played(30, late)), "latency.p98 < 60 ms")
+        found = one(run(Played(30, late), Played(30, late)), "latency.p98 < 60 ms")
         assert found.outcome == "pass"
         assert "The run met 4 bursts of messages beyond the limit" in found.notes[0]
 
-    def test_a_pass_that_strict_refuses_does_not_say_what_it_allows(self, tmp_path: Path) -> None:
+    def test_a_pass_that_strict_refuses_does_not_say_what_it_allows(self) -> None:
         late = np.full(1500, 0.02)
         late[100:103] = 0.1
-        samples = run(tmp_path, Played(30, late), Played(30, late))
+        samples = run(Played(30, late), Played(30, late))
         busy = HostInterference(seconds=50.0, cores=2, foreign_cores=1.9)
         refused = judge(
             {"slo": objective("latency.p98 < 60 ms")},
@@ -207,33 +203,33 @@ class TestWhatItSays:
         assert not any("The PASS" in note for note in found.notes)
         assert len(refused.limits) == 1
 
-    def test_when_it_was_played_and_what_that_cannot_show(self, tmp_path: Path) -> None:
+    def test_when_it_was_played_and_what_that_cannot_show(self) -> None:
         segments = [Played(30, np.full(600, 0.02)) for _ in STARTS]
-        (limit,) = verdict(run(tmp_path, *segments, starts=STARTS), "latency.p50 < 60 ms").limits
+        (limit,) = verdict(run(*segments, starts=STARTS), "latency.p50 < 60 ms").limits
         assert "UTC, in 5 starts: another hour may differ" in limit
         assert "up to 45 % of starts and 26 % of iterations may be of a kind not met" in limit
         assert "5 starts hardly show whether each resembles the one before" in limit
 
-    def test_a_mean_depends_on_stalls_that_it_may_have_missed(self, tmp_path: Path) -> None:
+    def test_a_mean_depends_on_stalls_that_it_may_have_missed(self) -> None:
         steady = 0.02 + np.linspace(0, 0.001, 300)
-        samples = run(tmp_path, *(Played(30, steady) for _ in STARTS), starts=STARTS)
+        samples = run(*(Played(30, steady) for _ in STARTS), starts=STARTS)
         near, far = one(samples, "latency.mean < 20.6 ms"), one(samples, "latency.mean < 60 ms")
         assert near.outcome == far.outcome == "pass"
         assert any(note.startswith("The run met no stall") for note in near.notes)
         assert not far.notes
 
-    def test_one_iteration_is_no_sample_of_iterations(self, tmp_path: Path) -> None:
-        found = one(run(tmp_path, Played(30, np.full(600, 0.02))), "latency.p50 < 60 ms")
+    def test_one_iteration_is_no_sample_of_iterations(self) -> None:
+        found = one(run(Played(30, np.full(600, 0.02))), "latency.p50 < 60 ms")
         assert found.notes == ("One iteration does not show by how much iterations differ.",)
 
-    def test_iterations_that_climb_are_too_few_to_be_sure(self, tmp_path: Path) -> None:
+    def test_iterations_that_climb_are_too_few_to_be_sure(self) -> None:
         segments = [Played(30, np.full(300, 0.02 + 0.001 * at)) for at in range(10)]
-        found = one(run(tmp_path, *segments), "latency.p50 < 60 ms")
+        found = one(run(*segments), "latency.p50 < 60 ms")
         assert found.outcome == "pass"
         assert any("resemble each other" in note for note in found.notes)
 
-    def test_zero_of_one_message_is_settled_by_299(self, tmp_path: Path) -> None:
-        found = one(run(tmp_path, Played(30, np.array([0.02]))), "latency.p99 < 60 ms")
+    def test_zero_of_one_message_is_settled_by_299(self) -> None:
+        found = one(run(Played(30, np.array([0.02]))), "latency.p99 < 60 ms")
         assert found.outcome == "inconclusive"
         assert "would decide it" in found.remedy
         assert "too close" not in found.remedy
@@ -256,13 +252,11 @@ class TestWhatItSays:
         (30, "latency.mean < 5 ms in 90 % of 1 s windows", "fail", ""),
     ],
 )
-def test_a_mean_of_what_was_not_lost(
-    tmp_path: Path, lost: int, asked: str, outcome: str, words: str
-) -> None:
+def test_a_mean_of_what_was_not_lost(lost: int, asked: str, outcome: str, words: str) -> None:
     """A node that drops half of its outputs does not pass on the rest; a failure stays one."""
     values = 0.02 + np.linspace(0, 0.001, 300)
     values[np.linspace(5, 295, lost).astype(int)] = NAN
-    found = one(run(tmp_path, *(Played(30, values) for _ in range(6))), asked)
+    found = one(run(*(Played(30, values) for _ in range(6))), asked)
     assert found.outcome == outcome
     assert words in " ".join((found.reason, *found.notes))
     assert ("drop_rate" in found.remedy) == (outcome == "inconclusive")

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -79,13 +77,6 @@ class TestZeroFailures:
     def test_nonsense_is_refused(self, n: int, confidence: float) -> None:
         with pytest.raises(ValueError, match="must be positive, and the confidence between"):
             zero_failure_bound(n, confidence)
-
-    def test_no_scipy_is_needed(self) -> None:
-        code = (
-            "import sys; from r2bspec.judge.statistics.rule_of_three import min_sample_size;"
-            "min_sample_size(0.01, 0.95); sys.exit('scipy' in sys.modules)"
-        )
-        assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 class TestBinomial:
@@ -179,7 +170,7 @@ class TestPercentileInterval:
         true_p90 = stats.expon.ppf(0.9)
         bounds = [
             percentile_interval([rng.exponential(size=200)], 0.9, 0.95)
-            for _ in range(size(100, 1000))
+            for _ in range(size(40, 1000))
         ]
         assert np.mean([bound.upper < true_p90 for bound in bounds]) < 0.06 + noise(0.03)
         assert np.mean([bound.lower > true_p90 for bound in bounds]) < 0.06 + noise(0.03)

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from nightly import size
 from r2bspec.cli.main import main
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.located_tree import to_plain
@@ -81,7 +82,7 @@ def test_what_is_printed_does_not_depend_on_the_value(
     file = tmp_path / "a.r2b.yaml"
     file.write_text(SPEC.replace(old, new.replace("REF", reference)))
     said = set()
-    for value in VALUES:
+    for value in VALUES if "env" in reference else VALUES[:: size(3, 1)]:
         monkeypatch.setenv("DEPLOY_TOKEN", value)
         said.add("".join(printed(file, capsys, verbs=(["validate"], ["plan"]))))
     assert len(said) == 1, said

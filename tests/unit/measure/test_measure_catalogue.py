@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import pytest
 
 from r2bspec.judge.measure.distribution import quantile
@@ -115,8 +112,3 @@ def test_every_metric_says_what_it_is() -> None:
     assert all(
         (info.quantile is not None) == (info.statistic == "percentile") for info in METRICS.values()
     )
-
-
-def test_the_catalogue_imports_no_numpy() -> None:
-    code = "import sys, r2bspec.judge.measure.metric_catalogue; sys.exit('numpy' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -16,9 +16,8 @@ from r2bspec.judge.measure.run_samples import match_segment, read_samples
 from r2bspec.judge.pipeline import judge
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.record.run_folder import Run, RunFolder, open_run
-from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE
-from run_simulation import EPOCH_NS, STAMP_NS, Simulation, objective
+from run_simulation import EPOCH_NS, STAMP_NS, Simulation, objective, segment_of
 
 MS = 1_000_000
 SECOND = 1_000 * MS
@@ -57,15 +56,10 @@ def live_run(
         folder.write_monitor(name, "detections", shifted)
         began_ns = EPOCH_NS + (number - 1) * 2 * SECOND
         segments.append(
-            Segment(
+            msgspec.structs.replace(
+                segment_of(0.0, 0, began_ns, length_ns=SECOND),
                 id=name,
-                kind="iteration",
-                rate_hz=0.0,
                 index=number,
-                steps=0,
-                began_ns=began_ns,
-                ended_ns=began_ns + SECOND,
-                complete=True,
                 live=True,
                 clock_offset_ns=offset_ns,
             )

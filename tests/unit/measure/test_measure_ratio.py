@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import msgspec
 import numpy as np
 import pytest
@@ -12,14 +10,12 @@ from hypothesis import strategies as st
 
 from r2bspec.judge.measure.matching import NO_MATCH, MatchedMonitor, Ratio, match, ratio_of
 from r2bspec.judge.measure.metrics import measure_segment
-from r2bspec.judge.measure.run_samples import read_samples
-from r2bspec.judge.measure.samples import MonitorSamples, monitor_samples, step_times
+from r2bspec.judge.measure.samples import monitor_samples, step_times
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.rate_decision import Criterion, estimate_probe, judge_final, plan_interim_looks
 from r2bspec.plan.plan import MonitorPlan, Plan
-from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, Rows
-from run_simulation import EPOCH_NS, Played, Simulation, objective, playback_rows
+from run_simulation import EPOCH_NS, Played, Simulation, objective, playback_rows, segment_of
 
 
 def played(steps: int, rate_hz: float = 10.0) -> Rows:
@@ -78,17 +74,7 @@ def test_each_answer_has_its_own_latency(
 def test_the_inputs_before_the_first_answer_and_after_the_last_are_no_gap() -> None:
     # Steps at 0.0, 0.1, ..., 1.3: two answers of five, after 40 ms, and four steps without any.
     playback, monitor = played(14), received([0.44, 0.94])
-    ratio, began_ns = Ratio(inputs=5), int(playback["due_ns"][0])
-    segment = Segment(
-        id="iteration-001",
-        kind="iteration",
-        rate_hz=10.0,
-        index=1,
-        steps=14,
-        began_ns=began_ns,
-        ended_ns=began_ns + 1_400_000_000,
-        complete=True,
-    )
+    ratio, segment = Ratio(inputs=5), segment_of(10.0, 14)
     matching = match(playback, monitor, "order", ratio)
     seen = monitor_samples(segment, MatchedMonitor(playback, monitor, ratio, matching))
     assert seen.times["interval"] == pytest.approx([0.5])
@@ -164,32 +150,21 @@ def _thirds(steps: int) -> list[float]:
     return [0.02 if step % 3 == 2 else np.nan for step in range(steps)]
 
 
-def _seen(tmp_path: Path, *requirements: str) -> tuple[MonitorSamples, list[str]]:
-    run = _Ratioed(
-        segments=[Played(30, _thirds(90)), Played(30, _thirds(90))],
-        objectives={"all": objective(*requirements)} if requirements else {},
-        match="order",
-    ).write(tmp_path / "run")
-    samples = read_samples(run)
-    verdict = judge(run.plan.objectives, samples)
-    return samples.iterations[30][0].monitors["detections"], [
-        one.outcome for one in verdict.requirements
-    ]
-
-
-def test_a_run_with_a_ratio_counts_in_answers_and_is_offered_a_third(tmp_path: Path) -> None:
-    seen, outcomes = _seen(tmp_path, "throughput.mean >= 97 % of offered", "missed == 0")
+def test_a_run_with_a_ratio_counts_in_answers_and_is_offered_a_third() -> None:
+    samples = _Ratioed(segments=[Played(30, _thirds(90))] * 2, match="order").samples()
+    seen = samples.iterations[30][0].monitors["detections"]
     assert (seen.sent, seen.expected, seen.answered, seen.missed) == (90, 30, 30, 0)
     assert seen.throughput_hz == pytest.approx(10)
     assert seen.times["latency"] == pytest.approx(np.full(30, 0.02))
-    assert outcomes == ["pass", "pass"]
+    asked = {"all": objective("throughput.mean >= 97 % of offered", "missed == 0")}
+    assert [one.outcome for one in judge(asked, samples).requirements] == ["pass", "pass"]
 
 
-def test_drop_rate_is_of_the_answers_that_were_expected(tmp_path: Path) -> None:
+def test_drop_rate_is_of_the_answers_that_were_expected() -> None:
     latency = _thirds(90)
     latency[-1] = np.nan
-    run = _Ratioed(segments=[Played(30, latency)], match="order").write(tmp_path / "run")
-    found = measure_segment(read_samples(run).iterations[30][0]).monitors["detections"]
+    samples = _Ratioed(segments=[Played(30, latency)], match="order").samples()
+    found = measure_segment(samples.iterations[30][0]).monitors["detections"]
     assert (found.sent, found.expected, found.missed) == (90, 30, 1)
     assert found.drop_rate == pytest.approx(1 / 30)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import msgspec
 import numpy as np
 import pytest
@@ -11,14 +9,13 @@ import pytest
 from r2bspec.judge.measure.metric_catalogue import names, resolve
 from r2bspec.judge.measure.metric_values import metric_value
 from r2bspec.judge.measure.metrics import RunMetrics, summarise
-from r2bspec.judge.measure.run_samples import read_samples
 from run_simulation import Played, Simulation
 
 NAN = float("nan")
 
 
-def test_each_iteration_is_kept_and_the_pool_adds_them_up(tmp_path: Path) -> None:
-    run = Simulation(
+def test_each_iteration_is_kept_and_the_pool_adds_them_up() -> None:
+    samples = Simulation(
         segments=[
             Played(10, [0.9] * 5, kind="warm_up"),
             Played(10, [0.01] * 20),
@@ -26,8 +23,8 @@ def test_each_iteration_is_kept_and_the_pool_adds_them_up(tmp_path: Path) -> Non
             Played(30, [0.02] * 30),
             Played(30, [0.5] * 30, complete=False),
         ]
-    ).write(tmp_path)
-    metrics = summarise(read_samples(run))
+    ).samples()
+    metrics = summarise(samples)
 
     assert [rate.offered_hz for rate in metrics.rates] == [10, 30]
     assert metrics.incomplete == ("iteration-005",)
@@ -49,32 +46,31 @@ def test_each_iteration_is_kept_and_the_pool_adds_them_up(tmp_path: Path) -> Non
     assert ten.pooled.playback.rate_hz == pytest.approx(10)
 
 
-def test_metrics_survive_json(tmp_path: Path) -> None:
-    run = Simulation(
+def test_metrics_survive_json() -> None:
+    samples = Simulation(
         segments=[Played(10, [NAN] * 5), Played(20, [0.1]), Played(30, [0.1, 0.1])]
-    ).write(tmp_path)
-    metrics = summarise(read_samples(run))
+    ).samples()
+    metrics = summarise(samples)
     assert msgspec.json.decode(msgspec.json.encode(metrics), type=RunMetrics) == metrics
 
 
-def test_a_silent_monitor_has_counts_and_no_times(tmp_path: Path) -> None:
-    run = Simulation(segments=[Played(10, [NAN] * 5)]).write(tmp_path)
-    seen = summarise(read_samples(run)).rates[0].pooled.monitors["detections"]
+def test_a_silent_monitor_has_counts_and_no_times() -> None:
+    samples = Simulation(segments=[Played(10, [NAN] * 5)]).samples()
+    seen = summarise(samples).rates[0].pooled.monitors["detections"]
     assert (seen.sent, seen.received, seen.missed, seen.drop_rate) == (5, 0, 5, 1)
     assert (seen.latency.n, seen.latency.p50, seen.throughput_hz) == (0, None, 0)
 
 
-def test_an_interval_still_open_at_the_end_counts(tmp_path: Path) -> None:
+def test_an_interval_still_open_at_the_end_counts() -> None:
     died = Played(10, [0.01] * 10 + [NAN] * 40)
-    run = Simulation(segments=[died]).write(tmp_path)
-    seen = summarise(read_samples(run)).rates[0].pooled.monitors["detections"]
+    samples = Simulation(segments=[died]).samples()
+    seen = summarise(samples).rates[0].pooled.monitors["detections"]
     assert seen.interval.max == pytest.approx(4.09)
     assert seen.throughput_hz == pytest.approx(2.0)
 
 
-def test_every_metric_of_the_catalogue_has_a_value(tmp_path: Path) -> None:
-    run = Simulation(segments=[Played(10, np.linspace(0.01, 0.02, 50))]).write(tmp_path)
-    samples = read_samples(run)
+def test_every_metric_of_the_catalogue_has_a_value() -> None:
+    samples = Simulation(segments=[Played(10, np.linspace(0.01, 0.02, 50))]).samples()
     iteration = samples.iterations[10][0]
     for name in names(samples.processes):
         monitor, info = resolve(name, samples.monitors, samples.processes)
@@ -83,9 +79,8 @@ def test_every_metric_of_the_catalogue_has_a_value(tmp_path: Path) -> None:
         assert metric_value(info, monitor, iteration) is not None, name
 
 
-def test_lost_messages_are_the_slowest_when_a_latency_is_asked_for(tmp_path: Path) -> None:
-    run = Simulation(segments=[Played(10, [0.01] * 97 + [NAN] * 3)]).write(tmp_path)
-    samples = read_samples(run)
+def test_lost_messages_are_the_slowest_when_a_latency_is_asked_for() -> None:
+    samples = Simulation(segments=[Played(10, [0.01] * 97 + [NAN] * 3)]).samples()
     iteration = samples.iterations[10][0]
 
     def measured(name: str) -> float | None:

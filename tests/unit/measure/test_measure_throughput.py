@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -11,7 +9,6 @@ from numpy.typing import NDArray
 from nightly import size
 from r2bspec.judge.measure.metric_catalogue import METRICS
 from r2bspec.judge.measure.metric_values import window_values
-from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.samples import MonitorSamples, SegmentSamples
 from r2bspec.judge.measure.times import throughput
 from run_simulation import EPOCH_NS, Played, Simulation
@@ -19,14 +16,13 @@ from run_simulation import EPOCH_NS, Played, Simulation
 SECOND = 10**9
 
 
-def iteration(path: Path, rate_hz: float, latency: NDArray[np.float64]) -> SegmentSamples:
-    run = Simulation(segments=[Played(rate_hz, latency)]).write(path)
-    (found,) = read_samples(run).iterations[rate_hz]
+def iteration(rate_hz: float, latency: NDArray[np.float64]) -> SegmentSamples:
+    (found,) = Simulation(segments=[Played(rate_hz, latency)]).samples().iterations[rate_hz]
     return found
 
 
-def measured(path: Path, rate_hz: float, latency: NDArray[np.float64]) -> MonitorSamples:
-    return iteration(path, rate_hz, latency).monitors["detections"]
+def measured(rate_hz: float, latency: NDArray[np.float64]) -> MonitorSamples:
+    return iteration(rate_hz, latency).monitors["detections"]
 
 
 def in_batches(steps: int, rate_hz: float, batch: int, lost: int = 0) -> NDArray[np.float64]:
@@ -40,23 +36,16 @@ def in_batches(steps: int, rate_hz: float, batch: int, lost: int = 0) -> NDArray
 
 @pytest.mark.parametrize("rate_hz", [7.0, 29.97, 60.0, 1000.0])
 @pytest.mark.parametrize("seconds", [1, 10])
-def test_a_relay_that_answers_everything_has_the_offered_rate(
-    tmp_path: Path, rate_hz: float, seconds: int
-) -> None:
+def test_a_relay_that_answers_everything_has_the_offered_rate(rate_hz: float, seconds: int) -> None:
     rng = np.random.default_rng(1)
     latency = 0.004 + rng.uniform(0, 0.5 / rate_hz, round(seconds * rate_hz))
-    seen = measured(tmp_path, rate_hz, latency)
+    seen = measured(rate_hz, latency)
     assert seen.throughput_hz == pytest.approx(rate_hz, rel=1e-6)
 
 
-def test_latency_that_scatters_over_three_periods_costs_less_than_two_messages(
-    tmp_path: Path,
-) -> None:
+def test_latency_that_scatters_over_three_periods_costs_less_than_two_messages() -> None:
     rng = np.random.default_rng(2)
-    found = [
-        measured(tmp_path / f"{n}", 60.0, rng.uniform(0.05, 0.1, 600)).throughput_hz
-        for n in range(size(10, 50))
-    ]
+    found = [measured(60.0, rng.uniform(0.05, 0.1, 600)).throughput_hz for n in range(size(10, 50))]
     assert 60 * (1 - 2 / 600) <= np.mean(found) <= 60
 
 
@@ -92,13 +81,13 @@ HALF_LOST = ending(0.01, *[np.nan] * 50, steps=100)
     ],
 )
 def test_the_throughput_of_a_graph(
-    tmp_path: Path, rate_hz: float, latency: NDArray[np.float64], expected_hz: float
+    rate_hz: float, latency: NDArray[np.float64], expected_hz: float
 ) -> None:
-    assert measured(tmp_path, rate_hz, latency).throughput_hz == pytest.approx(expected_hz)
+    assert measured(rate_hz, latency).throughput_hz == pytest.approx(expected_hz)
 
 
-def test_bursts_with_losses_do_not_look_faster_than_what_came_out(tmp_path: Path) -> None:
-    samples = iteration(tmp_path, 20.0, in_batches(200, 20.0, batch=20, lost=3))
+def test_bursts_with_losses_do_not_look_faster_than_what_came_out() -> None:
+    samples = iteration(20.0, in_batches(200, 20.0, batch=20, lost=3))
     seen = samples.monitors["detections"]
     assert (seen.sent, seen.answered) == (200, 170)
     assert seen.throughput_hz == pytest.approx(17.0)
@@ -106,10 +95,10 @@ def test_bursts_with_losses_do_not_look_faster_than_what_came_out(tmp_path: Path
     assert windows.values == pytest.approx([17.0] * 10)
 
 
-def test_a_graph_slower_than_its_input_has_its_own_rate(tmp_path: Path) -> None:
+def test_a_graph_slower_than_its_input_has_its_own_rate() -> None:
     # 20 Hz of 30, from a queue without an end: all are answered, half of them after the window.
     latency = np.linspace(0.05, 0.05 + 299 * (1 / 20 - 1 / 30), 300)
-    assert measured(tmp_path, 30.0, latency).throughput_hz == pytest.approx(20, rel=0.005)
+    assert measured(30.0, latency).throughput_hz == pytest.approx(20, rel=0.005)
 
 
 def test_nothing_is_no_rate() -> None:
@@ -117,8 +106,8 @@ def test_nothing_is_no_rate() -> None:
     assert throughput(np.array([EPOCH_NS]), EPOCH_NS, 0) == 0
 
 
-def test_windows_of_a_rate_that_does_not_divide_them_have_it_too(tmp_path: Path) -> None:
-    samples = iteration(tmp_path, 29.97, np.full(300, 0.01))
+def test_windows_of_a_rate_that_does_not_divide_them_have_it_too() -> None:
+    samples = iteration(29.97, np.full(300, 0.01))
     found = window_values(METRICS["throughput.mean"], "detections", samples, SECOND, 0.0)
     assert len(found.values) == 10
     assert found.values == pytest.approx([29.97] * 10, rel=1e-6)

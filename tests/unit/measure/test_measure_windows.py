@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,16 +10,14 @@ from numpy.typing import NDArray
 
 from r2bspec.judge.measure.metric_catalogue import METRICS
 from r2bspec.judge.measure.metric_values import has_windows, window_values, windows
-from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.samples import SegmentSamples
 from run_simulation import Played, Simulation
 
 SECOND = 10**9
 
 
-def iteration(path: Path, latency: NDArray[np.float64], rate_hz: float = 10.0) -> SegmentSamples:
-    run = Simulation(segments=[Played(rate_hz, latency)]).write(path)
-    (found,) = read_samples(run).iterations[rate_hz]
+def iteration(latency: NDArray[np.float64], rate_hz: float = 10.0) -> SegmentSamples:
+    (found,) = Simulation(segments=[Played(rate_hz, latency)]).samples().iterations[rate_hz]
     return found
 
 
@@ -29,9 +26,9 @@ def values(samples: SegmentSamples, metric: str, window_ns: int = SECOND) -> tup
 
 
 @pytest.mark.parametrize("rate_hz", [7.0, 10.0, 29.97, 30.0])
-def test_every_step_of_whole_windows_is_in_one(tmp_path: Path, rate_hz: float) -> None:
+def test_every_step_of_whole_windows_is_in_one(rate_hz: float) -> None:
     steps = round(5 * rate_hz)
-    samples = iteration(tmp_path, np.full(steps, 0.02), rate_hz)
+    samples = iteration(np.full(steps, 0.02), rate_hz)
     found = list(windows(samples.monitors["detections"], samples.segment.ended_ns, SECOND))
     assert len(found) in {4, 5}
     assert all(abs(one.sent - rate_hz) <= 1 for one in found)
@@ -63,27 +60,27 @@ LOST = latencies(30, (slice(12, 13), math.nan))
     ],
 )
 def test_the_values_of_windows(
-    tmp_path: Path, latency: NDArray[np.float64], metric: str, expected: tuple[float, ...]
+    latency: NDArray[np.float64], metric: str, expected: tuple[float, ...]
 ) -> None:
-    assert values(iteration(tmp_path, latency), metric) == pytest.approx(expected)
+    assert values(iteration(latency), metric) == pytest.approx(expected)
 
 
-def test_a_silent_window_is_the_worst(tmp_path: Path) -> None:
-    samples = iteration(tmp_path, latencies(30, (slice(10, 20), math.nan)))
+def test_a_silent_window_is_the_worst() -> None:
+    samples = iteration(latencies(30, (slice(10, 20), math.nan)))
     for metric in ("latency.mean", "interval.max", "throughput.mean", "jitter.p50"):
         assert values(samples, metric)[1] == math.inf
 
 
-def test_a_window_with_too_few_messages_for_the_metric(tmp_path: Path) -> None:
-    samples = iteration(tmp_path, np.full(30, 0.02))
+def test_a_window_with_too_few_messages_for_the_metric() -> None:
+    samples = iteration(np.full(30, 0.02))
     found = window_values(METRICS["jitter.p50"], "detections", samples, SECOND // 5, math.inf)
     assert (found.values, found.without) == ((), 15)
 
 
-def test_no_steps_and_no_length(tmp_path: Path) -> None:
-    samples = iteration(tmp_path, np.empty(0))
+def test_no_steps_and_no_length() -> None:
+    samples = iteration(np.empty(0))
     assert values(samples, "latency.p50") == ()
-    full = iteration(tmp_path / "full", np.full(10, 0.02))
+    full = iteration(np.full(10, 0.02))
     with pytest.raises(ValueError, match="must be positive"):
         values(full, "latency.p50", 0)
 

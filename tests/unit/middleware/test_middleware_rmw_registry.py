@@ -112,22 +112,6 @@ def test_what_it_does_not_configure_is_refused_with_a_way_out(middleware: Middle
 
 
 @EVERY_ONE
-@pytest.mark.parametrize("kind", KINDS)
-def test_discovery_is_kept_on_the_host_whatever_the_transport(
-    middleware: Middleware, kind: TransportKind, tmp_path: Path
-) -> None:
-    changes = middleware.configure(Transport(kind, 1_000_000), tmp_path)
-    found = changes["ROS_AUTOMATIC_DISCOVERY_RANGE"]
-    if kind != "inherit" and kind in middleware.transports:
-        # A file says it instead: only Fast DDS has one, see the tests of its profile.
-        assert (middleware.name, found) == ("Fast DDS", "SYSTEM_DEFAULT")
-        assert "127.0.0.1" in Path(changes["FASTDDS_DEFAULT_PROFILES_FILE"]).read_text()
-    else:
-        assert changes == {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-        assert list(tmp_path.iterdir()) == []
-
-
-@EVERY_ONE
 def test_only_fast_dds_takes_shared_memory(middleware: Middleware, tmp_path: Path) -> None:
     (tmp_path / "fastrtps_0123").touch()
     (tmp_path / "fastrtps_0123_el").touch()

@@ -2,15 +2,30 @@
 
 from __future__ import annotations
 
+import errno
+import hashlib
 import os
+import shutil
 import subprocess
+import tempfile
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
-from r2bspec.native.build import NOT_BUILT, BuildError, RosFiles, build, find_compiler, find_ros
+from r2bspec.native import build as native_build
+from r2bspec.native.build import (
+    NOT_BUILT,
+    BuildError,
+    RosFiles,
+    build,
+    descriptor_of,
+    find_compiler,
+    find_ros,
+)
+from r2bspec.safe_io.cache_folder import passed_over
 
 NO_ROS = RosFiles(prefixes=(), wheels=False)
 ANSWER = '#include "answer.h"\n#include <stdio.h>\nint main(void) { return printf("%d", N) < 0; }\n'
@@ -27,42 +42,167 @@ def source(tmp_path: Path) -> Path:
     return path
 
 
-def compiled(source: Path, cache: Path) -> Path:
-    return build("answer", [source], NO_ROS, kind="program", libraries=(), cache=cache)
+@pytest.fixture(autouse=True)
+def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where results are kept."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(native_build, "_results", {})
+    passed_over.clear()
+    return tmp_path / "cache/r2bspec/native"
+
+
+def compiled(source: Path) -> Path:
+    return build("answer", [source], NO_ROS, kind="program", libraries=())
+
+
+def anew(source: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """What the next process gets."""
+    monkeypatch.setattr(native_build, "_results", {})
+    return compiled(source)
 
 
 def output(program: Path) -> str:
     return subprocess.run([program], stdout=subprocess.PIPE, check=True, text=True).stdout
 
 
-def test_a_program_is_compiled_once_unless_a_header_changes(source: Path, tmp_path: Path) -> None:
-    first = compiled(source, tmp_path / "cache")
+def test_a_program_is_compiled_once_unless_a_header_changes(
+    source: Path, kept: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = compiled(source)
     made_ns = first.stat().st_mtime_ns
-    again = compiled(source, tmp_path / "cache")
+    again = anew(source, monkeypatch)
     assert (again, again.stat().st_mtime_ns) == (first, made_ns)
     source.with_name("answer.h").write_text("#define N 43\n")
-    second = compiled(source, tmp_path / "cache")
+    second = compiled(source)
     assert [output(first), output(second)] == ["42", "43"]
     # What is kept is private.
-    for path in (first, first.parent, first.parent.parent):
+    for path in (first, first.parent, kept, kept.parent):
         assert path.stat().st_mode & 0o077 == 0
 
 
-def test_builds_at_once_end_with_one_program(source: Path, tmp_path: Path) -> None:
-    cache = tmp_path / "cache"
+def test_builds_at_once_end_with_one_program(source: Path, kept: Path) -> None:
     with ThreadPoolExecutor(4) as pool:
-        paths = set(pool.map(lambda _: compiled(source, cache), range(8)))
+        paths = set(pool.map(lambda _: compiled(source), range(8)))
     (path,) = paths
     assert output(path) == "42"
-    assert [each.name for each in cache.iterdir()] == [path.parent.name]
+    assert [each.name for each in kept.iterdir()] == [path.parent.name]
 
 
-def test_a_cache_that_others_can_write_to_is_refused(source: Path, tmp_path: Path) -> None:
-    cache = tmp_path / "cache"
-    cache.mkdir()
-    cache.chmod(0o777)
-    with pytest.raises(BuildError, match="other users can write"):
-        compiled(source, cache)
+FORGED = "#!/bin/sh\nprintf forged"
+
+
+def forge(program: Path) -> None:
+    """Put another program in the place of a kept one, with the digest that belongs to it."""
+    program.unlink()
+    program.write_text(FORGED)
+    program.chmod(0o755)
+    program.with_name("sha256").write_text(hashlib.sha256(FORGED.encode()).hexdigest())
+
+
+def expose(folder: Path) -> None:
+    folder.chmod(0o777)
+
+
+def give_away(path: Path) -> None:
+    """Let a file or folder be another user's."""
+    if os.geteuid():
+        pytest.skip("only root can give a file away")
+    os.chown(path, 65534, 65534)
+
+
+@pytest.mark.parametrize("change", [expose, give_away])
+@pytest.mark.parametrize("above", range(6))
+def test_no_program_is_run_that_another_user_can_exchange(
+    above: int,
+    change: Callable[[Path], None],
+    source: Path,
+    kept: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Neither by the next process nor by one that has found it good before."""
+    program = compiled(source)
+    place = (program, *program.parents)[above]
+    forge(program)
+    change(place)
+    for path in (compiled(source), anew(source, monkeypatch)):
+        assert output(path) == "42"
+    if place in {kept, *kept.parents}:
+        (note,) = passed_over
+        assert str(place) in note
+        assert "XDG_CACHE_HOME" in note
+
+
+def test_what_was_found_is_run_whatever_takes_its_place(source: Path) -> None:
+    program = compiled(source)
+    descriptor = descriptor_of(str(program))
+    program.parent.rename(program.parent.with_name("away"))
+    program.parent.mkdir()
+    program.write_text(FORGED)
+    program.chmod(0o755)
+    assert output(program) == "forged"
+    done = subprocess.run(
+        [program],
+        executable=f"/proc/self/fd/{descriptor}",
+        pass_fds=[descriptor or -1],
+        stdout=subprocess.PIPE,
+        check=True,
+    )
+    assert done.stdout == b"42"
+
+
+@pytest.mark.parametrize(
+    "damage", ["cut", "a link", "a pipe", "no file", "no digest", "a digest without an end"]
+)
+def test_what_is_damaged_is_made_anew(
+    damage: str, source: Path, kept: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = compiled(source)
+    digest = program.with_name("sha256")
+    if damage == "cut":
+        os.truncate(program, 1000)
+    elif "digest" in damage:
+        digest.unlink()
+        if damage != "no digest":
+            os.mkfifo(digest)
+    else:
+        program.unlink()
+        if damage == "a link":
+            program.symlink_to("/bin/false")
+        elif damage == "a pipe":
+            os.mkfifo(program)
+    again = anew(source, monkeypatch)
+    assert (again, output(again)) == (program, "42")
+    assert [each.name for each in kept.iterdir()] == [program.parent.name]
+
+
+def test_a_cache_without_room_fails_no_build(
+    source: Path, kept: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(shutil, "copy", full)
+    assert output(compiled(source)) == "42"
+    assert not [*kept.iterdir()]
+
+
+@pytest.mark.parametrize("place", ["a work tree", "a file", "noexec"])
+def test_a_cache_that_cannot_be_used_is_passed_over_with_one_note(
+    place: str, source: Path, tmp_path: Path, kept: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if place == "a work tree":
+        program = compiled(source)
+        forge(program)
+        (tmp_path / ".git").write_text("gitdir: /somewhere\n")
+    elif place == "a file":
+        (tmp_path / "cache").write_text("")
+    else:
+        real, mounted = os.statvfs, SimpleNamespace(f_flag=os.ST_NOEXEC)
+        monkeypatch.setattr(os, "statvfs", lambda path: mounted if path == kept else real(path))
+    for path in (anew(source, monkeypatch), compiled(source)):
+        assert output(path) == "42"
+    (note,) = passed_over
+    assert f"{kept} is not used" in note
 
 
 def test_without_a_compiler_it_says_what_to_install(tmp_path: Path) -> None:
@@ -99,39 +239,37 @@ def test_a_sourced_ros_precedes_the_wheels(tmp_path: Path) -> None:
     assert found.library_folders() == [tmp_path / "lib"]
 
 
-def test_what_does_not_compile_is_not_kept(source: Path, tmp_path: Path) -> None:
+def test_what_does_not_compile_is_not_kept(source: Path, kept: Path) -> None:
     source.write_text("int main(void) { return unknown; }\n")
-    cache = tmp_path / "cache"
     with pytest.raises(BuildError, match="unknown"):
-        compiled(source, cache)
-    assert not [*cache.iterdir()]
+        compiled(source)
+    assert not [*kept.iterdir()]
 
 
 @pytest.mark.parametrize(("compiler", "status"), [("true", 0), ("false", 1)])
 def test_a_compiler_that_makes_nothing_is_named_with_what_it_did(
-    source: Path, tmp_path: Path, compiler: str, status: int
+    source: Path, kept: Path, compiler: str, status: int
 ) -> None:
-    cache, command = tmp_path / "cache", find_compiler({**os.environ, "CC": compiler})
+    command = find_compiler({**os.environ, "CC": compiler})
     with pytest.raises(BuildError, match=f"status {status} and printed nothing") as caught:
-        build("answer", [source], NO_ROS, kind="program", compiler=command, cache=cache)
+        build("answer", [source], NO_ROS, kind="program", compiler=command)
     assert "CC names something" in caught.value.hint
-    assert not [*cache.iterdir()]
+    assert not [*kept.iterdir()]
 
 
-def test_a_cache_in_which_nothing_can_run_is_named(
-    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_machine_on_which_nothing_can_run_is_named(
+    source: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real = os.statvfs
-    mounted = SimpleNamespace(f_flag=os.ST_NOEXEC)
-    monkeypatch.setattr(os, "statvfs", lambda path: mounted if path == tmp_path else real(path))
+    monkeypatch.setattr(os, "statvfs", lambda _: SimpleNamespace(f_flag=os.ST_NOEXEC))
     with pytest.raises(BuildError, match="mounted noexec") as caught:
-        compiled(source, tmp_path)
+        compiled(source)
     assert "XDG_CACHE_HOME" in caught.value.hint
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root can write everywhere")
-def test_a_cache_that_cannot_be_written_is_an_error(source: Path, tmp_path: Path) -> None:
-    cache = tmp_path / "cache"
-    cache.mkdir(mode=0o500)
-    with pytest.raises(BuildError, match="cannot build in"):
-        compiled(source, cache)
+def test_a_full_disk_for_temporary_files_is_named(
+    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "nowhere"))
+    with pytest.raises(BuildError, match="cannot build in") as caught:
+        compiled(source)
+    assert "TMPDIR" in caught.value.hint

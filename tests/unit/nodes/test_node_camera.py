@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 
 pytest.importorskip("cv2")
 
-from cameras import camera_info
+from cameras import camera_info, message
 
 from r2bspec.nodes import camera, images
 
@@ -32,15 +31,7 @@ def test_a_pixel_of_the_resized_image_sees_along_its_own_ray(
     v, u = np.mgrid[0:800, 0:1280]
     for axis in (0, 1):
         rays = (inverse[axis, axis] * (u if axis == 0 else v) + inverse[axis, 2]).astype(np.float32)
-        image = SimpleNamespace(
-            height=800,
-            width=1280,
-            encoding="32FC1",
-            step=5120,
-            is_bigendian=0,
-            data=array("B", rays.tobytes()),
-        )
-        data = images.resize(image, width, height, interpolation)
+        data = images.resize(message(rays, "32FC1"), width, height, interpolation)
         resized = np.frombuffer(data, np.float32).reshape(height, width)
         pixel = np.arange(height if axis else width)
         expected = inverse_scaled[axis, axis] * pixel + inverse_scaled[axis, 2]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,10 +16,9 @@ import pytest
 
 pytest.importorskip("cv2")
 
-from rosbags.typesys import Stores, get_typestore
 from tag_rendering import angle_deg, rotation_of
 
-from ground_truth_files import read_ground_truth
+from data_bags import truth_of, typestore
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.recording import Window
 from r2bspec.datasets.ground_truth import TagSighting
@@ -59,58 +57,30 @@ def frames(tmp_path_factory: pytest.TempPathFactory) -> list[Frame]:
 def _frame(start_ns: int, cache: Path) -> Frame:
     window = Window(start_ns=start_ns, end_ns=start_ns + FRAME_NS)
     made = make("r2b_storage", [IMAGE, CAMERA_INFO], window, cache_dir=cache)
-    store = get_typestore(Stores.ROS2_JAZZY)
     kinds = {IMAGE: "sensor_msgs/msg/Image", CAMERA_INFO: "sensor_msgs/msg/CameraInfo"}
     read = {
         message.topic.removeprefix("/"): message.data
         for message in read_messages(made.path, list(kinds))
     }
-    image, info = (store.deserialize_cdr(read[topic], kind) for topic, kind in kinds.items())
-    tag = read_ground_truth(made.path).tag
+    image, info = (typestore().deserialize_cdr(read[topic], kind) for topic, kind in kinds.items())
+    tag = truth_of(made.path).tag
     assert tag is not None
     (sightings,) = tag.sightings.values()
     return Frame(image, info, tag.family, tag.id, tag.size_m, sightings[0])
 
 
-def _detect(image: Any, info: Any, frame: Frame) -> tag_poses.Detection:
-    gray = images.gray(images.view(image), image.encoding)
-    (found,) = tag_poses.detect(
-        gray, camera.matrix(info), camera.distortion(info), frame.family, frame.size_m
-    )
+def _detect(frame: Frame) -> tag_poses.Detection:
+    gray = images.gray(images.view(frame.image), frame.image.encoding)
+    lens = camera.matrix(frame.info), camera.distortion(frame.info)
+    (found,) = tag_poses.detect(gray, *lens, frame.family, frame.size_m)
     return found
-
-
-def _resized(frame: Frame, width: int, height: int) -> tuple[Any, Any]:
-    """The frame's image and camera, as the resize node makes them."""
-    image, info = frame.image, SimpleNamespace(**vars(frame.info))
-    info.roi = SimpleNamespace(**vars(frame.info.roi))
-    smaller = SimpleNamespace(
-        width=width,
-        height=height,
-        encoding=image.encoding,
-        is_bigendian=images.NATIVE_BIGENDIAN,
-        step=3 * width,
-        data=images.resize(image, width, height, 1),
-    )
-    camera.scale(info, width / image.width, height / image.height)
-    return smaller, info
-
-
-def _assert_true(found: tag_poses.Detection, frame: Frame) -> None:
-    true = frame.sighting
-    assert found.id == frame.tag_id
-    error_m = np.linalg.norm(np.subtract(found.position_m, true.position_m))
-    assert error_m < POSITION_SHARE * np.linalg.norm(true.position_m)
-    assert angle_deg(found.quaternion_xyzw, rotation_of(true.orientation_xyzw)) < ANGLE_DEG
 
 
 def test_the_tag_is_found_where_it_is(frames: list[Frame]) -> None:
     for frame in frames:
-        found = _detect(frame.image, frame.info, frame)
-        _assert_true(found, frame)
-        np.testing.assert_allclose(found.corners_px, frame.sighting.corners_px, atol=CORNER_PX)
-
-
-def test_the_tag_is_found_where_it_is_after_resizing(frames: list[Frame]) -> None:
-    for frame in frames:
-        _assert_true(_detect(*_resized(frame, 1280, 720), frame), frame)
+        found, true = _detect(frame), frame.sighting
+        assert found.id == frame.tag_id
+        error_m = np.linalg.norm(np.subtract(found.position_m, true.position_m))
+        assert error_m < POSITION_SHARE * np.linalg.norm(true.position_m)
+        assert angle_deg(found.quaternion_xyzw, rotation_of(true.orientation_xyzw)) < ANGLE_DEG
+        np.testing.assert_allclose(found.corners_px, true.corners_px, atol=CORNER_PX)

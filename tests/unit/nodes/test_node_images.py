@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,28 +9,9 @@ import pytest
 
 pytest.importorskip("cv2")
 
+from cameras import message
+
 from r2bspec.nodes import images
-
-
-@dataclass
-class Message:
-    """What sensor_msgs/msg/Image holds, as far as its pixels go."""
-
-    height: int
-    width: int
-    encoding: str
-    step: int
-    data: Any
-    is_bigendian: int = 0
-
-
-def message(pixels: np.ndarray[Any, Any], encoding: str, padding: int = 0) -> Message:
-    """The message that a driver would send for `pixels`, each row followed by padding bytes."""
-    height, width = pixels.shape[:2]
-    rows = pixels.reshape(height, -1).view(np.uint8)
-    padded = np.pad(rows, ((0, 0), (0, padding)), constant_values=0xEE)
-    big = int(pixels.dtype.byteorder == ">")
-    return Message(height, width, encoding, padded.shape[1], array("B", padded.tobytes()), big)
 
 
 def pixels_of(encoding: str, height: int = 5, width: int = 7) -> np.ndarray[Any, Any]:

@@ -8,14 +8,6 @@ from hypothesis import strategies as st
 from r2bspec.nodes.stamp_sets import StampSets
 
 
-def test_either_side_may_come_first() -> None:
-    pairs = StampSets(("A", "B"), 3)
-    assert pairs.add("A", 1, "a") is None
-    assert pairs.add("B", 1, 10) == ("a", 10)
-    assert pairs.add("B", 2, 20) is None
-    assert pairs.add("A", 2, "b") == ("b", 20)
-
-
 def test_a_pair_is_made_once() -> None:
     pairs = StampSets(("A", "B"), 3)
     pairs.add("A", 1, "a")
@@ -48,17 +40,6 @@ def test_a_repeated_stamp_replaces_and_is_counted() -> None:
     assert pairs.add("B", 1, 0) == ("new", 0)
 
 
-@given(st.permutations([(side, stamp) for side in "AB" for stamp in range(6)]))
-def test_any_order_of_complete_pairs_gives_all_of_them(order: list[tuple[str, int]]) -> None:
-    pairs = StampSets(("A", "B"), 6)
-    made = [
-        pairs.add("A", stamp, stamp) if side == "A" else pairs.add("B", stamp, stamp)
-        for side, stamp in order
-    ]
-    assert sorted(pair for pair in made if pair) == [(stamp, stamp) for stamp in range(6)]
-    assert pairs.discarded == 0
-
-
 @given(st.permutations([(topic, stamp) for topic in "ABCD" for stamp in range(4)]))
 def test_any_order_of_complete_sets_gives_all_of_them(order: list[tuple[str, int]]) -> None:
     sets = StampSets("ABCD", 4)
@@ -66,11 +47,3 @@ def test_any_order_of_complete_sets_gives_all_of_them(order: list[tuple[str, int
     expected = [tuple(f"{topic}{stamp}" for topic in "ABCD") for stamp in range(4)]
     assert sorted(each for each in made if each) == expected
     assert sets.discarded == 0
-
-
-def test_a_set_waits_for_the_last_of_its_topics() -> None:
-    sets = StampSets("ABC", 2)
-    assert sets.add("A", 1, "a") is None
-    assert sets.add("C", 1, "c") is None
-    assert sets.add("B", 2, "other") is None
-    assert sets.add("B", 1, "b") == ("a", "b", "c")

@@ -82,18 +82,6 @@ def test_what_the_camera_did_not_see_is_black() -> None:
     assert target[HEIGHT // 2, WIDTH // 2].tolist() == [255, 255, 255]
 
 
-def test_an_ideal_camera_changes_nothing() -> None:
-    info = camera_info(
-        d=np.zeros(5),
-        r=np.eye(3).ravel(),
-        p=np.hstack([K, np.zeros((3, 1))]).ravel(),
-    )
-    pixels = np.random.default_rng(1).integers(0, 255, (HEIGHT, WIDTH, 3), np.uint8)
-    target = np.empty_like(pixels)
-    rectification.rectify(pixels, info, target)
-    assert np.array_equal(target, pixels)
-
-
 def test_a_changed_camera_is_noticed() -> None:
     pixels = np.random.default_rng(1).integers(0, 255, (HEIGHT, WIDTH), np.uint8)
     first, second = np.empty_like(pixels), np.empty_like(pixels)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import shutil
 from pathlib import Path
 
 import msgspec
@@ -12,7 +13,7 @@ import pytest
 from r2bspec.record.files import RecordError, write_atomically
 from r2bspec.record.run_folder import RunFolder, open_run
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE
-from run_simulation import Played, Simulation, objective
+from run_simulation import Played, Simulation, objective, remove_digests
 
 SIMULATION = Simulation(
     segments=[Played(10, [0.01, 0.02]), Played(10, [0.01], complete=False)],
@@ -158,9 +159,58 @@ class TestBrokenFolders:
         with pytest.raises(RecordError, match="missing"):
             run.playback(segment)
 
-    def test_a_run_without_resources_has_none(self, folder: Path) -> None:
+    def test_samples_that_the_run_did_not_write(self, folder: Path) -> None:
+        """Every file of samples, whatever has become of it, before anything is judged."""
+        files = sorted(folder.rglob("*.npy"))
+        assert len(files) == len(open_run(folder).record.samples) == 5
+        for path in files:
+            whole = path.read_bytes()
+            for content in (whole[:-1] + b"x", whole[:-8], b"", whole + b"x"):
+                path.write_bytes(content)
+                self.refused(folder, f"{path} is damaged: these are not the samples that the run")
+            path.unlink()
+            self.refused(folder, f"{path} is missing")
+            path.write_bytes(whole)
+        first, second = (each for each in files if each.name == "playback.npy")
+        first.write_bytes(second.read_bytes())
+        self.refused(folder, f"{first} is damaged")
+
+    def test_a_segment_without_its_samples(self, folder: Path) -> None:
+        segment = open_run(folder).record.segments[1].id
+        shutil.rmtree(folder / "samples" / segment)
+        self.refused(folder, f"the samples of segment '{segment}' are missing")
+
+    @pytest.mark.parametrize("removed", ["segments", "samples"])
+    def test_samples_without_their_segment(self, folder: Path, removed: str) -> None:
+        record = msgspec.json.decode((folder / "record.json").read_bytes())
+        segment = record["segments"].pop(0)["id"]
+        if removed == "samples":
+            record["segments"].append(open_run(folder).record.segments[0])
+            record["samples"] = {
+                place: digest for place, digest in record["samples"].items() if segment not in place
+            }
+        (folder / "record.json").write_bytes(msgspec.json.encode(record))
+        self.refused(folder, f"does not list both segment and samples of '{segment}'")
+
+    def test_no_digest_leads_out_of_the_folder(self, folder: Path) -> None:
+        record = msgspec.json.decode((folder / "record.json").read_bytes())
+        record["samples"] = {**record["samples"], "../x.npy": ""}
+        (folder / "record.json").write_bytes(msgspec.json.encode(record))
+        self.refused(folder, "damaged|cannot be part of a file name")
+
+    def test_a_record_of_an_older_version_has_no_digests(self, folder: Path) -> None:
+        remove_digests(folder)
         (folder / "resources.npy").unlink()
         assert open_run(folder).resources().size == 0
+
+
+def test_a_run_that_was_killed_while_its_samples_grew_is_read(tmp_path: Path) -> None:
+    run = SIMULATION.write(tmp_path / "run")
+    folder = RunFolder(run.folder)
+    folder.write_record(msgspec.structs.replace(run.record, status="incomplete"))
+    folder.write_resources(run.resources()[:1])
+    folder.write_playback("iteration-009", run.playback(run.record.segments[0]))
+    assert open_run(run.folder).resources().size == 1
 
 
 def test_playback_of_an_older_version_has_all_inputs_in_each_step(tmp_path: Path) -> None:

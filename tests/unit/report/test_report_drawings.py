@@ -51,13 +51,10 @@ def test_no_arrow_passes_through_a_box(spec: Path) -> None:
     drawing = lay_out(api.compile_plan(spec), {})
     assert drawing.edges
     for edge in drawing.edges:
-        crossed = {
-            box.title for box in drawing.boxes for at in points(edge.path) if is_inside(box, *at)
-        }
+        way = list(points(edge.path))
+        crossed = {box.title for box in drawing.boxes for at in way if is_inside(box, *at)}
         assert crossed == set(), edge.path
-        assert all(
-            0 <= x <= drawing.width and 0 <= y <= drawing.height for x, y in points(edge.path)
-        )
+        assert all(0 <= x <= drawing.width and 0 <= y <= drawing.height for x, y in way)
 
 
 def test_an_arrow_goes_around_what_is_in_its_way() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -11,10 +11,9 @@ import pytest
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
-from r2bspec.judge.result import Result
-from r2bspec.plan.plan import Plan
 from r2bspec.record.comparison_folder import merge_runs
-from r2bspec.record.run_record import RunRecord, Segment, UnplayedMessages
+from r2bspec.record.run_folder import Run
+from r2bspec.record.run_record import UnplayedMessages
 from r2bspec.report.format_registry import renderer
 from run_simulation import Played, Simulation, objective
 
@@ -24,23 +23,12 @@ MOST = UnplayedMessages(topic="/r2b/right", count=53, total=56)
 AGREED = msgspec.structs.replace(MOST, agreed=True)
 
 
-@dataclass(frozen=True)
-class Unplayed(Simulation):
-    """A simulation that left messages out."""
-
-    unplayed: tuple[UnplayedMessages, ...] = ()
-
-    def _record(self, plan: Plan, segments: tuple[Segment, ...]) -> RunRecord:
-        return msgspec.structs.replace(super()._record(plan, segments), unplayed=self.unplayed)
-
-
-def result(path: Path, *unplayed: UnplayedMessages) -> Result:
-    run = Unplayed(
+def unplayed_run(path: Path, *unplayed: UnplayedMessages) -> Run:
+    run = Simulation(
         segments=[Played(30, np.full(90, 0.02))],
         objectives={"all": objective("latency.p50 < 50 ms")},
-        unplayed=unplayed,
     ).write(path)
-    return result_of(run)
+    return replace(run, record=msgspec.structs.replace(run.record, unplayed=unplayed))
 
 
 @pytest.mark.parametrize(
@@ -50,7 +38,7 @@ def result(path: Path, *unplayed: UnplayedMessages) -> Result:
 def test_above_5_percent_it_is_a_warning_in_the_verdict_unless_agreed(
     tmp_path: Path, one: UnplayedMessages, in_verdict: bool, command: str
 ) -> None:
-    found = result(tmp_path, one)
+    found = result_of(unplayed_run(tmp_path, one))
     assert found.verdict.outcome == "pass"
     assert (one.text in found.verdict.reason) == in_verdict
     lines = renderer("github")(ReportInput(result=found)).decode().splitlines()
@@ -59,9 +47,6 @@ def test_above_5_percent_it_is_a_warning_in_the_verdict_unless_agreed(
 
 
 def test_runs_as_one_say_it_once(tmp_path: Path) -> None:
-    runs = [
-        Unplayed(segments=[Played(30, np.full(9, 0.02))], unplayed=(SOME,)).write(tmp_path / name)
-        for name in "ab"
-    ]
+    runs = [unplayed_run(tmp_path / name, SOME) for name in "ab"]
     merged = merge_runs(runs, folder=tmp_path, plan=runs[0].plan, whole=runs[0].record)
     assert merged.record.unplayed == (SOME,)

@@ -8,24 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.safe_io.git import (
-    WorkTreeState,
-    commit_of,
-    filter_names,
-    find_work_tree,
-    inspect_work_tree,
-    run_git,
-)
-
-
-def git(folder: Path, *arguments: str) -> str:
-    program = shutil.which("git")
-    assert program is not None
-    author = ["-c", "user.name=A", "-c", "user.email=a@example.org"]
-    done = subprocess.run(
-        [program, *author, *arguments], cwd=folder, capture_output=True, text=True, check=True
-    )
-    return done.stdout.strip()
+from git_repositories import commit, git, write_files
+from r2bspec.safe_io.git import WorkTreeState, commit_of, find_work_tree, inspect_work_tree, run_git
 
 
 @pytest.fixture(name="top")
@@ -33,12 +17,7 @@ def new_repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A repository with one commit of two files."""
     monkeypatch.setenv("GIT_CONFIG_GLOBAL", "/dev/null")
     top = tmp_path / "a repository"
-    (top / "bench").mkdir(parents=True)
-    git(top, "init", "-q", "-b", "main")
-    (top / "node.py").write_text("a = 1\n")
-    (top / "bench" / "spec.yaml").write_text("name: a\n")
-    git(top, "add", "-A")
-    git(top, "commit", "-q", "-m", "first")
+    commit(top, {"node.py": "a = 1\n", "bench/spec.yaml": "name: a\n"})
     return top
 
 
@@ -70,17 +49,16 @@ def test_a_touched_file_has_not_changed_and_the_index_is_not_written(top: Path) 
 
 def test_a_conflict_is_a_change(top: Path) -> None:
     git(top, "checkout", "-q", "-b", "other")
-    (top / "node.py").write_text("a = 3\n")
-    git(top, "commit", "-qam", "other")
+    commit(top, {"node.py": "a = 3\n"})
     git(top, "checkout", "-q", "main")
-    (top / "node.py").write_text("a = 4\n")
-    git(top, "commit", "-qam", "main")
+    commit(top, {"node.py": "a = 4\n"})
     with pytest.raises(subprocess.CalledProcessError):
         git(top, "merge", "other")
     assert state_of(top).changed == ("node.py",)
 
 
-def test_a_repository_without_a_commit_has_none(tmp_path: Path) -> None:
+def test_a_folder_without_a_repository_or_a_commit_has_none(tmp_path: Path) -> None:
+    assert find_work_tree(tmp_path) is None
     git(tmp_path, "init", "-q")
     assert state_of(tmp_path).commit == ""
 
@@ -88,17 +66,11 @@ def test_a_repository_without_a_commit_has_none(tmp_path: Path) -> None:
 def test_a_linked_work_tree_has_a_commit_of_its_own(top: Path, tmp_path: Path) -> None:
     linked = tmp_path / "linked"
     git(top, "worktree", "add", "-q", "-b", "side", str(linked))
-    (linked / "node.py").write_text("a = 5\n")
-    git(linked, "commit", "-qam", "side")
+    own = commit(linked, {"node.py": "a = 5\n"})
     assert (linked / ".git").is_file()
-    state = state_of(linked)
-    assert state.commit == git(linked, "rev-parse", "HEAD") != git(top, "rev-parse", "HEAD")
-    assert state.changed == ()
+    assert state_of(linked) == WorkTreeState(own, ())
+    assert own != state_of(top).commit
     assert find_work_tree(linked / "bench") == linked
-
-
-def test_a_folder_outside_of_a_repository_has_no_work_tree(tmp_path: Path) -> None:
-    assert find_work_tree(tmp_path) is None
 
 
 @pytest.mark.parametrize("content", ["gitdir: nowhere\n", "rubbish"])
@@ -115,8 +87,8 @@ def test_without_git_everything_is_unknown(top: Path, monkeypatch: pytest.Monkey
 
 
 def test_a_revision_is_looked_up_by_any_of_its_names(top: Path) -> None:
-    commit = git(top, "rev-parse", "HEAD")
-    assert commit_of(top, "main") == commit_of(top, commit[:10]) == commit
+    name = git(top, "rev-parse", "HEAD")
+    assert commit_of(top, "main") == commit_of(top, name[:10]) == name
     assert commit_of(top, "--help") is None
     assert commit_of(top, "HEAD:node.py") is None
 
@@ -125,13 +97,12 @@ def test_variables_that_name_another_repository_are_dropped(
     top: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     other = tmp_path / "other"
-    other.mkdir()
-    git(other, "init", "-q")
-    commit = git(top, "rev-parse", "HEAD")
+    commit(other)
+    before = state_of(top)
     monkeypatch.setenv("GIT_DIR", str(other / ".git"))
     monkeypatch.setenv("GIT_WORK_TREE", str(other))
     monkeypatch.setenv("GIT_INDEX_FILE", str(other / "index"))
-    assert state_of(top) == WorkTreeState(commit, ())
+    assert state_of(top) == before
 
 
 def test_the_work_tree_that_a_configuration_names_is_not_looked_at(
@@ -141,58 +112,40 @@ def test_the_work_tree_that_a_configuration_names_is_not_looked_at(
     assert state_of(top).changed == ()
 
 
-class HostileRepository:
-    """A repository whose configuration names programs that leave a mark."""
-
-    def __init__(self, top: Path) -> None:
-        self.top = top
-        self.mark = top / "executed"
-        program = top.parent / "program.sh"
-        program.write_text(f"#!/bin/sh\necho \"$0 $*\" >> '{self.mark}'\ncat\n")
-        program.chmod(0o755)
-        self.program = f"'{program}'"
-        hooks = top.parent / "hooks"
-        hooks.mkdir()
-        for hook in ("post-index-change", "post-checkout", "reference-transaction"):
-            shutil.copy(program, hooks / hook)
-        self.hooks = hooks
-
-
-@pytest.fixture(name="hostile")
-def new_hostile_repository(top: Path) -> HostileRepository:
-    hostile = HostileRepository(top)
-    git(top, "config", "core.fsmonitor", hostile.program)
-    git(top, "config", "core.hooksPath", str(hostile.hooks))
+@pytest.fixture
+def mark(top: Path) -> Path:
+    """What programs leave that the configuration of the repository now names."""
+    mark = top / "executed"
+    program = top.parent / "program.sh"
+    program.write_text(f"#!/bin/sh\necho \"$0 $*\" >> '{mark}'\ncat\n")
+    program.chmod(0o755)
+    hooks = top.parent / "hooks"
+    hooks.mkdir()
+    for hook in ("post-index-change", "post-checkout", "reference-transaction"):
+        shutil.copy(program, hooks / hook)
+    git(top, "config", "core.fsmonitor", f"'{program}'")
+    git(top, "config", "core.hooksPath", str(hooks))
     for name in ("evil", "with=equals", "dotted.name"):
         for key in ("clean", "smudge", "process"):
-            git(top, "config", f"filter.{name}.{key}", hostile.program)
+            git(top, "config", f"filter.{name}.{key}", f"'{program}'")
         git(top, "config", f"filter.{name}.required", "true")
     (top / ".git" / "info" / "attributes").write_text(
         "*.py filter=evil\n*.txt filter=with=equals\n*.yaml filter=dotted.name\n"
     )
     # The times of the files must not tell git that they are unchanged.
-    (top / "node.py").write_text("a = 7\n")
-    (top / "bench" / "spec.yaml").write_text("name: b\n")
-    return hostile
+    write_files(top, {"node.py": "a = 7\n", "bench/spec.yaml": "name: b\n"})
+    return mark
 
 
-def test_the_names_of_filters_are_read_whole(hostile: HostileRepository) -> None:
-    assert sorted(filter_names(hostile.top) or ()) == ["dotted.name", "evil", "with=equals"]
-
-
-def test_the_hostile_configuration_is_effective_without_precautions(
-    hostile: HostileRepository,
-) -> None:
-    subprocess.run(["git", "status"], cwd=hostile.top, capture_output=True, check=False)  # noqa: S607
-    assert hostile.mark.exists()
-
-
-def test_neither_monitors_nor_hooks_nor_filters_are_executed(hostile: HostileRepository) -> None:
-    state = state_of(hostile.top)
+def test_neither_monitors_nor_hooks_nor_filters_are_executed(top: Path, mark: Path) -> None:
+    state = state_of(top)
     assert state.changed == ("bench/spec.yaml", "node.py")
-    assert commit_of(hostile.top, "main") == state.commit
-    assert run_git(hostile.top, "cat-file", "blob", "main:node.py") is not None
-    assert not hostile.mark.exists()
+    assert commit_of(top, "main") == state.commit
+    assert run_git(top, "cat-file", "blob", "main:node.py") is not None
+    assert not mark.exists()
+    # Without precautions they are.
+    subprocess.run(["git", "status"], cwd=top, capture_output=True, check=False)  # noqa: S607
+    assert mark.exists()
 
 
 def test_no_missing_object_is_fetched(top: Path, tmp_path: Path) -> None:

@@ -26,50 +26,49 @@ def test_a_regular_file_is_read_up_to_the_limit(tmp_path: Path) -> None:
 
 
 def test_a_sparse_file_is_refused_before_it_fills_memory(tmp_path: Path) -> None:
-    file = tmp_path / "a"
-    with file.open("wb") as stream:
-        stream.truncate(10**12)
+    (tmp_path / "a").touch()
+    os.truncate(tmp_path / "a", 10**12)
     with pytest.raises(TooLargeError):
-        read_bytes(file, max_bytes=1000)
+        read_bytes(tmp_path / "a", max_bytes=1000)
 
 
-def test_a_pipe_without_a_writer_is_refused_at_once(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(RefusedFileError, match="pipe"):
-        open_regular(tmp_path / "pipe")
-
-
-@pytest.mark.parametrize("device", ["/dev/zero", "/dev/null", "/dev/ptmx", "/dev/urandom"])
-def test_a_device_is_refused_also_through_a_link(device: str, tmp_path: Path) -> None:
-    (tmp_path / "link").symlink_to(device)
-    for path in (Path(device), tmp_path / "link"):
-        with pytest.raises(RefusedFileError, match="device"):
-            open_regular(path)
-
-
-@pytest.mark.parametrize("file", ["/proc/self/environ", "/proc/self/cmdline", "/proc/version"])
-def test_files_of_the_kernel_are_refused(file: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("file", "error", "words"),
+    [
+        ("/dev/zero", RefusedFileError, "device"),
+        ("/dev/ptmx", RefusedFileError, "device"),
+        ("/proc/self/environ", OutsideFolderError, "kernel"),
+        ("/proc/version", OutsideFolderError, "kernel"),
+    ],
+)
+def test_devices_and_files_of_the_kernel_are_refused_also_through_a_link(
+    file: str, error: type[OSError], words: str, tmp_path: Path
+) -> None:
     (tmp_path / "link").symlink_to(file)
     for path in (Path(file), tmp_path / "link"):
-        with pytest.raises(OutsideFolderError, match="kernel"):
+        with pytest.raises(error, match=words):
             open_regular(path)
 
 
-def test_a_folder_a_missing_file_and_impossible_names(tmp_path: Path) -> None:
-    with pytest.raises(RefusedFileError, match="folder"):
-        open_regular(tmp_path)
-    with pytest.raises(FileNotFoundError):
-        open_regular(tmp_path / "none")
-    with pytest.raises(RefusedFileError, match="NUL"):
-        open_regular(tmp_path / "a\0b")
-    with pytest.raises(OSError, match="name too long"):
-        open_regular(tmp_path / ("x" * 300))
-
-
-def test_a_link_to_itself_is_an_error(tmp_path: Path) -> None:
-    (tmp_path / "a").symlink_to(tmp_path / "a")
-    with pytest.raises(OSError, match="symbolic links"):
-        open_regular(tmp_path / "a")
+@pytest.mark.parametrize(
+    ("name", "error", "words"),
+    [
+        (".", RefusedFileError, "folder"),
+        # Nobody writes to it: whoever opens it waits.
+        ("pipe", RefusedFileError, "pipe"),
+        ("a\0b", RefusedFileError, "NUL"),
+        ("none", FileNotFoundError, "none"),
+        ("x" * 300, OSError, "name too long"),
+        ("itself", OSError, "symbolic links"),
+    ],
+)
+def test_what_is_no_regular_file_is_an_error_at_once(
+    name: str, error: type[OSError], words: str, tmp_path: Path
+) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "itself").symlink_to(tmp_path / "itself")
+    with pytest.raises(error, match=words):
+        open_regular(tmp_path / name)
 
 
 def test_links_are_followed_inside_of_the_allowed_folders_only(tmp_path: Path) -> None:

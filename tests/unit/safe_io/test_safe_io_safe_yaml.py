@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 import yaml
 
@@ -17,9 +19,9 @@ def _nested_merges(levels: int) -> str:
 
 
 def test_values_are_those_of_ros() -> None:
-    text = "a: &a {b: yes, n: 0x10, f: 1e3, t: '1'}\nc: {<<: *a, d: [1, 2.5, ~]}\n"
+    text = "a: &a {b: yes, n: 0x10, f: 1e3, t: '1', s: 1:59:59}\nc: {<<: *a, d: [1, 2.5, ~]}\n"
     found = load_values(text)
-    assert found["a"] == {"b": True, "n": 16, "f": "1e3", "t": "1"}
+    assert found["a"] == {"b": True, "n": 16, "f": "1e3", "t": "1", "s": 7199}
     assert found["c"] == {**found["a"], "d": [1, 2.5, None]}
     assert load_texts("a: on\nb: 010\n") == {"a": "on", "b": "010"}
 
@@ -32,15 +34,14 @@ def test_values_are_those_of_ros() -> None:
         ("[" * 40_000, "line 1: values are nested more than 100 levels deep"),
         (_nested_merges(8), "line 5: aliases expand to more than 200,000 values"),
         ("a: &a [1, *a]", "line 1: an alias refers to a value that contains it"),
-        ("a:\n" + "- 1\n" * 400_000, "line 399999: there are more than 400,000 values"),
+        ("a:\n" + "- 1\n" * 50_000, "line 49999: there are more than 50,000 values"),
     ],
 )
 def test_what_exceeds_a_limit_is_refused_with_its_line(
-    load: object, text: str, reason: str
+    load: Callable[..., object], text: str, reason: str
 ) -> None:
-    assert callable(load)
     with pytest.raises(RefusedYamlError) as refused:
-        load(text)
+        load(text, max_values=50_000)
     assert str(refused.value) == reason
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from example_spec import example
 from r2bspec.check import check
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.language.load_spec import load_spec
@@ -84,32 +85,24 @@ def main():
     rclpy.init()
     rclpy.spin(Plain())
 """
-SPEC = """
-r2bspec: 1
-name: example
-data_loader: {bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}
-playback: {inputs: {image: {from: image_raw, format: sensor_msgs/msg/Image}}}
-containers: {box: {executable: python}}
-graph:
-  placement: PLACEMENT
-  nodes:
-    one: {python: "./nodes.py:ONE"KEYS}
-    two: {python: "./nodes.py:Flexible", remappings: {image: output, output: last}KEYS}
-monitors: {out: {topic: last, format: sensor_msgs/msg/Image}}
-benchmark: {rates: [30 Hz]}
-"""
+TOPICS = "subscribes: {image: sensor_msgs/msg/Image}, publishes: {output: sensor_msgs/msg/Image}"
+"""What a spec has to state of a program."""
 
 
-def spec(folder: Path, name: str, placement: str = "separate", keys: str = "") -> Path:
+def spec(folder: Path, name: str, placement: str = "separate", container: str = "") -> Path:
+    """A spec of two nodes, of which the first is called by this name."""
     (folder / "nodes.py").write_text(NODES, encoding="utf-8")
+    keys = f", container: {container}" if container else ""
+    sections = {"containers": f"{container}: {{executable: python}}"} if container else {}
+    nodes = f"""
+        placement: {placement}
+        nodes:
+          one: {{python: "./nodes.py:{name}"{keys}{f", {TOPICS}" if name == "main" else ""}}}
+          two: {{python: "./nodes.py:Flexible", remappings: {{image: output, output: last}}{keys}}}
+    """
     file = folder / "spec.r2b.yaml"
-    text = SPEC.replace("ONE", name).replace("PLACEMENT", placement).replace("KEYS", keys)
-    if not keys:
-        text = text.replace("containers: {box: {executable: python}}\n", "")
-    if name == "main":
-        topics = ", subscribes: {image: sensor_msgs/msg/Image}"
-        topics += ", publishes: {output: sensor_msgs/msg/Image}"
-        text = text.replace(':main"', f':main"{topics}')
+    monitors = "out: {topic: last, format: sensor_msgs/msg/Image}"
+    text = example(graph=nodes, monitors=monitors, **sections)
     file.write_text(text, encoding="utf-8")
     return file
 
@@ -171,6 +164,6 @@ def test_a_constructor_with_required_arguments_is_an_error(tmp_path: Path) -> No
 def test_a_container_cannot_hold_it_with_others(
     tmp_path: Path, name: str, codes: list[str]
 ) -> None:
-    found = findings(spec(tmp_path, name, keys=", container: box"))
+    found = findings(spec(tmp_path, name, container="box"))
     # That the harness is in other processes is an advice about every container.
     assert [each.code for each in found if each.severity != "info"] == codes

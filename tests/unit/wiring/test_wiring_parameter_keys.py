@@ -15,7 +15,6 @@ from r2bspec.plan.wiring.parameter_files import (
     read_parameter_file,
 )
 from r2bspec.safe_io.limits import MAX_VALUES_OF_NODES
-from r2bspec.safe_io.safe_yaml import load_values
 
 PATTERNS = st.lists(st.sampled_from(["a", "ab", "*", "**", "a*", "*b", "a*b", "*a*"]), max_size=5)
 NAMES = st.lists(st.sampled_from(["a", "b", "ab", "aab", "aba"]), min_size=1, max_size=5)
@@ -69,10 +68,3 @@ def test_too_many_wildcards_and_too_many_values_are_named(tmp_path: Path) -> Non
     file = ParameterFile((("/**", {f"p{i}": i for i in range(1000)}),))
     assert ParameterEffort().limited(file, MAX_VALUES_OF_NODES // 1000) is file
     assert "together" in ParameterEffort().limited(file, MAX_VALUES_OF_NODES // 1000 + 1).problem
-
-
-@pytest.mark.timeout(60)
-def test_a_number_to_base_60_of_any_length_is_answered() -> None:
-    assert load_values("a: 1:59:59") == {"a": 7199}
-    with pytest.raises(Exception, match="characters|digits"):
-        load_values(f"a: 1{':59' * 300_000}")

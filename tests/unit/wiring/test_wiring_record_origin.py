@@ -10,6 +10,7 @@ import pytest
 import yaml
 from wiring_specs import IMAGE, node
 
+from example_spec import example
 from r2bspec.check import check
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.language.load_spec import load_spec
@@ -32,17 +33,6 @@ def make(**kwargs):
     for name in ("image",):
         node.create_subscription(Image, name, print, 10)
     return node
-"""
-SPEC = """
-r2bspec: 1
-name: example
-data_loader: {bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}
-playback: {inputs: {image: {from: image_raw, format: sensor_msgs/msg/Image}}}
-graph:
-  nodes:
-    my_node: {NODE}
-monitors: {out: {topic: output, format: sensor_msgs/msg/Image}}
-benchmark: {rates: [30 Hz]}
 """
 
 
@@ -68,7 +58,7 @@ def record(folder: Path, target: str = "./node.py:make", **row: Any) -> None:
 
 def findings(folder: Path, text: str = 'python: "./node.py:make"') -> dict[str, Diagnostic]:
     file = folder / "spec.r2b.yaml"
-    file.write_text(SPEC.replace("NODE", text), encoding="utf-8")
+    file.write_text(example(graph=f"nodes: {{my_node: {{{text}}}}}"), encoding="utf-8")
     return {found.code: found for found in check(load_spec(file), offline=True)}
 
 

@@ -1,13 +1,26 @@
-"""The lenses of the rig distort as OpenCV's model does, and rectification undoes it."""
+"""The lenses of the rig distort as OpenCV's model does; sines are the same on every machine."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from r2bspec.datasets import rig
-from r2bspec.datasets.cameras import Camera, Lens, camera_pose, image_bounds, project, undistorted
+from r2bspec.datasets.cameras import (
+    Camera,
+    Lens,
+    camera_pose,
+    cosine,
+    image_bounds,
+    project,
+    sine,
+    undistorted,
+)
 from r2bspec.datasets.scenes import find_scene
 from r2bspec.datasets.sensors import render_depth
 
@@ -74,3 +87,14 @@ def test_bounds_contain_every_pixel_of_every_box(camera: Camera) -> None:
                 assert bounds.top <= v < bounds.bottom
     assert seen > 500
     assert render_depth(scene.room, camera, pose).min() > 0
+
+
+@given(st.floats(-60, 60))
+def test_agree_with_the_c_library(angle: float) -> None:
+    assert sine(angle) == pytest.approx(math.sin(angle), abs=2e-14)
+    assert cosine(angle) == pytest.approx(math.cos(angle), abs=2e-14)
+
+
+@given(st.floats(-math.pi, math.pi))
+def test_are_exact_within_a_turn(angle: float) -> None:
+    assert sine(angle) == pytest.approx(math.sin(angle), abs=1e-15)

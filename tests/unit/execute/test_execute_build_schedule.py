@@ -1,4 +1,4 @@
-"""From buffers to a timeline: steps are messages of one stamp, at the times of their recording."""
+"""From buffers to what is played when: messages of a stamp are a step, the rest lies between."""
 
 from __future__ import annotations
 
@@ -11,13 +11,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.execute.build_schedule import build_schedule, make_timeline, place_transforms
+from r2bspec.execute.build_schedule import (
+    align,
+    build_schedule,
+    make_timeline,
+    place_between,
+    place_transforms,
+)
 from r2bspec.execute.errors import RunError, UnpairedInputError
 from r2bspec.ipc.buffers import BufferIndex, write_index
-from r2bspec.ipc.schedule import NO_STEP, TimelineSchedule
+from r2bspec.ipc.schedule import NO_STEP, CyclicSchedule, TimelineSchedule
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import BagTopicPlan, InputPlan, TimelinePlan
 from run_simulation import Played, Simulation
+from schedule_events import played_events
 
 PLAN = TimelinePlan(speed=1.0, recorded=False, shift_tf=True)
 T = 1_000_000
@@ -219,3 +226,118 @@ def test_a_timeline_that_leaves_most_messages_out_is_refused(tmp_path: Path) -> 
         built(tmp_path / "most", 4, "refuse")
     assert "are not played" in built(tmp_path / "some", 6, "refuse")[0]
     assert "6 of 10" in built(tmp_path / "agreed", 4, "drop")[0]
+
+
+def recorded(topic: str, *stamps_ns: int, header: bool = True) -> BufferIndex:
+    return BufferIndex(
+        topic=topic,
+        type="sensor_msgs/msg/Image",
+        has_header=header,
+        stamps_ns=stamps_ns,
+        sizes=(100,) * len(stamps_ns),
+        times_ns=stamps_ns,
+    )
+
+
+def test_a_message_that_is_missing_on_one_side_shifts_no_later_pair() -> None:
+    left = recorded("/left", 10, 20, 30, 40)
+    right = recorded("/right", 10, 30, 40)
+    aligned = align([left, right], 0)
+    assert aligned.steps == ((0, 0), (2, 1), (3, 2))
+    assert aligned.unpaired == {"/left": 1}
+
+
+def test_an_input_without_a_header_goes_by_order_and_starts_again_when_it_is_shorter() -> None:
+    image = recorded("/image", 10, 20, 30, 40, 50)
+    text = recorded("/text", 1, 2, header=False)
+    assert align([image, text], 0).steps == ((0, 0), (1, 1), (2, 0), (3, 1), (4, 0))
+    assert align([text, image], 0).unpaired == {}
+
+
+def test_inputs_that_all_lack_headers_are_as_many_steps_as_the_longest() -> None:
+    aligned = align([recorded("/a", 1, 2, 3, header=False), recorded("/b", 7, 8, header=False)], 0)
+    assert aligned.steps == ((0, 0), (1, 1), (2, 0))
+
+
+def test_an_input_that_got_no_message_is_named() -> None:
+    with pytest.raises(RunError, match="no messages were buffered for /right") as raised:
+        align([recorded("/left", 10), recorded("/right")], 0)
+    assert raised.value.code == "R2B643"
+    assert raised.value.exit_code == 4
+
+
+def test_inputs_with_no_stamp_in_common_are_refused_with_their_counts() -> None:
+    with pytest.raises(RunError, match="/left: 2, /right: 1") as raised:
+        align([recorded("/left", 10, 20), recorded("/right", 11)], 0)
+    assert (raised.value.code, raised.value.exit_code) == ("R2B644", 2)
+    assert "stamps" in raised.value.hint
+
+
+STAMPS = st.lists(st.integers(0, 30), min_size=1, max_size=40)
+
+
+@given(inputs=st.lists(STAMPS, min_size=1, max_size=4), limit=st.integers(0, 10))
+def test_all_inputs_of_a_step_have_one_stamp_and_the_rest_is_counted(
+    inputs: list[list[int]], limit: int
+) -> None:
+    indices = [recorded(f"/topic{n}", *stamps) for n, stamps in enumerate(inputs)]
+    common = set(inputs[0]).intersection(*inputs[1:])
+    if not common:
+        with pytest.raises(RunError):
+            align(indices, limit)
+        return
+    aligned = align(indices, limit)
+    stamps = [
+        {indices[column].stamps_ns[position] for column, position in enumerate(step)}
+        for step in aligned.steps
+    ]
+    assert all(len(each) == 1 for each in stamps)
+    played = [each.pop() for each in stamps]
+    # Whatever the order of arrival; what the limit cuts off has a partner all the same.
+    assert played == sorted(common)[: limit or None]
+    lost = {each.topic: len(each.stamps_ns) - len(common) for each in indices}
+    assert aligned.unpaired == {topic: count for topic, count in lost.items() if count}
+
+
+def stamped(topic: str, *stamps_ns: int) -> BufferIndex:
+    return BufferIndex(
+        topic=topic,
+        type="sensor_msgs/msg/Imu",
+        has_header=True,
+        stamps_ns=stamps_ns,
+        sizes=(100,) * len(stamps_ns),
+        times_ns=tuple(stamp + 7 for stamp in stamps_ns),
+    )
+
+
+CAMERA = stamped("/camera", 0, 100, 200)
+STEPS = ((0,), (1,), (2,))
+
+
+def test_each_message_is_played_where_it_was_stamped() -> None:
+    imu = stamped("/imu", 25, 75, 100, 150, 250, 350)
+    placed = place_between(1, imu, STEPS, [CAMERA])
+    # 350 is later than a mean period after the last step.
+    assert [(each.at, each.position) for each in placed] == [
+        (0.25, 0),
+        (0.75, 1),
+        (1.0, 2),
+        (1.5, 3),
+        (2.5, 4),
+    ]
+
+
+def test_a_step_input_may_come_after_one_with_its_own_rate() -> None:
+    imu = stamped("/imu", 25, 75)
+    schedule = CyclicSchedule(
+        steps=STEPS, columns=(1,), between=place_between(0, imu, STEPS, [CAMERA])
+    )
+    first, second = played_events(schedule, 10.0, 1)[:2]
+    assert first.messages == ((1, 0, 0),)
+    assert first.inputs == 2
+    assert second.messages == ((0, 0, 0),)
+
+
+def test_an_input_on_another_clock_is_refused() -> None:
+    with pytest.raises(RunError, match="no message of /imu was recorded between the steps"):
+        place_between(1, stamped("/imu", 5000, 6000), STEPS, [CAMERA])

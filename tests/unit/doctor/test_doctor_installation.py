@@ -1,4 +1,4 @@
-"""What the doctor says of ROS and OpenCV, from what a fresh interpreter could import."""
+"""What the doctor says of ROS, OpenCV and the native harness."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from typing import Any
 
 import pytest
 
-from r2bspec.cli.main import main
+from command_line import Call
 from r2bspec.doctor import installation
 from r2bspec.doctor.checkup import CheckResult, System
 from r2bspec.doctor.installation import check_ros, check_vision, probe_imports
+from r2bspec.native.build import BuildError
 
 MISSING = {"error": "ModuleNotFoundError: No module named 'rclpy'"}
 
@@ -67,16 +68,16 @@ def test_wheels_alone_are_fine(here: Callable[..., None]) -> None:
 
 def test_a_sourced_workspace_is_named_with_its_base(here: Callable[..., None]) -> None:
     here(rclpy())
-    environ = {"ROS_DISTRO": "jazzy", "AMENT_PREFIX_PATH": "/home/me/install:/opt/ros/jazzy"}
-    check = by_name(**environ)["distributions"]
+    check = by_name(ROS_DISTRO="jazzy", AMENT_PREFIX_PATH="/home/me/install:/opt/ros/jazzy")[
+        "distributions"
+    ]
     assert check.status == "ok"
     assert check.found == "jazzy sourced from /opt/ros/jazzy and 1 more"
 
 
 def test_two_distributions_at_once_are_warned_of(here: Callable[..., None]) -> None:
     here(rclpy(), wheels=("ros-jazzy-rclpy",))
-    environ = {"ROS_DISTRO": "humble", "AMENT_PREFIX_PATH": "/opt/ros/humble"}
-    check = by_name(**environ)["distributions"]
+    check = by_name(ROS_DISTRO="humble", AMENT_PREFIX_PATH="/opt/ros/humble")["distributions"]
     assert check.status == "warn"
     assert "mixed" in check.advice
 
@@ -98,8 +99,7 @@ def test_another_middleware_than_runs_configure_is_warned_of(here: Callable[...,
     here(rclpy("rmw_cyclonedds_cpp"))
     check = by_name()["middleware"]
     assert "set RMW_IMPLEMENTATION=rmw_cyclonedds_cpp" in check.advice
-    environ = {"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
-    check = by_name(**environ)["middleware"]
+    check = by_name(RMW_IMPLEMENTATION="rmw_cyclonedds_cpp")["middleware"]
     assert "RMW_IMPLEMENTATION=" not in check.advice
 
 
@@ -177,14 +177,35 @@ def test_a_module_that_ends_the_interpreter_is_quoted(tmp_path: Path) -> None:
 
 
 def test_the_command_prints_what_programs_and_people_read(
-    here: Callable[..., None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    here: Callable[..., None], tmp_path: Path, call: Call
 ) -> None:
     here({installation._MIDDLEWARE: MISSING})
-    assert main(["doctor", "--runs", str(tmp_path), "--format", "json"]) == 1
-    answer = json.loads(capsys.readouterr().out)
+    answer = json.loads(call("doctor", "--runs", tmp_path, "--format", "json", status=1).out)
     assert answer["status"] == "problem"
     assert "problem" in {check["status"] for check in answer["checks"]}
-    assert main(["doctor", "--runs", str(tmp_path)]) == 1
-    text = capsys.readouterr().out
+    text = call("doctor", "--runs", tmp_path, status=1).out
     assert {check["topic"] for check in answer["checks"]} <= set(text.splitlines())
     assert "\x1b[" not in text
+
+
+def test_without_a_compiler_there_is_a_problem_and_a_way_out(tmp_path: Path) -> None:
+    pytest.importorskip("rclpy")
+    (check,) = installation.check_native(System(environ={"PATH": str(tmp_path)}))
+    assert check.status == "problem"
+    assert "no C compiler" in check.found
+    assert "apt install gcc" in check.advice
+
+
+def test_what_was_built_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(installation, "harness_program", lambda _: Path("/cache/r2bspec_harness"))
+    (check,) = installation.check_native(System(environ={}))
+    assert (check.status, check.found) == ("ok", "/cache/r2bspec_harness")
+
+
+def test_only_the_first_line_of_a_compiler_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_: object) -> Path:
+        raise BuildError("cc cannot compile x:\nerror 1\nerror 2", hint="install it")
+
+    monkeypatch.setattr(installation, "harness_program", refuse)
+    (check,) = installation.check_native(System(environ={}))
+    assert (check.found, check.advice) == ("cc cannot compile x:", "install it")

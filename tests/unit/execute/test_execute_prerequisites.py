@@ -1,0 +1,262 @@
+"""What a run needs of this machine: programs, shared memory, and a ROS domain of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from plans import process_plan
+from r2bspec.execute.errors import NotInstalledError, RunError, SharedMemoryError
+from r2bspec.execute.processes import prerequisites
+from r2bspec.execute.processes.environment import RunEnvironment
+from r2bspec.execute.processes.prerequisites import (
+    find_executable,
+    require_free_shared_memory,
+    reserved_domain,
+    resolve_argv,
+)
+from r2bspec.middleware.fast_dds import default_segment_bytes
+from r2bspec.middleware.middleware import middleware_of
+from r2bspec.plan.plan import Plan
+from run_simulation import Simulation
+
+
+def resolved(*argv: str) -> list[str]:
+    return resolve_argv(process_plan("talker", argv=argv))
+
+
+def install(prefix: Path, package: str, *executables: str) -> Path:
+    """Install a package as ament does."""
+    index = prefix / "share/ament_index/resource_index/packages"
+    index.mkdir(parents=True, exist_ok=True)
+    (index / package).touch()
+    folder = prefix / "lib" / package
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in executables:
+        (folder / name).write_text("#!/bin/sh\n")
+        (folder / name).chmod(0o755)
+    return prefix
+
+
+@pytest.fixture
+def prefix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    found = install(tmp_path / "install", "demo_nodes_cpp", "talker", "listener")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(found))
+    return found
+
+
+def test_an_executable_of_a_package_is_found(prefix: Path) -> None:
+    argv = resolved("$(executable demo_nodes_cpp talker)", "--ros-args", "-r", "a:=b")
+    assert argv == [str(prefix / "lib/demo_nodes_cpp/talker"), "--ros-args", "-r", "a:=b"]
+
+
+def test_the_first_prefix_that_has_it_wins(
+    tmp_path: Path, prefix: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    overlay = install(tmp_path / "overlay", "demo_nodes_cpp", "talker")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{overlay}:{prefix}")
+    assert find_executable("demo_nodes_cpp", "talker") == overlay / "lib/demo_nodes_cpp/talker"
+    # The overlay has the package, too, but not this executable.
+    assert find_executable("demo_nodes_cpp", "listener") == prefix / "lib/demo_nodes_cpp/listener"
+
+
+@pytest.mark.parametrize(
+    ("command", "message", "code"),
+    [
+        ("$(executable apriltag_ros node)", "'apriltag_ros' is not installed in 1", "R2B622"),
+        ("$(executable demo_nodes_cpp speaker)", "no executable 'speaker'", "R2B623"),
+        # A file that may not be executed, and a folder.
+        ("$(executable demo_nodes_cpp readme)", "no executable 'readme'", "R2B623"),
+        ("$(executable demo_nodes_cpp plugins)", "no executable 'plugins'", "R2B623"),
+        ("no-such-program", "program 'no-such-program' is not on PATH", "R2B621"),
+    ],
+)
+def test_what_is_not_installed_is_named(
+    prefix: Path, command: str, message: str, code: str
+) -> None:
+    (prefix / "lib/demo_nodes_cpp/readme").write_text("text")
+    (prefix / "lib/demo_nodes_cpp/plugins").mkdir()
+    with pytest.raises(NotInstalledError, match=message) as raised:
+        resolved(command)
+    assert (raised.value.code, raised.value.exit_code) == (code, 2)
+    if code == "R2B623":
+        assert raised.value.hint == "Its executables: listener, talker."
+
+
+def test_a_program_is_looked_up_on_the_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = tmp_path / "node"
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert resolved("node", "$HOME", "*") == [str(program), "$HOME", "*"]
+    assert resolved("./node", "a b") == ["./node", "a b"]
+    assert resolved("$(python)", "-m", "x") == [sys.executable, "-m", "x"]
+
+
+MIB = 1 << 20
+DOCKER = 64 * MIB
+IMAGE = 1280 * 720 * 3
+PROCESSES = 4  # with the observer, which no plan lists
+FAST_DDS = middleware_of({})
+
+
+@pytest.fixture
+def plan() -> Plan:
+    processes = tuple(process_plan(role, role) for role in ("player", "host", "monitor"))
+    return msgspec.structs.replace(Simulation().plan(), processes=processes)
+
+
+@pytest.fixture
+def free(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Says how much the file system of the shared memory has free."""
+
+    def has(count: int) -> None:
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(0, 0, count))
+
+    return has
+
+
+def test_a_small_message_fits_into_what_a_container_has(plan: Plan, free: Any) -> None:
+    free(DOCKER)
+    require_free_shared_memory(plan, "measure", FAST_DDS, default_segment_bytes(10_000))
+
+
+def test_an_image_does_not_and_the_way_out_is_told(plan: Plan, free: Any) -> None:
+    free(DOCKER)
+    with pytest.raises(SharedMemoryError) as caught:
+        require_free_shared_memory(plan, "measure", FAST_DDS, default_segment_bytes(IMAGE))
+    error = caught.value
+    assert (error.code, error.exit_code) == ("R2B664", 2)
+    assert f"64 MiB free; the {PROCESSES} processes of the measure phase" in str(error)
+    assert "a segment of 63.4 MiB each" in str(error)
+    assert "transport: udp" in error.hint
+    megabytes = int(error.hint.partition("--shm-size=")[2].partition("m")[0])
+    assert megabytes * MIB >= FAST_DDS.required_shm_bytes(PROCESSES, default_segment_bytes(IMAGE))
+
+
+@pytest.mark.parametrize(("spare", "refused"), [(-1, True), (0, False)])
+def test_the_limit_is_what_all_processes_of_the_phase_take(
+    plan: Plan, free: Any, spare: int, refused: bool
+) -> None:
+    free(FAST_DDS.required_shm_bytes(PROCESSES, 10 * MIB) + spare)
+    if refused:
+        with pytest.raises(SharedMemoryError):
+            require_free_shared_memory(plan, "measure", FAST_DDS, 10 * MIB)
+    else:
+        require_free_shared_memory(plan, "measure", FAST_DDS, 10 * MIB)
+    # Nobody runs in the other phase.
+    require_free_shared_memory(plan, "preprocess", FAST_DDS, 10 * MIB)
+
+
+def test_what_is_not_decided_here_is_not_refused(plan: Plan, free: Any) -> None:
+    free(0)
+    require_free_shared_memory(plan, "measure", FAST_DDS, 0)
+
+
+def test_a_machine_without_shared_memory_is_told_so(plan: Plan, tmp_path: Path) -> None:
+    with pytest.raises(SharedMemoryError, match="there is no shared memory in .*/none"):
+        require_free_shared_memory(plan, "measure", FAST_DDS, MIB, tmp_path / "none")
+
+
+@pytest.mark.parametrize(
+    ("transport", "middleware", "asked", "expected"),
+    [
+        ("shared_memory", "", 0, default_segment_bytes(IMAGE)),
+        ("shared_memory", "rmw_fastrtps_dynamic_cpp", 7 * MIB, 7 * MIB),
+        ("shared_memory", "rmw_cyclonedds_cpp", 7 * MIB, 0),
+        ("udp", "", 7 * MIB, 0),
+        ("inherit", "", 7 * MIB, 0),
+    ],
+)
+def test_segments_are_the_runs_only_with_this_transport_and_middleware(
+    plan: Plan,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    transport: Any,
+    middleware: str,
+    asked: int,
+    expected: int,
+) -> None:
+    monkeypatch.delenv("RMW_IMPLEMENTATION", raising=False)
+    if middleware:
+        monkeypatch.setitem(os.environ, "RMW_IMPLEMENTATION", middleware)
+    changed = msgspec.structs.replace(plan, transport=transport, segment_bytes=asked)
+    made = RunEnvironment(
+        changed, run_id="r", domain=1, scratch=tmp_path, largest_message_bytes=IMAGE
+    )
+    assert made.segment_bytes == expected
+
+
+@pytest.fixture
+def few_domains(monkeypatch: pytest.MonkeyPatch) -> range:
+    """Only a few domains, far from those that other programs use."""
+    # Ports of their own, so that what else runs on this machine does not matter.
+    monkeypatch.setattr(prerequisites, "_PORT_BASE", 21_000 + os.getpid() % 5_000)
+    monkeypatch.setattr(prerequisites, "_MIN_DOMAIN", 1)
+    monkeypatch.setattr(prerequisites, "_MAX_DOMAIN", 4)
+    return range(1, 5)
+
+
+def test_reservations_differ_and_are_free_afterwards(few_domains: range) -> None:
+    for _ in range(3):
+        with contextlib.ExitStack() as stack:
+            taken = [stack.enter_context(reserved_domain()) for _ in few_domains]
+            assert sorted(taken) == list(few_domains)
+            with pytest.raises(RunError, match="all ROS domains from 1 to 4 are in use"):
+                stack.enter_context(reserved_domain())
+
+
+def test_a_reservation_ends_with_its_process_however_it_ends(few_domains: range) -> None:
+    program = (
+        "import sys, time; from r2bspec.execute.processes import prerequisites; "
+        "prerequisites._PORT_BASE, prerequisites._MIN_DOMAIN, prerequisites._MAX_DOMAIN = "
+        "map(int, sys.argv[1:]); "
+        "held = prerequisites.reserved_domain(); "
+        "print(held.__enter__(), flush=True); time.sleep(600)"
+    )
+    with contextlib.ExitStack() as stack:
+        taken = [stack.enter_context(reserved_domain()) for _ in range(3)]
+        with subprocess.Popen(
+            [sys.executable, "-c", program, str(prerequisites._PORT_BASE), "1", "4"],
+            stdout=subprocess.PIPE,
+        ) as process:
+            assert process.stdout is not None
+            theirs = int(process.stdout.readline())
+            assert {theirs, *taken} == set(few_domains)
+            with pytest.raises(RunError):
+                stack.enter_context(reserved_domain())
+            os.kill(process.pid, signal.SIGKILL)
+        assert stack.enter_context(reserved_domain()) == theirs
+
+
+def test_a_child_process_does_not_prolong_a_reservation(few_domains: range) -> None:
+    with contextlib.ExitStack() as stack:
+        for _ in few_domains:
+            stack.enter_context(reserved_domain())
+        process = subprocess.Popen(
+            [sys.executable, "-c", "import sys; sys.stdin.read()"],
+            stdin=subprocess.PIPE,
+        )
+    try:
+        with contextlib.ExitStack() as stack:
+            for _ in few_domains:
+                stack.enter_context(reserved_domain())
+    finally:
+        process.communicate()
+
+
+def test_the_ports_of_every_domain_stay_clear_of_the_ephemeral_range() -> None:
+    # OMG DDSI-RTPS 2.5, section 9.6.2.3: PB + DG x domain, and at most 250 ports from there.
+    assert 7400 + 250 * (prerequisites._MAX_DOMAIN + 1) <= 32768
+    assert prerequisites._MIN_DOMAIN >= 1

@@ -1,0 +1,233 @@
+"""What is seen of a stretch: its progress, silent outputs, and how long answers are awaited."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import numpy as np
+import pytest
+
+from r2bspec.execute.measurement import segment_observation
+from r2bspec.execute.measurement.segment_observation import (
+    DrainTimer,
+    Outstanding,
+    ProgressView,
+    output_stopped,
+    outstanding_answers,
+)
+from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, ArrivalReader
+from r2bspec.ipc.playback_file import PlaybackReader
+from r2bspec.ipc.sample_files import RowWriter
+from r2bspec.judge.measure.matching import MatchedMonitor, Ratio, match, match_monitor
+from r2bspec.record.sample_arrays import MONITOR_DTYPE, MONITOR_FIELDS, PLAYBACK_FIELDS
+from run_simulation import EPOCH_NS, MONITOR_PLAN, Played, monitor_rows, playback_rows
+from scripted_playback import ScriptedPlayback
+
+LOST = float("nan")
+
+
+def matched(*latency: float) -> MatchedMonitor:
+    played = Played(10.0, latency)
+    playback = playback_rows(played)
+    return match_monitor(playback, monitor_rows(played, playback), MONITOR_PLAN)
+
+
+@pytest.mark.parametrize(
+    ("latencies", "outstanding"),
+    [
+        ([(0.1, 0.1, 0.1)], "nothing"),
+        ([(0.1, LOST, 0.1)], "gaps"),
+        ([(0.1, 0.1, LOST)], "tail"),
+        ([(LOST, LOST, LOST)], "tail"),
+        ([(0.1, LOST, 0.1), (0.1, 0.1, 0.1)], "gaps"),
+        ([(0.1, LOST, 0.1), (0.1, 0.1, LOST)], "tail"),
+        ([()], "nothing"),
+        ([], "nothing"),
+    ],
+)
+def test_what_is_missing(latencies: list[tuple[float, ...]], outstanding: Outstanding) -> None:
+    assert outstanding_answers(matched(*each) for each in latencies) == outstanding
+
+
+@pytest.mark.parametrize(
+    ("timeout_s", "arrivals_s", "outstanding", "over_after_s"),
+    [
+        (5.0, (100.0,), "tail", 105.0),
+        # Every arrival begins the wait anew.
+        (5.0, (100.0, 104.0, 108.0), "tail", 113.0),
+        # A gap is waited for a multiple of the longest pause, and never longer than the spec says.
+        (5.0, (100.0, 100.2, 100.4), "gaps", 101.4),
+        (0.5, (100.0, 100.4), "gaps", 100.9),
+    ],
+)
+def test_how_long_is_waited(
+    timeout_s: float,
+    arrivals_s: tuple[float, ...],
+    outstanding: Outstanding,
+    over_after_s: float,
+) -> None:
+    timer = DrainTimer(timeout_s, 100.0)
+    for now_s in arrivals_s:
+        timer.arrived(now_s)
+    timer.outstanding = outstanding
+    assert not timer.is_over(over_after_s - 0.1)
+    assert timer.is_over(over_after_s + 0.1)
+
+
+def test_what_is_missing_is_looked_up_once_after_each_arrival() -> None:
+    timer = DrainTimer(5.0, 100.0)
+    timer.arrived(100.0)
+    assert not timer.wants_a_look(100.1)
+    assert timer.wants_a_look(100.4)
+    timer.outstanding = "gaps"
+    assert not timer.wants_a_look(100.5)
+    timer.arrived(100.6)
+    assert timer.wants_a_look(101.0)
+
+
+def test_a_graph_that_never_stops_publishing_is_left_after_a_minute_or_the_timeout() -> None:
+    for timeout_s, end_s in ((5.0, 160.0), (90.0, 190.0)):
+        timer = DrainTimer(timeout_s, 100.0)
+        for now_s in range(100, 200):
+            timer.arrived(float(now_s))
+            timer.outstanding = "tail"
+            assert timer.is_over(now_s + 0.01) == (now_s >= end_s)
+
+
+def test_nothing_counts_as_lost_before_it_was_looked_up() -> None:
+    timer = DrainTimer(5.0, 100.0)
+    timer.arrived(100.0)
+    assert timer.wants_a_look(104.0)
+    assert not timer.is_over(104.0)
+    timer.outstanding = "gaps"
+    assert timer.is_over(104.0)
+
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("latency", "silent"),
+    [
+        ([0.01] * 20, False),
+        ([0.01] * 10 + [NAN] * 10, True),
+        ([NAN] * 20, True),
+        ([0.01] * 16 + [NAN] * 4, False),  # so few may be lost by chance
+        ([NAN] * 4, False),
+        ([0.01, *[NAN] * 7] * 3, False),  # one of eight, as before
+        ([0.01] + [NAN] * 19, True),
+        ([], False),
+        # Overloaded: each answer later than the one before, and all of them after the end.
+        (list(np.linspace(0.1, 9.0, 20)), False),
+    ],
+)
+def test_an_output_is_silent_if_much_is_waited_for_in_vain(
+    latency: list[float], silent: bool
+) -> None:
+    played = Played(20, latency)
+    playback = playback_rows(played)
+    rows = monitor_rows(played, playback)
+    assert output_stopped(playback, rows, match(playback, rows, "stamp")) is silent
+
+
+def test_messages_of_no_step_are_no_silence() -> None:
+    played = Played(20, [0.01] * 20)
+    playback = playback_rows(played)
+    rows = monitor_rows(played, playback)
+    rows["stamp_ns"] += 1
+    assert not output_stopped(playback, rows, match(playback, rows, "stamp"))
+
+
+def test_a_graph_that_answers_every_tenth_step_is_not_silent_between() -> None:
+    playback = playback_rows(Played(20, [0.0] * 30))
+    rows = np.zeros(2, MONITOR_DTYPE)
+    rows["received_ns"] = EPOCH_NS + np.array([460_000_000, 960_000_000])
+    ratio = Ratio(inputs=10)
+    assert not output_stopped(playback, rows, match(playback, rows, "order", ratio))
+
+
+MS = 1_000_000
+
+
+class Writers:
+    """The player and one monitor, as far as their files go."""
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(exist_ok=True)
+        self.player = ScriptedPlayback(folder / "player")
+        self.monitor = RowWriter(folder / "monitor", len(ARRIVAL_FIELDS))
+        self.folder = folder
+        self.steps = 0
+
+    def play(self, latency_ms: float | None, stamp: int | None = None) -> None:
+        """One step, answered after a while or not at all."""
+        self.steps += 1
+        now_ns = self.steps * 10 * MS
+        self.player.append(self.steps, now_ns, now_ns, now_ns)
+        if latency_ms is not None:
+            received_ns = now_ns + round(latency_ms * MS)
+            self.monitor.append(stamp or self.steps, received_ns, received_ns, 0, 0)
+
+    def view(self, match: Literal["stamp", "order"] = "stamp") -> ProgressView:
+        """A view of what is played from now on."""
+        plan = msgspec.structs.replace(MONITOR_PLAN, match=match)
+        player = PlaybackReader(self.folder / "player", PLAYBACK_FIELDS)
+        monitor = ArrivalReader(self.folder / "monitor", MONITOR_FIELDS)
+        first = {"": player.count(), "out": monitor.count()}
+        return ProgressView(player, {"out": (plan, monitor)}, first, lambda: {"relay": 0.5})
+
+
+@pytest.fixture
+def writers(tmp_path: Path) -> Iterator[Writers]:
+    found = Writers(tmp_path / "rows")
+    yield found
+    found.monitor.close()
+
+
+def test_nothing_has_come_yet(writers: Writers) -> None:
+    seen = writers.view()
+    assert (seen.sent(), seen.received(), seen.p99_ns()) == (0, 0, None)
+    assert seen.cores() == {"relay": 0.5}
+
+
+@pytest.mark.parametrize("match", ["stamp", "order"])
+@pytest.mark.parametrize("look", [lambda _: True, lambda n: n % 97 == 0, lambda n: n == 399])
+def test_however_often_it_is_looked_at_it_is_exact(
+    writers: Writers, match: Literal["stamp", "order"], look: Callable[[int], bool]
+) -> None:
+    writers.play(500.0)
+    seen = writers.view(match)
+    latencies = np.random.default_rng(1).lognormal(2.0, 0.5, 400)
+    for number, latency in enumerate(latencies.tolist()):
+        writers.play(latency)
+        if look(number):
+            so_far = np.sort(latencies[: number + 1])
+            assert seen.p99_ns() == round(float(so_far[math.ceil(so_far.size * 0.99) - 1]) * MS)
+    assert (seen.sent(), seen.received()) == (400, 400)
+
+
+def test_what_is_lost_or_strange_is_left_out(writers: Writers) -> None:
+    seen = writers.view()
+    writers.play(None)
+    writers.play(3.0, stamp=77)
+    writers.play(5.0)
+    assert (seen.sent(), seen.received()) == (3, 2)
+    assert seen.p99_ns() == 5 * MS
+
+
+@pytest.mark.parametrize("match", ["stamp", "order"])
+def test_of_a_long_segment_only_the_latest_messages_count(
+    writers: Writers, match: Literal["stamp", "order"], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(segment_observation, "MAX_ROWS", 200)
+    seen = writers.view(match)
+    for latency in (500.0, 3.0):
+        for _ in range(200):
+            writers.play(latency)
+    writers.play(None)
+    assert (seen.sent(), seen.received()) == (401, 400)
+    assert seen.p99_ns() == 3 * MS

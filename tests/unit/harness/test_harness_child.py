@@ -1,0 +1,96 @@
+"""A process of the harness: how it starts, what it says last, and that it ends."""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+import subprocess
+import sys
+
+import pytest
+
+from r2bspec.harness import child
+from r2bspec.harness.control_channel import Channel
+from r2bspec.ipc import protocol
+
+
+def last_words(monkeypatch: pytest.MonkeyPatch, error: Exception) -> protocol.Failed:
+    """What a process tells the controller when its role ends with an error."""
+    ours, theirs = socket.socketpair()
+
+    def fail(*_: object) -> child.Role:
+        raise error
+
+    monkeypatch.setattr(child, "_make_role", fail)
+    with ours, theirs:
+        ours.sendall(protocol.encode(protocol.ListGraph()))
+        assert child.play_role(Channel(theirs)) == 1
+        said = protocol.decode_reply(ours.recv(1 << 16))
+    assert isinstance(said, protocol.Failed)
+    return said
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS])
+def test_a_disk_that_takes_no_more_is_named_with_the_file(
+    monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    said = last_words(monkeypatch, OSError(number, os.strerror(number), "/there/monitor.rows"))
+    assert said.code == "R2B651"
+    assert said.message == f"/there/monitor.rows cannot be written: {os.strerror(number)}"
+    assert "--output" in said.hint
+
+
+@pytest.mark.parametrize("error", [OSError(errno.EPERM, "no"), RuntimeError("no")])
+def test_other_errors_keep_their_code(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
+    assert last_words(monkeypatch, error).code == "R2B630"
+
+
+HANG_S = 60.0
+
+PROGRAM = """
+import ctypes, sys, time
+from r2bspec.harness.child import start_exit_timer
+start_exit_timer(float(sys.argv[1]), int(sys.argv[2]))
+{then}
+"""
+
+HOLDS_THE_INTERPRETER = "ctypes.PyDLL(None).pause()"
+"""Waits for ever in native code, and lets no thread of Python run meanwhile."""
+
+
+def leave(then: str, seconds: float, status: int) -> int:
+    program = PROGRAM.format(then=then)
+    command = [sys.executable, "-c", program, str(seconds), str(status)]
+    return subprocess.run(command, timeout=HANG_S, check=False).returncode
+
+
+def test_a_hanging_destructor_does_not_keep_a_process_alive() -> None:
+    assert leave(HOLDS_THE_INTERPRETER, 0.1, 7) == 7
+
+
+def test_a_process_that_leaves_in_time_ends_with_its_own_status() -> None:
+    assert leave("sys.exit(5)", 30.0, 0) == 5
+
+
+SHARED = (
+    *("harness.control_channel", "harness.watchdog", "ipc.buffers", "ipc.process_cleanup"),
+    *("ipc.protocol", "ipc.sample_files", "record.files"),
+)
+
+
+def test_shared_modules_import_neither_ros_nor_numpy() -> None:
+    program = (
+        f"import sys; import {', '.join(f'r2bspec.{module}' for module in SHARED)}; "
+        "print([name for name in ('rclpy', 'numpy', 'scipy') if name in sys.modules])"
+    )
+    said = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True)
+    assert said.stdout.strip() == b"[]"
+
+
+def test_a_harness_program_that_is_started_by_hand_says_so() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "r2bspec.harness.child"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert done.stderr == "this program is started by 'r2bspec run' and cannot be run alone\n"
