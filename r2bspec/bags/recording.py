@@ -17,6 +17,7 @@ import msgspec
 
 from r2bspec.diagnostics.quote import did_you_mean, printable
 from r2bspec.errors import ExitStatus, R2bspecError
+from r2bspec.safe_io.limits import MAX_METADATA_BYTES
 from r2bspec.safe_io.safe_json import read_json
 
 
@@ -265,8 +266,6 @@ RECORD_NAME = "dataset.json"
 GROUND_TRUTH_NAME = "ground_truth.json"
 DISPARITY_NAME = "disparity.npz"
 
-_MAX_RECORD_BYTES = 16_000_000
-
 
 class TopicRecord(msgspec.Struct, frozen=True, kw_only=True):
     """One topic of a synthetic dataset, with values that are not in its storage."""
@@ -322,7 +321,7 @@ class DatasetRecord(msgspec.Struct, frozen=True, kw_only=True):
 def read_provenance(folder: Path) -> DatasetRecord | None:
     """The provenance of a bag folder; None if r2bspec did not synthesise it."""
     try:
-        return read_json(folder / RECORD_NAME, DatasetRecord, max_bytes=_MAX_RECORD_BYTES)
+        return read_json(folder / RECORD_NAME, DatasetRecord, max_bytes=MAX_METADATA_BYTES)
     except (OSError, msgspec.MsgspecError):
         return None
 

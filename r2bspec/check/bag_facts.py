@@ -27,6 +27,7 @@ from r2bspec.datasets.catalogue import describe
 from r2bspec.datasets.catalogue import index as index_location
 from r2bspec.private_files import private_files
 from r2bspec.safe_io.cache_folder import cache_folder
+from r2bspec.safe_io.limits import MAX_BAG_INDEX_BYTES, MAX_STAMPS_BYTES
 from r2bspec.safe_io.safe_json import read_json
 
 if TYPE_CHECKING:
@@ -36,7 +37,6 @@ _CACHE_VERSION = 2
 """Increase this with every change of the content of an index."""
 
 _MAX_FILES = 10_000
-_MAX_ENTRY_BYTES = 64_000_000
 _MIN_CACHED_BYTES = 1_000_000
 """Smaller bags are indexed faster than a cache is read."""
 
@@ -56,7 +56,7 @@ def cached_index(location: BagLocation) -> BagIndex:
     if entry is None or chosen_max_bytes() is not None:
         return index_location(location)
     with contextlib.suppress(OSError, msgspec.DecodeError):
-        return read_json(entry, BagIndex, max_bytes=_MAX_ENTRY_BYTES)
+        return read_json(entry, BagIndex, max_bytes=MAX_BAG_INDEX_BYTES)
     content = index_location(location)
     _store(entry, msgspec.json.encode(content))
     return content
@@ -93,9 +93,6 @@ def _store(entry: Path, content: bytes) -> None:
 
 _MIN_ESTIMATED_MESSAGES = 5
 """Below this number an estimate is useless, and reading the messages is cheap."""
-
-_MAX_READ_BYTES = 64 << 20
-"""Stamps of larger bags are not read; the counts of their messages are compared."""
 
 
 class MessageCount(msgspec.Struct, frozen=True):
@@ -160,7 +157,7 @@ def window_stamps(context: Context, topics: set[str]) -> dict[str, list[int]] | 
     from r2bspec.ipc.buffers import STAMP_BYTES, read_stamp
 
     path = context.bag_location.path if context.bag_location is not None else None
-    if context.bag is None or path is None or _size(path) > _MAX_READ_BYTES:
+    if context.bag is None or path is None or _size(path) > MAX_STAMPS_BYTES:
         return None
     by_name = {topic.lstrip("/"): topic for topic in topics}
     stamps: dict[str, list[int]] = {topic: [] for topic in topics}
@@ -188,4 +185,4 @@ def _size(path: Path) -> int:
         files = [file for file in path.iterdir() if file.is_file()] if path.is_dir() else [path]
         return sum(file.stat().st_size for file in files)
     except OSError:
-        return _MAX_READ_BYTES + 1
+        return MAX_STAMPS_BYTES + 1

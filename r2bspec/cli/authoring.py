@@ -21,10 +21,10 @@ from r2bspec.cli.text_output import show_findings
 from r2bspec.errors import ExitStatus, UsageError
 from r2bspec.language.quantities import Duration
 from r2bspec.report.output import echo
+from r2bspec.safe_io.limits import MAX_IGNORE_FILE_BYTES
 
 _SCHEMA = "r2bspec-v1.schema.json"
 _DEFAULT_NAME = "my_benchmark"
-_MAX_IGNORE_BYTES = 1_000_000
 
 
 class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
@@ -160,7 +160,7 @@ def _git_would_add_runs() -> bool:
         return False
     for folder in (here, *here.parents):
         with contextlib.suppress(OSError):
-            text = read_text(folder / ".gitignore", max_bytes=_MAX_IGNORE_BYTES)
+            text = read_text(folder / ".gitignore", max_bytes=MAX_IGNORE_FILE_BYTES)
             if any(line.strip().strip("*/") == "runs" for line in text.splitlines()):
                 return False
         if folder == top:

@@ -289,8 +289,8 @@ def _apply_fixes(
 
 def read_text(file: str) -> str | None:
     """The text of a file; None if `validate` cannot read it, or if it is a link elsewhere."""
-    from r2bspec.language.document import MAX_DOCUMENT_BYTES
     from r2bspec.safe_io import safe_file
+    from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
 
     path = Path(file)
     try:

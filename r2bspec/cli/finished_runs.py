@@ -23,7 +23,6 @@ from r2bspec.cli.shared_options import (
     verbose_option,
 )
 from r2bspec.cli.text_output import counted, print_table, show_findings
-from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import ExitStatus
 from r2bspec.language.quantities import Share
 from r2bspec.report.output import echo, echo_document, echo_json
@@ -240,8 +239,6 @@ def compare_command(
     return ExitStatus.OK
 
 
-_MAX_CELL = 300
-
 _history_option = click.option(
     "--history",
     "--file",
@@ -283,8 +280,7 @@ def list_runs(file: str, name: str, output_format: str) -> int:
         for run in runs
     ]
     if rows:
-        cells = [[clip(cell, _MAX_CELL) for cell in row] for row in rows]
-        print_table(("run", "started", "benchmark", "plan", "machine", "outcome"), cells)
+        print_table(("run", "started", "benchmark", "plan", "machine", "outcome"), rows)
     else:
         echo("no runs")
     return ExitStatus.OK

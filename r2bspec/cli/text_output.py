@@ -10,11 +10,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from r2bspec.diagnostics.plain_text import plain
+from r2bspec.diagnostics.quote import clip
 from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
     from r2bspec.diagnostics import Diagnostic
     from r2bspec.language.load_spec import LoadedSpec
+
+
+_MAX_ROWS = 5_000
+_MAX_CELL = 300
 
 
 def counted(number: int, noun: str) -> str:
@@ -32,12 +37,16 @@ def styled(text: str, **style: Any) -> str:
 def aligned_lines(rows: Sequence[Sequence[str]], right_columns: Collection[int] = ()) -> list[str]:
     """A line for each row, with columns as wide as a terminal shows their widest cell.
 
+    Long cells are clipped; of very many rows, the first are shown, and how many there are more.
+
     Args:
         rows: the cells; all rows have the same number.
         right_columns: the columns that are aligned to the right.
     """
     from rich.cells import cell_len
 
+    more = [f"and {len(rows) - _MAX_ROWS:,} more"] if len(rows) > _MAX_ROWS else []
+    rows = [[clip(cell, _MAX_CELL) for cell in row] for row in rows[:_MAX_ROWS]]
     widths = [max(map(cell_len, column)) for column in zip(*rows, strict=True)]
     lines = []
     for row in rows:
@@ -46,13 +55,13 @@ def aligned_lines(rows: Sequence[Sequence[str]], right_columns: Collection[int] 
             padding = " " * (width - cell_len(cell))
             cells.append(padding + cell if column in right_columns else cell + padding)
         lines.append("  ".join(cells).rstrip())
-    return lines
+    return lines + more
 
 
 def print_table(
     header: Sequence[str], rows: Sequence[Sequence[str]], right_columns: Collection[int] = ()
 ) -> None:
-    """Print rows below a header. Nothing is cut: a narrow terminal wraps the lines."""
+    """Print rows below a header; a narrow terminal wraps the lines."""
     first, *lines = aligned_lines([header, *rows], right_columns)
     echo(styled(plain(first), bold=True), styled=True)
     for line in lines:

@@ -45,6 +45,7 @@ from r2bspec.execute.processes.environment import applied_environment, workspace
 from r2bspec.execute.progress import Progress
 from r2bspec.execute.states import Interrupts
 from r2bspec.language.spec import GateBase
+from r2bspec.safe_io.limits import MAX_PATH_FILE_BYTES
 from r2bspec.safe_io.safe_file import names_in
 
 SEARCH_PATHS = (
@@ -54,7 +55,6 @@ SEARCH_PATHS = (
 """The variables by which code is found: lists of folders."""
 
 _COLCON_MARK = ".colcon_install_layout"
-_MAX_PTH_BYTES = 1 << 20
 _FINDER = re.compile(r"__editable___.*_finder\.py")
 
 _WAY_OUT = (
@@ -195,7 +195,7 @@ def _editable_folders(tree: BaseTree) -> Iterator[str]:
 
 def _lines(file: Path) -> list[str]:
     try:
-        text = file.read_bytes()[:_MAX_PTH_BYTES].decode("utf-8", errors="replace")
+        text = file.read_bytes()[:MAX_PATH_FILE_BYTES].decode("utf-8", errors="replace")
     except OSError:
         return []
     # A line that begins with import is code: it is not executed here.
@@ -205,7 +205,7 @@ def _lines(file: Path) -> list[str]:
 def _finder_folders(file: Path) -> list[str]:
     """The folders of MAPPING, a literal in the module that setuptools writes."""
     try:
-        body = ast.parse(file.read_bytes()[:_MAX_PTH_BYTES]).body
+        body = ast.parse(file.read_bytes()[:MAX_PATH_FILE_BYTES]).body
     except (OSError, SyntaxError, ValueError):
         return []
     for statement in body:

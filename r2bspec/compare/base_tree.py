@@ -40,13 +40,12 @@ from r2bspec.safe_io.git import (
     ref_names,
     run_git,
 )
+from r2bspec.safe_io.limits import MAX_TREE_BYTES, MAX_TREE_FILES
 
 _PREFIX = "r2bspec-base-"
 _LOCK = ".lock"
 _TREE = "tree"
 
-_MAX_FILES = 1_000_000
-_MAX_BYTES = 200 << 30
 _BLOCK_BYTES = 1 << 20
 
 _LFS_POINTER = re.compile(
@@ -294,13 +293,13 @@ class _TreeWriter:
             paths.add(path)
             length = int(size) if size.isdigit() else 0
             entries.append(_Entry(int(mode, 8), object_id.decode(), length, path))
-            if len(entries) > _MAX_FILES:
-                raise BaseRevisionError(f"{self._commit[:12]} has over {_MAX_FILES:,} files")
+            if len(entries) > MAX_TREE_FILES:
+                raise BaseRevisionError(f"{self._commit[:12]} has over {MAX_TREE_FILES:,} files")
         return entries, submodules
 
     def _check_space(self, needed: int) -> None:
         free = shutil.disk_usage(self._folder).free
-        if needed > min(free, _MAX_BYTES):
+        if needed > min(free, MAX_TREE_BYTES):
             raise _unwritable(
                 self._folder,
                 OSError(errno.ENOSPC, f"{needed:,} bytes are needed, and {free:,} are free"),

@@ -32,8 +32,8 @@ from r2bspec.record.comparison_folder import (
     open_comparison,
 )
 from r2bspec.record.run_folder import Run, open_run
+from r2bspec.safe_io.limits import MAX_JSON_BYTES
 from r2bspec.safe_io.safe_file import is_folder, read_bytes
-from r2bspec.safe_io.safe_json import MAX_JSON_BYTES
 
 _MAX_NAMED_PAIRS = 3
 """Affected pairs listed in a sentence; ``pairs`` of the result has all of them."""

@@ -12,6 +12,9 @@ Path = tuple[str | int, ...]
 """The place of a value in the document: keys and list indices from the root."""
 
 
+MAX_MESSAGE_CHARACTERS = 2_000
+"""Of a message or help; those of r2bspec itself stay far below, and the rest is of a file."""
+
 LINE_BREAK = re.compile(r"\r\n|[\n\r\x85\u2028\u2029]")
 """Lines end where they end for YAML."""
 
@@ -94,6 +97,13 @@ class Diagnostic(msgspec.Struct, frozen=True, gc=False):
     related: tuple[Related, ...] = ()
     edit: Edit | None = None
     certainty: Certainty = Certainty.CERTAIN
+
+    def __post_init__(self) -> None:
+        """Clip what a file could make endless, once for all forms in which findings are shown."""
+        for name in ("message", "help"):
+            if len(getattr(self, name)) > MAX_MESSAGE_CHARACTERS:
+                text = getattr(self, name)[: MAX_MESSAGE_CHARACTERS - 1]
+                msgspec.structs.force_setattr(self, name, f"{text}…")
 
     @classmethod
     def error(

@@ -25,6 +25,7 @@ _NOT_ESCAPED = re.compile(rf"[\x7f-\x9f\u2028\u2029\ufeff\ud800-\udfff{_BIDI}]")
 _STYLE = re.compile(r"(\x1b\[[0-9;]*m)")
 # The runner ignores space before a command; our own styles may be there, too.
 _LINE_COMMAND = re.compile(r"(?m)^((?:\x1b\[[0-9;]*m|[^\S\n])*):(?=:)")
+_LONG_LINE = re.compile(r"([^\n]{4000})[^\n]+")
 _MARK_COMMAND = re.compile(r"#(?=#\w*\[)")
 
 
@@ -69,6 +70,17 @@ def harmless(text: str, *, styled: bool = False, commands: bool = False) -> str:
         parts[::2] = map(plain, parts[::2])
         return without_commands("".join(parts))
     return without_commands(plain(text))
+
+
+MAX_LINE_CHARACTERS: Final = 4_000
+"""The most of one line that is printed: whatever a file holds, a terminal stays usable."""
+
+
+def short_lines(text: str) -> str:
+    """The text with every line cut that is longer than `MAX_LINE_CHARACTERS`."""
+    if len(text) <= MAX_LINE_CHARACTERS:
+        return text
+    return _LONG_LINE.sub(r"\1…", text)
 
 
 def plain_values(value: T) -> T:

@@ -20,6 +20,7 @@ from msgspec.structs import replace
 
 from r2bspec.diagnostics.diagnostic import Diagnostic, Severity, Span, split_lines
 from r2bspec.diagnostics.quote import did_you_mean, quote
+from r2bspec.safe_io.limits import MAX_WAIVERS
 
 TOO_LARGE = "R2B002"
 WAIVER_WITHOUT_REASON = "R2B040"
@@ -30,8 +31,6 @@ NOT_WAIVABLE = "R2B043"
 MAX_FINDINGS = 1000
 """Findings beyond which no findings about waivers are added: more would not help."""
 
-MAX_WAIVERS = 25_000
-"""Waivers of one document; one that lists several codes counts as often."""
 
 _WAIVER_SYNTAX = "# r2bspec: ignore[CODE] reason"
 # What is before the ``#`` is looked at after it was found: a search for one character is fast.

@@ -15,7 +15,7 @@ import os
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated
 
 import msgspec
 
@@ -26,13 +26,12 @@ from r2bspec.language.quantities import Size
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark
-
-MAX_BUNDLE_BYTES: Final = 512 << 20
-"""A folder that a command names may be a whole workspace, which belongs on the host."""
-
-MAX_FILES: Final = 20_000
-_MAX_SOURCE_BYTES: Final = 1_000_000
-_MAX_PATH_LENGTH: Final = 4000
+from r2bspec.safe_io.limits import (
+    MAX_BUNDLE_BYTES,
+    MAX_BUNDLE_FILES,
+    MAX_BUNDLE_PATH_CHARACTERS,
+    MAX_BUNDLE_SOURCE_BYTES,
+)
 
 Sha256 = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
 Identity = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{32}(-confirm)?\Z")]
@@ -202,10 +201,10 @@ def _described(
 
 def _check_size(files: Collection[Path]) -> None:
     sizes = {file: file.stat().st_size for file in files}
-    if sum(sizes.values()) > MAX_BUNDLE_BYTES or len(sizes) > MAX_FILES:
+    if sum(sizes.values()) > MAX_BUNDLE_BYTES or len(sizes) > MAX_BUNDLE_FILES:
         raise BundleTooLargeError(
-            f"the files that the spec names have more than {Size(MAX_BUNDLE_BYTES)} or are "
-            f"more than {MAX_FILES:,}; the largest is {max(sizes, key=lambda file: sizes[file])}",
+            f"the files that the spec names have more than {Size(MAX_BUNDLE_BYTES)} or are more "
+            f"than {MAX_BUNDLE_FILES:,}; the largest is {max(sizes, key=lambda file: sizes[file])}",
             hint="Install large parts on the hosts, and name them there.",
         )
 
@@ -295,7 +294,7 @@ def _all_words(plan: Plan) -> Iterator[str]:
 
 
 def _files_at(base_dir: Path, word: str) -> Iterator[Path]:
-    is_path = 0 < len(word) <= _MAX_PATH_LENGTH and not set(word) & {"\0", "\n"}
+    is_path = 0 < len(word) <= MAX_BUNDLE_PATH_CHARACTERS and not set(word) & {"\0", "\n"}
     if not is_path or word[0] in "/~":
         return
     place = Path(os.path.normpath(base_dir / word))
@@ -340,7 +339,7 @@ def _imported(file: Path) -> Iterator[Path]:
 
 def _imported_names(file: Path) -> set[str]:
     try:
-        if file.stat().st_size > _MAX_SOURCE_BYTES:
+        if file.stat().st_size > MAX_BUNDLE_SOURCE_BYTES:
             return set()
         tree = ast.parse(file.read_bytes())
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):

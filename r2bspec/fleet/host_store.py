@@ -28,15 +28,9 @@ from typing import Final
 
 from r2bspec.bags.integrity import hash_files
 from r2bspec.diagnostics.quote import quote
-from r2bspec.fleet.bundle import (
-    MAX_BUNDLE_BYTES,
-    MAX_FILES,
-    Job,
-    SentFile,
-    bundle_digest,
-    digest_of,
-)
+from r2bspec.fleet.bundle import Job, SentFile, bundle_digest, digest_of
 from r2bspec.fleet.errors import TransferError
+from r2bspec.safe_io.limits import MAX_BUNDLE_BYTES, MAX_BUNDLE_FILES, MAX_FLEET_RUN_BYTES
 
 JOB_FILE: Final = "job.json"
 ENDED_FILE: Final = "ended.json"
@@ -54,7 +48,6 @@ _COMPRESSION: Final = 1
 """Samples and logs shrink to a fraction even so; the time is taken after the run, not during it."""
 
 FULL_DISK: Final = frozenset({errno.ENOSPC, errno.EDQUOT})
-MAX_RUN_BYTES: Final = 64 << 30
 _MAX_READ_BYTES: Final = 64 << 10
 """Files are read in pieces of 16 KiB: more at once is a header."""
 
@@ -121,7 +114,7 @@ class HostStore:
             TransferError: its files are not those of its bundle, or too many.
         """
         sizes = [file.size for file in job.files if not file.recording]
-        is_too_large = sum(sizes) > MAX_BUNDLE_BYTES or len(sizes) > MAX_FILES
+        is_too_large = sum(sizes) > MAX_BUNDLE_BYTES or len(sizes) > MAX_BUNDLE_FILES
         if is_too_large or bundle_digest(job.files) != job.bundle:
             raise TransferError(f"the files of {quote(job.name)} are not those of a bundle")
 
@@ -288,13 +281,13 @@ def unpack_run(archive: Path, target: Path) -> None:
             the half of what is free here.
     """
     target.mkdir(mode=0o700)
-    free_bytes = min(MAX_RUN_BYTES, shutil.disk_usage(target).free // 2)
+    free_bytes = min(MAX_FLEET_RUN_BYTES, shutil.disk_usage(target).free // 2)
     try:
         with _Inflated(archive) as content, tarfile.open(fileobj=content, mode="r:") as tar:
             for number, entry in enumerate(tar):
                 free_bytes -= entry.size
                 is_plain = (entry.isfile() and not entry.issparse()) or entry.isdir()
-                if not is_plain or number > MAX_FILES or free_bytes < 0:
+                if not is_plain or number > MAX_BUNDLE_FILES or free_bytes < 0:
                     raise TransferError(
                         f"the archive of a run has the entry {quote(entry.name)}, which is no "
                         f"plain file, the {number + 1:,}. of them, or too large"

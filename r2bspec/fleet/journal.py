@@ -16,10 +16,10 @@ from typing import Any, Final, Literal
 import msgspec
 
 from r2bspec.errors import UsageError
+from r2bspec.safe_io.limits import MAX_JOURNAL_BYTES
 from r2bspec.safe_io.safe_file import read_bytes
 
 JOURNAL_FILE: Final = "fleet.jsonl"
-_MAX_BYTES: Final = 256_000_000
 
 State = Literal["sent", "lost", "invalid", "full", "refused", "failed", "done"]
 """Of an attempt: ``sent`` to a host; ``lost`` with it; ``invalid``, to be tried again; ``full``
@@ -95,7 +95,7 @@ def read_journal(folder: Path) -> list[Event]:
     """
     path = folder / JOURNAL_FILE
     try:
-        lines = read_bytes(path, max_bytes=_MAX_BYTES).split(b"\n")
+        lines = read_bytes(path, max_bytes=MAX_JOURNAL_BYTES).split(b"\n")
     except OSError as error:
         raise UsageError(f"{path} cannot be read: {error.strerror or error}") from error
     events = []

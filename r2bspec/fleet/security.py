@@ -30,13 +30,13 @@ from urllib.parse import urlsplit
 import msgspec
 
 from r2bspec.fleet.errors import FleetNotInstalledError, InsecureFleetError
+from r2bspec.safe_io.limits import MAX_FLEET_FILE_BYTES
 from r2bspec.safe_io.safe_file import is_there, read_text
 from r2bspec.safe_io.safe_yaml import load_values
 
 if TYPE_CHECKING:
     from distributed.security import Security
 
-_MAX_FILE_BYTES: Final = 100_000
 _KEYS: Final = frozenset({"scheduler", "ca", "certificate", "key"})
 _SCHEMES: Final = ("tcp", "tls")
 _DEFAULT_PORT: Final = 8786
@@ -328,7 +328,7 @@ def _with_port(address: str) -> str:
 
 def _read_cluster_file(path: Path) -> dict[str, str]:
     try:
-        content = load_values(read_text(path, max_bytes=_MAX_FILE_BYTES))
+        content = load_values(read_text(path, max_bytes=MAX_FLEET_FILE_BYTES))
         values = msgspec.convert(content, dict[str, str])
     except OSError as error:
         raise InsecureFleetError(

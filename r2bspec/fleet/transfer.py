@@ -16,7 +16,7 @@ from typing import Final
 from r2bspec.errors import R2bspecError
 from r2bspec.fleet.bundle import Bundle, Job, SentFile, digest_of
 from r2bspec.fleet.errors import FalseAnswerError, TransferError
-from r2bspec.fleet.host_store import MAX_RUN_BYTES, unpack_run
+from r2bspec.fleet.host_store import unpack_run
 from r2bspec.fleet.hosts import Host
 from r2bspec.fleet.messages import Call, Played, Steps
 from r2bspec.language.quantities import Size
@@ -24,6 +24,7 @@ from r2bspec.plan.canonical_json import parse_plan, plan_hash
 from r2bspec.record.comparison_folder import PairedComparison, open_comparison
 from r2bspec.record.files import RecordError
 from r2bspec.record.run_folder import Run, open_run
+from r2bspec.safe_io.limits import MAX_FLEET_RUN_BYTES
 
 PIECE_BYTES: Final = 4 << 20
 """Small enough to pass through a scheduler, and to be repeated over a slow link."""
@@ -91,7 +92,7 @@ def fetch(
     incoming = root / INCOMING
     incoming.mkdir(mode=0o700, parents=True, exist_ok=True)
     archive = incoming / f"{job.identity}.tar.gz"
-    if played.size > min(MAX_RUN_BYTES, shutil.disk_usage(incoming).free // 2):
+    if played.size > min(MAX_FLEET_RUN_BYTES, shutil.disk_usage(incoming).free // 2):
         raise FalseAnswerError(host.name, f"its run has {Size(played.size)}, too much for here")
     with archive.open("ab") as stream:
         while (size := stream.tell()) < played.size:

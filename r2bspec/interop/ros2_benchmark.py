@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections import ChainMap
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -21,10 +22,12 @@ import msgspec
 
 from r2bspec.compare.comparison import ComparedResult, ComparedSource, MetricSeries, SeriesKey
 from r2bspec.diagnostics.plain_text import escaped_json
+from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.report.ros2_benchmark import BASIC_PREFIX, METADATA_PREFIX, RESOURCE_PREFIX
+from r2bspec.safe_io.limits import MAX_NAME_CHARACTERS, MAX_REPORT_BYTES, MAX_REPORT_FIGURES
 from r2bspec.safe_io.safe_file import read_bytes
-from r2bspec.safe_io.safe_json import MAX_JSON_BYTES, decode_python_json
+from r2bspec.safe_io.safe_json import decode_python_json
 
 _RATE_KEY = re.compile(r"(\d+(?:\.\d+)?)fps")
 _KNOWN_PREFIXES = (BASIC_PREFIX, RESOURCE_PREFIX, "CPUProfilingMetrics")
@@ -101,7 +104,7 @@ def read_report(path: Path) -> ReferenceReport:
         NotAReportError: it does not exist, is not JSON, or not such a report.
     """
     try:
-        content = read_bytes(path, max_bytes=MAX_JSON_BYTES)
+        content = read_bytes(path, max_bytes=MAX_REPORT_BYTES)
     except OSError as error:
         raise NotAReportError(f"{path} cannot be read: {error.strerror or error}") from error
     return parse_report(content, str(path))
@@ -113,6 +116,8 @@ def parse_report(content: bytes, file: str = "<report>") -> ReferenceReport:
     Raises:
         NotAReportError: it is not such a report.
     """
+    if len(content) > MAX_REPORT_BYTES:
+        raise NotAReportError(f"{file} is larger than {MAX_REPORT_BYTES:,} bytes")
     try:
         report = decode_python_json(content)
     except msgspec.DecodeError as error:
@@ -127,6 +132,7 @@ def parse_report(content: bytes, file: str = "<report>") -> ReferenceReport:
             f"{file} is not a report of ros2_benchmark: it has no {BASIC_PREFIX}",
             hint="Give the JSON file written by the tool at the end of a benchmark.",
         )
+    _check_size(report, file)
     metadata = report.get("metadata")
     plain = {
         key.removeprefix(f"{METADATA_PREFIX}."): value
@@ -136,7 +142,7 @@ def parse_report(content: bytes, file: str = "<report>") -> ReferenceReport:
     exact = str(plain.get("GENERATOR", "")).startswith("r2bspec")
     custom = report.get("custom")
     return ReferenceReport(
-        name=str(plain.get("NAME", "")),
+        name=clip(str(plain.get("NAME", "")), MAX_NAME_CHARACTERS),
         peak_hz=_number(plain.get("PEAK_THROUGHPUT_PREDICTION")),
         peak=_by_monitor(report, exact=exact),
         rates={
@@ -147,6 +153,23 @@ def parse_report(content: bytes, file: str = "<report>") -> ReferenceReport:
         metadata=plain,
         custom=custom if isinstance(custom, dict) else {},
     )
+
+
+def _check_size(report: dict[str, Any], file: str) -> None:
+    """Refuse a report whose figures would take long, or whose names would fill what shows them.
+
+    Raises:
+        NotAReportError: it has more, or longer ones, than any real one.
+    """
+    levels = [report, *(level for level in report.values() if isinstance(level, dict))]
+    figures = sum(isinstance(value, dict) for level in levels for value in level.values())
+    longest = max(len(key) for level in levels for key in level)
+    if figures > MAX_REPORT_FIGURES or longest > MAX_NAME_CHARACTERS:
+        raise NotAReportError(
+            f"{file} has {figures:,} rates and monitors, and a name of {longest:,} characters; the "
+            f"limits are {MAX_REPORT_FIGURES:,} and {MAX_NAME_CHARACTERS:,}",
+            hint="Give the JSON file written by the tool, or the part of it that counts.",
+        )
 
 
 def to_json(report: ReferenceReport) -> bytes:
@@ -201,12 +224,11 @@ def _by_monitor(level: dict[str, Any], *, exact: bool) -> dict[str, MonitorFigur
     found: dict[str, MonitorFigures] = {}
     if _has_figures(level):
         found[""] = _figures(level, exact=exact)
+    # The processor time belongs to the machine, not to a monitor: it is one level up.
+    shared = {key: level[key] for key in level if key.startswith(_KNOWN_PREFIXES[1:])}
     for key, value in level.items():
-        if isinstance(value, dict) and not _RATE_KEY.fullmatch(key):
-            # The processor time belongs to the machine, not to a monitor: it is one level up.
-            shared = {each: level[each] for each in level if each.startswith(_KNOWN_PREFIXES[1:])}
-            if _has_figures(value):
-                found[key] = _figures({**shared, **value}, exact=exact)
+        if isinstance(value, dict) and not _RATE_KEY.fullmatch(key) and _has_figures(value):
+            found[key] = _figures(ChainMap(value, shared), exact=exact)
     return found
 
 
@@ -229,7 +251,7 @@ _BASIC_FIGURES: Final = {
 """The key of each figure in a report, and how many of its units are one SI unit."""
 
 
-def _figures(level: dict[str, Any], *, exact: bool) -> MonitorFigures:
+def _figures(level: Mapping[str, Any], *, exact: bool) -> MonitorFigures:
     values = {
         name: _number(level.get(f"{BASIC_PREFIX}.{key}"), units)
         for name, (key, units) in _BASIC_FIGURES.items()

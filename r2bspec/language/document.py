@@ -24,6 +24,7 @@ from msgspec.structs import replace
 from r2bspec.diagnostics import Diagnostic, Edit, Path, Related, Severity, Span
 from r2bspec.diagnostics.diagnostic import DiagnosticParts, split_lines
 from r2bspec.language.located_tree import TreeNode
+from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
 from r2bspec.safe_io.safe_file import (
     ByteBudget,
     OutsideFolderError,
@@ -31,9 +32,6 @@ from r2bspec.safe_io.safe_file import (
     TooLargeError,
     read_bytes,
 )
-
-MAX_DOCUMENT_BYTES = 10_000_000
-"""Size of the largest document that is read; a spec has a few thousand bytes."""
 
 _FORBIDDEN_ASCII = re.compile("[^\t\n\r\x20-\x7e]")
 """Less than `_forbidden`, which takes longer to compile than a spec to parse."""

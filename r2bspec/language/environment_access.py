@@ -18,11 +18,12 @@ from pathlib import Path
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import UsageError
-from r2bspec.language.document import MAX_DOCUMENT_BYTES, decode
-from r2bspec.language.extends import KEY, MAX_EXTENDED_FILES, MAX_EXTENDS_DEPTH, extended_names
+from r2bspec.language.document import decode
+from r2bspec.language.extends import KEY, extended_names
 from r2bspec.language.located_tree import MapNode, TreeNode
 from r2bspec.language.variables import listed_environment
 from r2bspec.language.yaml_document import compose
+from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES, MAX_EXTENDED_FILES, MAX_EXTENDS_DEPTH
 
 
 class BaseVersionError(UsageError):

@@ -21,7 +21,7 @@ from msgspec.structs import replace
 from r2bspec.diagnostics import Path, Related, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote, unknown_name_help
 from r2bspec.language.declaration import Rule, language
-from r2bspec.language.document import MAX_DOCUMENT_BYTES, Document, read_file
+from r2bspec.language.document import Document, read_file
 from r2bspec.language.located_tree import (
     ListNode,
     MapNode,
@@ -34,6 +34,12 @@ from r2bspec.language.located_tree import (
 )
 from r2bspec.language.variables import OPENING
 from r2bspec.language.yaml_document import compose
+from r2bspec.safe_io.limits import (
+    MAX_CHAIN_LENGTH,
+    MAX_EXTENDED_BYTES,
+    MAX_EXTENDED_FILES,
+    MAX_EXTENDS_DEPTH,
+)
 from r2bspec.safe_io.safe_file import ByteBudget, is_regular, names_in
 
 
@@ -93,12 +99,6 @@ def _scalar(node: ScalarNode, folder: str) -> ScalarNode:
 
 
 KEY = "extends"
-MAX_EXTENDS_DEPTH = 20
-"""Files in a chain, each of which extends the next."""
-MAX_EXTENDED_FILES = 100
-"""Files that one document may read; a file extended twice counts twice."""
-MAX_EXTENDED_BYTES = MAX_DOCUMENT_BYTES
-"""Bytes that they may have together."""
 
 
 class _FileContext(msgspec.Struct, frozen=True):
@@ -258,8 +258,6 @@ SECTIONS: tuple[Path, ...] = (
     ("slos",),
 )
 """Maps whose entries may extend each other."""
-MAX_CHAIN_LENGTH = 50
-"""Entries in a chain, each of which extends the next."""
 
 
 def extend_siblings(document: Document) -> None:

@@ -29,11 +29,8 @@ from r2bspec.language.node_kinds import (
     members,
 )
 from r2bspec.language.quantities import QuantityError, Rate
-from r2bspec.language.spec_benchmark import MAX_RANGE_RATES
 from r2bspec.language.variables import declared_variables_help
-
-MAX_REQUIREMENTS: Final = 10_000
-"""Requirements of all objectives together: far above every real number."""
+from r2bspec.safe_io.limits import MAX_RANGE_RATES, MAX_REQUIREMENTS
 
 _PROBES: Final = {
     "ready": ("file", "service", "log", "topic"),

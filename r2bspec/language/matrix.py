@@ -35,16 +35,13 @@ from r2bspec.language.located_tree import (
     without,
 )
 from r2bspec.language.read_spec import INVALID, read_value
+from r2bspec.safe_io.limits import MAX_CASE_NAME_CHARACTERS, MAX_CASE_VALUES, MAX_CASES
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
 
 KEY = "matrix"
-MAX_CASES = 1000
-"""Cases of one document."""
 
-MAX_CASE_VALUES = 100_000
-"""Values of all cases together: every case is a document of its own."""
 
 Values = Mapping[str, ScalarNode]
 
@@ -241,7 +238,6 @@ def _check_names(
 
 
 _MAX_NAMED_CASES = 5
-_MAX_NAME_LENGTH = 200
 
 
 def merge_case_findings(
@@ -274,7 +270,9 @@ def _merge_group(group: list[tuple[str, Diagnostic]], cases: Sequence[LoadedSpec
     if matrix_case is None:
         return first
     more = f" and {len(names) - _MAX_NAMED_CASES} more" if len(names) > _MAX_NAMED_CASES else ""
-    listed = ", ".join(clip(each, _MAX_NAME_LENGTH) for each in names[:_MAX_NAMED_CASES]) + more
+    listed = (
+        ", ".join(clip(each, MAX_CASE_NAME_CHARACTERS) for each in names[:_MAX_NAMED_CASES]) + more
+    )
     noun = "case" if len(names) == 1 else "cases"
     related = Related(f"in the {noun} {listed}", matrix_case.span)
     return replace(first, related=(*first.related, related))

@@ -17,11 +17,11 @@ from functools import lru_cache, total_ordering
 from typing import ClassVar, Final, Literal, Self
 
 from r2bspec.diagnostics.quote import quote
+from r2bspec.safe_io.limits import MAX_QUANTITY_CHARACTERS
 
 _NUMBER = r"\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
 _QUANTITY = re.compile(rf"(?P<number>{_NUMBER})\s*(?P<unit>[A-Za-zµμ%/]+)", re.ASCII)
 _UNITLESS = re.compile(_NUMBER, re.ASCII)
-_MAX_TEXT_LENGTH = 40
 _UNIT_ALIASES = {
     "sec": "s",
     "secs": "s",
@@ -121,7 +121,7 @@ class Quantity:
     @classmethod
     @lru_cache(maxsize=4096)
     def _scaled(cls, text: str) -> Decimal:
-        if len(text) > _MAX_TEXT_LENGTH:
+        if len(text) > MAX_QUANTITY_CHARACTERS:
             raise QuantityError(f"the text is too long for a {cls.kind}", suggestion=cls.example)
         match = _QUANTITY.fullmatch(text.strip())
         if match is None:

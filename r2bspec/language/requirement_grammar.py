@@ -26,6 +26,7 @@ import msgspec
 
 from r2bspec.diagnostics.quote import did_you_mean, quote
 from r2bspec.language.quantities import QUANTITIES, Duration, Quantity, QuantityError, Share
+from r2bspec.safe_io.limits import MAX_REQUIREMENT_CHARACTERS
 
 _Q = TypeVar("_Q", bound=Quantity)
 Operator = Literal["<", "<=", ">", ">=", "==", "!="]
@@ -34,7 +35,6 @@ _WORD = "[A-Za-z][A-Za-z0-9_]*"
 _METRIC = re.compile(rf"\s*(?P<metric>{_WORD}(?:\.{_WORD})*)")
 _OPERATOR = re.compile(r"\s*(?P<op><=|>=|==|!=|<|>)")
 _DECIMALS = re.compile(r"\.(\d{1,4})\b")
-_MAX_LENGTH = 300
 _OPERATOR_TYPOS = {"=<": "<=", "=>": ">=", "=": "==", "≤": "<=", "≥": ">=", "≠": "!="}
 _RELATIVE_BOUND = re.compile(r"(?P<share>.*?%)\s*of\s+(?P<reference>\w+)")
 _REFERENCES = ("offered", "baseline")
@@ -162,8 +162,10 @@ def parse_requirement(text: str) -> Requirement:
     Raises:
         RequirementError: the text is not a requirement; with the offset of the first error.
     """
-    if len(text) > _MAX_LENGTH:
-        raise RequirementError(f"the requirement has more than {_MAX_LENGTH} characters", 0)
+    if len(text) > MAX_REQUIREMENT_CHARACTERS:
+        raise RequirementError(
+            f"the requirement has more than {MAX_REQUIREMENT_CHARACTERS} characters", 0
+        )
     found = _METRIC.match(text)
     if found is None:
         raise RequirementError(

@@ -35,7 +35,6 @@ from r2bspec.language.spec_benchmark import (
     Window,
 )
 from r2bspec.language.spec_graph import (
-    MAX_ENTRIES,
     AfterReadyStep,
     Container,
     Graph,
@@ -52,6 +51,7 @@ from r2bspec.language.spec_graph import (
     SetupStep,
     Variables,
 )
+from r2bspec.safe_io.limits import MAX_SPEC_ENTRIES
 
 __all__ = [
     "AfterReadyStep",
@@ -303,7 +303,7 @@ class Spec(Record, frozen=True, kw_only=True):
         key(
             {"detections": {"topic": "tag_detections", "format": "geometry_msgs/msg/PoseArray"}},
             at_least=1,
-            at_most=MAX_ENTRIES,
+            at_most=MAX_SPEC_ENTRIES,
             changes="load",
         ),
     ]

@@ -13,7 +13,8 @@ from r2bspec.language.benchmark_defaults import CONFIDENCE, CONFIRM, MAX_STARTS,
 from r2bspec.language.declaration import Record, Written, key
 from r2bspec.language.quantities import Duration, Rate, Share, Size
 from r2bspec.language.requirement_grammar import Requirement
-from r2bspec.language.spec_graph import MAX_ENTRIES, QoS, Repeat, Scalar, Sibling, repeated, sibling
+from r2bspec.language.spec_graph import QoS, Repeat, Scalar, Sibling, repeated, sibling
+from r2bspec.safe_io.limits import MAX_RANGE_RATES, MAX_SPEC_ENTRIES
 
 _IMAGE_INPUT: Final = {"from": "buffer/image", "format": "sensor_msgs/msg/Image"}
 
@@ -103,7 +104,7 @@ class DataLoader(Record, frozen=True, kw_only=True):
             {"/d455_1_rgb_image": "data_loader/image"},
             topics=True,
             at_least=1,
-            at_most=MAX_ENTRIES,
+            at_most=MAX_SPEC_ENTRIES,
             unless_live=True,
         ),
     ] = {}
@@ -210,7 +211,7 @@ class Playback(Record, frozen=True, kw_only=True):
             {"image": _IMAGE_INPUT},
             topics=True,
             at_least=1,
-            at_most=MAX_ENTRIES,
+            at_most=MAX_SPEC_ENTRIES,
             unless_live=True,
         ),
     ] = {}
@@ -221,9 +222,6 @@ class Playback(Record, frozen=True, kw_only=True):
     pairing: Pairing = Pairing()
     clock: Annotated[bool, key(changes="graph")] = False
 
-
-MAX_RANGE_RATES: Final = 1000
-"""The most rates of a range."""
 
 TransportKind = Literal["inherit", "shared_memory", "udp"]
 HarnessPlacement = Literal["separate", "shared", "graph"]

@@ -9,12 +9,7 @@ from r2bspec.language import names
 from r2bspec.language.declaration import Record, Written, key
 from r2bspec.language.node_kinds import NodeKind, kind_of, kinds_text
 from r2bspec.language.quantities import Duration, Size
-
-MAX_ENTRIES: Final = 5000
-"""Nodes, inputs, monitors or loaded topics of a spec: far above every real one."""
-
-MAX_PARAMETER_SOURCES: Final = 100
-"""Parameter files and maps of parameters that one node lists."""
+from r2bspec.safe_io.limits import MAX_PARAMETER_SOURCES, MAX_SPEC_ENTRIES
 
 _REMOVES: Final = "Maps are merged, lists are replaced, and null removes a key."
 
@@ -391,7 +386,7 @@ class Node(Record, frozen=True, kw_only=True):
 
 Nodes = Annotated[
     dict[names.NodeName, Node],
-    key({"resize": {"python": "r2bspec.nodes.ResizeNode"}}, at_most=MAX_ENTRIES),
+    key({"resize": {"python": "r2bspec.nodes.ResizeNode"}}, at_most=MAX_SPEC_ENTRIES),
 ]
 
 

@@ -27,7 +27,7 @@ from r2bspec.diagnostics import Certainty, Related, Span, did_you_mean
 from r2bspec.diagnostics import Path as TreePath
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.declaration import Rule
-from r2bspec.language.document import MAX_DOCUMENT_BYTES, DiagnosticCollector, Source, inner_span
+from r2bspec.language.document import DiagnosticCollector, Source, inner_span
 from r2bspec.language.located_tree import (
     Entry,
     ListNode,
@@ -51,7 +51,8 @@ from r2bspec.language.variables import (
     restricts_value,
     with_value,
 )
-from r2bspec.language.yaml_document import MAX_EXPANDED_VALUES, parse_unquoted
+from r2bspec.language.yaml_document import parse_unquoted
+from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES, MAX_REFERENCES, MAX_YAML_EXPANDED_VALUES
 
 _DECLARATIONS = frozenset({"variables", "environment", "r2bspec"})
 
@@ -121,7 +122,7 @@ class Substitution:
         self._repeated = 0
         self._done: dict[tuple[int, int, int], TreeNode] = {}
         self._keep_alive: list[object] = []  # so that no id is used twice
-        self._inserted = 0
+        self._inserted = self._references = 0
         self._size_exceeded = False
         self._in_declarations = True
         declared = child(root, "variables")
@@ -211,7 +212,7 @@ class Substitution:
         made: dict[str, Entry] = {}
         self._keep_alive.append(found)
         for name, instance in found.instances.items():
-            if self._repeated > MAX_EXPANDED_VALUES:
+            if self._repeated > MAX_YAML_EXPANDED_VALUES:
                 break
             local = {name: self._scalar(value) for name, value in instance.variables.items()}
             self._local, self._scope = local, instance
@@ -227,8 +228,8 @@ class Substitution:
         before = self._repeated
         if isinstance(node, MapNode | ListNode):
             self._repeated += 1 + len(node.entries if isinstance(node, MapNode) else node.items)
-        if before <= MAX_EXPANDED_VALUES < self._repeated:
-            message = f"'repeat' expands to more than {MAX_EXPANDED_VALUES:,} values"
+        if before <= MAX_YAML_EXPANDED_VALUES < self._repeated:
+            message = f"'repeat' expands to more than {MAX_YAML_EXPANDED_VALUES:,} values"
             self.problems.error("R2B129", message, node.span, "use fewer instances")
 
     def _key(self, key: str, span: Span, *, topics: bool) -> tuple[str, bool]:
@@ -277,10 +278,15 @@ class Substitution:
                 secret, origin = value.secret, value.origin
             origin = origin or value.origin
             self._inserted += len(value.text)
-            if self._inserted > MAX_DOCUMENT_BYTES:
+            self._references += 1
+            if self._inserted > MAX_DOCUMENT_BYTES or self._references > MAX_REFERENCES:
                 if not self._size_exceeded:
-                    limit = f"{MAX_DOCUMENT_BYTES // 1_000_000} MB"
-                    message = f"after substitution the document is larger than {limit}"
+                    message = (
+                        f"there are more than {MAX_REFERENCES:,} references to variables"
+                        if self._references > MAX_REFERENCES
+                        else "after substitution the document is larger than "
+                        f"{MAX_DOCUMENT_BYTES // 1_000_000} MB"
+                    )
                     self.problems.error("R2B129", message, node.span, "use shorter values")
                 self._size_exceeded = failed = True
                 break

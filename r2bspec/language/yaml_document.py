@@ -5,9 +5,9 @@ constructor drops positions; this one does neither. No object is ever constructe
 or a map is a `CollectionBuilder` until its end is read; ``<<`` merges maps with an anchor. Each
 limit has a diagnostic of its own:
 
-- `MAX_DEPTH` levels of nesting,
-- `MAX_VALUES` keys and values in the document,
-- `MAX_EXPANDED_VALUES` additional keys and values after all aliases are expanded.
+- `MAX_YAML_DEPTH` levels of nesting,
+- `MAX_YAML_VALUES` keys and values in the document,
+- `MAX_YAML_EXPANDED_VALUES` additional keys and values after all aliases are expanded.
 
 Unquoted scalars have the values of the core schema of YAML 1.2. YAML 1.1, which PyYAML implements,
 turns ``on`` and ``no`` into booleans, ``12:30`` into 750 and ``010`` into 8. Here they are strings,
@@ -40,6 +40,12 @@ from r2bspec.language.located_tree import (
     UnknownNode,
 )
 from r2bspec.language.yaml_syntax_errors import explain_syntax_error
+from r2bspec.safe_io.limits import (
+    MAX_INTEGER_CHARACTERS,
+    MAX_YAML_DEPTH,
+    MAX_YAML_EXPANDED_VALUES,
+    MAX_YAML_VALUES,
+)
 
 _CONSTANTS: dict[str, ScalarValue] = {
     "": None,
@@ -55,7 +61,6 @@ _FLOAT = re.compile(r"[-+]?(?:\.[0-9]+|(?:0|[1-9][0-9]*)(?:\.[0-9]*)?)(?:[eE][-+
 _NOT_FINITE = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
 
 _MAX_INT = 2**63 - 1
-_MAX_INT_CHARS = 25  # characters, prefix and sign included, of any integer within 64 bits
 
 
 class ScalarError(ValueError):
@@ -93,7 +98,7 @@ def parse_unquoted(text: str) -> ScalarValue:
 
 def _integer(text: str, base: int) -> int:
     # The length is checked first: Python needs quadratic time for long digit strings.
-    if len(text) <= _MAX_INT_CHARS:
+    if len(text) <= MAX_INTEGER_CHARACTERS:
         value = int(text, base)
         if -_MAX_INT - 1 <= value <= _MAX_INT:
             return value
@@ -261,10 +266,6 @@ class CollectionBuilder(msgspec.Struct):
         )
 
 
-MAX_DEPTH = 100
-MAX_VALUES = 400_000
-MAX_EXPANDED_VALUES = 200_000
-
 _CParser: Any = getattr(getattr(yaml, "cyaml", None), "CParser", None)
 """None where PyYAML was built without libyaml."""
 
@@ -321,7 +322,7 @@ class _Composer:
                 self._values += 1
                 start, end = event.start_mark, event.end_mark
                 span = Span(file, start.line + 1, start.column + 1, end.line + 1, end.column + 1)
-                if self._values > MAX_VALUES:
+                if self._values > MAX_YAML_VALUES:
                     self._too_many_values(span)
                 add(scalar(event, span), 1, event.anchor, span)
             elif kind is ev.MappingEndEvent or kind is ev.SequenceEndEvent:
@@ -352,7 +353,7 @@ class _Composer:
     def _too_many_values(self, span: Span) -> None:
         self.problems.stop(
             "R2B002",
-            f"the document has more than {MAX_VALUES:,} keys and values",
+            f"the document has more than {MAX_YAML_VALUES:,} keys and values",
             span,
             "check the path: a spec has a few hundred",
         )
@@ -375,14 +376,14 @@ class _Composer:
     def _start_collection(self, event: Any, *, is_map: bool) -> None:
         span = self._span(event)
         self._values += 1
-        if self._values > MAX_VALUES:
+        if self._values > MAX_YAML_VALUES:
             self._too_many_values(span)
         if event.tag is not None:
             self._reject_tag(event, span)
-        if len(self._open) >= MAX_DEPTH:
+        if len(self._open) >= MAX_YAML_DEPTH:
             self.problems.stop(
                 "R2B025",
-                f"values are nested more than {MAX_DEPTH} levels deep",
+                f"values are nested more than {MAX_YAML_DEPTH} levels deep",
                 span,
                 "look for an unclosed bracket or brace",
             )
@@ -408,10 +409,11 @@ class _Composer:
             return
         node, size = self._anchors[name]
         self._shared += size
-        if self._shared > MAX_EXPANDED_VALUES:
+        if self._shared > MAX_YAML_EXPANDED_VALUES:
             self.problems.stop(
                 "R2B027",
-                f"the aliases of this document expand to more than {MAX_EXPANDED_VALUES:,} values",
+                "the aliases of this document expand to more than "
+                f"{MAX_YAML_EXPANDED_VALUES:,} values",
                 span,
                 "use aliases for smaller values",
             )

@@ -47,6 +47,7 @@ from r2bspec.language_server.symbols import (
     rename,
 )
 from r2bspec.language_server.transport import AnsweringProtocol, MessageInput
+from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
 from r2bspec.safe_io.safe_file import RefusedFileError, read_text
 
 DEBOUNCE_S: Final = 0.005
@@ -56,7 +57,6 @@ several notifications. Between two key presses is more, so that every one of the
 MAX_WAIT_S: Final = 0.5
 """Time that a completion waits for the analysis of the text; then an older one must do."""
 
-_MAX_FILE_BYTES: Final = 10_000_000
 
 _MAX_SHOWN: Final = 200
 """Characters of a URI that a message shows."""
@@ -89,7 +89,7 @@ class SpecLanguageServer(LanguageServer):
         text = self.specs.text(path)
         if text is None:
             with contextlib.suppress(OSError, RefusedFileError):
-                text = read_text(path, max_bytes=_MAX_FILE_BYTES)
+                text = read_text(path, max_bytes=MAX_DOCUMENT_BYTES)
         return text or ""
 
     def positions_of(self, file: str) -> TextPositions:

@@ -24,6 +24,7 @@ from r2bspec.language_server.positions import place_at, walk
 from r2bspec.plan.installed_packages import python_target
 from r2bspec.plan.wiring.name_resolution import expand
 from r2bspec.plan.wiring.wiring import Endpoint
+from r2bspec.safe_io.limits import MAX_SEARCHED_PYTHON_BYTES
 from r2bspec.safe_io.safe_file import RefusedFileError, read_text
 
 SymbolKind = Literal["variable", "topic", "node", "container", "monitor"]
@@ -306,13 +307,10 @@ def _class_definition(folder: FilePath, text: str) -> Iterator[Span]:
     yield Span.of_file(file)
 
 
-_MAX_PYTHON_BYTES: Final = 2_000_000
-
-
 def definitions_in(file: FilePath) -> tuple[ast.ClassDef | ast.FunctionDef, ...] | None:
     """The classes and functions at the top of a file; None if it cannot be read or parsed."""
     try:
-        module = ast.parse(read_text(file, max_bytes=_MAX_PYTHON_BYTES))
+        module = ast.parse(read_text(file, max_bytes=MAX_SEARCHED_PYTHON_BYTES))
     except (OSError, RefusedFileError, SyntaxError, ValueError, RecursionError, MemoryError):
         return None
     return tuple(each for each in module.body if isinstance(each, ast.ClassDef | ast.FunctionDef))

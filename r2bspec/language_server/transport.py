@@ -14,11 +14,8 @@ from pygls.exceptions import JsonRpcException, JsonRpcInvalidRequest
 from pygls.protocol import LanguageServerProtocol
 
 from r2bspec.report.output import echo
+from r2bspec.safe_io.limits import MAX_EDITOR_LINE_BYTES, MAX_EDITOR_MESSAGE_BYTES
 
-MAX_MESSAGE_BYTES: Final = 1 << 27
-"""Of one message; many times the largest document that is read."""
-
-_MAX_LINE_BYTES: Final = 1 << 16
 _LENGTH: Final = re.compile(rb"Content-Length[ \t]*:[ \t]*0*([0-9]+)[ \t]*\r?\n\Z", re.IGNORECASE)
 
 
@@ -38,16 +35,19 @@ class MessageInput:
 
     def readline(self) -> bytes:
         """The next line, or a part of a long one; empty at the end."""
-        line = self._stream.readline(_MAX_LINE_BYTES)
+        line = self._stream.readline(MAX_EDITOR_LINE_BYTES)
         length = _LENGTH.search(line)
         if length is None:
             return line
         digits = length[1]
-        if len(digits) > len(str(MAX_MESSAGE_BYTES)) or int(digits) > MAX_MESSAGE_BYTES:
+        if (
+            len(digits) > len(str(MAX_EDITOR_MESSAGE_BYTES))
+            or int(digits) > MAX_EDITOR_MESSAGE_BYTES
+        ):
             echo(
                 f"r2bspec lsp: a message of {digits[:20].decode()}"
                 f"{'...' if len(digits) > 20 else ''} bytes is passed over; "
-                f"at most {MAX_MESSAGE_BYTES} are read",
+                f"at most {MAX_EDITOR_MESSAGE_BYTES} are read",
                 err=True,
             )
             return b"Passed-Over: 1\r\n"

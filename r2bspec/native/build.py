@@ -33,6 +33,7 @@ from typing import Any, Literal
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.private_files import private_files
 from r2bspec.safe_io.cache_folder import UnusableCacheError, cache_folder, exposed_by, pass_over
+from r2bspec.safe_io.limits import DIGEST_CHARACTERS
 from r2bspec.safe_io.safe_file import read_text
 
 NOT_BUILT = "R2B668"
@@ -272,7 +273,6 @@ def _find_or_make(digest: str, name: str, command: Sequence[str]) -> _Result:
 
 
 _SHA256 = "sha256"
-_DIGEST_BYTES = 64
 
 
 def _open_kept(path: Path) -> _Result | None:
@@ -283,7 +283,7 @@ def _open_kept(path: Path) -> _Result | None:
         return None
     with contextlib.suppress(OSError):
         if result.is_kept() and result.digest() == read_text(
-            path.with_name(_SHA256), max_bytes=_DIGEST_BYTES
+            path.with_name(_SHA256), max_bytes=DIGEST_CHARACTERS
         ):
             return result
     os.close(result.descriptor)

@@ -21,8 +21,9 @@ from r2bspec.language.declaration import decode_text, encode_text
 from r2bspec.language.quantities import Quantity
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.plan.plan import Plan
+from r2bspec.safe_io.limits import MAX_JSON_BYTES
 from r2bspec.safe_io.safe_file import read_bytes
-from r2bspec.safe_io.safe_json import MAX_JSON_BYTES, decode_json
+from r2bspec.safe_io.safe_json import decode_json
 
 PLAN_UNREADABLE: Final = "R2B610"
 PLAN_FOREIGN: Final = "R2B611"

@@ -19,6 +19,7 @@ from r2bspec.plan.this_machine import AMENT_INDEX, PACKAGE_INDEX, ament_prefixes
 from r2bspec.plan.wiring.companion_files import source_folder
 from r2bspec.plan.wiring.node_interface import catalogue_packages
 from r2bspec.plan.wiring.python_package import module_of
+from r2bspec.safe_io.limits import MAX_MANIFEST_BYTES
 from r2bspec.safe_io.looked_up_files import shared_lookup
 from r2bspec.safe_io.safe_file import (
     is_folder,
@@ -29,7 +30,6 @@ from r2bspec.safe_io.safe_file import (
     real_path,
 )
 
-_MAX_SOURCE_BYTES = 1_000_000
 _VERSION = re.compile(r"<version[^>]*>([^<]{1,100})</version>")
 _STAR_IMPORT = re.compile(r"\bimport\s*\*")
 
@@ -42,7 +42,7 @@ def top_level_names(source: Path) -> frozenset[str] | None:
         SyntaxError: this interpreter cannot parse the file.
     """
     try:
-        text = read_bytes(source, max_bytes=_MAX_SOURCE_BYTES).decode("utf-8-sig")
+        text = read_bytes(source, max_bytes=MAX_MANIFEST_BYTES).decode("utf-8-sig")
         symbols = symtable.symtable(text, source.name, "exec").get_symbols()
     except (OSError, ValueError, RecursionError, MemoryError):
         return None
@@ -100,7 +100,7 @@ def installed_message_types() -> set[str]:
 def _text(file: Path) -> str:
     """The text of a file of a package; empty without one."""
     try:
-        return read_bytes(file, max_bytes=_MAX_SOURCE_BYTES).decode("utf-8")
+        return read_bytes(file, max_bytes=MAX_MANIFEST_BYTES).decode("utf-8")
     except (OSError, ValueError):
         return ""
 
@@ -170,7 +170,7 @@ def missing_imports(file: Path, folder: Path) -> list[ModuleImport]:
         folder: where the file must be.
     """
     try:
-        tree = ast.parse(read_bytes(file, max_bytes=_MAX_SOURCE_BYTES, folders=(folder,)))
+        tree = ast.parse(read_bytes(file, max_bytes=MAX_MANIFEST_BYTES, folders=(folder,)))
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
         return []
     imports: dict[str, ModuleImport] = {}

@@ -17,8 +17,9 @@ from typing import Any, BinaryIO, Final, TypeVar
 import msgspec
 
 from r2bspec.errors import ExitStatus, R2bspecError
+from r2bspec.safe_io.limits import MAX_JSON_BYTES
 from r2bspec.safe_io.safe_file import read_bytes
-from r2bspec.safe_io.safe_json import MAX_JSON_BYTES, decode_json, read_json
+from r2bspec.safe_io.safe_json import decode_json, read_json
 
 T = TypeVar("T")
 

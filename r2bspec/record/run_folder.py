@@ -48,6 +48,7 @@ from r2bspec.record.sample_arrays import (
     read_rows,
     write_rows,
 )
+from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES, MAX_STACKS_BYTES
 from r2bspec.safe_io.safe_file import is_folder, is_there, read_bytes, read_text
 from r2bspec.safe_io.safe_yaml import RefusedYamlError, check_document
 
@@ -56,7 +57,6 @@ Stacks = Mapping[tuple[str, ...], int]
 
 LOADED_FILES: Final = "loaded_files.json"
 
-_MAX_BYTES = 64 << 20
 _MAX_LISTED = 10
 
 
@@ -78,7 +78,7 @@ def read_stacks(path: Path, folder: Path) -> Stacks:
         OSError: it cannot be read.
     """
     found: dict[tuple[str, ...], int] = {}
-    content = read_bytes(path, max_bytes=_MAX_BYTES, folders=[folder])
+    content = read_bytes(path, max_bytes=MAX_STACKS_BYTES, folders=[folder])
     for line in content.decode(errors="replace").splitlines():
         frames, _, count = line.rpartition(" ")
         if frames and count.isascii() and count.isdecimal() and len(count) < 16:
@@ -94,7 +94,6 @@ def _frame(name: str) -> str:
 _FOLDER_MODE = 0o700
 """Recorded images and logs are not for other users of the machine."""
 
-_MAX_SPEC_BYTES = 10_000_000
 _RESOURCES = "resources.npy"
 _INTERFERENCE = "interference.npy"
 
@@ -384,7 +383,7 @@ def read_spec_text(path: Path) -> str:
         RecordError: it is no regular file, too large, not UTF-8, or no YAML within the limits.
     """
     try:
-        text = read_text(path, max_bytes=_MAX_SPEC_BYTES, folders=(path.parent,))
+        text = read_text(path, max_bytes=MAX_DOCUMENT_BYTES, folders=(path.parent,))
         check_document(text)
     except FileNotFoundError:
         return ""

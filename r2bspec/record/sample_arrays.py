@@ -13,9 +13,8 @@ from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from r2bspec.record.files import RecordError, write_atomically
+from r2bspec.safe_io.limits import MAX_SAMPLES_BYTES
 from r2bspec.safe_io.safe_file import TooLargeError, open_regular
-
-_MAX_BYTES = 512 << 20
 
 Rows = NDArray[Any]
 """A one-dimensional array of one of the record types below."""
@@ -141,8 +140,8 @@ def read_rows(path: Path, dtype: np.dtype[np.void]) -> Rows:
 
 
 def _limit_size(file: BinaryIO) -> None:
-    if os.fstat(file.fileno()).st_size > _MAX_BYTES:
-        raise TooLargeError(f"it is larger than {_MAX_BYTES:,} bytes")
+    if os.fstat(file.fileno()).st_size > MAX_SAMPLES_BYTES:
+        raise TooLargeError(f"it is larger than {MAX_SAMPLES_BYTES:,} bytes")
 
 
 def _with_missing_fields(rows: Rows, dtype: np.dtype[np.void]) -> Rows:

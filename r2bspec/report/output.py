@@ -12,7 +12,13 @@ from typing import TYPE_CHECKING, Any, TextIO, cast
 
 import click
 
-from r2bspec.diagnostics.plain_text import escaped_json, harmless, plain, without_commands
+from r2bspec.diagnostics.plain_text import (
+    escaped_json,
+    harmless,
+    plain,
+    short_lines,
+    without_commands,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -35,7 +41,7 @@ def echo(
         styled: the text has colours, around values that are plain.
         commands: the text is workflow commands that r2bspec made, with escaped values.
     """
-    shown = harmless(text, styled=styled, commands=commands)
+    shown = short_lines(harmless(text, styled=styled, commands=commands))
     click.echo(shown, err=err, nl=nl, color=True if styled else None)
 
 
@@ -56,7 +62,7 @@ def echo_json(content: object) -> None:
 
 def write(stream: TextIO, text: str) -> None:
     """Write a text, with or without colours around plain values, to a stream, at once."""
-    stream.write(harmless(text, styled=True))
+    stream.write(short_lines(harmless(text, styled=True)))
     stream.flush()
 
 

@@ -34,14 +34,12 @@ import msgspec
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.report.output import echo
 from r2bspec.safe_io import safe_file
+from r2bspec.safe_io.limits import MAX_ANSWER_BYTES, MAX_SUMMARY_BYTES
 from r2bspec.safe_io.safe_json import decode_json
 
 _FREE: Final = frozenset({"id"})
 _PER_PAGE: Final = 100
 _MAX_PAGES: Final = 30
-_MAX_ANSWER_BYTES: Final = 256 << 20
-"""Enough for a hundred of the longest notes."""
-_MAX_SUMMARY_BYTES: Final = 64 << 20
 _TIMEOUT_S: Final = 60
 _COMMAND = re.compile(r"^( {0,3})/(?=\w)", re.MULTILINE)
 """What GitLab carries out, such as ``/merge``, if it is the first word of a line of a note."""
@@ -163,7 +161,7 @@ def _send(headers: Mapping[str, str], method: str, url: str, body: bytes | None 
         # Unlike other headers, not sent to where a service redirects to: one is the token.
         request.add_unredirected_header(name, value)
     with urllib.request.urlopen(request, timeout=_TIMEOUT_S) as answer:  # noqa: S310
-        content: bytes = answer.read(_MAX_ANSWER_BYTES)
+        content: bytes = answer.read(MAX_ANSWER_BYTES)
     return content
 
 
@@ -182,7 +180,7 @@ def comment_text(marker: str, summary: str, log: str, max_bytes: int) -> str:
 def _summary(folder: Path, status: str) -> str:
     try:
         content = safe_file.read_bytes(
-            folder / "reports" / "summary.md", max_bytes=_MAX_SUMMARY_BYTES, folders=[folder]
+            folder / "reports" / "summary.md", max_bytes=MAX_SUMMARY_BYTES, folders=[folder]
         )
     except (OSError, R2bspecError):
         return f"r2bspec ended with status {status} and without a result."

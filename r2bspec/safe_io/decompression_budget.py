@@ -18,20 +18,21 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar, cast
 
+from r2bspec.safe_io.limits import (
+    FREE_PIECE_BYTES,
+    FREE_RECORDS,
+    FREE_TOTAL_BYTES,
+    MAX_ARRAY_BYTES,
+    MAX_ARRAY_HEADER_BYTES,
+    MAX_PIECE_BYTES,
+    MAX_RATIO,
+    MIN_BYTES_OF_RECORD,
+)
 from r2bspec.safe_io.safe_file import RefusedDataError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-
-MAX_PIECE_BYTES: Final = 256 << 20
-"""The largest message or chunk; recorders write chunks of a few megabytes."""
-FREE_PIECE_BYTES: Final = 64 << 20
-"""Up to here, a message or chunk may have any ratio: black images pack very well."""
-FREE_TOTAL_BYTES: Final = 512 << 20
-"""Up to here, a file may have any ratio."""
-MAX_RATIO: Final = 1_000
-"""Unpacked bytes for each stored byte; camera images reach 100."""
 
 _MAX_FRAME_HEADER_BYTES: Final = 18
 T = TypeVar("T")
@@ -85,6 +86,8 @@ class DecompressionBudget:
         else:
             self._left = _chosen_bytes
             self._limit = _chosen_text(_chosen_bytes)
+        self._max_records = max(FREE_RECORDS, stored_bytes // MIN_BYTES_OF_RECORD)
+        self._records = 0
 
     def spend(self, unpacked_bytes: int) -> None:
         """Take in one more piece.
@@ -95,6 +98,19 @@ class DecompressionBudget:
         self._left -= unpacked_bytes
         if self._left < 0:
             raise RefusedDataError(f"it unpacks to more than {self._limit}", hint=_HINT)
+
+    def spend_record(self) -> None:
+        """Take in one more record that is no message.
+
+        Raises:
+            RefusedDataError: a file of this size needs fewer.
+        """
+        self._records += 1
+        if self._records > self._max_records:
+            raise RefusedDataError(
+                f"it has more than {self._max_records:,} records that are no messages",
+                hint="'mcap recover' or 'mcap filter' writes its messages to a new file",
+            )
 
     @contextmanager
     def active(self) -> Iterator[None]:
@@ -142,6 +158,13 @@ def check_piece(stored_bytes: int, unpacked_bytes: int) -> None:
     budget = _ACTIVE.get()
     if budget is not None:
         budget.spend(unpacked_bytes)
+
+
+def spend_record() -> None:
+    """Count one record in the budget that is active; see `DecompressionBudget.spend_record`."""
+    budget = _ACTIVE.get()
+    if budget is not None:
+        budget.spend_record()
 
 
 def max_unpacked(stored_bytes: int) -> int:
@@ -229,12 +252,6 @@ def _chosen_text(max_bytes: int) -> str:
     return f"the {max_bytes:,} bytes of --max-bytes"
 
 
-MAX_ARRAY_BYTES: Final = 64 << 20
-"""An image of 4,000 by 4,000 pixels of four bytes."""
-
-_MAX_HEADER_BYTES: Final = 10_000
-
-
 def read_npz_array(path: Path, name: str) -> NDArray[Any]:
     """Read one array.
 
@@ -261,7 +278,7 @@ def _read_array(stream: Any) -> NDArray[Any]:
     if version != (1, 0):
         raise ValueError(f"version {version} of its header is not known")
     shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(
-        stream, max_header_size=_MAX_HEADER_BYTES
+        stream, max_header_size=MAX_ARRAY_HEADER_BYTES
     )
     if dtype.hasobject or dtype.kind not in "biuf":
         raise ValueError(f"its type {dtype} is no number")

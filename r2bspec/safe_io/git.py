@@ -20,8 +20,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from r2bspec.safe_io.limits import MAX_GIT_REFS
+
 GIT_TIMEOUT_S: Final = 60.0
-_MAX_REFS: Final = 1_000
 
 _KEPT_VARIABLES: Final = frozenset(
     {"GIT_EXEC_PATH", "GIT_CONFIG_GLOBAL", "GIT_CONFIG_SYSTEM", "GIT_CONFIG_NOSYSTEM"}
@@ -193,7 +194,7 @@ _PATH_FIELDS: Final = {"1": 7, "u": 9}
 
 def ref_names(top: Path) -> tuple[str, ...]:
     """The branches, branches of remotes, and tags of a repository; none if git cannot tell."""
-    options = (f"--count={_MAX_REFS}", "--format=%(refname:short)")
+    options = (f"--count={MAX_GIT_REFS}", "--format=%(refname:short)")
     names = _output(top, "for-each-ref", *options, "refs/remotes", "refs/heads", "refs/tags")
     return tuple((names or "").split())
 

@@ -1,4 +1,4 @@
-"""Decoding JSON: size, depth and numbers are limited; each problem is a `msgspec.DecodeError`.
+"""Decoding JSON with limits on size, depth, texts and numbers; each problem is a `DecodeError`.
 
 JSON allows numbers of any size. Arithmetic on them ends in an overflow somewhere, far from the file
 that is to blame; so they are refused where the file is read.
@@ -8,25 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
+from r2bspec.safe_io.limits import MAX_INTEGER, MAX_JSON_BYTES, MAX_NUMBER, MAX_TEXT_CHARACTERS
 from r2bspec.safe_io.safe_file import read_bytes
 
-MAX_INTEGER: Final = 2**63 - 1
-"""Times are nanoseconds in 64 bits with a sign, in every file and array."""
 
-MAX_NUMBER: Final = 1e30
-"""Far beyond every rate, time and size there is, and far from the limits of a float."""
-
-
-def check_numbers(value: Any, free: frozenset[str] = frozenset()) -> None:
-    """See that no number inside a decoded value is out of range.
+def check_values(value: Any, free: frozenset[str] = frozenset()) -> None:
+    """See that no number inside a decoded value is out of range, and no text too long.
 
     Args:
         value: what was decoded.
-        free: fields whose numbers are only passed on, such as the parameters of nodes.
+        free: fields whose values are only passed on, such as the parameters of nodes.
 
     Raises:
         ValueError: one is; the message has the way to it.
@@ -34,6 +29,8 @@ def check_numbers(value: Any, free: frozenset[str] = frozenset()) -> None:
     waiting: list[tuple[str, Any]] = [("$", value)]
     while waiting:
         place, each = waiting.pop()
+        if isinstance(each, str) and len(each) > MAX_TEXT_CHARACTERS:
+            raise ValueError(f"a text has more than {MAX_TEXT_CHARACTERS:,} characters at {place}")
         if isinstance(each, bool | str | bytes) or each is None:
             continue
         if isinstance(each, int | float):
@@ -47,13 +44,10 @@ def check_numbers(value: Any, free: frozenset[str] = frozenset()) -> None:
                 if name not in free
             ]
         elif isinstance(each, dict):
-            waiting += [(f"{place}[...]", one) for one in each.values()]
+            waiting += [(f"{place}[...]", one) for pair in each.items() for one in pair]
         elif isinstance(each, list | tuple):
             waiting += [(f"{place}[{number}]", one) for number, one in enumerate(each)]
 
-
-MAX_JSON_BYTES: Final = 256_000_000
-"""Size of the largest document that is read; the record of a day of segments has a tenth."""
 
 T = TypeVar("T")
 
@@ -88,7 +82,7 @@ def decode_json(
         content: the document.
         kind: the type of the value.
         dec_hook: as for `msgspec.json.decode`.
-        free: fields whose numbers are only passed on; all others are checked (`check_numbers`).
+        free: fields whose values are only passed on; all others are checked (`check_values`).
 
     Raises:
         msgspec.ValidationError: it is JSON, but not of this type, or a number is out of range.
@@ -101,7 +95,7 @@ def decode_json(
     except UnicodeDecodeError as error:
         raise msgspec.DecodeError(f"it is not UTF-8 (byte {error.start})") from None
     try:
-        check_numbers(value, free)
+        check_values(value, free)
     except ValueError as error:
         raise msgspec.ValidationError(str(error)) from None
     return value

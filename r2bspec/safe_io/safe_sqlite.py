@@ -14,14 +14,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
+from r2bspec.safe_io.limits import MAX_SCHEMA_OBJECTS, MAX_SCHEMA_S, MAX_VALUE_BYTES
 from r2bspec.safe_io.safe_file import RefusedDataError
 
-MAX_SCHEMA_S: Final = 60.0
-"""The longest that the check of a schema may take, and what is done before it is complete."""
-MAX_VALUE_BYTES: Final = 256 << 20
-
 STEPS_BETWEEN_CALLS: Final = 100_000
-_MAX_OBJECTS: Final = 1_000
 _GENERATED: Final = frozenset((2, 3))
 """What the column `hidden` of table_xinfo says of a generated column."""
 _VIRTUAL: Final = re.compile(r"\s*CREATE\s+VIRTUAL\s+TABLE", re.IGNORECASE)
@@ -79,10 +75,10 @@ def check_schema(connection: sqlite3.Connection, tables: Collection[str]) -> Non
         sqlite3.Error: the database is damaged.
     """
     rows = connection.execute(
-        "SELECT type, name, sql FROM sqlite_master LIMIT ?", (_MAX_OBJECTS + 1,)
+        "SELECT type, name, sql FROM sqlite_master LIMIT ?", (MAX_SCHEMA_OBJECTS + 1,)
     ).fetchall()
-    if len(rows) > _MAX_OBJECTS:
-        raise RefusedDataError(f"it has more than {_MAX_OBJECTS:,} tables", hint=_HINT)
+    if len(rows) > MAX_SCHEMA_OBJECTS:
+        raise RefusedDataError(f"it has more than {MAX_SCHEMA_OBJECTS:,} tables", hint=_HINT)
     wanted = {name.lower() for name in tables}
     for kind, name, sql in rows:
         if kind not in ("table", "index"):

@@ -12,11 +12,12 @@ from typing import Any, Final
 import msgspec
 import yaml
 
-MAX_DEPTH: Final = 100
-MAX_VALUES: Final = 400_000
-MAX_EXPANDED_VALUES: Final = 200_000
-MAX_NUMBER_CHARACTERS: Final = 1_000
-"""Longer numbers take quadratic time to convert."""
+from r2bspec.safe_io.limits import (
+    MAX_NUMBER_CHARACTERS,
+    MAX_YAML_DEPTH,
+    MAX_YAML_EXPANDED_VALUES,
+    MAX_YAML_VALUES,
+)
 
 _NUMBER: Final = re.compile(r"[-+]?[0-9][0-9a-fA-FxobeE_:.+-]*")
 _SCALAR_TAGS: Final = frozenset(
@@ -39,9 +40,9 @@ class RefusedYamlError(yaml.YAMLError):
 def load_values(
     text: str,
     *,
-    max_depth: int = MAX_DEPTH,
-    max_expanded: int = MAX_EXPANDED_VALUES,
-    max_values: int = MAX_VALUES,
+    max_depth: int = MAX_YAML_DEPTH,
+    max_expanded: int = MAX_YAML_EXPANDED_VALUES,
+    max_values: int = MAX_YAML_VALUES,
 ) -> Any:
     """The values of a document, as YAML 1.1 resolves them; no object is made from a tag.
 
@@ -53,7 +54,7 @@ def load_values(
     return _load(text, loader, _Limits(max_depth, max_expanded, max_values, tags=False))
 
 
-def load_texts(text: str, *, max_values: int = MAX_VALUES) -> Any:
+def load_texts(text: str, *, max_values: int = MAX_YAML_VALUES) -> Any:
     """The document with every scalar as the text that is written: ``on`` and ``010`` stay.
 
     Raises:
@@ -61,7 +62,9 @@ def load_texts(text: str, *, max_values: int = MAX_VALUES) -> Any:
         yaml.YAMLError: it is not YAML.
     """
     loader = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
-    return _load(text, loader, _Limits(MAX_DEPTH, MAX_EXPANDED_VALUES, max_values, tags=True))
+    return _load(
+        text, loader, _Limits(MAX_YAML_DEPTH, MAX_YAML_EXPANDED_VALUES, max_values, tags=True)
+    )
 
 
 def check_document(text: str) -> None:
@@ -72,7 +75,11 @@ def check_document(text: str) -> None:
     """
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
-        _check(text, loader, _Limits(MAX_DEPTH, MAX_EXPANDED_VALUES, MAX_VALUES, tags=False))
+        _check(
+            text,
+            loader,
+            _Limits(MAX_YAML_DEPTH, MAX_YAML_EXPANDED_VALUES, MAX_YAML_VALUES, tags=False),
+        )
     except RefusedYamlError:
         raise
     except yaml.YAMLError as error:

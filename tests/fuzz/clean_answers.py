@@ -2,33 +2,26 @@
 
 An answer is clean if it has a documented exit status other than that of an internal error, and a
 message if it is no success; if it has no traceback, no control character and no secret; and if it
-took less than 500 MB of memory, and few seconds of CPU. Each call is made in a process of its own,
-so that a crash or a hang is one, too. `readers` has what is a file of one reader.
+took less than 500 MB of memory, few seconds of CPU, and a bounded output. Each call is made in a
+process of its own, so that a crash or a hang is one, too. `readers` has what is a file of one
+reader.
 """
 
 from __future__ import annotations
 
-import faulthandler
-import os
 import random
 import re
-import resource
-import signal
-import sys
-import tempfile
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import psutil
+from hostile_calls import Answer, call
 from hostile_inputs import SECRET, SECRET_NAME, Prototypes, families
 
 MEMORY_BYTES = 500_000_000
-_IDLE_BYTES = 100_000_000
-"""What a process of r2bspec needs that reads nothing."""
-LONGEST_CPU_S = 30
-"""Ends what would not end."""
+OUTPUT_BYTES = 2_000_000
+LINE_CHARACTERS = 4_100
 
 _CONTROL = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]|\xc2[\x80-\x9f]|\xe2\x80[\xaa-\xae]")
 _PIECE = 8
@@ -60,7 +53,6 @@ def run_inputs(folder: Path, numbers: Iterator[int], seed: int, cpu_s: float) ->
     (folder / "prototypes").mkdir()
     known = families(Prototypes(folder / "prototypes"))
     tally = Tally()
-    import_everything()
     for number in numbers:
         for family, make in known.items():
             # Not the hash of a tuple, which is another in each process.
@@ -70,7 +62,7 @@ def run_inputs(folder: Path, numbers: Iterator[int], seed: int, cpu_s: float) ->
             made = make(rng, place)
             for arguments in made.calls:
                 tally.calls[family] += 1
-                wrong = call(arguments, place, cpu_s)
+                wrong = _asked(arguments, place, cpu_s)
                 if wrong:
                     words = " ".join(arguments)
                     tally.unclean.append(f"{family} {number} ({made.name}): {words}: {wrong}")
@@ -79,33 +71,24 @@ def run_inputs(folder: Path, numbers: Iterator[int], seed: int, cpu_s: float) ->
     return tally
 
 
-def import_everything() -> None:
-    """Import what the verbs need once, and not in each process."""
-    import importlib
+def wrong_with(answer: Answer, cpu_s: float, *, is_document: bool = False) -> str:
+    """Why an answer is not clean; empty if it is.
 
-    for name in ("api", "cli.validate", "check.engine", "datasets.catalogue", "judge.judge_run"):
-        importlib.import_module(f"r2bspec.{name}")
-    for name in ("numpy", "scipy.stats", "rosbags.rosbag2", "rosbags.typesys", "rich.console"):
-        importlib.import_module(name)
-
-
-def call(arguments: tuple[str, ...], folder: Path, cpu_s: float) -> str:
-    """Why an answer is not clean; empty if it is."""
-    output = folder / ".said"
-    # A forked process begins with the memory of this one, which may be a whole run of tests.
-    before = psutil.Process().memory_info().rss
-    child = os.fork()
-    if not child:
-        _answer(arguments, folder, output)
-    _, status, usage = os.wait4(child, 0)
-    said = output.read_bytes()
-    code = os.waitstatus_to_exitcode(status)
-    cpu = usage.ru_utime + usage.ru_stime
-    used = _IDLE_BYTES + usage.ru_maxrss * 1024 - before
+    Args:
+        answer: what was said.
+        cpu_s: the processor time that it may take.
+        is_document: whether it is for a program: then its lines may have any length.
+    """
+    said = answer.said
+    longest = (
+        0 if is_document else max(map(len, said.decode(errors="replace").splitlines() or [""]))
+    )
     wrong = [
-        *faults(code, said),
-        (used > MEMORY_BYTES, f"{used / 1e6:.0f} MB"),
-        (cpu > cpu_s, f"{cpu:.1f} s of CPU"),
+        *faults(answer.status, said),
+        (answer.memory_bytes > MEMORY_BYTES, f"{answer.memory_bytes / 1e6:.0f} MB"),
+        (answer.cpu_s > cpu_s, f"{answer.cpu_s:.1f} s of CPU"),
+        (len(said) > OUTPUT_BYTES, f"{len(said):,} bytes of output"),
+        (longest > LINE_CHARACTERS, f"a line of {longest:,} characters"),
     ]
     return ", ".join(what for is_wrong, what in wrong if is_wrong)
 
@@ -126,32 +109,12 @@ def _shows_secret(said: bytes) -> bool:
     return any(each.encode() in said for each in pieces)
 
 
-def _answer(arguments: tuple[str, ...], folder: Path, output: Path) -> None:
-    """Be the process of one call; never returns."""
-    code = 70
-    try:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_DFL)
-        resource.setrlimit(resource.RLIMIT_CPU, (LONGEST_CPU_S, LONGEST_CPU_S + 1))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        faulthandler.disable()  # that of pytest would write to the terminal
-        signal.alarm(10 * LONGEST_CPU_S)
-        os.chdir(folder)
-        os.environ.update({SECRET_NAME: SECRET, "XDG_CACHE_HOME": str(folder), "NO_COLOR": "1"})
-        tempfile.tempdir = str(folder)
-        target = os.open(output, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-        for stream in (1, 2):
-            os.dup2(target, stream)
-        sys.stdin, sys.stdout, sys.stderr = (open(n, m) for n, m in ((0, "r"), (1, "w"), (2, "w")))  # noqa: PTH123, SIM115
-        from r2bspec.cli.main import main
-
-        code = int(main(list(arguments)))
-        sys.stdout.flush()
-        sys.stderr.flush()
-    except BaseException:
-        import traceback
-
-        os.write(2, traceback.format_exc().encode("utf-8", "replace"))
-    finally:
-        os._exit(code)
+def _asked(arguments: tuple[str, ...], place: Path, cpu_s: float) -> str:
+    given = {
+        SECRET_NAME: SECRET,
+        **{name: str(place) for name in ("XDG_CACHE_HOME", "TMPDIR")},
+        "NO_COLOR": "1",
+    }
+    is_document = not {"--format", "--resolved", "--report"}.isdisjoint(arguments)
+    answer = call(*arguments, cwd=place, environ=given)
+    return wrong_with(answer, cpu_s, is_document=is_document)

@@ -12,12 +12,14 @@ import sys
 from pathlib import Path
 
 import pytest
-from clean_answers import LONGEST_CPU_S, Tally, call, run_inputs
+from clean_answers import Tally, run_inputs, wrong_with
+from hostile_calls import LONGEST_CPU_S, call
 from hostile_inputs import SECRET, SECRET_NAME, Prototypes, families
 
+from nightly import size
 from pipelines import Workplace
 
-INPUTS = int(os.environ.get("R2BSPEC_FUZZ_INPUTS", "6"))
+INPUTS = int(os.environ.get("R2BSPEC_FUZZ_INPUTS", size(2, 12)))
 SEED = 2026
 
 
@@ -44,12 +46,13 @@ def test_what_is_not_clean_is_noticed(tmp_path: Path, monkeypatch: pytest.Monkey
         "memory": (lambda _: len(bytearray(b"x") * 600_000_000) and 0, " MB"),
         "secret": (lambda _: sys.stdout.write(SECRET[4:16]) and 0, "a secret"),
         "control": (lambda _: sys.stdout.write("\x1b]0;x") and 0, "control characters"),
+        "line": (lambda _: sys.stdout.write("x" * 10_000) and 0, "a line of 10,000 characters"),
+        "output": (lambda _: sys.stdout.write("x\n" * 2_000_000) and 0, "bytes of output"),
         "clean": (lambda _: 0, ""),
     }
     for name, (main, wrong) in answers.items():
         monkeypatch.setattr("r2bspec.cli.main.main", main)
-        (tmp_path / name).mkdir()
-        found = call(("x",), tmp_path / name, LONGEST_CPU_S)
+        found = wrong_with(call("x", cwd=tmp_path), LONGEST_CPU_S)
         assert wrong in found if wrong else not found, (name, found)
     assert Tally().unclean == []
 

@@ -11,7 +11,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from clean_answers import call
+from clean_answers import wrong_with
+from hostile_calls import call
 
 from r2bspec.authoring.sources import InitSources, spec_from_sources
 from r2bspec.cli.main import main
@@ -160,8 +161,9 @@ MOST_CPU_S = 10
 
 def answer(arguments: tuple[str, ...], folder: Path) -> str:
     """What r2bspec says, in a process of its own with limited memory and processor time."""
-    assert call(arguments, folder, MOST_CPU_S) == ""
-    return (folder / ".said").read_text()
+    answered = call(*arguments, cwd=folder)
+    assert wrong_with(answered, MOST_CPU_S) == ""
+    return answered.said.decode()
 
 
 @pytest.mark.parametrize(

@@ -13,13 +13,16 @@ from test_hostile_bags import MESSAGES, refused
 from test_hostile_files import COMMAND
 
 from data_bags import text, write_bag, write_mcap, write_ros1
-from r2bspec.bags.metadata import MAX_ENTRIES
-from r2bspec.language.extends import MAX_EXTENDED_BYTES
-from r2bspec.plan.wiring.companion_files import MAX_SOURCE_BYTES, MAX_YAML_BYTES
+from r2bspec.safe_io.limits import (
+    MAX_BAG_ENTRIES,
+    MAX_COMPANION_YAML_BYTES,
+    MAX_EXTENDED_BYTES,
+    MAX_SPEC_PYTHON_BYTES,
+)
 
 pytestmark = pytest.mark.timeout(4 * LONGEST_S)
 
-TOO_MANY = MAX_ENTRIES + 1
+TOO_MANY = MAX_BAG_ENTRIES + 1
 
 
 def validate(folder: Path, spec: str) -> str:
@@ -55,7 +58,7 @@ def nodes(entry: str, number: int) -> str:
 
 
 def test_parameter_files_have_a_limit_together(tmp_path: Path) -> None:
-    content = "# x\n" * (MAX_YAML_BYTES // 40) + "/**: {ros__parameters: {a: 1}}\n"
+    content = "# x\n" * (MAX_COMPANION_YAML_BYTES // 40) + "/**: {ros__parameters: {a: 1}}\n"
     for number in range(20):
         (tmp_path / f"p{number}.yaml").write_text(content, encoding="utf-8")
     said = validate(tmp_path, nodes(f"{COMMAND}, parameters: ./p@.yaml", 20))
@@ -66,7 +69,7 @@ def test_parameter_files_have_a_limit_together(tmp_path: Path) -> None:
 
 def test_interfaces_have_a_limit_together(tmp_path: Path) -> None:
     (tmp_path / "interfaces").mkdir()
-    content = "# x\n" * (MAX_YAML_BYTES // 40) + "publishes: {}\n"
+    content = "# x\n" * (MAX_COMPANION_YAML_BYTES // 40) + "publishes: {}\n"
     for number in range(20):
         (tmp_path / f"interfaces/n{number}.yaml").write_text(content, encoding="utf-8")
     assert "3,000,000 bytes together" in validate(tmp_path, nodes(COMMAND, 20))
@@ -74,7 +77,7 @@ def test_interfaces_have_a_limit_together(tmp_path: Path) -> None:
 
 def test_python_files_have_a_limit_together(tmp_path: Path) -> None:
     for number in range(15):
-        content = "x = 1\n" * (MAX_SOURCE_BYTES // 60)
+        content = "x = 1\n" * (MAX_SPEC_PYTHON_BYTES // 60)
         (tmp_path / f"n{number}.py").write_text(content, encoding="utf-8")
     validate(tmp_path, nodes("python: './n@.py:N'", 15))
 
@@ -133,8 +136,8 @@ type_description_hash FROM n, topics WHERE id = 1
         ("UPDATE topics SET name = zeroblob(9)", "a name or a type that is no text"),
         ("UPDATE topics SET type = zeroblob(9)", "a name or a type that is no text"),
         (
-            "UPDATE topics SET offered_qos_profiles = hex(zeroblob(1000000))",
-            "QoS profiles of 2,000,000 characters",
+            "UPDATE topics SET offered_qos_profiles = hex(zeroblob(33000000))",
+            "its table topics has texts of 66,000,000 bytes",
         ),
     ],
     ids=["topics", "name", "type", "blob", "number", "profiles"],

@@ -15,17 +15,19 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from r2bspec.bags.recording import DataError, Message, Selection, unreadable
-from r2bspec.bags.storage.storage import decompress_message, stored_topic
+from r2bspec.bags.storage.storage import decompress_message, no_profiles, stored_topic
 from r2bspec.safe_io.decompression_budget import (
     DecompressionBudget,
     check_piece,
     spend_for_each,
+    spend_record,
     unpack_lz4,
     unpack_zstd,
 )
+from r2bspec.safe_io.limits import MAX_PIECE_BYTES
 from r2bspec.safe_io.safe_file import open_regular
 
 if TYPE_CHECKING:
@@ -38,6 +40,7 @@ _FOOTER = struct.Struct("<BQQQI8s")
 # Opcode and length, then the times of the first and the last message.
 _CHUNK = struct.Struct("<BQQQ")
 _CHUNK_RECORD = 6
+_LENGTH = struct.Struct("<Q")
 _BLOCK_BYTES = 1 << 20
 
 
@@ -45,13 +48,16 @@ class McapStorage:
     """An open .mcap file."""
 
     def __init__(self, path: Path, display_path: Path) -> None:
-        from rosbags.rosbag2 import Reader
-        from rosbags.rosbag2.storage_mcap import DECOMPRESSORS
+        from rosbags.rosbag2 import Reader, storage_mcap
 
         _check_profile(path, display_path)
-        _check_summary(path)
-        # Let `rosbags` unpack chunks no further than they state, and than a limit.
-        DECOMPRESSORS.update(zstd=unpack_zstd, lz4=unpack_lz4)
+        has_summary = _check_summary(path)
+        # Let `rosbags` unpack chunks no further than they state, and than a limit; no more records
+        # than a file of this size needs; and nothing that is not asked for.
+        storage_mcap.DECOMPRESSORS.update(zstd=unpack_zstd, lz4=unpack_lz4)
+        vars(storage_mcap).update(
+            skip_sized=_skip_record, read_sized=_read_record, parse_qos=no_profiles
+        )
         self._stored_bytes = path.stat().st_size
         with ExitStack() as stack, DecompressionBudget(self._stored_bytes).active():
             reader = stack.enter_context(Reader(path))
@@ -61,7 +67,8 @@ class McapStorage:
             self._indexed = _is_indexed(file)
             if not self._indexed:
                 stated: Counter[int] = Counter(file.statistics.channel_message_counts)
-                file.meta_scan()
+                if has_summary:  # else its records were counted when it was opened
+                    file.meta_scan()
                 _check_counts(stated, Counter(file.statistics.channel_message_counts), display_path)
             self._stack = stack.pop_all()
         self._file = file
@@ -184,10 +191,13 @@ def _check_chunks(path: Path, chunks: list[Any]) -> None:
                 raise ValueError("its index does not match a chunk")
 
 
-def _check_summary(path: Path) -> None:
+def _check_summary(path: Path) -> bool:
     """Compare the summary, which contains the index, with its checksum (0: there is none).
 
     See https://mcap.dev/spec, "Footer".
+
+    Returns:
+        Whether there is one.
 
     Raises:
         ValueError: they differ, or there is no footer.
@@ -201,7 +211,7 @@ def _check_summary(path: Path) -> None:
         if magic != _MAGIC:
             raise ValueError("it ends before its footer")
         if not stated:
-            return
+            return bool(start)
         end = size - len(_MAGIC) - 4
         begin = stream.seek(start or size - _FOOTER.size)
         found = 0
@@ -210,3 +220,23 @@ def _check_summary(path: Path) -> None:
             begin += len(block)
     if found != stated:
         raise ValueError("the checksum of its summary is wrong")
+    return bool(start)
+
+
+def _skip_record(stream: BinaryIO) -> None:
+    """In place of `rosbags`: a record that nothing asks for counts."""
+    spend_record()
+    (size,) = _LENGTH.unpack(stream.read(_LENGTH.size))
+    place = stream.tell()
+    if stream.seek(place + size) != place + size:
+        raise ValueError("it ends inside of a record")
+
+
+def _read_record(stream: BinaryIO) -> bytes:
+    """In place of `rosbags`: a record but for messages counts."""
+    spend_record()
+    (size,) = _LENGTH.unpack(stream.read(_LENGTH.size))
+    content = stream.read(size) if size <= MAX_PIECE_BYTES else b""
+    if len(content) != size:
+        raise ValueError(f"a record states {size:,} bytes")
+    return content

@@ -19,6 +19,7 @@ from r2bspec.safe_io.decompression_budget import (
     unpack_bz2,
     unpack_lz4,
 )
+from r2bspec.safe_io.limits import MAX_DEFINITION_LINES, MAX_FIXED_VALUES
 from r2bspec.safe_io.safe_file import open_regular
 
 if TYPE_CHECKING:
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
 # Types that ROS 2 has under another name.
 _ROS2_NAMES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 
-MAX_FIXED_VALUES = 100_000
-"""Values of a message without those of its sequences; an array of numbers counts as one."""
 
 _Converter = Callable[[bytes], bytes]
 
@@ -127,6 +126,20 @@ def _type(connection: Connection) -> str:
     return _ROS2_NAMES.get(connection.msgtype, connection.msgtype)
 
 
+def _check_length(definition: str) -> None:
+    """Refuse a definition that takes long to parse.
+
+    Raises:
+        ValueError: it has too many lines.
+    """
+    lines = sum(1 for line in definition.splitlines() if not line.lstrip().startswith("#"))
+    if lines > MAX_DEFINITION_LINES or len(definition) > 100 * MAX_DEFINITION_LINES:
+        raise ValueError(
+            f"its definition has {lines:,} lines and {len(definition):,} characters; the limits "
+            f"are {MAX_DEFINITION_LINES:,} lines and 100 characters for each"
+        )
+
+
 def _check_size(types: Typestore, recorded: str) -> None:
     """Refuse a type of which a short definition makes very many values.
 
@@ -174,6 +187,7 @@ def _converter(recorded: str, definition: str, wanted: str) -> _Converter:
     from rosbags.convert.converter import is_same_wireformat, migrate_bytes
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+    _check_length(definition)
     source = get_typestore(Stores.EMPTY)
     source.register(get_types_from_msg(definition, recorded))
     _check_size(source, recorded)

@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from r2bspec.bags.recording import DataError, Message, Selection, unreadable
-from r2bspec.bags.storage.storage import check_topics, decompress_ahead, stored_topic
+from r2bspec.bags.storage.storage import check_topics, decompress_ahead, no_profiles, stored_topic
 from r2bspec.safe_io.decompression_budget import DecompressionBudget
+from r2bspec.safe_io.limits import MAX_DEFINITIONS, MAX_TOPIC_TEXT_BYTES, MAX_VALUE_BYTES
 from r2bspec.safe_io.safe_file import RefusedDataError, is_regular, open_regular
-from r2bspec.safe_io.safe_sqlite import MAX_VALUE_BYTES, STEPS_BETWEEN_CALLS, open_read_only
+from r2bspec.safe_io.safe_sqlite import STEPS_BETWEEN_CALLS, open_read_only
 
 _TABLES = ("messages", "topics", "schema", "metadata", "message_definitions")
-_MAX_QOS_LENGTH = 200_000
-"""Profiles of hundreds of publishers; `rosbags` parses them as YAML."""
 _MAGIC = b"SQLite format 3\x00"
 _HEADER_BYTES = 100
 # Journals in the folder of a database, with changes that are not in the file itself.
@@ -33,8 +32,10 @@ class SqliteStorage:
     """An open .db3 file."""
 
     def __init__(self, path: Path, display_path: Path) -> None:
-        from rosbags.rosbag2 import Reader
+        from rosbags.rosbag2 import Reader, storage_sqlite3
 
+        # Nothing asks for the QoS of a file, and parsing it takes longer than reading the file.
+        vars(storage_sqlite3).update(parse_qos=no_profiles)
         real = path.resolve()
         _check_complete(real, display_path)
         self._path = real
@@ -120,18 +121,34 @@ def _check_topics(path: Path) -> bool:
         )
         if others:
             raise RefusedDataError("a topic has a name or a type that is no text")
-        columns = {
-            name for (name,) in database.execute("SELECT name FROM pragma_table_info('topics')")
-        }
-        if "offered_qos_profiles" in columns:
-            ((longest,),) = database.execute("SELECT max(length(offered_qos_profiles)) FROM topics")
-            if isinstance(longest, int) and longest > _MAX_QOS_LENGTH:
-                raise RefusedDataError(f"a topic has QoS profiles of {longest:,} characters")
+        for table, column in (
+            ("topics", "offered_qos_profiles"),
+            ("message_definitions", "encoded_message_definition"),
+        ):
+            columns = database.execute("SELECT name FROM pragma_table_info(?)", (table,))
+            if (column,) in list(columns):
+                sizes = f"SELECT count(*), total(length({column})) FROM {table}"  # noqa: S608
+                ((number, size),) = database.execute(sizes)
+                _check_texts(table, number, int(size))
         first_columns = database.execute(
             "SELECT of_index.name FROM pragma_index_list('messages') AS list"
             " JOIN pragma_index_info(list.name) AS of_index WHERE of_index.seqno = 0"
         )
         return ("timestamp",) in list(first_columns)
+
+
+def _check_texts(table: str, number: int, size: int) -> None:
+    """Refuse texts that `rosbags` reads at once, and definitions that it compares with all topics.
+
+    Raises:
+        RefusedDataError: they are too many, or too large.
+    """
+    if size > MAX_TOPIC_TEXT_BYTES:
+        raise RefusedDataError(
+            f"its table {table} has texts of {size:,} bytes; the limit is {MAX_TOPIC_TEXT_BYTES:,}"
+        )
+    if table == "message_definitions" and number > MAX_DEFINITIONS:
+        raise RefusedDataError(f"it defines {number:,} types; the limit is {MAX_DEFINITIONS:,}")
 
 
 def _row_by_row(

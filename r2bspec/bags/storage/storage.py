@@ -18,12 +18,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, TypeVar
 
-from r2bspec.bags.metadata import (
-    MAX_ENTRIES,
-    MAX_NAME_LENGTH,
-    check_not_lfs_pointer,
-    normalise_type,
-)
+from r2bspec.bags.metadata import check_not_lfs_pointer, normalise_type
 from r2bspec.bags.recording import (
     SUFFIXES_TEXT,
     DataError,
@@ -36,6 +31,7 @@ from r2bspec.bags.recording import (
     unreadable,
 )
 from r2bspec.safe_io.decompression_budget import DecompressionBudget, unpack_zstd, zstd_size
+from r2bspec.safe_io.limits import MAX_BAG_ENTRIES, MAX_NAME_CHARACTERS
 from r2bspec.safe_io.safe_file import RefusedDataError, open_regular
 
 if sys.version_info >= (3, 14):
@@ -55,6 +51,11 @@ def stored_topic(connection: Connection, count: int) -> TopicInfo:
         count=count,
         serialization=str(getattr(connection.ext, "serialization_format", "cdr")),
     )
+
+
+def no_profiles(_: object) -> list[Any]:
+    """In place of the QoS profiles that `rosbags` would parse."""
+    return []
 
 
 class Storage(Protocol):
@@ -159,9 +160,9 @@ def check_topics(number: int, longest: int) -> None:
     Raises:
         RefusedDataError: they exceed one.
     """
-    if number > MAX_ENTRIES:
-        raise RefusedDataError(f"it has {number:,} topics; the limit is {MAX_ENTRIES:,}")
-    if longest > MAX_NAME_LENGTH:
+    if number > MAX_BAG_ENTRIES:
+        raise RefusedDataError(f"it has {number:,} topics; the limit is {MAX_BAG_ENTRIES:,}")
+    if longest > MAX_NAME_CHARACTERS:
         raise RefusedDataError(f"it has a name of {longest:,} characters")
 
 

@@ -22,9 +22,9 @@ from typing import Final
 
 from r2bspec.execute.processes.elf import DAMAGED, ELF, ElfFile, read_elf
 from r2bspec.record.graph_identity import FileDigest
+from r2bspec.safe_io.limits import MAX_DIGEST_BYTES, MAX_MANIFEST_BYTES
 from r2bspec.safe_io.safe_file import is_regular, open_regular, read_bytes
 
-_MAX_DIGEST_BYTES: Final = 512_000_000
 _NOTE_SEGMENT: Final = 4
 """PT_NOTE: it has notes of the linker."""
 
@@ -81,7 +81,7 @@ def file_sha256(path: Path) -> str:
         OSError: it is none, is larger than half a gigabyte, or cannot be read.
     """
     with open_regular(path) as file:
-        if os.fstat(file.fileno()).st_size > _MAX_DIGEST_BYTES:
+        if os.fstat(file.fileno()).st_size > MAX_DIGEST_BYTES:
             raise OSError(f"{path} is too large for a digest")
         return hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
 
@@ -130,7 +130,6 @@ def _build_id_note(elf: ElfFile | None) -> str:
 
 _MANIFEST: Final = "package.xml"
 
-_MAX_MANIFEST_BYTES: Final = 1_000_000
 _MAX_DEPTH: Final = 6
 _MAX_FOLDERS: Final = 5_000
 _MAX_FILES: Final = 5_000
@@ -209,7 +208,7 @@ def _entries(folder: str) -> tuple[set[str], list[str]]:
 
 def _manifest(folder: str | Path) -> bytes:
     try:
-        return read_bytes(Path(folder, _MANIFEST), max_bytes=_MAX_MANIFEST_BYTES)
+        return read_bytes(Path(folder, _MANIFEST), max_bytes=MAX_MANIFEST_BYTES)
     except (OSError, ValueError):
         return b""
 

@@ -42,10 +42,9 @@ from r2bspec.record.graph_identity import (
     node_digest,
 )
 from r2bspec.safe_io.git import find_work_tree, inspect_work_tree
+from r2bspec.safe_io.limits import MAX_IDENTITY_TEXT_BYTES, MAX_NAME_CHARACTERS
 from r2bspec.safe_io.safe_file import is_regular, read_bytes
 
-_MAX_TEXT_BYTES: Final = 4_000_000
-_MAX_NAME_LENGTH: Final = 1_000
 _EXECUTABLE: Final = re.compile(r"\$\(executable (?P<package>\S+) (?P<name>\S+)\)")
 _PYTHON_PROGRAM: Final = re.compile(rb"#![^\n]*\bpython[0-9.]*\b")
 _PYTHON_INTERPRETER: Final = re.compile(r"(?:.*/)?python[0-9.]*|\$\(python\)")
@@ -324,7 +323,7 @@ class _GraphIdentifier:
                     self._add_executable(parts, executable["package"], executable["name"])
                 continue
             for name in dict.fromkeys((word, word.rpartition("=")[2])):
-                if not name or name.startswith("$(") or len(name) > _MAX_NAME_LENGTH:
+                if not name or name.startswith("$(") or len(name) > MAX_NAME_CHARACTERS:
                     continue
                 path = folder / name
                 if is_regular(path) and self._digests.is_inside(path):
@@ -392,5 +391,5 @@ def container_image() -> str:
 
 def _read(path: Path) -> bytes:
     with contextlib.suppress(OSError, ValueError):
-        return read_bytes(path, max_bytes=_MAX_TEXT_BYTES)
+        return read_bytes(path, max_bytes=MAX_IDENTITY_TEXT_BYTES)
     return b""

@@ -21,6 +21,7 @@ from r2bspec.execute.processes.resources import family
 from r2bspec.execute.processes.supervisor import NO_ANSWER, ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.record.run_record import ProcessRecord
+from r2bspec.safe_io.limits import MAX_LOADED_NAMES_BYTES
 from r2bspec.safe_io.safe_file import RefusedFileError, read_bytes
 
 _TOOL: Final = f"{Path(__file__).parents[2]}/"
@@ -29,7 +30,6 @@ _NO_FILES: Final = ("/dev/", "/memfd:", "/SYSV", "/proc/", "/sys/", "/anon_hugep
 _TOOL_NODES: Final = f"{_TOOL}nodes/"
 _INSTALLED: Final = ("/site-packages/", "/dist-packages/")
 _MODULES_TIMEOUT_S: Final = 5.0
-_MAX_NAMES_BYTES: Final = 16 << 20
 _IS_PYTHON: Final = re.compile(r"/(lib)?python[0-9.]*(\.so[0-9.]*)?$")
 
 
@@ -119,7 +119,7 @@ def modules_of_programs(folder: Path) -> dict[int, frozenset[str]]:
     for file in folder.glob("*-*"):
         session = int(file.name.partition("-")[0])
         with contextlib.suppress(OSError, RefusedFileError):
-            names = os.fsdecode(read_bytes(file, max_bytes=_MAX_NAMES_BYTES)).split("\0")
+            names = os.fsdecode(read_bytes(file, max_bytes=MAX_LOADED_NAMES_BYTES)).split("\0")
             modules[session] = modules.get(session, frozenset()) | {*loaded_by_graph(names)}
     return modules
 

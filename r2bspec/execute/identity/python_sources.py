@@ -32,9 +32,9 @@ from pathlib import Path
 from typing import Final
 
 from r2bspec.plan.wiring.python_package import module_of
+from r2bspec.safe_io.limits import MAX_DISTRIBUTION_BYTES, MAX_IMPORTED_PYTHON_BYTES
 from r2bspec.safe_io.safe_file import is_folder, is_regular, names_in, read_bytes
 
-_MAX_METADATA_BYTES: Final = 16_000_000
 _MAX_DISTRIBUTIONS: Final = 1_000
 _METADATA: Final = re.compile(
     r"(?P<name>[A-Za-z0-9._]+)-(?P<version>[^-]+)(?:-py[0-9.]+)?\.(?P<kind>dist-info|egg-info)"
@@ -71,7 +71,9 @@ class Distribution:
     def read(self, name: str) -> bytes:
         """A file of its metadata; empty if there is none."""
         try:
-            return read_bytes(Path(self.folder, self.metadata, name), max_bytes=_MAX_METADATA_BYTES)
+            return read_bytes(
+                Path(self.folder, self.metadata, name), max_bytes=MAX_DISTRIBUTION_BYTES
+            )
         except (OSError, ValueError):
             return b""
 
@@ -284,7 +286,6 @@ def _plain(name: str) -> str:
     return name.translate(_SEPARATORS).lower()
 
 
-_MAX_SOURCE_BYTES: Final = 4_000_000
 _MAX_FILES: Final = 4_000
 _STATEMENT: Final = re.compile(
     rb"(?m)^[ \t]*((?:import[ \t]+[^#;\r\n\\(]+"
@@ -359,7 +360,7 @@ def sources_of_module(search: ModuleSearch, name: str) -> Sources | None:
 def _imports_of(file: Path) -> tuple[tuple[Import, ...], bool]:
     """What a file imports, and whether it may import more; nothing if it cannot be read."""
     try:
-        text = read_bytes(file, max_bytes=_MAX_SOURCE_BYTES)
+        text = read_bytes(file, max_bytes=MAX_IMPORTED_PYTHON_BYTES)
     except (OSError, ValueError):
         return (), False
     text = _FOR_TYPES.sub(rb"", text)

@@ -397,8 +397,12 @@ class SegmentPlayer:
             folder.write_tap(segment.id, topic, rows)
             self._next_rows[topic] = first[topic] + rows.size
         if segment.complete and segment.kind in _JUDGED_KINDS:
+            earlier = self._earlier_stamps()
             rows_of = SegmentRows(
-                observation.playback, observation.monitors, taps, self._earlier_stamps
+                observation.playback,
+                observation.monitors,
+                taps,
+                lambda found: np.isin(found, earlier),
             )
             matched = None if segment.live else observation.all_matched()
             self.samples[segment.id] = segment_samples(self._plan, segment, rows_of, matched)

@@ -19,7 +19,6 @@ from r2bspec.interop.script_import.expressions import Expressions, truth
 from r2bspec.interop.script_import.known_functions import is_file_test
 from r2bspec.interop.script_import.source_files import ScriptReader
 from r2bspec.interop.script_import.values import (
-    MAX_CALL_DEPTH,
     Construct,
     Foreign,
     Note,
@@ -31,6 +30,7 @@ from r2bspec.interop.script_import.values import (
     ScriptModule,
     Unknown,
 )
+from r2bspec.safe_io.limits import MAX_SCRIPT_CALL_DEPTH
 
 _LOGGING = frozenset({"info", "warning", "error", "debug"})
 
@@ -109,8 +109,8 @@ class Evaluator(Expressions):
             NotKnownError: it raises, or the arguments do not fit.
         """
         self._depth += 1
-        if self._depth > MAX_CALL_DEPTH:
-            raise ScriptLimitError(f"more than {MAX_CALL_DEPTH} calls inside each other")
+        if self._depth > MAX_SCRIPT_CALL_DEPTH:
+            raise ScriptLimitError(f"more than {MAX_SCRIPT_CALL_DEPTH} calls inside each other")
         try:
             names = self._bound_names(function, arguments, keywords)
             scope = Scope(function.scope.module, names, function.scope)
@@ -329,8 +329,10 @@ class Evaluator(Expressions):
         if "__evaluated__" not in module.scope.names:
             module.scope.names["__evaluated__"] = True
             self._depth += 1
-            if self._depth > MAX_CALL_DEPTH:
-                raise ScriptLimitError(f"more than {MAX_CALL_DEPTH} modules inside each other")
+            if self._depth > MAX_SCRIPT_CALL_DEPTH:
+                raise ScriptLimitError(
+                    f"more than {MAX_SCRIPT_CALL_DEPTH} modules inside each other"
+                )
             self._block(module.tree.body, module.scope)
             self._depth -= 1
         return module

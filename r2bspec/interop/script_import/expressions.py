@@ -19,8 +19,6 @@ from r2bspec.diagnostics import Span
 from r2bspec.interop.script_import import known_functions
 from r2bspec.interop.script_import.known_functions import ASSETS, foreign_call, foreign_constant
 from r2bspec.interop.script_import.values import (
-    MAX_ITEMS,
-    MAX_TEXT,
     BoundFunction,
     Construct,
     Foreign,
@@ -40,6 +38,7 @@ from r2bspec.interop.script_import.values import (
     Unknown,
     require_known,
 )
+from r2bspec.safe_io.limits import MAX_SCRIPT_ITEMS, MAX_SCRIPT_TEXT
 
 _NAMES = frozenset({"print", "super", "isinstance", "open"})
 """Functions of Python that are understood without being called."""
@@ -207,8 +206,8 @@ class Expressions:
         items: list[Any] = []
         for value in values:
             items.append(value)
-            if len(items) > MAX_ITEMS:
-                raise ScriptLimitError(f"more than {MAX_ITEMS:,} items")
+            if len(items) > MAX_SCRIPT_ITEMS:
+                raise ScriptLimitError(f"more than {MAX_SCRIPT_ITEMS:,} items")
         self.steps.count_items(items)
         return items
 
@@ -258,8 +257,8 @@ class Expressions:
                 text += known_functions.formatted(value, width)
             else:
                 text += str(self._known(part, scope))
-            if len(text) > MAX_TEXT:
-                raise ScriptLimitError(f"a text of more than {MAX_TEXT:,} characters")
+            if len(text) > MAX_SCRIPT_TEXT:
+                raise ScriptLimitError(f"a text of more than {MAX_SCRIPT_TEXT:,} characters")
         return text
 
     def binary(self, op: ast.operator, left: Any, right: Any) -> Any:

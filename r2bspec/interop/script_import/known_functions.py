@@ -21,9 +21,6 @@ from typing import Any, Final
 
 from r2bspec.diagnostics import Span
 from r2bspec.interop.script_import.values import (
-    MAX_BITS,
-    MAX_ITEMS,
-    MAX_TEXT,
     Construct,
     ImageSize,
     LaunchText,
@@ -31,6 +28,7 @@ from r2bspec.interop.script_import.values import (
     ScriptLimitError,
     require_known,
 )
+from r2bspec.safe_io.limits import MAX_SCRIPT_BITS, MAX_SCRIPT_ITEMS, MAX_SCRIPT_TEXT
 
 ASSETS: Final = "$(assets)"
 
@@ -180,10 +178,10 @@ def _result(call: Callable[[], Any], what: str, verb: str = "is") -> Any:
         result = call()
     except (TypeError, ValueError, KeyError, IndexError, ArithmeticError, AttributeError) as error:
         raise NotKnownError(f"{what} {verb} not known") from error
-    if isinstance(result, str) and len(result) > MAX_TEXT:
-        raise ScriptLimitError(f"a text of more than {MAX_TEXT:,} characters")
-    if isinstance(result, list | tuple | dict) and len(result) > MAX_ITEMS:
-        raise ScriptLimitError(f"more than {MAX_ITEMS:,} items")
+    if isinstance(result, str) and len(result) > MAX_SCRIPT_TEXT:
+        raise ScriptLimitError(f"a text of more than {MAX_SCRIPT_TEXT:,} characters")
+    if isinstance(result, list | tuple | dict) and len(result) > MAX_SCRIPT_ITEMS:
+        raise ScriptLimitError(f"more than {MAX_SCRIPT_ITEMS:,} items")
     check_number(result)
     return result
 
@@ -194,21 +192,21 @@ def check_number(value: Any) -> None:
     Raises:
         ScriptLimitError: it is longer than the limit.
     """
-    if isinstance(value, int) and value.bit_length() > MAX_BITS:
-        raise ScriptLimitError(f"a number of more than {MAX_BITS} bits")
+    if isinstance(value, int) and value.bit_length() > MAX_SCRIPT_BITS:
+        raise ScriptLimitError(f"a number of more than {MAX_SCRIPT_BITS} bits")
 
 
 def _check_repetition(left: Any, right: Any) -> None:
     times, repeated = (left, right) if isinstance(left, int) else (right, left)
     is_repeated = isinstance(times, int) and isinstance(repeated, str | list | tuple)
-    if is_repeated and times * len(repeated) > MAX_ITEMS:
-        raise ScriptLimitError(f"more than {MAX_ITEMS:,} items")
+    if is_repeated and times * len(repeated) > MAX_SCRIPT_ITEMS:
+        raise ScriptLimitError(f"more than {MAX_SCRIPT_ITEMS:,} items")
 
 
 def _range(*ends: int) -> list[int]:
     numbers = range(*ends)
-    if len(numbers) > MAX_ITEMS:
-        raise ScriptLimitError(f"a range of more than {MAX_ITEMS:,} numbers")
+    if len(numbers) > MAX_SCRIPT_ITEMS:
+        raise ScriptLimitError(f"a range of more than {MAX_SCRIPT_ITEMS:,} numbers")
     return list(numbers)
 
 

@@ -25,6 +25,7 @@ from r2bspec.interop.script_import.values import (
     Unknown,
     unknown_in,
 )
+from r2bspec.safe_io.limits import MAX_LAUNCH_INCLUDES, MAX_LAUNCH_LEVELS, MAX_LAUNCH_PARTS
 
 _CONTAINER_EXECUTABLES: Final = frozenset(
     {"component_container", "component_container_mt", "component_container_isolated"}
@@ -32,12 +33,6 @@ _CONTAINER_EXECUTABLES: Final = frozenset(
 _IGNORED: Final = frozenset(
     {"DeclareLaunchArgument", "LogInfo", "ReadyToTest", "Shutdown", "EmitEvent"}
 )
-_MAX_INCLUDED: Final = 5
-"""Files that include each other."""
-_MAX_LEVELS: Final = 100
-"""Groups inside of groups."""
-_MAX_PARTS: Final = 1_000
-"""Nodes and included files; real launch files start dozens."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,8 +173,8 @@ class _Collector:
 
     def add_all(self, actions: list[Any], group: _Group) -> None:
         self.level += 1
-        if self.level > _MAX_LEVELS:
-            raise ScriptLimitError(f"actions nested more than {_MAX_LEVELS} times")
+        if self.level > MAX_LAUNCH_LEVELS:
+            raise ScriptLimitError(f"actions nested more than {MAX_LAUNCH_LEVELS} times")
         for action in actions:
             self.steps.count()
             group = self.add(action, group)
@@ -300,8 +295,8 @@ class _Collector:
 
     def _append(self, members: list[Any], member: Member) -> None:
         members.append(member)
-        if len(self.parts.nodes) + len(self.parts.includes) > _MAX_PARTS:
-            raise ScriptLimitError(f"more than {_MAX_PARTS:,} nodes and included files")
+        if len(self.parts.nodes) + len(self.parts.includes) > MAX_LAUNCH_PARTS:
+            raise ScriptLimitError(f"more than {MAX_LAUNCH_PARTS:,} nodes and included files")
 
     def _is_known(self, action: Construct, *keys: str) -> bool:
         """Whether a file tells what it starts: a node without that has no form in a spec."""
@@ -365,7 +360,7 @@ class _Collector:
         if path.startswith("$(share ") and ")/" in path:
             inside = path.removeprefix("$(share ")
             include.path, (include.package, _, include.file) = "", inside.partition(")/")
-        actions = self.expand(include) if self.included < _MAX_INCLUDED else None
+        actions = self.expand(include) if self.included < MAX_LAUNCH_INCLUDES else None
         if actions is None:
             self._append(self.parts.includes, include)
             return

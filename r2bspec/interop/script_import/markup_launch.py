@@ -21,6 +21,7 @@ from r2bspec.interop.script_import.source_files import SYNTAX, ScriptReader, Unu
 from r2bspec.interop.script_import.substitutions import split_words, substituted
 from r2bspec.interop.script_import.values import Construct, LaunchText, Note, StepCounter, Unknown
 from r2bspec.language.yaml_document import ScalarError, resolve
+from r2bspec.safe_io.limits import MAX_MARKUP_DEPTH
 from r2bspec.safe_io.safe_yaml import load_values
 
 _CHILDREN: Final = frozenset(
@@ -29,7 +30,6 @@ _CHILDREN: Final = frozenset(
         *("arg", "let", "node", "group", "include"),
     }
 )
-_MAX_DEPTH: Final = 40
 _ACTIONS: Final = {
     "node": "Node",
     "node_container": "ComposableNodeContainer",
@@ -103,8 +103,8 @@ def _xml(file: Path, text: str) -> _Entity:
         raise refused("declarations (<!DOCTYPE>, <!ENTITY>) are refused")
 
     def start(name: str, attributes: dict[str, str]) -> None:
-        if len(path) > _MAX_DEPTH + 1:
-            raise _syntax(file, f"entities are nested more than {_MAX_DEPTH} times", 1, 1)
+        if len(path) > MAX_MARKUP_DEPTH + 1:
+            raise _syntax(file, f"entities are nested more than {MAX_MARKUP_DEPTH} times", 1, 1)
         entity = _Entity(name.replace("-", "_"), dict(attributes))
         path[-1].children.append(entity)
         path.append(entity)
@@ -134,7 +134,7 @@ def _yaml(file: Path, text: str) -> _Entity:
 def _entities(items: Any, depth: int) -> list[_Entity]:
     return [
         _mapping_entity(str(name), values, depth)
-        for item in (items if isinstance(items, list) and depth < _MAX_DEPTH else [])
+        for item in (items if isinstance(items, list) and depth < MAX_MARKUP_DEPTH else [])
         for name, values in (item.items() if isinstance(item, dict) else ())
     ]
 

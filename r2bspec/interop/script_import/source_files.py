@@ -20,6 +20,7 @@ from typing import Final
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.interop.script_import.values import ScriptModule, StepCounter
 from r2bspec.safe_io import safe_file
+from r2bspec.safe_io.limits import MAX_PYTHON_BYTES, MAX_SCRIPT_BYTES
 
 UNREADABLE: Final = "R2B701"
 SYNTAX: Final = "R2B702"
@@ -27,10 +28,6 @@ TOO_COMPLEX: Final = "R2B703"
 NOT_A_BENCHMARK: Final = "R2B704"
 MODULE_MISSING: Final = "R2B705"
 
-_MAX_FILE_BYTES: Final = 300_000
-"""Of one Python file; the parser needs up to 700 bytes of memory for each byte."""
-_MAX_TOTAL_BYTES: Final = 2_000_000
-"""Of a script and everything that is read with it."""
 _MAX_ANCESTORS: Final = 4
 _KNOWN_PACKAGES: Final = frozenset(
     {
@@ -58,7 +55,7 @@ class ScriptReader:
     """
 
     def __init__(self, script: Path, package_paths: Sequence[Path] = ()) -> None:
-        self._budget = safe_file.ByteBudget(_MAX_TOTAL_BYTES)
+        self._budget = safe_file.ByteBudget(MAX_SCRIPT_BYTES)
         self._modules: dict[Path, ScriptModule | None] = {}
         self.texts: dict[str, str] = {}
         self.steps = StepCounter()
@@ -95,7 +92,7 @@ class ScriptReader:
             UnusableScriptError: it cannot be read.
         """
         try:
-            text = safe_file.read_text(file, max_bytes=_MAX_FILE_BYTES, budget=self._budget)
+            text = safe_file.read_text(file, max_bytes=MAX_PYTHON_BYTES, budget=self._budget)
         except OSError as error:
             message = f"{file} cannot be read: {error.strerror or error}"
             raise UnusableScriptError(UNREADABLE, message, Span.of_file(str(file))) from error

@@ -37,13 +37,13 @@ from r2bspec.interop.script_import.values import (
     unknown_in,
 )
 from r2bspec.language.names import NODE_NAME, PARAMETER, TOPIC
+from r2bspec.safe_io.limits import MAX_REQUEST_MESSAGES, MAX_SCRIPT_NESTING
 
 _PREPROCESSING: Final = "preprocessing"
 _DEFAULT_CONTAINER: Final = "component_container_mt"
 _HARNESS_OUTSIDE: Final = (
     "In the script, the player and the monitors are in this container, too; here they are not."
 )
-_MAX_NESTING: Final = 20
 
 
 @dataclass(slots=True)
@@ -216,7 +216,7 @@ def _flat(values: dict[Any, Any], above: str = "") -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for key, value in values.items():
         name = f"{above}{key}"
-        if isinstance(value, dict) and value and name.count(".") < _MAX_NESTING:
+        if isinstance(value, dict) and value and name.count(".") < MAX_SCRIPT_NESTING:
             flat |= _flat(value, f"{name}.")
         else:
             flat[name] = value
@@ -251,8 +251,6 @@ _NO_EFFECT: Final = frozenset(
 )
 _SETUP_TIMEOUT: Final = "30 min"
 _CLIENTS: Final = frozenset({"create_service_client_blocking", "create_client"})
-_MAX_MESSAGES: Final = 100
-"""Messages inside of a request."""
 _SERVICE_TYPE: Final = re.compile(r"(?P<package>\w+)\.srv(?:\._\w+)?\.(?P<name>\w+)\Z")
 
 
@@ -441,9 +439,9 @@ class _Request:
 
     def fields(self, message: Any) -> dict[str, Any]:
         self.number += 1
-        if self.number > _MAX_MESSAGES:
+        if self.number > MAX_REQUEST_MESSAGES:
             # A message may be a part of itself.
-            raise NotKnownError(f"the request has more than {_MAX_MESSAGES} messages inside")
+            raise NotKnownError(f"the request has more than {MAX_REQUEST_MESSAGES} messages inside")
         if isinstance(message, Unknown):
             raise NotKnownError(message)
         if not isinstance(message, Construct) or not message.is_message or message.arguments:

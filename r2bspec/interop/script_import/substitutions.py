@@ -22,6 +22,7 @@ from r2bspec.interop.script_import.values import (
     ScriptModule,
     StepCounter,
 )
+from r2bspec.safe_io.limits import MAX_SUBSTITUTION_CHARACTERS, MAX_SUBSTITUTION_DEPTH
 
 _WORDS: Final = {"true": True, "1": True, "false": False, "0": False}
 """What launch takes for a condition, in any case; everything else is an error there."""
@@ -36,8 +37,6 @@ _OPERATIONS: Final = {
     "AnySubstitution": "or",
 }
 """The operations of texts, by the names of those in Python."""
-_MAX_EXPRESSION: Final = 1000
-_MAX_DEPTH: Final = 10
 _BRACKETS: Final = re.compile(r"\$\(|[()]")
 
 
@@ -59,7 +58,7 @@ def _truth_of(value: Any, steps: StepCounter, depth: int = 0) -> bool | None:
     if isinstance(value, Construct):
         operation = _OPERATIONS.get(value.short_name, "")
         operands = [*value.arguments, *value.keywords.values()]
-        if depth < _MAX_DEPTH:
+        if depth < MAX_SUBSTITUTION_DEPTH:
             return _operation_value(operation, operands, steps, depth + 1)
         return None
     text = _joined(value)
@@ -91,7 +90,7 @@ def _operation_value(
 
 def _expression_value(text: str, steps: StepCounter) -> bool | None:
     """Whether an expression of constants is true; None for any other."""
-    if len(text) > _MAX_EXPRESSION:
+    if len(text) > MAX_SUBSTITUTION_CHARACTERS:
         return None
     try:
         tree = ast.parse(text.strip(), mode="eval")
@@ -128,8 +127,10 @@ def substituted(text: str, values: Mapping[str, Any], steps: StepCounter) -> str
         parts.append(text[begin : token.start()])
         begin = token.end()
         if token[0] == "$(":
-            if len(outside) == _MAX_DEPTH:
-                raise ScriptLimitError(f"references nested more than {_MAX_DEPTH} times")
+            if len(outside) == MAX_SUBSTITUTION_DEPTH:
+                raise ScriptLimitError(
+                    f"references nested more than {MAX_SUBSTITUTION_DEPTH} times"
+                )
             outside.append(parts)
             brackets.append(0)
             parts = []

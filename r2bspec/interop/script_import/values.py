@@ -19,16 +19,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from r2bspec.diagnostics import Span
+from r2bspec.safe_io.limits import MAX_SCRIPT_ITEMS, MAX_SCRIPT_STEPS, MAX_SCRIPT_TEXT
 
-MAX_STEPS: Final = 200_000
-"""Statements, expressions and entities that are evaluated for one script."""
-MAX_CALL_DEPTH: Final = 25
-MAX_ITEMS: Final = 10_000
-"""Items of one list or map, and characters of a text that is repeated."""
-MAX_TEXT: Final = 100_000
-"""Characters of one text."""
-MAX_BITS: Final = 256
-"""Of one integer."""
 _ITEMS_OF_A_STEP: Final = 10
 _CHARACTERS_OF_A_STEP: Final = 200
 _MESSAGE: Final = re.compile(r"\.(?:msg|srv)\.\w+")
@@ -51,8 +43,8 @@ class StepCounter:
             ScriptLimitError: there were too many.
         """
         self._steps += steps
-        if self._steps > MAX_STEPS:
-            raise ScriptLimitError(f"more than {MAX_STEPS:,} steps")
+        if self._steps > MAX_SCRIPT_STEPS:
+            raise ScriptLimitError(f"more than {MAX_SCRIPT_STEPS:,} steps")
 
     def count_items(self, *values: Any) -> None:
         """Check the size of values that are put together, at the cost of a step for some items.
@@ -68,8 +60,8 @@ class StepCounter:
         Raises:
             ScriptLimitError: it is too long, or there were too many steps.
         """
-        if len(text) > MAX_TEXT:
-            raise ScriptLimitError(f"a text of more than {MAX_TEXT:,} characters")
+        if len(text) > MAX_SCRIPT_TEXT:
+            raise ScriptLimitError(f"a text of more than {MAX_SCRIPT_TEXT:,} characters")
         self.count(len(text) // _CHARACTERS_OF_A_STEP)
 
 
@@ -87,8 +79,8 @@ def check_size(*values: Any) -> int:
             waiting.extend(value)
         elif isinstance(value, dict):
             waiting.extend(value.values())
-        if seen + len(waiting) > 2 * MAX_ITEMS:
-            raise ScriptLimitError(f"more than {2 * MAX_ITEMS:,} items")
+        if seen + len(waiting) > 2 * MAX_SCRIPT_ITEMS:
+            raise ScriptLimitError(f"more than {2 * MAX_SCRIPT_ITEMS:,} items")
     return seen
 
 
@@ -121,7 +113,7 @@ def unknown_in(value: Any) -> Unknown | None:
     """The first unknown part of a value, if there is one."""
     waiting = [value]
     seen = 0
-    while waiting and seen < MAX_ITEMS:
+    while waiting and seen < MAX_SCRIPT_ITEMS:
         seen += 1
         part = waiting.pop()
         if isinstance(part, Unknown):

@@ -7,7 +7,7 @@ host interference.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import msgspec
@@ -63,8 +63,15 @@ def spaced_indices(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.array(kept, dtype=np.int64)
 
 
+def rows_by_process(resources: Rows) -> dict[int, Rows]:
+    """Rows of type `RESOURCE_DTYPE` by the index of their process, in order of time."""
+    ordered = resources[np.lexsort((resources["time_ns"], resources["process"]))]
+    indices, starts = np.unique(ordered["process"], return_index=True)
+    return dict(zip(indices.tolist(), np.split(ordered, starts[1:]), strict=True))
+
+
 def resource_use(
-    resources: Rows, processes: frozenset[int], began_ns: int, ended_ns: int
+    resources: Mapping[int, Rows], processes: frozenset[int], began_ns: int, ended_ns: int
 ) -> ResourceUse | None:
     """What some processes together used between two times, or None if nothing was sampled then.
 
@@ -76,7 +83,7 @@ def resource_use(
     cover at least half of the window; the rest is left out of both differences.
 
     Args:
-        resources: rows of type `RESOURCE_DTYPE`, in any order.
+        resources: as `rows_by_process` returns them.
         processes: the indices to add up; several where a name was started more than once.
         began_ns: the beginning of the window.
         ended_ns: its end.
@@ -84,7 +91,8 @@ def resource_use(
     found = [
         one
         for index in sorted(processes)
-        if (one := _process_use(resources, index, began_ns, ended_ns)) is not None
+        if index in resources
+        and (one := _process_use(resources[index], began_ns, ended_ns)) is not None
     ]
     if not found:
         return None
@@ -100,9 +108,8 @@ def resource_use(
     )
 
 
-def _process_use(resources: Rows, index: int, began_ns: int, ended_ns: int) -> ResourceUse | None:
-    rows = resources[resources["process"] == index]
-    rows = rows[np.argsort(rows["time_ns"], kind="stable")]
+def _process_use(rows: Rows, began_ns: int, ended_ns: int) -> ResourceUse | None:
+    rows = _around(rows, began_ns, ended_ns)
     inside = (rows["time_ns"] >= began_ns) & (rows["time_ns"] <= ended_ns)
     if rows.size < 2 or rows["time_ns"][-1] <= began_ns or rows["time_ns"][0] >= ended_ns:
         return None
@@ -126,6 +133,13 @@ def _process_use(resources: Rows, index: int, began_ns: int, ended_ns: int) -> R
         None if waited_s is None else waited_s / ((end - start) / 1e9),
         _growth_of_process(rows, "minor_faults", start, end),
     )
+
+
+def _around(rows: Rows, began_ns: int, ended_ns: int) -> Rows:
+    """Rows inside a window and one on each side: a run has thousands of windows."""
+    first = int(np.searchsorted(rows["time_ns"], began_ns)) - 1
+    last = int(np.searchsorted(rows["time_ns"], ended_ns, side="right"))
+    return rows[max(first, 0) : last + 1]
 
 
 def _growth(rows: Rows, field: str, start: int, end: int) -> float:
@@ -195,7 +209,7 @@ class HostInterference(msgspec.Struct, frozen=True, kw_only=True):
 
 def host_interference(
     rows: Rows,
-    resources: Rows,
+    resources: Mapping[int, Rows],
     processes: frozenset[int],
     cores: int | None,
     began_ns: int,
@@ -205,7 +219,7 @@ def host_interference(
 
     Args:
         rows: of type `INTERFERENCE_DTYPE`, in order of time.
-        resources: of type `RESOURCE_DTYPE`.
+        resources: as for `resource_use`.
         processes: the indices of all processes of the run.
         cores: how many processors the run may use, where that is known.
         began_ns: the beginning of the window.
@@ -217,6 +231,7 @@ def host_interference(
     seconds = (ended_ns - began_ns) / 1e9
     if seconds <= 0 or not _covers(rows, began_ns, ended_ns):
         return None
+    rows = _around(rows, began_ns, ended_ns)
     stolen_s = _growth_on_host(rows, "stolen_s", began_ns, ended_ns)
     waited_s = _growth_on_host(rows, "waited_s", began_ns, ended_ns)
     busy_s = _growth_on_host(rows, "busy_s", began_ns, ended_ns)
@@ -249,7 +264,11 @@ def _growth_on_host(rows: Rows, field: str, began_ns: int, ended_ns: int) -> flo
 
 
 def _foreign_cores(
-    busy_s: float | None, own: ResourceUse | None, resources: Rows, began_ns: int, ended_ns: int
+    busy_s: float | None,
+    own: ResourceUse | None,
+    resources: Mapping[int, Rows],
+    began_ns: int,
+    ended_ns: int,
 ) -> float | None:
     if busy_s is None or own is None or own.cpu_mean is None:
         return None

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import msgspec
 import numpy as np
@@ -26,6 +27,7 @@ from r2bspec.judge.measure.host_usage import (
     harness_slowdown,
     host_interference,
     resource_use,
+    rows_by_process,
 )
 from r2bspec.judge.measure.matching import (
     NO_MATCH,
@@ -56,6 +58,9 @@ _HARNESS_ROLES = ("player", "monitor", "harness", "observer")
 NO_STAMPS: NDArray[np.int64] = np.empty(0, np.int64)
 
 
+PlayedEarlier = Callable[[NDArray[np.int64]], NDArray[np.bool_]]
+
+
 @dataclass(frozen=True)
 class SegmentRows:
     """The rows of one segment, as the harness wrote them.
@@ -64,21 +69,26 @@ class SegmentRows:
         playback: rows of type `PLAYBACK_DTYPE`, one per step.
         monitors: rows of type `MONITOR_DTYPE` of each monitor, by name.
         taps: rows of type `MONITOR_DTYPE` of each tap, by topic.
-        earlier_stamps: returns the stamps of all steps of earlier segments; called only where
-            messages arrived that match no step of this one.
+        played_earlier: which of some stamps are those of steps of earlier segments; called only
+            where messages arrived that match no step of this one.
     """
 
     playback: Rows
     monitors: Mapping[str, Rows]
     taps: Mapping[str, Rows]
-    earlier_stamps: Callable[[], NDArray[np.int64]] = lambda: NO_STAMPS
+    played_earlier: PlayedEarlier = lambda stamps: np.zeros(stamps.size, np.bool_)
 
 
 @dataclass(frozen=True)
 class HostSamples:
-    """What was sampled over the whole run: rows of `RESOURCE_DTYPE` and `INTERFERENCE_DTYPE`."""
+    """What was sampled over the whole run.
 
-    resources: Rows
+    Attributes:
+        resources: as `rows_by_process` returns them.
+        interference: rows of `INTERFERENCE_DTYPE`.
+    """
+
+    resources: Mapping[int, Rows]
     interference: Rows
 
 
@@ -88,35 +98,52 @@ def read_samples(run: Run) -> RunSamples:
     Raises:
         RecordError: a file is missing or damaged.
     """
+    played = _PlayedStamps(run)
     return run_samples(
         run.record,
         run.plan,
-        lambda segment: segment_samples(run.plan, segment, read_rows(run, segment)),
-        HostSamples(run.resources(), run.interference()),
+        lambda segment: segment_samples(run.plan, segment, _read_rows(run, segment, played)),
+        HostSamples(rows_by_process(run.resources()), run.interference()),
     )
 
 
-def read_rows(run: Run, segment: Segment) -> SegmentRows:
+class _PlayedStamps:
+    """When each stamp of a run was played first, read where one is asked for."""
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+
+    @cached_property
+    def _first_played(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """The stamps in their order, and the begin of the first segment of each."""
+        segments = sorted(self._run.record.segments, key=lambda segment: segment.began_ns)
+        played = [self._run.playback(segment)["stamp_ns"] for segment in segments]
+        began = np.repeat([each.began_ns for each in segments], [each.size for each in played])
+        stamps, first = np.unique(np.concatenate(played), return_index=True)
+        return stamps, began[first]
+
+    def before(self, began_ns: int, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Which of some stamps were played in segments that began earlier."""
+        played, began = self._first_played
+        if not played.size:
+            return np.zeros(stamps.size, np.bool_)
+        place = np.minimum(np.searchsorted(played, stamps), played.size - 1)
+        before: NDArray[np.bool_] = (played[place] == stamps) & (began[place] < began_ns)
+        return before
+
+
+def _read_rows(run: Run, segment: Segment, played: _PlayedStamps) -> SegmentRows:
     """Read the rows of one segment from a run folder.
 
     Raises:
         RecordError: a file of the segment is missing or damaged.
     """
     taps = dict.fromkeys(tap.topic for monitor in run.plan.monitors for tap in monitor.taps)
-
-    def earlier_stamps() -> NDArray[np.int64]:
-        found = [
-            run.playback(each)["stamp_ns"]
-            for each in run.record.segments
-            if each.began_ns < segment.began_ns
-        ]
-        return np.concatenate(found) if found else NO_STAMPS
-
     return SegmentRows(
         playback=run.playback(segment),
         monitors={each.name: run.monitor(segment, each.name) for each in run.plan.monitors},
         taps={} if segment.live else {topic: run.tap(segment, topic) for topic in taps},
-        earlier_stamps=earlier_stamps,
+        played_earlier=partial(played.before, segment.began_ns),
     )
 
 
@@ -199,7 +226,7 @@ def _overdue(rows: SegmentRows, matched: MatchedMonitor) -> int:
     if not matched.matching.unmatched:
         return 0
     stamps = matched.rows["stamp_ns"][matched.matching.step == NO_MATCH]
-    return int(np.count_nonzero(np.isin(stamps, rows.earlier_stamps())))
+    return int(np.count_nonzero(rows.played_earlier(stamps)))
 
 
 def with_host_samples(

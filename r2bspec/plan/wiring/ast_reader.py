@@ -28,10 +28,9 @@ from r2bspec.plan.wiring.python_source import (
     own_nodes,
     program_class,
 )
+from r2bspec.safe_io.limits import MAX_PYTHON_BYTES
 from r2bspec.safe_io.safe_file import ByteBudget, read_bytes
 
-_MAX_FILE_BYTES = 300_000
-"""The parser needs up to 700 bytes of memory for each byte."""
 _MAX_KEPT_BYTES = 10_000
 _SIMPLE_STATEMENTS = (ast.Expr, ast.Assign, ast.AnnAssign)
 """Statements of a constructor that are executed exactly once."""
@@ -121,7 +120,7 @@ def read_python_file(
     """
     folders = None if folder is None else (folder,)
     try:
-        content = read_bytes(source, max_bytes=_MAX_FILE_BYTES, folders=folders, budget=budget)
+        content = read_bytes(source, max_bytes=MAX_PYTHON_BYTES, folders=folders, budget=budget)
         return _parsed(content) if len(content) <= _MAX_KEPT_BYTES else ast.parse(content)
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
         return None

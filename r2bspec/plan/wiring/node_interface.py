@@ -22,9 +22,8 @@ from r2bspec.language.declaration import decode_text
 from r2bspec.language.spec import Node, ParameterValue, QoS
 from r2bspec.plan.wiring.name_resolution import Remapper
 from r2bspec.safe_io import safe_file
+from r2bspec.safe_io.limits import MAX_KNOWN_INTERFACES_BYTES
 from r2bspec.safe_io.safe_yaml import load_values
-
-_MAX_FILE_BYTES = 64_000_000
 
 
 class RecordOrigin(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -58,7 +57,7 @@ def files_digest(node: Node, base_dir: Path) -> str:
     for name in _files(node):
         try:
             data = safe_file.read_bytes(
-                base_dir / name, max_bytes=_MAX_FILE_BYTES, folders=(base_dir,)
+                base_dir / name, max_bytes=MAX_KNOWN_INTERFACES_BYTES, folders=(base_dir,)
             )
         except (OSError, ValueError):
             continue

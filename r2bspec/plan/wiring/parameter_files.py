@@ -23,22 +23,18 @@ from typing import Any
 import yaml
 
 from r2bspec.language.spec import Node, ParameterValue
+from r2bspec.safe_io.limits import (
+    MAX_COMPANION_BYTES,
+    MAX_COMPANION_DEPTH,
+    MAX_COMPANION_VALUES,
+    MAX_PARAMETERS,
+    MAX_VALUES_OF_CASES,
+    MAX_VALUES_OF_NODES,
+    MAX_WILDCARD_KEYS,
+)
 from r2bspec.safe_io.line_pattern import LinePattern, PatternError, compile_line_pattern
 from r2bspec.safe_io.safe_file import ByteBudget, OutsideFolderError, read_text, real_path
 from r2bspec.safe_io.safe_yaml import RefusedYamlError, load_values
-
-_MAX_FILE_BYTES = 1_000_000
-_MAX_DEPTH = 50
-_MAX_VALUES = 10_000
-"""The most keys of a file; aliases could expand a small file to very many."""
-
-_MAX_WILDCARD_KEYS = 100
-"""Keys with ``*``: each is compared with the name of every node."""
-_MAX_YAML_VALUES = 50_000
-MAX_VALUES_OF_NODES = 200_000
-"""Values of one file for all nodes that name it."""
-MAX_VALUES_OF_CASES = 1_000_000
-"""The same of all files and in all cases of a spec; a key with wildcards counts as a value."""
 
 _PARAMETERS_KEY = "ros__parameters"
 _OUTSIDE_PROBLEM = f"is no parameter file: each node needs a map '{_PARAMETERS_KEY}'"
@@ -105,7 +101,7 @@ def read_parameter_file(
     home = path.parent if base_dir is None else base_dir
     try:
         folders = (path.parent, home)
-        text = read_text(path, max_bytes=_MAX_FILE_BYTES, folders=folders, budget=budget)
+        text = read_text(path, max_bytes=MAX_COMPANION_BYTES, folders=folders, budget=budget)
     except FileNotFoundError:
         return ParameterFile(missing=True, problem="does not exist")
     except OutsideFolderError as error:
@@ -115,7 +111,10 @@ def read_parameter_file(
         return ParameterFile(problem=f"cannot be read: {error.strerror or error}")
     try:
         document = load_values(
-            text, max_depth=_MAX_DEPTH, max_expanded=_MAX_VALUES, max_values=_MAX_YAML_VALUES
+            text,
+            max_depth=MAX_COMPANION_DEPTH,
+            max_expanded=MAX_PARAMETERS,
+            max_values=MAX_COMPANION_VALUES,
         )
     except RefusedYamlError as error:
         return ParameterFile(problem=f"cannot be used: {error}")
@@ -130,10 +129,10 @@ def read_parameter_file(
     except ValueError as error:
         inside = real_path(path.parent).is_relative_to(real_path(home))
         return ParameterFile(problem=str(error) if inside else _OUTSIDE_PROBLEM)
-    if file.number_of_values + len(file.nodes) > _MAX_VALUES:
-        return ParameterFile(problem=f"expands to more than {_MAX_VALUES:,} values")
-    if file.number_of_wildcards > _MAX_WILDCARD_KEYS:
-        return ParameterFile(problem=f"has more than {_MAX_WILDCARD_KEYS} keys with wildcards")
+    if file.number_of_values + len(file.nodes) > MAX_PARAMETERS:
+        return ParameterFile(problem=f"expands to more than {MAX_PARAMETERS:,} values")
+    if file.number_of_wildcards > MAX_WILDCARD_KEYS:
+        return ParameterFile(problem=f"has more than {MAX_WILDCARD_KEYS} keys with wildcards")
     return file
 
 
@@ -168,7 +167,7 @@ def _nodes(
 ) -> Iterator[tuple[str, Mapping[str, ParameterValue]]]:
     for key, value in document.items():
         name = f"{above}/{str(key).strip('/')}"
-        if not isinstance(value, dict) or depth > _MAX_DEPTH:
+        if not isinstance(value, dict) or depth > MAX_COMPANION_DEPTH:
             raise ValueError(f"has no '{_PARAMETERS_KEY}' below {str(key)!r}")
         if _PARAMETERS_KEY in value:
             given = value[_PARAMETERS_KEY]
@@ -184,7 +183,7 @@ def _flatten(
 ) -> Iterator[tuple[str, Any]]:
     for key, value in given.items():
         name = f"{above}{key}"
-        if isinstance(value, dict) and depth <= _MAX_DEPTH:
+        if isinstance(value, dict) and depth <= MAX_COMPANION_DEPTH:
             yield from _flatten(value, f"{name}.", depth + 1)
         elif isinstance(value, bool | int | float | str | list):
             yield name, value

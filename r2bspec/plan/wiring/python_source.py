@@ -21,6 +21,8 @@ from typing import Literal
 
 import msgspec
 
+from r2bspec.safe_io.limits import MAX_BASE_CLASSES
+
 
 class SourceNames:
     """The names that a file binds, anywhere.
@@ -89,8 +91,6 @@ def _bound_names(node: ast.AST) -> Iterator[str]:
 KEYWORD_ARGUMENTS = ("namespace", "cli_args", "use_global_arguments", "parameter_overrides")
 """The keyword arguments of `Node` that r2bspec sets."""
 
-_MAX_BASES = 100
-"""Classes may name each other as their bases, although they cannot then be defined."""
 
 StartStyle = Literal["keywords", "ros_arguments", "main"]
 
@@ -133,7 +133,7 @@ def read_node_start(tree: ast.Module, name: str) -> NodeStart | None:
 
 def _constructor(names: SourceNames, found: ast.ClassDef) -> ast.FunctionDef | None:
     """The ``__init__`` of a class or of its base classes in the same file."""
-    for _ in range(_MAX_BASES):
+    for _ in range(MAX_BASE_CLASSES):
         if found.decorator_list or found.keywords:
             return None
         methods = {part.name: part for part in found.body if isinstance(part, ast.FunctionDef)}

@@ -52,7 +52,7 @@ def topics(number: int, name: str = "/t") -> str:
 def test_metadata_that_would_cost_long_work_is_refused(
     text: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(metadata, "MAX_ENTRIES", 100)
+    monkeypatch.setattr(metadata, "MAX_BAG_ENTRIES", 100)
     (tmp_path / "metadata.yaml").write_text(HEAD + text)
     with pytest.raises(DataError, match=said):
         read_metadata(tmp_path)

@@ -103,7 +103,7 @@ def test_a_timeline_plays_everything(tmp_path: Path) -> None:
 def test_stamps_of_large_bags_are_not_read_but_messages_are_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bag_facts, "_MAX_READ_BYTES", 0)
+    monkeypatch.setattr(bag_facts, "MAX_STAMPS_BYTES", 0)
     text, file = stereo(tmp_path, shifted(3, 20))
     (left,) = findings(text, file=file)
     assert left.message == (

@@ -8,12 +8,8 @@ import pytest
 
 from command_line import Call
 from data_bags import text, write_bag, write_mcap, write_ros1
-from r2bspec.safe_io.decompression_budget import (
-    MAX_PIECE_BYTES,
-    chosen_max_bytes,
-    max_unpacked,
-    max_unpacked_bytes,
-)
+from r2bspec.safe_io.decompression_budget import chosen_max_bytes, max_unpacked, max_unpacked_bytes
+from r2bspec.safe_io.limits import MAX_PIECE_BYTES
 
 # Every frame is 64 KiB of one letter, which packs very well.
 MESSAGES = [("/a", number, text("x" * 65_536)) for number in range(10)]

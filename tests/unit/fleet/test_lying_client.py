@@ -15,7 +15,6 @@ pytest.importorskip("distributed")
 
 from direct_hosts import FACTS, Service, run_of
 from r2bspec.fleet.bundle import (
-    MAX_BUNDLE_BYTES,
     Bundle,
     Job,
     SentFile,
@@ -26,6 +25,7 @@ from r2bspec.fleet.bundle import (
 )
 from r2bspec.fleet.host_store import HostStore
 from r2bspec.fleet.messages import Answer, Call, Problem, request_of
+from r2bspec.safe_io.limits import MAX_BUNDLE_BYTES
 
 IDENTITY = "0" * 32
 SHA256 = hashlib.sha256(b"x").hexdigest()

@@ -303,7 +303,7 @@ ARCHIVES: dict[str, Packing] = {
 def test_archives_that_are_none_of_a_run_are_refused(
     what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(host_store, "MAX_FILES", 50)
+    monkeypatch.setattr(host_store, "MAX_BUNDLE_FILES", 50)
     liar = service(tmp_path, "liar", Liar)
     assert isinstance(liar, Liar)
     liar.packed = ARCHIVES[what]
@@ -316,7 +316,7 @@ def test_archives_that_are_none_of_a_run_are_refused(
 def test_a_bomb_writes_no_more_than_the_half_of_the_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(host_store, "MAX_RUN_BYTES", 1 << 20)
+    monkeypatch.setattr(host_store, "MAX_FLEET_RUN_BYTES", 1 << 20)
     content = b"".join(header(f"f{at}", size=300 << 10) + bytes(300 << 10) for at in range(50))
     content_of(content)(tmp_path / "bomb.tar.gz")
     assert (tmp_path / "bomb.tar.gz").stat().st_size < len(content) // 100

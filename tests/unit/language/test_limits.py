@@ -8,8 +8,8 @@ import pytest
 
 from nightly import size
 from r2bspec.language import yaml_document as composing
-from r2bspec.language.document import MAX_DOCUMENT_BYTES
 from r2bspec.language.load_spec import load_spec
+from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from r2bspec.judge.measure.host_usage import (
     MIN_SPACING_NS,
     harness_slowdown,
     host_interference,
+    rows_by_process,
     spaced_indices,
 )
 from r2bspec.record.run_record import HarnessOverheadRecord
@@ -42,13 +43,13 @@ def around(*samples: tuple[float, float, float, float, float]) -> Rows:
     return rows
 
 
-def used(loads: dict[int, float]) -> Rows:
+def used(loads: dict[int, float]) -> dict[int, Rows]:
     """Processes that use so much of a core from two seconds before the epoch on."""
     rows = np.zeros(20 * len(loads), RESOURCE_DTYPE)
     rows["time_ns"] = np.repeat(EPOCH_NS + np.arange(-2 * S, 18 * S, S), len(loads))
     rows["process"] = np.tile(list(loads), 20)
     rows["cpu_s"] = np.tile([*loads.values()], 20) * ((rows["time_ns"] - EPOCH_NS) / S + 2)
-    return rows
+    return rows_by_process(rows)
 
 
 def test_what_happened_outside_the_window_does_not_count() -> None:

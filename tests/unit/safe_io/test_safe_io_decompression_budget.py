@@ -10,10 +10,6 @@ import lz4.frame  # type: ignore[import-untyped]
 import pytest
 
 from r2bspec.safe_io.decompression_budget import (
-    FREE_PIECE_BYTES,
-    FREE_TOTAL_BYTES,
-    MAX_PIECE_BYTES,
-    MAX_RATIO,
     DecompressionBudget,
     check_piece,
     max_unpacked,
@@ -22,6 +18,7 @@ from r2bspec.safe_io.decompression_budget import (
     unpack_lz4,
     unpack_zstd,
 )
+from r2bspec.safe_io.limits import FREE_PIECE_BYTES, FREE_TOTAL_BYTES, MAX_PIECE_BYTES, MAX_RATIO
 from r2bspec.safe_io.safe_file import RefusedDataError
 
 if sys.version_info >= (3, 14):

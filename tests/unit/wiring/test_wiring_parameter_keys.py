@@ -9,12 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from r2bspec.plan.wiring.parameter_files import (
-    MAX_VALUES_OF_NODES,
     ParameterEffort,
     ParameterFile,
     node_key_matches,
     read_parameter_file,
 )
+from r2bspec.safe_io.limits import MAX_VALUES_OF_NODES
 
 PATTERNS = st.lists(st.sampled_from(["a", "ab", "*", "**", "a*", "*b", "a*b", "*a*"]), max_size=5)
 NAMES = st.lists(st.sampled_from(["a", "b", "ab", "aab", "aba"]), min_size=1, max_size=5)

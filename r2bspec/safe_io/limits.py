@@ -1,0 +1,227 @@
+"""Every limit on what is read, in one place: what, how much, and why no more.
+
+A limit keeps a hostile or damaged file from taking the memory or the time of the machine; real
+files stay far below. What exceeds one is refused with an error that names it. Bytes, unless the
+name says otherwise. What is written, shown or waited for has its limits where that is done.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+# Documents: specs, parameters, interfaces
+
+MAX_DOCUMENT_BYTES: Final = 10_000_000
+"""A spec has a few thousand."""
+MAX_YAML_DEPTH: Final = 100
+"""Of lists and maps inside each other."""
+MAX_YAML_VALUES: Final = 400_000
+"""Written in one document."""
+MAX_YAML_EXPANDED_VALUES: Final = 200_000
+"""Inserted by aliases and merge keys."""
+MAX_NUMBER_CHARACTERS: Final = 1_000
+"""Longer ones take quadratic time to convert."""
+MAX_INTEGER_CHARACTERS: Final = 25
+"""Of any integer within 64 bits, with prefix and sign."""
+MAX_QUANTITY_CHARACTERS: Final = 40
+"""Such as '29.97 Hz'."""
+MAX_REQUIREMENT_CHARACTERS: Final = 300
+"""Such as 'latency.p99 < 50 ms'."""
+MAX_EXTENDS_DEPTH: Final = 20
+"""Files, each of which extends the next."""
+MAX_EXTENDED_FILES: Final = 100
+"""Of one document; a file extended twice counts twice."""
+MAX_EXTENDED_BYTES: Final = MAX_DOCUMENT_BYTES
+"""Of all of them together."""
+MAX_CHAIN_LENGTH: Final = 50
+"""Entries of a spec, each of which extends the next."""
+MAX_REFERENCES: Final = 200_000
+"""To variables, in all texts of a document together."""
+MAX_SPEC_ENTRIES: Final = 5_000
+"""Nodes, inputs, monitors or topics: far above every real spec."""
+MAX_REQUIREMENTS: Final = 10_000
+"""Of all objectives together."""
+MAX_RANGE_RATES: Final = 1_000
+"""Of a range of rates."""
+MAX_CASES: Final = 1_000
+"""Of the matrix of a document."""
+MAX_CASE_VALUES: Final = 100_000
+"""Of all cases together: each is a document of its own."""
+MAX_CASE_NAME_CHARACTERS: Final = 200
+"""A part of the names of files."""
+MAX_WAIVERS: Final = 25_000
+"""Of one document; one of several codes counts as often."""
+MAX_PARAMETER_SOURCES: Final = 100
+"""Parameter files and maps that one node lists."""
+MAX_COMPANION_BYTES: Final = 1_000_000
+"""One parameter file or interface."""
+MAX_COMPANION_YAML_BYTES: Final = 3_000_000
+"""All of them of a spec."""
+MAX_COMPANION_DEPTH: Final = 50
+"""Of lists and maps inside each other."""
+MAX_COMPANION_VALUES: Final = 50_000
+"""Of one of them."""
+MAX_PARAMETERS: Final = 10_000
+"""Of one file, after aliases."""
+MAX_WILDCARD_KEYS: Final = 100
+"""With '*': each is compared with the name of every node."""
+MAX_VALUES_OF_NODES: Final = 200_000
+"""Of one parameter file for all nodes that name it."""
+MAX_VALUES_OF_CASES: Final = 1_000_000
+"""Of all of them in all cases; a wildcard counts as a value."""
+MAX_KNOWN_INTERFACES_BYTES: Final = 64_000_000
+"""Interfaces of all packages that were introspected."""
+
+# Python and launch files
+
+MAX_PYTHON_BYTES: Final = 300_000
+"""The parser needs up to 700 bytes of memory for each."""
+MAX_SPEC_PYTHON_BYTES: Final = 600_000
+"""Python files of a spec together."""
+MAX_SEARCHED_PYTHON_BYTES: Final = 2_000_000
+"""Searched for a name by an editor, and not parsed."""
+MAX_BASE_CLASSES: Final = 100
+"""Classes may name each other as their bases."""
+MAX_SCRIPT_BYTES: Final = 2_000_000
+"""A script and everything that is read with it."""
+MAX_SCRIPT_STEPS: Final = 200_000
+"""Statements, expressions and entities of one script."""
+MAX_SCRIPT_CALL_DEPTH: Final = 25
+"""Functions that call each other."""
+MAX_SCRIPT_ITEMS: Final = 10_000
+"""Of one list or map, and characters of a repeated text."""
+MAX_SCRIPT_TEXT: Final = 100_000
+"""Characters of one text."""
+MAX_SCRIPT_BITS: Final = 256
+"""Of one integer."""
+MAX_SCRIPT_NESTING: Final = 20
+"""Of values in a spec that is made."""
+MAX_REQUEST_MESSAGES: Final = 100
+"""Inside of one request to a service."""
+MAX_LAUNCH_INCLUDES: Final = 5
+"""Files that include each other."""
+MAX_LAUNCH_LEVELS: Final = 100
+"""Groups inside of groups."""
+MAX_LAUNCH_PARTS: Final = 1_000
+"""Nodes and included files; real launch files have dozens."""
+MAX_MARKUP_DEPTH: Final = 40
+"""Of a launch file in XML or YAML."""
+MAX_SUBSTITUTION_CHARACTERS: Final = 1_000
+"""Of an expression in a launch file."""
+MAX_SUBSTITUTION_DEPTH: Final = 10
+"""Of substitutions inside each other."""
+
+# Recordings, of any size
+
+MAX_METADATA_BYTES: Final = 16_000_000
+"""Metadata.yaml, and what a dataset says of itself."""
+MAX_METADATA_VALUES: Final = 250_000
+"""Of metadata.yaml: ten for each topic."""
+MAX_METADATA_DIGITS: Final = 30
+"""Of a number in it."""
+MAX_BAG_ENTRIES: Final = 10_000
+"""Files or topics."""
+MAX_NAME_CHARACTERS: Final = 1_000
+"""Of a topic, a type, a monitor: ROS has 255."""
+MAX_DEFINITION_LINES: Final = 3_000
+"""Without comments, of a message of ROS 1: parsing takes 0.2 ms for each."""
+MAX_DEFINITIONS: Final = 2_000
+"""Types that a sqlite3 file defines: each topic is looked up in all of them."""
+MAX_TOPIC_TEXT_BYTES: Final = 64_000_000
+"""Definitions and QoS profiles of a sqlite3 file together."""
+FREE_RECORDS: Final = 100_000
+"""Of MCAP, that are no messages; a larger file may have one for each `MIN_BYTES_OF_RECORD`."""
+MIN_BYTES_OF_RECORD: Final = 100
+"""Stored bytes for each record: an index has one for each chunk and topic."""
+MAX_FIXED_VALUES: Final = 100_000
+"""Of a message without its sequences; an array of numbers counts as one."""
+MAX_BAG_INDEX_BYTES: Final = 64_000_000
+"""The kept index of a bag."""
+MAX_STAMPS_BYTES: Final = 64 << 20
+"""Stamps of larger bags are not read; their counts are compared."""
+MAX_PIECE_BYTES: Final = 256 << 20
+"""The largest message or chunk; recorders write a few MiB."""
+FREE_PIECE_BYTES: Final = 64 << 20
+"""A message or chunk may have any ratio: black images."""
+FREE_TOTAL_BYTES: Final = 512 << 20
+"""A file may have any ratio."""
+MAX_RATIO: Final = 1_000
+"""Unpacked bytes for each stored one; camera images reach 100."""
+MAX_ARRAY_BYTES: Final = 64 << 20
+"""In an .npz: an image of 4,000 by 4,000 pixels of four bytes."""
+MAX_ARRAY_HEADER_BYTES: Final = 10_000
+"""Of such an array."""
+MAX_SCHEMA_S: Final = 60.0
+"""Reading the schema of a database."""
+MAX_VALUE_BYTES: Final = 256 << 20
+"""One value of a database: a message."""
+MAX_SCHEMA_OBJECTS: Final = 1_000
+"""Tables and indices of a database."""
+
+# Runs, results and reports
+
+MAX_JSON_BYTES: Final = 256_000_000
+"""The record of a day of segments has a tenth."""
+MAX_TEXT_CHARACTERS: Final = 200_000
+"""One text of JSON: the longest argument of a program that Linux takes has 131,072."""
+MAX_REPORT_BYTES: Final = 10_000_000
+"""A report of another tool: decoded as Python, a byte may take 30."""
+MAX_REPORT_FIGURES: Final = 10_000
+"""Rates of a report, times monitors; a real one has some dozens."""
+MAX_INTEGER: Final = 2**63 - 1
+"""Times are ns in 64 bits with a sign, in every file and array."""
+MAX_NUMBER: Final = 1e30
+"""Beyond every rate, time and size, far from the limits of a float."""
+MAX_SAMPLES_BYTES: Final = 512 << 20
+"""One array of samples."""
+MAX_STACKS_BYTES: Final = 64 << 20
+"""One profile."""
+MAX_IDENTITY_TEXT_BYTES: Final = 4_000_000
+"""A text file of the graph that is compared between runs."""
+MAX_DIGEST_BYTES: Final = 512_000_000
+"""A program whose content is compared."""
+DIGEST_CHARACTERS: Final = 64
+"""Of a SHA-256."""
+MAX_LOADED_NAMES_BYTES: Final = 16 << 20
+"""Names of files that a process has loaded."""
+MAX_MANIFEST_BYTES: Final = 1_000_000
+"""A package.xml."""
+MAX_DISTRIBUTION_BYTES: Final = 16_000_000
+"""The list of files of a Python distribution."""
+MAX_IMPORTED_PYTHON_BYTES: Final = 4_000_000
+"""One Python file of a node, searched for imports."""
+MAX_SUMMARY_BYTES: Final = 64 << 20
+"""The summary that a review comment is made of."""
+MAX_ANSWER_BYTES: Final = 256 << 20
+"""Of a review service: a hundred of the longest notes."""
+MAX_TREE_FILES: Final = 1_000_000
+"""Of a commit that is compared with."""
+MAX_TREE_BYTES: Final = 200 << 30
+"""Of a commit that is compared with."""
+MAX_PATH_FILE_BYTES: Final = 1 << 20
+"""A .pth file of an environment."""
+MAX_GIT_REFS: Final = 1_000
+"""That are named by what git prints."""
+MAX_IGNORE_FILE_BYTES: Final = 1_000_000
+"""A .gitignore."""
+
+# Editors and fleets
+
+MAX_EDITOR_MESSAGE_BYTES: Final = 1 << 27
+"""Many times the largest document."""
+MAX_EDITOR_LINE_BYTES: Final = 1 << 16
+"""Of the header of a message."""
+MAX_BUNDLE_BYTES: Final = 512 << 20
+"""A folder that a command names may be a whole workspace."""
+MAX_BUNDLE_FILES: Final = 20_000
+"""Likewise."""
+MAX_BUNDLE_SOURCE_BYTES: Final = 1_000_000
+"""A file of it that is searched for others."""
+MAX_BUNDLE_PATH_CHARACTERS: Final = 4_000
+"""Of the system."""
+MAX_FLEET_FILE_BYTES: Final = 100_000
+"""The file that names a scheduler, and its certificates."""
+MAX_JOURNAL_BYTES: Final = 256_000_000
+"""Of the runs that a client has sent."""
+MAX_FLEET_RUN_BYTES: Final = 64 << 30
+"""One run folder that comes back."""

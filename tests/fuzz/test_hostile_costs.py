@@ -1,0 +1,161 @@
+"""Promise: no input makes a call take much processor time, memory or output.
+
+The promise is 2 s of CPU and 500 MB. `MOST_CPU_S` is more, because other programs share the caches
+and threads of a processor; what is refused or linear stays far below, what is quadratic exceeds it.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from clean_answers import wrong_with
+from hostile_calls import LONGEST_S, call, change_database
+from hostile_inputs import SPEC
+
+from data_bags import START_NS, text, write_bag, write_mcap
+from nightly import size
+from run_simulation import Played, Simulation, objective
+
+MOST_CPU_S = 6.0
+
+pytestmark = pytest.mark.timeout(4 * LONGEST_S)
+
+MESSAGES = [("/a", number, text("x")) for number in range(5)]
+FIGURES = {"BasicPerformanceMetrics.MEAN_FRAME_RATE": 30.0}
+
+
+def mcap(folder: Path, number: int = 2_000_000) -> str:
+    """A file without a summary, whose records are empty but for its messages."""
+    file = write_mcap(folder / "x.mcap", MESSAGES)
+    data = file.read_bytes()
+    footer = struct.pack("<BQQQI", 2, 20, 0, 0, 0)
+    end = data.index(struct.pack("<BQ", 15, 4))  # DataEnd
+    empty = struct.pack("<BQ", 0x80, 0) * number
+    file.write_bytes(data[:end] + empty + footer + data[:8])
+    return file.name
+
+
+def ros1(definition: Callable[[], str]) -> Callable[[Path], str]:
+    def write(folder: Path) -> str:
+        from rosbags.rosbag1 import Writer
+
+        with Writer(folder / "x.bag") as writer:
+            kind = "x/msg/Large"
+            of = writer.add_connection("/a", kind, msgdef=definition(), md5sum="0" * 32)
+            writer.write(of, START_NS, bytes(16))
+        return "x.bag"
+
+    return write
+
+
+def profiles(value: str) -> Callable[[Path], str]:
+    def write(folder: Path) -> str:
+        bag = write_bag(folder / "x", MESSAGES)
+        change_database(bag / "x.db3", f"UPDATE topics SET offered_qos_profiles = '{value}'")  # noqa: S608
+        return bag.name
+
+    return write
+
+
+def run(segments: int) -> Callable[[Path], str]:
+    """A record that lists many segments, as a short file can."""
+
+    def write(folder: Path) -> str:
+        Simulation(
+            segments=[Played(10, [0.01, 0.02])],
+            objectives={"fast": objective("latency.p99 < 60 ms", at="10 Hz")},
+        ).write(folder / "x")
+        file = folder / "x" / "record.json"
+        record = json.loads(file.read_text())
+        first = record["segments"][0]
+        record["segments"] = [{**first, "id": f"s{number}"} for number in range(segments)]
+        file.write_text(json.dumps(record))
+        return "x"
+
+    return write
+
+
+def document(content: Callable[[], object], name: str = "x.json") -> Callable[[Path], str]:
+    def write(folder: Path) -> str:
+        made = content()
+        (folder / name).write_text(made if isinstance(made, str) else json.dumps(made))
+        return name
+
+    return write
+
+
+def spec(more: Callable[[], str]) -> Callable[[Path], str]:
+    return document(lambda: SPEC + more(), "x.r2b.yaml")
+
+
+BAG: list[tuple[str, ...]] = [("data", "info"), ("data", "verify"), ("import",)]
+REPORT: list[tuple[str, ...]] = [("import",), ("compare", "@"), ("report",)]
+RUN: list[tuple[str, ...]] = [("judge",), ("compare", "@"), ("report", "--report", "markdown=-")]
+TEXT: list[tuple[str, ...]] = [("validate",), ("plan",)]
+
+COSTS: dict[str, tuple[Callable[[Path], str], list[tuple[str, ...]]]] = {
+    "empty records of MCAP": (mcap, BAG),
+    "fields of ROS 1": (ros1(lambda: "".join(f"int8 f{n}\n" for n in range(100_000))), BAG),
+    "comments of ROS 1": (ros1(lambda: "# x\n" * 2_000_000 + "int8 a\n"), BAG),
+    "brackets of QoS": (profiles("[" * 50_000), BAG),
+    "profiles of QoS": (profiles("- {depth: 1}\n" * 50_000), BAG),
+    "segments without samples": (run(30_000), RUN),
+    "rates of a report": (
+        document(lambda: {f"{n}.5fps": FIGURES for n in range(100_000)} | FIGURES),
+        REPORT,
+    ),
+    "monitors of a report": (
+        document(lambda: {f"m{n}": FIGURES for n in range(50_000)} | FIGURES),
+        REPORT,
+    ),
+    "shared figures of a report": (
+        document(
+            lambda: (
+                {f"CPUProfilingMetrics.{n}": 1 for n in range(9_000)}
+                | {f"m{n}": FIGURES for n in range(9_000)}
+            )
+        ),
+        REPORT,
+    ),
+    "a rate of many digits": (
+        document(lambda: {f"{'9' * 5_000_000}fps": FIGURES} | FIGURES),
+        REPORT,
+    ),
+    "a name of a report": (
+        document(lambda: FIGURES | {"metadata": {"BenchmarkMetadata.NAME": "x" * 5_000_000}}),
+        REPORT,
+    ),
+    "numbers": (document(lambda: f"[{'1,' * 5_000_000}1]"), [*REPORT, ("plan",)]),
+    "empty maps": (document(lambda: f"[{'{},' * 3_300_000}1]"), REPORT),
+    "keys": (document(lambda: {f"k{n}": 1 for n in range(800_000)}), REPORT),
+    "comments": (spec(lambda: "# x\n" * 2_400_000), TEXT),
+    "empty lines": (spec(lambda: "\n" * 9_900_000), TEXT),
+    "words": (spec(lambda: f"title: '{'x ' * 4_900_000}'\n"), TEXT),
+    "lines of a text": (spec(lambda: "title: |\n" + "  x\n" * 2_400_000), TEXT),
+    "escapes": (spec(lambda: 'title: "' + "\\x41" * 2_400_000 + '"\n'), TEXT),
+    "labels": (
+        spec(lambda: f"labels: {{{', '.join(f'k{n}: 1' for n in range(190_000))}}}\n"),
+        TEXT,
+    ),
+    "references": (
+        spec(lambda: "variables: {a: 1}\ntitle: '" + "$(var a)" * 1_200_000 + "'\n"),
+        TEXT,
+    ),
+    "open references": (spec(lambda: f"title: '{'$(' * 4_900_000}'\n"), TEXT),
+    "unknown keys": (spec(lambda: "".join(f"k{n}: 1\n" for n in range(190_000))), TEXT),
+}
+
+
+@pytest.mark.parametrize("name", list(COSTS)[:: size(3, 1)])
+def test_an_input_has_a_bounded_cost_and_output(name: str, tmp_path: Path) -> None:
+    write, calls = COSTS[name]
+    file = write(tmp_path)
+    for words in calls[: size(2, 9)]:
+        arguments = [words[0], *([words[1], file] if words[:1] == ("data",) else [file])]
+        arguments += [file if word == "@" else word for word in words[1:] if words[0] != "data"]
+        answer = call(*arguments, cwd=tmp_path, environ={"XDG_CACHE_HOME": str(tmp_path)})
+        assert not wrong_with(answer, MOST_CPU_S), (arguments, wrong_with(answer, MOST_CPU_S))
