@@ -58,7 +58,7 @@ def chain_spec(nodes: int) -> str:
         "  inputs: {link_0: {from: recorded/image, format: sensor_msgs/msg/Image}}",
         "benchmark: {rates: [30 Hz], duration: 10 s}",
         f"monitors: {{end: {{topic: link_{nodes}, format: sensor_msgs/msg/Image}}}}",
-        "slos: {fast: {require: [latency.p90 < 250 ms, drop_rate <= 5 %]}}",
+        "slos: {fast: {at: 30 Hz, require: [latency.p90 < 250 ms, drop_rate <= 5 %]}}",
         "graph:",
         "  nodes:",
     ]

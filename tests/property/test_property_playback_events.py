@@ -7,6 +7,7 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nightly import size
 from r2bspec.ipc import playback_file
 from r2bspec.ipc.schedule import (
     BetweenMessage,
@@ -83,7 +84,7 @@ def timelines(draw: Any) -> TimelineSchedule:
     first=st.integers(0, 4),
     block=st.sampled_from([1, 3, 1 << 18]),
 )
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=size(75, 300), deadline=None)
 def test_the_events_are_those_of_the_schedule(
     schedule: Schedule, rate_hz: float, steps: int, first: int, block: int
 ) -> None:

@@ -16,14 +16,15 @@ from typing import Any
 
 import pytest
 
+from command_line import Call
 from nightly import only_nightly
-from r2bspec.cli.main import main
 from r2bspec.record.run_folder import open_run
 from r2bspec.report.findings_text import code_with_slug
 
 pytest.importorskip("rclpy")
 
 from ros_runs import IMAGE, Bench, quick_input, relay_node, relay_spec
+from ros_runs import bench as bench
 
 PROGRAM = """
 import rclpy
@@ -116,13 +117,10 @@ def nothing(**kwargs):
 """
 
 
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
-    found = Bench(tmp_path_factory.mktemp("diagnosis"))
-    found.write_node("nodes.py", NODES)
-    (found.folder / "plain.py").write_text(PROGRAM)
-    (found.folder / "broken.py").write_text("import a_module_that_is_not_there\n")
-    return found
+@pytest.fixture(scope="module", autouse=True)
+def programs(bench: Bench) -> None:
+    (bench.folder / "plain.py").write_text(PROGRAM)
+    (bench.folder / "broken.py").write_text("import a_module_that_is_not_there\n")
 
 
 def graph(start_timeout: str = "60 s", **nodes: dict[str, Any]) -> dict[str, Any]:
@@ -414,13 +412,15 @@ def test_a_node_that_does_not_come_up_ends_the_run(bench: Bench, kind: str) -> N
 
 # Before anything starts
 
+Refused = Callable[[dict[str, Any], Path], str]
 
-def refused(
-    bench: Bench, spec: dict[str, Any], output: Path, capsys: pytest.CaptureFixture[str]
-) -> str:
-    """The words of a refusal."""
-    assert main(["run", str(bench.write(spec, "refused")), "--output", str(output)]) == 2
-    return capsys.readouterr().err
+
+@pytest.fixture
+def refused(bench: Bench, call: Call) -> Refused:
+    """The words of a refusal to run a spec."""
+    return lambda spec, output: (
+        call("run", bench.write(spec, "refused"), "--output", output, status=2).err
+    )
 
 
 @pytest.mark.parametrize(
@@ -435,23 +435,18 @@ def refused(
     ids=["topic", "bag"],
 )
 def test_a_recording_without_what_is_loaded(
-    bench: Bench,
-    capsys: pytest.CaptureFixture[str],
-    loader: dict[str, Any],
-    words: tuple[str, ...],
+    bench: Bench, refused: Refused, loader: dict[str, Any], words: tuple[str, ...]
 ) -> None:
     output = bench.folder / "not made"
-    said = refused(bench, relay_spec(data_loader=loader), output, capsys)
+    said = refused(relay_spec(data_loader=loader), output)
     for each in words:
         assert each in said
     assert not output.exists()
 
 
-def test_an_output_folder_that_cannot_be_made(
-    bench: Bench, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_output_folder_that_cannot_be_made(bench: Bench, refused: Refused) -> None:
     (bench.folder / "a_file").write_text("")
-    said = refused(bench, relay_spec(), bench.folder / "a_file" / "run", capsys)
+    said = refused(relay_spec(), bench.folder / "a_file" / "run")
     assert "a_file/run cannot be created" in said
 
 
@@ -471,16 +466,12 @@ def test_an_output_folder_that_cannot_be_made(
     ids=["package", "program", "path", "module", "import", "file"],
 )
 def test_what_is_not_installed_is_named(
-    bench: Bench,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    missing: dict[str, Any],
-    words: str,
+    tmp_path: Path, refused: Refused, missing: dict[str, Any], words: str
 ) -> None:
     if "python" not in missing:
         missing = missing | {"publishes": {"output": IMAGE}}
     other = relay_node(remappings={"output": "elsewhere"})
-    assert words in refused(bench, graph(relay=missing, other=other), tmp_path / "run", capsys)
+    assert words in refused(graph(relay=missing, other=other), tmp_path / "run")
     if "package" in missing or missing.get("command") == ["no-such-program"]:
         # It is missed before any other is started.
         assert open_run(tmp_path / "run").record.processes == ()

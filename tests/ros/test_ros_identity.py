@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("rclpy")
 
+from git_repositories import commit, git
 from r2bspec.record.run_folder import read_loaded_files
 from ros_runs import IMAGE, Bench, relay_spec
 
@@ -29,25 +28,13 @@ class Brightness(Node):
 """
 
 
-def git(folder: Path, *arguments: str) -> str:
-    program = shutil.which("git")
-    assert program is not None
-    author = ["-c", "user.name=A", "-c", "user.email=a@example.org"]
-    done = subprocess.run(
-        [program, *author, *arguments], cwd=folder, capture_output=True, text=True, check=True
-    )
-    return done.stdout.strip()
-
-
 def test_a_run_names_its_sources_its_revision_and_what_was_loaded(tmp_path: Path) -> None:
     bench = Bench(tmp_path / "repository")
     bench.write_node("brightness.py", NODE)
     (bench.folder / "gains.py").write_text("GAIN = 2\n")
     (bench.folder / "later.py").write_text("")
     (bench.folder / "unused.py").write_text("")
-    git(bench.folder, "init", "-q")
-    git(bench.folder, "add", "brightness.py", "gains.py")
-    git(bench.folder, "commit", "-q", "-m", "first")
+    commit(bench.folder)
     spec = relay_spec(
         graph={"nodes": {"brightness": {"python": "./brightness.py:Brightness"}}},
         monitors={"out": {"topic": "output", "format": IMAGE}},

@@ -244,14 +244,6 @@ def test_a_base_that_fails_itself_can_be_left_out(workspace: Workspace) -> None:
 
 
 @only_nightly()
-@SAMPLED
-def test_a_base_whose_spec_is_broken_can_be_left_out(workspace: Workspace) -> None:
-    workspace.change({SPEC: BROKEN}, on_main=True)
-    workspace.change({SPEC: spec()})
-    workspace.gate(*ONE_PAIR, allow="base").assert_status(0, 3)
-
-
-@only_nightly()
 @pytest.mark.parametrize("recipe", ["shell"])
 def test_a_base_that_is_built_runs_what_was_built(workspace: Workspace) -> None:
     script = "mkdir -p out && cp -r src/blur/blur out/ && echo 'FACTOR = 1.0' >> out/blur/cost.py"

@@ -25,6 +25,7 @@ from simulated_gates import (
     share_test,
 )
 
+from nightly import size
 from r2bspec.judge.statistics.effective_sample_size import SampleDesign, effective_sample
 from r2bspec.judge.statistics.percentile_interval import RankedMessages, percentile_interval
 from r2bspec.judge.statistics.t_interval import (
@@ -215,7 +216,7 @@ def outcome(
     return percentile_outcome(values, limit, allowed, confidence, starts)
 
 
-_TRUTH_RUNS = 4000
+_TRUTH_RUNS = size(400, 4000)
 
 
 def window_means(values: Values) -> Values:

@@ -10,6 +10,7 @@ import pytest
 
 if TYPE_CHECKING:
     from r2bspec.compare.report_input import ReportInput
+    from r2bspec.record.run_folder import Run
 
 
 @pytest.fixture(scope="session")
@@ -25,6 +26,14 @@ def reported(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Report
         return ReportInput(result=result_of(run), run=run)
 
     return report_input
+
+
+@pytest.fixture(scope="session")
+def usual_run(reported: Callable[[str], ReportInput]) -> Run:
+    """The usual run, with everything that most tests of reports read."""
+    run = reported("usual").run
+    assert run is not None
+    return run
 
 
 @pytest.fixture(scope="session")

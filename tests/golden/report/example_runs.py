@@ -3,28 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from r2bspec.record.run_record import SearchRecord
+from report_runs import skewed
 from run_simulation import Played, Simulation, objective, probe
 
 
-def _latency(n: int, base_s: float, start: int) -> NDArray[np.float64]:
-    """A skewed spread above `base_s`, from a sequence that is the same in every NumPy."""
-    uniform = (np.arange(start, start + n) * 7919 % 9973 + 0.5) / 9973
-    return base_s * (1 - 0.05 * np.log(uniform))
-
-
 def _thirty(number: int) -> Played:
-    latency = _latency(300, 0.022 + number * 0.0002, number * 300)
+    latency = skewed(300, 0.022 + number * 0.0002, number * 300)
     latency[number * 40 + 7] = np.nan
-    late = 1e-4 * _latency(300, 1.0, number)
+    late = 1e-4 * skewed(300, 1.0, number)
     return Played(30, latency, late=late, twice=(3,) if number == 2 else ())
 
 
 USUAL = Simulation(
     segments=[
-        *(Played(10, _latency(100, 0.02 + number * 0.0001, number * 100)) for number in range(5)),
+        *(Played(10, skewed(100, 0.02 + number * 0.0001, number * 100)) for number in range(5)),
         *(_thirty(number) for number in range(5)),
     ],
     objectives={
@@ -56,9 +50,9 @@ USUAL = Simulation(
 
 BROKEN = Simulation(
     segments=[
-        *(Played(30, _latency(60, 0.02, number * 60), silent=("extra",)) for number in range(2)),
-        Played(60, _latency(120, 0.02, 0), late=np.linspace(0, 0.3, 120)),
-        Played(60, _latency(20, 0.02, 0), complete=False),
+        *(Played(30, skewed(60, 0.02, number * 60), silent=("extra",)) for number in range(2)),
+        Played(60, skewed(120, 0.02, 0), late=np.linspace(0, 0.3, 120)),
+        Played(60, skewed(20, 0.02, 0), complete=False),
         Played(10, [np.nan] * 20, strangers=20),
     ],
     objectives={

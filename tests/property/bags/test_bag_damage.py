@@ -14,13 +14,14 @@ from pathlib import Path
 import pytest
 
 from data_bags import START_NS, chatter, split_bag, storage_file, write_bag, write_mcap, write_ros1
+from nightly import size
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.integrity import hash_files, verify
 from r2bspec.bags.recording import DataError
 
 MESSAGES = chatter(12)
-CHANGES = 80
+CHANGES = size(40, 80)
 CODES = {f"R2B{number}" for number in (301, 302, 303, 304, 305, 306, 310, 313)}
 
 Made = tuple[Path, Path]
@@ -97,12 +98,12 @@ def outcome(bag: Path) -> list[tuple[str, int, bytes]] | None:
     return None
 
 
-def places(size: int) -> Iterator[int]:
+def places(length: int) -> Iterator[int]:
     """Where to cut: every byte of both ends, and a dense sample of what is between."""
-    ends = 150
-    yield from range(min(ends, size))
-    yield from range(ends, size - ends, max(1, (size - 2 * ends) // 100) | 1)
-    yield from range(max(ends, size - ends), size)
+    ends, between = size(50, 150), size(40, 100)
+    yield from range(min(ends, length))
+    yield from range(ends, length - ends, max(1, (length - 2 * ends) // between) | 1)
+    yield from range(max(ends, length - ends), length)
 
 
 def test_a_file_cut_at_any_byte_is_refused(form: str, made: Made) -> None:

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from compared_gates import DOCUMENT, GONE, side, with_value
+from nightly import size
 from r2bspec.compare.gate_strength import compare_gates
 from r2bspec.compare.objective_strength import implies
 from r2bspec.language.requirement_grammar import parse_requirement
@@ -54,14 +55,14 @@ LIMITS = st.integers(1, 4)
 OPERATORS = st.sampled_from(["<", "<=", ">", ">=", "==", "!="])
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=size(20, 100), deadline=None)
 @given(CHOICES)
 def test_a_gate_is_as_strong_as_itself(choices: tuple[int, ...]) -> None:
     comparison = compare_gates(gate(choices), gate(choices))
     assert (comparison.weaker, comparison.stronger, comparison.sentences) == ((), (), ())
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=size(20, 100), deadline=None)
 @given(
     CHOICES,
     st.lists(st.tuples(st.integers(0, len(GATE_VALUES) - 1), st.integers(0, 3)), max_size=2),

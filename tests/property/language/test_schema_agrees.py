@@ -10,9 +10,10 @@ from typing import Any
 
 import jsonschema
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nightly import size
 from r2bspec.language.document import Source
 from r2bspec.language.json_schema import published_schema
 from r2bspec.language.load_spec import load_spec
@@ -91,6 +92,7 @@ def test_sound_documents(document: Any) -> None:
     assert validator().is_valid(document)
 
 
+@settings(max_examples=size(50, 200))
 @given(st.data())
 def test_changed_documents(data: st.DataObject) -> None:
     document = copy.deepcopy(data.draw(st.sampled_from(SOUND)))

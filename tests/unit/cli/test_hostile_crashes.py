@@ -22,7 +22,7 @@ from r2bspec.errors import ExitStatus
 from r2bspec.judge.judge_run import from_json, to_json
 from r2bspec.plan.canonical_json import PlanError, canonical_json, parse_plan
 from r2bspec.record.files import RecordError
-from r2bspec.record.run_folder import open_run
+from r2bspec.record.run_folder import Run, open_run
 
 SPEC = Path(__file__).parents[3] / "specs" / "relay.r2b.yaml"
 
@@ -145,16 +145,11 @@ EVERY_EXTREME = pytest.mark.parametrize("value", EXTREME, ids=lambda each: str(e
     ],
 )
 def test_a_number_that_no_record_has_is_refused(
-    place: tuple[str | int, ...],
-    value: object,
-    reported: Callable[[str], ReportInput],
-    tmp_path: Path,
+    place: tuple[str | int, ...], value: object, usual_run: Run, tmp_path: Path
 ) -> None:
-    run = reported("usual").run
-    assert run is not None
     for name in ("plan.json", "spec.yaml"):
-        shutil.copy(run.folder / name, tmp_path)
-    record = json.loads((run.folder / "record.json").read_text())
+        shutil.copy(usual_run.folder / name, tmp_path)
+    record = json.loads((usual_run.folder / "record.json").read_text())
     (tmp_path / "record.json").write_text(json.dumps(_put(record, place, value)))
     with pytest.raises(RecordError, match="is damaged"):
         open_run(tmp_path)

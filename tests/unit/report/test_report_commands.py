@@ -6,7 +6,6 @@ import csv
 import io
 import json
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,17 +16,15 @@ import pytest
 
 from command_line import Call
 from r2bspec import api
-from r2bspec.compare.report_input import ReportInput
 from r2bspec.errors import R2bspecError
+from r2bspec.record.run_folder import Run
 from report_runs import EMPTY, USUAL
 from run_simulation import Played
 
 
 @pytest.fixture(name="run")
-def run_folder(reported: Callable[[str], ReportInput]) -> Path:
-    run = reported("usual").run
-    assert run is not None
-    return run.folder
+def run_folder(usual_run: Run) -> Path:
+    return usual_run.folder
 
 
 def test_the_formats_are_listed(call: Call) -> None:

@@ -12,6 +12,7 @@ from jsonschema import Draft202012Validator
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import from_json, result_of, to_json
+from r2bspec.record.run_folder import Run
 from r2bspec.report.result_json import result_schema, result_schema_text
 from r2bspec.report.terminal import to_text
 from report_runs import SIMULATIONS
@@ -36,9 +37,8 @@ def test_the_schema_is_one() -> None:
     Draft202012Validator.check_schema(json.loads(result_schema_text()))
 
 
-def test_a_result_says_what_it_rests_on(reported: Reported) -> None:
-    run, result = reported("usual").run, reported("usual").result
-    assert run is not None
+def test_a_result_says_what_it_rests_on(usual_run: Run) -> None:
+    run, result = usual_run, result_of(usual_run)
     assert result.plan_hash == run.record.plan_hash
     assert result.dataset["sha256"] == "0" * 64
     assert result.machine["cores"] == 2
@@ -48,21 +48,17 @@ def test_a_result_says_what_it_rests_on(reported: Reported) -> None:
     assert result.objectives["camera"].require[0] == "latency.p99 < 60 ms"
 
 
-def test_other_objectives_are_named(reported: Reported) -> None:
-    run = reported("usual").run
-    assert run is not None
-    result = result_of(run, {"slow": objective("latency.p50 < 1 ms")}, judged_by="stricter")
+def test_other_objectives_are_named(usual_run: Run) -> None:
+    result = result_of(usual_run, {"slow": objective("latency.p50 < 1 ms")}, judged_by="stricter")
     assert (result.judged_by, result.verdict.outcome) == ("stricter", "fail")
     assert "judged by the objectives and the gate of stricter" in to_text(result)
 
 
-def test_the_label_of_a_monitor_in_the_plan_is_in_the_result(reported: Reported) -> None:
-    run = reported("usual").run
-    assert run is not None
-    (monitor,) = run.plan.monitors
+def test_the_label_of_a_monitor_in_the_plan_is_in_the_result(usual_run: Run) -> None:
+    (monitor,) = usual_run.plan.monitors
     labelled = msgspec.structs.replace(monitor, label="Tag detections")
-    plan = msgspec.structs.replace(run.plan, monitors=(labelled,))
-    result = result_of(replace(run, plan=plan))
-    assert result_of(run).monitor_labels == {}
+    plan = msgspec.structs.replace(usual_run.plan, monitors=(labelled,))
+    result = result_of(replace(usual_run, plan=plan))
+    assert result_of(usual_run).monitor_labels == {}
     assert result.monitor_labels == {monitor.name: "Tag detections"}
     assert result.monitor_title("other") == "other"

@@ -32,11 +32,11 @@ def started(
 
 
 @pytest.fixture
-def usual(reported: Callable[[str], ReportInput]) -> Callable[[int], Run]:
+def usual(usual_run: Run) -> Callable[[int], Run]:
     """The usual run of this number of starts."""
-    run = reported("usual").run
-    assert run is not None
-    return lambda starts: with_starts(run, *(started(1 + number, 3) for number in range(starts)))
+    return lambda starts: with_starts(
+        usual_run, *(started(1 + number, 3) for number in range(starts))
+    )
 
 
 def test_a_requirement_that_rests_on_probes_says_that_they_are_of_one_start(

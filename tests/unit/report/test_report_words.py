@@ -17,6 +17,7 @@ from r2bspec.judge.measure.distribution import Distribution
 from r2bspec.judge.measure.metrics import HopMetrics
 from r2bspec.judge.result import Result
 from r2bspec.record.graph_identity import GraphIdentity, Revision
+from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import (
     Difference,
     HarnessOverheadRecord,
@@ -90,11 +91,9 @@ HEAD, BASE = (
 
 
 @pytest.fixture(scope="module")
-def result(reported: Callable[[str], ReportInput]) -> Result:
+def result(usual_run: Run) -> Result:
     """A result about which there is everything to say."""
-    run = reported("usual").run
-    assert run is not None
-    judged = result_of(with_starts(run, *STARTS))
+    judged = result_of(with_starts(usual_run, *STARTS))
     put = msgspec.structs.replace
     rates = tuple(
         put(

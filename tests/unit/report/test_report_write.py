@@ -6,7 +6,6 @@ import importlib.util
 import json
 import os
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from r2bspec.cli.finished_runs import judge_command as judge
 from r2bspec.cli.main import main
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
+from r2bspec.record.run_folder import Run
 from r2bspec.report.errors import ReportError, ReportUsageError
 from r2bspec.report.write_reports import (
     ReportRequest,
@@ -28,10 +28,8 @@ from report_runs import EMPTY, TWO
 
 
 @pytest.fixture(name="run")
-def run_folder(reported: Callable[[str], ReportInput]) -> Path:
-    run = reported("usual").run
-    assert run is not None
-    return run.folder
+def run_folder(usual_run: Run) -> Path:
+    return usual_run.folder
 
 
 @pytest.mark.parametrize(
