@@ -14,11 +14,29 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from r2bspec.cli.main import show_error
+from r2bspec.cli.shared_options import history_file
 from r2bspec.cli.spec_selection import Playing, SuiteEntry, base_selection, prepare_and_report
 from r2bspec.cli.text_output import counted
+from r2bspec.compare.base_reference import parse_base_reference
+from r2bspec.compare.report_input import read_folder
 from r2bspec.diagnostics.plain_text import plain
 from r2bspec.errors import R2bspecError
+from r2bspec.fleet.client import FleetClient
+from r2bspec.fleet.fleet_runs import (
+    Ended,
+    FleetHistory,
+    FleetLimits,
+    FleetRun,
+    FleetRuns,
+    RunStatus,
+)
+from r2bspec.fleet.hosts import ALL, ANY, Host, place
+from r2bspec.fleet.journal import Journal
+from r2bspec.fleet.security import fleet_address
+from r2bspec.plan.time_estimate import time_text
 from r2bspec.report.output import console, echo
+from r2bspec.report.terminal_tables import table
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -26,10 +44,6 @@ if TYPE_CHECKING:
 
     from r2bspec.cli.run import RunOptions
     from r2bspec.cli.run_suite import Suite
-    from r2bspec.fleet.client import FleetClient
-    from r2bspec.fleet.fleet_runs import Ended, FleetRun, RunStatus
-    from r2bspec.fleet.hosts import Host
-    from r2bspec.fleet.journal import Journal
     from r2bspec.report.suite import SuiteRun
 
 _JOIN_S: Final = 30.0
@@ -44,10 +58,6 @@ def fleet_executor(suite: Suite, root: Path, options: RunOptions) -> Iterator[Fl
         FleetError: it cannot be reached.
         UsageError: another client runs the suite in this folder.
     """
-    from r2bspec.fleet.client import FleetClient
-    from r2bspec.fleet.journal import Journal
-    from r2bspec.fleet.security import fleet_address
-
     assert options.on is not None  # noqa: S101 - see the caller
     connection = fleet_address(options.on, **options.connection)
     with FleetClient(connection) as client, contextlib.closing(Journal(root)) as journal:
@@ -66,9 +76,6 @@ class FleetExecutor:
 
     def place(self, entries: Sequence[SuiteEntry]) -> list[SuiteEntry]:
         """An entry for each run: with ``--hosts all`` one on every host that fits."""
-        from r2bspec.cli.main import show_error
-        from r2bspec.fleet.hosts import place
-
         self._wait_for_hosts()
         facts = {name: each.facts for name, each in self.client.hosts.items()}
         placed = []
@@ -85,8 +92,6 @@ class FleetExecutor:
 
     def _wait_for_hosts(self) -> None:
         """Wait a moment for a first host, or for those that are named."""
-        from r2bspec.fleet.hosts import ALL, ANY
-
         named = set(self.options.hosts) - {ALL, ANY}
         deadline = time.monotonic() + _JOIN_S
         while time.monotonic() < deadline:
@@ -98,8 +103,6 @@ class FleetExecutor:
 
     def announce(self, entries: Sequence[SuiteEntry]) -> str:
         """How long the runs will take if no host is lost."""
-        from r2bspec.plan.time_estimate import time_text
-
         alone: dict[str, float] = {}
         for entry in entries:
             alone[entry.host] = alone.get(entry.host, 0.0) + entry.seconds
@@ -110,9 +113,6 @@ class FleetExecutor:
 
     def play(self, entries: Sequence[SuiteEntry]) -> Playing:
         """Every run when it has ended: first those that need not be made."""
-        from r2bspec.cli.shared_options import history_file
-        from r2bspec.fleet.fleet_runs import FleetHistory, FleetLimits, FleetRuns
-
         by_folder: dict[Path, SuiteEntry] = {}
         runs: list[FleetRun] = []
         for entry in entries:
@@ -131,21 +131,18 @@ class FleetExecutor:
         limits = FleetLimits(
             lost_s=self.options.host_timeout, retry_invalid=self.options.retry_invalid
         )
-        with shown_table(len(runs), quiet=self.options.quiet) as table:
+        with shown_table(len(runs), quiet=self.options.quiet) as lines:
             making = FleetRuns(
-                self.client, self.root, self.journal, limits, table.note, table.show, history
+                self.client, self.root, self.journal, limits, lines.note, lines.show, history
             )
             with contextlib.closing(making.play(runs)) as playing:
                 for ended in playing:
                     entry = by_folder[ended.run.folder]
                     run = self._row(entry, ended)
-                    table.ended(entry.name, ended.host, run.outcome)
+                    lines.ended(entry.name, ended.host, run.outcome)
                     yield entry, run
 
     def _row(self, entry: SuiteEntry, ended: Ended) -> SuiteRun:
-        from r2bspec.cli.main import show_error
-        from r2bspec.compare.report_input import read_folder
-
         try:
             if ended.error is not None:
                 raise ended.error
@@ -156,9 +153,6 @@ class FleetExecutor:
         return self.suite.keep(entry, result, resumed=False, host=ended.host)
 
     def _fleet_run(self, entry: SuiteEntry) -> FleetRun:
-        from r2bspec.compare.base_reference import parse_base_reference
-        from r2bspec.fleet.fleet_runs import FleetRun
-
         base = None
         fields: dict[str, Any] = {
             "smoke": self.options.smoke,
@@ -258,8 +252,6 @@ def _table(
     rows: Sequence[RunStatus], hosts: Mapping[str, Host], done: int, total: int
 ) -> RenderableType:
     from rich.text import Text
-
-    from r2bspec.report.terminal_tables import table
 
     made = table(("benchmark", "host", "state", "left", "p99"))
     made.title = f"{done} of {total} runs, {len(hosts)} hosts"

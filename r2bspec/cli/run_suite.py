@@ -12,6 +12,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from r2bspec import api
+from r2bspec.api import PreparedBenchmark, folder_name
+from r2bspec.cli.check_files import present_spec_files, spec_files
+from r2bspec.cli.main import show_error
 from r2bspec.cli.run_single import (
     OutputFolder,
     compare_with_base,
@@ -21,22 +25,46 @@ from r2bspec.cli.run_single import (
     gate_of,
     reported_failures,
     show_differences,
+    write_reports_of,
 )
-from r2bspec.cli.spec_selection import Playing, RunItem, SuiteEntry, prepare_and_report
+from r2bspec.cli.spec_selection import (
+    Playing,
+    RunItem,
+    SuiteEntry,
+    prepare_and_report,
+    selected_files,
+)
 from r2bspec.cli.text_output import counted, locked_host
+from r2bspec.compare.gate_strength import allowable_names, check_allowed
+from r2bspec.compare.report_input import read_folder
 from r2bspec.errors import ExitStatus, R2bspecError
+from r2bspec.execute.errors import InterruptedRunError
+from r2bspec.execute.identity.identify_graph import graph_identity
+from r2bspec.plan.canonical_json import plan_hash
+from r2bspec.plan.time_estimate import time_text
+from r2bspec.private_files import private_files
+from r2bspec.record.files import FolderTakenError, write_atomically
+from r2bspec.record.graph_identity import GraphIdentity, identity_differences, source_differences
+from r2bspec.report.headline import headline
+from r2bspec.report.notes import notes_of_an_open_run
 from r2bspec.report.output import echo, echo_document
+from r2bspec.report.progress import RemainingTime
+from r2bspec.report.suite import (
+    SUITE_FORMATS,
+    SuiteRun,
+    SuiteSummary,
+    run_with_error,
+    run_with_result,
+    to_json,
+    worst_status,
+)
+from r2bspec.report.write_reports import STDOUT, ReportRequest, takes_stdout, write_report
 from r2bspec.safe_io.safe_file import is_regular
 
 if TYPE_CHECKING:
-    from r2bspec.api import PreparedBenchmark
     from r2bspec.cli.run import RunOptions
     from r2bspec.compare.merge_gate import MergeGate
     from r2bspec.judge.result import Result
-    from r2bspec.record.graph_identity import GraphIdentity
-    from r2bspec.report.suite import SuiteRun, SuiteSummary
-    from r2bspec.report.write_reports import ReportRequest
-
 SUMMARY_FILE = "suite.json"
 """The summary in the folder of the suite; complete after each run."""
 
@@ -64,15 +92,11 @@ def run_suite(items: Sequence[RunItem], options: RunOptions, paths: Sequence[str
         InterruptedRunError: a signal ended a run; the summary of the others has been written.
         FleetError: the fleet of ``--on`` cannot be reached.
     """
-    from r2bspec import api
-
     if not items:
         options = _with_summaries_only(options)
     _check_reports(options)
     root = options.output or api.default_run_folder("smoke-suite" if options.smoke else "suite")
     if not options.resume and is_regular(root / SUMMARY_FILE):
-        from r2bspec.record.files import FolderTakenError
-
         raise FolderTakenError(
             f"{root} has the runs of an earlier call",
             hint="Choose a new folder with --output, or go on with --resume.",
@@ -82,7 +106,6 @@ def run_suite(items: Sequence[RunItem], options: RunOptions, paths: Sequence[str
     if options.on is None:
         return _run_here(suite, entries, options, paths)
     from r2bspec.cli.fleet_suite import fleet_executor
-    from r2bspec.private_files import private_files
 
     suite.create_folder()
     with private_files(), fleet_executor(suite, root, options) as executor:
@@ -98,8 +121,6 @@ def _run_here(
 
     A gate that refuses one of the specs plays none of them.
     """
-    from r2bspec.plan.time_estimate import time_text
-
     # All specs are in one work tree.
     place = entries[0].item.selection.spec if entries else Path(paths[0])
     # A name that one spec does not know may be for another: all of them together are asked.
@@ -151,9 +172,6 @@ def _run_here(
 
 def _compare_with_base(gate: MergeGate, entry: SuiteEntry, options: RunOptions) -> None:
     """Compare the spec of a run with that of the base; what the gate refuses is its error."""
-    from r2bspec.cli.main import show_error
-    from r2bspec.execute.errors import InterruptedRunError
-
     try:
         compare_with_base(gate, entry.item.selection, entry.benchmark, options)
     except InterruptedRunError:
@@ -171,8 +189,6 @@ def _check_allowed(
     Raises:
         UsageError: one is known to none.
     """
-    from r2bspec.compare.gate_strength import allowable_names, check_allowed
-
     if prepared:
         of_heads = [name for head in prepared for name in allowable_names(head, head)]
         check_allowed(options.allow, [*of_heads, *sorted(gate.names)])
@@ -190,9 +206,6 @@ def _compare_spec_sets(
         WeakerGateError: specs of the base, or cases of them, are gone.
         click.UsageError: neither the head nor the base has one of the paths.
     """
-    from r2bspec.cli.check_files import present_spec_files, spec_files
-    from r2bspec.cli.spec_selection import selected_files
-
     base: list[str] = []
     for path in paths:
         place = gate.tree.in_base(Path(path))
@@ -206,15 +219,11 @@ def _compare_spec_sets(
 
 def _with_summaries_only(options: RunOptions) -> RunOptions:
     """The options without reports that only a run could have: there is none."""
-    from r2bspec.report.suite import SUITE_FORMATS
-
     reports = (request for request in options.reports if request.format in SUITE_FORMATS)
     return replace(options, reports=tuple(reports))
 
 
 def _check_reports(options: RunOptions) -> None:
-    from r2bspec.report.suite import SUITE_FORMATS
-
     for each in options.reports:
         if each.format not in SUITE_FORMATS and _NAME_FIELD not in each.path:
             raise click.UsageError(
@@ -226,8 +235,6 @@ def _check_reports(options: RunOptions) -> None:
 
 def _prepare(item: RunItem, options: RunOptions) -> SuiteEntry:
     """Check one spec before anything runs; its error is that of its run."""
-    from r2bspec.cli.main import show_error
-
     try:
         prepared = prepare_and_report(
             item.selection,
@@ -251,8 +258,6 @@ def _prepare(item: RunItem, options: RunOptions) -> SuiteEntry:
 
 def _assign_folders(entries: Sequence[SuiteEntry], root: Path) -> None:
     """A folder for each run, by its host and name; equal names are numbered in their order."""
-    from r2bspec.api import folder_name
-
     taken: dict[Path, int] = {}
     for entry in entries:
         parent = root / folder_name(entry.host) if entry.host else root
@@ -279,8 +284,6 @@ class Suite:
 
     def create_folder(self) -> None:
         """Create the folder of the suite."""
-        from r2bspec.private_files import private_files
-
         with private_files():
             self.root.mkdir(parents=True, exist_ok=True)
 
@@ -322,8 +325,6 @@ class Suite:
 
     def _skip_rest(self, reason: str) -> None:
         """Say of the runs that have not been made why."""
-        from r2bspec.report.suite import SuiteRun
-
         for entry in self._entries:
             entry.run = entry.run or SuiteRun(
                 name=entry.name,
@@ -355,8 +356,6 @@ class Suite:
 
     def failed(self, entry: SuiteEntry, error: R2bspecError, host: str = "") -> SuiteRun:
         """A run that failed, as a row of the summary."""
-        from r2bspec.report.suite import run_with_error
-
         # What is in the folder of a run that was not begun is of an earlier one.
         was_begun = entry.error is None
         return run_with_error(
@@ -370,9 +369,6 @@ class Suite:
 
     def keep(self, entry: SuiteEntry, result: Result, *, resumed: bool, host: str = "") -> SuiteRun:
         """A run that has a result, as a row of the summary; its reports are written."""
-        from r2bspec.cli.run_single import write_reports_of
-        from r2bspec.report.suite import run_with_result
-
         spec = entry.item.selection.spec
         self._results[str(entry.folder)] = result
         write_reports_of(self.options_of(entry), entry.folder, spec)
@@ -397,8 +393,6 @@ class Suite:
 
     def _summary_page(self) -> ReportRequest | None:
         """The HTML page of the summary, where one was requested as a file."""
-        from r2bspec.report.write_reports import STDOUT
-
         pages = (
             request
             for request in self._options.reports
@@ -426,10 +420,6 @@ class Suite:
 
     def _earlier(self, entry: SuiteEntry) -> Result | None:
         """The result of a complete run of the same plan and code; any other makes room."""
-        from r2bspec.compare.report_input import read_folder
-        from r2bspec.execute.identity.identify_graph import graph_identity
-        from r2bspec.plan.canonical_json import plan_hash
-
         if not entry.folder.exists():
             return None
         benchmark = entry.benchmark
@@ -452,8 +442,6 @@ class Suite:
         self, entry: SuiteEntry, earlier: GraphIdentity | None, current: GraphIdentity
     ) -> bool:
         """Whether an earlier run was of the code that there is now; says what has changed."""
-        from r2bspec.record.graph_identity import identity_differences, source_differences
-
         if earlier is None:
             changes: tuple[str, ...] = ("it does not say what code it ran",)
         elif entry.host:
@@ -466,8 +454,6 @@ class Suite:
         return not changes
 
     def _summary(self) -> SuiteSummary:
-        from r2bspec.report.suite import SuiteSummary, worst_status
-
         runs = tuple(entry.run for entry in self._entries if entry.run is not None)
         return SuiteSummary(
             started_at=self._started_at,
@@ -478,16 +464,10 @@ class Suite:
         )
 
     def _write_summary(self) -> None:
-        from r2bspec.record.files import write_atomically
-        from r2bspec.report.suite import to_json
-
         write_atomically(self.root / SUMMARY_FILE, to_json(self._summary(), self._results))
 
     def _finish(self) -> None:
         """Write the summary to its file, to the requested reports, and to standard output."""
-        from r2bspec.report.suite import SUITE_FORMATS
-        from r2bspec.report.write_reports import STDOUT, takes_stdout, write_report
-
         self._write_summary()
         summary = self._summary()
         requests = [each for each in self._options.reports if _NAME_FIELD not in each.path]
@@ -514,9 +494,6 @@ class LocalExecutor:
             yield entry, settled if settled is not None else self._make(number, entries)
 
     def _make(self, number: int, entries: Sequence[SuiteEntry]) -> SuiteRun:
-        from r2bspec.cli.main import show_error
-        from r2bspec.execute.errors import InterruptedRunError
-
         entry = entries[number]
         try:
             result = self._play(number, entries)
@@ -530,10 +507,6 @@ class LocalExecutor:
             return self.suite.failed(entry, error)
 
     def _play(self, number: int, entries: Sequence[SuiteEntry]) -> Result:
-        from r2bspec.report.headline import headline
-        from r2bspec.report.notes import notes_of_an_open_run
-        from r2bspec.report.progress import RemainingTime
-
         entry = entries[number]
         assert entry.estimate is not None  # noqa: S101 - prepared specs have one
         if not self.options.quiet:
