@@ -21,7 +21,7 @@ from r2bspec.bags.integrity import hash_files, verify
 from r2bspec.bags.recording import DataError
 
 MESSAGES = chatter(12)
-CHANGES = size(40, 80)
+CHANGES = 80
 CODES = {f"R2B{number}" for number in (301, 302, 303, 304, 305, 306, 310, 313)}
 
 Made = tuple[Path, Path]

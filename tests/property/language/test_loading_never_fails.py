@@ -86,7 +86,7 @@ VALUES = st.recursive(
 )
 
 
-@settings(max_examples=size(40, 400))
+@settings(max_examples=size(100, 400))
 @given(st.data(), VALUES)
 def test_any_value_anywhere(data: st.DataObject, value: object) -> None:
     document = to_plain(composed_tree("ok_full.yaml"))

@@ -92,7 +92,7 @@ def test_sound_documents(document: Any) -> None:
     assert validator().is_valid(document)
 
 
-@settings(max_examples=size(50, 200))
+@settings(max_examples=size(100, 200))
 @given(st.data())
 def test_changed_documents(data: st.DataObject) -> None:
     document = copy.deepcopy(data.draw(st.sampled_from(SOUND)))
