@@ -122,6 +122,7 @@ def test_a_long_run_makes_a_page_of_sane_size_that_says_what_it_left_out(tmp_pat
         segments=[
             Played(rate, np.where(rng.random(20_000) < 0.02, np.nan, rng.gamma(4, 0.002, 20_000)))
             for rate in (50, 200)
+            for _ in range(3)
         ],
         objectives={"a": objective("latency.p99 < 60 ms", at="50 Hz")},
     )
