@@ -181,8 +181,8 @@ class Simulation:
             rows = monitor_rows(played, playback)
             monitors = {name: rows[:0] if name in played.silent else rows for name in self.monitors}
             earlier = [NO_STAMPS, *(rows.playback["stamp_ns"] for _, rows in found)]
-            stamps = partial(np.concatenate, earlier)
-            found.append((segment, SegmentRows(playback, monitors, {}, stamps)))
+            played_earlier = partial(np.isin, test_elements=np.concatenate(earlier))
+            found.append((segment, SegmentRows(playback, monitors, {}, played_earlier)))
         return found
 
     def _end_ns(self, played: Sequence[tuple[Segment, SegmentRows]]) -> int:

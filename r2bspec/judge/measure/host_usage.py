@@ -65,6 +65,8 @@ def spaced_indices(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def rows_by_process(resources: Rows) -> dict[int, Rows]:
     """Rows of type `RESOURCE_DTYPE` by the index of their process, in order of time."""
+    if not resources.size:
+        return {}
     ordered = resources[np.lexsort((resources["time_ns"], resources["process"]))]
     indices, starts = np.unique(ordered["process"], return_index=True)
     return dict(zip(indices.tolist(), np.split(ordered, starts[1:]), strict=True))

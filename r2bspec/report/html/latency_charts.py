@@ -313,8 +313,10 @@ def _row(
     axes.set_ylim(0, top * 1.25)
     for limit, ink in drawn:
         axes.axhline(limit, color=ink, linewidth=1, linestyle="--")
-    for end in np.cumsum([part.size for part in parts])[:-1]:
-        axes.axvline(end + 0.5, color=PALETTE["quiet"], linewidth=0.6)
+    ends = np.cumsum([part.size for part in parts])[:-1] + 0.5
+    axes.vlines(
+        ends, 0, 1, transform=axes.get_xaxis_transform(), color=PALETTE["quiet"], linewidth=0.6
+    )
     missed = np.isnan(values)
     if missed.any():
         bars = [(first + 0.5, count) for first, count in missed_runs(missed)]
