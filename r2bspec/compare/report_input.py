@@ -54,6 +54,7 @@ class ReportInput:
         verbose: with every reason and every note; a report is short otherwise.
         suite_page: the HTML page of the suite that the run belongs to, if it has one.
         suite_link: the same, as a link of the page that is being written.
+        judged_samples: of the run, where they have been read for the result.
     """
 
     result: Result
@@ -65,6 +66,7 @@ class ReportInput:
     verbose: bool = False
     suite_page: Path | None = None
     suite_link: str = ""
+    judged_samples: RunSamples | None = None
 
     def require_run(self, what: str) -> Run:
         """The run folder, for a format that needs it.
@@ -82,7 +84,9 @@ class ReportInput:
     @cached_property
     def samples(self) -> RunSamples | None:
         """All matched samples of the run, read once; None without a run folder."""
-        return None if self.run is None else read_samples(self.run)
+        if self.judged_samples is not None or self.run is None:
+            return self.judged_samples
+        return read_samples(self.run)
 
     @cached_property
     def baseline_samples(self) -> RunSamples | None:
@@ -135,8 +139,14 @@ def read_folder(
             baseline=baseline or judged.base,
         )
     run = open_run(path)
-    result = result_of(run, objectives, judged_by, gate)
-    return ReportInput(result=result, run=run, spec_file=spec_file, baseline=baseline)
+    samples = read_samples(run)
+    return ReportInput(
+        result=result_of(run, objectives, judged_by, gate, samples),
+        run=run,
+        spec_file=spec_file,
+        baseline=baseline,
+        judged_samples=samples,
+    )
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,7 @@ def result_of(
     objectives: Mapping[str, Objective] | None = None,
     judged_by: str = "",
     gate: GatePlan | None = None,
+    samples: RunSamples | None = None,
 ) -> Result:
     """Measure and judge a run.
 
@@ -50,11 +51,12 @@ def result_of(
         objectives: to judge it by; the run's own objectives if None.
         judged_by: the name of the spec of `objectives`, if it is another.
         gate: of that spec; the run's own gate if None.
+        samples: of the run, where they have been read.
 
     Raises:
         RecordError: a file of the run is missing or damaged.
     """
-    samples = read_samples(run)
+    samples = samples or read_samples(run)
     objectives = run.plan.objectives if objectives is None else objectives
     policy = decision_policy(run.plan, gate)
     verdict = judge_with_confirmation(objectives, samples, policy)

@@ -6,7 +6,6 @@ with misses marked.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,12 +14,14 @@ from numpy.typing import NDArray
 from r2bspec.diagnostics.quote import printable
 from r2bspec.judge.measure.distribution import quantile
 from r2bspec.judge.measure.metrics import pace_of
-from r2bspec.judge.measure.run_samples import match_segment
-from r2bspec.judge.measure.samples import RunSamples, SegmentSamples, known_latencies
+from r2bspec.judge.measure.samples import (
+    MonitorSamples,
+    RunSamples,
+    SegmentSamples,
+    known_latencies,
+)
 from r2bspec.judge.measure.units import at_rate, show, show_rate
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
-from r2bspec.record.run_folder import Run
-from r2bspec.record.run_record import Segment
 from r2bspec.report.html.chart import (
     OUTCOME_COLOURS,
     PALETTE,
@@ -41,29 +42,12 @@ StepLatencies = NDArray[np.float64]
 """Seconds, one for each expected output, in order; NaN for missed ones."""
 
 
-def step_latencies(run: Run, segment: Segment, monitor: str) -> StepLatencies:
+def step_latencies(seen: MonitorSamples) -> StepLatencies:
     """The latencies of the expected outputs of one segment at one monitor; none if unknown."""
-    (plan,) = (each for each in run.plan.monitors if each.name == monitor)
-    playback, rows, matched = match_segment(run, segment, plan)
-    if not matched.pairs_known:
+    latencies = seen.times["latency"]
+    if seen.unknown_latency or (seen.live and not latencies.size):
         return np.empty(0)
-    found = np.full(matched.trigger_steps.size, np.nan)
-    answered = matched.answered
-    received = rows["received_ns"][matched.first_row[answered]]
-    found[answered] = (received - playback["published_ns"][matched.trigger_steps[answered]]) / 1e9
-    return found
-
-
-def iterations_at(run: Run, rate_hz: float) -> Iterator[Segment]:
-    """The complete iterations at a rate, in the order they were played."""
-    for segment in run.record.segments:
-        if (
-            segment.kind == "iteration"
-            and not segment.rerun_of
-            and segment.complete
-            and segment.rate_hz == rate_hz
-        ):
-            yield segment
+    return seen.in_order("latency", np.nan)
 
 
 def thin_indices(values: StepLatencies, max_points: int) -> NDArray[np.int64]:
@@ -247,10 +231,9 @@ _MESSAGE_RATES = 6
 _WORST_FIRST = ("fail", "inconclusive", "pass")
 
 
-def messages_chart(
-    name: str, monitor: str, run: Run, rates: list[float], verdict: Verdict
-) -> Chart:
+def messages_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdict) -> Chart:
     """A row for each offered rate; iterations follow each other from left to right."""
+    rates = sorted(samples.iterations)
     shown = rates[-_MESSAGE_RATES:]
     description = (
         f"Latency of each message at {monitor}, in the order of playing, a row for each offered "
@@ -273,7 +256,8 @@ def messages_chart(
                 # The limit of a ratio is no time.
                 and one.compared is None
             ]
-            thin |= _row(sketch, axes, run, monitor, rate, row + len(rates) - len(shown), limits)
+            number = row + len(rates) - len(shown)
+            thin |= _row(sketch, axes, samples, monitor, rate, number, limits)
         grid[-1][0].set_xlabel("message")
         notes = []
         if thin:
@@ -292,17 +276,17 @@ def messages_chart(
 def _row(
     sketch: ChartBuilder,
     axes: Axes,
-    run: Run,
+    samples: RunSamples,
     monitor: str,
     rate: float,
     number: int,
     limits: list[RequirementVerdict],
 ) -> bool:
     """Draw one rate; returns whether messages were left out."""
-    parts = [step_latencies(run, segment, monitor) for segment in iterations_at(run, rate)]
+    parts = [step_latencies(played.monitors[monitor]) for played in samples.iterations[rate]]
     values = np.concatenate(parts) if parts else np.empty(0)
     kept = thin_indices(values, _MAX_POINTS)
-    label = show_rate(rate, pace_of(run.plan.playback_mode))
+    label = show_rate(rate, pace_of(samples.mode))
     (line,) = axes.plot(
         kept + 1, values[kept] * 1e3, ".", color=colour(number), markersize=3, label=label
     )
@@ -327,7 +311,7 @@ def _row(
     text = f"{count:,} of {values.size:,} missed" if count else f"none of {values.size:,} missed"
     axes.set_title(
         # What the source of a live graph sent is unknown.
-        text if run.plan.inputs else f"{values.size:,} messages",
+        f"{values.size:,} messages" if samples.mode == "live" else text,
         loc="right",
         fontsize=8,
         color=PALETTE["bad" if count else "quiet"],

@@ -193,14 +193,12 @@ def _flame_graphs(run: Run) -> Iterator[Chart]:
 
 
 def _latency_charts(report_input: ReportInput, monitors: list[str]) -> Iterator[Chart]:
-    samples, run = report_input.samples, report_input.run
-    verdict = report_input.result.verdict
-    if samples is None or run is None or not samples.iterations:
+    samples, verdict = report_input.samples, report_input.result.verdict
+    if samples is None or not samples.iterations:
         return
     for number, monitor in enumerate(monitors):
         yield percentile_chart(f"percentiles-{number}", monitor, samples, verdict)
-        rates = sorted(samples.iterations)
-        yield messages_chart(f"messages-{number}", monitor, run, rates, verdict)
+        yield messages_chart(f"messages-{number}", monitor, samples, verdict)
 
 
 def _baseline_charts(report_input: ReportInput, monitors: list[str]) -> Iterator[Chart]:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
-
 from r2bspec.diagnostics.quote import printable
 from r2bspec.judge.measure.metrics import RunMetrics
+from r2bspec.judge.measure.run_samples import match_segment
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.verdict import Verdict
 from r2bspec.record.run_folder import Run
@@ -25,7 +24,6 @@ from r2bspec.report.html.chart import (
     plain_numbers,
     scale_values,
 )
-from r2bspec.report.html.latency_charts import step_latencies
 from r2bspec.report.report_wording import all_probes
 from r2bspec.report.result_table import monitor_names
 
@@ -165,8 +163,11 @@ def _probe_drops(sketch: ChartBuilder, axes: Axes, metrics: RunMetrics, run: Run
 
 
 def _lost(run: Run, segment: Segment, monitor: str) -> float:
-    missed = np.isnan(step_latencies(run, segment, monitor))
-    return float(missed.mean()) if missed.size else 0.0
+    (plan,) = (each for each in run.plan.monitors if each.name == monitor)
+    *_, matched = match_segment(run, segment, plan)
+    if not matched.pairs_known or not matched.trigger_steps.size:
+        return 0.0
+    return 1.0 - float(matched.answered.mean())
 
 
 def _bracket(metrics: RunMetrics, panels: tuple[Axes, Axes]) -> None:
