@@ -8,7 +8,8 @@ Inputs that reach new code are kept in ``.fuzz``, where the next call begins wit
 not answered cleanly (`readers`) is written to ``tests/fuzz/corpus``, which the unit tests play:
 commit it with the repair. Each target is a process of its own, two at a time.
 
-What the player in C reads of a file is guided by its own code where there is a clang.
+A merge is gated with one seed (``--seed``), so that it fails for what it changes; others are tried
+every night. What the player in C reads of a file is guided by its own code where there is a clang.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ _OF_BYTES = 0.25
 """The share of changes that know nothing of the structure."""
 
 
-def fuzz(name: str, seconds: int) -> None:
+def fuzz(name: str, seconds: int, seed: int) -> None:
     """Fuzz one reader in this process, which ends here."""
     import atheris
 
@@ -58,9 +59,9 @@ def fuzz(name: str, seconds: int) -> None:
     # Not before: a program with the address sanitizer reserves more.
     resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY_BYTES, MOST_MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    words = libfuzzer_words(name, seconds)
-    for seed in reader.seeds():
-        (ROOT / ".fuzz" / name / hashlib.sha256(seed).hexdigest()).write_bytes(seed)
+    words = libfuzzer_words(name, seconds, seed)
+    for first in reader.seeds():
+        (ROOT / ".fuzz" / name / hashlib.sha256(first).hexdigest()).write_bytes(first)
 
     def mutate(data: bytes, most_bytes: int, seed: int) -> bytes:
         rng = random.Random(seed)  # noqa: S311 - nothing is secret
@@ -77,12 +78,13 @@ def fuzz(name: str, seconds: int) -> None:
     atheris.Fuzz()
 
 
-def libfuzzer_words(name: str, seconds: int) -> list[str]:
+def libfuzzer_words(name: str, seconds: int, seed: int) -> list[str]:
     """The arguments of libFuzzer for one reader, whose folders are made."""
     kept, corpus = ROOT / ".fuzz" / name, ROOT / "tests/fuzz/corpus" / name
     for folder in (kept, corpus):
         folder.mkdir(parents=True, exist_ok=True)
     options = {
+        "seed": seed,
         "max_total_time": seconds,
         "artifact_prefix": f"{corpus}/",
         "timeout": LONGEST_S,
@@ -95,22 +97,23 @@ def libfuzzer_words(name: str, seconds: int) -> list[str]:
     return [*(f"-{option}={value}" for option, value in options.items()), str(kept), str(corpus)]
 
 
-def player_by_clang(seconds: int) -> list[str]:
+def player_by_clang(seconds: int, seed: int) -> list[str]:
     """The command that fuzzes the player in C with the libFuzzer of clang."""
     from native_playlists import player_without_ros
 
     clang = shutil.which("clang") or ""
     flags = ("-fsanitize=fuzzer,address,undefined", "-fno-sanitize-recover=all", "-DLIBFUZZER")
     program = str(player_without_ros(flags, [clang]))
-    return [program, "-close_fd_mask=1", *libfuzzer_words(PLAYER, seconds)]
+    return [program, "-close_fd_mask=1", *libfuzzer_words(PLAYER, seconds, seed)]
 
 
-def run(name: str, seconds: int) -> bool:
+def run(name: str, seconds: int, seed: int) -> bool:
     """Fuzz one reader in a process of its own; whether all was answered cleanly."""
     began = time.monotonic()
-    command = [sys.executable, __file__, "--seconds", str(seconds), "--here", name]
+    numbers = ["--seconds", str(seconds), "--seed", str(seed)]
+    command = [sys.executable, __file__, *numbers, "--here", name]
     ended = subprocess.run(
-        player_by_clang(seconds) if name == PLAYER_BY_CLANG else command,
+        player_by_clang(seconds, seed) if name == PLAYER_BY_CLANG else command,
         stdin=subprocess.DEVNULL,
         capture_output=True,
         check=False,
@@ -135,6 +138,7 @@ def main() -> int:
     """Fuzz readers for some time each; the exit status says whether all answers were clean."""
     parser = argparse.ArgumentParser(description="Fuzz every reader.")
     parser.add_argument("--seconds", type=int, default=60, help="for each reader")
+    parser.add_argument("--seed", type=int, default=0, help="the same inputs again; 0 for others")
     parser.add_argument("--here", help=argparse.SUPPRESS)
     parser.add_argument("readers", nargs="*")
     options = parser.parse_args()
@@ -142,7 +146,7 @@ def main() -> int:
         _say("fuzz: skipped, because atheris has no wheel for this machine")
         return 0
     if options.here:
-        fuzz(options.here, options.seconds)
+        fuzz(options.here, options.seconds, options.seed)
     from readers import READERS
 
     names = options.readers or [*READERS, PLAYER_BY_CLANG]
@@ -150,7 +154,7 @@ def main() -> int:
         names.remove(PLAYER_BY_CLANG)
         _say(f"{PLAYER_BY_CLANG}: skipped, because there is no clang")
     with ThreadPoolExecutor(AT_A_TIME) as pool:
-        clean = [*pool.map(lambda name: run(name, options.seconds), names)]
+        clean = [*pool.map(lambda name: run(name, options.seconds, options.seed), names)]
     _say(f"{sum(clean)} passed, {len(clean) - sum(clean)} failed")
     return 0 if all(clean) else 1
 
