@@ -79,7 +79,8 @@ def hash_files(path: Path) -> str:
 
 
 def _encode_int(value: int) -> bytes:
-    return value.to_bytes(8, "little", signed=True)
+    # A damaged bag may state times of any size; their lowest 64 bits tell them apart, too.
+    return (value & (1 << 64) - 1).to_bytes(8, "little")
 
 
 def hash_content(path: Path) -> str:

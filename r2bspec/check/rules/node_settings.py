@@ -196,9 +196,9 @@ _TYPES: tuple[tuple[type, ParameterType, ParameterType], ...] = (
 
 
 def parameter_type(value: ParameterValue) -> ParameterType | None:
-    """The ROS type of a value; None for a list that is empty or of different types."""
+    """The ROS type of a value; None if it has none, as a list of different types or with a null."""
     if not isinstance(value, list):
-        return next(name for kind, name, _ in _TYPES if isinstance(value, kind))
+        return next((name for kind, name, _ in _TYPES if isinstance(value, kind)), None)
     types = {parameter_type(item) if not isinstance(item, list) else None for item in value}
     only = next(iter(types)) if len(types) == 1 else None
     return next((array for _, name, array in _TYPES if name == only), None)
