@@ -8,8 +8,7 @@ Inputs that reach new code are kept in ``.fuzz``, where the next call begins wit
 not answered cleanly (`readers`) is written to ``tests/fuzz/corpus``, which the unit tests play:
 commit it with the repair. Each target is a process of its own, two at a time.
 
-A merge is gated with one seed (``--seed``), so that it fails for what it changes; others are tried
-every night. What the player in C reads of a file is guided by its own code where there is a clang.
+Pipelines try the inputs of one seed (``--seed``), nightly runs others. What the player in C reads of a file is guided by its own code where there is a clang.
 """
 
 from __future__ import annotations
