@@ -8,7 +8,8 @@ Inputs that reach new code are kept in ``.fuzz``, where the next call begins wit
 not answered cleanly (`readers`) is written to ``tests/fuzz/corpus``, which the unit tests play:
 commit it with the repair. Each target is a process of its own, two at a time.
 
-Pipelines try the inputs of one seed (``--seed``), nightly runs others. What the player in C reads of a file is guided by its own code where there is a clang.
+Pipelines try the inputs of one seed (``--seed``), nightly runs others. What the player in C reads
+of a file is guided by its own code where there is a clang.
 """
 
 from __future__ import annotations
