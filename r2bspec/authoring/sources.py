@@ -112,11 +112,8 @@ def _add_nodes(draft: DraftNodes, reader: ScriptReader, file: Path, spec_folder:
     values = SpecValues(relative_folder(file.parent, spec_folder), "/", comments, notes=notes)
     writer = NodeWriter(values, draft.keys)
     writer.add_containers(draft.containers, parts.containers, parts.members, [], [])
-    before = len(draft.nodes.entries)
-    writer.add_all(draft.nodes, parts.members)
-    for entry, action in zip(draft.nodes.entries[before:], parts.members, strict=True):
-        if isinstance(action, NodeAction) and isinstance(entry.value, Block):
-            _add_interface(entry.value, action, file.parent)
+    for action, node in writer.add_all(draft.nodes, parts.members):
+        _add_interface(node, action, file.parent)
     draft.is_absolute = True
     draft.variables |= values.variables
     draft.environment += [name for name in values.environment if name not in draft.environment]

@@ -272,4 +272,7 @@ def _number(value: object, units: float = 1) -> float | None:
     """A finite number in SI units, of which `units` units are one; None for anything else."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
-    return float(value) / units if math.isfinite(value) else None
+    try:
+        return float(value) / units if math.isfinite(value) else None
+    except OverflowError:
+        return None

@@ -154,7 +154,10 @@ class SpecLanguageServer(LanguageServer):
                 continue
             self._waiting.discard(path)
             self.specs.keep(analysis)
-            self._publish(analysis)
+            try:
+                self._publish(analysis)
+            except Exception:  # such as a name that no message can have
+                self._log(types.MessageType.Error, f"{path}: {traceback.format_exc()}")
         self._waiting.clear()
         self._clear_others()
 

@@ -140,7 +140,12 @@ def find_compiler(environ: Mapping[str, str] = os.environ) -> list[str]:
     Raises:
         BuildError: there is none (R2B668).
     """
-    words = shlex.split(environ.get("CC", "")) or ["cc"]
+    try:
+        words = shlex.split(environ.get("CC", "")) or ["cc"]
+    except ValueError as error:
+        raise BuildError(
+            f"CC is no command: {environ['CC']}: {error}", hint="Unset CC, or correct it."
+        ) from error
     path = shutil.which(words[0], path=environ.get("PATH"))
     if path is None:
         raise BuildError(

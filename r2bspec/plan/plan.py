@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -247,6 +247,10 @@ class TruthPlan(_Value, frozen=True, kw_only=True):
     name: str
 
 
+_Ratio = Annotated[int, msgspec.Meta(ge=1, le=1_000_000)]
+"""One side of the ratio of inputs to outputs."""
+
+
 class MonitorPlan(_Value, frozen=True, kw_only=True):
     """A monitored topic. `qos` None means the QoS that its publisher offers.
 
@@ -264,8 +268,8 @@ class MonitorPlan(_Value, frozen=True, kw_only=True):
     type: str
     match: Literal["stamp", "order"]
     qos: QoS | None
-    ratio_inputs: int = 1
-    ratio_outputs: int = 1
+    ratio_inputs: _Ratio = 1
+    ratio_outputs: _Ratio = 1
     label: str = ""
     answers: tuple[str, ...] = ()
     taps: tuple[TapPlan, ...] = ()

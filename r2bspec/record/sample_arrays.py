@@ -139,7 +139,23 @@ def read_rows(path: Path, dtype: np.dtype[np.void]) -> Rows:
         rows = _with_missing_fields(rows, dtype)
     if rows.ndim != 1 or rows.dtype != dtype:
         raise RecordError(f"{path} is damaged: it has no {path.stem} rows", hint=_HINT)
+    _check_times(rows, path)
     return rows
+
+
+_LONGEST_NS = 1 << 62
+"""Differences of times within this (146 years) are 64-bit integers, too."""
+
+
+def _check_times(rows: Rows, path: Path) -> None:
+    for name in rows.dtype.names or ():
+        times = rows[name]
+        if (
+            name.endswith("_ns")
+            and times.size
+            and max(-int(times.min()), int(times.max())) > (_LONGEST_NS)
+        ):
+            raise RecordError(f"{path} is damaged: {name} has a time that cannot be", hint=_HINT)
 
 
 _LENGTH_AT = npy_format.MAGIC_LEN

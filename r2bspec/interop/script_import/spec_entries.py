@@ -57,8 +57,11 @@ class NodeWriter:
     values: SpecValues
     keys: set[str] = field(default_factory=set)
 
-    def add_all(self, block: Block, members: list[Member], *, preprocessors: bool = False) -> None:
-        """Add nodes and included launch files to a map of nodes."""
+    def add_all(
+        self, block: Block, members: list[Member], *, preprocessors: bool = False
+    ) -> list[tuple[NodeAction, Block]]:
+        """Add nodes and included launch files to a map of nodes; returns what each node has."""
+        nodes = []
         for member in members:
             above = self.values.comments.at(member.source.place)
             if isinstance(member, IncludeAction):
@@ -66,6 +69,8 @@ class NodeWriter:
             else:
                 node = self._node(member, _PREPROCESSING if preprocessors else member.container)
                 block.add(self._key(member), node, above)
+                nodes.append((member, node))
+        return nodes
 
     def add_containers(
         self,

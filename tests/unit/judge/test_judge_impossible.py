@@ -23,6 +23,7 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.validity import lateness_limit_s
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.plan.plan import Plan
+from r2bspec.record.files import RecordError
 from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.record.sample_arrays import Rows
 from r2bspec.report.format_registry import FORMATS, renderer
@@ -279,3 +280,29 @@ def test_what_latencies_include_is_said_in_every_report(
     for name in ("markdown", "junit"):
         content = renderer(name)(ReportInput(result=result)).decode()
         assert ("until the monitor takes a message" in content) == bool(words)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "outputs"), [(0, 1), (1, 0), (1, -1), (1 << 62, 1), (1, 1 << 62)]
+)
+def test_a_ratio_that_no_spec_can_have_is_a_damaged_plan(
+    inputs: int, outputs: int, tmp_path: Path
+) -> None:
+    with pytest.raises(RecordError, match="ratio_"):
+        Ratioed(segments=[Played(30, [0.01])], inputs=inputs, outputs=outputs).write(tmp_path)
+
+
+@pytest.mark.parametrize("field", ["due_ns", "published_ns"])
+@pytest.mark.parametrize(
+    "times", [(-(1 << 63), (1 << 63) - 1), (-(1 << 63), 0), (0, (1 << 63) - 1)]
+)
+def test_times_that_cannot_be_are_damage(
+    field: str, times: tuple[int, int], tmp_path: Path
+) -> None:
+    run = Simulation(segments=[Played(30, [0.01, 0.01])]).write(tmp_path)
+    (segment,) = run.record.segments
+    rows = run.playback(segment)
+    rows[field] = times
+    RunFolder(tmp_path).write_playback(segment.id, rows)
+    with pytest.raises(RecordError, match=f"{field} has a time that cannot be"):
+        run.playback(segment)
