@@ -153,7 +153,7 @@ def _check_times(rows: Rows, path: Path) -> None:
         if (
             name.endswith("_ns")
             and times.size
-            and max(-int(times.min()), int(times.max())) > (_LONGEST_NS)
+            and max(-int(times.min()), int(times.max())) > _LONGEST_NS
         ):
             raise RecordError(f"{path} is damaged: {name} has a time that cannot be", hint=_HINT)
 

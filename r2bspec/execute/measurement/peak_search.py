@@ -67,8 +67,8 @@ class Overload:
         loss: the share that may be lost; a graph with bounded queues sustains more because of it.
         plays: those by which the capacity is estimated.
         shown: all that were played, to be examined for steadiness.
-        drowns: whether the graph is slower the more it is overloaded.
-        faster: by how much it may be faster at its capacity than in the plays that count.
+        faster: by how much the graph may be faster at its capacity than in the plays that count; 0
+            unless it is slower the more it is overloaded.
     """
 
     play: Callable[[float], CompletionTimes | None]
@@ -81,7 +81,6 @@ class Overload:
     plays: list[CompletionTimes] = field(default_factory=list)
     shown: list[CompletionTimes] = field(default_factory=list)
     capacity: Capacity | None = None
-    drowns: bool = False
     faster: float = 0.0
 
     @property
@@ -120,7 +119,7 @@ class Overload:
             if not self.plays:
                 return None
             if self.capacity is not None:
-                compared = self.drowns or self.factors_compared
+                compared = self.faster > 0 or self.factors_compared
                 if compared and self.capacity.relative_width <= self.precision:
                     break
                 rate_hz = min(self.capacity.hz * _FACTORS[1], self.max_hz)
@@ -150,7 +149,7 @@ class Overload:
         slower, error = compare_pace(drowned, gentle)
         if slower <= max(self.precision / 4, _Z * error):
             return
-        self.drowns, self.faster = True, slower * _AT_CAPACITY
+        self.faster = slower * _AT_CAPACITY
         if self.faster > self.precision:
             self._discard()
         else:
