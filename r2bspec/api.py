@@ -70,7 +70,10 @@ class InvalidSpecError(R2bspecError):
     def __init__(self, loaded: LoadedSpec, diagnostics: Sequence[Diagnostic]) -> None:
         errors = sum(each.severity == "error" for each in diagnostics)
         noun = "error" if errors == 1 else "errors"
-        super().__init__(f"{loaded.file} is not valid: {errors} {noun}")
+        super().__init__(
+            f"{loaded.file} is not valid: {errors} {noun}",
+            hint="'r2bspec validate' shows what is wrong, 'r2bspec explain CODE' why.",
+        )
         self.loaded = loaded
         self.diagnostics = tuple(diagnostics)
 

@@ -15,9 +15,10 @@ from r2bspec.bags.message_types import begins_with_header
 from r2bspec.bags.recording import BagIndex, TopicInfo
 from r2bspec.interop.script_import.spec_text import Block, document, identifier, unique_name
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
-from r2bspec.language.benchmark_defaults import CONFIDENCE
+from r2bspec.language.benchmark_defaults import default_starts
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.names import MESSAGE_TYPE, TOPIC
+from r2bspec.plan.interim_looks import InterimLooks
 from r2bspec.plan.wiring.build_wiring import build_wiring
 from r2bspec.plan.wiring.companion_files import read_companion_files
 from r2bspec.plan.wiring.wiring import PhaseWiring
@@ -360,9 +361,11 @@ def _effort(draft: _Draft) -> tuple[float, int | None]:
     messages_per_s = _rate_hz(draft) * _ITERATIONS
     longest = _window_s(draft) if _is_timeline(draft) else _LONGEST_ITERATION_S
     seconds = _SHORTEST_ITERATION_S
+    looks = InterimLooks.planned(_ITERATIONS, default_starts(_ITERATIONS))
+    confidence = looks.confidence_at(len(looks))
     for percent in _LOST_PERCENT:
         # In steps of half a second.
-        needed = min_sample_size(percent / 100, CONFIDENCE) or 1
+        needed = min_sample_size(percent / 100, confidence) or 1
         seconds = max(_SHORTEST_ITERATION_S, math.ceil(2 * needed / messages_per_s) / 2)
         if seconds <= longest:
             return seconds, percent

@@ -22,6 +22,7 @@ from typing import Any
 from r2bspec.authoring.draft_spec import DraftNodes, Recording, draft_text
 from r2bspec.datasets.catalogue import index, locate
 from r2bspec.errors import R2bspecError, UsageError
+from r2bspec.interop.script_import import source_files
 from r2bspec.interop.script_import.benchmark_script import launch_file_actions
 from r2bspec.interop.script_import.launch_actions import (
     IncludeAction,
@@ -30,13 +31,6 @@ from r2bspec.interop.script_import.launch_actions import (
     topic_in,
 )
 from r2bspec.interop.script_import.markup_launch import markup_launch_actions
-from r2bspec.interop.script_import.source_files import (
-    TOO_COMPLEX,
-    ScriptComments,
-    ScriptReader,
-    UnusableScriptError,
-    read_comments,
-)
 from r2bspec.interop.script_import.spec_entries import NodeWriter
 from r2bspec.interop.script_import.spec_text import (
     Block,
@@ -92,23 +86,31 @@ def add_launch_nodes(draft: DraftNodes, file: Path, spec_folder: Path) -> None:
         UsageError: it cannot be read or parsed, or exceeds the limits.
     """
     try:
-        _add_nodes(draft, ScriptReader(file), file, spec_folder)
-    except UnusableScriptError as error:
+        _add_nodes(draft, source_files.ScriptReader(file), file, spec_folder)
+    except source_files.UnusableScriptError as error:
         span = error.finding.span
         message = f"{span.file}:{span.line}:{span.column}: {error.finding.message}"
-        raise UsageError(message, code=error.finding.code) from error
+        hint = error.finding.help
+        raise UsageError(message, code=error.finding.code, hint=hint) from error
     except ScriptLimitError as error:
         message = f"{file}:1:1: the file needs more than is evaluated: {error}"
-        raise UsageError(message, code=TOO_COMPLEX) from error
+        hint = "Name a simpler file, or write the nodes into the spec."
+        raise UsageError(message, code=source_files.TOO_COMPLEX, hint=hint) from error
 
 
-def _add_nodes(draft: DraftNodes, reader: ScriptReader, file: Path, spec_folder: Path) -> None:
+def _add_nodes(
+    draft: DraftNodes, reader: source_files.ScriptReader, file: Path, spec_folder: Path
+) -> None:
     actions, notes = _actions(reader, file, {})
     parts = collect_actions(
         actions, lambda include: _expanded(reader, include, notes), reader.steps
     )
     is_python = file.suffix == ".py"
-    comments = read_comments(file, reader.texts[str(file)]) if is_python else ScriptComments()
+    comments = (
+        source_files.read_comments(file, reader.texts[str(file)])
+        if is_python
+        else source_files.ScriptComments()
+    )
     values = SpecValues(relative_folder(file.parent, spec_folder), "/", comments, notes=notes)
     writer = NodeWriter(values, draft.keys)
     writer.add_containers(draft.containers, parts.containers, parts.members, [], [])
@@ -152,7 +154,7 @@ def _program(node: NodeAction, folder: Path) -> Path | None:
 
 
 def _actions(
-    reader: ScriptReader, file: Path, arguments: dict[str, object]
+    reader: source_files.ScriptReader, file: Path, arguments: dict[str, object]
 ) -> tuple[list[object], list[Note]]:
     if file.suffix == ".py":
         return launch_file_actions(reader, file, arguments)
@@ -160,7 +162,7 @@ def _actions(
 
 
 def _expanded(
-    reader: ScriptReader, include: IncludeAction, notes: list[Note]
+    reader: source_files.ScriptReader, include: IncludeAction, notes: list[Note]
 ) -> list[object] | None:
     """The actions of an included file that is next to the launch file or above."""
     file = reader.find_share_file(include.package, include.file)
@@ -174,7 +176,7 @@ def _expanded(
         return None
     try:
         actions, inner = _actions(reader, file, include.arguments)
-    except UnusableScriptError as error:
+    except source_files.UnusableScriptError as error:
         notes.append(Note(f"{file.name} is not expanded: {error}", place))
         return None
     notes += inner

@@ -9,31 +9,21 @@ from typing import Literal, cast
 
 import msgspec
 
+from r2bspec.bags import recording
 from r2bspec.bags.metadata import BagMetadata, read_metadata
-from r2bspec.bags.recording import (
-    BAG_FORMATS,
-    SUFFIXES_TEXT,
-    BagFormat,
-    BagIndex,
-    DataError,
-    TopicInfo,
-    format_of_suffix,
-    merge_topics,
-    read_provenance,
-)
 from r2bspec.bags.storage.storage import Storage, open_storages, storage_paths
 
 
 class _StorageSummary(msgspec.Struct):
     """The content of all storage files, summed up."""
 
-    topics: dict[str, TopicInfo]
+    topics: dict[str, recording.TopicInfo]
     start_ns: int
     end_ns: int
     notes: list[str]
 
 
-def index_bag(path: Path) -> BagIndex:
+def index_bag(path: Path) -> recording.BagIndex:
     """Index a bag folder, or a lone storage file, without message bodies.
 
     If metadata and storage differ in topics, types or counts, this is an error; if they differ in
@@ -48,15 +38,15 @@ def index_bag(path: Path) -> BagIndex:
     if os.path.isdir(path):  # noqa: PTH112
         return _index_folder(path)
     if not os.path.exists(path):  # noqa: PTH110
-        raise DataError(
+        raise recording.DataError(
             f"{path} does not exist",
             code="R2B301",
-            hint=f"give a bag folder, a {SUFFIXES_TEXT} file, or a dataset",
+            hint=f"give a bag folder, a {recording.SUFFIXES_TEXT} file, or a dataset",
         )
-    bag_format = format_of_suffix(path.suffix)
+    bag_format = recording.format_of_suffix(path.suffix)
     if bag_format is None:
-        raise DataError(
-            f"{path} is neither a bag folder nor a {SUFFIXES_TEXT} file",
+        raise recording.DataError(
+            f"{path} is neither a bag folder nor a {recording.SUFFIXES_TEXT} file",
             code="R2B304",
             hint="give the folder that contains metadata.yaml"
             + (", or unpack the file with 'zstd -d'" if path.suffix in {".zstd", ".zst"} else ""),
@@ -64,7 +54,7 @@ def index_bag(path: Path) -> BagIndex:
     return _index_file(path, bag_format)
 
 
-def _index_folder(path: Path) -> BagIndex:
+def _index_folder(path: Path) -> recording.BagIndex:
     metadata = read_metadata(path)
     storage = _storage_name(path, metadata)
     paths = storage_paths(path, metadata.files)
@@ -80,10 +70,10 @@ def _index_folder(path: Path) -> BagIndex:
         notes = (*_time_notes(metadata, summary), *summary.notes)
     if metadata.message_count == 0:
         start_ns = end_ns = 0
-    index = BagIndex(
+    index = recording.BagIndex(
         name=path.resolve().name,
         storage=storage,
-        topics=merge_topics(metadata.topics, end_ns - start_ns),
+        topics=recording.merge_topics(metadata.topics, end_ns - start_ns),
         start_ns=start_ns,
         end_ns=end_ns,
         message_count=metadata.message_count,
@@ -91,14 +81,14 @@ def _index_folder(path: Path) -> BagIndex:
         compression=compression,
         notes=notes,
     )
-    record = read_provenance(path)
+    record = recording.read_provenance(path)
     return index if record is None else record.complete_index(index)
 
 
-def _index_file(path: Path, bag_format: BagFormat) -> BagIndex:
+def _index_file(path: Path, bag_format: recording.BagFormat) -> recording.BagIndex:
     with open_storages(storage_paths(path, ()), compressed_files=False) as storages:
         summary = _summarize(storages)
-    return BagIndex(
+    return recording.BagIndex(
         name=path.name,
         storage=bag_format.name,
         topics=summary.topics,
@@ -111,9 +101,9 @@ def _index_file(path: Path, bag_format: BagFormat) -> BagIndex:
 
 
 def _storage_name(path: Path, metadata: BagMetadata) -> str:
-    known = sorted(bag_format.name for bag_format in BAG_FORMATS if bag_format.folders)
+    known = sorted(bag_format.name for bag_format in recording.BAG_FORMATS if bag_format.folders)
     if metadata.storage not in known:
-        raise DataError(
+        raise recording.DataError(
             f"{path} has the storage format {metadata.storage!r}; supported are "
             f"{' and '.join(known)}",
             code="R2B302",
@@ -127,7 +117,7 @@ def _compression(path: Path, metadata: BagMetadata) -> Literal["none", "message"
     if mode not in {"none", "message", "file"} or (
         mode != "none" and metadata.compression_format != "zstd"
     ):
-        raise DataError(
+        raise recording.DataError(
             f"{path} is compressed with {metadata.compression_format!r} by {mode!r};"
             " supported is zstd by message or by file",
             code="R2B302",
@@ -142,7 +132,7 @@ def _summarize(storages: list[Storage]) -> _StorageSummary:
     start_ns = min((storage.start_ns for storage in filled), default=0)
     end_ns = max((storage.end_ns for storage in filled), default=0)
     entries = [topic for storage in storages for topic in storage.topics]
-    topics = merge_topics(entries, end_ns - start_ns)
+    topics = recording.merge_topics(entries, end_ns - start_ns)
     notes = [
         f"{entry.name} was recorded as {topics[entry.name].type} and as {entry.type}"
         for entry in entries
@@ -154,7 +144,7 @@ def _summarize(storages: list[Storage]) -> _StorageSummary:
 def _check_metadata(path: Path, metadata: BagMetadata, summary: _StorageSummary) -> None:
     """Raise DataError if the metadata differs from the content of the storage."""
     stated = Counter(
-        {name: topic.count for name, topic in merge_topics(metadata.topics, 0).items()}
+        {name: topic.count for name, topic in recording.merge_topics(metadata.topics, 0).items()}
     )
     stored = Counter({name: topic.count for name, topic in summary.topics.items()})
     wrong = [
@@ -171,7 +161,7 @@ def _check_metadata(path: Path, metadata: BagMetadata, summary: _StorageSummary)
         wrong.append(f"total: {metadata.message_count:,} stated, {stated.total():,} by topic")
     if wrong:
         shown = "; ".join(wrong[:3]) + (f"; and {len(wrong) - 3} more" if len(wrong) > 3 else "")
-        raise DataError(
+        raise recording.DataError(
             f"{path / 'metadata.yaml'} does not match the storage: {shown}",
             code="R2B310",
             hint=f"if the recording was interrupted, run 'ros2 bag reindex {path}'",

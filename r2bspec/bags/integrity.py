@@ -10,16 +10,9 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+from r2bspec.bags import recording
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.recording import (
-    RECORD_NAME,
-    BagIndex,
-    DataError,
-    DatasetRecord,
-    Message,
-    read_provenance,
-)
 from r2bspec.bags.storage.storage import storage_errors, storage_paths
 from r2bspec.safe_io.safe_file import open_regular
 
@@ -42,7 +35,7 @@ class ContentHash:
                 encoded = text.encode()
                 self._topics[name].update(_encode_int(len(encoded)) + encoded)
 
-    def add(self, message: Message) -> None:
+    def add(self, message: recording.Message) -> None:
         """Add one message; those of one topic must be in order of time."""
         topic = self._topics[message.topic]
         topic.update(_encode_int(message.time_ns - self._start_ns) + _encode_int(len(message.data)))
@@ -105,22 +98,22 @@ def verify(path: Path) -> list[str]:
     try:
         index = index_bag(path)
         content, counts = _read(path, index)
-    except DataError as error:
+    except recording.DataError as error:
         return [f"{error} ({error.code}): {error.hint}"]
     problems = [
         f"{name}: {info.count:,} messages in the metadata, {counts[name]:,} readable"
         for name, info in index.topics.items()
         if info.serialization == "cdr" and counts[name] != info.count
     ]
-    record = read_provenance(path)
+    record = recording.read_provenance(path)
     if record is not None:
         problems += _record_mismatches(path, index, record, content)
-    elif (path / RECORD_NAME).exists():
-        problems.append(f"{RECORD_NAME} was not written by 'r2bspec data make'")
+    elif (path / recording.RECORD_NAME).exists():
+        problems.append(f"{recording.RECORD_NAME} was not written by 'r2bspec data make'")
     return problems
 
 
-def _read(path: Path, index: BagIndex) -> tuple[str, Counter[str]]:
+def _read(path: Path, index: recording.BagIndex) -> tuple[str, Counter[str]]:
     """Content hash and counts of all topics that can be read."""
     readable = {
         name: info.type for name, info in index.topics.items() if info.serialization == "cdr"
@@ -134,17 +127,18 @@ def _read(path: Path, index: BagIndex) -> tuple[str, Counter[str]]:
 
 
 def _record_mismatches(
-    path: Path, index: BagIndex, record: DatasetRecord, content: str
+    path: Path, index: recording.BagIndex, record: recording.DatasetRecord, content: str
 ) -> Iterator[str]:
     if content != record.content_sha256:
-        yield f"the content hash is {content}, but {record.content_sha256} in {RECORD_NAME}"
+        recorded = f"{record.content_sha256} in {recording.RECORD_NAME}"
+        yield f"the content hash is {content}, but {recorded}"
     for name in sorted(record.topics.keys() | index.topics.keys()):
         expected = record.topics[name].count if name in record.topics else 0
         actual = index.topics[name].count if name in index.topics else 0
         if expected != actual:
-            yield f"{name}: {expected:,} messages in {RECORD_NAME}, {actual:,} in the bag"
+            yield f"{name}: {expected:,} messages in {recording.RECORD_NAME}, {actual:,} in the bag"
     for name, size_bytes in record.file_bytes.items():
         file = path / name
         actual = file.stat().st_size if file.is_file() else 0
         if actual != size_bytes:
-            yield f"{name} has {actual:,} bytes, but {size_bytes:,} in {RECORD_NAME}"
+            yield f"{name} has {actual:,} bytes, but {size_bytes:,} in {recording.RECORD_NAME}"

@@ -38,9 +38,10 @@ class DataError(R2bspecError):
 _DAMAGED_HINT: Final = "the file is damaged or incomplete; copy or record it again"
 
 
-def unreadable(path: Path, reason: str, hint: str = _DAMAGED_HINT) -> DataError:
+def unreadable(path: Path, reason: str, hint: str = "") -> DataError:
     """The error for a storage file that cannot be read (R2B304)."""
-    return DataError(f"{path} cannot be read: {reason}", code="R2B304", hint=hint)
+    text = f"{path} cannot be read: {reason}"
+    return DataError(text, code="R2B304", hint=hint or _DAMAGED_HINT)
 
 
 def topic_not_found(owner: str, topic: str, topics: Iterable[str]) -> DataError:

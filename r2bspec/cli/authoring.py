@@ -9,17 +9,12 @@ from typing import Any
 
 import click
 
+from r2bspec.cli import shared_options as options
 from r2bspec.cli.completion import complete_template
-from r2bspec.cli.shared_options import (
-    SpecValues,
-    duration,
-    repeatable_option,
-    spec_argument,
-    spec_options,
-)
 from r2bspec.cli.text_output import show_findings
 from r2bspec.errors import ExitStatus, UsageError
 from r2bspec.language.quantities import Duration
+from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
 from r2bspec.safe_io.limits import MAX_IGNORE_FILE_BYTES
 
@@ -231,21 +226,21 @@ _INTERFACE_HEAD = (
 @click.command(
     "interfaces", epilog=f"Exit status {ExitStatus.RUN_FAILED} if a node could not be inspected."
 )
-@spec_argument
-@repeatable_option("--node", "only", metavar="KEY", help="Only this node")
+@options.spec_argument
+@options.repeatable_option("--node", "only", metavar="KEY", help="Only this node")
 @click.option(
     "--timeout",
-    type=duration("1 s", "10 min"),
+    type=options.duration("1 s", "10 min"),
     default="20 s",
     show_default=True,
     help="The longest time for a node to appear.",
 )
-@spec_options
+@options.spec_options
 def interfaces_command(
     spec: Path,
     only: tuple[str, ...],
     timeout: Duration,
-    values: SpecValues,
+    values: SelectionValues,
 ) -> int:
     """Start each node of SPEC once, on real ROS 2, and record its interface.
 
@@ -258,7 +253,7 @@ def interfaces_command(
     from r2bspec.introspect import record_interfaces
 
     try:
-        loaded = load(spec, **values._asdict())
+        loaded = load(spec, **values)
     except InvalidSpecError as error:
         show_findings(error.diagnostics, error.loaded)
         raise

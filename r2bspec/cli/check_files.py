@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING, TypeVar
 import click
 import msgspec
 
-from r2bspec.cli.shared_options import SpecValues
 from r2bspec.cli.text_output import counted
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.diagnostics.waivers import may_contain_waiver
 from r2bspec.errors import R2bspecError, UsageError
+from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
 from r2bspec.safe_io.looked_up_files import shared_lookups
 from r2bspec.safe_io.safe_file import is_folder, is_regular
@@ -88,7 +88,7 @@ def _find_specs(folder: str) -> Iterator[str]:
 class CheckOptions(msgspec.Struct, frozen=True):
     """The options for every file."""
 
-    values: SpecValues = SpecValues()
+    values: SelectionValues = {}
     offline: bool = False
     resolved: bool = False
     require_slos: bool = False
@@ -199,7 +199,7 @@ def check_text(text: str, file: str, options: CheckOptions) -> list[Diagnostic]:
 def _load(source: Path | str, file: str, options: CheckOptions) -> tuple[LoadedSpec, ...]:
     from r2bspec.language.load_spec import load_cases
 
-    return load_cases(source, file=file, **options.values._asdict())
+    return load_cases(source, file=file, **options.values)
 
 
 def _findings(cases: tuple[LoadedSpec, ...], options: CheckOptions) -> list[Diagnostic]:

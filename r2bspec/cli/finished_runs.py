@@ -10,25 +10,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.shared_options import (
-    FILE,
-    FOLDER,
-    USER_HISTORY,
-    format_option,
-    history_file,
-    junit_option,
-    repeatable_option,
-    reports_option,
-    share,
-    verbose_option,
-)
+from r2bspec.cli import shared_options as options
 from r2bspec.cli.text_output import counted, print_table, show_findings
+from r2bspec.diagnostics.quote import quoted_list
 from r2bspec.errors import ExitStatus
 from r2bspec.language.quantities import Share
-from r2bspec.report.output import echo, echo_document, echo_json
+from r2bspec.report.output import MAX_TABLE_ROWS, echo, echo_document, echo_json, rows_left_out
 
 if TYPE_CHECKING:
     from r2bspec.compare.history import HistoryEntry
+    from r2bspec.compare.report_input import ReportInput
     from r2bspec.language.spec import Spec
     from r2bspec.report.write_reports import ReportRequest
 
@@ -37,15 +28,15 @@ if TYPE_CHECKING:
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option(
     "--spec",
-    type=FILE,
+    type=options.FILE,
     metavar="SPEC",
     help="Judge by the SLOs and the gate of this spec instead of the run's own.",
 )
-@format_option()
+@options.format_option()
 @click.option("--write", is_flag=True, help="Replace result.json in the run folder.")
-@reports_option
-@junit_option
-@verbose_option
+@options.reports_option
+@options.junit_option
+@options.verbose_option
 def judge_command(
     run: Path,
     spec: Path | None,
@@ -84,12 +75,23 @@ def judge_command(
             judged_by=other.name,
             gate=gate_plan(other),
         )
+    _say_what_is_not_judged(found)
     if write:
         RunFolder(run.absolute()).write_result(to_json(found.result))
     if not takes_stdout(reports + junit):
         show_result(found.result, output_format, run, verbose=verbose)
     write_reports(reports + junit, replace(found, verbose=verbose))
     return found.result.verdict.exit_code
+
+
+def _say_what_is_not_judged(found: ReportInput) -> None:
+    names = found.run.unlisted_segments() if found.run is not None else []
+    if names:
+        echo(
+            f"note: the record does not list the samples of {quoted_list(names)}; "
+            "they were not judged",
+            err=True,
+        )
 
 
 def _judge_report(report: Path, spec: Path | None, output_format: str, *, plain: bool) -> int:
@@ -149,18 +151,18 @@ def _list_formats(ctx: click.Context, _param: click.Parameter, list_formats: boo
 
 @click.command("report")
 @click.argument("run", type=click.Path(path_type=Path))
-@reports_option
-@junit_option
-@verbose_option
+@options.reports_option
+@options.junit_option
+@options.verbose_option
 @click.option(
     "--spec",
-    type=FILE,
+    type=options.FILE,
     metavar="SPEC",
     help="The spec of the run, so that annotations can refer to its lines.",
 )
 @click.option(
     "--against",
-    type=FOLDER,
+    type=options.FOLDER,
     metavar="BASE",
     help="Another run folder, shown next to RUN where a report supports it (html).",
 )
@@ -187,7 +189,7 @@ def report_command(
     """
     from r2bspec.compare.report_input import read_report_input
     from r2bspec.record.run_folder import open_run
-    from r2bspec.report.errors import ReportUsageError
+    from r2bspec.report.format_registry import ReportUsageError
     from r2bspec.report.write_reports import write_reports
 
     requests = reports + junit
@@ -197,6 +199,7 @@ def report_command(
         )
     baseline = open_run(against) if against is not None else None
     found = read_report_input(run, spec_file=spec, baseline=baseline)
+    _say_what_is_not_judged(found)
     write_reports(requests, replace(found, verbose=verbose))
     return ExitStatus.OK
 
@@ -209,13 +212,13 @@ _RESULT = click.Path(path_type=Path)
 @click.argument("heads", type=_RESULT, nargs=-1, required=True, metavar="HEAD...")
 @click.option(
     "--margin",
-    type=share("0.001 %", "100 %"),
+    type=options.share("0.001 %", "100 %"),
     default="5 %",
     show_default=True,
     help="Differences up to this share count as none.",
 )
 @click.option("--force", is_flag=True, help="Compare even if load, data or machine differ.")
-@format_option("text", "json", "markdown", "html", "csv", "github")
+@options.format_option("text", "json", "markdown", "html", "csv", "github")
 def compare_command(
     base: Path, heads: tuple[Path, ...], margin: Share, force: bool, output_format: str
 ) -> int:
@@ -243,7 +246,7 @@ _history_option = click.option(
     "--history",
     "--file",
     "file",
-    default=USER_HISTORY,
+    default=options.USER_HISTORY,
     show_default=True,
     metavar="FILE",
     help="The history file; 'user' is a file in your data folder.",
@@ -258,12 +261,12 @@ def history_command() -> None:
 @history_command.command("list")
 @_history_option
 @click.option("--name", default="", help="Only runs of this benchmark.")
-@format_option()
+@options.format_option()
 def list_runs(file: str, name: str, output_format: str) -> int:
     """List the runs, oldest first."""
     from r2bspec.compare.history import open_history
 
-    with open_history(history_file(file)) as history:
+    with open_history(options.history_file(file)) as history:
         runs = history.runs(name=name)
     if output_format == "json":
         echo_json(runs)
@@ -277,8 +280,10 @@ def list_runs(file: str, name: str, output_format: str) -> int:
             f"{run.host} ({run.machine})",
             f"{run.outcome}, accepted" if run.accepted else run.outcome,
         )
-        for run in runs
+        for run in runs[-MAX_TABLE_ROWS:]
     ]
+    if len(runs) > len(rows):
+        echo(rows_left_out(len(runs) - len(rows)))
     if rows:
         print_table(("run", "started", "benchmark", "plan", "machine", "outcome"), rows)
     else:
@@ -293,7 +298,7 @@ def accept(run_id: str, file: str) -> int:
     """Let a failed run count as a baseline: the change is intended."""
     from r2bspec.compare.history import HistoryError, open_history
 
-    with open_history(history_file(file)) as history:
+    with open_history(options.history_file(file)) as history:
         if not history.accept(run_id):
             raise HistoryError(
                 f"the history has no run {run_id!r}", hint="'r2bspec history list' lists the runs."
@@ -308,7 +313,7 @@ def accept(run_id: str, file: str) -> int:
 @click.option(
     "--before", metavar="DATE", help="Delete runs started before this date, such as 2026-01-31."
 )
-@repeatable_option("--run", "run_ids", metavar="RUN_ID", help="Delete this run")
+@options.repeatable_option("--run", "run_ids", metavar="RUN_ID", help="Delete this run")
 @click.option("--name", default="", help="Only runs of this benchmark.")
 def prune(
     file: str, keep: int | None, before: str | None, run_ids: tuple[str, ...], name: str
@@ -322,7 +327,7 @@ def prune(
     from r2bspec.compare.history import open_history
 
     since = parse_time(before) if before is not None else None
-    with open_history(history_file(file)) as history:
+    with open_history(options.history_file(file)) as history:
         groups: dict[tuple[str, str, str], list[HistoryEntry]] = {}
         for one in history.runs(name=name):
             groups.setdefault((one.plan, one.host, one.dataset), []).append(one)

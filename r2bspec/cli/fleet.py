@@ -8,14 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from r2bspec.cli.shared_options import (
-    FOLDER,
-    connection_options,
-    flag_options,
-    format_option,
-    parse_pairs,
-    repeatable_option,
-)
+from r2bspec.cli import shared_options as options
 from r2bspec.cli.text_output import print_table
 from r2bspec.errors import ExitStatus
 from r2bspec.report.output import echo, echo_json
@@ -40,7 +33,7 @@ def command() -> None:
 @command.command("worker")
 @click.argument("scheduler")
 @click.option("--name", default="", help="The name of this host.  [default: its host name]")
-@repeatable_option(
+@options.repeatable_option(
     "--label",
     "labels",
     metavar="NAME=VALUE",
@@ -48,7 +41,7 @@ def command() -> None:
 )
 @click.option(
     "--folder",
-    type=FOLDER,
+    type=options.FOLDER,
     help="Where recordings and runs are kept.  [default: the cache folder of the user]",
 )
 @click.option(
@@ -58,13 +51,13 @@ def command() -> None:
     metavar="SIZE",
     help="The most that is kept.",
 )
-@repeatable_option(
+@options.repeatable_option(
     "--recordings",
     "shared",
     type=click.Path(path_type=Path, file_okay=False, exists=True),
     help="A folder of recordings that several hosts reach",
 )
-@flag_options(
+@options.flag_options(
     {
         "--allow-commands": "Run commands and setup steps that specs bring along.",
         "--allow-python": "Run Python and launch files that specs bring along.",
@@ -77,7 +70,7 @@ def command() -> None:
     help="Listen at this address only; without TLS it must be of the loopback interface.",
 )
 @click.option("--no-doctor", is_flag=True, help="Do not check this machine first.")
-@connection_options
+@options.connection_options
 def worker(
     scheduler: str,
     name: str,
@@ -99,13 +92,13 @@ def worker(
 
     require_distributed()
     from r2bspec.fleet.host_service import HostService
-    from r2bspec.fleet.host_store import HostStore
+    from r2bspec.fleet.host_store import SCRATCH, HostStore
     from r2bspec.fleet.hosts import HostName, describe_host
     from r2bspec.fleet.permissions import COMMANDS, PYTHON
     from r2bspec.fleet.worker import WorkerSettings, run_worker
     from r2bspec.language.quantities import parse_size_option
     from r2bspec.private_files import private_files
-    from r2bspec.safe_io.cache_folder import cache_or_temporary_folder
+    from r2bspec.safe_io.cache_folder import believed_folder, cache_or_temporary_folder
 
     _check_installation()
     address = fleet_address(scheduler, **connection)
@@ -114,20 +107,25 @@ def worker(
         limit_bytes = parse_size_option(cache_limit)
     except ValueError as error:
         raise click.UsageError(f"--cache-limit: {error}") from error
+    try:
+        root = believed_folder(folder) if folder else cache_or_temporary_folder("fleet")
+    except OSError as error:
+        raise click.UsageError(f"--folder {folder}: {error.strerror or error}") from error
     allows = (*([COMMANDS] if allow_commands else []), *([PYTHON] if allow_python else []))
-    facts = describe_host(name, parse_pairs("--label", labels), allows=allows, doctor=not no_doctor)
+    facts = describe_host(
+        name, options.parse_pairs("--label", labels), allows=allows, doctor=not no_doctor
+    )
     try:
         msgspec.convert(facts.name, HostName)
     except msgspec.ValidationError as error:
         raise click.UsageError("--name: no comma, slash, or dot at its beginning") from error
-    folder = folder or cache_or_temporary_folder("fleet")
-    store = HostStore(folder.absolute(), limit_bytes, shared)
+    store = HostStore(root, limit_bytes, shared)
     with private_files(), store.locked(_EARLIER_RUN_S) as lock:
         if lock is None:
             raise click.UsageError(f"another worker uses {store.root}: name another --folder")
         service = HostService(facts, store, lock)
         service.remove_unfinished()
-        settings = WorkerSettings(address=address, scratch=store.root / "dask", listen=listen)
+        settings = WorkerSettings(address=address, scratch=store.root / SCRATCH, listen=listen)
         run_worker(service, settings, lambda text: echo(text, err=True))
     return ExitStatus.OK
 
@@ -145,8 +143,8 @@ def _check_installation() -> None:
 
 @command.command("hosts")
 @click.argument("scheduler")
-@format_option()
-@connection_options
+@options.format_option()
+@options.connection_options
 def hosts(scheduler: str, output_format: str, connection: dict[str, Any]) -> int:
     """Show the hosts of a fleet: machine, software, labels, and what 'doctor' warns of there."""
     from r2bspec.language.quantities import Size
@@ -179,8 +177,8 @@ def hosts(scheduler: str, output_format: str, connection: dict[str, Any]) -> int
 
 @command.command("status")
 @click.argument("scheduler")
-@format_option()
-@connection_options
+@options.format_option()
+@options.connection_options
 def status(scheduler: str, output_format: str, connection: dict[str, Any]) -> int:
     """Show what every host of a fleet does now, and when it was last heard of."""
     hosts = _hosts_of(scheduler, connection)
@@ -206,8 +204,8 @@ def status(scheduler: str, output_format: str, connection: dict[str, Any]) -> in
 
 
 @command.command("certificates")
-@click.argument("folder", type=FOLDER)
-@repeatable_option(
+@click.argument("folder", type=options.FOLDER)
+@options.repeatable_option(
     "--host",
     "names",
     help="A host name or an address for the certificates",

@@ -22,15 +22,8 @@ from r2bspec.compare.base_reference import parse_base_reference
 from r2bspec.compare.report_input import read_folder
 from r2bspec.diagnostics.plain_text import plain
 from r2bspec.errors import R2bspecError
+from r2bspec.fleet import fleet_runs
 from r2bspec.fleet.client import FleetClient
-from r2bspec.fleet.fleet_runs import (
-    Ended,
-    FleetHistory,
-    FleetLimits,
-    FleetRun,
-    FleetRuns,
-    RunStatus,
-)
 from r2bspec.fleet.hosts import ALL, ANY, Host, place
 from r2bspec.fleet.journal import Journal
 from r2bspec.fleet.security import fleet_address
@@ -114,7 +107,7 @@ class FleetExecutor:
     def play(self, entries: Sequence[SuiteEntry]) -> Playing:
         """Every run when it has ended: first those that need not be made."""
         by_folder: dict[Path, SuiteEntry] = {}
-        runs: list[FleetRun] = []
+        runs: list[fleet_runs.FleetRun] = []
         for entry in entries:
             if (settled := self.suite.settled(entry)) is not None:
                 yield entry, settled
@@ -127,12 +120,12 @@ class FleetExecutor:
             by_folder[entry.folder] = entry
         history = None
         if self.options.history is not None:
-            history = FleetHistory(history_file(self.options.history))
-        limits = FleetLimits(
+            history = fleet_runs.FleetHistory(history_file(self.options.history))
+        limits = fleet_runs.FleetLimits(
             lost_s=self.options.host_timeout, retry_invalid=self.options.retry_invalid
         )
         with shown_table(len(runs), quiet=self.options.quiet) as lines:
-            making = FleetRuns(
+            making = fleet_runs.FleetRuns(
                 self.client, self.root, self.journal, limits, lines.note, lines.show, history
             )
             with contextlib.closing(making.play(runs)) as playing:
@@ -142,7 +135,7 @@ class FleetExecutor:
                     lines.ended(entry.name, ended.host, run.outcome)
                     yield entry, run
 
-    def _row(self, entry: SuiteEntry, ended: Ended) -> SuiteRun:
+    def _row(self, entry: SuiteEntry, ended: fleet_runs.Ended) -> SuiteRun:
         try:
             if ended.error is not None:
                 raise ended.error
@@ -152,7 +145,7 @@ class FleetExecutor:
             return self.suite.failed(entry, error, ended.host)
         return self.suite.keep(entry, result, resumed=False, host=ended.host)
 
-    def _fleet_run(self, entry: SuiteEntry) -> FleetRun:
+    def _fleet_run(self, entry: SuiteEntry) -> fleet_runs.FleetRun:
         base = None
         fields: dict[str, Any] = {
             "smoke": self.options.smoke,
@@ -171,7 +164,7 @@ class FleetExecutor:
             }
             if reference.changes_spec:
                 base = prepare_and_report(base_selection(entry.item.selection, reference))
-        return FleetRun(
+        return fleet_runs.FleetRun(
             name=entry.name,
             folder=entry.folder,
             head=entry.benchmark,
@@ -207,7 +200,7 @@ class FleetLines:
             on = f" on {host}" if host else ""
             self._write(f"[{self._done}/{self._total}] {name}{on}: {outcome}")
 
-    def show(self, rows: Sequence[RunStatus], hosts: Mapping[str, Host]) -> None:
+    def show(self, rows: Sequence[fleet_runs.RunStatus], hosts: Mapping[str, Host]) -> None:
         """What the runs do that have not ended."""
         if not self._quiet and time.monotonic() >= self._next:
             self._next = time.monotonic() + _LINE_S
@@ -228,7 +221,7 @@ class FleetTable(FleetLines):
         super().__init__(total)
         self._live = live
 
-    def show(self, rows: Sequence[RunStatus], hosts: Mapping[str, Host]) -> None:
+    def show(self, rows: Sequence[fleet_runs.RunStatus], hosts: Mapping[str, Host]) -> None:
         """Draw the table again."""
         self._live.update(_table(rows, hosts, self._done, self._total))
 
@@ -249,7 +242,7 @@ def shown_table(total: int, *, quiet: bool = False) -> Iterator[FleetLines]:
 
 
 def _table(
-    rows: Sequence[RunStatus], hosts: Mapping[str, Host], done: int, total: int
+    rows: Sequence[fleet_runs.RunStatus], hosts: Mapping[str, Host], done: int, total: int
 ) -> RenderableType:
     from rich.text import Text
 
@@ -263,7 +256,7 @@ def _table(
     return made
 
 
-def _row_cells(row: RunStatus, hosts: Mapping[str, Host]) -> tuple[str, ...]:
+def _row_cells(row: fleet_runs.RunStatus, hosts: Mapping[str, Host]) -> tuple[str, ...]:
     host = hosts.get(row.host)
     if host is None or host.state.name != row.name:
         return (row.name, row.host, row.text, "", "")

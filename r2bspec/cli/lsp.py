@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable
+
 import click
 
+from r2bspec.cli.internal_error import Crash, InternalError
 from r2bspec.errors import ExitStatus, UsageError
 
 
@@ -11,13 +15,33 @@ from r2bspec.errors import ExitStatus, UsageError
 def command() -> int:
     """Start the language server on standard input and output, for an editor.
 
-    Editors start it themselves; see 'r2bspec docs editors'.
+    Editors start it themselves; see 'r2bspec docs editors'. As its protocol says, it ends with 1
+    where an editor leaves without a word.
     """
+    import asyncio
+
     try:
         from r2bspec.language_server.server import create_server
     except ImportError as error:
         raise UsageError(
-            "the language server needs pygls", hint="pip install 'r2bspec[editor]'"
+            "the language server needs lsprotocol", hint="pip install 'r2bspec[editor]'"
         ) from error
-    create_server().start_io()
-    return ExitStatus.OK
+    # Not the object of `sys`, which the interpreter closes at its end, even if it is being read.
+    stdin = open(0, "rb", buffering=1 << 16, closefd=False)  # noqa: SIM115
+    server = create_server(defects_in_files())
+    is_asked = asyncio.run(server.connection.serve(stdin, sys.stdout.buffer))
+    return ExitStatus.OK if is_asked else ExitStatus.FINDINGS_OR_FAILED
+
+
+def defects_in_files() -> Callable[[BaseException], str]:
+    """What says in a line what no code foresaw; of one defect there is one file, however often."""
+    known: dict[str, str] = {}
+
+    def told(error: BaseException) -> str:
+        crash = Crash.of(error, "in the language server")
+        name = f"{crash.kind} {crash.place}"
+        if name not in known:
+            known[name] = str(InternalError(crash))
+        return known[name]
+
+    return told

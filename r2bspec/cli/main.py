@@ -18,7 +18,7 @@ from collections.abc import Iterator
 import click
 
 from r2bspec._version import __version__
-from r2bspec.diagnostics.plain_text import plain
+from r2bspec.diagnostics.plain_text import plain, short_lines
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError, exit_status_text
 from r2bspec.report.output import echo
 from r2bspec.safe_io.cache_folder import passed_over
@@ -68,6 +68,9 @@ _PLACES = {
 
 _COMMANDS_MEANT = {"gate": "run SPEC --against REVISION"}
 """What people call a command that is no verb, and the command."""
+
+_MAX_ERROR_LINE = 1_000
+"""Characters: a message names files, whose names may have 4,000, and arguments of any length."""
 
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 """No fault of r2bspec: the file system has no room."""
@@ -133,7 +136,7 @@ def main(argv: list[str] | None = None) -> int:
     except click.ClickException as error:
         shown = io.StringIO()
         error.show(file=shown)
-        echo(shown.getvalue(), err=True, nl=False)
+        echo(short_lines(shown.getvalue(), _MAX_ERROR_LINE), err=True, nl=False)
         return ExitStatus.USAGE
     except click.exceptions.Exit as error:
         return error.exit_code
@@ -150,14 +153,15 @@ def main(argv: list[str] | None = None) -> int:
                 full := UsageError(f"{what} cannot be written: {error.strerror}", code="R2B651")
             )
             return full.exit_code
-        # Not what was asked: no exit status that says something of a spec or a run may come of it.
         from r2bspec.cli.internal_error import Crash, InternalError
+        from r2bspec.execute.processes.prerequisites import limit_error
 
-        crash = InternalError(Crash.of(error))
+        limit = limit_error(f"{type(error).__name__}: {error}")
+        failure = limit or InternalError(Crash.of(error))
         for note in getattr(error, "__notes__", ()):
-            crash.add_note(note)
-        show_error(crash)
-        return crash.exit_code
+            failure.add_note(note)
+        show_error(failure)
+        return failure.exit_code
     return status if isinstance(status, int) else ExitStatus.OK
 
 
@@ -206,6 +210,7 @@ def _show_message(error: R2bspecError) -> None:
     colour = sys.stderr.isatty() and "NO_COLOR" not in os.environ
     label = f"error[{code_with_slug(error.code)}]"
     shown = click.style(label, fg="red", bold=True) if colour else label
-    echo(f"{shown}: {plain(str(error))}", err=True, styled=colour)
+    message = short_lines(plain(str(error)), _MAX_ERROR_LINE)
+    echo(f"{shown}: {message}", err=True, styled=colour)
     if error.hint:
-        echo(f"  help: {error.hint}", err=True)
+        echo(f"  help: {short_lines(error.hint, _MAX_ERROR_LINE)}", err=True)

@@ -7,16 +7,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.shared_options import (
-    FILE,
-    SpecValues,
-    max_bytes_option,
-    spec_argument,
-    spec_options,
-)
+from r2bspec.cli import shared_options as options
 from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
 from r2bspec.cli.text_output import show_findings
 from r2bspec.errors import ExitStatus
+from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
@@ -25,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @click.command("plan")
-@spec_argument
+@options.spec_argument
 @click.option(
     "--graph",
     type=click.Choice(["mermaid", "dot", "html"]),
@@ -34,7 +29,7 @@ if TYPE_CHECKING:
 @click.option(
     "--diff",
     "other",
-    type=FILE,
+    type=options.FILE,
     metavar="OTHER",
     help="Print the differences from OTHER, a spec or a plan, instead; exit status "
     f"{ExitStatus.FINDINGS_OR_FAILED} if any.",
@@ -46,8 +41,8 @@ if TYPE_CHECKING:
     help="Print the origin of a value, such as benchmark.rates[0], instead: every file, line and "
     "option that set it.",
 )
-@spec_options
-@max_bytes_option
+@options.spec_options
+@options.max_bytes_option
 @click.option(
     "--output",
     "-o",
@@ -59,7 +54,7 @@ def command(
     graph: str | None,
     other: Path | None,
     explain_path: str | None,
-    values: SpecValues,
+    values: SelectionValues,
     output: Path | None,
 ) -> int:
     """Compile SPEC and print its plan.
@@ -72,15 +67,17 @@ def command(
     if explain_path is not None:
         from r2bspec.language.load_spec import load_spec
 
-        loaded = load_spec(spec, **values._asdict())
+        loaded = load_spec(spec, **values)
         _write(_provenance(loaded, explain_path).encode(), output)
         return ExitStatus.OK
-    plan = prepare_and_report(SpecSelection(spec, *values)).plan
+    plan = prepare_and_report(SpecSelection(spec, **values)).plan
     if other is not None:
         from r2bspec.plan.comparability import diff_plans
 
-        other_values = SpecValues(allow_paths=values.allow_paths, untrusted=values.untrusted)
-        other_plan = prepare_and_report(SpecSelection(other, *other_values)).plan
+        other_selection = SpecSelection(
+            other, allow_paths=values["allow_paths"], untrusted=values["untrusted"]
+        )
+        other_plan = prepare_and_report(other_selection).plan
         differences = diff_plans(other_plan, plan)
         _write("".join(f"{each}\n" for each in differences).encode(), output)
         return ExitStatus.FINDINGS_OR_FAILED if differences else ExitStatus.OK

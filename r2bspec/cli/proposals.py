@@ -9,17 +9,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.shared_options import (
-    FOLDER,
-    SpecValues,
-    max_bytes_option,
-    quiet_option,
-    spec_argument,
-    spec_options,
-)
+from r2bspec.cli import shared_options as options
 from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
 from r2bspec.cli.text_output import print_table
 from r2bspec.errors import ExitStatus, UsageError
+from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
 
 if TYPE_CHECKING:
@@ -31,38 +25,36 @@ if TYPE_CHECKING:
 
 
 @click.command("calibrate")
-@spec_argument
+@options.spec_argument
 @click.option(
     "--pairs",
     type=click.IntRange(min=3),
     help="The number of pairs of runs.  [default: 10]",
 )
-@click.option("--runs", type=click.IntRange(min=6), hidden=True, help="Twice --pairs.")
 @click.option(
     "--from",
     "source",
-    type=FOLDER,
+    type=options.FOLDER,
     metavar="FOLDER",
     help="Use the folder of an earlier calibration or 'run --control' instead of running.",
 )
 @click.option(
     "--output",
     "-o",
-    type=FOLDER,
+    type=options.FOLDER,
     help="The folder of the runs, new or empty.  [default: runs/NAME-pairs-TIME]",
 )
 @click.option("--write", is_flag=True, help="Apply the proposed changes to SPEC.")
-@spec_options
-@max_bytes_option
-@quiet_option
+@options.spec_options
+@options.max_bytes_option
+@options.quiet_option
 def calibrate_command(
     spec: Path,
     pairs: int | None,
-    runs: int | None,
     source: Path | None,
     output: Path | None,
     write: bool,
-    values: SpecValues,
+    values: SelectionValues,
     quiet: bool,
 ) -> int:
     """Compare SPEC with itself to find the smallest detectable change.
@@ -73,8 +65,6 @@ def calibrate_command(
     """
     if spec.suffix == ".json":
         raise click.UsageError("limits cannot be proposed for a plan: give the spec")
-    if runs is not None:
-        pairs = math.ceil(runs / 2)
     if source is not None and (pairs is not None or output is not None):
         raise click.UsageError(
             "--from cannot be combined with --pairs or --output: it runs nothing"
@@ -82,7 +72,7 @@ def calibrate_command(
     from r2bspec.compare.calibration import compute_calibration, store_calibration
     from r2bspec.record.comparison_folder import open_comparison
 
-    selection = SpecSelection(spec, *values)
+    selection = SpecSelection(spec, **values)
     prepared = prepare_and_report(selection)
     folder = source or _run_pairs(prepared, pairs or 10, output, quiet=quiet)
     compared = open_comparison(folder)
@@ -212,12 +202,14 @@ def _show_change(
 
 
 @click.command("suggest")
-@spec_argument
-@click.argument("run", type=FOLDER)
+@options.spec_argument
+@click.argument("run", type=options.FOLDER)
 @click.option("--write", is_flag=True, help="Apply the proposed change to SPEC.")
 @click.option("--force", is_flag=True, help="Use a run of another graph than that of SPEC.")
-@spec_options
-def suggest_command(spec: Path, run: Path, write: bool, force: bool, values: SpecValues) -> int:
+@options.spec_options
+def suggest_command(
+    spec: Path, run: Path, write: bool, force: bool, values: SelectionValues
+) -> int:
     """Propose objectives for SPEC from the finished run in the folder RUN, as a patch.
 
     Limits of latencies are prediction bounds from the scatter of the iterations, with the margin of
@@ -228,7 +220,7 @@ def suggest_command(spec: Path, run: Path, write: bool, force: bool, values: Spe
         raise click.UsageError("objectives cannot be proposed for a plan: give the spec")
     from r2bspec.record.run_folder import open_run
 
-    prepared = prepare_and_report(SpecSelection(spec, *values))
+    prepared = prepare_and_report(SpecSelection(spec, **values))
     finished = open_run(run)
     if not force:
         _require_same_graph(

@@ -15,7 +15,6 @@ import click
 
 from r2bspec.cli.shared_options import (
     FOLDER,
-    SpecValues,
     connection_options,
     flag_options,
     format_option,
@@ -28,6 +27,7 @@ from r2bspec.cli.shared_options import (
     verbose_option,
 )
 from r2bspec.cli.spec_selection import ALL_CASES, SpecSelection
+from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
 
 if TYPE_CHECKING:
@@ -343,7 +343,7 @@ def _refuse(options: Mapping[str, object], why: str) -> None:
 @junit_option
 def command(
     specs: tuple[str, ...],
-    values: SpecValues,
+    values: SelectionValues,
     reports: tuple[ReportRequest, ...],
     junit: tuple[ReportRequest, ...],
     **others: Any,
@@ -374,7 +374,7 @@ def command(
 
     # Whether a spec that is gone may be gone is for the gate to say, which knows the base.
     files = present_spec_files(specs) if options.has_base_tree else None
-    several = options.needs_suite or values.case == ALL_CASES or files == []
+    several = options.needs_suite or values["case"] == ALL_CASES or files == []
     if options.on is not None:
         options.check_fleet()
     pair = len(specs) == 2 and not several and not options.smoke and not options.has_base_tree
@@ -384,16 +384,16 @@ def command(
         options = replace(options, against=(base, *options.against))
         options.check()
         if options.on is None:
-            return run_single(SpecSelection(Path(head), *values), options)
+            return run_single(SpecSelection(Path(head), **values), options)
         specs = (head,)
     options.check_pairs()
     if len(specs) == 1 and options.on is None and not several and not _is_collection(specs[0]):
-        return run_single(SpecSelection(Path(specs[0]), *values), options)
+        return run_single(SpecSelection(Path(specs[0]), **values), options)
     if options.on is None:
         options.check_suite()
     if files is None:
         files = spec_files(specs)
-    selection = SpecSelection(Path(), *values)
+    selection = SpecSelection(Path(), **values)
     items = run_items(selection, files, options.select, options.scan) if files else []
     return run_suite(items, options, specs)
 

@@ -14,19 +14,9 @@ import click
 
 from r2bspec import api
 from r2bspec.api import PreparedBenchmark, folder_name
+from r2bspec.cli import run_single
 from r2bspec.cli.check_files import present_spec_files, spec_files
 from r2bspec.cli.main import show_error
-from r2bspec.cli.run_single import (
-    OutputFolder,
-    compare_with_base,
-    estimate_of,
-    execute,
-    folder_line,
-    gate_of,
-    reported_failures,
-    show_differences,
-    write_reports_of,
-)
 from r2bspec.cli.spec_selection import (
     Playing,
     RunItem,
@@ -45,19 +35,11 @@ from r2bspec.plan.time_estimate import time_text
 from r2bspec.private_files import private_files
 from r2bspec.record.files import FolderTakenError, write_atomically
 from r2bspec.record.graph_identity import GraphIdentity, identity_differences, source_differences
+from r2bspec.report import suite as suites
 from r2bspec.report.headline import headline
 from r2bspec.report.notes import notes_of_an_open_run
 from r2bspec.report.output import echo, echo_document
 from r2bspec.report.progress import RemainingTime
-from r2bspec.report.suite import (
-    SUITE_FORMATS,
-    SuiteRun,
-    SuiteSummary,
-    run_with_error,
-    run_with_result,
-    to_json,
-    worst_status,
-)
 from r2bspec.report.write_reports import STDOUT, ReportRequest, takes_stdout, write_report
 from r2bspec.safe_io.safe_file import is_regular
 
@@ -129,8 +111,8 @@ def _run_here(
     with contextlib.ExitStack() as stack:
         of_all = tuple(request for request in options.reports if _NAME_FIELD not in request.path)
         summaries_only = replace(options, reports=of_all)
-        with reported_failures(summaries_only, OutputFolder(), place):
-            gate = stack.enter_context(gate_of(of_suite, place))
+        with run_single.reported_failures(summaries_only, run_single.OutputFolder(), place):
+            gate = stack.enter_context(run_single.gate_of(of_suite, place))
             if gate is not None:
                 suite.gate = _compare_spec_sets(gate, paths, entries, options.select)
         unplayed = [entry for entry in entries if entry.error is None]
@@ -155,14 +137,16 @@ def _run_here(
                 if (id(entry) in built) == needs_lock:
                     _compare_with_base(gate, entry, options)
             if needs_lock or not built:
-                with reported_failures(summaries_only, OutputFolder(), place):
+                with run_single.reported_failures(summaries_only, run_single.OutputFolder(), place):
                     _check_allowed(gate, options, prepared)
             if any(entry.error is not None for entry in entries):
                 suite.create_folder()
                 suite.enter(entries)
                 return suite.refuse()
         for entry in unplayed:
-            entry.estimate = estimate_of(entry.benchmark, entry.item.selection, options, gate)
+            entry.estimate = run_single.estimate_of(
+                entry.benchmark, entry.item.selection, options, gate
+            )
         suite.create_folder()
         suite.enter(entries)
         total = time_text(sum(entry.seconds for entry in entries))
@@ -173,7 +157,7 @@ def _run_here(
 def _compare_with_base(gate: MergeGate, entry: SuiteEntry, options: RunOptions) -> None:
     """Compare the spec of a run with that of the base; what the gate refuses is its error."""
     try:
-        compare_with_base(gate, entry.item.selection, entry.benchmark, options)
+        run_single.compare_with_base(gate, entry.item.selection, entry.benchmark, options)
     except InterruptedRunError:
         raise
     except R2bspecError as error:
@@ -219,16 +203,16 @@ def _compare_spec_sets(
 
 def _with_summaries_only(options: RunOptions) -> RunOptions:
     """The options without reports that only a run could have: there is none."""
-    reports = (request for request in options.reports if request.format in SUITE_FORMATS)
+    reports = (request for request in options.reports if request.format in suites.SUITE_FORMATS)
     return replace(options, reports=tuple(reports))
 
 
 def _check_reports(options: RunOptions) -> None:
     for each in options.reports:
-        if each.format not in SUITE_FORMATS and _NAME_FIELD not in each.path:
+        if each.format not in suites.SUITE_FORMATS and _NAME_FIELD not in each.path:
             raise click.UsageError(
                 f"the summary of several runs has no format {each.format}: it has "
-                f"{', '.join(SUITE_FORMATS)}; with {_NAME_FIELD} in the path, as in "
+                f"{', '.join(suites.SUITE_FORMATS)}; with {_NAME_FIELD} in the path, as in "
                 f"{each.format}=reports/{_NAME_FIELD}.{each.format}, each run has a report"
             )
 
@@ -252,7 +236,7 @@ def _prepare(item: RunItem, options: RunOptions) -> SuiteEntry:
 
         named = msgspec.structs.replace(prepared.plan, name=f"{prepared.plan.name}{item.suffix}")
         prepared = replace(prepared, plan=named)
-    estimate = estimate_of(prepared, item.selection, options)
+    estimate = run_single.estimate_of(prepared, item.selection, options)
     return SuiteEntry(item, prepared.plan.name, prepared, estimate=estimate)
 
 
@@ -306,11 +290,11 @@ class Suite:
         except BaseException as error:
             # The folder of the suite is named below, and in place of that of the run.
             getattr(error, "__notes__", []).clear()
-            error.add_note(folder_line(self.root))
+            error.add_note(run_single.folder_line(self.root))
             raise
         finally:
             self._finish()
-        echo(folder_line(self.root), err=True)
+        echo(run_single.folder_line(self.root), err=True)
         return self._summary().exit_status
 
     def refuse(self) -> int:
@@ -320,13 +304,13 @@ class Suite:
                 entry.run = self.failed(entry, entry.error)
         self._skip_rest("the gate refuses another spec")
         self._finish()
-        echo(folder_line(self.root), err=True)
+        echo(run_single.folder_line(self.root), err=True)
         return self._summary().exit_status
 
     def _skip_rest(self, reason: str) -> None:
         """Say of the runs that have not been made why."""
         for entry in self._entries:
-            entry.run = entry.run or SuiteRun(
+            entry.run = entry.run or suites.SuiteRun(
                 name=entry.name,
                 spec=str(entry.item.selection.spec),
                 folder="",
@@ -336,7 +320,7 @@ class Suite:
                 host=entry.host,
             )
 
-    def add(self, entry: SuiteEntry, run: SuiteRun) -> None:
+    def add(self, entry: SuiteEntry, run: suites.SuiteRun) -> None:
         """Take a run into the summary, and write it."""
         entry.run = run
         began = time.monotonic()
@@ -346,7 +330,7 @@ class Suite:
         self._written = time.monotonic()
         self._writing = self._written - began
 
-    def settled(self, entry: SuiteEntry) -> SuiteRun | None:
+    def settled(self, entry: SuiteEntry) -> suites.SuiteRun | None:
         """An entry that need not be played: one with an error, or with an earlier run."""
         if entry.error is not None:
             return self.failed(entry, entry.error)
@@ -354,11 +338,11 @@ class Suite:
             return self.keep(entry, earlier, resumed=True)
         return None
 
-    def failed(self, entry: SuiteEntry, error: R2bspecError, host: str = "") -> SuiteRun:
+    def failed(self, entry: SuiteEntry, error: R2bspecError, host: str = "") -> suites.SuiteRun:
         """A run that failed, as a row of the summary."""
         # What is in the folder of a run that was not begun is of an earlier one.
         was_begun = entry.error is None
-        return run_with_error(
+        return suites.run_with_error(
             error,
             name=entry.name,
             spec=str(entry.item.selection.spec),
@@ -367,12 +351,14 @@ class Suite:
             report=self._page_of(entry) if was_begun else "",
         )
 
-    def keep(self, entry: SuiteEntry, result: Result, *, resumed: bool, host: str = "") -> SuiteRun:
+    def keep(
+        self, entry: SuiteEntry, result: Result, *, resumed: bool, host: str = ""
+    ) -> suites.SuiteRun:
         """A run that has a result, as a row of the summary; its reports are written."""
         spec = entry.item.selection.spec
         self._results[str(entry.folder)] = result
-        write_reports_of(self.options_of(entry), entry.folder, spec)
-        return run_with_result(
+        run_single.write_reports_of(self.options_of(entry), entry.folder, spec)
+        return suites.run_with_result(
             result,
             spec=str(spec),
             folder=str(entry.folder),
@@ -453,18 +439,18 @@ class Suite:
             echo(f"{entry.name}: the earlier run does not count: {', '.join(changes)}", err=True)
         return not changes
 
-    def _summary(self) -> SuiteSummary:
+    def _summary(self) -> suites.SuiteSummary:
         runs = tuple(entry.run for entry in self._entries if entry.run is not None)
-        return SuiteSummary(
+        return suites.SuiteSummary(
             started_at=self._started_at,
             ended_at=_now(),
-            exit_status=worst_status(run.exit_status for run in runs),
+            exit_status=suites.worst_status(run.exit_status for run in runs),
             gate=self.gate,
             runs=runs,
         )
 
     def _write_summary(self) -> None:
-        write_atomically(self.root / SUMMARY_FILE, to_json(self._summary(), self._results))
+        write_atomically(self.root / SUMMARY_FILE, suites.to_json(self._summary(), self._results))
 
     def _finish(self) -> None:
         """Write the summary to its file, to the requested reports, and to standard output."""
@@ -472,10 +458,12 @@ class Suite:
         summary = self._summary()
         requests = [each for each in self._options.reports if _NAME_FIELD not in each.path]
         for request in requests:
-            content = SUITE_FORMATS[request.format](summary, self._results, request.path)
+            content = suites.SUITE_FORMATS[request.format](summary, self._results, request.path)
             write_report(request.path, content)
         if not takes_stdout(requests):
-            shown = SUITE_FORMATS[self._options.output_format](summary, self._results, STDOUT)
+            shown = suites.SUITE_FORMATS[self._options.output_format](
+                summary, self._results, STDOUT
+            )
             echo_document(shown, nl=False)
 
 
@@ -493,11 +481,11 @@ class LocalExecutor:
             settled = self.suite.settled(entry)
             yield entry, settled if settled is not None else self._make(number, entries)
 
-    def _make(self, number: int, entries: Sequence[SuiteEntry]) -> SuiteRun:
+    def _make(self, number: int, entries: Sequence[SuiteEntry]) -> suites.SuiteRun:
         entry = entries[number]
         try:
             result = self._play(number, entries)
-            show_differences(result, entry.benchmark)
+            run_single.show_differences(result, entry.benchmark)
             return self.suite.keep(entry, result, resumed=False)
         except InterruptedRunError as error:
             self.suite.add(entry, self.suite.failed(entry, error))
@@ -514,7 +502,7 @@ class LocalExecutor:
         later_s = sum(each.seconds for each in entries[number + 1 :])
         remaining = RemainingTime(entry.estimate, after_s=later_s)
         of_run = self.suite.options_of(entry)
-        result = execute(
+        result = run_single.execute(
             entry.benchmark, entry.item.selection, of_run, entry.folder, remaining, self.gate
         )
         if not self.options.quiet:

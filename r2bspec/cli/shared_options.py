@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from r2bspec.cli.completion import complete_case, complete_report, complete_variable
 from r2bspec.language.quantities import Duration, Quantity, QuantityError, Share
+from r2bspec.language.selected_spec import SelectionValues
 
 if TYPE_CHECKING:
-    from r2bspec.language.environment_access import UntrustedSpecs
     from r2bspec.report.write_reports import ReportRequest
 
 
@@ -234,18 +234,8 @@ def parse_pairs(option: str, texts: Iterable[str]) -> dict[str, str]:
     return pairs
 
 
-class SpecValues(NamedTuple):
-    """The options of a spec on the command line; the arguments of `r2bspec.api.prepare`."""
-
-    sets: tuple[str, ...] = ()
-    variables: Mapping[str, str] = {}
-    case: str = ""
-    allow_paths: tuple[Path, ...] = ()
-    untrusted: UntrustedSpecs | None = None
-
-
 def spec_options(command: Callable[..., int]) -> Callable[..., int]:
-    """Add the options of a spec to a verb, which takes them as `values`, a `SpecValues`."""
+    """Add the options of a spec to a verb, which takes them as `values`, its `SelectionValues`."""
 
     @sets_option
     @variables_option
@@ -268,7 +258,13 @@ def spec_options(command: Callable[..., int]) -> Callable[..., int]:
             from r2bspec.language.environment_access import untrusted_specs
 
             stranger = untrusted_specs(Path.cwd(), untrusted=untrusted, base_ref=base_ref)
-        values = SpecValues(sets, parse_pairs("--var", variables), case, allow_paths, stranger)
+        values = SelectionValues(
+            sets=sets,
+            variables=parse_pairs("--var", variables),
+            case=case,
+            allow_paths=allow_paths,
+            untrusted=stranger,
+        )
         return command(values=values, **others)
 
     return with_values

@@ -11,15 +11,14 @@ import click
 
 from r2bspec.diagnostics.plain_text import plain
 from r2bspec.diagnostics.quote import clip
-from r2bspec.report.output import echo, echo_document
+from r2bspec.report.output import MAX_TABLE_ROWS, echo, echo_document, rows_left_out
 
 if TYPE_CHECKING:
     from r2bspec.diagnostics import Diagnostic
     from r2bspec.language.load_spec import LoadedSpec
 
 
-_MAX_ROWS = 5_000
-_MAX_CELL = 300
+_MAX_CELL = 100
 
 
 def counted(number: int, noun: str) -> str:
@@ -37,16 +36,16 @@ def styled(text: str, **style: Any) -> str:
 def aligned_lines(rows: Sequence[Sequence[str]], right_columns: Collection[int] = ()) -> list[str]:
     """A line for each row, with columns as wide as a terminal shows their widest cell.
 
-    Long cells are clipped; of very many rows, the first are shown, and how many there are more.
+    Long cells are clipped. Of very many rows the first are shown, with how many there are more.
 
     Args:
-        rows: the cells; all rows have the same number.
+        rows: the cells; all rows have the same number. The first is the header.
         right_columns: the columns that are aligned to the right.
     """
     from rich.cells import cell_len
 
-    more = [f"and {len(rows) - _MAX_ROWS:,} more"] if len(rows) > _MAX_ROWS else []
-    rows = [[clip(cell, _MAX_CELL) for cell in row] for row in rows[:_MAX_ROWS]]
+    rows, more = rows[: MAX_TABLE_ROWS + 1], len(rows) - MAX_TABLE_ROWS - 1
+    rows = [[clip(cell, _MAX_CELL) for cell in row] for row in rows]
     widths = [max(map(cell_len, column)) for column in zip(*rows, strict=True)]
     lines = []
     for row in rows:
@@ -55,7 +54,7 @@ def aligned_lines(rows: Sequence[Sequence[str]], right_columns: Collection[int] 
             padding = " " * (width - cell_len(cell))
             cells.append(padding + cell if column in right_columns else cell + padding)
         lines.append("  ".join(cells).rstrip())
-    return lines + more
+    return [*lines, rows_left_out(more)] if more > 0 else lines
 
 
 def print_table(

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Final, NoReturn
 import click
 
 from r2bspec.cli.check_files import FileReport
-from r2bspec.cli.shared_options import SpecValues, flag_options, max_bytes_option, spec_options
+from r2bspec.cli.shared_options import flag_options, max_bytes_option, spec_options
 from r2bspec.cli.text_output import counted, print_findings
 from r2bspec.errors import ExitStatus
+from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.finding_formats import DOCUMENT_FORMATS, FORMATS
 from r2bspec.report.output import echo
 from r2bspec.safe_io.looked_up_files import Lookups, Stamp, looked_up_files, shared_lookups, stamp
@@ -54,7 +55,7 @@ if TYPE_CHECKING:
 def command(
     paths: tuple[str, ...],
     output_format: str,
-    values: SpecValues,
+    values: SelectionValues,
     resolved: bool,
     offline: bool,
     fix: bool,

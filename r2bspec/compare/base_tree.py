@@ -31,15 +31,7 @@ from r2bspec.diagnostics import did_you_mean
 from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import UsageError
 from r2bspec.record.graph_identity import Revision, revision_text
-from r2bspec.safe_io.git import (
-    commit_of,
-    find_work_tree,
-    git_command,
-    git_environment,
-    inspect_work_tree,
-    ref_names,
-    run_git,
-)
+from r2bspec.safe_io import git
 from r2bspec.safe_io.limits import MAX_TREE_BYTES, MAX_TREE_FILES
 
 _PREFIX = "r2bspec-base-"
@@ -101,7 +93,7 @@ def open_base_tree(reference: BaseReference, spec: Path) -> Iterator[BaseTree]:
         BaseRevisionError: there is no such revision, or it cannot be written.
     """
     folder = spec if spec.is_dir() else spec.parent
-    head_top = find_work_tree(folder)
+    head_top = git.find_work_tree(folder)
     if reference.folder is not None:
         yield _other_work_tree(reference.folder.resolve(), head_top or folder.resolve())
         return
@@ -139,13 +131,13 @@ def open_base_tree(reference: BaseReference, spec: Path) -> Iterator[BaseTree]:
 
 def _other_work_tree(folder: Path, head_top: Path) -> BaseTree:
     """A work tree that exists; it is used as it is."""
-    top = find_work_tree(folder) or folder
+    top = git.find_work_tree(folder) or folder
     if top == head_top:
         raise BaseRevisionError(
             f"{folder} is in the work tree of the head",
             hint="Give another work tree, such as one of git worktree add, or a revision.",
         )
-    state = inspect_work_tree(top)
+    state = git.inspect_work_tree(top)
     if state is None or not state.commit:
         return BaseTree(top=top, head_top=head_top, name=folder.name, revision=None)
     revision = Revision(commit=state.commit, dirty=bool(state.changed), name=folder.name)
@@ -159,7 +151,7 @@ def _commit(top: Path, text: str) -> str:
         BaseRevisionError: git knows none.
     """
     name = text.removesuffix("...")
-    commit = commit_of(top, name)
+    commit = git.commit_of(top, name)
     if commit is not None and name != text:
         commit = _output(top, "merge-base", commit, "HEAD") or None
     if commit is not None:
@@ -170,7 +162,7 @@ def _commit(top: Path, text: str) -> str:
 def _unknown_revision(top: Path, name: str, *, branched_off: bool) -> BaseRevisionError:
     """The error that git does not know a commit, with the name that may be meant."""
     shallow = _output(top, "rev-parse", "--is-shallow-repository") == "true"
-    known = commit_of(top, name) is not None
+    known = git.commit_of(top, name) is not None
     message = f"git knows no revision {name!r}"
     if branched_off and known:
         message = f"git finds no commit from which HEAD and {name!r} branched off"
@@ -186,7 +178,7 @@ def _unknown_revision(top: Path, name: str, *, branched_off: bool) -> BaseRevisi
 
 def _similar_ref(top: Path, name: str) -> str:
     """The branch or tag that may be meant: the same one of another place, or a similar name."""
-    refs = [ref for ref in ref_names(top) if not ref.endswith("/HEAD")]
+    refs = [ref for ref in git.ref_names(top) if not ref.endswith("/HEAD")]
     branch = name.rpartition("/")[2]
     elsewhere = next((ref for ref in refs if ref.rpartition("/")[2] == branch), "")
     similar = did_you_mean(name, refs)
@@ -198,9 +190,9 @@ def _fetch_of(top: Path, name: str, *, shallow: bool, branched_off: bool) -> str
     depth = " --unshallow" if shallow and branched_off else " --depth=1" if shallow else ""
     remote, slash, branch = name.partition("/")
     remotes = _output(top, "remote").split()
-    if not slash and remotes and _BRANCH.fullmatch(name) and commit_of(top, name) is None:
+    if not slash and remotes and _BRANCH.fullmatch(name) and git.commit_of(top, name) is None:
         there = f"{remotes[0]}/{name}"
-        if not shallow or commit_of(top, there) is not None:
+        if not shallow or git.commit_of(top, there) is not None:
             return ""
         return f"git fetch{depth} {remotes[0]} {name}:refs/remotes/{there}, and name it {there}"
     if slash and remote in remotes:
@@ -211,14 +203,14 @@ def _fetch_of(top: Path, name: str, *, shallow: bool, branched_off: bool) -> str
             if shallow or not has_all
             else ""
         )
-    if shallow and commit_of(top, name) is not None:
+    if shallow and git.commit_of(top, name) is not None:
         return f"git fetch{depth}"
     return f"git fetch{depth} origin {name}" if shallow and _COMMIT.fullmatch(name) else ""
 
 
 def _output(top: Path, *arguments: str) -> str:
     """What git prints; empty if it fails."""
-    done = run_git(top, *arguments)
+    done = git.run_git(top, *arguments)
     return done.stdout.decode(errors="replace").strip() if done and done.returncode == 0 else ""
 
 
@@ -270,7 +262,7 @@ class _TreeWriter:
         return tuple(notes)
 
     def _entries(self) -> tuple[list[_Entry], list[str]]:
-        done = run_git(self._top, "ls-tree", "-r", "-l", "-z", "--full-tree", self._commit)
+        done = git.run_git(self._top, "ls-tree", "-r", "-l", "-z", "--full-tree", self._commit)
         if done is None or done.returncode:
             raise self._incomplete(done.stderr if done is not None else b"git does not answer")
         entries, submodules = [], []
@@ -312,8 +304,8 @@ class _TreeWriter:
             names.write(b"".join(entry.object_id.encode() + b"\n" for entry in entries))
             names.seek(0)
             with subprocess.Popen(
-                git_command(self._top, "cat-file", "--batch"),
-                env=git_environment(),
+                git.git_command(self._top, "cat-file", "--batch"),
+                env=git.git_environment(),
                 stdin=names,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,

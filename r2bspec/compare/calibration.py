@@ -11,12 +11,7 @@ from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.statistics.t_interval import noise_floor, smallest_detectable
 from r2bspec.plan.comparability import measured_hash, pair_count
-from r2bspec.record.calibration_file import (
-    Calibration,
-    MetricNoise,
-    add_calibration,
-    calibration_path,
-)
+from r2bspec.record import calibration_file
 from r2bspec.record.comparison_folder import PairedComparison
 from r2bspec.record.graph_identity import describe_machine, fingerprint
 
@@ -27,7 +22,7 @@ _PAIR_COUNTS = (3, 5, 10, 20, 40)
 """Numbers of pairs for which margins are computed, besides that of the spec."""
 
 
-def compute_calibration(pairs: PairedComparison) -> Calibration:
+def compute_calibration(pairs: PairedComparison) -> calibration_file.Calibration:
     """The noise of every metric that has a value in each run.
 
     Args:
@@ -46,19 +41,19 @@ def compute_calibration(pairs: PairedComparison) -> Calibration:
     if len(played) < MIN_PAIRS:
         raise IncomparableError(
             f"{len(played)} pairs are too few for a calibration; {MIN_PAIRS} are needed",
-            hint="Increase --runs.",
+            hint="Increase --pairs.",
         )
     base = [read_samples(pairs.run(each, "base")) for each in played]
     head = [read_samples(pairs.run(each, "head")) for each in played]
     merged = pairs.merged(played, "head")
     confidence = pairs.plan.gate.confidence
     numbers = sorted({*_PAIR_COUNTS, max(pair_count(pairs.plan), 2)})
-    metrics: list[MetricNoise] = []
+    metrics: list[calibration_file.MetricNoise] = []
     for at_hz, monitor, info in tracked_metrics(merged, read_samples(merged)):
         ratios = _ratios((at_hz, monitor, info), base, head)
         if ratios is not None:
             metrics.append(_noise((at_hz, monitor, info), ratios, numbers, confidence))
-    return Calibration(
+    return calibration_file.Calibration(
         machine=describe_machine(merged.record.machine),
         run_id=pairs.record.run_id,
         started_at=pairs.record.started_at,
@@ -83,10 +78,10 @@ def _ratios(
 
 def _noise(
     where: TrackedMetric, ratios: Sequence[float], numbers: Sequence[int], confidence: float
-) -> MetricNoise:
+) -> calibration_file.MetricNoise:
     at_hz, monitor, info = where
     found = noise_floor(ratios, confidence)
-    return MetricNoise(
+    return calibration_file.MetricNoise(
         at_hz=at_hz,
         monitor=monitor,
         metric=info.name,
@@ -99,13 +94,15 @@ def _noise(
     )
 
 
-def store_calibration(spec_file: Path, pairs: PairedComparison, found: Calibration) -> Path:
+def store_calibration(
+    spec_file: Path, pairs: PairedComparison, found: calibration_file.Calibration
+) -> Path:
     """Store a calibration in the companion file of its spec; returns the file.
 
     Raises:
         RecordError: the existing file is damaged, or cannot be written.
     """
-    path = calibration_path(spec_file)
+    path = calibration_file.calibration_path(spec_file)
     machine = pairs.merged(pairs.usable_pairs(), "head").record.machine
-    add_calibration(path, pairs.plan.name, fingerprint(machine), found)
+    calibration_file.add_calibration(path, pairs.plan.name, fingerprint(machine), found)
     return path

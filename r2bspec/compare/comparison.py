@@ -174,8 +174,7 @@ def read_compared_result(path: Path) -> ComparedResult:
             else:
                 return compared
         raise UnreadableResultError(
-            f"{path} is neither a result ({not_a_result}) nor a report ({', '.join(reasons)})",
-            hint="Name a run folder, a result.json, or a report of ros2_benchmark.",
+            f"{path} is neither a result ({not_a_result}) nor a report ({', '.join(reasons)})"
         ) from not_a_result
 
 

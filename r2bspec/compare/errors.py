@@ -24,6 +24,14 @@ class UnreadableResultError(R2bspecError):
     code = RESULT_UNREADABLE
     exit_code = ExitStatus.USAGE
 
+    def __init__(
+        self,
+        message: str,
+        *,
+        hint: str = "Name a run folder, a result.json, or a report of ros2_benchmark.",
+    ) -> None:
+        super().__init__(message, hint=hint)
+
 
 class IncomparableError(R2bspecError):
     """Results that differ in more than their numbers."""

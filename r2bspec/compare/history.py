@@ -76,7 +76,6 @@ APPLICATION_ID: Final = 0x52324253
 """'R2BS' in ASCII: distinguishes a history from the database of another program."""
 
 SCHEMA_VERSION: Final = 3
-"""Version 1 was never released. Version 2 has no identities."""
 
 # A failed run counts as a baseline once it is accepted, as an intended regression.
 _STATEMENTS: Final = (
@@ -110,10 +109,6 @@ _STATEMENTS: Final = (
     f"PRAGMA application_id = {APPLICATION_ID}",
     f"PRAGMA user_version = {SCHEMA_VERSION}",
 )
-
-_UPGRADES: Final = {2: ("ALTER TABLE runs ADD COLUMN identity TEXT NOT NULL DEFAULT ''",)}
-"""The statements that turn each older version into the next one."""
-
 
 T = TypeVar("T")
 
@@ -282,36 +277,23 @@ def open_history(path: Path, *, create: bool = False) -> Iterator[History]:
             stack.enter_context(contextlib.closing(connection))
             restrict(connection, _MAX_OPENING_S)
             with _transaction(connection, "DEFERRED"):
-                version = _check(path, connection)
-            if version != SCHEMA_VERSION:
+                is_empty = _is_empty(path, connection)
+            if is_empty:
                 with _transaction(connection):
                     # Unless another program has done it meanwhile.
-                    for statement in _missing_statements(_check(path, connection)):
-                        connection.execute(statement)
+                    if _is_empty(path, connection):
+                        for statement in _STATEMENTS:
+                            connection.execute(statement)
             _use_write_ahead_log(connection)
             connection.execute("PRAGMA foreign_keys = ON")
             end_deadline(connection)
         yield History(path, connection)
 
 
-def _missing_statements(version: int) -> Iterator[str]:
-    """The statements that bring a file of some version up to date; 0 is an empty one."""
-    if not version:
-        yield from _STATEMENTS
-        return
-    for older in range(version, SCHEMA_VERSION):
-        yield from _UPGRADES[older]
-        yield f"PRAGMA user_version = {older + 1}"
-
-
-def _check(path: Path, connection: sqlite3.Connection) -> int:
-    """Check that the file is a history that can be read, or empty, before anything is changed.
-
-    Returns:
-        The version of its format; 0 if it is empty.
-    """
+def _is_empty(path: Path, connection: sqlite3.Connection) -> bool:
+    """Check that the file is a history that can be read, or empty, before anything is changed."""
     if not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
-        return 0
+        return True
     if connection.execute("PRAGMA application_id").fetchone()[0] != APPLICATION_ID:
         raise HistoryError(
             f"{path} is a database of another program, not a history of r2bspec",
@@ -319,12 +301,12 @@ def _check(path: Path, connection: sqlite3.Connection) -> int:
         )
     check_schema(connection, _TABLES)
     version = int(connection.execute("PRAGMA user_version").fetchone()[0])
-    if version not in {*_UPGRADES, SCHEMA_VERSION}:
+    if version != SCHEMA_VERSION:
         raise HistoryError(
             f"{path} has version {version}; this r2bspec reads version {SCHEMA_VERSION}",
             hint="Use the r2bspec that wrote it, or name another file with --history.",
         )
-    return version
+    return False
 
 
 def _use_write_ahead_log(connection: sqlite3.Connection) -> None:

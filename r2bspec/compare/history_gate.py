@@ -12,25 +12,11 @@ from typing import Any
 
 import msgspec
 
-from r2bspec.compare.comparison import (
-    ComparedResult,
-    ComparedSource,
-    SeriesKey,
-    blocking_differences,
-    differences_of,
-    read_compared_result,
-)
+from r2bspec.compare import comparison
 from r2bspec.compare.errors import IncomparableError
 from r2bspec.compare.history import HistoryEntry, HistoryMetric, open_history
 from r2bspec.compare.report_input import read_folder
-from r2bspec.judge import judge_run
-from r2bspec.judge.baseline_comparison import (
-    fails_by_history,
-    iteration_values,
-    required_metrics,
-    run_value,
-    tracked_metrics,
-)
+from r2bspec.judge import baseline_comparison, judge_run
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.samples import starts_of
@@ -39,19 +25,8 @@ from r2bspec.judge.statistics.t_interval import MAX_HISTORY_RUNS
 from r2bspec.plan.canonical_json import plan_hash
 from r2bspec.plan.comparability import measured_hash
 from r2bspec.plan.plan import Plan
-from r2bspec.record.baseline_file import (
-    BASELINE_FILE,
-    CONFIRMATION_FOLDER,
-    BaselineRecord,
-    BaselineSeries,
-)
+from r2bspec.record import baseline_file, graph_identity
 from r2bspec.record.files import to_json, write_atomically
-from r2bspec.record.graph_identity import (
-    decode_identity,
-    describe_machine,
-    encode_identity,
-    fingerprint,
-)
 from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.record.run_record import RunRecord
 from r2bspec.safe_io.safe_file import is_folder
@@ -64,27 +39,27 @@ def history_entry(run: Run, result: Result) -> HistoryEntry:
         run_id=run.record.run_id,
         name=run.plan.name,
         started_at=run.record.started_at,
-        host=fingerprint(run.record.machine),
-        machine=describe_machine(run.record.machine),
+        host=graph_identity.fingerprint(run.record.machine),
+        machine=graph_identity.describe_machine(run.record.machine),
         plan=measured_hash(run.plan),
         dataset=_dataset(run.record),
         version=run.record.versions.get("r2bspec", ""),
         outcome=result.verdict.outcome,
-        identity=encode_identity(run.record.identity),
+        identity=graph_identity.encode_identity(run.record.identity),
         metrics=tuple(
             HistoryMetric(
                 at_hz=at_hz,
                 monitor=monitor,
                 metric=info.name,
                 unit=info.unit,
-                value=run_value(info, monitor, at_hz, samples),
+                value=baseline_comparison.run_value(info, monitor, at_hz, samples),
             )
-            for at_hz, monitor, info in tracked_metrics(run, samples)
+            for at_hz, monitor, info in baseline_comparison.tracked_metrics(run, samples)
         ),
     )
 
 
-def baseline_from_history(path: Path, run: Run) -> BaselineRecord:
+def baseline_from_history(path: Path, run: Run) -> baseline_file.BaselineRecord:
     """The earlier runs that a run may be compared with; possibly none.
 
     Raises:
@@ -92,7 +67,7 @@ def baseline_from_history(path: Path, run: Run) -> BaselineRecord:
     """
     with open_history(path, create=True) as history:
         found = history.comparable_runs(
-            fingerprint(run.record.machine),
+            graph_identity.fingerprint(run.record.machine),
             measured_hash(run.plan),
             _dataset(run.record),
             MAX_HISTORY_RUNS,
@@ -103,21 +78,23 @@ def baseline_from_history(path: Path, run: Run) -> BaselineRecord:
         for one in entry.metrics:
             column = values.setdefault((one.at_hz, one.monitor, one.metric), [None] * len(found))
             column[number] = one.value
-    return BaselineRecord(
+    return baseline_file.BaselineRecord(
         kind="history",
         source=str(path),
         run_ids=tuple(entry.run_id for entry in found),
         series=tuple(
-            BaselineSeries(at_hz=at_hz, monitor=monitor, metric=metric, values=tuple(column))
+            baseline_file.BaselineSeries(
+                at_hz=at_hz, monitor=monitor, metric=metric, values=tuple(column)
+            )
             for (at_hz, monitor, metric), column in values.items()
         ),
-        identity=decode_identity(found[-1].identity) if found else None,
+        identity=graph_identity.decode_identity(found[-1].identity) if found else None,
     )
 
 
 def baseline_from_stored_run(
     path: Path, plan: Plan, machine: Mapping[str, Any], *, force: bool
-) -> BaselineRecord:
+) -> baseline_file.BaselineRecord:
     """A stored run as the baseline of a run that is about to be made.
 
     Args:
@@ -133,17 +110,17 @@ def baseline_from_stored_run(
         RecordError: a folder is not a run folder.
         UnreadableResultError: a file is none of these.
     """
-    stored = read_compared_result(path)
-    coming = ComparedResult(
-        side=ComparedSource(source="this run", name=plan.name, run_id="", started_at=""),
+    stored = comparison.read_compared_result(path)
+    coming = comparison.ComparedResult(
+        side=comparison.ComparedSource(source="this run", name=plan.name, run_id="", started_at=""),
         series={},
         plan=plan if stored.plan is not None else None,
         plan_hash=plan_hash(plan),
         dataset=plan.dataset.sha256 or stored.dataset,
         machine=dict(machine),
     )
-    differences = tuple(differences_of(stored, coming))
-    if not force and any(blocking_differences(stored, coming)):
+    differences = tuple(comparison.differences_of(stored, coming))
+    if not force and any(comparison.blocking_differences(stored, coming)):
         raise IncomparableError(
             f"{path} and this run are not comparable:\n"
             + "\n".join(f"  {each}" for each in differences),
@@ -152,13 +129,13 @@ def baseline_from_stored_run(
     series = {key: (values.values, values.starts) for key, values in stored.series.items()}
     if is_folder(path) and (run := read_folder(path).run) is not None:
         series |= _required_values(run, plan)
-    return BaselineRecord(
+    return baseline_file.BaselineRecord(
         kind="stored",
         source=str(path),
         run_ids=(stored.side.run_id,),
         differences=differences,
         series=tuple(
-            BaselineSeries(
+            baseline_file.BaselineSeries(
                 at_hz=at_hz, monitor=monitor or None, metric=metric, values=values, starts=starts
             )
             for (at_hz, monitor, metric), (values, starts) in series.items()
@@ -169,7 +146,7 @@ def baseline_from_stored_run(
 
 def _required_values(
     run: Run, plan: Plan
-) -> dict[SeriesKey, tuple[tuple[float | None, ...], tuple[int, ...]]]:
+) -> dict[comparison.SeriesKey, tuple[tuple[float | None, ...], tuple[int, ...]]]:
     """The metrics that the requirements of a plan name, in the iterations of a stored run.
 
     With each, the starts of the iterations.
@@ -179,21 +156,21 @@ def _required_values(
         (at_hz, monitor or "", info.name): (
             tuple(
                 value if value is not None and math.isfinite(value) else None
-                for value in iteration_values(info, monitor, at_hz, samples)
+                for value in baseline_comparison.iteration_values(info, monitor, at_hz, samples)
             ),
             starts_of(samples.iterations_at(at_hz)),
         )
-        for at_hz, monitor, info in required_metrics(plan, samples)
+        for at_hz, monitor, info in baseline_comparison.required_metrics(plan, samples)
     }
 
 
-def write_baseline(folder: Path, baseline: BaselineRecord) -> None:
+def write_baseline(folder: Path, baseline: baseline_file.BaselineRecord) -> None:
     """Write the baseline into the folder of the run that is compared with it.
 
     Raises:
         RecordError: the file cannot be written.
     """
-    write_atomically(folder / BASELINE_FILE, to_json(baseline))
+    write_atomically(folder / baseline_file.BASELINE_FILE, to_json(baseline))
 
 
 def add_to_history(path: Path, run: Run, result: Result) -> bool:
@@ -226,7 +203,7 @@ def run_with_baseline(
     folder: RunFolder,
     *,
     history: Path | None,
-    stored: BaselineRecord | None,
+    stored: baseline_file.BaselineRecord | None,
 ) -> Result:
     """Run a benchmark and judge it by earlier runs.
 
@@ -250,10 +227,10 @@ def run_with_baseline(
         return result
     write_baseline(folder.path, baseline)
     result = _judge(folder)
-    if fails_by_history(result.verdict) and plan.gate.confirm:
+    if baseline_comparison.fails_by_history(result.verdict) and plan.gate.confirm:
         # The second run confirms the comparison with the history only.
         once = msgspec.structs.replace(plan.gate, confirm=False)
-        with RunFolder.create(folder.path / CONFIRMATION_FOLDER) as confirmation:
+        with RunFolder.create(folder.path / baseline_file.CONFIRMATION_FOLDER) as confirmation:
             run_plan(confirmation, msgspec.structs.replace(plan, gate=once))
         result = _judge(folder)
     if history is not None:

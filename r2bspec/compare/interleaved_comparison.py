@@ -12,12 +12,7 @@ from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.execute.errors import RunError, UnwritableRunError, WorkspaceError
 from r2bspec.execute.processes.environment import inherited_environment
 from r2bspec.execute.processes.prerequisites import check_middleware
-from r2bspec.plan.comparability import (
-    difference_lines,
-    graph_differences,
-    load_differences,
-    pair_count,
-)
+from r2bspec.plan import comparability
 from r2bspec.plan.plan import Plan
 from r2bspec.record.comparison_folder import Side
 from r2bspec.record.graph_identity import GraphIdentity
@@ -123,17 +118,17 @@ def prepare_comparison(
         IncomparableError: the two are offered different loads, or are the same.
         MiddlewareError: the middleware of one of them has no such transport.
     """
-    differences = graph_differences(base.plan, head.plan)
+    differences = comparability.graph_differences(base.plan, head.plan)
     if not control and not differences and not base.environment and gate is None:
         raise IncomparableError(
             f"the base, {against}, is the same as the head",
             hint="Use --control to compare a graph with itself and see the noise.",
         )
-    otherwise = load_differences(base.plan, head.plan)
+    otherwise = comparability.load_differences(base.plan, head.plan)
     if otherwise and not force:
         raise IncomparableError(
             "base and head differ in load or monitors:\n"
-            + "\n".join(f"  {each}" for each in difference_lines(otherwise)),
+            + "\n".join(f"  {each}" for each in comparability.difference_lines(otherwise)),
             hint="Use --force to compare them anyway.",
         )
     _check_environment_inherited(head, base.environment)
@@ -142,10 +137,10 @@ def prepare_comparison(
     return ComparisonSpec(
         base=base,
         head=head,
-        pairs=pairs or pair_count(head.plan),
+        pairs=pairs or comparability.pair_count(head.plan),
         against=against,
         control=control,
-        differences=tuple(difference_lines(differences)),
+        differences=tuple(comparability.difference_lines(differences)),
         gate=gate.sentences if gate is not None else (),
         check_run=gate.check_run if gate is not None else None,
     )

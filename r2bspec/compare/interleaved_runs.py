@@ -27,20 +27,14 @@ from r2bspec.execute.processes.environment import applied_environment
 from r2bspec.execute.processes.machine import check_machine
 from r2bspec.execute.progress import NullProgress, Progress
 from r2bspec.execute.states import Interrupts
+from r2bspec.judge import pair_comparison
 from r2bspec.judge.confirmation import needs_confirmation
-from r2bspec.judge.decision_policy import decision_policy
+from r2bspec.judge.decision_policy import DecisionPolicy, decide_after_look, decision_policy
 from r2bspec.judge.judge_run import to_json
 from r2bspec.judge.measure.run_samples import read_samples
-from r2bspec.judge.pair_comparison import (
-    confirmation_terms,
-    interference_text,
-    judge_pair_set,
-    reruns_can_decide,
-    why_unusable,
-)
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.t_interval import PairOrder, pair_orders
-from r2bspec.judge.verdict import Verdict
+from r2bspec.judge.verdict import RequirementKey, Verdict
 from r2bspec.language.secrets import shown_value
 from r2bspec.language.spec import Objective
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
@@ -131,19 +125,21 @@ class _PairRunner:
         }
         self._pairs: list[PairRecord] = []
         self._notes: list[str] = []
+        self._failed: set[RequirementKey] = set()
         self._planned = comparison.pairs
         self._started_at = _now()
         self._run_id = secrets.token_hex(8)
         self._seed = secrets.randbits(32)
 
     def play_all(self) -> None:
-        """Play all pairs, and write the record in any case."""
+        """Play pairs until they decide, and write the record in any case."""
         reason = ""
         self._write_record("R2B671: the comparison was killed")
         try:
             verdict = self._play_pairs(confirms=False)
             if self._comparison.head.plan.gate.confirm and needs_confirmation(verdict):
                 self._note("the comparison failed: new pairs are played to confirm it")
+                self._failed = {one.key for one in verdict.requirements if one.outcome == "fail"}
                 self._play_pairs(confirms=True)
         except R2bspecError as error:
             reason = f"{error.code}: {error}"
@@ -155,21 +151,40 @@ class _PairRunner:
             self._write_record(reason)
 
     def _play_pairs(self, *, confirms: bool) -> Verdict:
-        """Play all pairs of a session, and again the affected ones that the outcome depends on."""
+        """Play the pairs of a session, and again the affected ones that the outcome depends on."""
         disturbed: list[PairRecord] = []
         orders = pair_orders(self._planned, self._seed, session=int(confirms))
-        for number, order in enumerate(orders, start=1):
-            pair = self._play(number, order, confirms=confirms)
+        for place, order in enumerate(orders, start=1):
+            pair = self._play(place, order, confirms=confirms)
             if pair.unusable:
                 self._play_again(pair, pair.unusable)
             elif pair.disturbed:
                 disturbed.append(pair)
-            if self._over_budget(number) and not confirms:
-                self._note(f"the time budget ended the comparison after {number} pairs")
-                self._planned = number
+            if self._is_decided(place, confirms=confirms):
+                break
+            if not confirms and self._over_budget(place):
                 break
         self._write_record("")
         return self._play_affected_again(disturbed, confirms=confirms)
+
+    def _is_decided(self, played: int, *, confirms: bool) -> bool:
+        """Whether the pairs so far decide all that counts; those that come later are left out."""
+        if played == self._planned:
+            return False
+        pair_set, objectives, policy = self._session(confirms=confirms)
+        looks, usable = pair_set.looks, len(pair_set.played.head)
+        if looks is None or usable not in looks.iterations:
+            return False
+        verdict = pair_comparison.judge_pair_set(objectives, pair_set, policy)
+        counted = [
+            one
+            for one in verdict.requirements
+            if one.level == "error" and (not confirms or one.key in self._failed)
+        ]
+        if decide_after_look(looks, looks.completed_looks(usable), counted) == "go on":
+            return False
+        self._note(f"decided after {played} of {self._planned} pairs")
+        return True
 
     def _play_affected_again(self, disturbed: Sequence[PairRecord], *, confirms: bool) -> Verdict:
         """Play affected pairs again while that can change the outcome; the verdict afterwards."""
@@ -192,14 +207,20 @@ class _PairRunner:
 
     def _judge(self, *, confirms: bool) -> tuple[Verdict, bool]:
         """The verdict on a session, and whether reruns of affected pairs can change its outcome."""
+        pair_set, objectives, policy = self._session(confirms=confirms)
+        verdict = pair_comparison.judge_pair_set(objectives, pair_set, policy)
+        return verdict, pair_comparison.reruns_can_decide(verdict, objectives, pair_set, policy)
+
+    def _session(
+        self, *, confirms: bool
+    ) -> tuple[pair_comparison.PairSet, Mapping[str, Objective], DecisionPolicy]:
+        """The pairs of a session so far, and by what they are judged."""
         pairs = open_comparison(self._folder.path)
-        pair_set = read_pair_set(pairs, confirms=confirms)
         objectives: Mapping[str, Objective] = pairs.plan.objectives
         policy = decision_policy(pairs.plan)
         if confirms:
-            objectives, policy = confirmation_terms(objectives, policy)
-        verdict = judge_pair_set(objectives, pair_set, policy)
-        return verdict, reruns_can_decide(verdict, objectives, pair_set, policy)
+            objectives, policy = pair_comparison.confirmation_terms(objectives, policy)
+        return read_pair_set(pairs, confirms=confirms), objectives, policy
 
     def _play_again(self, pair: PairRecord, why: str) -> PairRecord:
         # The record has all of it; a side that fails again is an error that has it, too.
@@ -267,7 +288,7 @@ class _PairRunner:
             self._comparison.check_run(side, folder.path)
         self._interrupts.check()
         samples = read_samples(open_run(folder.path))
-        return why_unusable(samples), interference_text(samples)
+        return pair_comparison.why_unusable(samples), pair_comparison.interference_text(samples)
 
     def _over_budget(self, played: int) -> bool:
         """Whether one more pair would exceed the time budget of the spec."""
@@ -275,7 +296,10 @@ class _PairRunner:
         if not budget_ns or played == self._comparison.pairs:
             return False
         spent_s = time.monotonic() - self._began_s
-        return spent_s * (played + 1) / played > budget_ns / 1e9
+        if spent_s * (played + 1) / played <= budget_ns / 1e9:
+            return False
+        self._note(f"the time budget ended the comparison after {played} pairs")
+        return True
 
     def _note(self, text: str) -> None:
         self._notes.append(text)

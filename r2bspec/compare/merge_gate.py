@@ -24,16 +24,10 @@ from pathlib import Path
 
 import msgspec
 
+from r2bspec.compare import gate_strength
 from r2bspec.compare.base_environment import BaseBuildError, BaseBuilds, is_code_of
 from r2bspec.compare.base_reference import BaseReference
 from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
-from r2bspec.compare.gate_strength import (
-    GateComparison,
-    WeakerGateError,
-    allowable_names,
-    check_gate,
-    weakening_diagnostics,
-)
 from r2bspec.compare.interleaved_comparison import BaseFailsError, ComparisonSide
 from r2bspec.compare.spec_sets import SpecName, missing_specs, spec_name
 from r2bspec.diagnostics.quote import clip
@@ -176,8 +170,8 @@ class MergeGate:
                     error, f"{self.tree.name} cannot be compared with: {self._named(str(error))}"
                 ) from error
             return self.alone_without_base(head, error)
-        self.names.update(allowable_names(base, head))
-        comparison = check_gate(
+        self.names.update(gate_strength.allowable_names(base, head))
+        comparison = gate_strength.check_gate(
             base,
             head,
             self.settings.allow,
@@ -289,8 +283,8 @@ class MergeGate:
         missing = (*missing_specs(base_names, head_names),)
         refused = [change for change in missing if change.name not in self.settings.allow]
         if refused:
-            diagnostics = weakening_diagnostics(refused, None, self.tree.name)
-            error = WeakerGateError(refused, diagnostics, None, self.tree.name)
+            diagnostics = gate_strength.weakening_diagnostics(refused, None, self.tree.name)
+            error = gate_strength.WeakerGateError(refused, diagnostics, None, self.tree.name)
             names = {change.name for change in refused}
             gone = [spec for path, spec in sorted(base_names.items()) if f"spec {path}" in names]
             if places := [*filter(None, map(self._place_of_name, gone))]:
@@ -303,7 +297,7 @@ class MergeGate:
                     f"the two are compared. {error.hint}"
                 )
             raise error
-        return GateComparison(missing).sentences
+        return gate_strength.GateComparison(missing).sentences
 
     def alone(self, head: PreparedBenchmark, *sentences: str) -> GateSides:
         """The head without a base: what only a comparison can tell is not asked of it."""

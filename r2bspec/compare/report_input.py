@@ -22,11 +22,13 @@ from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pair_comparison import InterleavedRuns, PairSet, judge_comparison
 from r2bspec.judge.result import PairsResult, Result
 from r2bspec.language.spec import Objective
+from r2bspec.plan.interim_looks import InterimLooks
 from r2bspec.plan.plan import GatePlan
 from r2bspec.record.comparison_folder import (
     MergedRun,
     PairedComparison,
     PairRecord,
+    PairsRecord,
     Side,
     is_comparison,
     open_comparison,
@@ -214,10 +216,17 @@ def read_pair_set(pairs: PairedComparison, *, confirms: bool = False) -> PairSet
     disturbed = [each for each in played if each.disturbed]
     return PairSet(
         played=_interleaved(pairs, played, read),
-        planned=pairs.record.planned,
+        tried=len({each.number for each in pairs.record.pairs if each.confirms == confirms}),
+        looks=_planned_looks(pairs.record),
         unaffected=_interleaved(pairs, unaffected, read) if disturbed else None,
         disturbance_text=_affected_pairs_text(disturbed),
     )
+
+
+def _planned_looks(record: PairsRecord) -> InterimLooks | None:
+    """When the pairs are judged; a control measures the noise, with all of them."""
+    looks = InterimLooks.after_each_pair(record.planned)
+    return looks if len(looks) > 1 and not record.control else None
 
 
 def _affected_pairs_text(disturbed: Sequence[PairRecord]) -> str:

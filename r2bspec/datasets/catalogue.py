@@ -12,24 +12,9 @@ from pathlib import Path
 
 import msgspec
 
+from r2bspec.bags import recording
 from r2bspec.bags.bag_writer import OFFERED_QOS
-from r2bspec.bags.recording import (
-    BagIndex,
-    BagLocation,
-    DataError,
-    TopicInfo,
-    Window,
-    WritableStorage,
-    topic_not_found,
-)
-from r2bspec.datasets.rig import (
-    HOPE_TOPICS,
-    IMAGE,
-    ROBOT_TOPICS,
-    STEREO_PAIRS,
-    TopicSource,
-    message_bytes,
-)
+from r2bspec.datasets import rig
 from r2bspec.diagnostics.quote import clip, did_you_mean, quote
 from r2bspec.safe_io.safe_file import is_folder, is_there, names_in
 
@@ -51,7 +36,7 @@ class Sequence(msgspec.Struct, frozen=True):
 
     name: str
     start_ns: int
-    sources: tuple[TopicSource, ...]
+    sources: tuple[rig.TopicSource, ...]
     description: str
 
 
@@ -70,7 +55,7 @@ SEQUENCES: dict[str, Sequence] = {
     name: Sequence(
         name,
         _FIRST_START_NS + number * _HOUR_NS,
-        HOPE_TOPICS if name == "r2b_hope" else ROBOT_TOPICS,
+        rig.HOPE_TOPICS if name == "r2b_hope" else rig.ROBOT_TOPICS,
         description,
     )
     for number, (name, description) in enumerate(_DESCRIPTIONS.items())
@@ -89,10 +74,10 @@ def find_sequence(name: str) -> Sequence:
     return sequence
 
 
-def _unknown_dataset(name: str, known: Collection[str]) -> DataError:
+def _unknown_dataset(name: str, known: Collection[str]) -> recording.DataError:
     """The error for an unknown dataset name."""
     close = did_you_mean(name, known)
-    return DataError(
+    return recording.DataError(
         f"there is no dataset {quote(name)}",
         code="R2B307",
         hint=f"did you mean {close}?"
@@ -101,7 +86,7 @@ def _unknown_dataset(name: str, known: Collection[str]) -> DataError:
     )
 
 
-def select_sources(name: str, topics: Collection[str] | None) -> tuple[TopicSource, ...]:
+def select_sources(name: str, topics: Collection[str] | None) -> tuple[rig.TopicSource, ...]:
     """The requested topics of a sequence, sorted by name; None for all.
 
     Raises:
@@ -112,30 +97,30 @@ def select_sources(name: str, topics: Collection[str] | None) -> tuple[TopicSour
         return tuple(sources[topic] for topic in sorted(sources))
     wanted = {topic if topic.startswith("/") else f"/{topic}" for topic in topics}
     for topic in sorted(wanted - sources.keys()):
-        raise topic_not_found(f"dataset {name}", topic, sources)
+        raise recording.topic_not_found(f"dataset {name}", topic, sources)
     return tuple(sources[topic] for topic in sorted(wanted))
 
 
-def bounded_window(name: str, window: Window | None) -> Window:
+def bounded_window(name: str, window: recording.Window | None) -> recording.Window:
     """A window with both ends, inside the sequence.
 
     Raises:
         DataError: the window is empty or leaves the sequence (R2B309).
     """
-    window = window or Window()
+    window = window or recording.Window()
     end_ns = DURATION_NS if window.end_ns is None else window.end_ns
     if not 0 <= window.start_ns < end_ns <= DURATION_NS:
-        raise DataError(
+        raise recording.DataError(
             f"the window from {window.start_ns / 1e9:g} s to {end_ns / 1e9:g} s is not inside"
             f" dataset {name}, which lasts {DURATION_NS / 1e9:g} s",
             code="R2B309",
             hint="its start must be before its end, and both between"
             f" 0 s and {DURATION_NS / 1e9:g} s",
         )
-    return Window(start_ns=window.start_ns, end_ns=end_ns)
+    return recording.Window(start_ns=window.start_ns, end_ns=end_ns)
 
 
-def message_times_ns(source: TopicSource, window: Window) -> list[int]:
+def message_times_ns(source: rig.TopicSource, window: recording.Window) -> list[int]:
     """Times of a topic's messages in a bounded window, in ns after the sequence's start.
 
     Message k lies at k / rate, rounded down to whole ns.
@@ -150,10 +135,10 @@ def message_times_ns(source: TopicSource, window: Window) -> list[int]:
 def describe(
     name: str,
     topics: Collection[str] | None = None,
-    window: Window | None = None,
+    window: recording.Window | None = None,
     *,
-    storage: WritableStorage = "sqlite3",
-) -> BagIndex:
+    storage: recording.WritableStorage = "sqlite3",
+) -> recording.BagIndex:
     """The index that the dataset will have, with exact counts; nothing is rendered.
 
     Args:
@@ -172,15 +157,15 @@ def describe(
     for source in select_sources(name, topics):
         times_ns = message_times_ns(source, inside)
         last_ns = max([last_ns, *times_ns[-1:]])
-        infos[source.name] = TopicInfo(
+        infos[source.name] = recording.TopicInfo(
             name=source.name,
             type=source.type,
             count=len(times_ns),
             rate_hz=float(source.rate_hz),
             qos=OFFERED_QOS,
-            max_message_bytes=message_bytes(source),
+            max_message_bytes=rig.message_bytes(source),
         )
-    return BagIndex(
+    return recording.BagIndex(
         name=name,
         storage=storage,
         topics=infos,
@@ -196,7 +181,7 @@ _MAX_NAME_LENGTH = 4095  # that of Linux
 DATASETS_VARIABLE = "R2B_DATASETS"
 
 
-def locate(bag: str, base_dir: Path) -> BagLocation:
+def locate(bag: str, base_dir: Path) -> recording.BagLocation:
     """Decide whether a bag is a path, a real dataset or a synthetic one.
 
     What has a ``/``, or exists relative to `base_dir`, is a path. Anything else names a dataset:
@@ -211,16 +196,16 @@ def locate(bag: str, base_dir: Path) -> BagLocation:
             ``$R2B_DATASETS`` is no folder (R2B301).
     """
     if len(bag) > _MAX_NAME_LENGTH:
-        raise DataError(
+        raise recording.DataError(
             f"the name of a bag has {len(bag):,} characters: {clip(bag)}",
             code="R2B301",
             hint=f"a path has at most {_MAX_NAME_LENGTH:,}",
         )
     path = base_dir / _expanded(bag)
     if bag and is_there(path):
-        return BagLocation(kind="recorded", path=path)
+        return recording.BagLocation(kind="recorded", path=path)
     if "/" in bag:
-        raise DataError(
+        raise recording.DataError(
             f"{path} does not exist",
             code="R2B301",
             hint=f"paths are relative to {base_dir}; a dataset name has no '/'",
@@ -228,7 +213,7 @@ def locate(bag: str, base_dir: Path) -> BagLocation:
     return locate_dataset(bag)
 
 
-def locate_dataset(name: str) -> BagLocation:
+def locate_dataset(name: str) -> recording.BagLocation:
     """Find a dataset by its name: the recorded one if there is one, else the synthetic one.
 
     Raises:
@@ -236,13 +221,13 @@ def locate_dataset(name: str) -> BagLocation:
     """
     real = _datasets_folder()
     if real is not None and name and is_there(real / name):
-        return BagLocation(kind="recorded", path=real / name, dataset=name)
+        return recording.BagLocation(kind="recorded", path=real / name, dataset=name)
     if name not in SEQUENCES:
         raise _unknown_dataset(name, known_datasets())
-    return BagLocation(kind="synthetic", dataset=name)
+    return recording.BagLocation(kind="synthetic", dataset=name)
 
 
-def index(location: BagLocation) -> BagIndex:
+def index(location: recording.BagLocation) -> recording.BagIndex:
     """Index a located bag; a synthetic one is not rendered.
 
     Raises:
@@ -282,7 +267,7 @@ def _datasets_folder() -> Path | None:
     folder = Path(_expanded(value))
     if not is_folder(folder):
         # The synthetic data would be another measurement than the one requested.
-        raise DataError(
+        raise recording.DataError(
             f"${DATASETS_VARIABLE} is {folder}, which is not a folder",
             code="R2B301",
             hint="set it to the folder of the r2b bags, or unset it",
@@ -302,7 +287,7 @@ class TruthNames(msgspec.Struct, frozen=True):
     tag: tuple[str, ...] = ()
 
 
-def truth_names(location: BagLocation, topics: Collection[str]) -> TruthNames | None:
+def truth_names(location: recording.BagLocation, topics: Collection[str]) -> TruthNames | None:
     """The names in the ground truth of a recording.
 
     Args:
@@ -326,8 +311,10 @@ def truth_names(location: BagLocation, topics: Collection[str]) -> TruthNames | 
 def _synthetic(dataset: str, topics: Collection[str]) -> TruthNames:
     from r2bspec.datasets.scenes import find_scene
 
-    images = {source.name for source in SEQUENCES[dataset].sources if source.type == IMAGE}
+    images = {source.name for source in SEQUENCES[dataset].sources if source.type == rig.IMAGE}
     loaded = images.intersection(topics)
-    pairs = (pair.name for pair in STEREO_PAIRS if {pair.left_topic, pair.right_topic} <= loaded)
+    pairs = (
+        pair.name for pair in rig.STEREO_PAIRS if {pair.left_topic, pair.right_topic} <= loaded
+    )
     shows_tag = find_scene(dataset).tag is not None
     return TruthNames(disparity=tuple(pairs), tag=tuple(sorted(loaded)) if shows_tag else ())

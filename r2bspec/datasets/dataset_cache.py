@@ -18,6 +18,7 @@ import msgspec
 
 from r2bspec.bags.integrity import hash_content
 from r2bspec.bags.recording import DataError, DatasetRecord
+from r2bspec.safe_io.cache_folder import FileState, file_state
 
 _SCRATCH_PREFIX = ".making-"
 _LOCKS = ".locks"
@@ -114,11 +115,6 @@ def write_errors(root: Path) -> Iterator[None]:
 
 CHECKED_FOLDER = ".checked"
 
-FileState = tuple[int, int, int, int]
-"""Inode, size, and when content (mtime) and file (ctime) last changed, in nanoseconds.
-
-A program can set the first time to any value, but not the second."""
-
 
 class CheckedEntry(msgspec.Struct, frozen=True, kw_only=True):
     """What was found when an entry was last hashed."""
@@ -148,11 +144,7 @@ def is_intact(root: Path, entry: Path, record: DatasetRecord) -> bool:
 
 
 def _file_states(entry: Path) -> dict[str, FileState]:
-    states = {file.name: file.lstat() for file in entry.iterdir()}
-    return {
-        name: (state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
-        for name, state in states.items()
-    }
+    return {file.name: file_state(file.lstat()) for file in entry.iterdir()}
 
 
 def _remembered(root: Path, name: str) -> CheckedEntry | None:

@@ -10,17 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from r2bspec.datasets.cameras import (
-    BODY_FROM_OPTICAL,
-    MIN_DEPTH_M,
-    Camera,
-    Motion,
-    Pose,
-    Track,
-    Vector,
-    image_bounds,
-    undistorted,
-)
+from r2bspec.datasets import cameras
 
 if TYPE_CHECKING:
     import numpy as np
@@ -57,13 +47,13 @@ class Tag:
     """
 
     size_m: float
-    center_m: Vector
+    center_m: cameras.Vector
     id: int = _ID
 
     @property
-    def pose(self) -> Pose:
+    def pose(self) -> cameras.Pose:
         """World from tag. In a view along x, right is -y and down is -z."""
-        return Pose(self.center_m, BODY_FROM_OPTICAL)
+        return cameras.Pose(self.center_m, cameras.BODY_FROM_OPTICAL)
 
 
 def board_cells() -> NDArray[np.float32]:
@@ -129,12 +119,14 @@ def _ramp(
 _SAMPLES_PER_AXIS = 3
 
 
-def tag_pose(tag: Tag, camera: Pose) -> Pose:
+def tag_pose(tag: Tag, camera: cameras.Pose) -> cameras.Pose:
     """The tag in a camera's optical frame, given world from that frame."""
     return camera.inverse().compose(tag.pose)
 
 
-def paint_tag(image: NDArray[np.uint8], tag: Tag, camera: Camera, pose: Pose) -> None:
+def paint_tag(
+    image: NDArray[np.uint8], tag: Tag, camera: cameras.Camera, pose: cameras.Pose
+) -> None:
     """Lay the board over the face that carries it, smooth at every edge.
 
     Nothing may stand between the camera and the tag; places are laid out so.
@@ -150,8 +142,8 @@ def paint_tag(image: NDArray[np.uint8], tag: Tag, camera: Camera, pose: Pose) ->
     to_tag = tag_pose(tag, pose)
     half = tag.size_m * BOARD_CELLS / MARKER_CELLS / 2
     corners = [to_tag.apply((x, y, 0.0)) for x in (-half, half) for y in (-half, half)]
-    bounds = image_bounds(camera, corners)
-    if bounds is None or any(z < MIN_DEPTH_M for _, _, z in corners):
+    bounds = cameras.image_bounds(camera, corners)
+    if bounds is None or any(z < cameras.MIN_DEPTH_M for _, _, z in corners):
         return
     rows = np.arange(bounds.top, bounds.bottom, dtype=np.float64)
     columns = np.arange(bounds.left, bounds.right, dtype=np.float64)
@@ -160,7 +152,7 @@ def paint_tag(image: NDArray[np.uint8], tag: Tag, camera: Camera, pose: Pose) ->
     shifts = [(number + 0.5) / _SAMPLES_PER_AXIS - 0.5 for number in range(_SAMPLES_PER_AXIS)]
     for down in shifts:
         for across in shifts:
-            x, y = undistorted(camera, columns + across, rows + down)
+            x, y = cameras.undistorted(camera, columns + across, rows + down)
             sample_px = 1 / (camera.focal_px * _SAMPLES_PER_AXIS)
             value, share = sample_board(
                 *_board_coordinates(to_tag, tag.size_m / MARKER_CELLS, x, y, sample_px)
@@ -174,7 +166,7 @@ def paint_tag(image: NDArray[np.uint8], tag: Tag, camera: Camera, pose: Pose) ->
 
 
 def _board_coordinates(
-    to_tag: Pose,
+    to_tag: cameras.Pose,
     cell_m: float,
     x: NDArray[np.float64],
     y: NDArray[np.float64],
@@ -211,11 +203,11 @@ FACES_PER_BOX = 6
 class Box:
     """An axis-aligned box, metres."""
 
-    low_m: Vector
-    high_m: Vector
+    low_m: cameras.Vector
+    high_m: cameras.Vector
 
     @property
-    def corners(self) -> tuple[Vector, ...]:
+    def corners(self) -> tuple[cameras.Vector, ...]:
         """Its eight corners."""
         pairs = tuple(zip(self.low_m, self.high_m, strict=True))
         return tuple((x, y, z) for x in pairs[0] for y in pairs[1] for z in pairs[2])
@@ -248,7 +240,7 @@ class Scene:
     """What a sequence shows and how it is seen."""
 
     room: Room
-    motion: Motion
+    motion: cameras.Motion
     tag: Tag | None = None
 
 
@@ -263,12 +255,12 @@ class _SceneParameters(NamedTuple):
         box_count: boxes to strew, with at most so large edges in metres.
     """
 
-    size_m: Vector
-    rest_m: Vector
+    size_m: cameras.Vector
+    rest_m: cameras.Vector
     yaw_pitch_rad: tuple[float, float]
-    amplitude_m: Vector
+    amplitude_m: cameras.Vector
     box_count: int
-    max_edges_m: Vector
+    max_edges_m: cameras.Vector
 
 
 # In each row: size, rest, yaw and pitch, amplitude, number of boxes, longest edges.
@@ -330,11 +322,11 @@ def find_scene(name: str) -> Scene:
     return Scene(Room(shell, boxes, seed), _motion(parameters, rng), _TAGS.get(name))
 
 
-def _motion(parameters: _SceneParameters, rng: random.Random) -> Motion:
+def _motion(parameters: _SceneParameters, rng: random.Random) -> cameras.Motion:
     """Two incommensurate waves a coordinate: no two frames are alike."""
 
-    def track(rest: float, reach: float, hertz: float) -> Track:
-        return Track(
+    def track(rest: float, reach: float, hertz: float) -> cameras.Track:
+        return cameras.Track(
             rest,
             (
                 (reach * 0.75, hertz, rng.uniform(0, 6)),
@@ -343,7 +335,7 @@ def _motion(parameters: _SceneParameters, rng: random.Random) -> Motion:
         )
 
     yaw, pitch = parameters.yaw_pitch_rad
-    return Motion(
+    return cameras.Motion(
         x=track(parameters.rest_m[0], parameters.amplitude_m[0], 0.13),
         y=track(parameters.rest_m[1], parameters.amplitude_m[1], 0.17),
         z=track(parameters.rest_m[2], parameters.amplitude_m[2], 0.31),

@@ -14,70 +14,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.bags.message_types import typestore
-from r2bspec.datasets.cameras import (
-    BODY_FROM_OPTICAL,
-    MIN_DEPTH_M,
-    Bounds,
-    Camera,
-    Motion,
-    Pose,
-    apply,
-    camera_pose,
-    cosine,
-    image_bounds,
-    sine,
-    transpose,
-    undistorted,
-)
-from r2bspec.datasets.rig import (
-    CAMERA_INFO,
-    CLOUD_FIELDS,
-    CLOUD_POINT_BYTES,
-    DISTORTION_MODEL,
-    DISTORTION_TERMS,
-    IMAGE,
-    IMU,
-    POINT_CLOUD,
-    Lidar,
-    TopicSource,
-)
+from r2bspec.datasets import cameras, rig, surfaces
 from r2bspec.datasets.scenes import Room, Scene, Tag, paint_tag
-from r2bspec.datasets.surfaces import (
-    Hits,
-    Rays,
-    brightness_ranges,
-    lidar_brightness,
-    surface_brightness,
-    texture_level,
-    texture_values,
-)
 
 _BAND_ROWS = 32
 
 
-def render_image(room: Room, tag: Tag | None, camera: Camera, pose: Pose) -> NDArray[np.uint8]:
+def render_image(
+    room: Room, tag: Tag | None, camera: cameras.Camera, pose: cameras.Pose
+) -> NDArray[np.uint8]:
     """What a camera sees from a pose (world from optical frame).
 
     Returns:
         (height, width, 3) for rgb8, (height, width) for mono8.
     """
-    table = brightness_ranges(room, camera.encoding)
+    table = surfaces.brightness_ranges(room, camera.encoding)
     image = np.empty((camera.height, camera.width, len(table)), np.uint8)
     for rows in _bands(camera):
         rays = _camera_rays(camera, pose, rows)
         hits = _intersect(room, camera, pose, rays, rows)
-        level = texture_level(hits.surface, rays.directions, hits.distance, camera.focal_px)
-        shade = texture_values(room, hits.surface, rays.points(hits), level)
+        level = surfaces.texture_level(
+            hits.surface, rays.directions, hits.distance, camera.focal_px
+        )
+        shade = surfaces.texture_values(room, hits.surface, rays.points(hits), level)
         for channel, paint in enumerate(table):
-            image[rows, :, channel] = surface_brightness(paint, hits.surface, shade) + np.float32(
-                0.5
-            )
+            image[rows, :, channel] = surfaces.surface_brightness(
+                paint, hits.surface, shade
+            ) + np.float32(0.5)
     if tag is not None:
         paint_tag(image, tag, camera, pose)
     return image if len(table) > 1 else image[:, :, 0]
 
 
-def render_depth(room: Room, camera: Camera, pose: Pose) -> NDArray[np.float32]:
+def render_depth(room: Room, camera: cameras.Camera, pose: cameras.Pose) -> NDArray[np.float32]:
     """Distance along the optical axis in metres, (height, width)."""
     depth = np.empty((camera.height, camera.width), np.float32)
     for rows in _bands(camera):
@@ -86,35 +55,35 @@ def render_depth(room: Room, camera: Camera, pose: Pose) -> NDArray[np.float32]:
     return depth
 
 
-def _bands(camera: Camera) -> list[slice]:
+def _bands(camera: cameras.Camera) -> list[slice]:
     return [
         slice(first, min(first + _BAND_ROWS, camera.height))
         for first in range(0, camera.height, _BAND_ROWS)
     ]
 
 
-def _camera_rays(camera: Camera, pose: Pose, rows: slice) -> Rays:
+def _camera_rays(camera: cameras.Camera, pose: cameras.Pose, rows: slice) -> surfaces.Rays:
     """Rays through pixel centres, with length 1 along the optical axis."""
     x = (np.arange(camera.width) - camera.center_px[0]) / camera.focal_px
     y = (np.arange(rows.start, rows.stop) - camera.center_px[1]) / camera.focal_px
     if camera.lens is not None:
         ideal_x, ideal_y = (part[rows] for part in _ideal_grid(camera))
         turned = (row[0] * ideal_x + row[1] * ideal_y + row[2] for row in pose.rotation)
-        return Rays(pose.position_m, tuple(part.astype(np.float32) for part in turned))
+        return surfaces.Rays(pose.position_m, tuple(part.astype(np.float32) for part in turned))
     world_x, world_y, world_z = (
         (row[0] * x)[None, :].astype(np.float32) + (row[1] * y + row[2])[:, None].astype(np.float32)
         for row in pose.rotation
     )
-    return Rays(pose.position_m, (world_x, world_y, world_z))
+    return surfaces.Rays(pose.position_m, (world_x, world_y, world_z))
 
 
 @lru_cache(maxsize=2)
-def _ideal_grid(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _ideal_grid(camera: cameras.Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Where an ideal camera sees what each pixel shows, one focal length away; (height, width)."""
     across = np.empty((camera.height, camera.width))
     down = np.empty((camera.height, camera.width))
     for rows in _bands(camera):
-        across[rows], down[rows] = undistorted(
+        across[rows], down[rows] = cameras.undistorted(
             camera,
             np.arange(camera.width, dtype=np.float64),
             np.arange(rows.start, rows.stop, dtype=np.float64),
@@ -122,7 +91,9 @@ def _ideal_grid(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64
     return across, down
 
 
-def _intersect(room: Room, camera: Camera, pose: Pose, rays: Rays, rows: slice) -> Hits:
+def _intersect(
+    room: Room, camera: cameras.Camera, pose: cameras.Pose, rays: surfaces.Rays, rows: slice
+) -> surfaces.Hits:
     """Intersect rays with the room and the boxes that are visible in the rows."""
     hits = rays.intersect_shell(room)
     for number, bounds in _box_bounds(room, camera, pose):
@@ -134,15 +105,17 @@ def _intersect(room: Room, camera: Camera, pose: Pose, rays: Rays, rows: slice) 
 
 
 @lru_cache(maxsize=16)
-def _box_bounds(room: Room, camera: Camera, pose: Pose) -> tuple[tuple[int, Bounds], ...]:
+def _box_bounds(
+    room: Room, camera: cameras.Camera, pose: cameras.Pose
+) -> tuple[tuple[int, cameras.Bounds], ...]:
     """Number and bounds of each box in view."""
     inverse = pose.inverse()
     visible = []
     for number, box in enumerate(room.boxes, start=1):
         seen = [inverse.apply(corner) for corner in box.corners]
-        if all(z < MIN_DEPTH_M for _, _, z in seen):
+        if all(z < cameras.MIN_DEPTH_M for _, _, z in seen):
             continue
-        bounds = image_bounds(camera, seen)
+        bounds = cameras.image_bounds(camera, seen)
         if bounds is not None:
             visible.append((number, bounds))
     return tuple(visible)
@@ -155,16 +128,21 @@ def cloud_dtype() -> np.dtype[np.void]:
     """The packed layout of a point."""
     return np.dtype(
         {
-            "names": [name for name, _, _ in CLOUD_FIELDS],
-            "formats": [_NUMPY_TYPES[kind] for _, _, kind in CLOUD_FIELDS],
-            "offsets": [offset for _, offset, _ in CLOUD_FIELDS],
-            "itemsize": CLOUD_POINT_BYTES,
+            "names": [name for name, _, _ in rig.CLOUD_FIELDS],
+            "formats": [_NUMPY_TYPES[kind] for _, _, kind in rig.CLOUD_FIELDS],
+            "offsets": [offset for _, offset, _ in rig.CLOUD_FIELDS],
+            "itemsize": rig.CLOUD_POINT_BYTES,
         }
     )
 
 
 def scan(
-    room: Room, motion: Motion, lidar: Lidar, start_ns: int, offset_ns: int, turn_ns: int
+    room: Room,
+    motion: cameras.Motion,
+    lidar: rig.Lidar,
+    start_ns: int,
+    offset_ns: int,
+    turn_ns: int,
 ) -> NDArray[np.void]:
     """The points of one turn, in firing order, rings inside columns.
 
@@ -183,13 +161,13 @@ def scan(
         (columns * beams,) of `cloud_dtype`.
     """
     beams = [math.radians(elevation) for elevation in lidar.elevations_deg]
-    flat = np.array([cosine(beam) for beam in beams])[None, :]
-    up = np.array([sine(beam) for beam in beams])[None, :]
+    flat = np.array([cameras.cosine(beam) for beam in beams])[None, :]
+    up = np.array([cameras.sine(beam) for beam in beams])[None, :]
     times_ns = [offset_ns + column * turn_ns // lidar.columns for column in range(lidar.columns)]
     # Seen from above, the head turns clockwise.
     angles = [-2 * math.pi * column / lidar.columns for column in range(lidar.columns)]
-    ahead = np.array([cosine(angle) for angle in angles])[:, None] * flat
-    left = np.array([sine(angle) for angle in angles])[:, None] * flat
+    ahead = np.array([cameras.cosine(angle) for angle in angles])[:, None] * flat
+    left = np.array([cameras.sine(angle) for angle in angles])[:, None] * flat
 
     poses = [motion.pose(time_ns / 1e9) for time_ns in times_ns]
     origins = np.array([pose.apply(lidar.position_m) for pose in poses])
@@ -200,7 +178,7 @@ def scan(
         + rotations[:, axis, 2:] * up
         for axis in range(3)
     )
-    rays = Rays(tuple(origins[:, axis : axis + 1] for axis in range(3)), directions)
+    rays = surfaces.Rays(tuple(origins[:, axis : axis + 1] for axis in range(3)), directions)
     hits = rays.intersect_shell(room)
     everything = (slice(None), slice(None))
     for number, box in enumerate(room.boxes, start=1):
@@ -210,7 +188,7 @@ def scan(
     cloud["x"] = ahead * hits.distance
     cloud["y"] = left * hits.distance
     cloud["z"] = up * hits.distance
-    cloud["intensity"] = lidar_brightness(room, hits.surface, rays.points(hits))
+    cloud["intensity"] = surfaces.lidar_brightness(room, hits.surface, rays.points(hits))
     cloud["ring"] = np.arange(len(beams))[None, :]
     cloud["timestamp"] = np.array([(start_ns + time_ns) / 1e9 for time_ns in times_ns])[:, None]
     return cloud.ravel()
@@ -224,7 +202,7 @@ _GYRO_VARIANCE = 1e-6
 _ACCELEROMETER_VARIANCE = 1e-4
 
 
-def render_message(scene: Scene, source: TopicSource, start_ns: int, offset_ns: int) -> bytes:
+def render_message(scene: Scene, source: rig.TopicSource, start_ns: int, offset_ns: int) -> bytes:
     """The message of a topic at a time.
 
     Args:
@@ -233,7 +211,12 @@ def render_message(scene: Scene, source: TopicSource, start_ns: int, offset_ns: 
         start_ns: start of the sequence, ns since the epoch.
         offset_ns: of the message, after that start; both together are its stamp.
     """
-    makers = {IMAGE: _image, CAMERA_INFO: _camera_info, IMU: _imu, POINT_CLOUD: _cloud}
+    makers = {
+        rig.IMAGE: _image,
+        rig.CAMERA_INFO: _camera_info,
+        rig.IMU: _imu,
+        rig.POINT_CLOUD: _cloud,
+    }
     message = makers[source.type](scene, source, start_ns, offset_ns)
     return bytes(typestore().serialize_cdr(message, source.type))
 
@@ -242,27 +225,27 @@ def _type(name: str) -> Any:
     return typestore().types[name]
 
 
-def _header(source: TopicSource, time_ns: int) -> Any:
+def _header(source: rig.TopicSource, time_ns: int) -> Any:
     seconds, nanoseconds = divmod(time_ns, 10**9)
     stamp = _type("builtin_interfaces/msg/Time")(sec=seconds, nanosec=nanoseconds)
     return _type("std_msgs/msg/Header")(stamp=stamp, frame_id=source.frame_id)
 
 
-def _camera_of(source: TopicSource) -> Camera:
+def _camera_of(source: rig.TopicSource) -> cameras.Camera:
     if source.camera is None:
         raise ValueError(f"{source.name} has no camera")
     return source.camera
 
 
-def _image(scene: Scene, source: TopicSource, start_ns: int, offset_ns: int) -> Any:
+def _image(scene: Scene, source: rig.TopicSource, start_ns: int, offset_ns: int) -> Any:
     camera = _camera_of(source)
-    pose = camera_pose(scene.motion.pose(offset_ns / 1e9), camera)
+    pose = cameras.camera_pose(scene.motion.pose(offset_ns / 1e9), camera)
     if camera.encoding == _DEPTH_ENCODING:
         metres = render_depth(scene.room, camera, pose)
         pixels = (metres * np.float32(_MM_PER_M) + np.float32(0.5)).astype("<u2").view(np.uint8)
     else:
         pixels = render_image(scene.room, scene.tag, camera, pose)
-    return _type(IMAGE)(
+    return _type(rig.IMAGE)(
         header=_header(source, start_ns + offset_ns),
         height=camera.height,
         width=camera.width,
@@ -273,16 +256,16 @@ def _image(scene: Scene, source: TopicSource, start_ns: int, offset_ns: int) -> 
     )
 
 
-def _camera_info(_: Scene, source: TopicSource, start_ns: int, offset_ns: int) -> Any:
+def _camera_info(_: Scene, source: rig.TopicSource, start_ns: int, offset_ns: int) -> Any:
     camera = _camera_of(source)
     focal, (cx, cy) = camera.focal_px, camera.center_px
     shift = -focal * camera.baseline_m
-    return _type(CAMERA_INFO)(
+    return _type(rig.CAMERA_INFO)(
         header=_header(source, start_ns + offset_ns),
         height=camera.height,
         width=camera.width,
-        distortion_model=DISTORTION_MODEL,
-        d=np.array(camera.lens.coefficients if camera.lens else (0.0,) * DISTORTION_TERMS),
+        distortion_model=rig.DISTORTION_MODEL,
+        d=np.array(camera.lens.coefficients if camera.lens else (0.0,) * rig.DISTORTION_TERMS),
         k=np.array([focal, 0, cx, 0, focal, cy, 0, 0, 1], np.float64),
         r=np.array([1, 0, 0, 0, 1, 0, 0, 0, 1], np.float64),
         p=np.array([focal, 0, cx, shift, 0, focal, cy, 0, 0, 0, 1, 0], np.float64),
@@ -294,14 +277,14 @@ def _camera_info(_: Scene, source: TopicSource, start_ns: int, offset_ns: int) -
     )
 
 
-def _imu(scene: Scene, source: TopicSource, start_ns: int, offset_ns: int) -> Any:
+def _imu(scene: Scene, source: rig.TopicSource, start_ns: int, offset_ns: int) -> Any:
     """Rate and specific force in optical axes, as the camera's driver gives them."""
     seconds = offset_ns / 1e9
-    optical_from_body = transpose(BODY_FROM_OPTICAL)
+    optical_from_body = cameras.transpose(cameras.BODY_FROM_OPTICAL)
     vector = _type("geometry_msgs/msg/Vector3")
-    rate = apply(optical_from_body, scene.motion.angular_velocity_rad_s(seconds))
-    force = apply(optical_from_body, scene.motion.specific_force_m_s2(seconds))
-    return _type(IMU)(
+    rate = cameras.apply(optical_from_body, scene.motion.angular_velocity_rad_s(seconds))
+    force = cameras.apply(optical_from_body, scene.motion.specific_force_m_s2(seconds))
+    return _type(rig.IMU)(
         header=_header(source, start_ns + offset_ns),
         orientation=_type("geometry_msgs/msg/Quaternion")(x=0.0, y=0.0, z=0.0, w=1.0),
         # -1 says that the device estimates no orientation.
@@ -313,23 +296,23 @@ def _imu(scene: Scene, source: TopicSource, start_ns: int, offset_ns: int) -> An
     )
 
 
-def _cloud(scene: Scene, source: TopicSource, start_ns: int, offset_ns: int) -> Any:
+def _cloud(scene: Scene, source: rig.TopicSource, start_ns: int, offset_ns: int) -> Any:
     if source.lidar is None:
         raise ValueError(f"{source.name} has no lidar")
     turn_ns = 10**9 // source.rate_hz
     points = scan(scene.room, scene.motion, source.lidar, start_ns, offset_ns, turn_ns)
     field = _type("sensor_msgs/msg/PointField")
-    return _type(POINT_CLOUD)(
+    return _type(rig.POINT_CLOUD)(
         header=_header(source, start_ns + offset_ns),
         height=1,
         width=len(points),
         fields=[
             field(name=name, offset=offset, datatype=kind, count=1)
-            for name, offset, kind in CLOUD_FIELDS
+            for name, offset, kind in rig.CLOUD_FIELDS
         ],
         is_bigendian=False,
-        point_step=CLOUD_POINT_BYTES,
-        row_step=CLOUD_POINT_BYTES * len(points),
+        point_step=rig.CLOUD_POINT_BYTES,
+        row_step=rig.CLOUD_POINT_BYTES * len(points),
         data=np.frombuffer(points.tobytes(), np.uint8),
         is_dense=True,
     )

@@ -21,42 +21,11 @@ from typing import TYPE_CHECKING, TypeVar
 import msgspec
 from msgspec.structs import replace
 
+from r2bspec.bags import recording
 from r2bspec.bags.bag_writer import write_bag
 from r2bspec.bags.integrity import ContentHash
-from r2bspec.bags.recording import (
-    RECORD_NAME,
-    DataError,
-    DatasetRecord,
-    Message,
-    SyntheticDataset,
-    TopicRecord,
-    Window,
-    WritableStorage,
-    read_provenance,
-    write_provenance,
-)
+from r2bspec.datasets import catalogue, dataset_cache, ground_truth
 from r2bspec.datasets.cameras import camera_pose
-from r2bspec.datasets.catalogue import (
-    bounded_window,
-    find_sequence,
-    message_times_ns,
-    select_sources,
-)
-from r2bspec.datasets.dataset_cache import (
-    KIND,
-    entry_lock,
-    is_intact,
-    new_entry,
-    remove_stale_entries,
-    write_errors,
-)
-from r2bspec.datasets.ground_truth import (
-    DISPARITY_PARTS,
-    GroundTruth,
-    build_ground_truth,
-    write_disparities,
-    write_ground_truth,
-)
 from r2bspec.datasets.rig import TopicSource, message_bytes
 from r2bspec.datasets.scenes import Scene, find_scene
 from r2bspec.datasets.sensors import render_depth, render_message
@@ -86,8 +55,8 @@ class _CacheKey(msgspec.Struct, frozen=True, kw_only=True):
     generator: int
     dataset: str
     topics: tuple[str, ...]
-    window: Window
-    storage: WritableStorage
+    window: recording.Window
+    storage: recording.WritableStorage
 
     @property
     def name(self) -> str:
@@ -98,12 +67,12 @@ class _CacheKey(msgspec.Struct, frozen=True, kw_only=True):
 def make(
     dataset: str,
     topics: Collection[str] | None = None,
-    window: Window | None = None,
+    window: recording.Window | None = None,
     *,
-    storage: WritableStorage = "sqlite3",
+    storage: recording.WritableStorage = "sqlite3",
     cache_dir: Path | None = None,
     progress: Progress | None = None,
-) -> SyntheticDataset:
+) -> recording.SyntheticDataset:
     """Synthesise a dataset, or find it in the cache.
 
     The messages of a dataset in the cache are checked; a damaged dataset is created again. If
@@ -122,51 +91,58 @@ def make(
         DataError: an unknown dataset or topic, a window outside it, or a disk that is full or
             not writable (R2B307, R2B308, R2B309, R2B311).
     """
-    sources = select_sources(dataset, topics)
+    sources = catalogue.select_sources(dataset, topics)
     if not sources:
         message = f"no topic of dataset {dataset} is selected"
-        raise DataError(message, code="R2B308", hint="select at least one topic")
+        raise recording.DataError(message, code="R2B308", hint="select at least one topic")
     cache_key = _CacheKey(
         generator=GENERATOR_VERSION,
         dataset=dataset,
         topics=tuple(source.name for source in sources),
-        window=bounded_window(dataset, window),
+        window=catalogue.bounded_window(dataset, window),
         storage=storage,
     )
-    root = cache_dir or cache_or_temporary_folder(KIND)
+    root = cache_dir or cache_or_temporary_folder(dataset_cache.KIND)
     final = root / cache_key.name
     record = _cached_record(root, final)
     if record is None:
-        with private_files(), entry_lock(root, cache_key.name):
-            remove_stale_entries(root, cache_key.name)
+        with private_files(), dataset_cache.entry_lock(root, cache_key.name):
+            dataset_cache.remove_stale_entries(root, cache_key.name)
             record = _cached_record(root, final)
             if record is None:
                 damaged = final.exists()
-                with new_entry(root, cache_key.name) as folder, write_errors(root):
+                with (
+                    dataset_cache.new_entry(root, cache_key.name) as folder,
+                    dataset_cache.write_errors(root),
+                ):
                     record = _build(folder, cache_key, sources, progress)
-                return SyntheticDataset(
+                return recording.SyntheticDataset(
                     path=final, content_sha256=record.content_sha256, made=True, damaged=damaged
                 )
-    return SyntheticDataset(path=final, content_sha256=record.content_sha256, made=False)
+    return recording.SyntheticDataset(path=final, content_sha256=record.content_sha256, made=False)
 
 
-def _cached_record(root: Path, folder: Path) -> DatasetRecord | None:
+def _cached_record(root: Path, folder: Path) -> recording.DatasetRecord | None:
     """The record of a cached dataset that is complete and has the messages that were made."""
-    record = read_provenance(folder)
+    record = recording.read_provenance(folder)
     if record is None:
         return None
     sizes = {path.name: path.stat().st_size for path in folder.iterdir()}
-    sizes.pop(RECORD_NAME, None)
-    return record if sizes == record.file_bytes and is_intact(root, folder, record) else None
+    sizes.pop(recording.RECORD_NAME, None)
+    return (
+        record
+        if sizes == record.file_bytes and dataset_cache.is_intact(root, folder, record)
+        else None
+    )
 
 
 def _build(
     folder: Path, cache_key: _CacheKey, sources: tuple[TopicSource, ...], progress: Progress | None
-) -> DatasetRecord:
+) -> recording.DatasetRecord:
     """Write bag, ground truth and record into a new folder."""
-    sequence, scene = find_sequence(cache_key.dataset), find_scene(cache_key.dataset)
-    times_ns = {source: message_times_ns(source, cache_key.window) for source in sources}
-    truth = build_ground_truth(cache_key.dataset, scene, sequence.start_ns, times_ns)
+    sequence, scene = catalogue.find_sequence(cache_key.dataset), find_scene(cache_key.dataset)
+    times_ns = {source: catalogue.message_times_ns(source, cache_key.window) for source in sources}
+    truth = ground_truth.build_ground_truth(cache_key.dataset, scene, sequence.start_ns, times_ns)
     schedule = sorted(
         ((time_ns, source) for source, times in times_ns.items() for time_ns in times),
         key=lambda entry: (entry[0], entry[1].name),
@@ -180,12 +156,12 @@ def _build(
         if progress is not None:
             progress(next(numbers), total)
 
-    def render(entry: tuple[int, TopicSource]) -> Message:
+    def render(entry: tuple[int, TopicSource]) -> recording.Message:
         time_ns, source = entry
         data = render_message(scene, source, sequence.start_ns, time_ns)
-        return Message(topic=source.name, time_ns=sequence.start_ns + time_ns, data=data)
+        return recording.Message(topic=source.name, time_ns=sequence.start_ns + time_ns, data=data)
 
-    def hashed(messages: Iterable[Message]) -> Iterator[Message]:
+    def hashed(messages: Iterable[recording.Message]) -> Iterator[recording.Message]:
         for message in messages:
             content.add(message)
             yield message
@@ -195,16 +171,18 @@ def _build(
     with closing(_map_in_order(render, schedule)) as messages:
         write_bag(folder, types, hashed(messages), cache_key.storage)
     if pairs:
-        write_disparities(folder, _disparities(scene, sequence.start_ns, truth, sources, step))
-    write_ground_truth(folder, truth)
-    record = DatasetRecord(
+        ground_truth.write_disparities(
+            folder, _disparities(scene, sequence.start_ns, truth, sources, step)
+        )
+    ground_truth.write_ground_truth(folder, truth)
+    record = recording.DatasetRecord(
         generator=GENERATOR_VERSION,
         dataset=cache_key.dataset,
         window=cache_key.window,
         storage=cache_key.storage,
         start_ns=sequence.start_ns,
         topics={
-            source.name: TopicRecord(
+            source.name: recording.TopicRecord(
                 type=source.type,
                 count=len(times_ns[source]),
                 rate_hz=float(source.rate_hz),
@@ -215,14 +193,14 @@ def _build(
         content_sha256=content.hexdigest(),
         file_bytes={path.name: path.stat().st_size for path in sorted(folder.iterdir())},
     )
-    write_provenance(folder, record)
+    recording.write_provenance(folder, record)
     return record
 
 
 def _disparities(
     scene: Scene,
     start_ns: int,
-    truth: GroundTruth,
+    truth: ground_truth.GroundTruth,
     sources: tuple[TopicSource, ...],
     step: Callable[[], None],
 ) -> Iterator[tuple[str, int, NDArray[np.uint16]]]:
@@ -238,7 +216,7 @@ def _disparities(
         if camera is None:
             continue
         camera = replace(camera, lens=None)
-        scale = np.float32(pair.focal_px * pair.baseline_m * DISPARITY_PARTS)
+        scale = np.float32(pair.focal_px * pair.baseline_m * ground_truth.DISPARITY_PARTS)
         for stamp_ns in pair.stamps_ns:
             pose = camera_pose(scene.motion.pose((stamp_ns - start_ns) / 1e9), camera)
             parts = scale / render_depth(scene.room, camera, pose) + np.float32(0.5)

@@ -25,7 +25,6 @@ _NOT_ESCAPED = re.compile(rf"[\x7f-\x9f\u2028\u2029\ufeff\ud800-\udfff{_BIDI}]")
 _STYLE = re.compile(r"(\x1b\[[0-9;]*m)")
 # The runner ignores space before a command; our own styles may be there, too.
 _LINE_COMMAND = re.compile(r"(?m)^((?:\x1b\[[0-9;]*m|[^\S\n])*):(?=:)")
-_LONG_LINE = re.compile(r"([^\n]{4000})[^\n]+")
 _MARK_COMMAND = re.compile(r"#(?=#\w*\[)")
 
 
@@ -76,11 +75,18 @@ MAX_LINE_CHARACTERS: Final = 4_000
 """The most of one line that is printed: whatever a file holds, a terminal stays usable."""
 
 
-def short_lines(text: str) -> str:
-    """The text with every line cut that is longer than `MAX_LINE_CHARACTERS`."""
-    if len(text) <= MAX_LINE_CHARACTERS:
+def short_lines(text: str, most: int = MAX_LINE_CHARACTERS) -> str:
+    """The text with every line that is longer than `most` characters cut in its middle.
+
+    A message ends with its reason, which may stand behind a long name.
+    """
+    if len(text) <= most:
         return text
-    return _LONG_LINE.sub(r"\1…", text)
+    end = most // 4
+    return "\n".join(
+        line if len(line) <= most else f"{line[: most - end]}…{line[-end:]}"
+        for line in text.split("\n")
+    )
 
 
 def plain_values(value: T) -> T:

@@ -22,37 +22,19 @@ from pathlib import Path
 from typing import Any, Literal
 
 from r2bspec.errors import R2bspecError
+from r2bspec.execute import errors
 from r2bspec.execute.bringup.harness_processes import build_join_files
 from r2bspec.execute.bringup.launcher import Launcher, message_packages
 from r2bspec.execute.bringup.readiness import run_setup_step
-from r2bspec.execute.errors import (
-    GraphMismatchError,
-    InterruptedRunError,
-    MemoryLimitError,
-    NotInstalledError,
-    RunError,
-    UnsupportedError,
-    UnwritableRunError,
-)
 from r2bspec.execute.fill_buffers import ResolvedDataset, buffer_bags, obtain_dataset, preprocess
 from r2bspec.execute.host_watch import HostWatch
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.execute.identity.loaded_files import LoadedFiles
 from r2bspec.execute.measurement.measurement import Measurement
+from r2bspec.execute.processes import environment as run_environment
+from r2bspec.execute.processes import prerequisites
 from r2bspec.execute.processes.elf import require_joinable
-from r2bspec.execute.processes.environment import (
-    MODULES_FOLDER,
-    RunEnvironment,
-    SecretReferences,
-    make_redactor,
-)
 from r2bspec.execute.processes.machine import describe_machine, describe_versions, unwritable_log
-from r2bspec.execute.processes.prerequisites import (
-    check_middleware,
-    require_address_space,
-    reserved_domain,
-    resolve_argv,
-)
 from r2bspec.execute.processes.resources import ResourceSampler
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.execute.profiled_iteration import (
@@ -180,7 +162,7 @@ class _Run:
             scratch,
             self._check,
             lambda child: resources.add(child.pid),
-            make_redactor(plan.environment, os.environ),
+            run_environment.make_redactor(plan.environment, os.environ),
             states.clock,
         )
         self._states = states
@@ -192,10 +174,10 @@ class _Run:
             scratch=scratch,
             progress=progress,
             resources=resources,
-            host=HostWatch(
-                resources, lambda: len(supervisor.records()), self._machine.get("cores")
+            host=HostWatch(resources, lambda: len(supervisor.records()), self._machine),
+            loaded_files=LoadedFiles(
+                supervisor, states.note, scratch / run_environment.MODULES_FOLDER
             ),
-            loaded_files=LoadedFiles(supervisor, states.note, scratch / MODULES_FOLDER),
             on_segment=self._write_partial_record,
         )
         self._context.buffer_dir.mkdir()
@@ -218,7 +200,7 @@ class _Run:
         except (OSError, RecordError) as error:
             failure = _unwritable(error, path)
             raise failure from error
-        except RunError as error:
+        except errors.RunError as error:
             failure = error
             full = None if isinstance(error, _NOT_BY_DISK) else unwritable_log(path)
             if full is None:
@@ -241,7 +223,7 @@ class _Run:
             self._preprocess()
             try:
                 self._measure()
-            except RunError as error:
+            except errors.RunError as error:
                 self._starts.name_start(error)
                 raise
             self._play_with_profiler()
@@ -249,12 +231,12 @@ class _Run:
 
     def _prepare(self) -> None:
         _require_rclpy()
-        require_address_space()
+        prerequisites.require_address_space()
         if self._options.profile:
             profiled_processes(self._plan, self._options.profile_node)
             require_usable(find_profiler(self._options.profile))
-        check_middleware(self._plan, os.environ)
-        SecretReferences(self._plan.environment, os.environ).require_set(self._plan)
+        prerequisites.check_middleware(self._plan, os.environ)
+        run_environment.SecretReferences(self._plan.environment, os.environ).require_set(self._plan)
         self._context.resources.start()
 
     def _set_up(self) -> None:
@@ -273,7 +255,7 @@ class _Run:
         # Every program exists before any is started, but after the setup steps.
         with self._states.clock.waiting("programs: found, or built"):
             for process in plan.processes:
-                argv = resolve_argv(process)
+                argv = prerequisites.resolve_argv(process)
                 if process.join is not None:
                     require_joinable(process.name, argv)
             if plan.harness.placement == "graph":
@@ -447,7 +429,7 @@ class _Run:
         """A reserved domain; the user's own domain if the graph has external nodes."""
         if self._plan.external:
             return contextlib.nullcontext(int(os.environ.get("ROS_DOMAIN_ID", "0")))
-        return reserved_domain()
+        return prerequisites.reserved_domain()
 
     def _check(self) -> None:
         """Check for signals and memory limits; called whenever the controller waits.
@@ -464,7 +446,7 @@ class _Run:
             limit = self._memory_limits.get(child.name)
             resident = self._context.resources.resident(child.pid)
             if limit is not None and resident > limit and not child.exit_expected:
-                raise MemoryLimitError(
+                raise errors.MemoryLimitError(
                     f"process {child.name} uses {Size(resident)} of memory; "
                     f"its limit is {Size(limit)}",
                     hint="Increase 'memory_limit', or reduce the memory use of the process.",
@@ -496,9 +478,9 @@ class _Run:
         context = self._context
         return Launcher(context.supervisor, self._environment(), context.folder, context.base_dir)
 
-    def _environment(self) -> RunEnvironment:
+    def _environment(self) -> run_environment.RunEnvironment:
         context = self._context
-        return RunEnvironment(
+        return run_environment.RunEnvironment(
             self._plan,
             run_id=self._run_id,
             domain=self._domain,
@@ -528,7 +510,7 @@ class _Run:
         """The verdict on the confirmation run if it ended now, given that on the run."""
         fresh = self._samples_so_far().confirmation
         assert fresh is not None  # noqa: S101 - it is being played
-        return judge_confirmation(self._plan.objectives, fresh, first, self._plan.gate.interference)
+        return judge_confirmation(self._plan.objectives, fresh, first, decision_policy(self._plan))
 
     def _samples_so_far(self) -> RunSamples:
         """The samples of everything that has been played, as if the run had ended now."""
@@ -554,7 +536,7 @@ class _Run:
 
     def _write_partial_record(self) -> None:
         """Write the current record, so that a killed run can also be read."""
-        killed = RunError("the run was killed", code="R2B671")
+        killed = errors.RunError("the run was killed", code="R2B671")
         self._context.folder.write_record(self._record(killed))
 
     def _provenance(self) -> dict[str, Any]:
@@ -569,7 +551,7 @@ class _Run:
         differences = [
             difference for launcher in self._launchers for difference in launcher.differences
         ]
-        differences += failure.differences if isinstance(failure, GraphMismatchError) else ()
+        differences += failure.differences if isinstance(failure, errors.GraphMismatchError) else ()
         return tuple(dict.fromkeys(differences))
 
     def _loaded_rmw(self) -> dict[str, str]:
@@ -580,7 +562,8 @@ class _Run:
         status: Literal["complete", "incomplete", "invalid"] = "complete"
         reason = ""
         if failure is not None:
-            status, reason = "incomplete", _reason(failure)
+            status = failure.status if isinstance(failure, errors.RunError) else "incomplete"
+            reason = _reason(failure)
         elif self._starts.foreign:
             status = "invalid"
             reason = (
@@ -625,13 +608,18 @@ class _Run:
         )
 
 
-_NOT_BY_DISK = (GraphMismatchError, InterruptedRunError, UnsupportedError, UnwritableRunError)
+_NOT_BY_DISK = (
+    errors.GraphMismatchError,
+    errors.InterruptedRunError,
+    errors.UnsupportedError,
+    errors.UnwritableRunError,
+)
 """Errors that a full disk does not lead to, or that name it."""
 
 
-def _without_room(log: Path, error: RunError) -> UnwritableRunError:
+def _without_room(log: Path, error: errors.RunError) -> errors.UnwritableRunError:
     """The error of a run that failed because a node could not write its log."""
-    return UnwritableRunError(
+    return errors.UnwritableRunError(
         f"{log} cannot be written: {os.strerror(errno.ENOSPC)}",
         hint=f"Free space on this disk, or let the nodes print less. What failed first: {error}",
     )
@@ -644,18 +632,18 @@ def _require_rclpy() -> None:
         NotInstalledError: rclpy is not installed.
     """
     if find_module("rclpy") is None:
-        raise NotInstalledError(
+        raise errors.NotInstalledError(
             "rclpy is not installed",
             hint="Source a ROS 2 installation, or pip install 'r2bspec[ros]'.",
         )
 
 
-def _unwritable(error: OSError | RecordError, folder: Path) -> RunError:
+def _unwritable(error: OSError | RecordError, folder: Path) -> errors.RunError:
     text = str(error)
     if isinstance(error, OSError):
         text = f"{error.filename or folder} cannot be written: {error.strerror or error}"
     hint = "Free space on this disk, or choose another folder with --output."
-    return UnwritableRunError(text, hint=hint)
+    return errors.UnwritableRunError(text, hint=hint)
 
 
 def _reason(failure: BaseException) -> str:

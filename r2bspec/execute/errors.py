@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar, Literal
 
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.record.files import RUN_UNWRITABLE
@@ -21,6 +22,8 @@ class RunError(R2bspecError):
 
     code = "R2B630"
     exit_code = ExitStatus.RUN_FAILED
+    status: ClassVar[Literal["incomplete", "invalid"]] = "incomplete"
+    """That of the record of the run."""
 
     def __init__(self, message: str, *, hint: str = "", code: str | None = None) -> None:
         super().__init__(message, hint=hint, code=code)
@@ -101,6 +104,12 @@ class NoOutputError(RunError):
     code = "R2B641"
 
 
+class DeadInputError(NoOutputError):
+    """What is played arrives nowhere any more: the graph was not tested."""
+
+    status = "invalid"
+
+
 class InterruptedRunError(RunError):
     """A signal of the user or the system interrupted the run."""
 
@@ -133,9 +142,15 @@ class MiddlewareError(UnsupportedError):
 
 
 class AddressSpaceError(CertainRunError):
-    """No process of the harness fits into the limit of its address space."""
+    """A process does not fit into the limit of its address space."""
 
     code = "R2B678"
+
+
+class ProcessLimitError(CertainRunError):
+    """A limit lets this user, or this control group, start no more processes and threads."""
+
+    code = "R2B679"
 
 
 class NoLoopbackError(CertainRunError):

@@ -32,15 +32,7 @@ from r2bspec.execute.errors import DatasetMismatchError, NoOutputError
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.progress import Progress
 from r2bspec.execute.run_context import RunContext
-from r2bspec.ipc import protocol
-from r2bspec.ipc.buffers import (
-    TF,
-    TF_STATIC,
-    TF_TYPE,
-    BufferWriter,
-    buffered_transforms,
-    read_stamp,
-)
+from r2bspec.ipc import buffers, protocol
 from r2bspec.plan.command_lines import NATIVE_ARGV
 from r2bspec.plan.plan import DatasetPlan, Plan, ProcessPlan
 
@@ -102,23 +94,23 @@ def buffer_bags(
     """
     types = {each.topic: each.type for dataset in datasets for each in dataset.topics}
     if any(dataset.publish_tf for dataset in datasets):
-        types[TF] = TF_TYPE
+        types[buffers.TF] = buffers.TF_TYPE
     stamped = {topic: begins_with_header(type_name) for topic, type_name in types.items()}
     streams = [
         _read_bag(dataset, bag, window)
         for bag, dataset, window in zip(bags, datasets, _windows(bags, datasets), strict=True)
     ]
     expected = sum(each.count for dataset in datasets for each in dataset.topics)
-    writers: dict[str, BufferWriter] = {}
+    writers: dict[str, buffers.BufferWriter] = {}
     with contextlib.ExitStack() as stack:
         for topic, type_name in types.items():
-            writer = BufferWriter(folder, topic, type_name, has_header=stamped[topic])
+            writer = buffers.BufferWriter(folder, topic, type_name, has_header=stamped[topic])
             stack.callback(writer.close)
             writers[topic] = writer
         # In order of time, each with its topic in the graph.
         merged = heapq.merge(*streams, key=itemgetter(0))
         for done, (_, topic, message) in enumerate(merged):
-            stamp_ns = read_stamp(message.data) if stamped[topic] else message.time_ns
+            stamp_ns = buffers.read_stamp(message.data) if stamped[topic] else message.time_ns
             writers[topic].append(stamp_ns, message.data, message.time_ns)
             if done % 16 == 0:
                 progress.step(done, max(expected, done))
@@ -131,8 +123,8 @@ def _read_bag(
 ) -> Iterator[tuple[int, str, Message]]:
     """The messages of a bag that are read, each after its time and its topic in the graph."""
     targets = {each.bag_topic: each.topic for each in dataset.topics}
-    if dataset.publish_tf and index_bag(bag).find(TF) is not None:
-        targets[TF] = TF
+    if dataset.publish_tf and index_bag(bag).find(buffers.TF) is not None:
+        targets[buffers.TF] = buffers.TF
     by_name = {name.lstrip("/"): topic for name, topic in targets.items()}
     for message in read_messages(bag, list(targets), window):
         yield message.time_ns, by_name[message.topic.lstrip("/")], message
@@ -145,16 +137,16 @@ def _buffer_static(
     with_static = [
         bag
         for bag, dataset in zip(bags, datasets, strict=True)
-        if dataset.publish_tf_static and index_bag(bag).find(TF_STATIC) is not None
+        if dataset.publish_tf_static and index_bag(bag).find(buffers.TF_STATIC) is not None
     ]
-    found = [message for bag in with_static for message in read_messages(bag, [TF_STATIC])]
+    found = [message for bag in with_static for message in read_messages(bag, [buffers.TF_STATIC])]
     if not found:
         return {}
     found.sort(key=lambda each: each.time_ns)
-    writer = BufferWriter(folder, TF_STATIC, TF_TYPE, has_header=False)
+    writer = buffers.BufferWriter(folder, buffers.TF_STATIC, buffers.TF_TYPE, has_header=False)
     writer.append(found[0].time_ns, merge_static([each.data for each in found]))
     writer.close()
-    return {TF_STATIC: 1}
+    return {buffers.TF_STATIC: 1}
 
 
 def _windows(bags: Sequence[Path], datasets: Sequence[DatasetPlan]) -> list[Window]:
@@ -186,11 +178,11 @@ def merge_static(messages: Sequence[bytes]) -> bytes:
     store = get_typestore(Stores.ROS2_JAZZY)
     latest: dict[str, Any] = {}
     for data in messages:
-        message: Any = store.deserialize_cdr(data, TF_TYPE)
+        message: Any = store.deserialize_cdr(data, buffers.TF_TYPE)
         for transform in message.transforms:
             latest[transform.child_frame_id] = transform
-    merged = store.types[TF_TYPE](transforms=list(latest.values()))
-    return bytes(store.serialize_cdr(merged, TF_TYPE))
+    merged = store.types[buffers.TF_TYPE](transforms=list(latest.values()))
+    return bytes(store.serialize_cdr(merged, buffers.TF_TYPE))
 
 
 _PHASE: Final = "preprocess"
@@ -218,9 +210,9 @@ def preprocess(plan: Plan, context: RunContext, launcher: Launcher) -> None:
     types = {each.topic: each.type for dataset in datasets for each in dataset.topics}
     sources = {topic: kind for topic, kind in types.items() if topic in read}
     played = {each.source for each in plan.inputs if each.bag_topic}
-    transforms = buffered_transforms(buffer_dir)
-    if TF in transforms:
-        sources[TF] = TF_TYPE
+    transforms = buffers.buffered_transforms(buffer_dir)
+    if buffers.TF in transforms:
+        sources[buffers.TF] = buffers.TF_TYPE
     launcher.check_shared_memory(plan, _PHASE)
     launcher.start_early(processes, message_packages(plan), observer=False)
     loader = launcher.start(next(each for each in processes if each.role == "loader"))
@@ -232,7 +224,7 @@ def preprocess(plan: Plan, context: RunContext, launcher: Launcher) -> None:
             buffer_dir=str(buffer_dir),
             buffer_only=tuple(sorted(played - sources.keys())),
             retime=plan.timeline is not None and plan.timeline.recorded,
-            static=TF_STATIC in transforms,
+            static=buffers.TF_STATIC in transforms,
             clock=plan.clock,
         ),
     )
@@ -244,7 +236,7 @@ def preprocess(plan: Plan, context: RunContext, launcher: Launcher) -> None:
     wanted = {
         topic: graph.expected_subscriptions(topic)
         for topic in sources
-        if read.get(topic) or topic not in {*played, TF}
+        if read.get(topic) or topic not in {*played, buffers.TF}
     }
     wanted |= dict.fromkeys(recorded, 1) | graph.subscription_counts(transforms)
     between = _expected_subscriptions_by_host(zip(nodes, others, strict=True), launcher, recorded)
@@ -298,7 +290,8 @@ def _check_outputs(
         )
     # An output made from several inputs has at most as many messages as the shortest one.
     sent = min(
-        (count for topic, count in loaded.published.items() if count and topic != TF), default=0
+        (count for topic, count in loaded.published.items() if count and topic != buffers.TF),
+        default=0,
     )
     for topic, count in loaded.recorded.items():
         if count < sent:

@@ -6,9 +6,9 @@ Iterations are examined when the run is judged, from the same samples.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 
@@ -43,12 +43,12 @@ class HostWatch:
     Attributes:
         resources: samples the run and the machine.
         process_count: how many processes the run has started so far.
-        cores: how many processors it may use, where that is known.
+        machine: as in `RunRecord.machine`.
     """
 
     resources: ResourceSampler
     process_count: Callable[[], int]
-    cores: int | None
+    machine: Mapping[str, Any]
 
     def between(self, began_ns: int, ended_ns: int) -> Interference:
         """The interference between two times (CLOCK_MONOTONIC), of which the second is past."""
@@ -57,7 +57,7 @@ class HostWatch:
             rows,
             rows_by_process(self.resources.rows()),
             frozenset(range(self.process_count())),
-            self.cores,
+            self.machine,
             began_ns,
             ended_ns,
         )

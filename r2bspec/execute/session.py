@@ -30,30 +30,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from r2bspec.execute import errors
+from r2bspec.execute.bringup import harness_processes, readiness
 from r2bspec.execute.bringup.graph_matching import MonitorSubscriptions, PhaseGraph
-from r2bspec.execute.bringup.harness_processes import (
-    GraphHarness,
-    GraphJoins,
-    HarnessProcesses,
-    build_join_files,
-    overhead_processes,
-)
 from r2bspec.execute.bringup.launcher import NODE_ROLES, Launcher, message_packages
 from r2bspec.execute.bringup.observe_graph import foreign_publishers, guarded_topics
-from r2bspec.execute.bringup.readiness import (
-    IdleNodes,
-    StartDeadline,
-    patience_s,
-    wait_for_external,
-    wait_for_probe,
-)
 from r2bspec.execute.build_schedule import build_schedule
-from r2bspec.execute.errors import (
-    GraphMismatchError,
-    InterruptedRunError,
-    ProcessFailedError,
-    RunError,
-)
 from r2bspec.execute.measurement.harness_overhead import HarnessOverhead, can_be_measured
 from r2bspec.execute.measurement.segments import (
     PLAYBACK_ROWS,
@@ -72,13 +54,7 @@ from r2bspec.judge.measure.samples import SegmentSamples
 from r2bspec.judge.rate_decision import load_scipy
 from r2bspec.plan.plan import Plan, ProcessPlan
 from r2bspec.plan.taps import all_taps, tap_monitors
-from r2bspec.record.run_record import (
-    HarnessOverheadRecord,
-    OutputGapRecord,
-    Segment,
-    StartRecord,
-    UnplayedMessages,
-)
+from r2bspec.record import run_record
 
 _WARM_UP_HZ = 10.0
 _WARM_UP_STEPS = 10
@@ -142,16 +118,16 @@ class Session:
         self._has_schedule = schedule is not None
         self.schedule: Schedule = schedule or CyclicSchedule(steps=())
         processes = [process for process in plan.processes if process.phase == MEASURE_PHASE]
-        self._parts = HarnessProcesses(launcher, processes)
+        self._parts = harness_processes.HarnessProcesses(launcher, processes)
         self._observer: ManagedProcess | None = None
         self._silent_outputs: SilentOutputs | None = None
         self.player: SegmentPlayer | None = None
-        self.harness_overhead: tuple[HarnessOverheadRecord, ...] = ()
+        self.harness_overhead: tuple[run_record.HarnessOverheadRecord, ...] = ()
         self.overhead_ns = 0
-        self.unplayed: tuple[UnplayedMessages, ...] = ()
+        self.unplayed: tuple[run_record.UnplayedMessages, ...] = ()
 
     @property
-    def segments(self) -> tuple[Segment, ...]:
+    def segments(self) -> tuple[run_record.Segment, ...]:
         """The segments that have been played."""
         return tuple(self.player.segments) if self.player else ()
 
@@ -161,7 +137,7 @@ class Session:
         return self.player.samples if self.player else {}
 
     @property
-    def output_gaps(self) -> tuple[OutputGapRecord, ...]:
+    def output_gaps(self) -> tuple[run_record.OutputGapRecord, ...]:
         """Outputs that have stopped since the start."""
         return tuple(self._silent_outputs.records) if self._silent_outputs else ()
 
@@ -199,7 +175,7 @@ class Session:
         self._enter(RunState.GRAPH, "starting the graph")
         # While nodes start, and before anything is played; a later start finds it imported.
         scipy = load_scipy() if _is_judged(self._plan) else None
-        deadline = StartDeadline(self._plan.start_timeout_ns)
+        deadline = readiness.StartDeadline(self._plan.start_timeout_ns)
         # Not before the harness overhead was measured, which its start would disturb.
         observer = self._observer = self._launcher.start_observer(self._observer_settings())
         if monitor is None:
@@ -302,7 +278,9 @@ class Session:
             return
         rows_dir = self.rows_dir / "overhead"
         rows_dir.mkdir()
-        parts = HarnessProcesses(self._launcher, overhead_processes(self._plan.processes))
+        parts = harness_processes.HarnessProcesses(
+            self._launcher, harness_processes.overhead_processes(self._plan.processes)
+        )
         player, monitor = parts.start("player"), parts.start("monitor")
         settings = protocol.ConfigureMonitor(monitors=(), rows_dir=str(rows_dir))
         self._configure_both(player, rows_dir, monitor, settings)
@@ -325,7 +303,7 @@ class Session:
             self._launcher.configure(player, protocol.LoadSchedule(schedule=self.schedule))
         except ValueError as error:
             # The stamps of transforms are looked up in the recorded messages.
-            raise ProcessFailedError(f"player: {error}") from error
+            raise errors.ProcessFailedError(f"player: {error}") from error
 
     def _measure_overhead(
         self, player: ManagedProcess, monitor: ManagedProcess, rows_dir: Path
@@ -352,7 +330,7 @@ class Session:
         ]
 
     def _start_joined_nodes(
-        self, deadline: StartDeadline
+        self, deadline: readiness.StartDeadline
     ) -> tuple[ManagedProcess | None, ManagedProcess]:
         """Start the nodes, and the player and the monitors in their processes."""
 
@@ -360,8 +338,12 @@ class Session:
             ready = self._launcher.configure(player, self._player_settings(self.rows_dir))
             self._load_schedule(player, ready)
 
-        harness = GraphHarness(self._launcher, self._plan, configure_player, self.rows_dir)
-        joins = GraphJoins(self._supervisor, self.rows_dir, build_join_files())
+        harness = harness_processes.GraphHarness(
+            self._launcher, self._plan, configure_player, self.rows_dir
+        )
+        joins = harness_processes.GraphJoins(
+            self._supervisor, self.rows_dir, harness_processes.build_join_files()
+        )
         self._launcher.joins = joins
         try:
             if self._is_later:
@@ -374,7 +356,7 @@ class Session:
 
     def _start_nodes(
         self,
-        deadline: StartDeadline,
+        deadline: readiness.StartDeadline,
         on_joined: Callable[[ManagedProcess, ProcessPlan], None] = lambda _, __: None,
     ) -> None:
         self._launcher.start_nodes(
@@ -389,7 +371,7 @@ class Session:
         player: ManagedProcess | None,
         monitor: ManagedProcess,
         observer: ManagedProcess,
-        deadline: StartDeadline,
+        deadline: readiness.StartDeadline,
     ) -> None:
         """Create the subscriptions of the monitor, after the nodes; wait until all are matched."""
         plan, supervisor = self._plan, self._supervisor
@@ -398,7 +380,7 @@ class Session:
         self._launcher.wait_for_observer(observer)
         subscriptions.update()
         if plan.external:
-            wait_for_external(plan, supervisor, observer, deadline)
+            readiness.wait_for_external(plan, supervisor, observer, deadline)
         watched = [watch.topic for watch in plan.monitors]
         watched += [tap.topic for tap in all_taps(plan.monitors)]
         expected = {monitor: dict.fromkeys(watched, 1)}
@@ -436,7 +418,9 @@ class Session:
         if plan.ready:
             self._enter(RunState.READY, "waiting for the readiness probes")
             for probe in plan.ready:
-                wait_for_probe(probe, self._supervisor, observer, context.folder, context.base_dir)
+                readiness.wait_for_probe(
+                    probe, self._supervisor, observer, context.folder, context.base_dir
+                )
         if plan.after_ready:
             self._enter(RunState.AFTER_READY, "running the after_ready steps")
             for step in plan.after_ready:
@@ -444,7 +428,10 @@ class Session:
         self._graph.check_parameters(observer)
 
     def _warm_up(
-        self, segment_player: SegmentPlayer, silent_outputs: SilentOutputs, deadline: StartDeadline
+        self,
+        segment_player: SegmentPlayer,
+        silent_outputs: SilentOutputs,
+        deadline: readiness.StartDeadline,
     ) -> None:
         """Play until every monitor has received a message, and at least for the planned time.
 
@@ -472,7 +459,7 @@ class Session:
             waited_s = time.monotonic() - began_s
             final = deadline.over or (
                 attempt > _DIAGNOSED_ATTEMPT
-                and waited_s > patience_s(plan.start_timeout_ns / 1e9)
+                and waited_s > readiness.patience_s(plan.start_timeout_ns / 1e9)
                 and self._is_idle()
             )
             if final or attempt == _DIAGNOSED_ATTEMPT:
@@ -485,7 +472,7 @@ class Session:
         """
         if not self._plan.inputs:
             return False
-        idle = IdleNodes(self._plan, MEASURE_PHASE, self._supervisor)
+        idle = readiness.IdleNodes(self._plan, MEASURE_PHASE, self._supervisor)
         self._supervisor.pump_for(_IDLE_WINDOW_S)
         if idle.update() == 0 or not idle.answer(self._supervisor.observer()):
             return False
@@ -513,7 +500,7 @@ class StartSequence:
     context: RunContext
     make_launcher: Callable[[], Launcher]
     sessions: list[Session] = field(default_factory=list)
-    records: list[StartRecord] = field(default_factory=list)
+    records: list[run_record.StartRecord] = field(default_factory=list)
     foreign: tuple[str, ...] = ()
 
     def begin(self, *, confirms: bool = False) -> SegmentPlayer:
@@ -537,7 +524,7 @@ class StartSequence:
         ready_ns = time.monotonic_ns()
         interference = self.context.host.between(began_ns, ready_ns)
         self.records.append(
-            StartRecord(
+            run_record.StartRecord(
                 number=session.start,
                 began_ns=began_ns,
                 ready_ns=ready_ns,
@@ -588,12 +575,12 @@ class StartSequence:
             self.context.note(f"a program that is not of this run has published on {publisher}")
         return bool(self.foreign)
 
-    def name_start(self, error: RunError) -> None:
+    def name_start(self, error: errors.RunError) -> None:
         """Say in an error in which start it occurred, unless it is the first one."""
-        if len(self.sessions) < 2 or isinstance(error, InterruptedRunError):
+        if len(self.sessions) < 2 or isinstance(error, errors.InterruptedRunError):
             return
         confirms = ", which confirms a failure" if self.sessions[-1].confirms else ""
         which = f" (in start {len(self.sessions)}{confirms})"
         error.args = (f"{error}{which}", *error.args[1:])
-        if isinstance(error, GraphMismatchError):
+        if isinstance(error, errors.GraphMismatchError):
             error.details = f"{error.details}{which}".strip()

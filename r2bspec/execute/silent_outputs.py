@@ -1,7 +1,8 @@
 """Why an output has no messages: the path to it is traced, and the first fault on it named.
 
 In the warm-up this ends the run, as soon as waiting longer is of no use. In a measurement it goes
-on, and the record says which output has stopped, and why.
+on, and the record says which output has stopped, and why. Where what is played does not even arrive
+at the subscription that traces it, it was not the graph that stopped: the run is over, and invalid.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from r2bspec.execute.bringup.find_fault import certain_topics, find_faults, full_path, path_lines
 from r2bspec.execute.bringup.observe_graph import TRACE_RATE_HZ, TRACE_STEPS, GraphFacts
-from r2bspec.execute.errors import NoOutputError
+from r2bspec.execute.errors import DeadInputError, NoOutputError
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.run_context import RunContext
 from r2bspec.plan.plan import MonitorPlan
@@ -82,10 +83,15 @@ class SilentOutputs:
         )
 
     def explain_stop(self, segment: Segment, plan: MonitorPlan) -> None:
-        """Find out, once, why an output has stopped in a segment, and record it."""
+        """Find out, once, why an output has stopped in a segment, and record it.
+
+        Raises:
+            DeadInputError: what is played arrives nowhere any more.
+        """
         self.context.note(f"no more messages on {plan.topic}: tracing the path")
         facts = self._trace()
-        reason = "; ".join(fault.sentence for fault in find_faults(facts, [plan.topic]))
+        faults = find_faults(facts, [plan.topic])
+        reason = "; ".join(fault.sentence for fault in faults)
         if not reason:
             passed = facts.topics[plan.topic].passed
             reason = f"{passed} messages on {plan.topic} for {TRACE_STEPS} steps played afterwards"
@@ -106,6 +112,18 @@ class SilentOutputs:
                 way=tuple(line.strip() for line in way),
             )
         )
+        begins_at_input = any(
+            fault.kind == "no output" and fault.topic in facts.inputs for fault in faults
+        )
+        # In a few steps of a recording not every input need have a message.
+        arrived = any(facts.topics[topic].passed for topic in facts.inputs)
+        if begins_at_input and not arrived and not late:
+            raise DeadInputError(
+                f"from {segment.id} on, what was played did not arrive: {reason}, not even at "
+                "r2bspec's own subscription, so that nothing is known of the graph",
+                hint="The middleware has failed. Look for a full /dev/shm and other causes with "
+                "'r2bspec doctor', or try another middleware, and run again.",
+            )
 
     def _trace(self) -> GraphFacts:
         """Play some steps and count the messages on each topic."""

@@ -26,12 +26,7 @@ from r2bspec.language.quantities import Size
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark
-from r2bspec.safe_io.limits import (
-    MAX_BUNDLE_BYTES,
-    MAX_BUNDLE_FILES,
-    MAX_BUNDLE_PATH_CHARACTERS,
-    MAX_BUNDLE_SOURCE_BYTES,
-)
+from r2bspec.safe_io import limits
 
 Sha256 = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
 Identity = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{32}(-confirm)?\Z")]
@@ -201,10 +196,11 @@ def _described(
 
 def _check_size(files: Collection[Path]) -> None:
     sizes = {file: file.stat().st_size for file in files}
-    if sum(sizes.values()) > MAX_BUNDLE_BYTES or len(sizes) > MAX_BUNDLE_FILES:
+    if sum(sizes.values()) > limits.MAX_BUNDLE_BYTES or len(sizes) > limits.MAX_BUNDLE_FILES:
         raise BundleTooLargeError(
-            f"the files that the spec names have more than {Size(MAX_BUNDLE_BYTES)} or are more "
-            f"than {MAX_BUNDLE_FILES:,}; the largest is {max(sizes, key=lambda file: sizes[file])}",
+            f"the files that the spec names have more than {Size(limits.MAX_BUNDLE_BYTES)} or are "
+            f"more than {limits.MAX_BUNDLE_FILES:,}; the largest is "
+            f"{max(sizes, key=lambda file: sizes[file])}",
             hint="Install large parts on the hosts, and name them there.",
         )
 
@@ -294,7 +290,7 @@ def _all_words(plan: Plan) -> Iterator[str]:
 
 
 def _files_at(base_dir: Path, word: str) -> Iterator[Path]:
-    is_path = 0 < len(word) <= MAX_BUNDLE_PATH_CHARACTERS and not set(word) & {"\0", "\n"}
+    is_path = 0 < len(word) <= limits.MAX_BUNDLE_PATH_CHARACTERS and not set(word) & {"\0", "\n"}
     if not is_path or word[0] in "/~":
         return
     place = Path(os.path.normpath(base_dir / word))
@@ -339,7 +335,7 @@ def _imported(file: Path) -> Iterator[Path]:
 
 def _imported_names(file: Path) -> set[str]:
     try:
-        if file.stat().st_size > MAX_BUNDLE_SOURCE_BYTES:
+        if file.stat().st_size > limits.MAX_BUNDLE_SOURCE_BYTES:
             return set()
         tree = ast.parse(file.read_bytes())
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):

@@ -31,16 +31,9 @@ from r2bspec.compare.history import open_history
 from r2bspec.compare.history_gate import add_to_history, baseline_from_history, write_baseline
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.identity.identify_graph import graph_identity
+from r2bspec.fleet import errors
 from r2bspec.fleet.bundle import Bundle, Job, make_bundle
 from r2bspec.fleet.client import FleetClient
-from r2bspec.fleet.errors import (
-    FalseAnswerError,
-    HostFullError,
-    HostLostError,
-    HostRefusesError,
-    NoHostError,
-    TransferError,
-)
 from r2bspec.fleet.hosts import Host
 from r2bspec.fleet.journal import Journal, State
 from r2bspec.fleet.messages import Call, HostState, Played, Steps
@@ -201,7 +194,9 @@ class FleetRuns:
             try:
                 bundle = bundles.get(key) or make_bundle(run.sides)
             except (R2bspecError, OSError) as error:
-                failure = error if isinstance(error, R2bspecError) else TransferError(str(error))
+                failure = (
+                    error if isinstance(error, R2bspecError) else errors.TransferError(str(error))
+                )
                 yield Ended(run, "", failure)
                 continue
             bundles[key] = bundle
@@ -234,14 +229,14 @@ class FleetRuns:
             present = self.client.hosts.get(loop.host.name)
             is_same = present is not None and present.address == loop.host.address
             if not is_same or loop.connection != self.client.connections:
-                self._lose(loop, HostLostError(f"the host {loop.host.name} left the fleet"))
+                self._lose(loop, errors.HostLostError(f"the host {loop.host.name} left the fleet"))
             elif present is not None and loop.is_others(present.state):
                 loop.since = now
             elif now - loop.since > loop.call.within_s + self.limits.silent_s:
                 self._silent.add(loop.host.address)
                 silence = time_text(now - loop.since)
                 text = f"the host {loop.host.name} has not answered for {silence}"
-                self._lose(loop, HostLostError(text))
+                self._lose(loop, errors.HostLostError(text))
         hosts = {
             name: host
             for name, host in self.client.hosts.items()
@@ -261,7 +256,7 @@ class FleetRuns:
                 self._waiting.remove(entry)
                 names = ", ".join(sorted(entry.hosts))
                 text = f"no host that may make the run is in the fleet: {names}"
-                self._end(entry, "", HostLostError(text))
+                self._end(entry, "", errors.HostLostError(text))
 
     def _go_on(self, loop: _HostLoop) -> None:
         """Give a loop the answer that it waits for."""
@@ -270,17 +265,17 @@ class FleetRuns:
         try:
             value = answer.result()
         except (R2bspecError, concurrent.futures.CancelledError) as error:
-            lost = HostLostError(f"the host {loop.host.name} left the fleet")
+            lost = errors.HostLostError(f"the host {loop.host.name} left the fleet")
             raised = error if isinstance(error, R2bspecError) else lost
             self._step(loop, lambda: loop.steps.throw(raised))
         except Exception as error:
             # Cancelled, killed, closed: Dask says in many ways that the worker is gone.
             text = f"the host {loop.host.name} left the fleet: {error}"
-            self._lose(loop, HostLostError(text))
+            self._lose(loop, errors.HostLostError(text))
         else:
             self._step(loop, lambda: loop.steps.send(value))
 
-    def _lose(self, loop: _HostLoop, lost: HostLostError) -> None:
+    def _lose(self, loop: _HostLoop, lost: errors.HostLostError) -> None:
         if loop.answer is not None:
             loop.answer.cancel()
             loop.answer = None
@@ -296,7 +291,7 @@ class FleetRuns:
         try:
             answer = self.client.submit(loop.host, call)
         except Exception as error:  # a connection that was lost just now
-            self._lose(loop, HostLostError(f"the scheduler is lost: {error}"))
+            self._lose(loop, errors.HostLostError(f"the scheduler is lost: {error}"))
             return
         loop.answer, loop.call, loop.since = answer, call, time.monotonic()
         answer.add_done_callback(lambda _: self._answered.put(loop))
@@ -307,18 +302,20 @@ class FleetRuns:
             self._waiting.remove(entry)
             try:
                 if (differs := host.facts.version_error) is not None:
-                    raise HostRefusesError(str(differs), hint=differs.hint, code=differs.code)
+                    raise errors.HostRefusesError(
+                        str(differs), hint=differs.hint, code=differs.code
+                    )
                 error = yield from self._play_on(host, entry)
-            except HostLostError as lost:
+            except errors.HostLostError as lost:
                 self._give_back(entry, host, lost)
                 return
-            except (HostFullError, HostRefusesError, TransferError) as refusal:
+            except (errors.HostFullError, errors.HostRefusesError, errors.TransferError) as refusal:
                 self._refuse(entry, host, refusal)
                 continue
             except R2bspecError as failed:
                 error = failed
             except Exception as crash:
-                error = TransferError(f"the run cannot be stored: {crash}")
+                error = errors.TransferError(f"the run cannot be stored: {crash}")
             self._end(entry, host.name, error)
 
     def _play_on(self, host: Host, entry: _Entry) -> Steps:
@@ -373,8 +370,8 @@ class FleetRuns:
                     entry.status = (host.name, "being fetched")
                     yield from fetch(host, job, played, self.root, folder, self._counted)
                 elif played.problem is None:
-                    raise FalseAnswerError(host.name, "it has nothing of the run")
-            except TransferError:
+                    raise errors.FalseAnswerError(host.name, "it has nothing of the run")
+            except errors.TransferError:
                 if number == MAX_TRANSFERS - 1:
                     raise
             else:
@@ -414,7 +411,7 @@ class FleetRuns:
             **run.options,
         )
 
-    def _give_back(self, entry: _Entry, host: Host, lost: HostLostError) -> None:
+    def _give_back(self, entry: _Entry, host: Host, lost: errors.HostLostError) -> None:
         """Let a run be made again, unless its hosts are lost again and again."""
         self._write(entry, host, "lost", reason=str(lost))
         entry.losses += 1
@@ -422,7 +419,7 @@ class FleetRuns:
         if entry.losses > self.limits.losses:
             text = f"the host of the run left the fleet {entry.losses} times, {host.name} at last"
             hint = "The run may take more memory than its host has: try it on that machine alone."
-            self._end(entry, host.name, HostLostError(text, hint=hint))
+            self._end(entry, host.name, errors.HostLostError(text, hint=hint))
             return
         entry.status = ("", "waiting for a host")
         self._waiting.insert(0, entry)
@@ -431,7 +428,7 @@ class FleetRuns:
     def _refuse(self, entry: _Entry, host: Host, error: R2bspecError) -> None:
         """Let another host make a run, if there is one."""
         entry.refused[host.name] = error
-        state: State = "full" if isinstance(error, HostFullError) else "refused"
+        state: State = "full" if isinstance(error, errors.HostFullError) else "refused"
         self._write(entry, host, state, reason=str(error))
         if entry.hosts:
             self.on_note(f"{host.name}: {error}")
@@ -441,7 +438,7 @@ class FleetRuns:
             self._end(entry, host.name, error)
         else:
             parts = "; ".join(f"{name}: {why}" for name, why in sorted(entry.refused.items()))
-            self._end(entry, "", NoHostError(f"no host can make the run: {parts}"))
+            self._end(entry, "", errors.NoHostError(f"no host can make the run: {parts}"))
 
     def _end(self, entry: _Entry, host: str, error: R2bspecError | None) -> None:
         entry.ended = True

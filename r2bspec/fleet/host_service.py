@@ -18,25 +18,8 @@ from distributed.diagnostics.plugin import WorkerPlugin
 
 from r2bspec.bags.integrity import hash_files
 from r2bspec.errors import R2bspecError
+from r2bspec.fleet import errors, host_store
 from r2bspec.fleet.bundle import Job, SentFile, digest_of
-from r2bspec.fleet.errors import (
-    FleetError,
-    HostFullError,
-    HostLostError,
-    HostRefusesError,
-    NoHostError,
-    TransferError,
-)
-from r2bspec.fleet.host_store import (
-    ENDED_FILE,
-    FULL_DISK,
-    JOB_FILE,
-    PROGRESS_FILE,
-    RUN_FOLDER,
-    HostStore,
-    pack_run,
-    remove,
-)
 from r2bspec.fleet.hosts import HostFacts
 from r2bspec.fleet.messages import PLUGIN, Played, Problem, RunState, answer_of, read_request
 from r2bspec.fleet.permissions import check_allowed
@@ -56,7 +39,7 @@ class HostService(WorkerPlugin):
 
     name = PLUGIN
 
-    def __init__(self, facts: HostFacts, store: HostStore, lock: int = 0) -> None:
+    def __init__(self, facts: HostFacts, store: host_store.HostStore, lock: int = 0) -> None:
         """Begin.
 
         Args:
@@ -85,15 +68,15 @@ class HostService(WorkerPlugin):
     def _told(self, error: Exception) -> R2bspecError:
         """What a client is told of an error; a full disk is trimmed."""
         name = self.facts.name
-        if isinstance(error, OSError) and error.errno in FULL_DISK:
+        if isinstance(error, OSError) and error.errno in host_store.FULL_DISK:
             hint = "Free space there, or start its worker with a smaller --cache-limit."
-            error = HostFullError(f"the disk of the host {name} is full", hint=hint)
-        if isinstance(error, HostFullError):
+            error = errors.HostFullError(f"the disk of the host {name} is full", hint=hint)
+        if isinstance(error, errors.HostFullError):
             with contextlib.suppress(OSError):
                 self.store.trim({self._playing})
         if isinstance(error, R2bspecError):
             return error
-        return FleetError(f"the host {name} failed: {error}")
+        return errors.FleetError(f"the host {name} failed: {error}")
 
     def state(self) -> dict[str, Any]:
         """What the host does, for the heartbeats of its worker: a `HostState`."""
@@ -101,7 +84,7 @@ class HostService(WorkerPlugin):
             return {"state": "idle"}
         state: dict[str, Any] = {"state": "playing", "identity": self._playing}
         with contextlib.suppress(OSError, msgspec.MsgspecError):
-            content = (self.store.spool(self._playing) / PROGRESS_FILE).read_bytes()
+            content = (self.store.spool(self._playing) / host_store.PROGRESS_FILE).read_bytes()
             state |= msgspec.to_builtins(msgspec.json.decode(content, type=RunState))
         return state
 
@@ -113,10 +96,13 @@ class HostService(WorkerPlugin):
                 self._child.terminate()
 
     def remove_unfinished(self) -> None:
-        """Remove runs that an earlier worker did not finish."""
+        """Remove runs that an earlier worker did not finish, and what else it left."""
+        for name in ("work", host_store.SCRATCH):
+            host_store.remove(self.store.root / name)
+        self.store.open()
         for spool in (self.store.root / "spool").iterdir():
             if not (spool / _PLAYED_FILE).exists():
-                remove(spool)
+                host_store.remove(spool)
 
     def prepare(self, job: Job) -> dict[str, int]:
         """Take a job that is offered.
@@ -139,7 +125,7 @@ class HostService(WorkerPlugin):
         for recording in job.recordings:
             place = Path(recording.path)
             if place.is_absolute() and not _is_recording(place, recording.sha256):
-                raise HostRefusesError(
+                raise errors.HostRefusesError(
                     f"{recording.path} is not on this host, or is another recording",
                     hint="Name recordings relative to the spec or by $R2B_DATASETS: they are sent.",
                     code="R2B301",
@@ -151,8 +137,8 @@ class HostService(WorkerPlugin):
         for side in job.sides:
             plan = parse_plan(side.plan.encode(), "the plan of the client")
             check_allowed(plan, self.facts.allows, self.facts.name, job.environments, files=files)
-            if lacks := unmet(plan.requires or None, self.facts.machine):
-                raise NoHostError("; ".join(lacks))
+            if lacks := unmet(plan.requires or None, self.facts):
+                raise errors.NoHostError("; ".join(lacks))
 
     def put(self, file: SentFile, offset: int, piece: bytes) -> None:
         """Take a piece of a file."""
@@ -181,45 +167,45 @@ class HostService(WorkerPlugin):
         """A piece of the archive of a run."""
         archive = self.store.spool(identity) / _ARCHIVE
         if not archive.exists():
-            raise TransferError(f"the host {self.facts.name} has removed the run")
+            raise errors.TransferError(f"the host {self.facts.name} has removed the run")
         with archive.open("rb") as stream:
             stream.seek(offset)
             return stream.read(size)
 
     def drop(self, identity: str) -> None:
         """Remove a run that its client has."""
-        remove(self.store.spool(identity))
+        host_store.remove(self.store.spool(identity))
 
     def _play_in(self, spool: Path, job: Job) -> None:
         self._check_allowed(job)
         self.store.check(job)
         if self.store.missing(job):
-            raise TransferError(
+            raise errors.TransferError(
                 f"the host {self.facts.name} has removed files of {job.name} for those of others",
                 hint="Start its worker with a larger --cache-limit.",
             )
-        remove(spool)
+        host_store.remove(spool)
         spool.mkdir(mode=0o700, parents=True)
-        (spool / JOB_FILE).write_bytes(msgspec.json.encode(job))
+        (spool / host_store.JOB_FILE).write_bytes(msgspec.json.encode(job))
         status = self._run_child(spool, self.store.unpack(job))
         if self._is_closing:
-            remove(spool)
-            raise HostLostError(f"the worker of the host {self.facts.name} was ended")
+            host_store.remove(spool)
+            raise errors.HostLostError(f"the worker of the host {self.facts.name} was ended")
         played = _ended(spool, status)
         problem = played.problem
         if problem is not None and problem.code in _NO_ROOM:
-            remove(spool)
-            raise HostFullError(
+            host_store.remove(spool)
+            raise errors.HostFullError(
                 f"the host {self.facts.name} has no room for the run: {problem.message}",
                 hint=problem.hint,
             )
         if problem is not None and problem.is_of_host:
-            remove(spool)
-            raise HostRefusesError(problem.message, hint=problem.hint, code=problem.code)
-        if (run := spool / RUN_FOLDER).is_dir():
+            host_store.remove(spool)
+            raise errors.HostRefusesError(problem.message, hint=problem.hint, code=problem.code)
+        if (run := spool / host_store.RUN_FOLDER).is_dir():
             archive = spool / _ARCHIVE
-            pack_run(run, archive)
-            remove(run)
+            host_store.pack_run(run, archive)
+            host_store.remove(run)
             size, sha256 = archive.stat().st_size, digest_of(archive)
             played = msgspec.structs.replace(played, size=size, sha256=sha256)
         write_atomically(spool / _PLAYED_FILE, msgspec.json.encode(played))
@@ -255,7 +241,7 @@ def _is_recording(place: Path, sha256: str) -> bool:
 
 def _ended(spool: Path, status: int) -> Played:
     """What the child says, or that it said nothing."""
-    file = spool / ENDED_FILE
+    file = spool / host_store.ENDED_FILE
     if file.exists():
         return msgspec.json.decode(file.read_bytes(), type=Played)
     output = (spool / "output.log").read_text(errors="replace").strip().splitlines()

@@ -22,7 +22,7 @@ import tarfile
 import time
 import zlib
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Final
 
@@ -37,6 +37,9 @@ ENDED_FILE: Final = "ended.json"
 PROGRESS_FILE: Final = "progress.json"
 RUN_FOLDER: Final = "run"
 """In the folder of a run in ``spool``."""
+
+SCRATCH: Final = "dask"
+"""The folder of Dask itself."""
 
 DEFAULT_LIMIT_BYTES: Final = 20 << 30
 _KINDS: Final = ("objects", "work", "spool")
@@ -79,11 +82,16 @@ class HostStore:
     root: Path
     limit_bytes: int = DEFAULT_LIMIT_BYTES
     shared: tuple[Path, ...] = ()
+    _verified: set[str] = field(default_factory=set)
+    """The digests of objects that this process has hashed."""
 
     def open(self) -> None:
         """Create the folders."""
-        for kind in _KINDS:
-            (self.root / kind).mkdir(mode=0o700, parents=True, exist_ok=True)
+        for place in (self.root / kind for kind in _KINDS):
+            # What is removed from a folder must be the store's own.
+            if place.is_symlink():
+                place.unlink()
+            place.mkdir(mode=0o700, parents=True, exist_ok=True)
 
     @contextlib.contextmanager
     def locked(self, patience_s: float = 0.0) -> Iterator[int | None]:
@@ -123,10 +131,21 @@ class HostStore:
         shared = self._shared(job)
         missing = {}
         for file in job.files:
-            if file.recording not in shared and not self._object(file.sha256).is_file():
+            if file.recording not in shared and not self._is_here(file.sha256):
                 part = self._object(f"{file.sha256}{_PART}")
                 missing[file.sha256] = part.stat().st_size if part.is_file() else 0
         return missing
+
+    def _is_here(self, sha256: str) -> bool:
+        """Whether an object is here whole; one that this process did not store is hashed first."""
+        kept = self._object(sha256)
+        if not kept.is_file():
+            return False
+        if sha256 not in self._verified and digest_of(kept) != sha256:
+            kept.unlink()
+            return False
+        self._verified.add(sha256)
+        return True
 
     def put(self, file: SentFile, offset: int, content: bytes) -> None:
         """Write a piece of a file; the last piece verifies it.
@@ -151,6 +170,7 @@ class HostStore:
             raise TransferError(f"{file.path} did not arrive as it was sent")
         part.chmod(0o400)
         part.replace(self._object(file.sha256))
+        self._verified.add(file.sha256)
 
     def _object(self, name: str) -> Path:
         return inside(self.root / "objects", name)

@@ -26,7 +26,7 @@ HostName = Annotated[str, msgspec.Meta(pattern=r"^(?!\.)[^/,\x00-\x1f\x7f]{1,200
 """It names a folder, and is listed by commas."""
 
 
-class HostFacts(msgspec.Struct, frozen=True, kw_only=True):
+class HostFacts(MachineFacts, frozen=True, kw_only=True):
     """A host, as it describes itself when it joins a fleet.
 
     Attributes:
@@ -36,30 +36,14 @@ class HostFacts(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     name: HostName
-    arch: str = ""
     cpu: str = ""
-    cores: int = 0
     memory_bytes: int = 0
-    gpus: tuple[str, ...] = ()
-    ros_distro: str = ""
     rmw: str = ""
     os: str = ""
-    labels: dict[str, str] = {}
     r2bspec: str = ""
     python: str = ""
-    doctor: dict[str, str] = {}
+    doctor: dict[str, str] = msgspec.field(default_factory=dict)
     allows: tuple[str, ...] = ()
-
-    @property
-    def machine(self) -> MachineFacts:
-        """What requirements of specs are compared with."""
-        return MachineFacts(
-            arch=self.arch,
-            cores=self.cores,
-            gpus=self.gpus,
-            ros_distro=self.ros_distro,
-            labels=self.labels,
-        )
 
     @property
     def version_error(self) -> R2bspecError | None:
@@ -166,7 +150,7 @@ def place(
             the names of hosts.
         expected: with ``all``, hosts that were in the fleet when the suite was begun.
     """
-    lacks = {name: unmet(plan.requires or None, host.machine) for name, host in facts.items()}
+    lacks = {name: unmet(plan.requires or None, host) for name, host in facts.items()}
     fitting = {name for name, what in lacks.items() if not what}
     errors = {name: host.version_error for name, host in facts.items()}
     usable = frozenset(name for name in fitting if errors[name] is None)

@@ -17,15 +17,8 @@ import msgspec
 
 from r2bspec.diagnostics.quote import quote
 from r2bspec.errors import ExitStatus, R2bspecError
+from r2bspec.fleet import errors
 from r2bspec.fleet.bundle import Count, Identity, Job, SentFile, Sha256
-from r2bspec.fleet.errors import (
-    FalseAnswerError,
-    FleetError,
-    HostFullError,
-    HostLostError,
-    HostRefusesError,
-    TransferError,
-)
 
 PLUGIN: Final = "r2bspec"
 """The name of the service of a host among the plugins of its worker."""
@@ -41,7 +34,13 @@ _ANNOUNCE_S: Final = 0.5
 _MAX_TEXT: Final = 10_000
 """The most characters of an error of a host that are shown."""
 
-_KINDS: Final = (HostFullError, HostLostError, HostRefusesError, TransferError, R2bspecError)
+_KINDS: Final = (
+    errors.HostFullError,
+    errors.HostLostError,
+    errors.HostRefusesError,
+    errors.TransferError,
+    R2bspecError,
+)
 """What clients tell apart of the errors of a host: the first that it is one of."""
 
 
@@ -181,10 +180,10 @@ def read_request(request: bytes) -> tuple[str, tuple[Any, ...]]:
     try:
         _, method, args = msgspec.msgpack.decode(request, type=tuple[str, str, msgspec.Raw])
         if method not in METHODS:
-            raise FleetError(f"hosts do nothing that is called {quote(method)}")
+            raise errors.FleetError(f"hosts do nothing that is called {quote(method)}")
         return method, msgspec.msgpack.decode(args, type=METHODS[method][0])
     except _NOT_DECODED as error:
-        raise FleetError(f"this is no request of a client: {error}") from error
+        raise errors.FleetError(f"this is no request of a client: {error}") from error
 
 
 def answer_of(request: bytes, value: Any = None, problem: Problem | None = None) -> bytes:
@@ -203,12 +202,12 @@ def read_answer(host: str, method: str, request: bytes, content: Any) -> Any:
     try:
         answer = msgspec.msgpack.decode(content, type=Answer)
         if answer.request != _digest(request):
-            raise FalseAnswerError(host, "its answer is that to another request")
+            raise errors.FalseAnswerError(host, "its answer is that to another request")
         if answer.problem is not None:
             raise answer.problem.error
         return msgspec.msgpack.decode(answer.value, type=METHODS[method][1])
     except (*_NOT_DECODED, TypeError) as error:
-        raise FalseAnswerError(host, f"its answer is none: {error}") from error
+        raise errors.FalseAnswerError(host, f"its answer is none: {error}") from error
 
 
 def _digest(request: bytes) -> str:

@@ -2,11 +2,12 @@
 
 Without a permission of its owner, a host starts programs of r2bspec, executables, components,
 Python classes and launch files of ROS packages that are installed there, each by the command line
-that r2bspec itself writes. Other Python is not allowed, even if it is installed: ``pytest.main``
-runs what lies in its folder. Processes get variables of `_VARIABLES` only: any
-other one may name code, such as ``LD_PRELOAD``, ``HOME`` (a user site) or ``OPENSSL_CONF`` (an
-engine). Whatever is not on these lists needs ``--allow-commands`` or, for Python and launch files
-that a spec brings along, ``--allow-python``.
+that r2bspec itself writes: with names, remappings and parameters, and without arguments of the
+spec, because what a program does with those nobody knows (a file to load, a prefix to start).
+Other Python is not allowed, even if it is installed: ``pytest.main`` runs what lies in its folder.
+Processes get variables of `_VARIABLES` only: any other one may name code, such as ``LD_PRELOAD``,
+``HOME`` (a user site) or ``OPENSSL_CONF`` (an engine). Whatever is not on these lists needs
+``--allow-commands`` or, for Python and launch files that a spec brings along, ``--allow-python``.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from pathlib import Path, PurePosixPath
 from typing import Final
 
 from r2bspec.fleet.errors import NotAllowedError
-from r2bspec.plan.command_lines import INCLUDED_LAUNCH, is_own_program
+from r2bspec.plan.command_lines import INCLUDED_LAUNCH, THREADED_CONTAINER, is_own_program
 from r2bspec.plan.plan import Plan, ProcessPlan
 
 COMMANDS: Final = "commands"
@@ -102,9 +103,13 @@ def _needs_of_process(process: ProcessPlan) -> Iterator[tuple[str, str]]:
     if (launched := _launch_place(argv)) is not None:
         if not _is_installed_launch(launched):
             yield PYTHON, f"the launch file {launched[-1].removeprefix('file:=')!r}"
-    elif is_own_program(argv) and tuple(argv[_TARGET_WORD + 1 :][:1]) not in ((), ("--ros-args",)):
-        yield COMMANDS, f"{argv[_TARGET_WORD]!r} with arguments"
-    elif not is_own_program(argv) and not (argv and _EXECUTABLE.fullmatch(argv[0])):
+        if argv[-1] != _NO_LAUNCH_ARGUMENTS:
+            yield COMMANDS, f"the launch file {launched[-1].removeprefix('file:=')!r} {_ARGUMENTS}"
+    elif is_own_program(argv) or (argv and _EXECUTABLE.fullmatch(argv[0])):
+        place = _TARGET_WORD if is_own_program(argv) else 0
+        if not _are_names_and_parameters(argv[place + 1 :]):
+            yield COMMANDS, f"{argv[place]!r} {_ARGUMENTS}"
+    else:
         yield COMMANDS, f"the command {argv[0] if argv else ''!r}"
     for name in sorted(set(process.env) - _VARIABLES):
         yield COMMANDS, f"a process with the variable {name} of the spec"
@@ -116,6 +121,16 @@ def _needs_of_process(process: ProcessPlan) -> Iterator[tuple[str, str]]:
             yield PYTHON, f"the Python file {target.rpartition(':')[0]!r}"
         elif not _is_installed_class(target):
             yield PYTHON, f"{target!r}, which is not of a ROS package that is installed there"
+
+
+_ARGUMENTS: Final = "with arguments of the spec"
+_NO_LAUNCH_ARGUMENTS: Final = "arguments:={}"
+
+
+def _are_names_and_parameters(words: Sequence[str]) -> bool:
+    """Whether what follows a program on its command line is what r2bspec gives every node."""
+    own = tuple(words[words[:1] == (THREADED_CONTAINER,) :])
+    return not own or (own[0] == "--ros-args" and {*own[1::2]} <= {"-r", "-p"} and len(own) % 2 > 0)
 
 
 def _launch_place(argv: Sequence[str]) -> Sequence[str] | None:

@@ -29,6 +29,7 @@ from urllib.parse import urlsplit
 
 import msgspec
 
+from r2bspec.diagnostics.quote import quote
 from r2bspec.fleet.errors import FleetNotInstalledError, InsecureFleetError
 from r2bspec.safe_io.limits import MAX_FLEET_FILE_BYTES
 from r2bspec.safe_io.safe_file import is_there, read_text
@@ -269,10 +270,14 @@ def _own_address(scheduler: str) -> str:
 def _resolved(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
     """What a name means now: it is this that is bound, so that it cannot mean another later."""
     try:
-        address = socket.getaddrinfo(name, None, type=socket.SOCK_STREAM)[0][4][0]
+        host = name.removeprefix("[").removesuffix("]")
+        address = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)[0][4][0]
         return ipaddress.ip_address(str(address).partition("%")[0])
     except (OSError, ValueError) as error:
-        raise InsecureFleetError(f"{name!r} is no address of this machine: {error}") from error
+        raise InsecureFleetError(
+            f"{quote(name)} is no address: {error}",
+            hint="Name an address or a host without its port, such as 127.0.0.1.",
+        ) from error
 
 
 def is_loopback(address: str) -> bool:

@@ -159,7 +159,16 @@ def _failure(error: Exception) -> protocol.Failed:
         code, message = "R2B620", message.strip().splitlines()[-1]
         absent = isinstance(error, ModuleNotFoundError)
         hint = "Install ROS 2, or pip install 'r2bspec[ros]'." if absent else ""
+    elif isinstance(root := _root(error), ImportError):
+        # As of generated messages, which do not say why their library cannot be loaded.
+        message = f"{message}: {root}"
     return protocol.Failed(code=code, message=message, hint=hint)
+
+
+def _root(error: BaseException) -> BaseException:
+    """The error that began what ended with an error."""
+    cause = error.__cause__ or error.__context__
+    return error if cause is None else _root(cause)
 
 
 _MAX_EXIT_S = 8.0

@@ -29,16 +29,8 @@ from rclpy.executors import (
 )
 from rclpy.node import Node
 
-from r2bspec.harness import rclpy_tools
+from r2bspec.harness import node_main, rclpy_tools
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
-from r2bspec.harness.node_main import (
-    NodeError,
-    find_factory,
-    make_node,
-    module_files,
-    ros_arguments,
-    takes_keywords,
-)
 from r2bspec.ipc import protocol
 from r2bspec.plan.plan import NodePlan
 from r2bspec.plan.wiring.name_resolution import expand
@@ -109,10 +101,10 @@ def _init(plans: Sequence[NodePlan], factories: Sequence[Any]) -> None:
         NodeError: there are other nodes or a harness in this process, to which they would apply.
     """
     for plan, factory in zip(plans, factories, strict=True):
-        if not takes_keywords(factory):
-            if len(plans) == 1 and rclpy_tools.init(tuple(ros_arguments(plan))):
+        if not node_main.takes_keywords(factory):
+            if len(plans) == 1 and rclpy_tools.init(tuple(node_main.ros_arguments(plan))):
                 return
-            raise NodeError(
+            raise node_main.NodeError(
                 "R2B633",
                 f"node {plan.name} cannot be created: its constructor takes no **kwargs, and other "
                 "nodes run in the same process",
@@ -126,12 +118,14 @@ class NodeHost:
 
     def __init__(self, channel: Channel, settings: protocol.ConfigureHost) -> None:
         self._channel = channel
-        factories = [find_factory(plan.target, Path(settings.base_dir)) for plan in settings.nodes]
+        factories = [
+            node_main.find_factory(plan.target, Path(settings.base_dir)) for plan in settings.nodes
+        ]
         _init(settings.nodes, factories)
         self._executor = _executor(settings)
         self._nodes: list[tuple[NodePlan, Node]] = []
         for plan, factory in zip(settings.nodes, factories, strict=True):
-            node = make_node(plan, factory)
+            node = node_main.make_node(plan, factory)
             rclpy_tools.destroy_on_shutdown(node)
             self._executor.add_node(node)
             self._nodes.append((plan, node))
@@ -150,7 +144,7 @@ class NodeHost:
             return
         except Exception as error:
             names = ", ".join(node.get_fully_qualified_name() for _, node in self._nodes)
-            raise NodeError(
+            raise node_main.NodeError(
                 "R2B634", f"a callback of {names} raised {type(error).__name__}: {error}"
             ) from error
 
@@ -158,7 +152,7 @@ class NodeHost:
         with contextlib.suppress(ChannelClosedError):
             while not isinstance(command := self._channel.receive(), protocol.Shutdown):
                 if isinstance(command, protocol.ListModules):
-                    self._channel.send(protocol.Modules(files=module_files()))
+                    self._channel.send(protocol.Modules(files=node_main.module_files()))
                 if isinstance(command, protocol.CountMatches):
                     self._channel.send(self._matches())
         # Not the context: a running callback may still publish.

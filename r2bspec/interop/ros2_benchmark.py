@@ -39,6 +39,14 @@ class NotAReportError(R2bspecError):
     code = "R2B662"
     exit_code = ExitStatus.USAGE
 
+    def __init__(
+        self,
+        message: str,
+        *,
+        hint: str = "Give the JSON file that the tool writes at the end of a benchmark.",
+    ) -> None:
+        super().__init__(message, hint=hint)
+
 
 class MonitorFigures(msgspec.Struct, frozen=True, kw_only=True):
     """The figures of one monitor at one rate, in SI units; None where the report has none.
@@ -128,10 +136,7 @@ def parse_report(content: bytes, file: str = "<report>") -> ReferenceReport:
         except msgspec.ValidationError as error:
             raise NotAReportError(f"{file} is damaged: {error}") from error
     if not isinstance(report, dict) or not any(map(_has_figures, [report, *report.values()])):
-        raise NotAReportError(
-            f"{file} is not a report of ros2_benchmark: it has no {BASIC_PREFIX}",
-            hint="Give the JSON file written by the tool at the end of a benchmark.",
-        )
+        raise NotAReportError(f"{file} is not a report of ros2_benchmark: it has no {BASIC_PREFIX}")
     _check_size(report, file)
     metadata = report.get("metadata")
     plain = {

@@ -40,16 +40,8 @@ from typing import Any
 
 import msgspec
 
-from r2bspec.ipc import buffers, protocol
+from r2bspec.ipc import buffers, playback_file, protocol
 from r2bspec.ipc.buffers import TF, TF_QOS, TF_TYPE
-from r2bspec.ipc.playback_file import (
-    PlaybackReader,
-    Round,
-    playback_path,
-    read_round,
-    write_playback,
-    write_playlist,
-)
 from r2bspec.ipc.sample_files import STALL_FILE, is_refusal, refusal_text
 from r2bspec.ipc.schedule import Schedule
 from r2bspec.language.spec import QoS
@@ -85,9 +77,9 @@ class NativeCodec:
 
     def __init__(self) -> None:
         self._player: protocol.ConfigurePlayer | None = None
-        self._played: PlaybackReader | None = None
+        self._played: playback_file.PlaybackReader | None = None
         self._rows_dir: Path | None = None
-        self._round: Round | None = None
+        self._round: playback_file.Round | None = None
         self._headers: dict[str, bool] = {}
         self._is_loading = False
         self._playlists = 0
@@ -113,7 +105,7 @@ class NativeCodec:
                 topics = [each.topic for each in message.inputs]
                 topics += [TF] if TF in message.transforms else []
                 self._topics = [(each, False) for each in topics]
-                self._played = PlaybackReader(Path(message.rows), ())
+                self._played = playback_file.PlaybackReader(Path(message.rows), ())
                 return ["player", *_player_words(message)]
             case protocol.LoadSchedule(schedule=schedule):
                 self._is_loading = True
@@ -148,10 +140,10 @@ class NativeCodec:
         stamped = [
             each.timestamp == "header" and self._headers.get(each.topic, False) for each in inputs
         ]
-        self._round = read_round(
+        self._round = playback_file.read_round(
             schedule, [each.source for each in inputs], stamped, Path(self._player.buffer_dir)
         )
-        write_playlist(path, self._round)
+        playback_file.write_playlist(path, self._round)
         self._steps_before = self._played.count()
         return path
 
@@ -159,11 +151,11 @@ class NativeCodec:
         if self._player is None or self._played is None or self._round is None:
             raise ValueError("a player gets a schedule before it plays")
         self._playbacks += 1
-        path = playback_path(Path(self._player.rows), self._playbacks)
+        path = playback_file.playback_path(Path(self._player.rows), self._playbacks)
         # A playback may have been stopped: the next one goes on after the last complete step.
         first = (self._played.count() - self._steps_before) % self._round.steps
         last_stamp_ns = self._played.last_stamp_ns()
-        write_playback(path, self._round, rate_hz, steps, first, last_stamp_ns)
+        playback_file.write_playback(path, self._round, rate_hz, steps, first, last_stamp_ns)
         return path
 
     def _topic_words(self, monitors: Iterable[MonitorPlan]) -> Iterator[str]:

@@ -5,8 +5,8 @@
     tolerate    nothing: the run is judged as it was measured, and reports show the interference
     note        a FAIL that interference can explain becomes INCONCLUSIVE
     strict      also, a PASS becomes INCONCLUSIVE if it rests on anything that was affected: on an
-                iteration without an unaffected rerun, on a probe, or on a start that others
-                disturbed while its processes came up
+                iteration without an unaffected rerun, unless the worst case passes, too; on a
+                probe; or on a start that others disturbed while its processes came up
 
 In all of them, what no interference can explain stays a FAIL.
 
@@ -45,8 +45,9 @@ iterations as they were played, and so is the share of wrong fails, or smaller.
 
 A rerun is worth its time only where it can decide something. So an affected iteration is played
 again once, at the end of its interim look, if a FAIL at its rate would otherwise become
-INCONCLUSIVE. A run that passes takes no longer on a machine with other load, and neither does a
-run whose failure the interference cannot explain.
+INCONCLUSIVE, and nothing else has failed. A run that passes takes no longer on a machine with other
+load, and neither does a run whose failure the interference cannot explain. After two reruns that
+were affected, too, the machine counts as always busy, and no more are played.
 """
 
 from __future__ import annotations
@@ -56,7 +57,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
-from r2bspec.judge.interference_bound import REMEDY, best_case_iteration, taken_share, waiting_share
+from r2bspec.judge.interference_bound import (
+    REMEDY,
+    best_case_iteration,
+    taken_share,
+    waiting_share,
+    worst_case_iteration,
+)
 from r2bspec.judge.measure.host_usage import HostInterference
 from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
 from r2bspec.judge.measure.units import show
@@ -240,6 +247,22 @@ def best_case_run(samples: RunSamples, disturbed: Mapping[str, DisturbedIteratio
         for rate, iterations in samples.iterations.items()
     }
     return replace(samples, iterations=kept)
+
+
+def worst_case_run(samples: RunSamples, disturbed: Mapping[str, DisturbedIteration]) -> RunSamples:
+    """The run with the worst case of each affected iteration."""
+    return replace(
+        samples,
+        iterations={
+            rate: tuple(
+                worst_case_iteration(one, disturbed[one.segment.id].taken)
+                if one.segment.id in disturbed
+                else one
+                for one in iterations
+            )
+            for rate, iterations in samples.iterations.items()
+        },
+    )
 
 
 def _unaffected_or_rerun(

@@ -37,8 +37,8 @@ from r2bspec.judge.measure.distribution import HISTORY_PARTS
 from r2bspec.judge.measure.metric_catalogue import MetricError, MetricInfo, resolve
 from r2bspec.judge.measure.metric_values import metric_value
 from r2bspec.judge.measure.samples import RunSamples, starts_of
-from r2bspec.judge.methods.mean_bound import resolution
 from r2bspec.judge.pipeline import judge, latency_unknown_by_order
+from r2bspec.judge.uncertainty_budget import resolution
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement

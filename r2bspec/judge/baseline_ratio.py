@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import msgspec
 
@@ -29,10 +30,10 @@ from r2bspec.judge.statistics.t_interval import (
     RatioInterval,
     RunValues,
     paired_ratio,
-    pairs_needed,
     predicted_ratio,
     welch_ratio_of_runs,
 )
+from r2bspec.judge.statistics.variance_components import ASSURANCE, growth_for_mean, pieces_for
 from r2bspec.judge.verdict import BaselineEstimate, Outcome, RequirementVerdict
 
 Values = Sequence[float | None]
@@ -176,6 +177,12 @@ def judge_pairs(case: BaselineCase, base: Values, head: Values) -> RequirementVe
     return sides.decided(interval, "pairs", _pairs_hint(case, interval))
 
 
+_GRAPH_OR_MACHINE: Final = (
+    "The graph or its machine has changed since the run before: interleaved pairs (--against) tell "
+    "which."
+)
+
+
 def judge_history(case: BaselineCase, history: Values, new: float | None) -> RequirementVerdict:
     """Decide by a history of runs of the same plan on the same kind of machine, oldest first."""
     earlier = [value for value in history if value is not None and _usable(value)]
@@ -192,11 +199,12 @@ def judge_history(case: BaselineCase, history: Values, new: float | None) -> Req
             f"{MIN_HISTORY_RUNS} are needed: {MIN_HISTORY_RUNS - len(earlier)} more.",
         )
         return msgspec.structs.replace(short, learning=learning)
-    return sides.decided(
+    found = sides.decided(
         predicted_ratio(earlier, _known([new])[0], case.confidence),
         "runs",
         "Runs vary too much for this margin: compare interleaved pairs with --against.",
     )
+    return found.noted(_GRAPH_OR_MACHINE) if found.outcome == "fail" else found
 
 
 @dataclass(frozen=True)
@@ -235,19 +243,17 @@ def advise_by_stored_run(
 
 
 def _pairs_hint(case: BaselineCase, interval: RatioInterval) -> str:
-    distance = abs(math.log(interval.ratio / case.limit))
-    needed = (
-        pairs_needed(distance, interval.deviation, case.confidence, power=0.5)
-        if distance > 0 and interval.deviation > 0
-        else None
-    )
-    if needed is None:
+    n, distance = interval.n, abs(math.log(interval.ratio / case.limit))
+    half = math.log(interval.upper / interval.lower) / 2
+    growth = growth_for_mean(distance, half, n - 1, case.confidence)
+    pairs = pieces_for(growth, n, case.confidence)
+    if pairs is None:
         return (
             f"The ratio is too close to {show(case.limit, 'share')} for pairs that differ by "
             f"{show(interval.deviation, 'share')}: widen the margin, or use a quieter machine."
         )
-    pairs = max(needed, interval.n + 1)
-    return f"About {pairs} pairs (--pairs {pairs}) would decide it, if the ratio stays the same."
+    often = f"in {10 * ASSURANCE:.0f} of 10 such comparisons"
+    return f"About {pairs} pairs (--pairs {pairs}) would decide it {often}."
 
 
 def _count_missing(case: BaselineCase, values: Values) -> int:

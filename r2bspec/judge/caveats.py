@@ -1,47 +1,46 @@
-"""What no test can tell from a run, in words.
+"""What no test can tell from a run, in words, where this run gives reason to say it.
 
-A test takes account of what the run has shown. A run is one stretch of time on one machine. It has
-met some kinds of starts, of which rare ones are not among few starts; it has met so many bursts of
-bad messages, and from few the longest cannot be known; and few starts hardly show whether each
-resembles the one before. These facts are the same for each run, so they are stated once, and at
-a requirement only what is particular to it.
-
-Of a single decision on shares and means, notes say what it cannot know: one iteration does not show
-by how much iterations differ, few that resemble each other carry too little information to know by
-how much they do, and a mean depends on stalls of which the run may have met none.
+A test takes account of what the run has shown. What no run can know, whatever it has shown, is the
+same for all: docs/verdicts.md has it, and no verdict repeats it. Said are doubts that are those of
+this run. Of bursts of bad messages it has met so many, and from few the longest cannot be known. A
+mean or a throughput that is met by little would be missed with stalls that the run is too short to
+have met. Starts that differ in latency may differ in what they lose, and few lost outputs do not
+show it. One iteration does not show by how much iterations differ.
 """
 
 from __future__ import annotations
 
 import datetime
+import math
+import statistics
 from collections.abc import Sequence
+from operator import itemgetter
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.measure.samples import RunSamples
-from r2bspec.judge.measure.times import Seconds
+from r2bspec.judge.measure.samples import (
+    LOSS_SENSITIVE_FAMILIES,
+    MonitorSamples,
+    RunSamples,
+    SegmentSamples,
+    starts_of,
+)
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
-from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.verdict import Outcome, RequirementVerdict
-from r2bspec.language.benchmark_defaults import CONFIDENCE
 
 if TYPE_CHECKING:
     from r2bspec.judge.requirement_case import RequirementCase
-
-_PROBES: Final = ("probe", "sustained")
-"""Segments of probes. In a comparison in pairs, each run has its own."""
 
 FEW_BURSTS: Final = 5
 LONG_BURST: Final = 20.0
 """Messages; a PASS that allows for bursts of this mean length needs no note on them."""
 
-MANY_PIECES: Final = 20
-"""So many starts, or iterations of a single start, show whether each resembles the one before."""
+_LONGER_BY: Final = {1: 19.5, 2: 5.6, 3: 3.7, 4: 2.9}
+"""2 b / chi2, by the number b of bursts."""
 
-FIRST_START_ALONE: Final = "Probed in the first start of the processes alone."
 WITHOUT_BURST: Final = "passed without a burst beyond"
 """Words of what is true of most runs of a kind; a short report leaves such sentences out."""
 
@@ -52,7 +51,7 @@ def particular_caveats(limits: Sequence[str]) -> Sequence[str]:
 
 
 def run_caveats(requirements: Sequence[RequirementVerdict], samples: RunSamples) -> tuple[str, ...]:
-    """What the run as a whole cannot show, a sentence each; nothing without requirements.
+    """When and where it was played, and which bursts it met; nothing without requirements.
 
     Args:
         requirements: the verdicts on them.
@@ -60,49 +59,17 @@ def run_caveats(requirements: Sequence[RequirementVerdict], samples: RunSamples)
     """
     if not requirements:
         return ()
-    decided = any(
-        one.outcome != "inconclusive" and one.method not in {"none", "observation"}
-        for one in requirements
-    )
-    return (_one_stretch(samples, decided=decided), *_no_burst(requirements))
-
-
-def with_caveats(
-    requirements: Sequence[RequirementVerdict], samples: RunSamples
-) -> tuple[RequirementVerdict, ...]:
-    """The verdicts on requirements, with what each of them cannot know.
-
-    Args:
-        requirements: the final verdicts on them.
-        samples: the run.
-    """
-    probed = {each.start for each in samples.record.segments if each.kind in _PROBES}
-    first_alone = samples.starts > 1 and probed <= {1}
-    return tuple(
-        one.noted(*_few_bursts(one), *_probed_start(one, first_alone=first_alone))
-        for one in requirements
+    starts = f"{samples.starts} starts" if samples.starts > 1 else "one start"
+    return (
+        f"{_when_and_where(samples)}, in {starts}.",
+        *_no_burst(requirements),
+        *_moved_frequency(samples),
     )
 
 
-def _one_stretch(samples: RunSamples, *, decided: bool) -> str:
-    starts = samples.starts
-    kind = "starts" if starts > 1 else "iterations"
-    number = f"{starts} starts" if starts > 1 else "one start"
-    fact = f"{_when_and_where(samples)}, in {number}"
-    if not decided:
-        return f"{fact}."
-    played = min(map(len, samples.iterations.values()), default=1)
-    unseen = f"{_unseen(starts)} of starts and {_unseen(played)} of iterations"
-    doubts = ["another hour may differ", f"up to {unseen} may be of a kind not met"]
-    pieces = starts if starts > 1 else played
-    if 1 < pieces < MANY_PIECES:
-        doubts.append(f"{pieces} {kind} hardly show whether each resembles the one before")
-    return f"{fact}: {', '.join(doubts[:-1])}, and {doubts[-1]}."
-
-
-def _unseen(number: int) -> str:
-    """The largest share of starts or iterations of a kind that is not among so many."""
-    return show(zero_failure_bound(number, CONFIDENCE), "share", 2)
+def with_caveats(requirements: Sequence[RequirementVerdict]) -> tuple[RequirementVerdict, ...]:
+    """The final verdicts on requirements, with what each of them cannot know."""
+    return tuple(one.noted(*_few_bursts(one)) for one in requirements)
 
 
 def _when_and_where(samples: RunSamples) -> str:
@@ -128,7 +95,7 @@ def _no_burst(requirements: Sequence[RequirementVerdict]) -> tuple[str, ...]:
         for one in requirements
         if one.share is not None
         and _depends_on_bursts(one)
-        and not one.share.over
+        and one.share.over <= 1
         and one.share.burst_tolerance is not None
     ]
     if not found:
@@ -145,10 +112,51 @@ def _no_burst(requirements: Sequence[RequirementVerdict]) -> tuple[str, ...]:
     return (text,)
 
 
+_STEADY_FREQUENCY: Final = 1.05
+
+
+def _moved_frequency(samples: RunSamples) -> tuple[str, ...]:
+    """That the processors were faster in one iteration than in another at the same rate."""
+    slowest, fastest = max(
+        (_ends_of_frequency(played) for played in samples.iterations.values()),
+        key=lambda ends: ends[1][0] / ends[0][0],
+        default=((1.0, ""), (1.0, "")),
+    )
+    ratio = fastest[0] / slowest[0]
+    if ratio <= _STEADY_FREQUENCY:
+        return ()
+    fixed = samples.record.machine.get("cpu_governor") == "performance"
+    advice = "cool them, or switch turbo off" if fixed else "set their governor to 'performance'"
+    text = (
+        f"The processors ran at {show(fastest[0], 'Hz')} in {fastest[1]}, and at "
+        f"{show(slowest[0], 'Hz')} in {slowest[1]}, which can make latencies "
+        f"{show(ratio - 1, 'share', 2)} longer: {advice}."
+    )
+    return (text,)
+
+
+def _ends_of_frequency(
+    played: Sequence[SegmentSamples],
+) -> tuple[tuple[float, str], tuple[float, str]]:
+    """The lowest and the highest mean frequency of iterations, each with its segment."""
+    known = [
+        (one.interference.frequency_hz, one.segment.id)
+        for one in played
+        if one.interference is not None and one.interference.frequency_hz
+    ] or [(1.0, "")]
+    frequency = itemgetter(0)
+    return min(known, key=frequency), max(known, key=frequency)
+
+
 def _few_bursts(one: RequirementVerdict) -> tuple[str, ...]:
     """That the run met some bursts, but too few to know how long they get."""
     test = one.share
-    if test is None or not _depends_on_bursts(one) or not test.over or test.burst_tolerance is None:
+    if (
+        test is None
+        or not _depends_on_bursts(one)
+        or test.over <= 1
+        or test.burst_tolerance is None
+    ):
         return ()
     counted, independent = _counted(one), test.over * test.effective_n / test.n
     bursts = "one burst" if test.bursts == 1 else f"{show(test.bursts, 'count')} bursts"
@@ -166,30 +174,40 @@ def _few_bursts(one: RequirementVerdict) -> tuple[str, ...]:
 
 
 def _depends_on_bursts(one: RequirementVerdict) -> bool:
-    """Whether longer bursts than it may have met would change a PASS."""
+    """Whether longer bursts, which the run does not rule out, would change a PASS.
+
+    The mean length of b bursts, in messages, scatters like that of exponential lengths: at 95 %
+    confidence the true one is at most 2 b / chi2 of it, with chi2 of 2 b degrees of freedom. One
+    bad message is no burst, and shows no more than none does.
+    """
     test = one.share
     if one.outcome != "pass" or test is None or test.burst_tolerance is None:
         return False
+    if test.burst_tolerance >= LONG_BURST or test.over <= 1:
+        return test.burst_tolerance < LONG_BURST
+    if test.bursts < FEW_BURSTS:
+        return test.burst_tolerance < _LONGER_BY[test.bursts] * test.over / test.bursts
     independent = test.over * test.effective_n / test.n
-    return min(test.bursts, independent) < FEW_BURSTS and test.burst_tolerance < LONG_BURST
+    return independent < FEW_BURSTS and test.clustering in {"bursts", "clusters"}
 
 
 def _counted(one: RequirementVerdict) -> str:
     return METHODS[one.method].counts
 
 
-def _probed_start(one: RequirementVerdict, *, first_alone: bool) -> tuple[str, ...]:
-    """That a requirement rests on probes that were made in the first start alone."""
-    if not first_alone or METHODS[one.method].rests_on == "iterations":
-        return ()
-    return (FIRST_START_ALONE,)
-
-
 _FEW_INDEPENDENT: Final = 2.0
-_STALL_RATIO: Final = 1.5
+_MIN_CORRELATED: Final = 10
+"""Fewer starts or iterations look correlated in a third of all runs in which they are not."""
 
-MAY_RESEMBLE: Final = "may resemble each other"
-"""Words of a note that nearly every run of few starts has; a short report leaves it out."""
+PLAUSIBLE_STALL_S: Final = 0.6
+"""Stops of up to this length are usual on a shared machine."""
+
+_MAX_LONGER: Final = 100
+"""Runs more than this many times longer are not proposed."""
+
+_LEAST_DIFFERENCE: Final = 0.025
+_FEW_LOST: Final = 10
+"""So many lost outputs show by themselves whether starts lose alike."""
 
 
 def share_notes(case: RequirementCase, outcome: Outcome) -> tuple[str, ...]:
@@ -208,45 +226,96 @@ def correlation_notes(pieces: str, number: int, inflation: float) -> tuple[str, 
         inflation: their F (`r2bspec.judge.statistics.autocorrelation`).
     """
     left = number / inflation
-    if left >= _FEW_INDEPENDENT:
+    if left >= _FEW_INDEPENDENT or number < _MIN_CORRELATED:
         return ()
     note = (
-        f"Successive {pieces} {MAY_RESEMBLE}: {number} carry the information of about "
+        f"Successive {pieces} may resemble each other: {number} carry the information of about "
         f"{left:.1f} independent ones, too few for a test to be sure of its confidence."
     )
     return (note,)
 
 
-def stall_notes(
-    case: RequirementCase, values: Sequence[Seconds], upper: float, outcome: Outcome
-) -> tuple[str, ...]:
-    """That a mean latency which is small enough rests on few stalls, or on none.
-
-    Rare stalls weigh as much in a mean as many small delays, and a run may have met none of them.
-    If none was met in n messages, up to 3 / n of all messages may begin one (rule of three). With
-    stalls of L messages that take twice the median, the mean may be larger by 3 L / n medians.
-
-    Args:
-        case: with an upper limit.
-        values: the latencies in each iteration, in the order of the steps.
-        upper: the bound on the mean, in s.
-        outcome: by that.
-    """
-    n = sum(one.size for one in values)
-    if outcome != "pass" or not case.is_upper_bound or not n:
+def uneven_start_notes(case: RequirementCase, outcome: Outcome) -> tuple[str, ...]:
+    """That few lost outputs do not show whether starts lose alike, where they are not as fast."""
+    starts = starts_of(case.iterations)
+    numbers, seen = list(dict.fromkeys(starts)), case.monitor_samples
+    lost = sum(one.missed for one in seen)
+    if outcome != "pass" or not case.is_upper_bound or lost >= _FEW_LOST or len(numbers) < 2:
         return ()
-    typical = float(np.median(np.concatenate(list(values))))
-    bursts = sum(_bursts(one > _STALL_RATIO * typical) for one in values)
-    if typical <= 0 or bursts >= FEW_BURSTS:
+    by_start = [
+        np.concatenate(
+            [one.times["latency"] for one, own in zip(seen, starts, strict=True) if own == number]
+        )
+        for number in numbers
+    ]
+    if not all(one.size for one in by_start):
         return ()
-    if (case.limit - upper) / typical * n / 3 >= LONG_BURST:
+    middles = [float(np.median(one)) for one in by_start]
+    differ = statistics.stdev(middles) / max(statistics.fmean(middles), 1e-9)
+    if differ < _LEAST_DIFFERENCE:
         return ()
-    met = {0: "no stall", 1: "one stall"}.get(bursts, f"{bursts} stalls")
+    outputs = {0: "that none was lost does", 1: "one lost output does"}.get(lost, f"{lost} lost do")
     note = (
-        f"The run met {met} (over {_STALL_RATIO:g} times the median), too few to know how often "
-        "and for how long they come, and the mean depends on that. A percentile does not."
+        f"The {len(numbers)} starts differ by {show(differ, 'share', 2)} in latency (standard "
+        f"deviation), and {outputs} not show whether slower ones lose more: one that is slower "
+        "than these may. More starts would show it."
     )
     return (note,)
+
+
+def stall_notes(
+    case: RequirementCase, lower: float, upper: float, outcome: Outcome
+) -> tuple[str, ...]:
+    """That a mean latency or a throughput is met by less than stalls that the run may have missed.
+
+    In a run of T seconds that met no stall, there may be one every T / 3 (rule of three). Messages
+    that come during stalls of S seconds wait for half of them on average, or are lost. So the mean
+    latency may be larger by 3 S^2 / (2 T), and the throughput smaller by the share 3 S / T. It is
+    said where stalls that would break the limit are no longer than `PLAUSIBLE_STALL_S`, and fewer
+    than five were met that are half as long: from five on, the scatter of iterations shows them.
+
+    Args:
+        case: with a limit.
+        lower: the bound on the true mean.
+        upper: likewise.
+        outcome: by these.
+    """
+    of_latency = case.info.family in LOSS_SENSITIVE_FAMILIES
+    if outcome != "pass" or case.monitor is None or case.is_upper_bound != of_latency:
+        return ()
+    played_s = sum(one.segment.ended_ns - one.segment.began_ns for one in case.iterations) / 1e9
+    if of_latency:
+        margin = max(case.limit - upper, 1e-6)
+        stall_s = math.sqrt(2 * margin * played_s / 3)
+        enough_s = 3 * PLAUSIBLE_STALL_S**2 / (2 * margin)
+    elif case.info.family == "throughput" and lower > 0:
+        margin = max((lower - case.limit) / lower, 1e-6)
+        stall_s = margin * played_s / 3
+        enough_s = 3 * PLAUSIBLE_STALL_S / margin
+    else:
+        return ()
+    met = _stalls(case.monitor_samples, case.info.family, stall_s / 2)
+    if stall_s > PLAUSIBLE_STALL_S or met >= FEW_BURSTS:
+        return ()
+    number = {0: "no stall", 1: "one stall"}.get(met, f"{met} stalls")
+    every = f"Stalls of {show(stall_s, 's')} every {show(played_s / 3, 's')}"
+    longer = f"play {show(enough_s, 's')}, or " if enough_s <= _MAX_LONGER * played_s else ""
+    other = "a percentile" if of_latency else "a drop_rate"
+    note = (
+        f"The run met {number} of {show(stall_s / 2, 's')} or longer in {show(played_s, 's')}. "
+        f"{every} would break the limit, and 5 % of such runs meet none of them: {longer}require "
+        f"{other}."
+    )
+    return (note,)
+
+
+def _stalls(seen: Sequence[MonitorSamples], family: str, least_s: float) -> int:
+    """How many times messages were late by so much, or came so much later than the one before."""
+    times = [one.times[family if family in LOSS_SENSITIVE_FAMILIES else "interval"] for one in seen]
+    if not any(one.size for one in times):
+        return 0
+    late_s = float(np.median(np.concatenate(times))) + least_s
+    return sum(_bursts(one > late_s) for one in times)
 
 
 def _bursts(flags: NDArray[np.bool_]) -> int:

@@ -3,19 +3,8 @@
 Interim looks
 -------------
 
-Looks at a growing run are planned before it starts, and the error is divided among them.
-
-A run that is extended until it passes is bound to pass in the end: three unplanned looks at the
-95 % level pass one bad graph in ten. So the looks are planned (usually at 1, 2 and 4 times the
-declared iterations), and each gets a part of the error alpha = 1 - confidence. With the cumulated
-iterations m_1 < m_2 < .. < m_l, look i may be wrong in a share
-
-    alpha_i = alpha (m_i - m_(i-1)) / m_l,        m_0 = 0,
-
-of all runs, each way: the error is spent in proportion to the new iterations. By Boole's inequality
-the chance that any look passes a requirement that is not met is at most sum alpha_i = alpha,
-however the looks depend on each other, and the same for failing one that is met. No assumption is
-made about the test, so this serves the binomial test and t alike.
+A growing run is judged at planned looks, among which the error is divided
+(`r2bspec.plan.interim_looks`).
 
 A requirement is decided at the first look that decides it. A later look, which another
 requirement needed, may still turn its PASS into a FAIL, but nothing else: both errors stay
@@ -41,13 +30,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Literal
 
 import msgspec
 
 from r2bspec.judge.measure.samples import RunSamples, starts_of
-from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
 from r2bspec.judge.statistics.binomial import lower_bound
 from r2bspec.judge.verdict import (
@@ -58,11 +45,9 @@ from r2bspec.judge.verdict import (
 )
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.spec import Objective
+from r2bspec.plan.interim_looks import InterimLooks
 from r2bspec.plan.plan import GatePlan, Plan
 from r2bspec.plan.smoke_plan import is_smoke_plan
-
-LOOK_FACTORS = (1, 2, 4)
-"""Of the declared number of iterations."""
 
 _MIN_PIECES = 2
 
@@ -73,76 +58,55 @@ without a decision because no look is left, or because more iterations would dec
 _GROWING = frozenset(name for name, traits in METHODS.items() if traits.grows)
 
 
-@dataclass(frozen=True)
-class InterimLooks:
-    """The numbers of iterations after which a run is judged, ascending; at least one."""
-
-    iterations: tuple[int, ...]
-
-    def __post_init__(self) -> None:
-        ends = (0, *self.iterations)
-        if not self.iterations or any(b <= a for a, b in pairwise(ends)):
-            raise ValueError("looks are planned at one or more ascending numbers of iterations")
-
-    @classmethod
-    def planned(cls, iterations: int, max_iterations: int) -> InterimLooks:
-        """Looks at 1, 2 and 4 times the declared iterations, up to and at `max_iterations`.
-
-        Args:
-            iterations: the declared number.
-            max_iterations: the largest number of iterations.
-        """
-        max_iterations = max(iterations, max_iterations)
-        ends = {min(iterations * factor, max_iterations) for factor in LOOK_FACTORS} | {
-            max_iterations
-        }
-        return cls(tuple(sorted(ends)))
-
-    def __len__(self) -> int:
-        return len(self.iterations)
-
-    def error_share(self, look: int) -> float:
-        """The part of the error that a look may make; looks are counted from 1."""
-        before = self.iterations[look - 2] if look > 1 else 0
-        return (self.iterations[look - 1] - before) / self.iterations[-1]
-
-    def confidence_at(self, look: int, confidence: float = CONFIDENCE) -> float:
-        """The confidence at which a look decides, for decisions of a given confidence."""
-        return 1 - (1 - confidence) * self.error_share(look)
-
-    def completed_looks(self, iterations: int) -> int:
-        """How many looks so many complete iterations allow; 0 before the first."""
-        return sum(end <= iterations for end in self.iterations)
-
-
 def decide_after_look(
     looks: InterimLooks, look: int, requirements: Sequence[RequirementVerdict]
 ) -> LookDecision:
     """What to do after a look.
 
     A requirement that fails stops the run: a second session in new processes confirms the failure
-    or does not (`r2bspec.judge.confirmation`); no more iterations of this session are played.
+    or does not (`r2bspec.judge.confirmation`); no more iterations of this session are played. One
+    that passes stops it before the declared iterations only if a test has decided it: an
+    observation is the more certain the more was observed. What needs no iterations waits for none.
 
     Args:
         looks: the plan.
         look: the look that was taken, from 1.
         requirements: the verdicts after it, those that count for the run.
     """
-    outcomes = {one.outcome for one in requirements}
-    if "fail" in outcomes:
+    if any(one.outcome == "fail" for one in requirements):
         return "fail"
-    if "inconclusive" not in outcomes:
+    if looks.iterations[look - 1] < looks.declared:
+        waiting = [one for one in requirements if METHODS[one.method].rests_on == "iterations"]
+        decided = all(one.outcome == "pass" and one.method in _GROWING for one in waiting)
+        return "pass" if waiting and decided else "go on"
+    if all(one.outcome == "pass" for one in requirements):
         return "pass"
-    can_grow = any(one.outcome == "inconclusive" and one.method in _GROWING for one in requirements)
-    return "go on" if can_grow and look < len(looks) else "inconclusive"
+    return (
+        "go on" if look < len(looks) and any(map(_can_be_decided, requirements)) else "inconclusive"
+    )
 
 
-def combine_looks(looks: InterimLooks, judged: Sequence[RequirementVerdict]) -> RequirementVerdict:
+def _can_be_decided(one: RequirementVerdict) -> bool:
+    """Whether more iterations may decide a requirement.
+
+    They may not where interference has opened it, or something else than the width of its interval.
+    """
+    if one.outcome != "inconclusive" or one.method not in _GROWING or one.weakened:
+        return False
+    if one.lower is None or one.upper is None or one.limit is None:
+        return True
+    return one.lower <= one.limit <= one.upper
+
+
+def combine_looks(
+    looks: InterimLooks, judged: Sequence[RequirementVerdict], counted: str = "iterations"
+) -> RequirementVerdict:
     """One requirement at each look so far, as one verdict.
 
     Args:
         looks: the plan.
         judged: the verdicts of look 1, 2, .., each at the look's own confidence.
+        counted: what the numbers of the looks count.
     """
     latest = len(judged)
     numbered = [
@@ -157,22 +121,10 @@ def combine_looks(looks: InterimLooks, judged: Sequence[RequirementVerdict]) -> 
         (one for one in numbered if one.outcome != "inconclusive" and one.method in _GROWING), last
     )
     chosen = last if last.outcome == "fail" else first
-    note = _note(looks, chosen, latest)
-    remedy = chosen.remedy
-    if chosen.outcome == "inconclusive" and latest < len(looks):
-        remedy = f"The next look, after {looks.iterations[latest]} iterations, may decide it."
-    return msgspec.structs.replace(chosen, remedy=remedy, notes=(*chosen.notes, note))
-
-
-def _note(looks: InterimLooks, chosen: RequirementVerdict, latest: int) -> str:
-    if len(looks) == 1:
-        return f"Judged once, after {looks.iterations[0]} iterations, as planned."
-    when = f"look {chosen.look} of {len(looks)}, after {looks.iterations[chosen.look - 1]}"
-    confidence = show(chosen.confidence, "share", 4)
-    if chosen.outcome == "inconclusive":
-        return f"Undecided at {when} iterations, at {confidence} confidence."
-    later = f"; {latest} were taken" if latest > chosen.look else ""
-    return f"Decided at {when} iterations, at {confidence} confidence{later}."
+    if chosen.outcome != "inconclusive" or latest == len(looks):
+        return chosen
+    remedy = f"The next look, after {looks.iterations[latest]} {counted}, may decide it."
+    return msgspec.structs.replace(chosen, remedy=remedy)
 
 
 def certain_failures(
@@ -271,14 +223,9 @@ def decision_policy(plan: Plan, gate: GatePlan | None = None) -> DecisionPolicy:
             changes nothing, because nothing is played any more.
     """
     gate = gate or plan.gate
-    plays = (*plan.play, *([plan.play_at_peak] if plan.play_at_peak else []))
-    growing = [one for one in plays if one.max_iterations > one.iterations]
-    looks = (
-        InterimLooks.planned(growing[0].iterations, growing[0].max_iterations) if growing else None
-    )
     return DecisionPolicy(
         confidence=gate.confidence,
-        looks=looks,
+        looks=InterimLooks.of_plays(plan.plays, plan.starts),
         inconclusive=gate.inconclusive,
         interference=gate.interference,
         confirm=gate.confirm,

@@ -7,12 +7,13 @@ Other programs slow a run down while its threads could run but do not (`own_wait
 processors that it runs on are shared with them, stolen, or throttled. So they took at most the
 share
 
-    w = waited + 1/2 min(own cores, foreign cores) + stolen + throttled
+    w = waited + stolen + throttled + shared,    shared = 1/2 min(own cores, foreign cores)
 
 of the time from it. The sum is over all threads, of the harness, too, though they may have waited
-at once; a processor whose second hardware thread runs another program is at least half as fast.
-Waiting of other programs counts in the pressure of the machine, but explains nothing: a node that
-sleeps is not slowed down by them.
+at once. A processor whose second hardware thread runs another program is at least half as fast, so
+that `shared` counts where the machine says that two hardware threads share a core. Waiting of other
+programs counts in the pressure of the machine, but explains nothing: a node that sleeps is not
+slowed down by them.
 
 From w follows, for n messages offered at a rate r, of which c come out per second:
 
@@ -24,6 +25,17 @@ From w follows, for n messages offered at a rate r, of which c come out per seco
                 one busy period. This is distributed in the most favourable way: the latency of
                 rank k is at least the u for which the k fastest exceed u by w T m in total. No
                 message was delayed by more than w T.
+
+Nor can a message be faster than its own work. Where each input has one output, let e be the time
+from the moment when a message was in the graph and all before it had left until it left itself: its
+own work, and what was taken meanwhile. The moments of different messages do not overlap, so that
+what was taken from all of them is at most w T, however many share a busy period. After the waits,
+and whatever is stolen or throttled, the rest of e was at least half as fast:
+
+    latency     of rank k at least the u for which the k smallest e exceed u by w T in total, and
+                half of that for which they exceed it by (w - shared) T
+
+After a message that was lost it is unknown when the one before it left, and e counts as 0.
 
 A graph that is overloaded anyway, because c + w r < r, is never idle, and one busy period would
 explain everything. There the backlog grows at the rate r - c - w r instead of r - c, and is served
@@ -98,12 +110,21 @@ def taken_share(known: HostInterference | None) -> float | None:
     """
     if known is None or known.own_waited is None:
         return None
-    waited = known.own_waited
-    if known.pressure is not None:
-        # While a thread of the run waits, some task does.
-        waited = min(waited, known.pressure)
-    shared = min(known.own_cores or 0.0, known.foreign_cores or 0.0)
-    return _with_known_losses(waited + _SHARED_PROCESSOR_LOSS * shared, known)
+    return min(MAX_SHARE, _waited_share(known, known.own_waited) + _shared_share(known))
+
+
+def _waited_share(known: HostInterference, waited: float) -> float:
+    """The part of w for which the run did not run at all, by the run-queue wait."""
+    # While a thread of the run waits, some task does.
+    least = waited if known.pressure is None else min(waited, known.pressure)
+    return _with_known_losses(least, known)
+
+
+def _shared_share(known: HostInterference) -> float:
+    """The part of w that others took by running on the second hardware threads."""
+    if (known.threads_per_core or 1) < 2:
+        return 0.0
+    return _SHARED_PROCESSOR_LOSS * min(known.own_cores or 0.0, known.foreign_cores or 0.0)
 
 
 def _with_known_losses(waited: float, known: HostInterference) -> float:
@@ -115,7 +136,7 @@ def _with_known_losses(waited: float, known: HostInterference) -> float:
 
 
 def shortest_latencies(
-    seen: MonitorSamples, taken: float, seconds: float, offered_hz: float
+    seen: MonitorSamples, taken: float, seconds: float, offered_hz: float, shared: float = 0.0
 ) -> NDArray[np.float64]:
     """The shortest latencies that waiting leaves possible, in ns, ascending; infinite for lost.
 
@@ -124,6 +145,7 @@ def shortest_latencies(
         taken: the share w of the time.
         seconds: the length of the iteration.
         offered_hz: the rate at which outputs were expected.
+        shared: the part of w during which the run had a part of a processor.
     """
     steps = seen.steps
     published, received = steps.published_ns[steps.answered], steps.received_ns[steps.answered]
@@ -144,9 +166,31 @@ def shortest_latencies(
         latency = np.maximum(0.0, np.maximum(shorter, latency - lasting_ns) - 1e9 / offered_hz)
     else:
         longest = _longest_busy_period(published, received)
-        latency = np.maximum(_level(latency, lasting_ns * longest), latency - lasting_ns)
+        own = _own_times(seen)
+        latency = np.maximum.reduce(
+            (
+                _level(latency, lasting_ns * longest),
+                latency - lasting_ns,
+                _level(own, lasting_ns),
+                _level(own, (taken - shared) * seconds * 1e9) * _SHARED_PROCESSOR_LOSS,
+            )
+        )
     explained = min(lost, int(np.ceil(taken * steps.answered.size)) + 1)
     return np.concatenate((np.zeros(explained), latency, np.full(lost - explained, np.inf)))
+
+
+def _own_times(seen: MonitorSamples) -> NDArray[np.float64]:
+    """How long each answered message was the first in the graph, in ns, ascending: e above."""
+    steps = seen.steps
+    answered = steps.answered
+    published, received = steps.published_ns[answered], steps.received_ns[answered]
+    if seen.per_step != 1 or not received.size:
+        return np.zeros(received.size)
+    left = np.maximum.accumulate(received)
+    before = np.concatenate((published[:1], left[:-1]))
+    own = np.maximum(0, received - np.maximum(published, before)).astype(np.float64)
+    own[np.diff(np.flatnonzero(answered), prepend=-1) > 1] = 0.0
+    return np.sort(own)
 
 
 def _level(ascending: NDArray[np.float64], budget: float) -> NDArray[np.float64]:
@@ -229,9 +273,39 @@ def _best_case_samples(
         latency = best_case_latencies(seen, waited)
     else:
         waited = counted if taken is None else taken
+        shared = min(_shared_share(known), waited) if taken is None else 0.0
         latency = _measured_latencies(seen)
         order = np.argsort(latency, kind="stable")
-        latency[order] = shortest_latencies(seen, waited, known.seconds, most_hz)
+        latency[order] = shortest_latencies(seen, waited, known.seconds, most_hz, shared)
+    gained_hz = min(most_hz, seen.throughput_hz + waited * most_hz)
+    return _with_latencies(segment, seen, latency, max(seen.throughput_hz, gained_hz))
+
+
+def worst_case_iteration(one: SegmentSamples, taken: float) -> SegmentSamples:
+    """An iteration with all that interference can have spared it.
+
+    What had less to do because of it, such as a filter that got fewer inputs, was faster for that
+    reason. So the w n + 1 messages that others can have had a part in, the fastest ones, count as
+    lost, and w of the rate as not delivered.
+
+    Args:
+        one: the iteration.
+        taken: the share w of the time.
+    """
+    monitors = {}
+    for name, seen in one.monitors.items():
+        latency = _measured_latencies(seen)
+        touched = math.ceil(taken * latency.size) + 1
+        latency[np.argsort(latency, kind="stable")[:touched]] = math.inf
+        least_hz = seen.throughput_hz - taken * one.playback.rate_hz * seen.per_step
+        monitors[name] = _with_latencies(one.segment, seen, latency, max(0.0, least_hz))
+    return replace(one, monitors=monitors)
+
+
+def _with_latencies(
+    segment: Segment, seen: MonitorSamples, latency: NDArray[np.float64], throughput_hz: float
+) -> MonitorSamples:
+    """What a monitor would have received with other latencies, in ns; infinite for lost."""
     arrives = np.isfinite(latency)
     received_ns = np.full(latency.size, NO_MATCH, dtype=np.int64)
     received_ns[arrives] = seen.steps.published_ns[arrives] + np.round(latency[arrives]).astype(
@@ -248,7 +322,7 @@ def _best_case_samples(
         answered=answered,
         # Interference creates no messages.
         received=answered + seen.duplicates + seen.unmatched,
-        throughput_hz=max(seen.throughput_hz, min(most_hz, seen.throughput_hz + waited * most_hz)),
+        throughput_hz=throughput_hz,
         duplicates=seen.duplicates,
         reordered=steps.reordered,
         unmatched=seen.unmatched,

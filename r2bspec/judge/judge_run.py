@@ -7,6 +7,7 @@ on the machine or the moment of judging.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import msgspec
 
@@ -21,7 +22,7 @@ from r2bspec.judge.methods import METHODS
 from r2bspec.judge.methods.peak_bracket import with_refuted_peak
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.result import BaselineResult, ObjectiveText, PairsResult, Result
-from r2bspec.judge.verdict import InterferencePolicy, Verdict
+from r2bspec.judge.verdict import Verdict
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 from r2bspec.language.spec import Objective
 from r2bspec.plan.plan import GatePlan
@@ -106,7 +107,7 @@ def judge_with_confirmation(
         return first.saying(_NOT_PLAYED_AGAIN)
     if not policy.confirm:
         return first.saying(_NOT_COUNTED)
-    second = judge_confirmation(objectives, samples.confirmation, first, policy.interference)
+    second = judge_confirmation(objectives, samples.confirmation, first, policy)
     found = confirm_run(first, second, policy.inconclusive)
     found = found.saying(_CONFIRMED if needs_confirmation(found) else _NOT_CONFIRMED)
     return msgspec.structs.replace(found, disturbed=(*first.disturbed, *second.disturbed))
@@ -116,18 +117,20 @@ def judge_confirmation(
     objectives: Mapping[str, Objective],
     confirmation: RunSamples,
     first: Verdict,
-    interference: InterferencePolicy = "note",
+    policy: DecisionPolicy,
 ) -> Verdict:
-    """Judge the confirmation session on its own, at `CONFIRMATION_CONFIDENCE`.
+    """Judge the confirmation session on its own, at `CONFIRMATION_CONFIDENCE`, with looks as well.
 
     Args:
         objectives: by name.
         confirmation: the confirmation session.
         first: the verdict on the first session; only what failed there is judged again.
-        interference: what host interference does to a verdict.
+        policy: of the first session.
     """
     failed = {one.key for one in first.requirements if one.outcome == "fail"}
-    policy = DecisionPolicy(confidence=CONFIRMATION_CONFIDENCE, interference=interference)
+    # One start plays as many iterations as have failed, and is judged once.
+    looks = policy.looks if policy.looks is not None and policy.looks.after_starts else None
+    policy = replace(policy, confidence=CONFIRMATION_CONFIDENCE, looks=looks)
     found = judge(without_own_confidence(objectives), confirmation, policy)
     judged_again = tuple(one for one in found.requirements if one.key in failed)
     return msgspec.structs.replace(found, requirements=judged_again)

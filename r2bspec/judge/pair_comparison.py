@@ -62,16 +62,18 @@ from r2bspec.judge.affected_iterations import (
 from r2bspec.judge.baseline_comparison import judge_baseline_requirements, run_value
 from r2bspec.judge.baseline_ratio import BaselineCase, judge_pairs
 from r2bspec.judge.confirmation import confirm_run, needs_confirmation
-from r2bspec.judge.decision_policy import DecisionPolicy, without_own_confidence
+from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks, without_own_confidence
 from r2bspec.judge.interference_bound import REMEDY, best_case_iteration
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.measure.units import show
-from r2bspec.judge.pipeline import judge
+from r2bspec.judge.pipeline import first_iterations, judge
 from r2bspec.judge.statistics.t_interval import mean_interval
 from r2bspec.judge.validity import PlaybackValidity
 from r2bspec.judge.verdict import EXIT_CODES, Outcome, RequirementVerdict, Verdict, outcome_of
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
+from r2bspec.language.quantities import Share
 from r2bspec.language.spec import Objective
+from r2bspec.plan.interim_looks import InterimLooks
 from r2bspec.record.comparison_folder import Side
 
 EXCESS_CONFIDENCE: Final = 0.99
@@ -85,6 +87,11 @@ class InterleavedRuns:
     base: Sequence[RunSamples]
     head: Sequence[RunSamples]
     merged: RunSamples
+
+    def first(self, number: int) -> InterleavedRuns:
+        """The first pairs; each is one iteration of the merged run at each rate."""
+        merged = first_iterations(self.merged, number)
+        return InterleavedRuns(self.base[:number], self.head[:number], merged)
 
     def each_with_other(self, side: Side) -> Iterator[tuple[RunSamples, RunSamples]]:
         """The run of one side and that of the other, of each pair."""
@@ -232,13 +239,15 @@ class PairSet:
 
     Attributes:
         played: each as it was first played in a way that can be judged.
+        tried: how many were played, whether they can be judged or not.
+        looks: the planned looks after each pair; None where all are judged at once.
         unaffected: those without host interference; None if there was none in any.
         disturbance_text: which pairs were affected, and by what.
-        planned: the planned number of pairs.
     """
 
     played: InterleavedRuns
-    planned: int
+    tried: int
+    looks: InterimLooks | None = None
     unaffected: InterleavedRuns | None = None
     disturbance_text: str = ""
 
@@ -276,20 +285,23 @@ def confirmation_terms(
 def judge_pair_set(objectives: Objectives, pair_set: PairSet, policy: DecisionPolicy) -> Verdict:
     """Judge the pairs of one session, without confirmation.
 
-    The number of pairs is fixed beforehand: there are no interim looks.
+    Args:
+        objectives: of the head, by name.
+        pair_set: the pairs, and when they are judged.
+        policy: of the head's plan; its looks are those at a run.
     """
-    policy = replace(policy, looks=None)
+    policy = replace(policy, looks=pair_set.looks)
     verdict = _judge(objectives, pair_set.played, policy)
     if policy.interference != "tolerate" and pair_set.unaffected is not None:
         requirements = _examine_pairs(verdict, objectives, pair_set, pair_set.unaffected, policy)
         verdict = verdict.with_requirements(requirements, policy.inconclusive)
     usable = len(pair_set.played.head)
-    if verdict.outcome != "incomplete" and 2 * usable < pair_set.planned:
+    if verdict.outcome != "incomplete" and 2 * usable < pair_set.tried:
         return msgspec.structs.replace(
             verdict,
             outcome="invalid",
             exit_code=EXIT_CODES["invalid"],
-            reason=f"Only {usable} of {pair_set.planned} pairs can be judged.",
+            reason=f"Only {usable} of {pair_set.tried} pairs can be judged.",
         )
     return verdict
 
@@ -311,7 +323,8 @@ def reruns_can_decide(
     opened = [one.weakened and _is_on_pairs(one) for one in verdict.requirements]
     if not verdict.is_judged or not any(opened):
         return False
-    as_played = _judge(objectives, pair_set.played, replace(policy, looks=None)).requirements
+    policy = replace(policy, looks=pair_set.looks)
+    as_played = _judge(objectives, pair_set.played, policy).requirements
     requirements = [
         played if was_opened else one
         for one, played, was_opened in zip(verdict.requirements, as_played, opened, strict=True)
@@ -360,6 +373,34 @@ def _examine_pairs(
 
 
 def _judge(objectives: Objectives, pairs: InterleavedRuns, policy: DecisionPolicy) -> Verdict:
+    """The verdict after all looks that so many pairs allow."""
+    looks = policy.looks
+    if looks is None:
+        return _judge_once(objectives, pairs, policy)
+    verdicts = [
+        _judge_once(
+            {name: _at_look(one, looks, look) for name, one in objectives.items()},
+            pairs.first(looks.iterations[look - 1]),
+            replace(policy, looks=None, confidence=looks.confidence_at(look, policy.confidence)),
+        )
+        for look in range(1, max(1, looks.completed_looks(len(pairs.head))) + 1)
+    ]
+    columns = zip(*(verdict.requirements for verdict in verdicts), strict=True)
+    requirements = tuple(combine_looks(looks, column, "pairs") for column in columns)
+    return verdicts[-1].with_requirements(requirements, policy.inconclusive)
+
+
+def _at_look(objective: Objective, looks: InterimLooks, look: int) -> Objective:
+    """An objective with its own confidence, if it has one, at a look."""
+    own = objective.confidence
+    if own is None:
+        return objective
+    return msgspec.structs.replace(
+        objective, confidence=Share(looks.confidence_at(look, own.fraction))
+    )
+
+
+def _judge_once(objectives: Objectives, pairs: InterleavedRuns, policy: DecisionPolicy) -> Verdict:
     verdict = judge(objectives, pairs.merged, policy)
     verdict = judge_baseline_requirements(
         verdict, objectives, pairs.merged, policy, lambda case: _judge_by_pairs(case, pairs)

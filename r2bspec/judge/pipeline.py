@@ -5,9 +5,11 @@ It is decided by the method of its metric, at each planned interim look. Then `S
 out in their order, each on the verdict of the one before:
 
     weaken_affected_failure         a FAIL that host interference can explain becomes open
-    refuse_affected_pass            under ``strict``, a PASS on affected iterations becomes open
+    refuse_affected_pass            under ``strict``, a PASS on affected iterations becomes open,
+                                    unless the worst case passes, too
     examine_affected_probes         the same for what rests on probes
     refuse_disturbed_starts         the same for starts that others disturbed
+    question_unsteady               a verdict that rests on a part unlike the rest becomes open
 
 A decision is the first that one of `DECISIONS` has: reasons for which nothing can be decided come
 first, and the method of the metric last. The outcome of the run follows from the verdicts on its
@@ -36,6 +38,7 @@ from r2bspec.judge.affected_iterations import (
     judge_probe,
     strict_refusal,
     without_affected,
+    worst_case_run,
 )
 from r2bspec.judge.caveats import run_caveats, with_caveats
 from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks
@@ -68,6 +71,7 @@ from r2bspec.judge.requirement_case import (
     undecided,
 )
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
+from r2bspec.judge.steady_state import find_unsteady_part, iteration_times
 from r2bspec.judge.validity import PlaybackValidity
 from r2bspec.judge.verdict import (
     EXIT_CODES,
@@ -159,6 +163,11 @@ class JudgedRun:
         """The run without what interference can explain."""
         return best_case_run(self.samples, self.affected)
 
+    @cached_property
+    def worst_case_samples(self) -> RunSamples:
+        """The run with all that interference can have spared it."""
+        return worst_case_run(self.samples, self.affected)
+
     def completed_looks(self, samples: RunSamples) -> int:
         """How many interim looks the iterations at all rates of the objectives allow; at least 1.
 
@@ -215,12 +224,27 @@ class JudgedRequirement:
             return self._decided_once(samples, confidence)
         decisions = [
             self._decided_once(
-                _first_iterations(samples, looks.iterations[look - 1]),
+                first_iterations(samples, looks.iterations[look - 1]),
                 looks.confidence_at(look, confidence),
             )
             for look in range(1, self.run.completed_looks(samples) + 1)
         ]
         return combine_looks(looks, decisions)
+
+    def rests_on_more_than(self, rest: RequirementVerdict, whole: RequirementVerdict) -> bool:
+        """Whether a part of the samples decides otherwise, and not for lack of messages alone."""
+
+        def distance(one: RequirementVerdict) -> float:
+            """How far the estimate is in the direction of a FAIL."""
+            if one.estimate is None:
+                return math.inf
+            return one.estimate if self.requirement.op in {"<", "<="} else -one.estimate
+
+        if rest.outcome == whole.outcome:
+            return False
+        if whole.outcome == "pass":
+            return distance(rest) > distance(whole)
+        return distance(rest) < distance(whole)
 
     def _decided_once(self, samples: RunSamples, confidence: float) -> RequirementVerdict:
         case = self._case(samples, confidence)
@@ -263,7 +287,7 @@ class JudgedRequirement:
         )
 
 
-def _first_iterations(samples: RunSamples, number: int) -> RunSamples:
+def first_iterations(samples: RunSamples, number: int) -> RunSamples:
     """The run as it was when `number` iterations had been played at each rate."""
     return replace(
         samples,
@@ -485,7 +509,7 @@ def weaken_affected_failure(
 def refuse_affected_pass(
     judged: JudgedRequirement, played: RequirementVerdict
 ) -> RequirementVerdict:
-    """Under ``strict``, a PASS needs unaffected reruns of its iterations, which pass, too."""
+    """Under ``strict``, a PASS needs unaffected reruns that pass, or a worst case that does."""
     run = judged.run
     text = affected_iterations_text(played, run.affected)
     if run.policy.interference != "strict" or played.outcome != "pass" or not text:
@@ -497,6 +521,13 @@ def refuse_affected_pass(
     )
     if replaced and judged.decided_by(run.unaffected_samples).outcome == "pass":
         return played.noted(f"{text}. With those in their places it passes, too.")
+    # The worst case delivers less, and later: it says nothing of other metrics and limits.
+    asks_for_more = judged.requirement.op in {">", ">="}
+    has_worst_case = (
+        judged.info.scope == "monitor" and (judged.info.dimension == "rate") == asks_for_more
+    )
+    if has_worst_case and judged.decided_by(run.worst_case_samples).outcome == "pass":
+        return played.noted(f"{text}. It passes in the worst case, too.")
     return strict_refusal(played, text)
 
 
@@ -521,11 +552,36 @@ def refuse_disturbed_starts(
     return strict_refusal(verdict, text) if text else verdict
 
 
+def question_unsteady(judged: JudgedRequirement, verdict: RequirementVerdict) -> RequirementVerdict:
+    """What differs in one part of the iterations is noted; a verdict that rests on it is open."""
+    samples, at_hz = judged.run.samples, judged.at_hz
+    if not METHODS[verdict.method].grows or at_hz is None:
+        return verdict
+    iterations = samples.iterations_at(at_hz)
+    part = find_unsteady_part(iteration_times(judged.info, judged.monitor, iterations))
+    if part is None:
+        return verdict
+    found, advice = part.text(judged.info), part.advice(samples, iterations)
+    if verdict.outcome == "inconclusive":
+        remedy = verdict.remedy if verdict.weakened else advice
+        return msgspec.structs.replace(verdict.noted(found), remedy=remedy)
+    rest = judged.decided_by(part.left_out_of(samples, at_hz))
+    if not judged.rests_on_more_than(rest, verdict):
+        return verdict.noted(f"{found} {advice}")
+    would = {"pass": "be met", "fail": "fail", "inconclusive": "not be decided"}[rest.outcome]
+    return msgspec.structs.replace(
+        verdict.noted(f"{found} Without that part, the requirement would {would}."),
+        outcome="inconclusive",
+        remedy=advice,
+    )
+
+
 STEPS: Final[tuple[Callable[[JudgedRequirement, RequirementVerdict], RequirementVerdict], ...]] = (
     weaken_affected_failure,
     refuse_affected_pass,
     examine_affected_probes,
     refuse_disturbed_starts,
+    question_unsteady,
 )
 
 
@@ -554,7 +610,7 @@ def _run_verdict(run: JudgedRun, requirements: tuple[RequirementVerdict, ...]) -
         outcome=outcome,
         exit_code=EXIT_CODES[outcome],
         reason=reason,
-        requirements=with_caveats(requirements, samples) if judged else requirements,
+        requirements=with_caveats(requirements) if judged else requirements,
         unusable=unusable,
         disturbed=tuple(run.affected.values()),
         starts=samples.starts if judged else 0,

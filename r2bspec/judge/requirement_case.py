@@ -12,7 +12,7 @@ from r2bspec.judge.measure.samples import MonitorSamples, SegmentSamples, starts
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import Method
 from r2bspec.judge.statistics.effective_sample_size import SampleDesign
-from r2bspec.judge.verdict import Outcome, RequirementVerdict, ShareTest
+from r2bspec.judge.verdict import Outcome, RequirementVerdict, ShareTest, UncertaintyBudget
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.record.run_record import RunRecord
@@ -126,6 +126,7 @@ class Decision:
     share: ShareTest | None = None
     rule_of_three: float | None = None
     notes: tuple[str, ...] = ()
+    budget: UncertaintyBudget | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,6 +204,7 @@ def requirement_verdict(case: RequirementCase, decision: Decision) -> Requiremen
         reason=decision.reason,
         remedy=decision.remedy,
         notes=decision.notes,
+        budget=decision.budget,
     )
 
 

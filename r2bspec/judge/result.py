@@ -39,7 +39,7 @@ class PairsResult(msgspec.Struct, frozen=True, kw_only=True):
         base_plan: hash of the plan of the base.
         differences: from the plan of the base to that of the head, a line each.
         environment: variables of the base that differ; empty for one that it lacked.
-        planned: the planned number of pairs.
+        planned: the largest number of pairs; fewer are played where they decide.
         used: the number of pairs that the verdicts are based on.
         pairs: every pair that was played, with the folders of its runs.
         notes: decisions made during the comparison, a sentence each.

@@ -28,8 +28,9 @@ own pace, and while the lower end of the bracket is played whole. Each finding h
 share by which the speed varies.
 
     stops     gaps between outputs that are longer than the 90th percentile of the gaps by twelve
-              times the distance from the median to it, twice or more, and half the precision of
-              the time in all
+              times the distance from the median to it, and half the precision of the time in all,
+              or that may be the precision of it in the long run. A single one counts if it is too
+              long for a message
     start     the first 1, 2 or 5 s of a play are faster or slower than the rest of it
     drift     a line through the batches of all plays, by time, has a slope
     wander    the batches differ by more than the scatter of single messages explains: for batches
@@ -43,7 +44,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,16 +126,26 @@ class CompletionTimes:
 
 @dataclass(frozen=True)
 class Capacity:
-    """The capacity in steps per second, with bounds that are wrong in half the error each."""
+    """The capacity in steps per second, with bounds that are wrong in half the error each.
+
+    Attributes:
+        drowns: by how much faster the graph is there than in the plays with the least overload.
+    """
 
     hz: float
     lower_hz: float
     upper_hz: float
+    drowns: float = 0.0
 
     @property
     def relative_width(self) -> float:
         """From the lower bound to the upper one, as a fraction of the lower one."""
         return self.upper_hz / self.lower_hz - 1 if self.lower_hz > 0 else math.inf
+
+    @property
+    def gentle_width(self) -> float:
+        """The relative width of what the plays with the least overload show."""
+        return 2 * (self.hz / (1 + self.drowns) / self.lower_hz - 1)
 
 
 @dataclass(frozen=True)
@@ -161,7 +172,11 @@ def batches(play: CompletionTimes) -> Batches:
 
 
 def estimate_capacity(
-    plays: Sequence[CompletionTimes], confidence: float, *, stages: int = 1
+    plays: Sequence[CompletionTimes],
+    confidence: float,
+    *,
+    stages: int = 1,
+    harder: Sequence[CompletionTimes] = (),
 ) -> Capacity | None:
     """Estimate the capacity from overloaded plays.
 
@@ -169,44 +184,74 @@ def estimate_capacity(
         plays: the departures of each.
         confidence: of the interval; each bound is wrong in half of the rest.
         stages: how many queues there may be in a row.
+        harder: plays with more overload, which show how much slower the graph is with more.
 
     Returns:
         None if there are too few outputs.
     """
+    gentle = _overload_pace(plays, confidence)
+    if gentle is None:
+        return None
+    # A single play has too few batches to tell whether they resemble their neighbours.
+    hard = _overload_pace(harder, confidence, independent=True)
+    hz = _at_capacity(gentle, hard)
+    # Faster messages at the lower rate, or slower ones at the higher rate, are a higher capacity.
+    faster = replace(gentle, mean_s=gentle.mean_s - gentle.half_s)
+    upper_hz = math.inf
+    if faster.mean_s > 0:
+        more_hz = _at_capacity(faster, hard) - hz
+        if hard is not None:
+            slower = replace(hard, mean_s=hard.mean_s + hard.half_s)
+            more_hz = math.hypot(more_hz, _at_capacity(gentle, slower) - hz)
+        upper_hz = hz + more_hz
+    per_step = plays[0].per_step
+    return Capacity(
+        hz=hz / per_step,
+        lower_hz=1 / (gentle.mean_s + gentle.half_s) / per_step,
+        upper_hz=upper_hz * (1 + _approach(plays, stages)) / per_step,
+        drowns=hz * gentle.mean_s - 1,
+    )
+
+
+@dataclass(frozen=True)
+class _OverloadPace:
+    """Seconds a message with a bound that is wrong in half the error, at an offered rate."""
+
+    mean_s: float
+    half_s: float
+    offered_hz: float
+
+
+def _overload_pace(
+    plays: Sequence[CompletionTimes], confidence: float, *, independent: bool = False
+) -> _OverloadPace | None:
     if not plays:
         return None
-    cut = [batches(each) for each in plays]
-    seconds = np.concatenate([each.seconds for each in cut])
+    seconds = np.concatenate([batches(play).seconds for play in plays])
     m = seconds.size
     if m < _MIN_BATCHES:
         return None
-    mean_s = float(seconds.mean())
-    inflation = significant_inflation(seconds.tolist())
+    inflation = 1.0 if independent else significant_inflation(seconds.tolist())
     error = _ERROR_SHARE * (1 - confidence) / 2
     t = t_quantile(max(m / inflation - 1, 1.0), 1 - error)
-    half_s = t * float(seconds.std(ddof=1)) * math.sqrt(inflation / m)
-    per_step = plays[0].per_step
-    upper_hz = 1 / (mean_s - half_s) if half_s < mean_s else math.inf
-    return Capacity(
-        hz=1 / mean_s / per_step,
-        lower_hz=1 / (mean_s + half_s) / per_step,
-        upper_hz=upper_hz * (1 + _approach(plays, stages)) / per_step,
+    return _OverloadPace(
+        mean_s=float(seconds.mean()),
+        half_s=t * float(seconds.std(ddof=1)) * math.sqrt(inflation / m),
+        offered_hz=sum(play.offered_hz for play in plays) / len(plays),
     )
 
 
-def compare_pace(
-    one: Sequence[CompletionTimes], other: Sequence[CompletionTimes]
-) -> tuple[float, float]:
-    """By how much longer a message takes in one group of plays, as a fraction, and its error."""
-    first, second = (
-        np.concatenate([batches(each).seconds for each in plays]) for plays in (one, other)
-    )
-    if min(first.size, second.size) < _MIN_BATCHES:
-        return 0.0, math.inf
-    errors = [
-        float(each.std(ddof=1) / each.mean()) / math.sqrt(each.size) for each in (first, second)
-    ]
-    return float(first.mean() / second.mean()) - 1, math.hypot(*errors)
+def _at_capacity(gentle: _OverloadPace, hard: _OverloadPace | None) -> float:
+    """The rate at which a message takes as long as until the next one comes.
+
+    The seconds a message, x, grow evenly with the rate that is offered, by b: the rate r is that at
+    which 1 / r = x - b (offered - r).
+    """
+    if hard is None or hard.mean_s <= gentle.mean_s:
+        return 1 / gentle.mean_s
+    grows = (hard.mean_s - gentle.mean_s) / (hard.offered_hz - gentle.offered_hz)
+    rest = gentle.mean_s - grows * gentle.offered_hz
+    return 2 / (rest + math.sqrt(rest**2 + 4 * grows))
 
 
 def _approach(plays: Sequence[CompletionTimes], stages: int) -> float:
@@ -227,7 +272,9 @@ def _approach(plays: Sequence[CompletionTimes], stages: int) -> float:
 _MIN_STOP_S = 0.05
 _STOP_PERIODS = 3.0
 _STOP_TAILS = 12.0
-_MIN_STOPS = 2
+_MAX_STOPPED = 0.9
+_STOPS_ERROR = 0.05
+"""With which more stops than that come in the long run."""
 
 _STARTS_S = (1.0, 2.0, 5.0)
 _ERROR = 1e-4
@@ -246,26 +293,48 @@ class NonStationarity:
 
 
 def find_stops(plays: Sequence[CompletionTimes], precision: float) -> NonStationarity | None:
-    """Stops of the output in plays whose inputs did not pause."""
+    """Stops of the output in plays whose inputs did not pause.
+
+    From n stops in the time that was played up to U(n) times their mean length are expected in as
+    much time, with U(n) the upper bound of a Poisson mean (Garwood 1936); 4.7 for one.
+    """
     lengths: list[float] = []
+    is_message = True
     total_s = 0.0
     for play in plays:
         if play.times_s.size <= 2:
             continue
-        gap = np.diff(play.times_s)
-        middle, tail = (float(each) for each in np.quantile(gap, (0.5, 0.9)))
+        # What stops until the end of a play has no output after it.
+        gap = np.diff(play.times_s, append=max(play.played_s, float(play.times_s[-1])))
+        middle, tail, far = (float(each) for each in np.quantile(gap, (0.5, 0.9, 0.99)))
         least_s = max(_MIN_STOP_S, _STOP_PERIODS * middle, tail + _STOP_TAILS * (tail - middle))
-        at = np.flatnonzero(gap > least_s)
-        lengths += (gap[at] - middle).tolist()
+        stops_s = gap[gap > least_s] - middle
+        if stops_s.size:
+            # The longest message that so many log-normal ones may have among them.
+            scatter = math.log(max(far, 1e-9) / max(middle, 1e-9)) / _normal_quantile(0.01)
+            longest_s = middle * math.exp(scatter * _normal_quantile(_ERROR / gap.size))
+            is_message = is_message and float(stops_s.max()) <= longest_s
+        lengths += stops_s.tolist()
         total_s += float(play.times_s[-1] - play.times_s[0])
-    stopped_s = sum(lengths)
-    if len(lengths) < _MIN_STOPS or stopped_s < precision / 2 * total_s:
+    number, stopped_s = len(lengths), sum(lengths)
+    if not number or (number == 1 and is_message):
         return None
-    every_s = total_s / len(lengths)
-    return NonStationarity(
-        f"stops for {np.median(lengths):.2g} s about every {every_s:.2g} s",
-        total_s / max(total_s - stopped_s, 1e-9),
+    share = min(_most_stops(number) * stopped_s / number / total_s, _MAX_STOPPED)
+    if share < precision and (number == 1 or stopped_s < precision / 2 * total_s):
+        return None
+    length, every_s = float(np.median(lengths)), total_s / number
+    text = (
+        f"stops for {length:.2g} s about every {every_s:.2g} s"
+        if number > 1
+        else f"stopped for {length:.2g} s, once in {total_s:.0f} s"
     )
+    return NonStationarity(text, 1 / (1 - share))
+
+
+def _most_stops(number: int) -> float:
+    from scipy.special import chdtri
+
+    return float(chdtri(2 * number + 2, _STOPS_ERROR)) / 2
 
 
 def find_start(plays: Sequence[CompletionTimes], precision: float) -> NonStationarity | None:
@@ -347,10 +416,10 @@ def _wander_limit(size: int) -> float:
     return max(_WANDER_RATIO, float(chdtri(size - 1, _ERROR)) / (size - 1))
 
 
-def _normal_quantile() -> float:
+def _normal_quantile(error: float = _ERROR) -> float:
     from scipy.special import ndtri
 
-    return float(ndtri(1 - _ERROR))
+    return float(ndtri(1 - error))
 
 
 @dataclass(frozen=True)

@@ -96,6 +96,46 @@ class BaselineEstimate(msgspec.Struct, frozen=True, kw_only=True):
     deviation: float | None
 
 
+VarianceSource = Literal["starts", "iterations", "sampling", "harness", "clock", "allowance"]
+
+
+class VariancePart(msgspec.Struct, frozen=True, kw_only=True):
+    """What one source has in the variance that an interval stands for.
+
+    Attributes:
+        source: see `r2bspec.judge.uncertainty_budget`.
+        share: of the variance; None where it cannot be told apart.
+        deviation: its standard deviation, in the unit of the metric; None likewise.
+        unknown: why it cannot be told apart, in a sentence; otherwise empty.
+    """
+
+    source: VarianceSource
+    share: float | None = None
+    deviation: float | None = None
+    unknown: str = ""
+
+
+class UncertaintyBudget(msgspec.Struct, frozen=True, kw_only=True):
+    """What the interval of a requirement is made of.
+
+    Attributes:
+        half_width: of the interval, in the unit of the metric.
+        parts: of its variance; the known shares add up to 1, rounded.
+        halve: what would halve the interval, in a sentence.
+        halve_s: the run time that this adds, in seconds; None if it is not more playing, or if
+            nothing that can be proposed halves it.
+    """
+
+    half_width: float
+    parts: tuple[VariancePart, ...]
+    halve: str
+    halve_s: float | None = None
+
+
+RequirementKey = tuple[str, str, str | None, float | None]
+"""Objective, text, monitor and offered rate of a requirement."""
+
+
 class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
     """One requirement, judged.
 
@@ -121,6 +161,7 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
             confirmation that succeeded or failed, host interference.
         compared: base and head, where the requirement is on their ratio.
         weakened: whether it was decided, and is inconclusive only because of host interference.
+        budget: what the interval is made of; None where none was estimated.
         learning: while a history has too few runs to decide, which of them this one is, such as
             ``3 of 5``; otherwise empty.
     """
@@ -154,9 +195,10 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
     compared: BaselineEstimate | None = None
     weakened: bool = False
     learning: str = ""
+    budget: UncertaintyBudget | None = None
 
     @property
-    def key(self) -> tuple[str, str, str | None, float | None]:
+    def key(self) -> RequirementKey:
         """What identifies the requirement among all of a run."""
         return self.objective, self.text, self.monitor, self.at_hz
 

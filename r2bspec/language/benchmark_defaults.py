@@ -42,6 +42,11 @@ CONFIRM: Final = Duration(30 * 10**9)
 OVERLOAD_PROBES: Final = 6
 """The graph is overloaded for at most as long as so many probes."""
 
+SEARCH_PROBES: Final = 12
+SEARCH_CONFIRMATIONS: Final = 3
+"""A whole search lasts as long as so many probes and so many whole plays; after that only what a
+bracket needs is played."""
+
 MAX_LONGER: Final = 6
 """At low rates, what must show that few messages are lost lasts up to so many times as long."""
 

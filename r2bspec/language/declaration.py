@@ -146,6 +146,11 @@ class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """The value of a map with these keys, named as fields; they may be changed."""
         return cls(**keys)
 
+    @classmethod
+    def fields_of(cls, value: "Record") -> dict[str, Any]:
+        """The fields of this record in one that extends it."""
+        return {name: getattr(value, name) for name in cls.__struct_fields__}
+
 
 class Rule(msgspec.Struct, eq=False, dict=True, kw_only=True):
     """What may be written as a value, and how it is described.

@@ -24,14 +24,8 @@ from msgspec.structs import replace
 from r2bspec.diagnostics import Diagnostic, Edit, Path, Related, Severity, Span
 from r2bspec.diagnostics.diagnostic import DiagnosticParts, split_lines
 from r2bspec.language.located_tree import TreeNode
+from r2bspec.safe_io import safe_file
 from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
-from r2bspec.safe_io.safe_file import (
-    ByteBudget,
-    OutsideFolderError,
-    RefusedFileError,
-    TooLargeError,
-    read_bytes,
-)
 
 _FORBIDDEN_ASCII = re.compile("[^\t\n\r\x20-\x7e]")
 """Less than `_forbidden`, which takes longer to compile than a spec to parse."""
@@ -71,7 +65,7 @@ def has_errors(diagnostics: Iterable[Diagnostic]) -> bool:
 
 
 def read_file(
-    path: FilePath, folders: Iterable[FilePath] = (), budget: ByteBudget | None = None
+    path: FilePath, folders: Iterable[FilePath] = (), budget: safe_file.ByteBudget | None = None
 ) -> Source:
     """Read and decode one file; ``-`` is standard input. Problems become diagnostics.
 
@@ -86,8 +80,10 @@ def read_file(
             data = sys.stdin.buffer.read(MAX_DOCUMENT_BYTES + 1)
         else:
             allowed = (path.parent, *folders)
-            data = read_bytes(path, max_bytes=MAX_DOCUMENT_BYTES, folders=allowed, budget=budget)
-    except TooLargeError:
+            data = safe_file.read_bytes(
+                path, max_bytes=MAX_DOCUMENT_BYTES, folders=allowed, budget=budget
+            )
+    except safe_file.TooLargeError:
         if budget is None or budget.left:
             return _too_large(file)
         limit = f"{budget.max_bytes // 1_000_000} MB"
@@ -115,9 +111,10 @@ def _too_large(file: str) -> Source:
 
 
 def _reading_help(error: Exception) -> str:
-    if isinstance(error, OutsideFolderError):
+    if isinstance(error, safe_file.OutsideFolderError):
         return "copy the file here, or allow the folder that it is in with --allow-path"
-    return error.hint if isinstance(error, RefusedFileError) else ""
+    hint = error.hint if isinstance(error, safe_file.RefusedFileError) else ""
+    return hint or "name a regular file that you may read"
 
 
 def decode(data: bytes, file: str) -> Source:

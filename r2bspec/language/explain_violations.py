@@ -244,10 +244,6 @@ def unknown_keys(violation: Violation) -> Iterator[tuple[Diagnostic, str]]:
         return
     properties = violation.rule.keys or {}
     unknown = [key for key in owner.entries if key not in properties][: MAX_PROBLEMS + 1]
-    for key in tuple(unknown):
-        if gone := retired_key_help(violation.path, key):
-            yield _diagnostic(violation, owner, key, gone), ""
-            unknown.remove(key)
     absent = [key for key in properties if key not in owner.entries]
     meant = _intended_keys(unknown, absent)
     for key in unknown:
@@ -352,32 +348,6 @@ def _key_locations() -> dict[str, tuple[str, ...]]:
 
     walk(language(), "")
     return {key: tuple(paths) for key, paths in homes.items()}
-
-
-_NATIVE_FORMAT = (
-    "it is gone: messages are played and monitored in their ROS formats, in which nodes with "
-    "adapted types (NITROS) communicate as well; remove it, and write 'harness: {placement: "
-    "graph}' to have player and monitors in the processes of the graph"
-)
-_ONE_HARNESS = (
-    "it is gone, because there is one harness: remove it; 'harness: {placement: graph}' puts "
-    "player and monitors into the processes of the graph, as ros2_benchmark does"
-)
-
-_RETIRED: dict[Path, str] = {
-    ("harness", "kind"): _ONE_HARNESS,
-    ("harness", "data_loader"): _NATIVE_FORMAT,
-    ("harness", "playback"): _NATIVE_FORMAT,
-    ("harness", "monitor"): _NATIVE_FORMAT,
-    ("monitors", "*", "parameters"): _NATIVE_FORMAT,
-}
-"""The help for each; ``*`` is any name."""
-
-
-def retired_key_help(owner: Path, key: str) -> str:
-    """What to do with a key that the map at `owner` once had; empty if it never had it."""
-    place = ("monitors", "*") if owner[:1] == ("monitors",) and len(owner) == 2 else owner
-    return _RETIRED.get((*place, key), "")
 
 
 _NOT_IN_FLOW = frozenset("[]{},#&*!|>'\"%@`:")

@@ -34,12 +34,7 @@ from r2bspec.language.located_tree import (
 )
 from r2bspec.language.variables import OPENING
 from r2bspec.language.yaml_document import compose
-from r2bspec.safe_io.limits import (
-    MAX_CHAIN_LENGTH,
-    MAX_EXTENDED_BYTES,
-    MAX_EXTENDED_FILES,
-    MAX_EXTENDS_DEPTH,
-)
+from r2bspec.safe_io import limits
 from r2bspec.safe_io.safe_file import ByteBudget, is_regular, names_in
 
 
@@ -126,7 +121,7 @@ class _FileMerger:
         self._problems = document.problems
         self._folders = folders
         self._read = 0
-        self._budget = ByteBudget(MAX_EXTENDED_BYTES)
+        self._budget = ByteBudget(limits.MAX_EXTENDED_BYTES)
 
     def merge(self, root: MapNode, place: _FileContext) -> MapNode:
         named = list(extended_names(root))
@@ -168,11 +163,14 @@ class _FileMerger:
             )
             return None
         self._read += 1
-        if len(place.ancestors) > MAX_EXTENDS_DEPTH or self._read > MAX_EXTENDED_FILES:
+        if (
+            len(place.ancestors) > limits.MAX_EXTENDS_DEPTH
+            or self._read > limits.MAX_EXTENDED_FILES
+        ):
             limit = (
-                f"{MAX_EXTENDS_DEPTH} levels"
-                if len(place.ancestors) > MAX_EXTENDS_DEPTH
-                else f"{MAX_EXTENDED_FILES} files"
+                f"{limits.MAX_EXTENDS_DEPTH} levels"
+                if len(place.ancestors) > limits.MAX_EXTENDS_DEPTH
+                else f"{limits.MAX_EXTENDED_FILES} files"
             )
             message = f"'extends' reads more than {limit}"
             self._problems.error("R2B135", message, node.span, "merge some files", related=trace)
@@ -329,11 +327,11 @@ class _Section:
             return None
         origin = Related(f"'{name}' extends '{base}' here", span)
         self._document.origins.entries[(*self._section, name)] = (origin,)
-        if base in chain or len(chain) + self._depth.get(base, 0) >= MAX_CHAIN_LENGTH:
+        if base in chain or len(chain) + self._depth.get(base, 0) >= limits.MAX_CHAIN_LENGTH:
             message = (
                 f"{quote(base)} extends itself, directly or through others"
                 if base in chain
-                else f"more than {MAX_CHAIN_LENGTH} entries extend each other"
+                else f"more than {limits.MAX_CHAIN_LENGTH} entries extend each other"
             )
             self._error(name, "R2B135", message, span, "remove one 'extends' of this chain")
             return None

@@ -21,14 +21,9 @@ from r2bspec.language.located_tree import (
     lookup,
     span_at,
 )
-from r2bspec.language.node_kinds import (
-    NODE_KIND_KEYS,
-    NODE_KINDS,
-    PROCESS_KEYS,
-    kinds_help,
-    members,
-)
+from r2bspec.language.node_kinds import NODE_KIND_KEYS, NODE_KINDS, kinds_help, members
 from r2bspec.language.quantities import QuantityError, Rate
+from r2bspec.language.spec_graph import PROCESS_KEYS
 from r2bspec.language.variables import declared_variables_help
 from r2bspec.safe_io.limits import MAX_RANGE_RATES, MAX_REQUIREMENTS
 
@@ -192,6 +187,9 @@ def _node(document: _Document, node: MapNode, path: Path) -> Iterator[Diagnostic
     refused = {
         key: (each.why, each.help or f"remove '{key}'") for key, each in kind.refuses.items()
     }
+    if kind.by_others:
+        for key in PROCESS_KEYS:
+            refused[key] = "r2bspec does not start its processes", f"remove '{key}'"
     if "container" in node.entries:
         for key in (*PROCESS_KEYS, "env"):
             why = "it shares its process with other nodes"

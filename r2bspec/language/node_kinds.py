@@ -34,7 +34,8 @@ class NodeKind(msgspec.Struct, frozen=True, eq=False):
             starts nothing.
         refuses: keys that mean nothing for it.
         by_others: whether its nodes are made by something other than r2bspec: they cannot be
-            started alone, and may leave the namespace of the benchmark.
+            started alone, have no settings of a process, and may leave the namespace of the
+            benchmark.
         names_own_nodes: whether its nodes have names that the spec does not know.
         any_program: whether it may be any program, which need be no ROS process and may hold
             several nodes: it gets ROS arguments only where the spec states something of ROS, and
@@ -74,11 +75,6 @@ def _no_arguments(help_text: str = "") -> dict[str, Refusal]:
 
 _NO_CONTAINER = {"container": Refusal("only Python nodes and plugins run in a container")}
 
-PROCESS_KEYS: Final = ("cpus", "nice", "prefix", "memory_limit")
-"""Keys of a node that are about its process."""
-
-_NO_PROCESS = dict.fromkeys(PROCESS_KEYS, Refusal("r2bspec does not start its processes"))
-
 PYTHON: Final = NodeKind(
     name="python",
     keys=("python",),
@@ -111,7 +107,7 @@ COMMAND: Final = NodeKind(
 LAUNCH: Final = NodeKind(
     name="launch",
     keys=("launch",),
-    refuses=_no_arguments("put them under 'launch.arguments'") | _NO_CONTAINER | _NO_PROCESS,
+    refuses=_no_arguments("put them under 'launch.arguments'") | _NO_CONTAINER,
     by_others=True,
     names_own_nodes=True,
 )
@@ -126,7 +122,6 @@ EXTERNAL: Final = NodeKind(
         **_NO_CONTAINER,
         "env": Refusal("an external node already has its environment"),
         "parameters": Refusal("an external node already has its parameters"),
-        **_NO_PROCESS,
     },
     by_others=True,
 )

@@ -288,7 +288,7 @@ def parse_size_option(text: str) -> int:
     Raises:
         ValueError: it is no size, or no positive one of at most 64 bits.
     """
-    size = int(text) if text.isdecimal() else Size.parse(text).bytes
+    size = Size.parse(f"{text} B" if text.isdecimal() else text).bytes
     if not 0 < size < 2**63:
         raise ValueError("a size is positive, and has at most 64 bits")
     return size

@@ -306,28 +306,43 @@ class Truth(Record, frozen=True, kw_only=True):
     name: Annotated[str, key("hawk_0", "/d455_1_rgb_image")]
 
 
-class Monitor(Record, frozen=True, kw_only=True):
+class MonitorSettings(Record, frozen=True, kw_only=True):
+    """How a topic is monitored: keys of `monitors` that the plan has as they are.
+
+    What is declared here is a key of the language and a field of `r2bspec.plan.plan.MonitorPlan` at
+    once.
+
+    Attributes:
+        match: How outputs are matched to inputs: by the stamp in the header, or by order for types
+            without a header.
+        qos: The profile of the monitor's subscription; default: the profile that is offered. The
+            name of a ROS profile, or a map.
+        label: What reports call it.
+        truth: What its messages are compared with, in the ground truth of the recording: on one
+            more iteration, after the measurement. Requirements can then name the metrics
+            'accuracy.…'.
+    """
+
+    match: Literal["stamp", "order"] = "stamp"
+    qos: QoS | None = None
+    label: Annotated[str, key("Tag detections")] = ""
+    truth: Truth | None = None
+
+
+class Monitor(MonitorSettings, frozen=True, kw_only=True):
     """A monitored topic.
 
     Attributes:
         topic: The topic to monitor.
         format: The type of its messages.
-        match: How outputs are matched to inputs: by the stamp in the header, or by order for types
-            without a header.
         answers: With mode timeline and inputs of different rates: the inputs that its messages
             answer. Only steps with messages of all these inputs count for it. Default: all inputs
             with a path to the topic.
         ratio: How many outputs answer how many inputs.
-        qos: The profile of the monitor's subscription; default: the profile that is offered. The
-            name of a ROS profile, or a map.
-        label: What reports call it.
         taps: Whether the topics on the path to it are monitored, too, so that reports show the
             latency of each hop. The additional subscriptions cost some time.
         process: With 'harness: {placement: graph}': the node or the process that gets the monitor;
             default: the one that publishes the topic.
-        truth: What its messages are compared with, in the ground truth of the recording: on one
-            more iteration, after the measurement. Requirements can then name the metrics
-            'accuracy.…'.
     """
 
     about = key({"topic": "tag_detections", "format": "geometry_msgs/msg/PoseArray"})
@@ -336,17 +351,13 @@ class Monitor(Record, frozen=True, kw_only=True):
     repeat: ClassVar[Annotated[Repeat, key(description=repeated("monitor"))]]
     topic: Annotated[names.Topic, key("tag_detections", "/tf")]
     format: Annotated[names.MessageType, key("geometry_msgs/msg/PoseArray")]
-    match: Literal["stamp", "order"] = "stamp"
     answers: Annotated[
         tuple[Annotated[names.Topic, key("image", description="A playback input.")], ...],
         key(["image"]),
     ] = ()
     ratio: Ratio = Ratio()
-    qos: QoS | None = None
-    label: Annotated[str, key("Tag detections")] = ""
     taps: bool = False
     process: Annotated[names.ProcessName, key("detector")] = msgspec.field(name="in", default="")
-    truth: Truth | None = None
 
 
 _Condition = Annotated[
@@ -536,10 +547,11 @@ class Benchmark(Pacing, frozen=True, kw_only=True):
     Attributes:
         duration: The duration of one iteration.
         iterations: The number of iterations at each rate, over all starts.
-        starts: The number of starts: how often all processes are started afresh, each time for a
-            part of the iterations. A verdict is about the graph, and not about one start of it, if
-            there are several. Default: 5, but each start has at least two iterations; 1 for graphs
-            with external nodes, which cannot be restarted.
+        starts: The most starts: how often all processes are started afresh, each time for a part of
+            the iterations. A verdict is about the graph, and not about one start of it, if there
+            are several. From the third on, the run ends after a start that decides everything.
+            Default: 5, but each start has at least two iterations; 1 for graphs with external
+            nodes, which cannot be restarted.
         max_iterations: The maximum number of iterations at each rate, played while a verdict is
             inconclusive after 'iterations', in further starts if there are several; 0 means no
             additional ones.

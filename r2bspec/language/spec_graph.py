@@ -58,38 +58,49 @@ Environment = Annotated[
     ],
     key({"OMP_NUM_THREADS": "4"}, description="Environment variables of the process."),
 ]
-_Cpus = Annotated[
-    tuple[
-        Annotated[int, key(0, 2, description="The number of a CPU, counted from 0.", minimum=0)],
-        ...,
-    ],
-    key([2, 3], description="The CPUs on which the process may run; empty means all."),
-]
-_Nice = Annotated[
-    int,
-    key(
-        -5,
-        description="The niceness of the process; values below 0 raise its priority and need the "
-        "permission to do so.",
-        minimum=-20,
-        maximum=19,
-    ),
-]
-_Prefix = Annotated[
-    tuple[Annotated[Word, key("perf")], ...],
-    key(
-        ["perf", "record", "-g"],
-        description="Words before the command line, such as a profiler.",
-    ),
-]
-_MemoryLimit = Annotated[
-    Size | None,
-    key(
-        "2 GiB",
-        description="The maximum resident memory of the process; if it is exceeded, the run fails.",
-        positive=True,
-    ),
-]
+
+
+class ProcessSettings(Record, frozen=True, kw_only=True):
+    """How a process is started: keys of nodes and containers that the plan has as they are.
+
+    What is declared here is a key of the language and a field of `r2bspec.plan.plan.ProcessPlan` at
+    once, and is refused where r2bspec starts no process.
+
+    Attributes:
+        cpus: The CPUs on which the process may run; empty means all.
+        nice: The niceness of the process; values below 0 raise its priority and need the permission
+            to do so.
+    """
+
+    cpus: Annotated[
+        tuple[
+            Annotated[
+                int, key(0, 2, description="The number of a CPU, counted from 0.", minimum=0)
+            ],
+            ...,
+        ],
+        key([2, 3]),
+    ] = ()
+    nice: Annotated[int, key(-5, minimum=-20, maximum=19)] = 0
+
+
+class StartedProcess(ProcessSettings, frozen=True, kw_only=True):
+    """What nodes and containers say of their process, but for its environment.
+
+    Attributes:
+        prefix: Words before the command line, such as a profiler.
+        memory_limit: The maximum resident memory of the process; if it is exceeded, the run fails.
+    """
+
+    prefix: Annotated[
+        tuple[Annotated[Word, key("perf")], ...],
+        key(["perf", "record", "-g"]),
+    ] = ()
+    memory_limit: Annotated[Size | None, key("2 GiB", positive=True)] = None
+
+
+PROCESS_KEYS: Final = StartedProcess.__struct_fields__
+"""Keys of a node that are about its process."""
 
 
 def _profile(
@@ -154,7 +165,7 @@ class QoS(Record, frozen=True, kw_only=True):
         return cls(**PROFILES[keys.pop("profile", "default")] | keys)
 
 
-class Container(Record, frozen=True, kw_only=True):
+class Container(StartedProcess, frozen=True, kw_only=True):
     """A process for several nodes.
 
     Attributes:
@@ -176,10 +187,6 @@ class Container(Record, frozen=True, kw_only=True):
     executor: Literal["single_threaded", "multi_threaded"] = "single_threaded"
     threads: Annotated[int, key(4, minimum=0)] = 0
     env: Environment = {}
-    cpus: _Cpus = ()
-    nice: _Nice = 0
-    prefix: _Prefix = ()
-    memory_limit: _MemoryLimit = None
 
 
 class Launch(Record, frozen=True, kw_only=True):
@@ -259,7 +266,7 @@ _Type = Annotated[
 ]
 
 
-class Node(Record, frozen=True, kw_only=True):
+class Node(StartedProcess, frozen=True, kw_only=True):
     """A node of the graph or of the preprocessors.
 
     The keys of exactly one kind are given (`r2bspec.language.node_kinds`).
@@ -350,10 +357,6 @@ class Node(Record, frozen=True, kw_only=True):
         key({"image": "sensor_data"}, topics=True),
     ] = {}
     env: Environment = {}
-    cpus: _Cpus = ()
-    nice: _Nice = 0
-    prefix: _Prefix = ()
-    memory_limit: _MemoryLimit = None
     parameter_sources: Annotated[tuple[ParameterSource, ...], key(derived=True)] = ()
 
     @classmethod

@@ -40,12 +40,7 @@ from r2bspec.language.located_tree import (
     UnknownNode,
 )
 from r2bspec.language.yaml_syntax_errors import explain_syntax_error
-from r2bspec.safe_io.limits import (
-    MAX_INTEGER_CHARACTERS,
-    MAX_YAML_DEPTH,
-    MAX_YAML_EXPANDED_VALUES,
-    MAX_YAML_VALUES,
-)
+from r2bspec.safe_io import limits
 
 _CONSTANTS: dict[str, ScalarValue] = {
     "": None,
@@ -98,7 +93,7 @@ def parse_unquoted(text: str) -> ScalarValue:
 
 def _integer(text: str, base: int) -> int:
     # The length is checked first: Python needs quadratic time for long digit strings.
-    if len(text) <= MAX_INTEGER_CHARACTERS:
+    if len(text) <= limits.MAX_INTEGER_CHARACTERS:
         value = int(text, base)
         if -_MAX_INT - 1 <= value <= _MAX_INT:
             return value
@@ -322,7 +317,7 @@ class _Composer:
                 self._values += 1
                 start, end = event.start_mark, event.end_mark
                 span = Span(file, start.line + 1, start.column + 1, end.line + 1, end.column + 1)
-                if self._values > MAX_YAML_VALUES:
+                if self._values > limits.MAX_YAML_VALUES:
                     self._too_many_values(span)
                 add(scalar(event, span), 1, event.anchor, span)
             elif kind is ev.MappingEndEvent or kind is ev.SequenceEndEvent:
@@ -353,7 +348,7 @@ class _Composer:
     def _too_many_values(self, span: Span) -> None:
         self.problems.stop(
             "R2B002",
-            f"the document has more than {MAX_YAML_VALUES:,} keys and values",
+            f"the document has more than {limits.MAX_YAML_VALUES:,} keys and values",
             span,
             "check the path: a spec has a few hundred",
         )
@@ -376,14 +371,14 @@ class _Composer:
     def _start_collection(self, event: Any, *, is_map: bool) -> None:
         span = self._span(event)
         self._values += 1
-        if self._values > MAX_YAML_VALUES:
+        if self._values > limits.MAX_YAML_VALUES:
             self._too_many_values(span)
         if event.tag is not None:
             self._reject_tag(event, span)
-        if len(self._open) >= MAX_YAML_DEPTH:
+        if len(self._open) >= limits.MAX_YAML_DEPTH:
             self.problems.stop(
                 "R2B025",
-                f"values are nested more than {MAX_YAML_DEPTH} levels deep",
+                f"values are nested more than {limits.MAX_YAML_DEPTH} levels deep",
                 span,
                 "look for an unclosed bracket or brace",
             )
@@ -409,11 +404,11 @@ class _Composer:
             return
         node, size = self._anchors[name]
         self._shared += size
-        if self._shared > MAX_YAML_EXPANDED_VALUES:
+        if self._shared > limits.MAX_YAML_EXPANDED_VALUES:
             self.problems.stop(
                 "R2B027",
                 "the aliases of this document expand to more than "
-                f"{MAX_YAML_EXPANDED_VALUES:,} values",
+                f"{limits.MAX_YAML_EXPANDED_VALUES:,} values",
                 span,
                 "use aliases for smaller values",
             )

@@ -10,11 +10,12 @@ editor asks for the cases.
 from __future__ import annotations
 
 import asyncio
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from lsprotocol import types
 
@@ -24,10 +25,11 @@ from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.diagnostics.code_pages import find_page, page_file
 from r2bspec.diagnostics.edits import applicable_together
 from r2bspec.diagnostics.waivers import NOT_WAIVABLE
-from r2bspec.errors import R2bspecError
+from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.judge.measure.units import show
 from r2bspec.language.load_spec import load_cases
 from r2bspec.language_server.analysis import Analysis
+from r2bspec.language_server.messages import Range
 from r2bspec.language_server.positions import TextPositions
 from r2bspec.plan.wiring.wiring import NodeWiring
 from r2bspec.safe_io.safe_file import unsaved_files
@@ -68,20 +70,14 @@ class SpecCommand:
         """The command for an editor."""
         return types.Command(title, name, arguments=[asdict(self)])
 
-    @classmethod
-    def from_argument(cls, argument: Mapping[str, Any]) -> SpecCommand:
-        """The command that an editor sent.
+    def argv(self, name: str) -> list[str]:
+        """The words of the command line.
 
         Raises:
-            ValueError: it is none.
+            UsageError: the file has no absolute path.
         """
-        texts = {key: str(argument.get(key, "")) for key in ("file", "case", "node")}
-        if not texts["file"] or not Path(texts["file"]).is_absolute():
-            raise ValueError("the command needs the absolute path of a spec as 'file'")
-        return cls(**texts)
-
-    def argv(self, name: str) -> list[str]:
-        """The words of the command line."""
+        if not Path(self.file).is_absolute():
+            raise UsageError("the command needs the absolute path of a spec as 'file'")
         node = ["--node", self.node] if self.node and name == RECORD_INTERFACES else []
         case = ["--case", self.case] if self.case else []
         return [*_R2BSPEC, *_VERBS[name], self.file, *node, *case]
@@ -91,10 +87,11 @@ def report_argv(folder: str) -> list[str]:
     """The words of the command line that prints the report of a run.
 
     Raises:
-        ValueError: the folder is none of a run.
+        UsageError: the folder is none of a run.
     """
-    if not Path(folder).is_absolute() or not (Path(folder) / "result.json").is_file():
-        raise ValueError("the command needs the absolute path of a run folder")
+    # Not `is_file` of the path, which raises for a name that is too long.
+    if not Path(folder).is_absolute() or not os.path.isfile(f"{folder}/result.json"):  # noqa: PTH113
+        raise UsageError("the command needs the absolute path of a run folder")
     return [*_R2BSPEC, "report", folder, "--report", "markdown=-"]
 
 
@@ -110,15 +107,21 @@ async def run_command(
 
     Returns:
         The exit status, and what it printed on standard output.
+
+    Raises:
+        UsageError: it cannot be started, as in a folder that has gone.
     """
-    process = await asyncio.create_subprocess_exec(
-        *argv,
-        cwd=folder,
-        stdin=asyncio.subprocess.DEVNULL,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-        limit=1 << 20,
-    )
+    try:
+        process = await asyncio.create_subprocess_exec(
+            *argv,
+            cwd=folder,
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            limit=1 << 20,
+        )
+    except (OSError, ValueError) as error:
+        raise UsageError(f"no command can be started in {folder}: {error}") from error
     try:
         assert process.stdout is not None  # noqa: S101 - it is a pipe
         assert process.stderr is not None  # noqa: S101 - it is one, too
@@ -322,7 +325,7 @@ _UNREADABLE = ("R2B0", "R2B1")
 
 
 def code_actions(
-    analysis: Analysis, positions_of: PositionsOf, where: types.Range
+    analysis: Analysis, positions_of: PositionsOf, where: Range
 ) -> list[types.CodeAction]:
     """What can be done about the findings in a range, and about the node there."""
     positions = positions_of(str(analysis.path))

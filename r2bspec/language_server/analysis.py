@@ -22,12 +22,18 @@ from r2bspec.check.check_context import Context, DocumentFiles
 from r2bspec.check.engine import check_cases, context_of
 from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.diagnostics import Path as TreePath
+from r2bspec.errors import UsageError
 from r2bspec.language.declaration import Rule, rule_at
 from r2bspec.language.document import Source
 from r2bspec.language.load_spec import LoadedSpec, load_cases, load_spec
 from r2bspec.language.located_tree import TreeNode, to_plain
 from r2bspec.language.matrix import KEY as MATRIX
 from r2bspec.language.yaml_document import compose, to_yaml
+from r2bspec.safe_io.limits import (
+    MAX_EDITOR_DOCUMENTS,
+    MAX_EDITOR_PARSED_CHARACTERS,
+    MAX_EDITOR_TEXT_CHARACTERS,
+)
 from r2bspec.safe_io.looked_up_files import shared_lookups
 from r2bspec.safe_io.safe_file import unsaved_files
 
@@ -138,7 +144,9 @@ class Analysis:
     @cached_property
     def known(self) -> Context | None:
         """The context, or, of a spec with errors, that of the rest; for what is proposed."""
-        return self.context or tentative_context(self.loaded)
+        if self.context is None and len(self.text) * _MAX_ROUNDS <= MAX_EDITOR_PARSED_CHARACTERS:
+            return tentative_context(self.loaded)
+        return self.context
 
     @property
     def sources(self) -> Mapping[str, Source]:
@@ -176,24 +184,60 @@ def analyse(path: Path, text: str, unsaved: Mapping[Path, str] | None = None) ->
 _IS_SPEC: Final = re.compile(r"^r2bspec[ \t]*:", re.MULTILINE)
 
 
+@dataclass(frozen=True)
+class OpenDocument:
+    """A document as it is in the editor.
+
+    Attributes:
+        text: of this version.
+        version: as the editor counts; None if it does not say.
+        uri: by which the editor names it.
+        resolved: the path without links.
+    """
+
+    text: str
+    version: int | None
+    uri: str
+    resolved: Path
+
+    @cached_property
+    def is_spec(self) -> bool:
+        """Whether it is a spec, and not a part that only others extend."""
+        return _IS_SPEC.search(self.text) is not None
+
+
 class OpenSpecs:
-    """Texts by path, and what is known of those that are specs."""
+    """Documents by path, and what is known of those that are specs."""
 
     def __init__(self) -> None:
-        self._texts: dict[Path, str] = {}
+        self._documents: dict[Path, OpenDocument] = {}
         self._latest: dict[Path, Analysis] = {}
         self._valid: dict[Path, Analysis] = {}
         self.generation = 0
 
-    def change(self, path: Path, text: str) -> None:
-        """Take over a text that was opened or changed."""
+    def change(self, path: Path, text: str, version: int | None = None, uri: str = "") -> None:
+        """Take over a text that was opened or changed.
+
+        Raises:
+            UsageError: with it, too much would be open; the document counts as closed.
+        """
         self.generation += 1
-        self._texts[path] = text
+        others = [len(each.text) for known, each in self._documents.items() if known != path]
+        if len(others) >= MAX_EDITOR_DOCUMENTS or (
+            sum(others) + len(text) > MAX_EDITOR_TEXT_CHARACTERS
+        ):
+            self.close(path)
+            raise UsageError(
+                f"more is open than {MAX_EDITOR_DOCUMENTS:,} documents with "
+                f"{MAX_EDITOR_TEXT_CHARACTERS:,} characters",
+                hint="close others, and open this one again",
+            )
+        self._documents[path] = OpenDocument(text, version, uri, _resolved(path))
 
     def close(self, path: Path) -> None:
         """Forget a text; what is on disk counts again."""
         self.generation += 1
-        for known in (self._texts, self._latest, self._valid):
+        for known in (self._documents, self._latest, self._valid):
             known.pop(path, None)
 
     def touch(self) -> None:
@@ -202,15 +246,20 @@ class OpenSpecs:
 
     def text(self, path: Path) -> str | None:
         """The newest text of a document; None if it is not open."""
-        return self._texts.get(path)
+        document = self._documents.get(path)
+        return document.text if document is not None else None
+
+    def document(self, path: Path) -> OpenDocument | None:
+        """A document as it is in the editor; None if it is not open."""
+        return self._documents.get(path)
 
     def specs(self) -> list[Path]:
         """The open documents that are specs, and not parts that only others extend."""
-        return [path for path, text in self._texts.items() if _IS_SPEC.search(text)]
+        return [path for path, document in self._documents.items() if document.is_spec]
 
     def analyse(self, path: Path) -> Analysis:
         """Analyse the newest text of a document; takes time, and keeps nothing."""
-        return analyse(path, self._texts.get(path, ""), self.unsaved())
+        return analyse(path, self.text(path) or "", self.unsaved())
 
     def keep(self, analysis: Analysis) -> None:
         """Keep an analysis as the newest one of its document."""
@@ -258,8 +307,7 @@ class OpenSpecs:
 
         An analysis asks on a thread of its own, while documents are opened and closed.
         """
-        texts = list(self._texts.items())
-        return {_resolved(path): text for path, text in texts}
+        return {each.resolved: each.text for each in list(self._documents.values())}
 
 
 def _resolved(path: Path) -> Path:

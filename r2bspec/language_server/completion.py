@@ -16,6 +16,7 @@ from lsprotocol import types
 from r2bspec.diagnostics.code_pages import all_pages
 from r2bspec.language.declaration import Rule, rule_at
 from r2bspec.language_server.analysis import Analysis
+from r2bspec.language_server.messages import Position
 from r2bspec.language_server.positions import CursorContext, Proposal, TextPositions, cursor_context
 from r2bspec.language_server.proposed_names import (
     environment_names,
@@ -24,6 +25,7 @@ from r2bspec.language_server.proposed_names import (
     variable_value,
 )
 from r2bspec.language_server.symbols import names_of
+from r2bspec.safe_io.limits import MAX_EDITOR_LINE_CHARACTERS
 
 _PLACEHOLDER = re.compile(r"\A\$\{(\d+):[^}]*\}\Z")
 
@@ -116,7 +118,7 @@ class ClientCapabilities:
 def complete(
     analysis: Analysis | None,
     positions: TextPositions,
-    position: types.Position,
+    position: Position,
     client: ClientCapabilities,
 ) -> list[types.CompletionItem]:
     """What can be written at a position.
@@ -129,6 +131,8 @@ def complete(
     """
     offset = positions.offset(position)
     line_start, _ = positions.line_at(offset)
+    if offset - line_start > MAX_EDITOR_LINE_CHARACTERS:
+        return []
     before = positions.text[line_start:offset]
     waiver = _WAIVER.search(before)
     if waiver is not None:

@@ -27,6 +27,7 @@ from r2bspec.language.located_tree import (
 )
 from r2bspec.language.value_trace import UnknownPathError, provenance
 from r2bspec.language_server.analysis import Analysis
+from r2bspec.language_server.messages import Position
 from r2bspec.language_server.positions import Place, TextPositions, place_at, walk
 from r2bspec.language_server.symbols import Occurrence, occurrence_at
 from r2bspec.plan.compile_plan import compile_plan
@@ -34,9 +35,7 @@ from r2bspec.plan.time_estimate import estimate_time
 from r2bspec.plan.wiring.wiring import Endpoint
 
 
-def hover(
-    analysis: Analysis, positions: TextPositions, position: types.Position
-) -> types.Hover | None:
+def hover(analysis: Analysis, positions: TextPositions, position: Position) -> types.Hover | None:
     """The documentation of what is at a position; None if there is nothing to say."""
     tree = analysis.loaded.tree
     if tree is None:
@@ -273,7 +272,7 @@ def _comment_folds(text: str) -> Iterator[types.FoldingRange]:
 
 
 def selection_range(
-    analysis: Analysis, positions: TextPositions, position: types.Position
+    analysis: Analysis, positions: TextPositions, position: Position
 ) -> types.SelectionRange:
     """The innermost value at a position, in what contains it, up to the whole document."""
     selection = types.SelectionRange(positions.range_of_offsets(0, len(positions.text)))

@@ -14,8 +14,9 @@ from __future__ import annotations
 import itertools
 import re
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 from lsprotocol import types
@@ -25,14 +26,72 @@ from r2bspec.diagnostics.diagnostic import LINE_BREAK
 from r2bspec.language.document import Source
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
 from r2bspec.language.yaml_document import compose
+from r2bspec.language_server.messages import Change, Position, invalid_params
+from r2bspec.safe_io.limits import MAX_EDITOR_EDIT_WORK, MAX_EDITOR_PARSED_CHARACTERS
 
 _PROTOCOL_LINE_BREAK: Final = re.compile(r"\r\n|\n|\r")
+_LINE: Final = re.compile(r"[^\r\n]*+(?:\r\n?|\n)|[^\r\n]++")
 
-_UNITS: Final[Mapping[str, Callable[[str], int]]] = {
-    "utf-8": lambda character: len(character.encode("utf-8", "surrogatepass")),
-    "utf-16": lambda character: 1 + (ord(character) > 0xFFFF),
-    "utf-32": lambda _: 1,
+ENCODINGS: Final[Mapping[str, tuple[str, int]]] = {
+    "utf-8": ("utf-8", 1),
+    "utf-16": ("utf-16-le", 2),
+    "utf-32": ("utf-32-le", 4),
 }
+"""How the protocol may count characters: the name of the codec, and the bytes of a unit."""
+
+
+def _units(text: str, encoding: str) -> int:
+    """The length of a text, as the protocol counts it."""
+    if text.isascii():
+        return len(text)
+    codec, size = ENCODINGS[encoding]
+    return len(text.encode(codec, "surrogatepass")) // size
+
+
+def _characters(line: str, units: int, encoding: str) -> int:
+    """How many characters of a line are within a number of units: whole ones, at most all."""
+    before = line[:units]
+    if before.isascii():
+        return len(before)
+    codec, size = ENCODINGS[encoding]
+    cut = before.encode(codec, "surrogatepass")[: units * size]
+    return len(cut.decode(codec, "ignore"))
+
+
+def edited(text: str, changes: Iterable[Change], encoding: str) -> str:
+    """The text after the changes of an editor, one after the other.
+
+    A range that ends before it begins is empty, and what is beyond the text is at its end.
+
+    Raises:
+        RequestError: the changes move more text than an editor ever does at once.
+    """
+    lines = _LINE.findall(text)
+    work = 0
+    for change in changes:
+        if change.range is None:
+            lines = _LINE.findall(change.text)
+            work += len(change.text)
+            continue
+        first, column = _within(lines, change.range.start, encoding)
+        last, end = max((first, column), _within(lines, change.range.end, encoding))
+        before, after = "".join(lines[first : first + 1]), "".join(lines[last : last + 1])
+        # What is inserted may make one line break of a CR above and an LF.
+        above = first - (first > 0)
+        piece = "".join((*lines[above:first], before[:column], change.text, after[end:]))
+        lines[above : last + 1] = _LINE.findall(piece)
+        work += len(piece) + len(before) + len(after) + len(lines)
+        if work > MAX_EDITOR_EDIT_WORK:
+            raise invalid_params("there are too many changes of too long a text")
+    return "".join(lines)
+
+
+def _within(lines: Sequence[str], position: Position, encoding: str) -> tuple[int, int]:
+    """The line and the character of a position; beyond the text, its end."""
+    if position.line >= len(lines):
+        return len(lines), 0
+    line = lines[position.line].rstrip("\r\n")
+    return position.line, _characters(line, position.character, encoding)
 
 
 class TextPositions:
@@ -45,12 +104,19 @@ class TextPositions:
 
     def __init__(self, text: str, encoding: str = "utf-16") -> None:
         self.text = text
-        self._units = _UNITS[encoding]
+        self._encoding = encoding
         # The compiler skips a byte-order mark, editors keep it.
         self._skipped = 1 if text.startswith("\ufeff") else 0
-        read = text[self._skipped :]
-        self._yaml_starts = _line_starts(LINE_BREAK, read, self._skipped)
-        self._starts = _line_starts(_PROTOCOL_LINE_BREAK, text, 0)
+
+    @cached_property
+    def _starts(self) -> list[int]:
+        """Where the lines of the protocol begin."""
+        return _line_starts(_PROTOCOL_LINE_BREAK, self.text, 0)
+
+    @cached_property
+    def _yaml_starts(self) -> list[int]:
+        """Where the lines of YAML begin."""
+        return _line_starts(LINE_BREAK, self.text[self._skipped :], self._skipped)
 
     def offset_of_place(self, line: int, column: int) -> int:
         """The offset of a place of the compiler; beyond the text, that of the nearest character."""
@@ -58,29 +124,25 @@ class TextPositions:
             return len(self.text)
         return min(self._yaml_starts[max(line, 1) - 1] + column - 1, len(self.text))
 
-    def place(self, position: types.Position) -> tuple[int, int]:
+    def place(self, position: Position) -> tuple[int, int]:
         """The line and the column of a position of the protocol, as the compiler counts them."""
         offset = self.offset(position)
         line = bisect_right(self._yaml_starts, max(offset, self._skipped))
         return line, offset - self._yaml_starts[line - 1] + 1
 
-    def offset(self, position: types.Position) -> int:
+    def offset(self, position: Position) -> int:
         """The offset of a position of the protocol; beyond its line, that of the line's end."""
         if position.line >= len(self._starts):
             return len(self.text)
-        offset = self._starts[position.line]
-        end = self._line_end(position.line)
-        left = position.character
-        while offset < end and left > 0:
-            left -= self._units(self.text[offset])
-            offset += 1
-        return offset
+        start = self._starts[position.line]
+        line = self.text[start : self._line_end(position.line)]
+        return start + _characters(line, position.character, self._encoding)
 
     def position(self, offset: int) -> types.Position:
         """The position of the protocol at an offset."""
         line = bisect_right(self._starts, offset) - 1
         before = self.text[self._starts[line] : offset]
-        return types.Position(line, sum(map(self._units, before)))
+        return types.Position(line, _units(before, self._encoding))
 
     def range(self, span: Span) -> types.Range:
         """The range of a span."""
@@ -185,16 +247,23 @@ class CursorContext:
 
 
 def cursor_context(text: str, offset: int) -> CursorContext | None:
-    """The context of the cursor at an offset; None in a comment, or where nothing fits."""
+    """The context of the cursor at an offset; None in a comment, or where nothing fits.
+
+    None, too, in a text that is too long to be parsed with every key press.
+    """
     line_start = text.rfind("\n", 0, offset) + 1
     line = text[line_start:offset]
     if _COMMENT.search(line):
         return None
+    left = MAX_EDITOR_PARSED_CHARACTERS
     # 'key:value' is one word in YAML; 'key: value' is split at the space.
     first, rest = _WORD_BEFORE.search(line), _WORD.match(text, offset)
     start = line_start + first.start() if first is not None else offset
     end = rest.end() if rest is not None else offset
     for candidate in _candidates(text, start, end):
+        left -= len(candidate)
+        if left < 0:
+            break
         tree = compose(Source("cursor", candidate)).tree
         marked = _marked(tree) if tree is not None else None
         if marked is not None:

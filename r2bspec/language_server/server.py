@@ -4,25 +4,22 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import sys
+import math
 import tempfile
-import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO, Final, cast
+from typing import Any, Final
+from urllib.parse import unquote, urlsplit
 
 from lsprotocol import types
-from pygls.exceptions import JsonRpcInvalidParams
-from pygls.lsp.server import LanguageServer
-from pygls.uris import to_fs_path
 
 from r2bspec._version import __version__
 from r2bspec.diagnostics import Span
-from r2bspec.language_server import actions
-from r2bspec.language_server.actions import REQUEST as CASES
+from r2bspec.language_server import actions, messages
 from r2bspec.language_server.actions import (
     SpecCase,
+    SpecCommand,
     code_actions,
     code_lenses,
     diagnostics_by_file,
@@ -38,15 +35,10 @@ from r2bspec.language_server.document_views import (
     inlay_hints,
     selection_range,
 )
-from r2bspec.language_server.positions import TextPositions
-from r2bspec.language_server.symbols import (
-    RenameError,
-    definitions,
-    references_at,
-    renamable,
-    rename,
-)
-from r2bspec.language_server.transport import AnsweringProtocol, MessageInput
+from r2bspec.language_server.messages import RequestError, decoded, invalid_params
+from r2bspec.language_server.positions import ENCODINGS, TextPositions, edited
+from r2bspec.language_server.symbols import definitions, references_at, renamable, rename
+from r2bspec.language_server.transport import Connection
 from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
 from r2bspec.safe_io.safe_file import RefusedFileError, read_text
 
@@ -57,10 +49,6 @@ several notifications. Between two key presses is more, so that every one of the
 MAX_WAIT_S: Final = 0.5
 """Time that a completion waits for the analysis of the text; then an older one must do."""
 
-
-_MAX_SHOWN: Final = 200
-"""Characters of a URI that a message shows."""
-
 _SUFFIXES: Final = {
     actions.PLAN: "json",
     actions.DRAW_GRAPH: "mmd",
@@ -69,20 +57,52 @@ _SUFFIXES: Final = {
 """The commands whose output is shown as a document, and the kind of it."""
 
 
-class SpecLanguageServer(LanguageServer):
-    """The server of one editor."""
+class SpecLanguageServer:
+    """The server of one editor.
 
-    def __init__(self) -> None:
-        super().__init__("r2bspec", __version__, protocol_cls=AnsweringProtocol)
+    Args:
+        connection: to the editor.
+
+    Attributes:
+        abilities: of the editor.
+        encoding: in which it counts characters.
+        folders: of its workspace, the first one first.
+    """
+
+    def __init__(self, connection: Connection) -> None:
+        self.connection = connection
         self.specs = OpenSpecs()
+        self.abilities = messages.Abilities()
+        self.encoding = "utf-16"
+        self.folders: list[Path] = []
+        self._positions = TextPositions("")
         self._task: asyncio.Task[None] | None = None
         self._waiting: set[Path] = set()
         self._published: dict[str, frozenset[str]] = {}
         self._running: set[asyncio.Task[None]] = set()
 
-    def start_io(self, stdin: BinaryIO | None = None, stdout: BinaryIO | None = None) -> None:
-        """Serve the editor that is at the other end of standard input and output."""
-        super().start_io(cast("BinaryIO", MessageInput(stdin or sys.stdin.buffer)), stdout)
+    def initialize(self, params: messages.InitializeParams) -> types.InitializeResult:
+        """Take over what the editor is, and say what is answered."""
+        self.abilities = params.capabilities
+        general = params.capabilities.general
+        wanted = general.position_encodings if general is not None else None
+        self.encoding = next((each for each in wanted or () if each in ENCODINGS), "utf-16")
+        root = [messages.Named(params.root_uri)] if params.root_uri else []
+        self._positions = TextPositions("", self.encoding)
+        self.change_folders(params.workspace_folders or root)
+        return types.InitializeResult(
+            _capabilities(self.encoding, self.abilities),
+            types.ServerInfo("r2bspec", __version__),
+        )
+
+    def change_folders(
+        self, added: Sequence[messages.Named], removed: Sequence[messages.Named] = ()
+    ) -> None:
+        """Take over which folders of this machine the workspace has."""
+        gone = {path_of(each.uri) for each in removed}
+        known = [each for each in self.folders if each not in gone]
+        known += [path for each in added if (path := path_of(each.uri)).is_absolute()]
+        self.folders = list(dict.fromkeys(known))
 
     def text_of(self, path: Path) -> str:
         """The text of a file: as it is open, or what is on disk; empty if there is none."""
@@ -94,9 +114,11 @@ class SpecLanguageServer(LanguageServer):
 
     def positions_of(self, file: str) -> TextPositions:
         """The positions in a file: of its open text, or of what is on disk."""
-        encoding = self.workspace.position_encoding
-        name = str(getattr(encoding, "value", encoding) or "utf-16")
-        return TextPositions(self.text_of(Path(file)), name)
+        text = self.text_of(Path(file))
+        # A long text has many findings, each with its positions.
+        if self._positions.text is not text:
+            self._positions = TextPositions(text, self.encoding)
+        return self._positions
 
     def location(self, span: Span) -> types.Location:
         """The location of a span."""
@@ -105,34 +127,57 @@ class SpecLanguageServer(LanguageServer):
     @property
     def folder(self) -> Path:
         """The folder in which runs are started: that of the workspace."""
-        folders = self.workspace.folders
-        first = next(iter(folders.values()), None)
-        root = to_fs_path(first.uri) if first is not None else self.workspace.root_path
-        return Path(root) if root else Path.cwd()
+        return self.folders[0] if self.folders else Path.cwd()
 
-    def change(self, path: Path, text: str) -> None:
+    def change(self, path: Path, text: str, version: int | None = None, uri: str = "") -> None:
         """Analyse a text soon, unless it changes again before."""
-        self.specs.change(path, text)
-        self.analyse_soon(path)
+        try:
+            self.specs.change(path, text, version, uri)
+        finally:
+            self.analyse_soon(path)
+
+    def edit(self, params: messages.ChangeParams) -> None:
+        """Change an open document; one whose changes cannot be made counts as closed."""
+        document = params.text_document
+        path = document_path(document.uri)
+        before = self.specs.text(path)
+        if before is None:
+            raise invalid_params("a document that is not open cannot be changed")
+        try:
+            text = edited(before, params.content_changes, self.encoding)
+        except RequestError:
+            self.close(path)
+            raise
+        self.change(path, text, document.version, document.uri)
+
+    def close(self, path: Path) -> None:
+        """Forget a document; what is on disk counts again."""
+        self.specs.close(path)
+        self.analyse_soon()
+
+    def files_changed(self) -> None:
+        """Take notice that files on disk have changed."""
+        self.specs.touch()
+        self.analyse_soon()
 
     def analyse_soon(self, path: Path | None = None) -> None:
         """Analyse the specs that a document belongs to, or all of them."""
         self._waiting.update(self.specs.specs() if path is None else self.specs.affected_by(path))
         if self._task is None or self._task.done():
-            self._task = asyncio.ensure_future(self._analyse_waiting())
+            self._task = self.connection.start("analysis", self._analyse_waiting())
 
-    async def settled(self, path: Path) -> None:
-        """Wait until the newest text of a spec is analysed, but not longer than a user would.
+    async def settled(self, path: Path, limit_s: float = math.inf) -> None:
+        """Wait until the newest text of a spec is analysed, or nothing is left to analyse.
 
         What has just been accepted, such as a recording, decides what is proposed next.
         """
-        deadline = asyncio.get_running_loop().time() + MAX_WAIT_S
-        while self._task is not None and not self.specs.is_analysed(path):
+        deadline = asyncio.get_running_loop().time() + limit_s
+        while not self.specs.is_analysed(path) and self._task is not None:
             left = deadline - asyncio.get_running_loop().time()
             if left <= 0 or self._task.done():
                 return
-            # Not awaited: a newer change cancels it.
-            await asyncio.wait({self._task}, timeout=left)
+            # Not awaited: what cancels this does not cancel that.
+            await asyncio.wait({self._task}, timeout=min(left, DEBOUNCE_S))
 
     async def _analyse_waiting(self) -> None:
         """Analyse one document after the other, as long as there is one to analyse.
@@ -144,9 +189,9 @@ class SpecLanguageServer(LanguageServer):
             generation = self.specs.generation
             try:
                 analysis = await asyncio.to_thread(self.specs.analyse, path)
-            except Exception:  # a defect of one analysis must not end those of all other texts
+            except Exception as error:  # a defect of one must not end the analyses of all others
                 self._waiting.discard(path)
-                self._log(types.MessageType.Error, f"{path}: {traceback.format_exc()}")
+                self.connection.report(str(path), error)
                 continue
             if generation != self.specs.generation:
                 # Something has changed since: what is true now is shown.
@@ -156,8 +201,8 @@ class SpecLanguageServer(LanguageServer):
             self.specs.keep(analysis)
             try:
                 self._publish(analysis)
-            except Exception:  # such as a name that no message can have
-                self._log(types.MessageType.Error, f"{path}: {traceback.format_exc()}")
+            except Exception as error:  # such as a name that no message can have
+                self.connection.report(str(path), error)
         self._waiting.clear()
         self._clear_others()
 
@@ -198,21 +243,21 @@ class SpecLanguageServer(LanguageServer):
 
     def _send(self, file: str, diagnostics: list[types.Diagnostic]) -> None:
         """The version is of the text that was analysed: a newer one is analysed first."""
-        document = self.workspace.text_documents.get(uri(file))
-        self.text_document_publish_diagnostics(
-            types.PublishDiagnosticsParams(
-                uri(file), diagnostics, document.version if document else None
-            )
+        document = self.specs.document(Path(file))
+        name, version = (document.uri, document.version) if document is not None else ("", None)
+        self.connection.notify(
+            types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS,
+            types.PublishDiagnosticsParams(name or uri(file), diagnostics, version),
         )
 
     def start_command(self, name: str, argv: list[str]) -> None:
         """Start a command line; its end is shown in the editor."""
-        task = asyncio.ensure_future(self._run_command(name, argv))
+        task = self.connection.start(name, self._run_command(name, argv))
         self._running.add(task)
         task.add_done_callback(self._running.discard)
 
     async def _run_command(self, name: str, argv: list[str]) -> None:
-        log = partial(self._log, types.MessageType.Log)
+        log = partial(self.connection.log, types.MessageType.Log)
         status, output = await actions.run_command(argv, self.folder, log)
         if name in _SUFFIXES and status == 0:
             self._show_text(name, output)
@@ -222,31 +267,32 @@ class SpecLanguageServer(LanguageServer):
                 log(line)
             kind = types.MessageType.Info if status == 0 else types.MessageType.Warning
             verdict = lines[0] if lines else f"exit status {status}"
-            self.window_show_message(types.ShowMessageParams(kind, f"r2bspec: {verdict}"))
-        self.specs.touch()
-        self.analyse_soon()
+            self.connection.notify(
+                types.WINDOW_SHOW_MESSAGE, types.ShowMessageParams(kind, f"r2bspec: {verdict}")
+            )
+        self.files_changed()
         self.refresh_lenses()
 
     def refresh_lenses(self) -> None:
         """Let an editor that can do so ask for the lenses again: there may be a newer result."""
-        workspace = self.client_capabilities.workspace
+        workspace = self.abilities.workspace
         lens = workspace.code_lens if workspace is not None else None
         if lens is not None and lens.refresh_support:
-            self.workspace_code_lens_refresh(None)
-
-    def _log(self, kind: types.MessageType, text: str) -> None:
-        self.window_log_message(types.LogMessageParams(kind, text))
+            self.connection.ask(types.WORKSPACE_CODE_LENS_REFRESH)
 
     def _show_text(self, name: str, text: str) -> None:
         """Show a text in the editor, or, without that ability, in its log."""
-        window = self.client_capabilities.window
+        window = self.abilities.window
         if window is not None and window.show_document is not None:
             folder = tempfile.mkdtemp(prefix="r2bspec-plan-")
             file = Path(folder) / f"r2bspec.{_SUFFIXES[name]}"
             file.write_text(text, encoding="utf-8")
-            self.window_show_document(types.ShowDocumentParams(file.as_uri(), take_focus=True))
+            self.connection.ask(
+                types.WINDOW_SHOW_DOCUMENT,
+                types.ShowDocumentParams(file.as_uri(), take_focus=True),
+            )
         else:
-            self._log(types.MessageType.Info, text)
+            self.connection.log(types.MessageType.Info, text)
 
     def stop_commands(self) -> None:
         """End the commands that still run."""
@@ -254,9 +300,13 @@ class SpecLanguageServer(LanguageServer):
             task.cancel()
 
 
-def create_server() -> SpecLanguageServer:
-    """A server with all its features; start it with ``start_io``."""
-    server = SpecLanguageServer()
+def create_server(defect: Callable[[BaseException], str]) -> SpecLanguageServer:
+    """A server with all its features, whose connection serves an editor.
+
+    Args:
+        defect: says in a line what no code foresaw.
+    """
+    server = SpecLanguageServer(Connection(defect))
     _add_documents(server)
     _add_completion(server)
     _add_answers(server)
@@ -264,115 +314,150 @@ def create_server() -> SpecLanguageServer:
     return server
 
 
-def _path(document_uri: str) -> Path:
-    """The path of a document.
+def path_of(document_uri: str) -> Path:
+    """The path of a folder or a document; of one that is none of this machine, its URI.
 
     Raises:
-        JsonRpcInvalidParams: no file can have this name.
+        RequestError: no file can have this name.
     """
-    path = to_fs_path(document_uri) or document_uri
+    try:
+        parts = urlsplit(document_uri)
+        path = unquote(parts.path, errors="surrogateescape")
+    except ValueError as error:
+        raise invalid_params(f"this is no URI: {error}") from None
+    if parts.scheme != "file" or parts.netloc not in {"", "localhost"}:
+        path = document_uri
     if "\0" in path:
-        raise JsonRpcInvalidParams(f"no file can have this name: {document_uri[:_MAX_SHOWN]}")
+        raise invalid_params("no file can have a name with a zero byte")
     return Path(path)
 
 
+def document_path(document_uri: str) -> Path:
+    """The path of a document, which has a name.
+
+    Raises:
+        RequestError: as `path_of`.
+    """
+    path = path_of(document_uri)
+    if not path.name:
+        raise invalid_params("a document has a name")
+    return path
+
+
+def _capabilities(encoding: str, abilities: messages.Abilities) -> types.ServerCapabilities:
+    """What is answered, for an editor with these abilities."""
+    document = abilities.text_document
+    renames = document.rename if document is not None else None
+    return types.ServerCapabilities(
+        position_encoding=encoding,
+        text_document_sync=types.TextDocumentSyncOptions(
+            open_close=True, change=types.TextDocumentSyncKind.Incremental, save=True
+        ),
+        completion_provider=types.CompletionOptions(trigger_characters=list(TRIGGERS)),
+        hover_provider=True,
+        definition_provider=True,
+        references_provider=True,
+        document_highlight_provider=True,
+        document_symbol_provider=True,
+        code_action_provider=types.CodeActionOptions(
+            [
+                types.CodeActionKind.QuickFix,
+                types.CodeActionKind.RefactorRewrite,
+                types.CodeActionKind.SourceFixAll,
+            ]
+        ),
+        code_lens_provider=types.CodeLensOptions(),
+        rename_provider=types.RenameOptions(prepare_provider=True)
+        if renames is not None and renames.prepare_support
+        else True,
+        folding_range_provider=True,
+        selection_range_provider=True,
+        inlay_hint_provider=True,
+        execute_command_provider=types.ExecuteCommandOptions(
+            [*actions.COMMANDS, actions.SHOW_RESULT]
+        ),
+        workspace=types.WorkspaceOptions(
+            types.WorkspaceFoldersServerCapabilities(supported=True, change_notifications=True)
+        ),
+    )
+
+
 def _add_documents(server: SpecLanguageServer) -> None:
-    @server.feature(types.TEXT_DOCUMENT_DID_OPEN)
-    def opened(params: types.DidOpenTextDocumentParams) -> None:
-        server.change(_path(params.text_document.uri), params.text_document.text)
+    on = server.connection.on
+    on(types.INITIALIZE, messages.InitializeParams)(server.initialize)
+    on(types.TEXT_DOCUMENT_DID_CHANGE, messages.ChangeParams)(server.edit)
 
-    @server.feature(types.TEXT_DOCUMENT_DID_CHANGE)
-    def changed(params: types.DidChangeTextDocumentParams) -> None:
-        document = server.workspace.get_text_document(params.text_document.uri)
-        server.change(_path(params.text_document.uri), document.source)
+    @on(types.TEXT_DOCUMENT_DID_OPEN, messages.OpenParams)
+    def opened(params: messages.OpenParams) -> None:
+        document = params.text_document
+        server.change(document_path(document.uri), document.text, document.version, document.uri)
 
-    @server.feature(types.TEXT_DOCUMENT_DID_SAVE)
-    def saved(params: types.DidSaveTextDocumentParams) -> None:
-        del params
-        server.specs.touch()
-        server.analyse_soon()
+    @on(types.TEXT_DOCUMENT_DID_SAVE)
+    def saved(_: None) -> None:
+        server.files_changed()
 
-    @server.feature(types.TEXT_DOCUMENT_DID_CLOSE)
-    def closed(params: types.DidCloseTextDocumentParams) -> None:
-        server.specs.close(_path(params.text_document.uri))
-        server.analyse_soon()
+    @on(types.TEXT_DOCUMENT_DID_CLOSE, messages.DocumentParams)
+    def closed(params: messages.DocumentParams) -> None:
+        server.close(document_path(params.text_document.uri))
 
-    @server.feature(types.WORKSPACE_DID_CHANGE_WATCHED_FILES)
-    def files_changed(params: types.DidChangeWatchedFilesParams) -> None:
-        server.specs.touch()
-        server.analyse_soon()
+    @on(types.WORKSPACE_DID_CHANGE_WATCHED_FILES, messages.FileParams)
+    def files_changed(params: messages.FileParams) -> None:
+        server.files_changed()
         if any(each.uri.endswith("/result.json") for each in params.changes):
             server.refresh_lenses()
 
-    @server.feature(types.SHUTDOWN)
-    def shut_down(params: None) -> None:
-        del params
+    @on(types.WORKSPACE_DID_CHANGE_WORKSPACE_FOLDERS, messages.FolderParams)
+    def folders_changed(params: messages.FolderParams) -> None:
+        server.change_folders(params.event.added, params.event.removed)
+
+    @on(types.SHUTDOWN)
+    def shut_down(_: None) -> None:
         server.stop_commands()
 
 
-@contextlib.contextmanager
-def _invalid_params() -> Iterator[None]:
-    """What the user did wrong is an error of the request."""
-    try:
-        yield
-    except ValueError as error:
-        raise JsonRpcInvalidParams(str(error)) from error
-    except RenameError as error:
-        raise JsonRpcInvalidParams(
-            f"{error}; {error.hint}" if error.hint else str(error)
-        ) from error
-
-
 def _add_completion(server: SpecLanguageServer) -> None:
-    @server.feature(
-        types.TEXT_DOCUMENT_COMPLETION,
-        types.CompletionOptions(trigger_characters=list(TRIGGERS)),
-    )
-    async def completed(params: types.CompletionParams) -> types.CompletionList:
-        path = _path(params.text_document.uri)
-        await server.settled(path)
+    @server.connection.on(types.TEXT_DOCUMENT_COMPLETION, messages.PositionParams)
+    async def completed(params: messages.PositionParams) -> types.CompletionList:
+        path = document_path(params.text_document.uri)
+        await server.settled(path, MAX_WAIT_S)
         items = complete(
             server.specs.latest_known(path),
             server.positions_of(str(path)),
             params.position,
-            _completion_capabilities(server),
+            _completion_capabilities(server.abilities),
         )
         return types.CompletionList(is_incomplete=False, items=items)
 
 
-def _completion_capabilities(server: SpecLanguageServer) -> ClientCapabilities:
-    document = server.client_capabilities.text_document
+def _completion_capabilities(abilities: messages.Abilities) -> ClientCapabilities:
+    document = abilities.text_document
     completion = document.completion if document is not None else None
     item = completion.completion_item if completion is not None else None
     return ClientCapabilities(
-        snippets=bool(item is not None and item.snippet_support),
+        snippets=item is not None and item.snippet_support,
         # Editors whose snippets are not adjusted say so; most do it without a word.
-        adjusts=completion is None or completion.insert_text_mode is not types.InsertTextMode.AsIs,
+        adjusts=completion is None or completion.insert_text_mode != types.InsertTextMode.AsIs,
     )
 
 
 Answer = Callable[[Analysis, TextPositions, Any], Any]
 """What is said of a spec: its analysis, the positions in its text, the parameters of a request."""
 
-_CODE_ACTIONS: Final = types.CodeActionOptions(
-    [
-        types.CodeActionKind.QuickFix,
-        types.CodeActionKind.RefactorRewrite,
-        types.CodeActionKind.SourceFixAll,
-    ]
-)
-
 
 def _add_answers(server: SpecLanguageServer) -> None:
     """Requests about the text of a spec as it is now; about any other document nothing is said."""
 
-    def answers(feature: str, options: Any = None) -> Callable[[Answer], None]:
+    def answers(feature: str, kind: Any = messages.PositionParams) -> Callable[[Answer], None]:
         def register(answer: Answer) -> None:
-            @server.feature(feature, options)
-            def answered(params: Any) -> Any:
-                path = _path(params.text_document.uri)
-                if path not in server.specs.specs():
+            @server.connection.on(feature, kind)
+            async def answered(params: Any) -> Any:
+                path = document_path(params.text_document.uri)
+                document = server.specs.document(path)
+                if document is None or not document.is_spec:
                     return None
+                await server.settled(path)
+                if server.specs.document(path) is not document:
+                    raise RequestError(types.LSPErrorCodes.ContentModified, "the text has changed")
                 return answer(server.specs.current(path), server.positions_of(str(path)), params)
 
         return register
@@ -381,7 +466,7 @@ def _add_answers(server: SpecLanguageServer) -> None:
     def hovered(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
         return hover(analysis, positions, params.position)
 
-    @answers(types.TEXT_DOCUMENT_INLAY_HINT)
+    @answers(types.TEXT_DOCUMENT_INLAY_HINT, messages.RangeParams)
     def hinted(analysis: Analysis, positions: TextPositions, _: Any) -> Any:
         return list(inlay_hints(analysis, positions))
 
@@ -390,7 +475,7 @@ def _add_answers(server: SpecLanguageServer) -> None:
         spans = definitions(analysis, positions.place(params.position))
         return [server.location(span) for span in spans]
 
-    @answers(types.TEXT_DOCUMENT_REFERENCES)
+    @answers(types.TEXT_DOCUMENT_REFERENCES, messages.ReferenceParams)
     def referred(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
         return [
             server.location(occurrence.span)
@@ -408,62 +493,55 @@ def _add_answers(server: SpecLanguageServer) -> None:
 
     @answers(types.TEXT_DOCUMENT_PREPARE_RENAME)
     def prepared(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
-        with _invalid_params():
-            return positions.range(renamable(analysis, positions.place(params.position)).span)
+        return positions.range(renamable(analysis, positions.place(params.position)).span)
 
-    @answers(types.TEXT_DOCUMENT_RENAME, types.RenameOptions(prepare_provider=True))
+    @answers(types.TEXT_DOCUMENT_RENAME, messages.RenameParams)
     def renamed(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
         changes: dict[str, list[types.TextEdit]] = {}
-        with _invalid_params():
-            texts = rename(analysis, positions.place(params.position), params.new_name)
+        texts = rename(analysis, positions.place(params.position), params.new_name)
         for span, text in texts.items():
             location = server.location(span)
             changes.setdefault(location.uri, []).append(types.TextEdit(location.range, text))
         return types.WorkspaceEdit(changes=changes)
 
-    @answers(types.TEXT_DOCUMENT_DOCUMENT_SYMBOL)
+    @answers(types.TEXT_DOCUMENT_DOCUMENT_SYMBOL, messages.DocumentParams)
     def listed(analysis: Analysis, positions: TextPositions, _: Any) -> Any:
         return document_symbols(analysis, positions)
 
-    @answers(types.TEXT_DOCUMENT_FOLDING_RANGE)
+    @answers(types.TEXT_DOCUMENT_FOLDING_RANGE, messages.DocumentParams)
     def folded(analysis: Analysis, positions: TextPositions, _: Any) -> Any:
         return folding_ranges(analysis, positions)
 
-    @answers(types.TEXT_DOCUMENT_SELECTION_RANGE)
+    @answers(types.TEXT_DOCUMENT_SELECTION_RANGE, messages.SelectionParams)
     def selected(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
         return [selection_range(analysis, positions, position) for position in params.positions]
 
-    @answers(types.TEXT_DOCUMENT_CODE_ACTION, _CODE_ACTIONS)
+    @answers(types.TEXT_DOCUMENT_CODE_ACTION, messages.ActionParams)
     def acted(analysis: Analysis, _: TextPositions, params: Any) -> Any:
-        kinds = [str(kind) for kind in params.context.only or ()]
+        kinds = params.context.only
         offered = code_actions(analysis, server.positions_of, params.range)
-        return [action for action in offered if not kinds or str(action.kind) in kinds]
+        return [action for action in offered if not kinds or action.kind in kinds]
 
-    @answers(types.TEXT_DOCUMENT_CODE_LENS)
+    @answers(types.TEXT_DOCUMENT_CODE_LENS, messages.DocumentParams)
     def lensed(analysis: Analysis, positions: TextPositions, _: Any) -> Any:
         return list(code_lenses(analysis, positions, server.folder))
 
 
 def _add_commands(server: SpecLanguageServer) -> None:
-    @server.feature(CASES)
-    async def listed_cases(params: Any) -> list[SpecCase]:
-        path = _path(str(params.uri))
+    @server.connection.on(actions.REQUEST, messages.Named)
+    async def listed_cases(params: messages.Named) -> list[SpecCase]:
+        path = document_path(params.uri)
         text, unsaved = server.text_of(path), server.specs.unsaved()
         return await asyncio.to_thread(spec_cases, path, text, unsaved)
 
-    for name in actions.COMMANDS:
-        server.command(name)(_starter(server, name))
-
-    @server.command(actions.SHOW_RESULT)
-    def show(folder: str) -> None:
-        with _invalid_params():
-            server.start_command(actions.SHOW_RESULT, actions.report_argv(folder))
-
-
-def _starter(server: SpecLanguageServer, name: str) -> Callable[[Mapping[str, Any]], None]:
-    def start(argument: Mapping[str, Any]) -> None:
-        with _invalid_params():
-            argv = actions.SpecCommand.from_argument(argument).argv(name)
-            server.start_command(name, argv)
-
-    return start
+    @server.connection.on(types.WORKSPACE_EXECUTE_COMMAND, messages.CommandParams)
+    def started(params: messages.CommandParams) -> None:
+        if len(params.arguments) != 1:
+            raise invalid_params("a command has one argument")
+        if params.command == actions.SHOW_RESULT:
+            argv = actions.report_argv(decoded(params.arguments[0], str))
+        elif params.command in actions.COMMANDS:
+            argv = decoded(params.arguments[0], SpecCommand).argv(params.command)
+        else:
+            raise invalid_params("there is no such command")
+        server.start_command(params.command, argv)

@@ -16,14 +16,7 @@ import stat
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
-from r2bspec.middleware.middleware import (
-    HOST_ONLY,
-    PROC,
-    SHARED_MEMORY,
-    Middleware,
-    SocketBuffers,
-    Transport,
-)
+from r2bspec.middleware import middleware
 
 _SEGMENT_MESSAGES = 24
 """How many of the largest message a shared-memory segment holds: a writer's queue of ten, the
@@ -127,7 +120,7 @@ _LOCKS = ("_el", "_sl")
 _FILES = ("fastrtps_*", "fastdds_*", "sem.fastrtps_*", "sem.fastdds_*")
 
 
-def shm_files(memory: Path = SHARED_MEMORY) -> list[str]:
+def shm_files(memory: Path = middleware.SHARED_MEMORY) -> list[str]:
     """The names of the middleware's files in shared memory, whoever owns them."""
     return sorted(each.name for pattern in _FILES for each in memory.glob(pattern))
 
@@ -168,7 +161,7 @@ _PORTS_BYTES = 1 << 20
 _VENDOR_ID = b"\x01\x0f"
 
 
-class FastDds(Middleware):
+class FastDds(middleware.Middleware):
     """See the module.
 
     Processes end one after another, and those of the harness with a timer, because of a deadlock in
@@ -185,15 +178,15 @@ class FastDds(Middleware):
     # Static peers stay: with a profile they have no effect, and with 'inherit' they are the user's.
     removed_variables = ("ROS_LOCALHOST_ONLY",)
     distributions = ("fastrtps", "rmw-fastrtps-cpp")
-    socket_buffers = SocketBuffers(SOCKET_BUFFER_BYTES, SOCKET_BUFFER_BYTES)
+    socket_buffers = middleware.SocketBuffers(SOCKET_BUFFER_BYTES, SOCKET_BUFFER_BYTES)
     exit_in_turn_s = 3.0
     may_hang_on_exit = True
     uses_shared_memory = True
 
-    def configure(self, transport: Transport, folder: Path) -> Mapping[str, str]:
+    def configure(self, transport: middleware.Transport, folder: Path) -> Mapping[str, str]:
         """Write the profile of a transport."""
         if transport.kind == "inherit":
-            return HOST_ONLY
+            return middleware.HOST_ONLY
         profile = folder / "transport.xml"
         profile.write_text(
             transport_profile(
@@ -209,7 +202,7 @@ class FastDds(Middleware):
             "FASTDDS_DEFAULT_PROFILES_FILE": str(profile),
         }
 
-    def segment_bytes(self, transport: Transport) -> int:
+    def segment_bytes(self, transport: middleware.Transport) -> int:
         """Each process takes a segment of the full size, unless it uses UDP alone."""
         if transport.kind != "shared_memory":
             return 0
@@ -227,7 +220,7 @@ class FastDds(Middleware):
         number = int.from_bytes(gid[4:6], "little")
         return gid[:2] == _VENDOR_ID and any(pid & 0xFFFF == number for pid in pids)
 
-    def readable_shm_files(self, memory: Path = SHARED_MEMORY) -> list[str]:
+    def readable_shm_files(self, memory: Path = middleware.SHARED_MEMORY) -> list[str]:
         """The names of this user's files that other users may read."""
         names = []
         for name in shm_files(memory):
@@ -239,7 +232,10 @@ class FastDds(Middleware):
         return names
 
     def make_shm_files_private(
-        self, pids: Iterable[int], memory: Path = SHARED_MEMORY, proc: Path = PROC
+        self,
+        pids: Iterable[int],
+        memory: Path = middleware.SHARED_MEMORY,
+        proc: Path = middleware.PROC,
     ) -> None:
         """Take all rights to the segments of some processes from other users.
 
@@ -259,7 +255,10 @@ class FastDds(Middleware):
                     os.fchmod(file.fileno(), 0o600)
 
     def dead_shm_files(
-        self, memory: Path = SHARED_MEMORY, proc: Path = PROC, since_s: float = 0.0
+        self,
+        memory: Path = middleware.SHARED_MEMORY,
+        proc: Path = middleware.PROC,
+        since_s: float = 0.0,
     ) -> list[str]:
         """The names of this user's segments that nobody uses; nothing is changed.
 
@@ -285,7 +284,10 @@ class FastDds(Middleware):
         return dead
 
     def remove_dead_shm_files(
-        self, memory: Path = SHARED_MEMORY, proc: Path = PROC, since_s: float = 0.0
+        self,
+        memory: Path = middleware.SHARED_MEMORY,
+        proc: Path = middleware.PROC,
+        since_s: float = 0.0,
     ) -> list[str]:
         """Remove the segments that `dead_shm_files` finds; returns their names."""
         removed = []

@@ -4,9 +4,10 @@ A result is kept under the digest of everything that it was made from: sources, 
 and flags. It is compiled in a folder of its own and moved into place, so that two builds at once
 do not disturb each other, and an interrupted one leaves nothing behind that would be used.
 
-What is kept is run. It is opened where nobody else can exchange it (`safe_io.cache_folder`) and
-compared with its digest, and programs are started by that open file. Where there is no such cache,
-a result is a file without a name, which ends with this process.
+What is kept is run. It is opened where nobody else can exchange it (`safe_io.cache_folder`), is
+used only while it is the very file that was stored on this machine, and programs are started by
+that open file. Where there is no such cache, a result is a file without a name, which ends with
+this process.
 
 A ROS installation that is sourced has headers and libraries in its prefixes
 (``AMENT_PREFIX_PATH``); the wheels have them in the environment of the interpreter. Both have one
@@ -32,8 +33,14 @@ from typing import Any, Literal
 
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.private_files import private_files
-from r2bspec.safe_io.cache_folder import UnusableCacheError, cache_folder, exposed_by, pass_over
-from r2bspec.safe_io.limits import DIGEST_CHARACTERS
+from r2bspec.safe_io.cache_folder import (
+    UnusableCacheError,
+    cache_folder,
+    exposed_by,
+    file_state,
+    pass_over,
+)
+from r2bspec.safe_io.limits import MAX_FILE_STATE_BYTES
 from r2bspec.safe_io.safe_file import read_text
 
 NOT_BUILT = "R2B668"
@@ -189,8 +196,8 @@ class _Result:
         except OSError:
             return False
 
-    def digest(self) -> str:
-        return hashlib.sha256(self.link.read_bytes()).hexdigest()
+    def state(self) -> str:
+        return str(file_state(os.fstat(self.descriptor)))
 
 
 _results: dict[str, _Result] = {}
@@ -262,8 +269,7 @@ def _find_or_make(digest: str, name: str, command: Sequence[str]) -> _Result:
     try:
         with private_files(), _scratch_folder() as scratch:
             _compile(scratch / name, command)
-            # Another build of the same may have been faster.
-            if entry is not None and not _open_kept(entry / name):
+            if entry is not None:
                 _keep(scratch / name, entry)
             if entry is not None and (kept := _open_kept(entry / name)):
                 return kept
@@ -277,19 +283,19 @@ def _find_or_make(digest: str, name: str, command: Sequence[str]) -> _Result:
         ) from error
 
 
-_SHA256 = "sha256"
+_STORED = "stored"
+"""Beside a result: its state when it was stored."""
 
 
 def _open_kept(path: Path) -> _Result | None:
-    """A result in the cache, if it is what was built."""
+    """A result in the cache, if it is what was stored."""
     try:
         result = _Result.open(path)
     except OSError:
         return None
     with contextlib.suppress(OSError):
-        if result.is_kept() and result.digest() == read_text(
-            path.with_name(_SHA256), max_bytes=DIGEST_CHARACTERS
-        ):
+        stored = read_text(path.with_name(_STORED), max_bytes=MAX_FILE_STATE_BYTES)
+        if result.is_kept() and result.state() == stored:
             return result
     os.close(result.descriptor)
     return None
@@ -303,9 +309,13 @@ def _keep(made: Path, entry: Path) -> None:
     ):
         copy = Path(scratch) / "made"
         copy.mkdir()
-        shutil.copy(made, copy)
-        (copy / _SHA256).write_text(hashlib.sha256(made.read_bytes()).hexdigest())
-        if entry.exists():
+        state = file_state(Path(shutil.copy(made, copy)).stat())
+        (copy / _STORED).write_text(str(state))
+        if kept := _open_kept(entry / made.name):
+            # Another build was faster. Its result is used, and stays where it is.
+            os.close(kept.descriptor)
+            return
+        with contextlib.suppress(FileNotFoundError):
             # A damaged one is moved away first, because only an empty folder can be replaced.
             entry.rename(Path(scratch) / "damaged")
         copy.rename(entry)

@@ -40,6 +40,8 @@ INCLUDED_LAUNCH = "$(included_launch)"
 CONTAINER_PACKAGE = "rclcpp_components"
 """The package of the component containers."""
 
+THREADED_CONTAINER = "--use_multi_threaded_executor"
+
 
 def is_own_program(argv: Sequence[str]) -> bool:
     """Whether a command line starts a program of r2bspec, and nothing that a spec names.
@@ -59,7 +61,7 @@ def container_argv(name: str, container: Container, namespace: str) -> tuple[str
     words = [f"$(executable {CONTAINER_PACKAGE} {container.executable})"]
     isolated = container.executable == "component_container_isolated"
     if isolated and container.executor == "multi_threaded":
-        words.append("--use_multi_threaded_executor")
+        words.append(THREADED_CONTAINER)
     words += ["--ros-args", "-r", f"__node:={name}", "-r", f"__ns:={namespace}"]
     if container.threads and container.executable == "component_container_mt":
         words += ["-p", f"thread_num:={container.threads}"]

@@ -13,20 +13,7 @@ import msgspec
 from r2bspec._version import __version__
 from r2bspec.bags.recording import merge_indexes
 from r2bspec.language.spec import BagSource, Objective, Pacing, ReadyProbe, Spec
-from r2bspec.plan.plan import (
-    AfterReadyPlan,
-    BagTopicPlan,
-    DatasetPlan,
-    GatePlan,
-    HarnessPlan,
-    Plan,
-    PlayPlan,
-    ProbeKind,
-    ProbePlan,
-    SearchPlan,
-    SetupPlan,
-    TimelinePlan,
-)
+from r2bspec.plan import plan as plans
 from r2bspec.plan.process_plans import plan_external, plan_processes
 from r2bspec.plan.topic_plans import plan_inputs, plan_monitors, plan_topics
 from r2bspec.plan.wiring.build_wiring import build_wiring, harness_topic
@@ -45,7 +32,7 @@ def compile_plan(
     table: InterfaceTable | None = None,
     companion_files: CompanionFiles = NO_COMPANION_FILES,
     wiring: Wiring | None = None,
-) -> Plan:
+) -> plans.Plan:
     """Compile the plan of a run.
 
     This is a pure function: the same spec, bag metadata and version of r2bspec result in the same
@@ -80,7 +67,7 @@ def compile_plan(
     sustained_hz = _sustained_hz(objectives)
     at_peak = any(objective.at_peak for objective in objectives.values())
     play_at_peak = _play_at(spec, 0.0) if at_peak and spec.benchmark.search is not None else None
-    return Plan(
+    return plans.Plan(
         generator=f"r2bspec {__version__}",
         name=spec.name,
         title=spec.title,
@@ -98,14 +85,14 @@ def compile_plan(
         inputs=plan_inputs(spec, wiring),
         monitors=plan_monitors(spec, wiring),
         phases=tuple(_phases(spec, sustained_hz, plays=bool(play or play_at_peak))),
-        **{name: getattr(spec.benchmark, name) for name in Pacing.__struct_fields__},
+        **Pacing.fields_of(spec.benchmark),
         search=_search(spec),
         sustained_hz=sustained_hz,
         play=play,
         objectives=objectives,
         datasets=datasets if len(datasets) > 1 else (),
         timeline=_timeline(spec),
-        harness=HarnessPlan(placement=spec.harness.placement),
+        harness=plans.HarnessPlan(placement=spec.harness.placement),
         external=plan_external(wiring),
         setup=plan_setup(spec),
         ready=plan_ready(spec, wiring.namespace),
@@ -133,7 +120,7 @@ def active_objectives(spec: Spec) -> dict[str, Objective]:
 
 def _dataset(
     spec: Spec, source: BagSource, bag: BagIndex | None, wiring: Wiring, *, only_held: bool
-) -> DatasetPlan:
+) -> plans.DatasetPlan:
     loader = spec.data_loader
     topics = []
     for name, target in loader.topics.items():
@@ -141,7 +128,7 @@ def _dataset(
         if info is None and only_held:
             continue
         topics.append(
-            BagTopicPlan(
+            plans.BagTopicPlan(
                 bag_topic=name if info is None else info.name,
                 topic=harness_topic(target, wiring.namespace),
                 type="" if info is None else info.type,
@@ -149,7 +136,7 @@ def _dataset(
                 rate_hz=0.0 if info is None else info.rate_hz,
             )
         )
-    return DatasetPlan(
+    return plans.DatasetPlan(
         source=source.dataset or source.path,
         kind="synthetic" if bag is not None and bag.synthetic else "recorded",
         sha256=source.sha256,
@@ -173,11 +160,11 @@ def _largest_message_bytes(spec: Spec, bag: BagIndex | None) -> int:
     return max(sizes, default=0)
 
 
-def _search(spec: Spec) -> SearchPlan | None:
+def _search(spec: Spec) -> plans.SearchPlan | None:
     search = spec.benchmark.search
     if search is None:
         return None
-    return SearchPlan(
+    return plans.SearchPlan(
         min_hz=search.min.hz,
         max_hz=search.max.hz,
         precision=search.precision.fraction,
@@ -188,20 +175,20 @@ def _search(spec: Spec) -> SearchPlan | None:
     )
 
 
-def _timeline(spec: Spec) -> TimelinePlan | None:
+def _timeline(spec: Spec) -> plans.TimelinePlan | None:
     if spec.playback.mode != "timeline":
         return None
-    return TimelinePlan(
+    return plans.TimelinePlan(
         speed=spec.playback.timeline.speed.fraction,
         recorded=spec.playback.record_timeline,
         shift_tf=spec.playback.tf == "shift",
     )
 
 
-def gate_plan(spec: Spec) -> GatePlan:
+def gate_plan(spec: Spec) -> plans.GatePlan:
     """How the verdicts of a spec are decided, and their consequences."""
     gate = spec.benchmark.gate
-    return GatePlan(
+    return plans.GatePlan(
         confidence=gate.confidence.fraction,
         inconclusive=gate.inconclusive,
         confirm=gate.confirm,
@@ -220,8 +207,8 @@ def _sustained_hz(objectives: dict[str, Objective]) -> tuple[float, ...]:
     return tuple(sorted(rates))
 
 
-def _play_at(spec: Spec, rate_hz: float) -> PlayPlan:
-    return PlayPlan(
+def _play_at(spec: Spec, rate_hz: float) -> plans.PlayPlan:
+    return plans.PlayPlan(
         rate_hz=rate_hz,
         duration_ns=spec.benchmark.duration.ns,
         iterations=spec.benchmark.iterations,
@@ -250,10 +237,10 @@ def _phases(spec: Spec, sustained_hz: tuple[float, ...], *, plays: bool) -> Iter
     return (phase for phase, is_present in has_phase.items() if is_present)
 
 
-def plan_setup(spec: Spec) -> tuple[SetupPlan, ...]:
+def plan_setup(spec: Spec) -> tuple[plans.SetupPlan, ...]:
     """The setup steps, in the order of the spec."""
     return tuple(
-        SetupPlan(
+        plans.SetupPlan(
             name=name,
             argv=step.command,
             creates=step.creates,
@@ -265,27 +252,27 @@ def plan_setup(spec: Spec) -> tuple[SetupPlan, ...]:
     )
 
 
-def plan_ready(spec: Spec, namespace: str) -> tuple[ProbePlan, ...]:
+def plan_ready(spec: Spec, namespace: str) -> tuple[plans.ProbePlan, ...]:
     """The readiness probes, in the order of the spec."""
     return tuple(_probe(name, probe, namespace) for name, probe in spec.ready.items())
 
 
-def _probe(name: str, probe: ReadyProbe, namespace: str) -> ProbePlan:
-    kind: ProbeKind = "service" if probe.service else "topic"
+def _probe(name: str, probe: ReadyProbe, namespace: str) -> plans.ProbePlan:
+    kind: plans.ProbeKind = "service" if probe.service else "topic"
     target, pattern = harness_topic(probe.service or probe.topic, namespace), ""
     if probe.log is not None:
         kind, target, pattern = "log", probe.log.process, probe.log.pattern
     elif probe.file:
         kind, target = "file", probe.file
-    return ProbePlan(
+    return plans.ProbePlan(
         name=name, kind=kind, target=target, pattern=pattern, timeout_ns=probe.timeout.ns
     )
 
 
-def plan_after_ready(spec: Spec, namespace: str) -> tuple[AfterReadyPlan, ...]:
+def plan_after_ready(spec: Spec, namespace: str) -> tuple[plans.AfterReadyPlan, ...]:
     """The `after_ready` steps, in the order of the spec."""
     return tuple(
-        AfterReadyPlan(
+        plans.AfterReadyPlan(
             name=name,
             argv=step.command,
             service=harness_topic(step.service.name, namespace) if step.service else "",

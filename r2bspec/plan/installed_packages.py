@@ -19,16 +19,9 @@ from r2bspec.plan.this_machine import AMENT_INDEX, PACKAGE_INDEX, ament_prefixes
 from r2bspec.plan.wiring.companion_files import source_folder
 from r2bspec.plan.wiring.node_interface import catalogue_packages
 from r2bspec.plan.wiring.python_package import module_of
+from r2bspec.safe_io import safe_file
 from r2bspec.safe_io.limits import MAX_MANIFEST_BYTES
 from r2bspec.safe_io.looked_up_files import shared_lookup
-from r2bspec.safe_io.safe_file import (
-    is_folder,
-    is_regular,
-    is_there,
-    names_if_any,
-    read_bytes,
-    real_path,
-)
 
 _VERSION = re.compile(r"<version[^>]*>([^<]{1,100})</version>")
 _STAR_IMPORT = re.compile(r"\bimport\s*\*")
@@ -42,7 +35,7 @@ def top_level_names(source: Path) -> frozenset[str] | None:
         SyntaxError: this interpreter cannot parse the file.
     """
     try:
-        text = read_bytes(source, max_bytes=MAX_MANIFEST_BYTES).decode("utf-8-sig")
+        text = safe_file.read_bytes(source, max_bytes=MAX_MANIFEST_BYTES).decode("utf-8-sig")
         symbols = symtable.symtable(text, source.name, "exec").get_symbols()
     except (OSError, ValueError, RecursionError, MemoryError):
         return None
@@ -62,7 +55,7 @@ def is_on_path(program: str) -> bool:
 def ament_packages() -> frozenset[str]:
     """The names of all installed ROS packages."""
     folders = (prefix / PACKAGE_INDEX for prefix in ament_prefixes())
-    return frozenset(name for folder in folders for name in names_if_any(folder))
+    return frozenset(name for folder in folders for name in safe_file.names_if_any(folder))
 
 
 @shared_lookup
@@ -72,7 +65,7 @@ def package_executables(package: str) -> frozenset[str]:
     return frozenset(
         name
         for folder in folders
-        for name in names_if_any(folder)
+        for name in safe_file.names_if_any(folder)
         if os.access(folder / name, os.X_OK)
     )
 
@@ -90,7 +83,7 @@ def installed_message_types() -> set[str]:
     """The message types of the installed ROS packages."""
     types: set[str] = set()
     for folder in (prefix / AMENT_INDEX / "rosidl_interfaces" for prefix in ament_prefixes()):
-        for package in names_if_any(folder):
+        for package in safe_file.names_if_any(folder):
             entries = _text(folder / package).splitlines()
             names = (entry.removesuffix(".msg") for entry in entries if entry.endswith(".msg"))
             types.update(f"{package}/{name}" for name in names if name.startswith("msg/"))
@@ -100,7 +93,7 @@ def installed_message_types() -> set[str]:
 def _text(file: Path) -> str:
     """The text of a file of a package; empty without one."""
     try:
-        return read_bytes(file, max_bytes=MAX_MANIFEST_BYTES).decode("utf-8")
+        return safe_file.read_bytes(file, max_bytes=MAX_MANIFEST_BYTES).decode("utf-8")
     except (OSError, ValueError):
         return ""
 
@@ -109,7 +102,7 @@ def _text(file: Path) -> str:
 def package_share(package: str) -> Path | None:
     """The share folder of a ROS package, or None if it is not installed."""
     for prefix in ament_prefixes():
-        if is_there(prefix / PACKAGE_INDEX / package):
+        if safe_file.is_there(prefix / PACKAGE_INDEX / package):
             return prefix / "share" / package
     return None
 
@@ -149,7 +142,7 @@ def python_target(text: str, base_dir: Path) -> PythonTarget:
         module, _, name = text.rpartition(".")
         return PythonTarget(text, module, Path(), name, readable=False)
     file = base_dir / place
-    inside = real_path(file).is_relative_to(real_path(source_folder(base_dir)))
+    inside = safe_file.real_path(file).is_relative_to(safe_file.real_path(source_folder(base_dir)))
     return PythonTarget(text, "", file, name, readable=inside)
 
 
@@ -170,7 +163,9 @@ def missing_imports(file: Path, folder: Path) -> list[ModuleImport]:
         folder: where the file must be.
     """
     try:
-        tree = ast.parse(read_bytes(file, max_bytes=MAX_MANIFEST_BYTES, folders=(folder,)))
+        tree = ast.parse(
+            safe_file.read_bytes(file, max_bytes=MAX_MANIFEST_BYTES, folders=(folder,))
+        )
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
         return []
     imports: dict[str, ModuleImport] = {}
@@ -193,7 +188,8 @@ def _imports(body: list[ast.stmt]) -> Iterator[ModuleImport]:
 
 def _is_found(module: str, folders: Iterable[Path]) -> bool:
     beside = any(
-        is_regular(folder / f"{module}.py") or is_folder(folder / module) for folder in folders
+        safe_file.is_regular(folder / f"{module}.py") or safe_file.is_folder(folder / module)
+        for folder in folders
     )
     return beside or find_module(module) is not None
 

@@ -7,15 +7,21 @@ machine.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 import msgspec
 
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
-from r2bspec.language.spec import Objective, Pacing, QoS, Requires, Scalar, TruthKind
+from r2bspec.language.spec import (
+    MonitorSettings,
+    Objective,
+    Pacing,
+    ProcessSettings,
+    QoS,
+    Requires,
+    Scalar,
+)
 
 
 class _Value(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -96,7 +102,7 @@ class JoinPlan(_Value, frozen=True, kw_only=True):
     program: str = ""
 
 
-class ProcessPlan(_Value, frozen=True, kw_only=True):
+class ProcessPlan(ProcessSettings, frozen=True, kw_only=True):
     """One process. `env` has only the changes to the environment common to all processes.
 
     In `argv`, ``$(python)`` is the interpreter that runs r2bspec, ``$(harness)`` the program of
@@ -104,7 +110,7 @@ class ProcessPlan(_Value, frozen=True, kw_only=True):
     path of executable E of package P in the ament index, and ``$(included_launch)`` the launch file
     of r2bspec that includes another one (`r2bspec.harness.included_launch`). The `prefix` of the
     spec is at the beginning of `argv`. `nodes` of a command has its name in the spec; a command
-    need not be a ROS node.
+    need not be a ROS node. The fields of `ProcessSettings` are keys of the spec.
 
     Roles:
         loader, player, monitor: processes of the harness, configured over the control channel.
@@ -118,8 +124,6 @@ class ProcessPlan(_Value, frozen=True, kw_only=True):
         container: the name of the container in the spec; empty for other processes.
         executor: of a host: with one thread, or with `threads` threads.
         threads: 0 leaves the number to the executor.
-        nice: the nice value of the process; 0 leaves it unchanged.
-        cpus: the CPUs on which it may run; all if empty.
         memory_limit_bytes: the resident memory at which the run fails; 0 for none.
         join: the parts of the harness that run in it.
     """
@@ -133,8 +137,6 @@ class ProcessPlan(_Value, frozen=True, kw_only=True):
     container: str = ""
     executor: Literal["single_threaded", "multi_threaded"] = "single_threaded"
     threads: int = 0
-    nice: int = 0
-    cpus: tuple[int, ...] = ()
     memory_limit_bytes: int = 0
     join: JoinPlan | None = None
 
@@ -240,40 +242,27 @@ class TapPlan(_Value, frozen=True, kw_only=True):
     type: str
 
 
-class TruthPlan(_Value, frozen=True, kw_only=True):
-    """What the messages of a monitor are compared with: see `r2bspec.language.spec.Truth`."""
-
-    kind: TruthKind
-    name: str
-
-
 _Ratio = Annotated[int, msgspec.Meta(ge=1, le=1_000_000)]
 """One side of the ratio of inputs to outputs."""
 
 
-class MonitorPlan(_Value, frozen=True, kw_only=True):
-    """A monitored topic. `qos` None means the QoS that its publisher offers.
+class MonitorPlan(MonitorSettings, frozen=True, kw_only=True):
+    """A monitored topic. The fields of `MonitorSettings` are keys of the spec.
 
     Attributes:
         ratio_inputs: this number of inputs leads to `ratio_outputs` messages.
-        label: its name in reports; its name in the spec if empty.
         answers: in a timeline, the topics of the inputs that it answers: a step counts for it if
             it has messages of all of them. Otherwise empty, because each step has all inputs.
         taps: topics whose messages are also matched by stamp; in the order of the plan's topics.
-        truth: what its messages are compared with after the measurement; None for nothing.
     """
 
     name: str
     topic: str
     type: str
-    match: Literal["stamp", "order"]
-    qos: QoS | None
     ratio_inputs: _Ratio = 1
     ratio_outputs: _Ratio = 1
-    label: str = ""
     answers: tuple[str, ...] = ()
     taps: tuple[TapPlan, ...] = ()
-    truth: TruthPlan | None = None
 
 
 class SearchPlan(_Value, frozen=True, kw_only=True):
@@ -356,7 +345,7 @@ class Plan(Pacing, frozen=True, kw_only=True):
         segment_bytes: the size of the shared memory segment in the spec; 0 derives it from the
             largest message.
         starts: how often all processes are started, each time for a part of the iterations;
-            see `iterations_by_look`.
+            see `r2bspec.plan.interim_looks`.
         clock: whether loader and player publish the system time on /clock.
         requires: what the machine must be; a plan without it has no such key.
     """
@@ -402,43 +391,3 @@ class Plan(Pacing, frozen=True, kw_only=True):
     def plays(self) -> tuple[PlayPlan, ...]:
         """What is played at each rate, the peak included."""
         return (*self.play, *([self.play_at_peak] if self.play_at_peak is not None else []))
-
-
-def iterations_of_starts(iterations: int, starts: int) -> tuple[range, ...]:
-    """The iterations of each start, counted from 1: as equal parts as possible, larger ones first.
-
-    Args:
-        iterations: their number at each rate.
-        starts: at least 1; those without an iteration are left out.
-    """
-    each, rest = divmod(iterations, starts)
-    ends = [number * each + min(number, rest) for number in range(starts + 1)]
-    return tuple(range(first + 1, end + 1) for first, end in pairwise(ends) if end > first)
-
-
-def iterations_by_look(looks: Sequence[int], starts: int) -> tuple[tuple[range, ...], ...]:
-    """The iterations of each start, in groups between two interim looks.
-
-    A look comes after whole starts: the iterations that follow it are played in further starts,
-    which have as many iterations as the first ones, or up to twice as many where the rest does not
-    suffice for another start. A run that has one start keeps it.
-
-    Args:
-        looks: after how many iterations the run is judged, ascending; at least one.
-        starts: up to the first look, at least 1.
-
-    Returns:
-        For each look, the ranges of iterations, of one start each.
-    """
-    if starts == 1:
-        return tuple((range(first + 1, end + 1),) for first, end in pairwise((0, *looks)))
-    groups = [iterations_of_starts(looks[0], starts)]
-    for before, end in pairwise(looks):
-        further = max(1, (end - before) * starts // looks[0])
-        groups.append(
-            tuple(
-                range(before + each.start, before + each.stop)
-                for each in iterations_of_starts(end - before, further)
-            )
-        )
-    return tuple(groups)

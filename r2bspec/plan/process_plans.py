@@ -18,7 +18,7 @@ from typing import Any, Literal
 import msgspec
 
 from r2bspec.diagnostics.diagnostic import Path
-from r2bspec.language.spec import Container, Node, Spec
+from r2bspec.language.spec import Container, Node, ProcessSettings, Spec, StartedProcess
 from r2bspec.plan.command_lines import HARNESS_ARGV, NATIVE_ARGV, container_argv, node_argv
 from r2bspec.plan.plan import ExternalPlan, JoinPlan, NodePlan, ProcessPlan
 from r2bspec.plan.wiring.build_wiring import harness_topic
@@ -148,7 +148,6 @@ def _container(
 ) -> ProcessPlan:
     python = container.executable == "python"
     argv = HARNESS_ARGV if python else container_argv(name, container, namespace)
-    limit = container.memory_limit
     return _joint_process(
         name if phase == "measure" else f"preprocess.{name}",
         "host" if python else "container",
@@ -159,9 +158,7 @@ def _container(
         container=name,
         executor=container.executor,
         threads=container.threads,
-        nice=container.nice,
-        cpus=container.cpus,
-        memory_limit_bytes=0 if limit is None else limit.bytes,
+        **_process_settings(container),
     )
 
 
@@ -225,10 +222,14 @@ def _process(node: NodeWiring, name: str, phase: Phase) -> Iterator[ProcessPlan]
         argv=(*spec.prefix, *node_argv(node)),
         env=dict(spec.env),
         nodes=(_node(node),),
-        nice=spec.nice,
-        cpus=spec.cpus,
-        memory_limit_bytes=0 if spec.memory_limit is None else spec.memory_limit.bytes,
+        **_process_settings(spec),
     )
+
+
+def _process_settings(process: StartedProcess) -> dict[str, Any]:
+    limit = process.memory_limit
+    memory_limit_bytes = 0 if limit is None else limit.bytes
+    return {**ProcessSettings.fields_of(process), "memory_limit_bytes": memory_limit_bytes}
 
 
 def _node(node: NodeWiring) -> NodePlan:

@@ -1,6 +1,6 @@
 """What specs can require of a machine, and what this one has.
 
-It is read without any library, and without importing or starting anything.
+It is read without importing or starting anything.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ import os
 import re
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import Final
+
+import msgspec
 
 from r2bspec.language.spec import Requires, Scalar
 from r2bspec.safe_io.looked_up_files import shared_lookup
@@ -43,8 +44,7 @@ _NVIDIA: Final = Path("/proc/driver/nvidia/gpus")
 _OTHER_GPUS: Final = {"/dev/nvhost-gpu": "NVIDIA Tegra", "/dev/kfd": "AMD"}
 
 
-@dataclass(frozen=True, kw_only=True)
-class MachineFacts:
+class MachineFacts(msgspec.Struct, frozen=True, kw_only=True):
     """What of a machine specs can require.
 
     Attributes:
@@ -55,11 +55,11 @@ class MachineFacts:
         labels: given by the owner of the machine.
     """
 
-    arch: str
-    cores: int
+    arch: str = ""
+    cores: int = 0
     gpus: tuple[str, ...] = ()
     ros_distro: str = ""
-    labels: Mapping[str, str] = field(default_factory=dict)
+    labels: dict[str, str] = {}
 
 
 def ament_prefixes() -> list[Path]:

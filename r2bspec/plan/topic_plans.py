@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.language.spec import Monitor, Spec
-from r2bspec.plan.plan import InputPlan, MonitorPlan, TapPlan, TopicPlan, TruthPlan
+from r2bspec.language.spec import Monitor, MonitorSettings, Spec
+from r2bspec.plan.plan import InputPlan, MonitorPlan, TapPlan, TopicPlan
 from r2bspec.plan.wiring.build_wiring import harness_topic
 from r2bspec.plan.wiring.wiring import Endpoint, PhaseWiring, Wiring
 
@@ -97,16 +97,11 @@ def plan_monitors(spec: Spec, wiring: Wiring) -> tuple[MonitorPlan, ...]:
             name=name,
             topic=harness_topic(monitor.topic, wiring.namespace),
             type=monitor.format,
-            match=monitor.match,
-            qos=monitor.qos,
+            **MonitorSettings.fields_of(monitor),
             ratio_inputs=monitor.ratio.inputs,
             ratio_outputs=monitor.ratio.outputs,
-            label=monitor.label,
             answers=_answers(monitor, spec, wiring),
             taps=_taps(monitor, wiring) if monitor.taps else (),
-            truth=TruthPlan(kind=monitor.truth.kind, name=monitor.truth.name)
-            if monitor.truth
-            else None,
         )
         for name, monitor in spec.monitors.items()
     )

@@ -166,6 +166,7 @@ def _search(records: Sequence[RunRecord]) -> SearchRecord | None:
         max_lost=max((each.max_lost or 0.0 for each in found), default=None) or None,
         unsteady=tuple(dict.fromkeys(text for each in found for text in each.unsteady)),
         unsteady_ratio=max(each.unsteady_ratio for each in found),
+        watched_s=min(each.watched_s for each in found),
         refuted=next((each.refuted for each in found if each.refuted), ""),
     )
 
@@ -211,7 +212,7 @@ class PairsRecord(msgspec.Struct, frozen=True, kw_only=True):
         against: the base, as given by the user; empty if the head is compared with itself.
         control: whether base and head are equal, so that every difference is noise.
         seed: of the coin that decided the order of the two sides in each pair.
-        planned: the requested number of pairs.
+        planned: the largest number of pairs; fewer are played where they decide.
         differences: between the plans of the base and the head, one per line.
         environment: the changed variables of the base, by name; empty for a removed one.
         notes: on decisions during the comparison, one sentence each.

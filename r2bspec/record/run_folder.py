@@ -26,6 +26,7 @@ import numpy as np
 from r2bspec.plan.canonical_json import PlanError, parse_plan
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.taps import tap_name
+from r2bspec.record import sample_arrays as arrays
 from r2bspec.record.files import (
     LOCK_FILE,
     RUN_FILES,
@@ -38,16 +39,6 @@ from r2bspec.record.files import (
     write_atomically,
 )
 from r2bspec.record.run_record import RunRecord, Segment
-from r2bspec.record.sample_arrays import (
-    INTERFERENCE_DTYPE,
-    MONITOR_DTYPE,
-    PLAYBACK_DTYPE,
-    RESOURCE_DTYPE,
-    Rows,
-    check_digest,
-    read_rows,
-    write_rows,
-)
 from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES, MAX_STACKS_BYTES
 from r2bspec.safe_io.safe_file import is_folder, is_there, read_bytes, read_text
 from r2bspec.safe_io.safe_yaml import RefusedYamlError, check_document
@@ -180,28 +171,30 @@ class RunFolder:
         """Write the canonical JSON of the plan."""
         write_atomically(self.path / "plan.json", text.encode())
 
-    def write_playback(self, segment: str, rows: Rows) -> None:
+    def write_playback(self, segment: str, rows: arrays.Rows) -> None:
         """Write the playback of a segment: rows of `PLAYBACK_DTYPE`."""
-        self._write_rows(f"{_samples_of(segment)}/playback.npy", rows, PLAYBACK_DTYPE)
+        self._write_rows(f"{_samples_of(segment)}/playback.npy", rows, arrays.PLAYBACK_DTYPE)
 
-    def write_monitor(self, segment: str, monitor: str, rows: Rows) -> None:
+    def write_monitor(self, segment: str, monitor: str, rows: arrays.Rows) -> None:
         """Write the messages of a monitor in a segment, even if there are none (no rows)."""
-        self._write_rows(f"{_samples_of(segment)}/{_monitor_file(monitor)}", rows, MONITOR_DTYPE)
+        self._write_rows(
+            f"{_samples_of(segment)}/{_monitor_file(monitor)}", rows, arrays.MONITOR_DTYPE
+        )
 
-    def write_tap(self, segment: str, topic: str, rows: Rows) -> None:
+    def write_tap(self, segment: str, topic: str, rows: arrays.Rows) -> None:
         """Write the messages of a tap in a segment."""
-        self._write_rows(f"{_samples_of(segment)}/{_tap_file(topic)}", rows, MONITOR_DTYPE)
+        self._write_rows(f"{_samples_of(segment)}/{_tap_file(topic)}", rows, arrays.MONITOR_DTYPE)
 
-    def write_resources(self, rows: Rows) -> None:
+    def write_resources(self, rows: arrays.Rows) -> None:
         """Write CPU and memory over the whole run: rows of `sample_arrays.RESOURCE_DTYPE`."""
-        self._write_rows(_RESOURCES, rows, RESOURCE_DTYPE)
+        self._write_rows(_RESOURCES, rows, arrays.RESOURCE_DTYPE)
 
-    def write_interference(self, rows: Rows) -> None:
+    def write_interference(self, rows: arrays.Rows) -> None:
         """Write host interference over the whole run: rows of `INTERFERENCE_DTYPE`."""
-        self._write_rows(_INTERFERENCE, rows, INTERFERENCE_DTYPE)
+        self._write_rows(_INTERFERENCE, rows, arrays.INTERFERENCE_DTYPE)
 
-    def _write_rows(self, place: str, rows: Rows, dtype: np.dtype[np.void]) -> None:
-        self._digests[place] = write_rows(self.path / place, rows, dtype)
+    def _write_rows(self, place: str, rows: arrays.Rows, dtype: np.dtype[np.void]) -> None:
+        self._digests[place] = arrays.write_rows(self.path / place, rows, dtype)
 
     def write_record(self, record: RunRecord) -> None:
         """Write ``record.json``, with the digests of the samples that it is about.
@@ -235,57 +228,86 @@ class Run:
     record: RunRecord
     plan: Plan
 
-    def playback(self, segment: Segment) -> Rows:
+    def playback(self, segment: Segment) -> arrays.Rows:
         """The playback, one row per step, of type `r2bspec.record.sample_arrays.PLAYBACK_DTYPE`.
 
         Raises:
             RecordError: the file is missing or damaged.
         """
-        return self.segment_rows(segment, "playback.npy", PLAYBACK_DTYPE)
+        return self.segment_rows(segment, "playback.npy", arrays.PLAYBACK_DTYPE)
 
-    def monitor(self, segment: Segment, name: str) -> Rows:
+    def monitor(self, segment: Segment, name: str) -> arrays.Rows:
         """The messages of a monitor, one row each in order of arrival (type `MONITOR_DTYPE`).
 
         Raises:
             RecordError: the file is missing or damaged.
         """
-        return self.segment_rows(segment, _monitor_file(name), MONITOR_DTYPE)
+        return self.segment_rows(segment, _monitor_file(name), arrays.MONITOR_DTYPE)
 
-    def tap(self, segment: Segment, topic: str) -> Rows:
+    def tap(self, segment: Segment, topic: str) -> arrays.Rows:
         """The messages of a tap, one row each in order of arrival (type `MONITOR_DTYPE`).
 
         Raises:
             RecordError: the file is missing or damaged.
         """
-        return self.segment_rows(segment, _tap_file(topic), MONITOR_DTYPE)
+        return self.segment_rows(segment, _tap_file(topic), arrays.MONITOR_DTYPE)
 
-    def segment_rows(self, segment: Segment, file: str, dtype: np.dtype[np.void]) -> Rows:
+    def segment_rows(self, segment: Segment, file: str, dtype: np.dtype[np.void]) -> arrays.Rows:
         """The rows of one file of a segment.
 
         Raises:
             RecordError: the file is missing or damaged.
         """
-        return read_rows(self.folder / _samples_of(segment.id) / file, dtype)
+        return self._rows(f"{_samples_of(segment.id)}/{file}", dtype)
 
-    def resources(self) -> Rows:
+    def _rows(self, place: str, dtype: np.dtype[np.void]) -> arrays.Rows:
+        """The rows of a file, which is compared with its digest in the record.
+
+        Raises:
+            RecordError: it is missing, damaged, or not in the record.
+        """
+        if place not in self.record.samples:
+            raise RecordError(
+                f"{self.folder / 'record.json'} is damaged: it has no digest of {place}",
+                hint=RUN_FILES.changed,
+            )
+        return arrays.read_rows(self.folder / place, dtype, self.record.samples[place])
+
+    def resources(self) -> arrays.Rows:
         """CPU and memory samples (type `RESOURCE_DTYPE`); no rows if none were taken.
 
         Raises:
             RecordError: the file is damaged.
         """
-        return self._read_optional(_RESOURCES, RESOURCE_DTYPE)
+        return self._read_optional(_RESOURCES, arrays.RESOURCE_DTYPE)
 
-    def interference(self) -> Rows:
+    def interference(self) -> arrays.Rows:
         """Host interference (type `INTERFERENCE_DTYPE`); no rows if it was not sampled.
 
         Raises:
             RecordError: the file is damaged.
         """
-        return self._read_optional(_INTERFERENCE, INTERFERENCE_DTYPE)
+        return self._read_optional(_INTERFERENCE, arrays.INTERFERENCE_DTYPE)
 
-    def _read_optional(self, name: str, dtype: np.dtype[np.void]) -> Rows:
+    def _read_optional(self, name: str, dtype: np.dtype[np.void]) -> arrays.Rows:
         path = self.folder / name
-        return read_rows(path, dtype) if os.path.lexists(path) else np.empty(0, dtype)
+        if name in self.record.samples:
+            return self._rows(name, dtype)
+        if not os.path.lexists(path):
+            return np.empty(0, dtype)
+        # A run that was killed had no time for the digests of what grew to its end.
+        return (
+            arrays.read_rows(path, dtype)
+            if self.record.status == "incomplete"
+            else self._rows(name, dtype)
+        )
+
+    def unlisted_segments(self) -> list[str]:
+        """The names of segments whose samples are in the folder, and not in the record."""
+        listed = {segment.id for segment in self.record.segments}
+        samples = self.folder / "samples"
+        stored = {place.name for place in samples.iterdir()} if is_folder(samples) else set()
+        return sorted(stored - listed)
 
     def spec_text(self) -> str:
         """The resolved spec, as YAML; empty if the folder has none."""
@@ -334,13 +356,11 @@ def open_run(path: Path) -> Run:
 
 
 def _check_samples(folder: Path, record: RunRecord) -> None:
-    """Compare the samples with their digests; a record of an older version has none.
+    """Compare the segments with the digests of samples; each file is when it is read.
 
     Raises:
-        RecordError: a file is missing or another one, or samples and segments do not correspond.
+        RecordError: samples and segments do not correspond, or those of a segment are missing.
     """
-    if not record.samples:
-        return
     listed = {segment.id for segment in record.segments}
     stored = {place.split("/")[1] for place in record.samples if "/" in place}
     if differing := sorted(listed ^ stored):
@@ -356,8 +376,6 @@ def _check_samples(folder: Path, record: RunRecord) -> None:
                 f"{folder / _samples_of(segment)}",
                 hint=RUN_FILES.changed,
             )
-    for place, digest in record.samples.items():
-        check_digest(folder.joinpath(*map(_safe_name, place.split("/"))), digest)
 
 
 def read_stored_plan(files: FolderReader, path: Path, expected_hash: str) -> Plan:

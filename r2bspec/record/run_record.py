@@ -19,6 +19,7 @@ All times are CLOCK_MONOTONIC nanoseconds of the host, unless the name says othe
 
 from __future__ import annotations
 
+import math
 from typing import Any, Literal
 
 import msgspec
@@ -173,7 +174,8 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
     (`probes`); or it was not, because it was refuted or stayed undecided when it was played whole
     (`open`). It is empty in records of versions that did not state it. At the lower end at most the
     share `lost_at_most` was lost. `unsteady` has a text for each way in which the graph is not
-    steady, and `unsteady_ratio` is the ratio of its fastest speed to its slowest.
+    steady, and `unsteady_ratio` is the ratio of its fastest speed to its slowest. In `watched_s`
+    seconds of playing it was examined for that; 0 in records of versions that did not state it.
     """
 
     probes: tuple[Probe, ...]
@@ -189,6 +191,7 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
     capacity: CapacityRecord | None = None
     unsteady: tuple[str, ...] = ()
     unsteady_ratio: float = 1.0
+    watched_s: float = 0.0
     refuted: str = ""
 
     @property
@@ -203,6 +206,15 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
     def shown(self) -> bool:
         """Whether the bracket has the stated confidence."""
         return self.proof in {"", "confirmed"} and not self.unsteady and not self.refuted
+
+    @property
+    def recurs_s(self) -> float:
+        """What comes at least so often was met with the stated confidence; 0 if that is unknown.
+
+        Of what comes at random every T seconds on average, none is met in t with the probability
+        exp(-t / T): T is a third of t for 95 % (rule of three).
+        """
+        return self.watched_s / -math.log1p(-self.confidence) if self.confidence else 0.0
 
     @property
     def disturbed(self) -> tuple[str, ...]:
@@ -501,8 +513,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     truth, unless the run ended before that. `phases` say where the time went, and are empty in
     older records. `identity` is what the graph was made of; None if that was not looked up.
     `gate` is what reports say of the merge gate, one sentence each. `samples` has the SHA-256 of
-    every file of samples by its path in the run folder, and is empty in older records; those of
-    the whole run are in no incomplete record, because they grow until the run has ended.
+    every file of samples by its path in the run folder; those of the whole run are in no
+    incomplete record, because they grow until the run has ended.
     """
 
     r2bspec_record: Literal[1] = 1

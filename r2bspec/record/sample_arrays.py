@@ -58,7 +58,7 @@ their parents; `memory_bytes` is the resident set (for -1: memory in use); `wait
 cumulative run-queue wait of all threads: the time for which they could have run, but had no
 processor. It is NaN for -1 and -2, and where the kernel does not count it. `minor_faults` is the
 cumulative number of page faults without reading from disk, of the process and its descendants; NaN
-for -1 and -2. Both are -1 in files of versions that did not record them."""
+for -1 and -2."""
 
 INTERFERENCE_FIELDS = (
     ("time_ns", "<i8"),
@@ -66,11 +66,14 @@ INTERFERENCE_FIELDS = (
     ("stolen_s", "<f8"),
     ("waited_s", "<f8"),
     ("throttled_s", "<f8"),
+    ("cycles", "<f8"),
 )
-"""One row per sampling time. All values but the time are cumulative, in seconds, and NaN if the
-system does not provide them: the CPU time used on the cores that the run may use; their CPU time
-taken by other virtual machines; the time in which some task waited for a CPU (PSI, ``some``); the
-time in which the control group had used up its quota, or a core was throttled for heat."""
+"""One row per sampling time. All values but the time are cumulative, and NaN if the system does not
+provide them; those in seconds are the CPU time used on the cores that the run may use; their CPU
+time taken by other virtual machines; the time in which some task waited for a CPU (PSI, ``some``);
+the time in which the control group had used up its quota, or a core was throttled for heat.
+`cycles` is the CPU time of each of these cores times its frequency at the sampling time; it is -1
+in files of versions that did not record it."""
 
 PLAYBACK_DTYPE: np.dtype[np.void] = np.dtype(list(PLAYBACK_FIELDS))
 MONITOR_DTYPE: np.dtype[np.void] = np.dtype(list(MONITOR_FIELDS))
@@ -94,49 +97,37 @@ def write_rows(path: Path, rows: Rows, dtype: np.dtype[np.void]) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def check_digest(path: Path, expected: str) -> None:
-    """See that a file of rows is the one that was written.
-
-    Raises:
-        RecordError: it is missing, cannot be read, or has another SHA-256.
-    """
-    try:
-        with open_regular(path) as file:
-            _limit_size(file)
-            digest = hashlib.sha256(file.read()).hexdigest()
-    except FileNotFoundError as error:
-        raise RecordError(f"{path} is missing", hint=_HINT) from error
-    except OSError as error:
-        raise RecordError(f"{path} cannot be read: {error.strerror}", hint=_HINT) from error
-    if digest != expected:
-        raise RecordError(
-            f"{path} is damaged: these are not the samples that the run wrote", hint=_HINT
-        )
-
-
-def read_rows(path: Path, dtype: np.dtype[np.void]) -> Rows:
+def read_rows(path: Path, dtype: np.dtype[np.void], sha256: str = "") -> Rows:
     """Read rows of type `dtype` from an ``.npy`` file; pickles are not allowed.
 
-    Trailing fields that are missing, because an older version wrote the file, are -1.
+    Args:
+        path: of the file.
+        dtype: of a row.
+        sha256: of its content; empty if that is not known.
 
     Raises:
-        RecordError: the file is missing or truncated, has data after its end, or does not contain
+        RecordError: the file is missing, cannot be read, is another one, or does not contain
             one-dimensional rows of `dtype`.
     """
     try:
         with open_regular(path) as file:
             _limit_size(file)
             content = file.read()
+    except FileNotFoundError as error:
+        raise RecordError(f"{path} is missing", hint=_HINT) from error
+    except OSError as error:
+        raise RecordError(f"{path} cannot be read: {error.strerror}", hint=_HINT) from error
+    if sha256 and hashlib.sha256(content).hexdigest() != sha256:
+        raise RecordError(
+            f"{path} is damaged: these are not the samples that the run wrote", hint=_HINT
+        )
+    try:
         start = _LENGTH_AT + 2 + int.from_bytes(content[_LENGTH_AT : _LENGTH_AT + 2], "little")
         shape, stored = _parse_header(content[:start])
         rows: Rows = np.frombuffer(content, stored, offset=start).reshape(shape).copy()
-    except FileNotFoundError as error:
-        raise RecordError(f"{path} is missing", hint=_HINT) from error
     except Exception as error:
         # NumPy parses headers as Python: what is wrong with one shows in any error of a parser.
         raise RecordError(f"{path} is damaged: {error}", hint=_HINT) from error
-    if rows.ndim == 1 and rows.dtype != dtype:
-        rows = _with_missing_fields(rows, dtype)
     if rows.ndim != 1 or rows.dtype != dtype:
         raise RecordError(f"{path} is damaged: it has no {path.stem} rows", hint=_HINT)
     _check_times(rows, path)
@@ -180,20 +171,6 @@ def _parse_header(header: bytes) -> tuple[tuple[int, ...], np.dtype[Any]]:
 def _limit_size(file: BinaryIO) -> None:
     if os.fstat(file.fileno()).st_size > MAX_SAMPLES_BYTES:
         raise TooLargeError(f"it is larger than {MAX_SAMPLES_BYTES:,} bytes")
-
-
-def _with_missing_fields(rows: Rows, dtype: np.dtype[np.void]) -> Rows:
-    """Rows extended to all fields of a type, if they have its first ones; else unchanged."""
-    names = rows.dtype.names or ()
-    wanted = dtype.names or ()
-    if not names or wanted[: len(names)] != names:
-        return rows
-    if any(rows.dtype[name] != dtype[name] for name in names):
-        return rows
-    extended = np.full(rows.size, -1, dtype)
-    for name in names:
-        extended[name] = rows[name]
-    return extended
 
 
 _HINT = "The run folder is incomplete or was changed after the run; run the benchmark again."

@@ -19,13 +19,7 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.language.requirement_grammar import Requirement, RequirementError, parse_requirement
 from r2bspec.record.graph_identity import revision_text
-from r2bspec.report.report_wording import (
-    NAMED_CHANGES,
-    OUTCOME_WORDS,
-    own_pace,
-    requirement_text,
-    several_monitors,
-)
+from r2bspec.report import report_wording as wording
 
 _MOST_DIGITS: Final = 6
 """Digits of a value that looks like its limit with fewer."""
@@ -40,7 +34,7 @@ _SUSTAINED: Final = {
 def headline(result: Result) -> str:
     """The first line of the reports of a run."""
     base = base_name(result)
-    text = verdict_headline(result.name, result.verdict, base, own_pace(result.metrics))
+    text = verdict_headline(result.name, result.verdict, base, wording.own_pace(result.metrics))
     return _with_changes(text, result, base)
 
 
@@ -54,7 +48,8 @@ def verdict_headline(name: str, verdict: Verdict, base: str = "", pace: str = ""
         pace: what set the rate of messages, where none was offered.
     """
     of_start = " of this start of" if verdict.starts == 1 else ""
-    text = f"{OUTCOME_WORDS[verdict.outcome]}{of_start} {name}: {_decisive(verdict, base, pace)}"
+    outcome = wording.OUTCOME_WORDS[verdict.outcome]
+    text = f"{outcome}{of_start} {name}: {_decisive(verdict, base, pace)}"
     return " ".join(text.split())
 
 
@@ -63,8 +58,8 @@ def requirement_headline(
 ) -> str:
     """The same line about one requirement, for a report that shows each by itself."""
     base = base_name(result)
-    value = _value(verdict, base, own_pace(result.metrics), name_monitor=name_monitor)
-    text = f"{OUTCOME_WORDS[verdict.outcome]} {result.name}: {value}"
+    value = _value(verdict, base, wording.own_pace(result.metrics), name_monitor=name_monitor)
+    text = f"{wording.OUTCOME_WORDS[verdict.outcome]} {result.name}: {value}"
     return _with_changes(" ".join(text.split()), result, base)
 
 
@@ -100,8 +95,8 @@ def changes_text(changes: Sequence[str], base: str) -> str:
     """What differs from the base, such as ``blur.py changed against origin/main@9b1e44f``."""
     if not changes:
         return ""
-    named = ", ".join(changes[:NAMED_CHANGES])
-    more = len(changes) - NAMED_CHANGES
+    named = ", ".join(changes[: wording.NAMED_CHANGES])
+    more = len(changes) - wording.NAMED_CHANGES
     others = f" and {more} more" if more > 0 else ""
     return f"{named}{others}{f' against {base}' if base else ''}"
 
@@ -110,7 +105,7 @@ def _decisive(verdict: Verdict, base: str, pace: str) -> str:
     counted = [requirement for requirement in verdict.requirements if requirement.level == "error"]
     if verdict.outcome in {"invalid", "incomplete"} or not counted:
         return verdict.reason.rstrip(".")
-    several = several_monitors(verdict)
+    several = wording.several_monitors(verdict)
 
     def value(requirement: RequirementVerdict) -> str:
         return _value(requirement, base, pace, name_monitor=several)
@@ -143,7 +138,7 @@ def _value(verdict: RequirementVerdict, base: str, pace: str, *, name_monitor: b
     if verdict.method == "sequential probe":
         return f"{show(verdict.at_hz, 'Hz')} {_SUSTAINED[verdict.outcome]}"
     if requirement is None or (verdict.estimate is None and not verdict.lost):
-        text = requirement_text(verdict, name_monitor=name_monitor)
+        text = wording.requirement_text(verdict, name_monitor=name_monitor)
         return f"{text}{at}: {verdict.reason[:1].lower()}{verdict.reason[1:].rstrip('.')}"
     name = verdict.metric
     if name_monitor and verdict.monitor is not None:

@@ -20,18 +20,9 @@ from r2bspec.judge.measure.metrics import RunMetrics
 from r2bspec.judge.measure.units import show, show_rate
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import Verdict
+from r2bspec.report import report_wording as wording
 from r2bspec.report.headline import headline, reason_after
 from r2bspec.report.notes import notes
-from r2bspec.report.report_wording import (
-    code_facts,
-    code_text,
-    comparison,
-    loaded_rmw,
-    overhead_notes,
-    own_pace,
-    peak_text,
-    starts_text,
-)
 from r2bspec.report.result_table import METRICS, measured, monitor_names, reasons, requirement_rows
 
 _MAX_ROWS = 60
@@ -62,15 +53,15 @@ def _lines(report_input: ReportInput) -> Iterator[str]:
     if result.title and result.title != result.name:
         yield escaped(result.title)
         yield ""
-    if facts := [*filter(None, (loaded_rmw(result), code_text(result)))]:
+    if facts := [*filter(None, (wording.loaded_rmw(result), wording.code_text(result)))]:
         yield " · ".join(map(code, facts))
         yield ""
-    if compared := [*comparison(result)]:
+    if compared := [*wording.comparison(result)]:
         yield from (f"{escaped(each)}  " for each in compared)
         yield ""
     if verdict.requirements:
         verbose = report_input.verbose
-        yield from _requirements(verdict, own_pace(result.metrics), verbose=verbose)
+        yield from _requirements(verdict, wording.own_pace(result.metrics), verbose=verbose)
     told = notes(result, verbose=report_input.verbose)
     yield from (f"> {escaped(note)}  " for note in (*told.shown, told.more) if note)
     yield ""
@@ -126,9 +117,9 @@ def _measured(result: Result, said: Collection[str]) -> Iterator[str]:
         )
         yield from _hops(metrics, name)
     if metrics.search is not None and metrics.search.probes:
-        yield f"Peak {escaped(peak_text(metrics.search))}"
+        yield f"Peak {escaped(wording.peak_text(metrics.search))}"
         yield ""
-    for text in overhead_notes(result):
+    for text in wording.overhead_notes(result):
         if text not in said:
             yield escaped(text)
             yield ""
@@ -160,11 +151,11 @@ def _provenance(report_input: ReportInput) -> Iterator[str]:
         "run": result.run_id,
         "started": result.started_at,
         "plan": result.plan_hash,
-        "starts": starts_text(result.starts),
+        "starts": wording.starts_text(result.starts),
         **{f"dataset {key}": value for key, value in result.dataset.items()},
         **{f"machine {key}": value for key, value in result.machine.items()},
         **{f"version of {key}": value for key, value in result.versions.items()},
-        **code_facts(result),
+        **wording.code_facts(result),
     }
     yield from table(
         ("what", "value"),

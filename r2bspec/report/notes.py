@@ -12,32 +12,21 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
-from r2bspec.judge.caveats import FIRST_START_ALONE, MAY_RESEMBLE, WITHOUT_BURST, particular_caveats
+from r2bspec.judge.caveats import WITHOUT_BURST, particular_caveats
 from r2bspec.judge.measure.metrics import RunMetrics
 from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import DisturbedIteration, RequirementVerdict
 from r2bspec.middleware.middleware import middleware_named
 from r2bspec.record.run_record import Probe, ProfileRecord, StartRecord
+from r2bspec.report import report_wording as wording
 from r2bspec.report.headline import headline
-from r2bspec.report.report_wording import (
-    all_probes,
-    joined_notes,
-    loaded_rmw,
-    overhead_notes,
-    requirement_text,
-    sentences,
-    several_monitors,
-)
 
 MOST_NOTES: Final = 5
 """Notes of a report that is not verbose."""
 
 _MAX_LISTED_ITERATIONS: Final = 6
 """Affected iterations that are listed one by one."""
-
-_GENERAL: Final = (MAY_RESEMBLE, FIRST_START_ALONE, WITHOUT_BURST)
-"""Words of notes that most runs of a kind have alike."""
 
 _HOST_INTERFERENCE: Final = "Host interference"
 """Words of every note that names what other programs did."""
@@ -121,7 +110,11 @@ def notes_of_an_open_run(result: Result) -> tuple[str, ...]:
 
 def particular_sentences(verdict: RequirementVerdict) -> list[str]:
     """What is said of a requirement that is shown by itself, without what most runs have alike."""
-    return [text for text in sentences(verdict) if _weight(Weight.OPEN, text) is not Weight.DETAIL]
+    return [
+        text
+        for text in wording.sentences(verdict)
+        if _weight(Weight.OPEN, text) is not Weight.DETAIL
+    ]
 
 
 def _said(result: Result) -> str:
@@ -134,7 +127,7 @@ def _said(result: Result) -> str:
 
 
 def _weight(weight: Weight, text: str) -> Weight:
-    return Weight.DETAIL if any(words in text for words in _GENERAL) else weight
+    return Weight.DETAIL if WITHOUT_BURST in text else weight
 
 
 def _weighted(result: Result) -> Iterator[Note]:
@@ -168,11 +161,11 @@ def _weighted(result: Result) -> Iterator[Note]:
         (Weight.PLAYED, harmless_differences),
         (Weight.MEANING, _live_notes(result)),
         (Weight.MEANING, _reception_notes(result)),
-        (Weight.MEANING, joined_notes(result)),
+        (Weight.MEANING, wording.joined_notes(result)),
         (Weight.MEANING, profile_notes(result.profiles)),
         (Weight.MET, _requirement_notes(result, ("pass",))),
         (Weight.MET, particular_caveats(result.verdict.limits)),
-        (Weight.DETAIL, overhead_notes(result)),
+        (Weight.DETAIL, wording.overhead_notes(result)),
     )
     yield from (Note(weight, text) for weight, texts in groups for text in texts)
 
@@ -209,7 +202,7 @@ def _machine_notes(result: Result) -> Iterator[str]:
 
 def _requirement_notes(result: Result, outcomes: Sequence[str]) -> Iterator[str]:
     """The notes of requirements with these outcomes; one that several have is told once."""
-    several = several_monitors(result.verdict)
+    several = wording.several_monitors(result.verdict)
     about: dict[str, list[str]] = {}
     for verdict in result.verdict.requirements:
         if verdict.outcome in outcomes:
@@ -222,7 +215,7 @@ def _requirement_notes(result: Result, outcomes: Sequence[str]) -> Iterator[str]
 
 def _where(verdict: RequirementVerdict, *, several: bool) -> str:
     at = f" {at_rate(verdict.at_hz)}" if verdict.at_hz else ""
-    return f"{requirement_text(verdict, name_monitor=several)}{at}"
+    return f"{wording.requirement_text(verdict, name_monitor=several)}{at}"
 
 
 def accuracy_notes(result: Result) -> Iterator[str]:
@@ -294,7 +287,7 @@ def _interference_notes(result: Result) -> Iterator[str]:
 
 def _interference_summary(result: Result) -> str:
     """How much of the run other programs disturbed, with one example of how."""
-    rates, probes = result.metrics.rates, all_probes(result.metrics)
+    rates, probes = result.metrics.rates, wording.all_probes(result.metrics)
     disturbed = {
         "iterations": [iteration.reasons for iteration in result.verdict.disturbed],
         "starts": [start.disturbed for start in result.starts if start.disturbed],
@@ -329,7 +322,7 @@ def _disturbed_start_notes(starts: Sequence[StartRecord]) -> Iterator[str]:
 
 def _disturbed_probe_notes(metrics: RunMetrics) -> Iterator[str]:
     """The probes that other programs disturbed, and what became of them."""
-    probes = all_probes(metrics)
+    probes = wording.all_probes(metrics)
     texts = [_disturbed_probe_text(probe) for probe in probes if probe.disturbed]
     if texts:
         yield f"Host interference during {len(texts)} of {len(probes)} probes: {_listed(texts)}"
@@ -374,7 +367,7 @@ def _live_notes(result: Result) -> Iterator[str]:
 
 def _reception_notes(result: Result) -> Iterator[str]:
     """What latencies include because the middleware does not say when messages were received."""
-    rmw = loaded_rmw(result)
+    rmw = wording.loaded_rmw(result)
     seen = [each for rate in result.metrics.rates for each in rate.pooled.monitors.values()]
     received, untimed = sum(each.received for each in seen), sum(each.untimed for each in seen)
     if 2 * untimed > received:

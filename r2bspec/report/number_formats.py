@@ -33,7 +33,7 @@ from r2bspec.judge.measure.metrics import MonitorMetrics, RateMetrics
 from r2bspec.judge.measure.samples import known_latencies
 from r2bspec.judge.measure.times import rank
 from r2bspec.judge.measure.units import at_rate, rate_name
-from r2bspec.report.errors import ReportError
+from r2bspec.report.format_registry import ReportError
 from r2bspec.report.report_wording import peak_text
 from r2bspec.report.result_table import Measured, Row, measured, result_rows
 from r2bspec.report.timeline import expected_answers

@@ -8,17 +8,11 @@ exceptions, titles of results. What goes through here is harmless (see
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Any, TextIO, cast
+from typing import TYPE_CHECKING, Any, Final, TextIO, cast
 
 import click
 
-from r2bspec.diagnostics.plain_text import (
-    escaped_json,
-    harmless,
-    plain,
-    short_lines,
-    without_commands,
-)
+from r2bspec.diagnostics import plain_text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -41,7 +35,7 @@ def echo(
         styled: the text has colours, around values that are plain.
         commands: the text is workflow commands that r2bspec made, with escaped values.
     """
-    shown = short_lines(harmless(text, styled=styled, commands=commands))
+    shown = plain_text.short_lines(plain_text.harmless(text, styled=styled, commands=commands))
     click.echo(shown, err=err, nl=nl, color=True if styled else None)
 
 
@@ -50,7 +44,9 @@ def echo_document(content: str | bytes, *, nl: bool = True) -> None:
 
     Characters that control a terminal, which only JSON can have here, become escapes of JSON.
     """
-    click.echo(escaped_json(content.encode() if isinstance(content, str) else content), nl=nl)
+    click.echo(
+        plain_text.escaped_json(content.encode() if isinstance(content, str) else content), nl=nl
+    )
 
 
 def echo_json(content: object) -> None:
@@ -60,9 +56,18 @@ def echo_json(content: object) -> None:
     echo_document(msgspec.json.format(msgspec.json.encode(content), indent=2))
 
 
+MAX_TABLE_ROWS: Final = 200
+"""Of one table in a terminal, whatever it shows."""
+
+
+def rows_left_out(number: int) -> str:
+    """The line for rows that a table in a terminal does not show."""
+    return f"({number:,} more rows: --format json or --report json=FILE has all)"
+
+
 def write(stream: TextIO, text: str) -> None:
     """Write a text, with or without colours around plain values, to a stream, at once."""
-    stream.write(short_lines(harmless(text, styled=True)))
+    stream.write(plain_text.short_lines(plain_text.harmless(text, styled=True)))
     stream.flush()
 
 
@@ -76,7 +81,7 @@ def console(stream: TextIO | None = None, **options: Any) -> Console:
 
         def render(self, *arguments: Any, **named: Any) -> Any:
             for each in super().render(*arguments, **named):
-                yield each if each.control else Segment(plain(each.text), each.style)
+                yield each if each.control else Segment(plain_text.plain(each.text), each.style)
 
     target = _WithoutCommands(sys.stdout if stream is None else stream)
     return PlainConsole(file=cast("TextIO", target), **options)
@@ -89,7 +94,7 @@ class _WithoutCommands:
         self._stream = stream
 
     def write(self, text: str) -> int:
-        return self._stream.write(without_commands(text))
+        return self._stream.write(plain_text.without_commands(text))
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)

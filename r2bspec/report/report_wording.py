@@ -10,7 +10,7 @@ from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
 from r2bspec.judge.methods.peak_bracket import peak_doubts
 from r2bspec.judge.result import Result
-from r2bspec.judge.verdict import OverallOutcome, RequirementVerdict, Verdict
+from r2bspec.judge.verdict import OverallOutcome, RequirementVerdict, UncertaintyBudget, Verdict
 from r2bspec.record.graph_identity import revision_text
 from r2bspec.record.run_record import HarnessOverheadRecord, Probe, SearchRecord, StartRecord
 
@@ -75,6 +75,23 @@ def bounds_text(one: RequirementVerdict) -> str:
     return lower if lower == upper else f"{lower} … {upper}"
 
 
+BUDGET_CAPTION = (
+    "shares of the variance behind each interval; allowance: for knowing them from few values"
+)
+
+
+def share_text(share: float | None) -> str:
+    """A share of a budget in whole percents; a dash where it cannot be told apart."""
+    if share is None:
+        return "–"
+    return "< 1 %" if 0 < share < 0.01 else f"{100 * share:.0f} %"
+
+
+def budget_sentences(budget: UncertaintyBudget) -> list[str]:
+    """What would halve the interval, and why some parts are not known."""
+    return [budget.halve, *(part.unknown for part in budget.parts if part.unknown)]
+
+
 PROBE_MARKS = {True: "✔", False: "✘", None: "?"}
 """Marks of a probe's outcome."""
 
@@ -126,7 +143,9 @@ def peak_text(search: SearchRecord) -> str:
         several = len(search.open_hz) > 1
         parts.insert(1, f"undecided from {first} to {last}" if several else f"undecided at {first}")
     if search.shown and search.confidence:
-        parts.append(f"{show(search.confidence, 'share', 4)} confidence")
+        recurs = show(search.recurs_s, "s", 2)
+        met = f" for what recurs within {recurs}" if search.recurs_s else ""
+        parts.append(f"{show(search.confidence, 'share', 4)} confidence{met}")
     parts += [f"{each[:1].lower()}{each[1:]}" for each in peak_doubts(search)]
     return " · ".join([*parts, f"{len(search.probes)} probes"])
 

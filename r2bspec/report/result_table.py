@@ -26,13 +26,7 @@ from r2bspec.judge.measure.units import at_rate, show, show_range, show_rate
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.record.run_record import HarnessOverheadRecord
-from r2bspec.report.report_wording import (
-    bounds_text,
-    estimate_text,
-    requirement_text,
-    several_monitors,
-    verdict_word,
-)
+from r2bspec.report import report_wording as wording
 
 WORST_FIRST: Final = ("fail", "inconclusive", "pass")
 
@@ -66,15 +60,15 @@ class RequirementRow:
 
 def requirement_rows(verdict: Verdict, *, worst_first: bool = False) -> list[RequirementRow]:
     """The requirements in the order of the spec, or those first that are not met."""
-    several = several_monitors(verdict)
+    several = wording.several_monitors(verdict)
     rows = [
         RequirementRow(
             verdict=requirement,
             index=index,
-            word=verdict_word(requirement),
-            text=requirement_text(requirement, name_monitor=several),
-            estimate=estimate_text(requirement),
-            bounds=bounds_text(requirement),
+            word=wording.verdict_word(requirement),
+            text=wording.requirement_text(requirement, name_monitor=several),
+            estimate=wording.estimate_text(requirement),
+            bounds=wording.bounds_text(requirement),
             limit=show(requirement.limit, requirement.unit)
             if requirement.limit is not None
             else "",

@@ -23,23 +23,16 @@ from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import Verdict
 from r2bspec.record.run_record import SearchRecord
+from r2bspec.report import report_wording as wording
 from r2bspec.report.findings_text import wants_colour
 from r2bspec.report.headline import headline, reason_after, verdict_headline
 from r2bspec.report.notes import Notes, notes
 from r2bspec.report.output import console, echo, echo_document, echo_json
-from r2bspec.report.report_wording import (
-    code_text,
-    comparison,
-    loaded_rmw,
-    own_pace,
-    peak_text,
-    probe_mark,
-    starts_text,
-)
 from r2bspec.report.result_table import RequirementRow, reasons, requirement_rows
 from r2bspec.report.terminal_tables import (
     DIM_STYLE,
     OUTCOME_STYLES,
+    budget_section,
     harness_overhead_section,
     heading,
     hop_sections,
@@ -129,7 +122,7 @@ def print_report(
         console: to print to, with its width and colours.
         whole_tables_from: if it is not 0, the width of the report, which wider tables exceed up to
             the width of the console.
-        verbose: with every reason and every note.
+        verbose: with every reason, every note, and the budgets of the intervals.
     """
     width = max(whole_tables_from or console.width, _MIN_WIDTH)
     line = headline(result)
@@ -138,12 +131,13 @@ def print_report(
     sections = (
         second_line(line, result.verdict),
         header(result),
-        verdict_section(result.verdict, width, own_pace(result.metrics), verbose=verbose),
+        verdict_section(result.verdict, width, wording.own_pace(result.metrics), verbose=verbose),
         notes_section(notes(result, verbose=verbose)),
         *monitor_sections(result, width),
         *hop_sections(result.metrics),
         load_section(result.metrics, width),
         harness_overhead_section(result.harness_overhead),
+        budget_section(result.verdict) if verbose else None,
         search_section(result.metrics.search),
     )
     for section in sections:
@@ -198,10 +192,10 @@ def header(result: Result) -> RenderableType:
     where = [
         _fact(result.machine, "cpu"),
         f"{_fact(result.machine, 'cores')} cores" if "cores" in result.machine else "",
-        loaded_rmw(result),
+        wording.loaded_rmw(result),
         _fact(result.dataset, "source"),
-        code_text(result),
-        starts_text(result.starts),
+        wording.code_text(result),
+        wording.starts_text(result.starts),
         f"r2bspec {result.versions['r2bspec']}" if "r2bspec" in result.versions else "",
     ]
     lines = [Text(title, style="bold"), Text(" · ".join(filter(None, where)), style=DIM_STYLE)]
@@ -209,7 +203,7 @@ def header(result: Result) -> RenderableType:
         lines.append(
             Text(f"judged by the objectives and the gate of {result.judged_by}", style=DIM_STYLE)
         )
-    lines += [Text(each, style=DIM_STYLE) for each in comparison(result)]
+    lines += [Text(each, style=DIM_STYLE) for each in wording.comparison(result)]
     return Group(*(line for line in lines if line.plain))
 
 
@@ -225,10 +219,10 @@ def search_section(search: SearchRecord | None) -> RenderableType | None:
     for number, probe in enumerate(search.probes):
         probes.append(" " if number else "")
         probes.append(
-            f"{probe.rate_hz:.4g}{probe_mark(probe)}",
+            f"{probe.rate_hz:.4g}{wording.probe_mark(probe)}",
             style=_PROBE_STYLES[True if probe.keeps_up and probe.holds is None else probe.holds],
         )
-    lines: list[RenderableType] = [heading("search", f"peak {peak_text(search)}"), probes]
+    lines: list[RenderableType] = [heading("search", f"peak {wording.peak_text(search)}"), probes]
     failed = [probe for probe in search.probes if probe.rate_hz == search.fails_hz]
     if failed and failed[-1].holds is False:
         last = failed[-1]

@@ -10,8 +10,10 @@ from __future__ import annotations
 import shutil
 import sys
 from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, get_args
 
-from rich.console import Group, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
@@ -23,13 +25,19 @@ from r2bspec.judge.measure.distribution import (
     part_value,
 )
 from r2bspec.judge.measure.metrics import RateMetrics, RunMetrics, UseMetrics
-from r2bspec.judge.measure.units import at_rate, show, show_rate, significant
+from r2bspec.judge.measure.units import at_rate, show, show_range, show_rate, significant
 from r2bspec.judge.result import Result
-from r2bspec.judge.verdict import OverallOutcome
+from r2bspec.judge.verdict import OverallOutcome, VarianceSource, Verdict
 from r2bspec.record.run_record import HarnessOverheadRecord, PhaseTime, RunRecord
-from r2bspec.report.output import console
-from r2bspec.report.report_wording import OUTCOME_WORDS, overhead_placement
-from r2bspec.report.result_table import METRICS, Measured, measured, monitor_names
+from r2bspec.report.output import MAX_TABLE_ROWS, console, rows_left_out
+from r2bspec.report.report_wording import (
+    BUDGET_CAPTION,
+    OUTCOME_WORDS,
+    budget_sentences,
+    overhead_placement,
+    share_text,
+)
+from r2bspec.report.result_table import METRICS, Measured, measured, monitor_names, requirement_rows
 
 OUTCOME_STYLES: dict[OverallOutcome, str] = {
     "pass": "bold green",
@@ -52,9 +60,27 @@ def heading(text: str, aside: str = "") -> Text:
     return Text.assemble((text, "bold"), (f"  {aside}" if aside else "", DIM_STYLE))
 
 
+class _BoundedTable(Table):
+    """Shows the first rows, and how many there are more."""
+
+    more = 0
+
+    def add_row(self, *cells: RenderableType | None, **options: Any) -> None:
+        """See `Table.add_row`."""
+        if self.row_count < MAX_TABLE_ROWS:
+            super().add_row(*cells, **options)
+        else:
+            self.more += 1
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        yield from super().__rich_console__(console, options)
+        if self.more:
+            yield Text(rows_left_out(self.more), style=DIM_STYLE)
+
+
 def table(columns: Sequence[str]) -> Table:
     """A table whose first column is a name and whose others are numbers."""
-    made = Table(
+    made = _BoundedTable(
         box=None,
         pad_edge=False,
         padding=(0, 2, 0, 0),
@@ -113,7 +139,14 @@ def hop_sections(metrics: RunMetrics) -> Iterator[RenderableType]:
     for row in measured(metrics):
         if not row.seen.hops:
             continue
-        made = table(["from → to", *map(part_title, SHORT_PERCENTILES), "matched", "missed"])
+        made = table(
+            [
+                "from → to",
+                *map(part_title, SHORT_PERCENTILES),
+                "matched",
+                "missed",
+            ]
+        )
         for hop in row.seen.hops:
             made.add_row(
                 f"{hop.source} → {hop.target}",
@@ -132,6 +165,7 @@ _RATE_WIDTH = 17
 """Columns with their gaps, at their widest: ``1,023 MiB``, ``12,345`` and ``251 µs (348 µs)``."""
 
 _PLAYED_LABEL = "playback rate"
+_FREQUENCY_LABEL = "CPU frequency"
 _LATE_LABEL = f"lateness {part_title(TAIL_PERCENTILE)} (max)"
 
 
@@ -148,6 +182,25 @@ def load_section(metrics: RunMetrics, width: int) -> RenderableType | None:
         heading("load", "CPU mean (max); 100 % is one core; minor page faults a message"),
         *(_load_table(rates[start : start + across]) for start in range(0, len(rates), across)),
     )
+
+
+def budget_section(verdict: Verdict) -> RenderableType | None:
+    """Where the interval of each requirement comes from; None where no interval was divided."""
+    rows = [
+        (row, row.verdict.budget)
+        for row in requirement_rows(verdict)
+        if row.verdict.budget is not None
+    ]
+    if not rows:
+        return None
+    made = table(["requirement", "interval", *get_args(VarianceSource)])
+    lines: list[RenderableType] = []
+    for row, budget in rows:
+        shares = (share_text(part.share) for part in budget.parts)
+        made.add_row(row.title, f"± {show(budget.half_width, row.verdict.unit)}", *shares)
+        text = f"{row.title}: {' '.join(budget_sentences(budget))}"
+        lines.append(Padding(Text(text, style=DIM_STYLE), (0, 0, 0, 2), expand=False))
+    return Group(heading("uncertainty", BUDGET_CAPTION), made, *lines[:MAX_TABLE_ROWS])
 
 
 def harness_overhead_section(overheads: tuple[HarnessOverheadRecord, ...]) -> RenderableType | None:
@@ -182,12 +235,22 @@ def _load_table(rates: tuple[RateMetrics, ...]) -> RenderableType:
     machine = [rate.pooled.machine for rate in rates]
     if any(machine):
         made.add_row("whole machine", *map(_cpu, machine), _memory(machine), "")
+    frequencies = [_frequencies(rate) for rate in rates]
+    if any(frequencies):
+        made.add_row(_FREQUENCY_LABEL, *(text or "-" for text in frequencies), "", "")
     if any(rate.pooled.playback.sent is not None for rate in rates):
         made.add_row(
             _PLAYED_LABEL, *(show(rate.pooled.playback.rate_hz, "Hz") for rate in rates), "", ""
         )
         made.add_row(_LATE_LABEL, *map(_lateness, rates), "", "")
     return made
+
+
+def _frequencies(rate: RateMetrics) -> str:
+    """The range over the iterations; empty if it is unknown."""
+    around = (one.interference for one in rate.iterations)
+    known = [each.frequency_hz for each in around if each is not None and each.frequency_hz]
+    return show_range(min(known), max(known), "Hz") if known else ""
 
 
 def _cpu(use: UseMetrics | None) -> str:

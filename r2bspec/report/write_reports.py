@@ -23,9 +23,14 @@ from r2bspec.errors import R2bspecError
 from r2bspec.judge.measure.units import rate_name
 from r2bspec.record.files import RUN_UNWRITABLE, RecordError, write_atomically
 from r2bspec.report import finding_formats
-from r2bspec.report.errors import ReportError, ReportUsageError
 from r2bspec.report.findings_text import render_text
-from r2bspec.report.format_registry import check_installed, find_format, renderer
+from r2bspec.report.format_registry import (
+    ReportError,
+    ReportUsageError,
+    check_installed,
+    find_format,
+    renderer,
+)
 from r2bspec.safe_io.safe_file import is_folder, is_regular, is_there
 
 STDOUT = "-"
@@ -56,7 +61,9 @@ def parse_report_requests(options: Iterable[str]) -> tuple[ReportRequest, ...]:
     for path in paths:
         if paths.count(path) > 1:
             where = "standard output" if path == STDOUT else repr(path)
-            raise ReportUsageError(f"two reports cannot both go to {where}")
+            raise ReportUsageError(
+                f"two reports cannot both go to {where}", hint="Name another file for one of them."
+            )
     return tuple(requests)
 
 

@@ -1,8 +1,11 @@
 """The user's cache: programs, datasets and indexes of recordings that are kept between calls.
 
-What is kept is believed, and programs among it are run. So a cache is used only where no other user
-but root can change it, or exchange a folder above it, and where no commit can bring it along: in no
-work tree of git. Any other is passed over, and so is one that cannot be made.
+What is kept is believed. So a cache is used only where no other user but root can change it, or
+exchange a folder above it, and where no commit can bring it along: in no work tree of git. Any
+other is passed over, and so is one that cannot be made.
+
+An archive can bring a cache along, too, and nothing tells where it was unpacked. But it brings no
+`FileState`, so a file that is believed without a look into it is kept with its own.
 """
 
 from __future__ import annotations
@@ -19,6 +22,17 @@ from r2bspec.private_files import private_files
 
 if TYPE_CHECKING:
     import tempfile
+
+FileState = tuple[int, int, int, int]
+"""Inode, size, and when content (mtime) and file (ctime) last changed, in nanoseconds.
+
+A program can set the first time to any value, but not the second."""
+
+
+def file_state(status: os.stat_result) -> FileState:
+    """What the kernel alone decides about a file, and changes whenever it is written."""
+    return (status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
+
 
 _ACL: Final = "system.posix_acl_access"
 
@@ -43,14 +57,19 @@ def cache_path(kind: str) -> Path:
 
 
 def cache_folder(kind: str) -> Path:
-    """The folder of one kind of what is kept; it is made.
+    """The folder of one kind of what is kept; see `believed_folder`."""
+    folder = cache_path(kind)
+    if not folder.is_absolute():
+        raise UnusableCacheError("this user has no home folder")
+    return believed_folder(folder)
+
+
+def believed_folder(folder: Path) -> Path:
+    """A folder whose content is believed, without links; it is made.
 
     Raises:
         OSError: it cannot be made, or is not to be believed (`UnusableCacheError`).
     """
-    folder = cache_path(kind)
-    if not folder.is_absolute():
-        raise UnusableCacheError("this user has no home folder")
     with private_files():
         folder.mkdir(parents=True, exist_ok=True)
     # The check goes over the folders that a path leads through in the end.

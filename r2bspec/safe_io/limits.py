@@ -180,8 +180,8 @@ MAX_IDENTITY_TEXT_BYTES: Final = 4_000_000
 """A text file of the graph that is compared between runs."""
 MAX_DIGEST_BYTES: Final = 512_000_000
 """A program whose content is compared."""
-DIGEST_CHARACTERS: Final = 64
-"""Of a SHA-256."""
+MAX_FILE_STATE_BYTES: Final = 100
+"""Four numbers of 64 bits about a kept file."""
 MAX_LOADED_NAMES_BYTES: Final = 16 << 20
 """Names of files that a process has loaded."""
 MAX_MANIFEST_BYTES: Final = 1_000_000
@@ -207,10 +207,24 @@ MAX_IGNORE_FILE_BYTES: Final = 1_000_000
 
 # Editors and fleets
 
-MAX_EDITOR_MESSAGE_BYTES: Final = 1 << 27
-"""Many times the largest document."""
-MAX_EDITOR_LINE_BYTES: Final = 1 << 16
-"""Of the header of a message."""
+MAX_EDITOR_MESSAGE_BYTES: Final = 1 << 25
+"""Three times the largest document: line breaks and quotes are escaped."""
+MAX_EDITOR_HEADER_BYTES: Final = 1 << 16
+"""Of the header of a message: real ones have a hundred."""
+MAX_EDITOR_TEXT_CHARACTERS: Final = 1 << 25
+"""Of all open documents together."""
+MAX_EDITOR_DOCUMENTS: Final = 500
+"""Open at a time."""
+MAX_EDITOR_ITEMS: Final = 100_000
+"""Of a list in a message: changes of a text, files on disk."""
+MAX_EDITOR_EDIT_WORK: Final = 500_000_000
+"""Characters and lines that the changes of one message move."""
+MAX_EDITOR_LINE_CHARACTERS: Final = 10_000
+"""Of a line in which something is proposed."""
+MAX_EDITOR_PARSED_CHARACTERS: Final = 3_000_000
+"""To propose something: a text that is being written is tried in several ways."""
+MAX_EDITOR_CURSORS: Final = 1_000
+"""Places whose selections are asked for."""
 MAX_BUNDLE_BYTES: Final = 512 << 20
 """A folder that a command names may be a whole workspace."""
 MAX_BUNDLE_FILES: Final = 20_000

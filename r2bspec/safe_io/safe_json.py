@@ -12,7 +12,13 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from r2bspec.safe_io.limits import MAX_INTEGER, MAX_JSON_BYTES, MAX_NUMBER, MAX_TEXT_CHARACTERS
+from r2bspec.safe_io.limits import (
+    MAX_INTEGER,
+    MAX_JSON_BYTES,
+    MAX_NUMBER,
+    MAX_NUMBER_CHARACTERS,
+    MAX_TEXT_CHARACTERS,
+)
 from r2bspec.safe_io.safe_file import read_bytes
 
 
@@ -110,8 +116,15 @@ def decode_python_json(content: bytes) -> object:
     try:
         import json
 
-        return json.loads(content)
+        return json.loads(content, parse_int=_integer)
     except RecursionError:
         raise msgspec.DecodeError("it is nested too deeply") from None
     except ValueError as error:
         raise msgspec.DecodeError(str(error)) from None
+
+
+def _integer(text: str) -> int:
+    """An integer, unless it is so long that no measured one can be meant."""
+    if len(text) > MAX_NUMBER_CHARACTERS:
+        raise ValueError(f"a number has {len(text):,} digits")
+    return int(text)

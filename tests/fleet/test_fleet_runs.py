@@ -250,7 +250,7 @@ def test_a_host_without_room_leaves_the_run_to_others(
 ) -> None:
     folder = hosts.folder / "host-full"
     folder.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", "size=100k", "tmpfs", str(folder)]
+    command = ["mount", "-t", "tmpfs", "-o", "size=100k,mode=700", "tmpfs", str(folder)]
     try:
         subprocess.run(command, check=True, capture_output=True)
     except (OSError, subprocess.CalledProcessError):

@@ -1,10 +1,10 @@
 """How many hostile inputs of every family are answered cleanly; 100 % is what is required.
 
 An answer is clean if it has a documented exit status other than that of an internal error, and a
-message if it is no success; if it has no traceback, no control character and no secret; and if it
-took less than 500 MB of memory, few seconds of CPU, and a bounded output. Each call is made in a
-process of its own, so that a crash or a hang is one, too. `readers` has what is a file of one
-reader.
+message if it is no success; if errors of a call say what to do; if it has no traceback, no control
+character and no secret; and if it took less than 500 MB of memory, few seconds of CPU, and a
+bounded output. Each call is made in a process of its own, so that a crash or a hang is one, too.
+`readers` has what is a file of one reader.
 """
 
 from __future__ import annotations
@@ -97,8 +97,12 @@ def faults(code: int, said: bytes) -> list[tuple[bool, str]]:
     """What may be wrong with an answer by its status and output, each with whether it is."""
     return [
         (code not in (0, 1, 2, 3, 4), f"exit status {code}"),
-        (b"Traceback" in said or b"R2B69" in said, "a crash"),
+        (re.search(rb"Traceback|R2B69|R2B678", said) is not None, "a crash"),
         (code != 0 and not said.strip(), "no message"),
+        (
+            re.search(rb"(?m)^error\[", said) is not None and b"  help: " not in said,
+            "an error without a way out",
+        ),
         (_CONTROL.search(said) is not None, "control characters"),
         (_shows_secret(said), "a secret"),
     ]

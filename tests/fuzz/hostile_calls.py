@@ -162,6 +162,7 @@ def r2bspec(
     answer = call(*arguments, cwd=cwd, stdin=stdin, address_space=memory_bytes)
     said = answer.said.decode()
     assert "Traceback" not in said, said
+    assert "R2B678" not in said, said  # the limit is ours
     assert answer.status in (0, 1, 2, 3, 4), said
     return answer.status, said
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -159,3 +160,55 @@ def test_an_input_has_a_bounded_cost_and_output(name: str, tmp_path: Path) -> No
         arguments += [file if word == "@" else word for word in words[1:] if words[0] != "data"]
         answer = call(*arguments, cwd=tmp_path, environ={"XDG_CACHE_HOME": str(tmp_path)})
         assert not wrong_with(answer, MOST_CPU_S), (arguments, wrong_with(answer, MOST_CPU_S))
+
+
+def conversation(*messages: object) -> bytes:
+    """What an editor sends: bytes as they are, anything else as a message."""
+    parts = []
+    for message in messages:
+        body = b"" if isinstance(message, bytes) else json.dumps(message).encode()
+        header = b"Content-Length: %d\r\n\r\n" % len(body)
+        parts.append(message if isinstance(message, bytes) else header + body)
+    return b"".join(parts)
+
+
+def asked(method: str, number: int | None = None, **params: object) -> dict[str, object]:
+    message: dict[str, object] = {"jsonrpc": "2.0", "method": method, "params": params}
+    return message if number is None else message | {"id": number}
+
+
+def edits(text: str, number: int) -> tuple[object, ...]:
+    item = {"uri": "file:///a.r2b.yaml", "version": 1, "text": text}
+    start = {"line": 0, "character": 0}
+    change = {"range": {"start": start, "end": start}, "text": "x"}
+    opened = asked("textDocument/didOpen", textDocument=item)
+    return opened, asked(
+        "textDocument/didChange", textDocument=item, contentChanges=[change] * number
+    )
+
+
+CONVERSATIONS: dict[str, Callable[[], tuple[object, ...]]] = {
+    "lines of a header": lambda: (b"X: y\r\n" * 2_000_000,),
+    "a line of a header": lambda: (b"X: " + b"y" * 50_000_000 + b"\r\n",),
+    "lists": lambda: (asked("x", 5, a=[[]] * 5_000_000),),
+    "positions": lambda: (
+        asked("textDocument/selectionRange", 5, positions=[{"line": 0, "character": 0}] * 500_000),
+    ),
+    "emoji": lambda: edits("😀" * 2_400_000, 1),
+    "halves of a character": lambda: edits("\ud83d" * 2_400_000, 1),
+    "changes": lambda: edits("x", 100_000),
+    "changes of a long line": lambda: edits("x" * 9_000_000, 5_000),
+    "changes of many lines": lambda: edits("x\n" * 4_000_000, 5_000),
+    "errors": lambda: (b"Content-Length: 1\r\n\r\n{" * 10_000,),
+}
+
+
+@pytest.mark.parametrize("name", list(CONVERSATIONS)[:: size(3, 1)])
+def test_a_conversation_of_an_editor_has_a_bounded_cost(name: str, tmp_path: Path) -> None:
+    begun = asked("initialize", 1, capabilities={})
+    ended = asked("shutdown", 2), asked("exit")
+    said = call(
+        "lsp", cwd=tmp_path, stdin=conversation(begun, *CONVERSATIONS[name](), b"\r\n", *ended)
+    )
+    assert not wrong_with(replace(said, said=b""), MOST_CPU_S)
+    assert said.said.rstrip().endswith(b'"id":2,"result":null}')

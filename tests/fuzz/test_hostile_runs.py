@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from hostile_calls import LONGEST_S, answered, make_special
 
-from run_simulation import Played, Simulation, objective, remove_digests
+from run_simulation import Played, Simulation, objective, renew_digests
 
 pytestmark = pytest.mark.timeout(4 * LONGEST_S)
 
@@ -62,9 +62,9 @@ def test_hostile_json_of_a_run_is_refused(name: str, content: bytes, tmp_path: P
 )
 def test_a_hostile_header_of_an_array_is_refused(header: bytes, tmp_path: Path) -> None:
     folder = run_folder(tmp_path / "run")
-    remove_digests(folder)
     size = len(header).to_bytes(2, "little")
     replaced(folder, "monitor").write_bytes(b"\x93NUMPY\x01\x00" + size + header)
+    renew_digests(folder)
     answered("judge", folder, cwd=tmp_path, says="R2B650")
 
 

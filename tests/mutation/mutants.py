@@ -25,7 +25,6 @@ from r2bspec.language.yaml_document import compose
 KINDS = ("delete", "misspell", "duplicate", "retype", "swap", "topic")
 
 _MAPS_OF_TOPICS = ("topics", "remappings")  # both keys and values are topics
-_TOPIC_KEYS = ("inputs", "publishes", "subscribes")
 _TOPIC_VALUES = ("topic", "from")
 
 

@@ -31,6 +31,7 @@ from r2bspec.judge.pair_comparison import (
 )
 from r2bspec.judge.verdict import InterferencePolicy, Verdict
 from r2bspec.language.spec import Objective
+from r2bspec.plan.interim_looks import InterimLooks
 from r2bspec.record.comparison_folder import Side
 from run_simulation import objective
 from simulated_runs import RATE_HZ, run_of
@@ -38,6 +39,8 @@ from simulated_runs import RATE_HZ, run_of
 Shares = NDArray[np.float64]
 LoadWorld = Callable[[np.random.Generator, NDArray[np.bool_]], Shares]
 """The share of the time that others take from each of successive runs, some of them the head's."""
+
+Sides = Mapping[Side, list[RunSamples]]
 
 MESSAGES = 60
 _OUTCOMES = {"pass": 1, "fail": -1}
@@ -121,7 +124,7 @@ class PairGate:
         policy = DecisionPolicy(interference=self.interference)
         new_objectives, new_policy = confirmation_terms(objectives, policy)
         for _ in range(runs):
-            first = judge_pair_set(objectives, self._play(random), policy)
+            first = self._session(random, objectives, policy)
             confirm = partial(self._confirm, first, random, new_objectives, new_policy)
             counted.add(_OUTCOMES.get(first.outcome, 0), confirm)
         return counted
@@ -133,40 +136,55 @@ class PairGate:
         objectives: Mapping[str, Objective],
         policy: DecisionPolicy,
     ) -> int:
-        second = judge_pair_set(objectives, self._play(random), policy)
+        second = self._session(random, objectives, policy)
         return _OUTCOMES.get(confirm_run(first, second).outcome, 0)
 
-    def _play(self, random: np.random.Generator) -> PairSet:
-        is_head = heads(self.pairs, int(random.integers(2**32)))
+    def _session(
+        self,
+        random: np.random.Generator,
+        objectives: Mapping[str, Objective],
+        policy: DecisionPolicy,
+    ) -> Verdict:
+        """Pairs up to the look that decides."""
+        sides = self._play(random, self.pairs)
+        looks = InterimLooks.after_each_pair(self.pairs)
+        for end in looks.iterations:
+            verdict = judge_pair_set(objectives, _pair_set(sides, end, looks), policy)
+            if verdict.outcome in _OUTCOMES:
+                break
+        return verdict
+
+    def _play(self, random: np.random.Generator, pairs: int) -> Sides:
+        is_head = heads(pairs, int(random.integers(2**32)))
         if self.fixed_order:
-            is_head = np.resize([False, True, True, False], 2 * self.pairs)
+            is_head = np.resize([False, True, True, False], 2 * pairs)
         taken = self.world(random, is_head)
-        level = np.exp(random.normal(0, self.starts / math.sqrt(2), 2 * self.pairs))
+        level = np.exp(random.normal(0, self.starts / math.sqrt(2), 2 * pairs))
         slower = np.where(is_head, self.slower, 1.0)
         runs = [
             _run(random, *each)
             for each in zip(level.tolist(), slower.tolist(), taken.tolist(), strict=True)
         ]
-        sides: dict[Side, list[RunSamples]] = {
+        return {
             "base": [run for run, head in zip(runs, is_head, strict=True) if not head],
             "head": [run for run, head in zip(runs, is_head, strict=True) if head],
         }
-        calm = [
-            pair
-            for pair in range(self.pairs)
-            if not any(_is_affected(sides[side][pair]) for side in sides)
-        ]
-        unaffected = None
-        if len(calm) < self.pairs:
-            unaffected = _interleaved(
-                [sides["base"][pair] for pair in calm], [sides["head"][pair] for pair in calm]
-            )
-        return PairSet(
-            _interleaved(sides["base"], sides["head"]),
-            self.pairs,
-            unaffected,
-            "Host interference in some pairs",
-        )
+
+
+def _pair_set(sides: Sides, number: int, looks: InterimLooks) -> PairSet:
+    """The first pairs."""
+    base, head = sides["base"][:number], sides["head"][:number]
+    calm = [pair for pair in zip(base, head, strict=True) if not any(map(_is_affected, pair))]
+    unaffected = None
+    if len(calm) < number:
+        unaffected = _interleaved([each for each, _ in calm], [each for _, each in calm])
+    return PairSet(
+        played=_interleaved(base, head),
+        tried=number,
+        looks=looks,
+        unaffected=unaffected,
+        disturbance_text="Host interference in some pairs",
+    )
 
 
 def _run(random: np.random.Generator, level: float, slower: float, taken: float) -> RunSamples:

@@ -10,14 +10,15 @@ each failure is played again, in fresh starts, and judged at the confidence of a
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 from functools import partial
 
+import msgspec
 import numpy as np
 from scipy import signal, special
 from simulated_gates import (
     CONFIDENCE,
-    LOOKS,
     Errors,
     Values,
     percentile_outcome,
@@ -26,6 +27,8 @@ from simulated_gates import (
 )
 
 from nightly import size
+from r2bspec.judge.decision_policy import DecisionPolicy
+from r2bspec.judge.pipeline import judge
 from r2bspec.judge.statistics.effective_sample_size import SampleDesign, effective_sample
 from r2bspec.judge.statistics.percentile_interval import RankedMessages, percentile_interval
 from r2bspec.judge.statistics.t_interval import (
@@ -33,7 +36,13 @@ from r2bspec.judge.statistics.t_interval import (
     hierarchical_interval,
     welch_ratio_of_runs,
 )
+from r2bspec.judge.statistics.variance_components import NestedSample, sampling_variance
+from r2bspec.judge.verdict import Verdict
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
+from r2bspec.plan.interim_looks import InterimLooks
+from r2bspec.record.run_record import StartRecord
+from run_simulation import objective
+from simulated_runs import run_of
 
 Parts = tuple[tuple[float, float, float], ...]
 
@@ -75,6 +84,8 @@ class StartWorld:
         slow_starts: share of starts that are slower by a fifth.
         slow_iterations: share of iterations that are.
         burst: mean length of stalls, in which messages take twice as long; 2 % of all messages.
+        stop: length of stops of the machine in seconds, one every `EVERY_S` on average; a message
+            takes 20 ms, and what comes during a stop waits for its end.
         skewed: whether messages are log-normal with sigma 1, and nothing else.
     """
 
@@ -88,6 +99,7 @@ class StartWorld:
     slow_starts: float = 0.0
     slow_iterations: float = 0.0
     burst: float = 0.0
+    stop: float = 0.0
     skewed: bool = False
 
     def run(self, random: np.random.Generator, shape: Shape) -> Values:
@@ -107,6 +119,8 @@ class StartWorld:
             values += self.drift * (np.arange(m * n).reshape(m, n) / (m * n - 1) - 0.5)
         if self.burst:
             values += _stalls(random, self.burst, (m, n))
+        if self.stop:
+            values += _stops(random, self.stop, (m, n)) / MESSAGE_S
         return np.asarray(values)
 
     @property
@@ -116,6 +130,10 @@ class StartWorld:
         if self.drift:
             steps = (np.arange(400) + 0.5) / 400 - 0.5
             return tuple((1 / 400, 1 + self.drift * at, deviation) for at in steps.tolist())
+        if self.stop:
+            held, steps = self.stop / EVERY_S, ((np.arange(100) + 0.5) / 100).tolist()
+            late = tuple((held / 100, 1 + at * self.stop / MESSAGE_S, deviation) for at in steps)
+            return ((1 - held, 1.0, deviation), *late)
         slow, by = max(self.slow_starts, self.slow_iterations), 0.2
         if self.burst:
             slow, by = _STALLED, 1.0
@@ -139,6 +157,7 @@ class StartWorld:
 
 
 _STALLED = 0.02
+MESSAGE_S, RATE_HZ, EVERY_S = 0.02, 30.0, 30.0
 
 
 def _ar(random: np.random.Generator, phi: float, length: int, rows: int | None = None) -> Values:
@@ -162,11 +181,26 @@ def _stalls(random: np.random.Generator, length: float, shape: tuple[int, int]) 
     return found
 
 
+def _stops(random: np.random.Generator, length_s: float, shape: tuple[int, int]) -> Values:
+    """For how long each message waits for the end of a stop, in seconds."""
+    times_s = np.arange(shape[1]) / RATE_HZ
+    found = np.zeros(shape)
+    span_s = times_s[-1] + 1 / RATE_HZ + length_s
+    for waits in found:
+        begins_s = random.uniform(-length_s, span_s - length_s, random.poisson(span_s / EVERY_S))
+        for begin_s in begins_s:
+            left_s = np.where(times_s >= begin_s, begin_s + length_s - times_s, 0.0)
+            np.maximum(waits, left_s, out=waits)
+    return found
+
+
 WORLDS: dict[str, StartWorld] = {
     "nothing differs": StartWorld(),
     "starts differ by 0.5 %": StartWorld(start=0.005, iteration=0.01),
     "starts differ by 1 %": StartWorld(start=0.01, iteration=0.01),
     "starts differ by 2.7 %": StartWorld(start=0.027, iteration=0.01),
+    "starts differ by 5 %": StartWorld(start=0.05, iteration=0.01),
+    "starts differ by 10 %": StartWorld(start=0.1, iteration=0.01),
     "iterations differ by 2.7 %": StartWorld(iteration=0.027),
     "both differ by 2.7 %": StartWorld(start=0.027, iteration=0.027),
     "drift of 6 % through the run": StartWorld(drift=0.06, iteration=0.01),
@@ -178,6 +212,7 @@ WORLDS: dict[str, StartWorld] = {
     "stalls of 5 messages": StartWorld(burst=5),
     "stalls of 20 messages": StartWorld(burst=20),
     "stalls of 40 messages": StartWorld(burst=40),
+    "a stop of 0.5 s every 30 s": StartWorld(stop=0.5),
     "1 iteration in 10 is slow": StartWorld(slow_iterations=0.1),
     "1 start in 5 is slow": StartWorld(slow_starts=0.2),
     "skewed messages (log-normal)": StartWorld(skewed=True),
@@ -244,28 +279,223 @@ def errors(
     runs: int,
     looks: bool = False,
 ) -> dict[str, Errors]:
-    """Judge many runs, exactly on the limit, and play failures again."""
+    """Judge many runs, exactly on the limit, and play failures again.
+
+    Args:
+        world: that they are of.
+        quantities: that are judged.
+        shape: of a run.
+        runs: how many.
+        looks: whether a run ends after the start that decides; all are judged whole otherwise.
+    """
+    planned = planned_looks(shape, looks=looks)
     random = np.random.default_rng(1)
     limits = {quantity: limit_of(world, quantity) for quantity in quantities}
     found = {quantity: Errors(runs) for quantity in quantities}
-    ends = {shape.pieces: CONFIDENCE}
-    if looks:
-        ends = {end: LOOKS.confidence_at(at) for at, end in enumerate(LOOKS.iterations, start=1)}
     for _ in range(runs):
         values = world.run(random, shape)
         again: Values | None = None
         for quantity, limit in limits.items():
-            first, end = 0, 0
-            for end, confidence in ends.items():
-                first = outcome(values[:end], shape, quantity, limit, confidence)
-                if first:
-                    break
+            first = _at_looks(values, shape, planned, quantity, limit, CONFIDENCE)
             if first < 0 and again is None:
                 again = world.run(random, shape)
             fresh = values if again is None else again
-            confirm = partial(outcome, fresh[:end], shape, quantity, limit, CONFIRMATION_CONFIDENCE)
+            confidence = CONFIRMATION_CONFIDENCE
+            confirm = partial(_at_looks, fresh, shape, planned, quantity, limit, confidence)
             found[quantity].add(first, confirm)
     return found
+
+
+def planned_looks(shape: Shape, *, looks: bool) -> InterimLooks:
+    """The looks at a run, or the only one at its end."""
+    if looks:
+        return InterimLooks.planned(shape.pieces, shape.starts)
+    return InterimLooks((shape.pieces,))
+
+
+def _at_looks(
+    values: Values,
+    shape: Shape,
+    looks: InterimLooks,
+    quantity: str,
+    limit: float,
+    confidence: float,
+) -> int:
+    """The first decision at a look."""
+    for look, end in enumerate(looks.iterations, start=1):
+        at = looks.confidence_at(look, confidence)
+        if found := outcome(values[:end], shape, quantity, limit, at):
+            return found
+    return 0
+
+
+@dataclass(frozen=True)
+class TimeToVerdict:
+    """How many runs decide, and after how many starts, at a distance from the limit.
+
+    Attributes:
+        decided: the share of runs with the right verdict.
+        starts: the median number of starts that were played.
+    """
+
+    decided: float
+    starts: float
+
+
+def time_to_verdict(distance: float, most: int, *, looks: bool = True, runs: int) -> TimeToVerdict:
+    """A mean that is so many deviations between starts below its limit.
+
+    Args:
+        distance: in standard deviations between starts.
+        most: the most starts.
+        looks: whether there are interim looks; all starts are judged at once otherwise.
+        runs: how many.
+    """
+    world, shape = WORLDS["starts differ by 2.7 %"], Shape(most)
+    random, limit = np.random.default_rng(1), 1 + world.start * distance
+    planned = planned_looks(shape, looks=looks)
+    played, decided = [], 0
+    for _ in range(runs):
+        values = world.run(random, shape)
+        for look, end in enumerate(planned.iterations, start=1):
+            at = planned.confidence_at(look)
+            if found := outcome(values[:end], shape, "mean, throughput", limit, at):
+                break
+        played.append(end // shape.iterations)
+        decided += found > 0
+    return TimeToVerdict(decided / runs, float(np.median(played)))
+
+
+def verdict_on(
+    values: Values, quantity: str, limit: float, shape: Shape = DEFAULT, *, start_s: float = 0.0
+) -> Verdict:
+    """The verdict on a run with these messages, of which one takes 20 ms.
+
+    Args:
+        values: of one run, shape (iterations, messages).
+        quantity: on which there is a requirement.
+        limit: its limit.
+        shape: of the run.
+        start_s: what a start took; an iteration takes a thirtieth of a second a message.
+    """
+    latency, metric = values * 0.02, quantity.partition(",")[0]
+    text = f"latency.{metric} < {limit * 20:.6f} ms"
+    if quantity == "drop rate 1 %":
+        latency, text = np.where(values > limit, np.nan, latency), "drop_rate <= 1 %"
+    run = run_of(latency, shape.numbers)
+    starts = tuple(
+        StartRecord(number=number, began_ns=0, ready_ns=round(start_s * 1e9))
+        for number in range(1, shape.starts + 1)
+    )
+    run = replace(run, record=msgspec.structs.replace(run.record, starts=starts))
+    return judge({"slo": objective(text)}, run, DecisionPolicy())
+
+
+_ADVICE = re.compile(r"(?P<starts>\d+) starts with (?P<all>\d+)|(?P<only>\d+) iterations in")
+
+
+def advised_shape(text: str, shape: Shape) -> Shape | None:
+    """The run that a sentence of advice asks for; None if it advises neither starts nor iterations.
+
+    Args:
+        text: such as ``About 14 starts with 28 iterations would decide it``.
+        shape: of the run that it is about.
+    """
+    found = _ADVICE.search(text)
+    if found is None:
+        return None
+    if found["starts"]:
+        return replace(shape, starts=int(found["starts"]))
+    return replace(shape, iterations=int(found["only"]) // shape.starts)
+
+
+@dataclass
+class Advised:
+    """Counts of open runs: all, those with advice, for starts, and those that it then decided."""
+
+    open: int = 0
+    advised: int = 0
+    starts: int = 0
+    decided: int = 0
+
+    def __str__(self) -> str:
+        """Shares in percent."""
+        return (
+            f"{100 * self.advised / self.open:.0f} ({100 * self.starts / self.advised:.0f}) / "
+            f"{100 * self.decided / self.advised:.0f}"
+        )
+
+
+def follow_advice(world: StartWorld, quantity: str, *, runs: int, start_s: float = 12.0) -> Advised:
+    """Play what an open verdict advises, and count how often that decides it.
+
+    Limits are up to four standard deviations of the estimate from the truth, evenly.
+    """
+    random, truth, found = np.random.default_rng(8), limit_of(world, quantity), Advised()
+    estimates = [_estimate(world.run(random, DEFAULT), quantity) for _ in range(100)]
+    for _ in range(runs):
+        limit = truth + float(np.std(estimates)) * random.uniform(-4, 4)
+        values = world.run(random, DEFAULT)
+        if outcome(values, DEFAULT, quantity, limit):
+            continue
+        verdict = verdict_on(values, quantity, limit, start_s=start_s).requirements[0]
+        if verdict.outcome != "inconclusive":
+            continue
+        found.open += 1
+        if shape := advised_shape(verdict.remedy, DEFAULT):
+            found.advised += 1
+            found.starts += shape.starts > DEFAULT.starts
+            found.decided += outcome(world.run(random, shape), shape, quantity, limit) != 0
+    return found
+
+
+def _estimate(values: Values, quantity: str) -> float:
+    if quantity == "mean, throughput":
+        return float(values.mean())
+    return float(np.quantile(values, QUANTILES.get(quantity, 0.99)))
+
+
+ADVICE_WORLDS: dict[str, StartWorld] = {
+    "nothing differs": StartWorld(),
+    "iterations differ by 2.7 %": StartWorld(iteration=0.027),
+    "starts differ by 2.7 %": StartWorld(start=0.027, iteration=0.01),
+    "starts differ by 5 %": StartWorld(start=0.05, iteration=0.027),
+    "starts differ by 10 %": StartWorld(start=0.1, iteration=0.01),
+}
+
+
+@dataclass(frozen=True)
+class Components:
+    """The parts of the variance of an estimate, in millionths: starts, iterations, sampling.
+
+    Attributes:
+        truth: what they are.
+        mean: of the estimates of many runs.
+        spread: their standard deviation.
+    """
+
+    truth: Values
+    mean: Values
+    spread: Values
+
+    def __str__(self) -> str:
+        parts = zip(self.truth, self.mean, self.spread, strict=True)
+        return ", ".join(f"{a:.3g}: {b:.3g} ± {c:.2g}" for a, b, c in parts)
+
+
+def components(world: StartWorld, shape: Shape, *, runs: int) -> Components:
+    """What the analysis of variance makes of the messages of runs, for their mean."""
+    random, tau = np.random.default_rng(9), (1 + world.message_memory) / (1 - world.message_memory)
+    samples = []
+    for _ in range(runs):
+        values = world.run(random, shape)
+        sampling = sampling_variance(list(values))
+        found = NestedSample.of(values.mean(axis=1).tolist(), shape.numbers, sampling)
+        samples.append((found.by_starts, found.by_iterations, found.by_sampling))
+    sampled = SCATTER**2 * tau / shape.messages
+    truth = np.array([world.start**2 * shape.iterations, world.iteration**2, sampled])
+    parts = 1e6 * np.array(samples)
+    return Components(1e6 * truth / shape.pieces, parts.mean(axis=0), parts.std(axis=0))
 
 
 def stored_errors(world: StartWorld, shape: Shape, *, by_starts: bool = True, runs: int) -> Errors:

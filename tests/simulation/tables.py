@@ -35,8 +35,18 @@ from simulated_gates import (
     share_gate,
 )
 from simulated_pair_load import LOAD_WORLDS, LoadWorld, PairGate
-from simulated_starts import QUANTITIES, Shape, errors, stored_errors
+from simulated_starts import (
+    ADVICE_WORLDS,
+    QUANTITIES,
+    Shape,
+    components,
+    errors,
+    follow_advice,
+    stored_errors,
+    time_to_verdict,
+)
 from simulated_starts import WORLDS as START_WORLDS
+from simulated_steadiness import CHANGES, PLAYED, STEADY, share_found
 from simulated_waiting import fails
 from simulated_worlds import WORLDS
 
@@ -46,8 +56,9 @@ from r2bspec.judge.statistics.t_interval import mean_interval, smallest_detectab
 from simulated_peaks import SERVERS, Kind, outcome, searched
 from simulated_queues import SUSTAINED, Play, Server
 from simulated_queues import probe as probed
+from simulated_speeds import RARE, UNMET, Found, Graph, World, find, required
 from simulated_speeds import WORLDS as SPEEDS
-from simulated_speeds import Graph, World, find
+from simulated_speeds import Result as SearchResult
 
 RUNS = 2000
 
@@ -257,6 +268,56 @@ def comparisons() -> None:
     )
 
 
+def looks() -> None:
+    """When a verdict is reached, by its distance from the limit in deviations between starts."""
+
+    def cell(most: tuple[int, bool], distance: float) -> str:
+        found = time_to_verdict(distance, most[0], looks=most[1], runs=RUNS)
+        return f"{100 * found.decided:.0f} %, {found.starts:g} starts"
+
+    grid(
+        "Runs that are decided, and the median number of starts, by the distance from the limit",
+        "at most",
+        {
+            "5 starts, judged once": (5, False),
+            "5 starts": (5, True),
+            "10 starts": (10, True),
+            "20 starts": (20, True),
+        },
+        {f"{each:g}": each for each in (0.5, 1.0, 2.0, 3.0, 5.0, 10.0)},
+        cell,
+    )
+
+
+def look_errors() -> None:
+    """What looks cost on the limit, in worlds that are held and in worlds that are not."""
+    quantities = ("p50", "mean, throughput")
+    grid(
+        "Wrong passes / wrong fails / confirmed ones, on the limit, in % of 1,000 runs",
+        "world",
+        chosen(
+            START_WORLDS,
+            "nothing differs",
+            "starts differ by 2.7 %",
+            "starts resemble (0.5), 2.7 %",
+            "stalls of 20 messages",
+            "1 start in 5 is slow",
+        ),
+        {
+            f"{what}: {quantity}": (quantity, shape, looks)
+            for what, shape, looks in (
+                ("5, once", Shape(), False),
+                ("5, looks", Shape(), True),
+                ("20, looks", Shape(20), True),
+            )
+            for quantity in quantities
+        },
+        lambda world, asked: bold(
+            errors(world, (asked[0],), shape=asked[1], runs=1000, looks=asked[2])[asked[0]]
+        ),
+    )
+
+
 def stored() -> None:
     """Two stored runs of one graph, by their iterations and by their starts."""
     names = (
@@ -322,6 +383,33 @@ def pair_numbers() -> None:
     )
 
 
+def advice() -> None:
+    """What becomes of open runs whose advice is followed."""
+    grid(
+        "Open runs of 5 starts with advice (for starts) / then decided, in %",
+        "world",
+        ADVICE_WORLDS,
+        {quantity: quantity for quantity in QUANTITIES},
+        lambda world, quantity: follow_advice(world, quantity, runs=200),
+    )
+
+
+def budget() -> None:
+    """The components of a mean, as the analysis of variance estimates them."""
+    names = {
+        **ADVICE_WORLDS,
+        "messages resemble (0.9)": START_WORLDS["messages resemble (0.9)"],
+        "messages resemble (0.99)": START_WORLDS["messages resemble (0.99)"],
+    }
+    grid(
+        "Variance of a mean by starts, iterations, messages, in 10^-6: truth: mean ± spread",
+        "world",
+        names,
+        {f"{number} starts": Shape(number) for number in (5, 20)},
+        lambda world, shape: components(world, shape, runs=1000),
+    )
+
+
 def sustained() -> None:
     def cell(probe: tuple[Kind, float, int], load: float) -> str:
         kind, seconds, number = probe
@@ -369,22 +457,68 @@ def peaks() -> None:
 def peak_worlds() -> None:
     def row(name: str, number: int = 200) -> list[str]:
         found = [find(name, seed) for seed in range(number)]
-        results = Counter(each.result for each in found)
-        texts = Counter(text for each in found for text in each.record.unsteady)
+        results = Counter(search.result for search in found)
+        texts = Counter(text for search in found for text in search.record.unsteady)
+        apart = [search.contains_apart for search in found if search.result == "unsteady"]
+        shares: tuple[SearchResult, ...] = ("right", "wrong", "rarer", "unsteady")
         return [
             name,
-            *(f"{100 * results[each] / number:.1f}" for each in ("right", "wrong", "unsteady")),
+            *(f"{100 * results[result] / number:.1f}" for result in shares),
+            f"{100 * sum(apart) / len(apart):.0f}" if apart else "",
             f"{100 * (results['open'] + results['not shown']) / number:.1f}",
-            f"{100 * float(np.median([each.width for each in found])):.1f} %",
-            f"{np.median([each.played_s for each in found]):.0f} s",
+            f"{100 * float(np.median([search.width for search in found])):.1f} %",
+            f"{np.median([search.played_s for search in found]):.0f} s",
+            f"{max(search.played_s for search in found):.0f} s",
             texts.most_common(1)[0][0] if texts and results["unsteady"] > number / 2 else "",
         ]
 
     show(
         "peak worlds: 200 searches each, in %: brackets with 95 % that hold the truth, that do "
-        "not, and without 95 %",
-        ["graph", "right", "wrong", "unsteady", "open", "width", "played", "such as"],
+        "not, that do not because of what recurs too rarely, as they say, and without 95 %",
+        [
+            "graph",
+            "right",
+            "wrong",
+            "rarer",
+            "unsteady",
+            "right apart",
+            "open",
+            "width",
+            "played",
+            "longest",
+            "such as",
+        ],
         map(row, SPEEDS),
+    )
+
+
+def peak_limits() -> None:
+    def searches(*names: str) -> list[Found]:
+        return [find(name, seed) for name in names for seed in range(50)]
+
+    def cell(found: Sequence[Found], below: float) -> str:
+        passes: Counter[bool] = Counter()
+        noted: Counter[bool] = Counter()
+        for search in found:
+            limit_hz = (search.record.holds_hz or 0.0) * (1 - below)
+            verdict = required(search.record, limit_hz)
+            if verdict is not None and verdict.outcome == "pass":
+                true = search.truth_hz >= limit_hz
+                passes[true] += 1
+                noted[true] += any(UNMET in note for note in verdict.notes)
+        return " / ".join(f"{noted[true]} of {passes[true]}" for true in (True, False))
+
+    grid(
+        "peak limits: right / wrong passes of peak.rate that say what the search may not have met, "
+        "by how far the limit is below the bracket; 50 searches of each graph",
+        "graphs",
+        {
+            "steady": searches("log-normal, cv 0.1", "log-normal, cv 0.3", "equal times"),
+            "stops of 0.1 s to 10 s": searches(*(name for name in RARE if "stops" in name)),
+            "slower by 15 % later": searches(*(name for name in RARE if "speed" in name)),
+        },
+        {f"{below:.1%}": below for below in (0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)},
+        cell,
     )
 
 
@@ -448,13 +582,55 @@ def waiting() -> None:
     )
 
 
+SHAPES = {
+    "5 x 2": PLAYED,
+    "1 x 10": Shape(1, 10, 75),
+    "3 x 2": Shape(3, 2, 75),
+    "10 x 2": Shape(10, 2, 75),
+    "5 x 2 of 10 s": Shape(5, 2, 300),
+}
+"""Starts x iterations."""
+
+
+def steadiness() -> None:
+    """How often a part of a run is said to differ from the rest."""
+    grid(
+        "Steady runs in which a part is found that differs, in %",
+        "world",
+        STEADY,
+        SHAPES,
+        lambda world, shape: f"{100 * share_found(world, shape=shape, runs=1000):.1f}",
+    )
+    names = [*STEADY][:4]
+    grid(
+        "Runs of 5 x 2 with a part that differs, in which one is found, in %",
+        "what differs",
+        CHANGES,
+        chosen(STEADY, *names),
+        lambda change, world: f"{100 * share_found(world, change, runs=400):.0f}",
+    )
+    grid(
+        "The same by the size of the run, where starts differ by 2.7 %",
+        "what differs",
+        CHANGES,
+        SHAPES,
+        lambda change, shape: (
+            f"{100 * share_found(STEADY[names[1]], change, shape=shape, runs=400):.0f}"
+        ),
+    )
+
+
 TABLES = {
     table.__name__: table
     for table in (
         starts,
         shapes,
+        advice,
+        budget,
         comparisons,
         care,
+        looks,
+        look_errors,
         stored,
         pair_load,
         pair_numbers,
@@ -466,9 +642,11 @@ TABLES = {
         sustained,
         peaks,
         peak_worlds,
+        peak_limits,
         peak_losses,
         peak_edges,
         waiting,
+        steadiness,
     )
 }
 

@@ -20,7 +20,6 @@ from r2bspec.judge.baseline_comparison import HISTORY_CONFIRMATION_CONFIDENCE
 from r2bspec.judge.statistics.t_interval import (
     noise_floor,
     paired_ratio,
-    pairs_needed,
     power_of_pairs,
     smallest_detectable,
 )
@@ -77,7 +76,6 @@ def test_the_smallest_detectable_regression_is_detected_nine_times_in_ten() -> N
     delta = smallest_detectable(deviation, 10, 0.95)
     found = paired_gate(0.97 * np.exp(-delta), 0.97, pairs=10, runs=size(400, 2000), seed=4)
     assert found.failed == pytest.approx(0.9, abs=0.03 + noise(0.04))
-    assert pairs_needed(delta, deviation, 0.95) == 10
 
 
 def test_calibration_finds_the_noise_floor() -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
 from simulated_gates import KINDS, confirmed_gates, looked_gate, share_gate
 from simulated_worlds import WORLDS, stationary
 
 from nightly import noise, size
+from r2bspec.plan.interim_looks import InterimLooks
 
 pytestmark = pytest.mark.simulation
 
@@ -22,6 +24,17 @@ def test_planned_looks_keep_both_errors(name: str) -> None:
     found, _ = looked_gate(flags, 0.1)
     assert found.passed <= 0.05 + noise(0.06)
     assert found.failed <= 0.05 + noise(0.06)
+
+
+@pytest.mark.parametrize("starts", [4, 5, 6, 8, 10, 20])
+def test_looks_after_starts_keep_the_error_of_t(starts: int) -> None:
+    runs, looks = size(4000, 100_000), InterimLooks.planned(starts, starts)
+    values = np.random.default_rng(6).standard_normal((runs, starts))
+    wrong = np.zeros(runs, dtype=np.bool_)
+    for look, end in enumerate(looks.iterations, start=1):
+        t, _ = stats.ttest_1samp(values[:, :end], 0.0, axis=1)
+        wrong |= t > stats.t.ppf(looks.confidence_at(look), end - 1)
+    assert wrong.mean() <= 0.0505 + 3 * (0.05 * 0.95 / runs) ** 0.5
 
 
 def test_extending_a_run_until_it_passes_does_not() -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from simulated_gates import RUN_WORLDS, Errors, Values, chance, held, history_errors, pairs_errors
+from simulated_gates import RUN_WORLDS, Errors, chance, held, history_errors, pairs_errors
 from simulated_starts import (
     DEFAULT,
     QUANTITIES,
@@ -22,14 +22,11 @@ from simulated_starts import (
     limit_of,
     outcome,
     stored_errors,
+    time_to_verdict,
+    verdict_on,
 )
 
 from nightly import noise, size
-from r2bspec.judge.decision_policy import DecisionPolicy
-from r2bspec.judge.pipeline import judge
-from r2bspec.judge.verdict import Verdict
-from run_simulation import objective
-from simulated_runs import run_of
 
 pytestmark = pytest.mark.simulation
 
@@ -38,25 +35,36 @@ COMPARISONS = size(100, 1000)
 NOISE = noise(0.2)
 """What a small sample adds to the largest figures below."""
 
-RESEMBLE = "hardly show whether each resembles the one before"
-HOUR = "another hour may differ"
+NO_RUN_KNOWS = ""
+"""What is the same for every run is in docs/verdicts.md, and no verdict repeats it."""
+
 BURSTS = "burst"
-STALLS = "stall"
+STALLS = "would break the limit"
+STARTS = "differ by"
 
 # Of 10 iterations none is one of the slow tenth in 35 % of runs, of 5 starts none of the slow
 # fifth in 33 %.
-UNSEEN = dict.fromkeys(QUANTITIES, (0.42, "may be of a kind not met"))
+UNSEEN = dict.fromkeys(QUANTITIES, (0.42, NO_RUN_KNOWS))
 
 NOT_HELD: dict[str, dict[str, tuple[float, str]]] = {
     "messages resemble (0.99)": {"p99": (0.13, BURSTS), "drop rate 1 %": (0.32, BURSTS)},
-    "iterations resemble (0.5), 5 %": {"p99": (0.11, RESEMBLE), "drop rate 1 %": (0.14, RESEMBLE)},
-    "iterations resemble (0.8), 5 %": {
-        "p50": (0.15, RESEMBLE),
-        "p99": (0.19, RESEMBLE),
-        "drop rate 1 %": (0.25, RESEMBLE),
-        "mean, throughput": (0.16, RESEMBLE),
+    "iterations resemble (0.5), 5 %": {
+        "p99": (0.11, NO_RUN_KNOWS),
+        "drop rate 1 %": (0.14, NO_RUN_KNOWS),
     },
-    "starts resemble (0.5), 2.7 %": {"p99": (0.10, RESEMBLE), "drop rate 1 %": (0.14, RESEMBLE)},
+    "iterations resemble (0.8), 5 %": {
+        "p50": (0.15, NO_RUN_KNOWS),
+        "p99": (0.19, NO_RUN_KNOWS),
+        "drop rate 1 %": (0.25, NO_RUN_KNOWS),
+        "mean, throughput": (0.16, NO_RUN_KNOWS),
+    },
+    "starts resemble (0.5), 2.7 %": {
+        "p99": (0.10, NO_RUN_KNOWS),
+        "drop rate 1 %": (0.14, NO_RUN_KNOWS),
+    },
+    "starts differ by 5 %": {"drop rate 1 %": (0.10, NO_RUN_KNOWS)},
+    "starts differ by 10 %": {"drop rate 1 %": (0.26, STARTS)},
+    "a stop of 0.5 s every 30 s": {"mean, throughput": (0.2, STALLS)},
     "stalls of 20 messages": {
         "p99": (0.10, BURSTS),
         "drop rate 1 %": (0.11, BURSTS),
@@ -69,14 +77,15 @@ NOT_HELD: dict[str, dict[str, tuple[float, str]]] = {
     },
     "1 iteration in 10 is slow": UNSEEN,
     "1 start in 5 is slow": UNSEEN,
-    "the hour differs by 2.7 %": dict.fromkeys(QUANTITIES, (0.5, HOUR)),
+    "the hour differs by 2.7 %": dict.fromkeys(QUANTITIES, (0.5, NO_RUN_KNOWS)),
 }
 """The largest share of wrong passes, by world and quantity, and the words that a wrong verdict has
-in its limits, which every report shows, or in a note; wrong fails are held in all but two."""
+in its limits or in a note, if the run gives reason for them."""
 
 NEW_RUN_DIFFERS = {
     "each run is slower by 0.5 %",
     "1 run in 10 is disturbed by a fifth",
+    "the machine is slower from some run on",
     "skewed differences",
 }
 """Worlds in which the new run is in truth worse than what a history shows."""
@@ -98,7 +107,8 @@ def test_errors_on_the_limit(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "quantity"), [(name, one) for name in NOT_HELD for one in NOT_HELD[name]]
+    ("name", "quantity"),
+    [(name, one) for name in NOT_HELD for one, (_, words) in NOT_HELD[name].items() if words],
 )
 def test_where_no_test_holds_the_verdict_says_so(name: str, quantity: str) -> None:
     """The runs that the simulation judges wrongly are judged again, from their messages."""
@@ -110,24 +120,31 @@ def test_where_no_test_holds_the_verdict_says_so(name: str, quantity: str) -> No
         if not outcome(values, DEFAULT, quantity, limit):
             continue
         verdict = verdict_on(values, quantity, limit)
-        # Wrong fails are held in all worlds of bursts and stalls.
-        if verdict.outcome == "pass" or (
-            verdict.outcome == "fail" and words not in {BURSTS, STALLS}
-        ):
+        if verdict.outcome == "pass":
             told.append(words in " ".join((*verdict.limits, *verdict.requirements[0].notes)))
         if len(told) == wanted:
             break
     assert len(told) == wanted
-    assert sum(told) >= 0.95 * wanted
+    assert sum(told) >= 0.9 * wanted - noise(1)
 
 
-def verdict_on(values: Values, quantity: str, limit: float) -> Verdict:
-    """The verdict on a run with these messages, of which one takes 20 ms."""
-    latency, metric = values * 0.02, quantity.partition(",")[0]
-    text = f"latency.{metric} < {limit * 20:.6f} ms"
-    if quantity == "drop rate 1 %":
-        latency, text = np.where(values > limit, np.nan, latency), "drop_rate <= 1 %"
-    return judge({"slo": objective(text)}, run_of(latency, DEFAULT.numbers), DecisionPolicy())
+@pytest.mark.parametrize(
+    "name", ["nothing differs", "starts differ by 1 %", "stalls of 5 messages"]
+)
+def test_what_is_met_clearly_is_met_without_a_word(name: str) -> None:
+    """A caveat that right verdicts have, too, tells nothing: here they have half to spare."""
+    world, random = WORLDS[name], np.random.default_rng(6)
+    told: list[bool] = []
+    for _ in range(size(10, 100)):
+        values = world.run(random, DEFAULT)
+        for quantity, limit in (
+            ("mean, throughput", 1.5 * world.mean),
+            ("drop rate 1 %", world.quantile(0.999) * 1.25),
+        ):
+            verdict = verdict_on(values, quantity, limit)
+            assert verdict.outcome == "pass"
+            told.append(bool(verdict.requirements[0].notes))
+    assert sum(told) <= 0.1 * len(told)
 
 
 @pytest.mark.parametrize("shape", [Shape(2, 2, 750), Shape(3, 2, 500), Shape(10, 2, 150)])
@@ -152,9 +169,19 @@ def test_one_start_tells_of_this_start_alone() -> None:
 
 
 @pytest.mark.parametrize("name", ["nothing differs", "starts differ by 2.7 %"])
-def test_looks_after_whole_starts(name: str) -> None:
-    found = errors(WORLDS[name], ("p50", "p90"), shape=Shape(20, 2, 75), looks=True, runs=RUNS)
+def test_many_looks_share_the_error(name: str) -> None:
+    quantities = ("p50", "p90", "mean, throughput")
+    found = errors(WORLDS[name], quantities, shape=Shape(20, 2, 75), runs=RUNS, looks=True)
     assert all(held(one) for one in found.values())
+
+
+def test_a_clear_run_ends_after_three_starts_and_a_close_one_is_decided_later() -> None:
+    runs = size(40, 400)
+    clear = time_to_verdict(10, 5, runs=runs)
+    assert (clear.decided, clear.starts) == (1, 3)
+    close = time_to_verdict(1, 20, runs=runs)
+    assert close.decided >= 0.95 - noise(0.1)
+    assert time_to_verdict(1, 5, looks=False, runs=runs).decided < close.decided - 0.2
 
 
 @pytest.mark.parametrize("name", RUN_WORLDS)
@@ -170,8 +197,10 @@ def test_comparisons_of_one_graph(name: str) -> None:
         passed, failed, confirmed = found.shares
         assert passed <= chance(0.05, found.runs)
         if name in NEW_RUN_DIFFERS:
-            assert failed <= 0.12 + NOISE
-            assert confirmed <= 0.045 + NOISE
+            # The machine may be slower from the new run on, and a second one meets the same.
+            since = 1 / history if name == "the machine is slower from some run on" else 0.0
+            assert failed <= 0.12 + since + NOISE
+            assert confirmed <= 0.045 + since + NOISE
         else:
             assert failed <= chance(0.05, found.runs)
             assert confirmed <= 0.025 + NOISE

@@ -15,28 +15,48 @@ def with_tables(text: str) -> str:
     """The text with every table replaced by that of the current language.
 
     A table is between ``<!-- keys of PATH -->`` and ``<!-- end -->``; ``spec`` is the document
-    itself, and ``<name>`` in a path is any name given by the user.
+    itself, and ``<name>`` in a path is any name given by the user. Keys that a table has in common
+    with one before it, such as those of a process, share a row that refers to that table.
     """
+    shown: dict[str, str] = {}
 
     def table(found: re.Match[str]) -> str:
-        return f"<!-- keys of {found['path']} -->\n{key_table(found['path'])}<!-- end -->"
+        path = found["path"]
+        same: dict[str, list[str]] = {}
+        lines = []
+        for name, row in _rows(path).items():
+            if row in shown:
+                same.setdefault(shown[row], []).append(f"`{name}`")
+            else:
+                lines.append(row)
+                shown[row] = path
+        lines += [f"| {', '.join(keys)} | | as in `{first}` |" for first, keys in same.items()]
+        return "\n".join([f"<!-- keys of {path} -->", *_HEAD, *lines, "<!-- end -->"])
 
     return _TABLE_BLOCK.sub(table, text)
 
 
 def key_table(path: str) -> str:
     """The table of the keys of the map at a path."""
+    return "\n".join([*_HEAD, *_rows(path).values()]) + "\n"
+
+
+_HEAD = ("| key | value | meaning |", "| --- | --- | --- |")
+
+
+def _rows(path: str) -> dict[str, str]:
+    """The row of each key of the map at a path."""
     owner: Rule | None = language()
     for part in path.split(".") if path != "spec" else ():
         owner = owner.below(part) if owner is not None else None
     if owner is None or owner.keys is None:
         raise KeyError(f"the language has no map {path}")
-    lines = ["| key | value | meaning |", "| --- | --- | --- |"]
+    rows = {}
     for name, rule in owner.keys.items():
         value = ", ".join(filter(None, (_kind(rule), _default(rule, name in owner.required))))
         meaning = " ".join(filter(None, (_cell(rule.description), _example(rule))))
-        lines.append(f"| `{name}` | {value} | {meaning} |")
-    return "\n".join(lines) + "\n"
+        rows[name] = f"| `{name}` | {value} | {meaning} |"
+    return rows
 
 
 def _kind(rule: Rule) -> str:

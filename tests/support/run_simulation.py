@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -74,10 +75,13 @@ EMPTY_RECORD = RunRecord(
 STAMP_NS = 1_800_000_000_000_000_000
 
 
-def remove_digests(folder: Path) -> None:
-    """Let a run folder be one of an older version, which does not say what its samples were."""
+def renew_digests(folder: Path) -> None:
+    """Let the record of a run be about the samples that are there now."""
     record = msgspec.json.decode((folder / "record.json").read_bytes())
-    del record["samples"]
+    record["samples"] = {
+        str(file.relative_to(folder)): hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in folder.rglob("*.npy")
+    }
     (folder / "record.json").write_bytes(msgspec.json.encode(record))
 
 
@@ -250,6 +254,7 @@ class Simulation:
         times = _times(self.start_ns, end_ns)
         rows = np.zeros(times.size, INTERFERENCE_DTYPE)
         rows["time_ns"] = times
+        rows["cycles"] = math.nan
         for name, growth in self.interference.items():
             rows[name] = 100 + growth * ((times - times[0]) / 1e9)
         return rows

@@ -23,7 +23,13 @@ from r2bspec.judge.rate_decision import (
     plan_interim_looks,
 )
 from r2bspec.judge.stationarity import CompletionTimes
-from r2bspec.language.benchmark_defaults import MAX_LONGER, MIN_PROBE_STEPS, OVERLOAD_PROBES
+from r2bspec.language.benchmark_defaults import (
+    MAX_LONGER,
+    MIN_PROBE_STEPS,
+    OVERLOAD_PROBES,
+    SEARCH_CONFIRMATIONS,
+    SEARCH_PROBES,
+)
 from r2bspec.record.run_record import Probe, SearchRecord
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE, Rows
 
@@ -253,6 +259,11 @@ class Searching:
             drop_share=found.delivery.drop_share,
         )
 
+    @property
+    def budget_s(self) -> float:
+        """The time of the whole search."""
+        return SEARCH_PROBES * self.seconds + SEARCH_CONFIRMATIONS * self.confirm_s
+
     def run(self, minimum_hz: float, maximum_hz: float) -> SearchRecord:
         """Search for the peak."""
         never: frozenset[bool] = frozenset()
@@ -260,6 +271,11 @@ class Searching:
         def confirm(rate_hz: float, proven_hz: float) -> ProbeOutcome:
             play = Play("confirmation", never, whole=True, enough=True, proven_hz=proven_hz)
             return self.play(rate_hz, self.confirm_s, play)
+
+        def upper(rate_hz: float, needed_s: float) -> ProbeOutcome:
+            play = Play("confirmation", frozenset({False}), whole=True)
+            seconds = min(max(needed_s, self.seconds), max(self.confirm_s, self.seconds))
+            return self.play(rate_hz, seconds, play)
 
         return PeakSearch(
             minimum_hz,
@@ -271,7 +287,9 @@ class Searching:
                     rate_hz, self.seconds, Play("saturation", never)
                 ),
                 confirm=confirm if self.confirm_s else None,
+                upper=upper if self.confirm_s else None,
                 budget_s=OVERLOAD_PROBES * self.seconds,
+                search_s=self.budget_s,
                 stages=self.stages,
                 loss=self.criterion.loss,
             ),

@@ -7,6 +7,7 @@ done, `W(t)`, such a graph is a server of constant speed, so that departures hav
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final, Literal
@@ -14,14 +15,17 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.judge.pipeline import judge
 from r2bspec.judge.rate_decision import Criterion
+from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.record.run_record import SearchRecord
+from run_simulation import Simulation, objective
 from simulated_queues import Searching, Times, departures
 
 _HORIZON_S = 3000.0
 PRECISION = 0.02
 
-Result = Literal["right", "wrong", "open", "unsteady", "not shown"]
+Result = Literal["right", "wrong", "rarer", "open", "unsteady", "not shown"]
 
 
 @dataclass(frozen=True)
@@ -98,17 +102,38 @@ def _two(low: float, each_s: float) -> Callable[[np.random.Generator], Speed]:
     return speed
 
 
+def _throttled(factor: float, after_s: float) -> Callable[[np.random.Generator], Speed]:
+    lengths_s, speeds = np.array([after_s, _HORIZON_S]), np.array([1.0, factor])
+    return lambda _: _speed(lengths_s, speeds, factor)
+
+
 @dataclass(frozen=True)
 class World:
-    """A kind of graph: how its speed changes, how its messages differ, and what it loses."""
+    """A kind of graph.
+
+    Attributes:
+        speed: how its speed changes by the clock.
+        variation: the coefficient of variation of its service times.
+        exponential: whether these are exponential.
+        loses: the share of messages that it loses.
+        falls: how much longer a message takes at twice the capacity, as a share; evenly with what
+            is offered beyond the capacity.
+        step: how much longer a message takes as soon as more than the capacity is offered.
+        collects: a stop of so many seconds after so many messages.
+        every_s: how often comes, on average, what lowers its speed.
+    """
 
     speed: Callable[[np.random.Generator], Speed] = _steady
     variation: float = 0.0
     exponential: bool = False
     loses: float = 0.0
+    falls: float = 0.0
+    step: tuple[float, float] = (0.0, 1.0)
+    collects: tuple[float, int] = (0.0, 0)
+    every_s: float = 0.0
 
 
-WORLDS: Final[dict[str, World]] = {
+_USUAL: Final[dict[str, World]] = {
     "equal times": World(),
     "log-normal, cv 0.1": World(variation=0.1),
     "log-normal, cv 0.3": World(variation=0.3),
@@ -130,6 +155,44 @@ WORLDS: Final[dict[str, World]] = {
     "loses 5 % at random": World(loses=0.05),
 }
 
+FALLING: Final[dict[str, World]] = {
+    **{
+        f"falls by {falls:g}, cv {cv:g}": World(falls=falls, variation=cv)
+        for falls in (0.0, 0.03, 0.05, 0.1, 0.2, 0.5)
+        for cv in (0.1, 0.3, 1.0)
+    },
+    **{
+        f"100 to 97 Hz at {at:g} of the capacity, cv 0.3": World(step=(0.031, at), variation=0.3)
+        for at in (1.0, 1.05, 1.2)
+    },
+}
+RARE: Final[dict[str, World]] = {
+    **{
+        f"stops for {stop_s:g} s every {every_s:g} s{words}": World(
+            stops(stop_s, every_s), variation=0.1, every_s=every_s
+        )
+        for stops, words in ((_periodic, ""), (_random_stops, ", at random"))
+        for stop_s, every_s in (
+            (0.1, 4.0),
+            (0.3, 10.0),
+            (0.5, 20.0),
+            (1.0, 30.0),
+            (2.0, 60.0),
+            (3.0, 40.0),
+            (5.0, 100.0),
+            (10.0, 300.0),
+        )
+    },
+    "stops for 1 s each 5,000 messages": World(collects=(1.0, 5000), variation=0.1, every_s=51.0),
+    **{
+        f"0.85 of its speed after {after_s:g} s": World(
+            _throttled(0.85, after_s), variation=0.1, every_s=math.inf
+        )
+        for after_s in (20.0, 60.0, 120.0)
+    },
+}
+WORLDS: Final = _USUAL | FALLING | RARE
+
 
 @dataclass
 class Graph:
@@ -142,31 +205,53 @@ class Graph:
 
     def __post_init__(self) -> None:
         self.speed = self.world.speed(self.random)
+        self.collected = int(self.random.integers(max(self.world.collects[1], 1)))
 
     @property
     def truth_hz(self) -> float:
         """What it sustains in the long run; 0 where it loses messages at any rate."""
-        return 0.0 if self.world.loses else self.capacity_hz * self.speed.mean
+        if self.world.loses:
+            return 0.0
+        stop_s, messages = self.world.collects
+        stopped_s = stop_s / messages if messages else 0.0
+        return self.speed.mean / (1 / self.capacity_hz + stopped_s)
 
     def answers(self, arrivals_s: Times) -> tuple[NDArray[np.int64], Times]:
         """See `simulated_queues.Server.answers`."""
         begun_s = 0.0 if self.speed.restarts else self.clock_s()
         times_s, work_s = self.speed.times_s, self.speed.work_s
         done = departures(
-            np.interp(begun_s + arrivals_s, times_s, work_s), self._services(arrivals_s.size)
+            np.interp(begun_s + arrivals_s, times_s, work_s), self._services(arrivals_s)
         )
         left_s = np.interp(done, work_s, times_s) - begun_s
         kept = np.flatnonzero(self.random.random(arrivals_s.size) >= self.world.loses)
         return kept, left_s[kept]
 
-    def _services(self, number: int) -> Times:
-        mean_s = 1 / self.capacity_hz
+    def _services(self, arrivals_s: Times) -> Times:
+        number = arrivals_s.size
+        offered = (number - 1) / (arrivals_s[-1] - arrivals_s[0]) / self.capacity_hz
+        slower, beyond = self.world.step
+        # What is offered is known to a nanosecond.
+        factor = 1 + self.world.falls * max(offered - 1, 0) + slower * (offered > beyond + 1e-9)
+        services_s: Times = factor / self.capacity_hz * self._works(number)
+        return services_s + self._stops_s(number)
+
+    def _stops_s(self, number: int) -> Times:
+        """Seconds by which messages take longer because memory is collected."""
+        stop_s, each = self.world.collects
+        if not each:
+            return np.zeros(number)
+        at = (self.collected + np.arange(number)) % each == each - 1
+        self.collected += number
+        return np.where(at, stop_s, 0.0)
+
+    def _works(self, number: int) -> Times:
         if self.world.exponential:
-            return self.random.exponential(mean_s, number)
+            return self.random.exponential(1.0, number)
         if not self.world.variation:
-            return np.full(number, mean_s)
-        spread = np.sqrt(np.log1p(self.world.variation**2))
-        return self.random.lognormal(np.log(mean_s) - spread**2 / 2, spread, number)
+            return np.ones(number)
+        spread = math.sqrt(math.log1p(self.world.variation**2))
+        return self.random.lognormal(-(spread**2) / 2, spread, number)
 
 
 @dataclass(frozen=True)
@@ -176,12 +261,21 @@ class Found:
     record: SearchRecord
     truth_hz: float
     played_s: float
+    every_s: float = 0.0
+    budget_s: float = 0.0
 
     @property
     def contains(self) -> bool:
         """Whether the bracket holds the truth, counted strictly."""
         lower, upper = self.record.holds_hz or 0.0, self.record.upper_hz or np.inf
         return lower <= self.truth_hz < upper
+
+    @property
+    def contains_apart(self) -> bool:
+        """Whether what lies between its ends, moved apart by the ratio of speeds, holds it."""
+        ratio = self.record.unsteady_ratio
+        lower, upper = self.record.holds_hz or 0.0, self.record.upper_hz or np.inf
+        return lower / ratio <= self.truth_hz < upper * ratio
 
     @property
     def width(self) -> float:
@@ -198,7 +292,10 @@ class Found:
             return "not shown"
         if not self.record.shown:
             return "open"
-        return "right" if self.contains else "wrong"
+        if self.contains:
+            return "right"
+        # The bracket says for what it has its confidence.
+        return "rarer" if self.every_s > self.record.recurs_s else "wrong"
 
 
 def find(name: str, seed: int, *, about_hz: float = 100.0, confirm_s: float = 30.0) -> Found:
@@ -209,4 +306,19 @@ def find(name: str, seed: int, *, about_hz: float = 100.0, confirm_s: float = 30
     searching = Searching(graph, Criterion(precision=PRECISION), confirm_s=confirm_s)
     graph.clock_s = lambda: searching.clock_s
     record = searching.run(about_hz / 10, about_hz * 5)
-    return Found(record, graph.truth_hz, searching.played_s)
+    return Found(
+        record, graph.truth_hz, searching.played_s, graph.world.every_s, searching.budget_s
+    )
+
+
+UNMET: Final = "may not have met it"
+"""Words of what a verdict on a peak says that an unmet stop would change."""
+
+
+def required(record: SearchRecord, limit_hz: float) -> RequirementVerdict | None:
+    """The verdict on a peak of at least this rate; None if the search has no lower end."""
+    if record.holds_hz is None:
+        return None
+    samples = Simulation(segments=(), search=record).samples()
+    wanted = objective(f"peak.rate >= {limit_hz!r} Hz", at="")
+    return judge({"one": wanted}, samples).requirements[0]

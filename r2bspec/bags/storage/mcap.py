@@ -19,14 +19,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from r2bspec.bags.recording import DataError, Message, Selection, unreadable
 from r2bspec.bags.storage.storage import decompress_message, no_profiles, stored_topic
-from r2bspec.safe_io.decompression_budget import (
-    DecompressionBudget,
-    check_piece,
-    spend_for_each,
-    spend_record,
-    unpack_lz4,
-    unpack_zstd,
-)
+from r2bspec.safe_io import decompression_budget as budget
 from r2bspec.safe_io.limits import MAX_PIECE_BYTES
 from r2bspec.safe_io.safe_file import open_regular
 
@@ -54,12 +47,12 @@ class McapStorage:
         has_summary = _check_summary(path)
         # Let `rosbags` unpack chunks no further than they state, and than a limit; no more records
         # than a file of this size needs; and nothing that is not asked for.
-        storage_mcap.DECOMPRESSORS.update(zstd=unpack_zstd, lz4=unpack_lz4)
+        storage_mcap.DECOMPRESSORS.update(zstd=budget.unpack_zstd, lz4=budget.unpack_lz4)
         vars(storage_mcap).update(
             skip_sized=_skip_record, read_sized=_read_record, parse_qos=no_profiles
         )
         self._stored_bytes = path.stat().st_size
-        with ExitStack() as stack, DecompressionBudget(self._stored_bytes).active():
+        with ExitStack() as stack, budget.DecompressionBudget(self._stored_bytes).active():
             reader = stack.enter_context(Reader(path))
             file: Any = reader.storage
             _check_chunks(path, file.chunks)
@@ -91,7 +84,7 @@ class McapStorage:
             Message(topic=connection.topic, time_ns=time_ns, data=decompress_message(data))
             for connection, time_ns, data in stored
         )
-        yield from spend_for_each(messages, DecompressionBudget(self._stored_bytes))
+        yield from budget.spend_for_each(messages, budget.DecompressionBudget(self._stored_bytes))
 
     def close(self) -> None:
         """As `Storage.close`."""
@@ -128,9 +121,9 @@ def _check_unpacked_sizes(stored_bytes: int, chunks: list[Any]) -> None:
     Raises:
         RefusedDataError: it is too much.
     """
-    with DecompressionBudget(stored_bytes).active():
+    with budget.DecompressionBudget(stored_bytes).active():
         for chunk in chunks:
-            check_piece(chunk.compressed_size, chunk.uncompressed_size)
+            budget.check_piece(chunk.compressed_size, chunk.uncompressed_size)
 
 
 def _is_indexed(file: Any) -> bool:
@@ -225,7 +218,7 @@ def _check_summary(path: Path) -> bool:
 
 def _skip_record(stream: BinaryIO) -> None:
     """In place of `rosbags`: a record that nothing asks for counts."""
-    spend_record()
+    budget.spend_record()
     (size,) = _LENGTH.unpack(stream.read(_LENGTH.size))
     place = stream.tell()
     if stream.seek(place + size) != place + size:
@@ -234,7 +227,7 @@ def _skip_record(stream: BinaryIO) -> None:
 
 def _read_record(stream: BinaryIO) -> bytes:
     """In place of `rosbags`: a record but for messages counts."""
-    spend_record()
+    budget.spend_record()
     (size,) = _LENGTH.unpack(stream.read(_LENGTH.size))
     content = stream.read(size) if size <= MAX_PIECE_BYTES else b""
     if len(content) != size:

@@ -13,12 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from r2bspec.bags.recording import DataError, Message, Selection, TopicInfo, error_text
-from r2bspec.safe_io.decompression_budget import (
-    DecompressionBudget,
-    spend_for_each,
-    unpack_bz2,
-    unpack_lz4,
-)
+from r2bspec.safe_io import decompression_budget as budget
 from r2bspec.safe_io.limits import MAX_DEFINITION_LINES, MAX_FIXED_VALUES
 from r2bspec.safe_io.safe_file import open_regular
 
@@ -41,7 +36,7 @@ class Ros1Storage:
         from rosbags.rosbag1.reader import decompressors
 
         # Let `rosbags` unpack chunks up to a limit.
-        decompressors.update(bz2=unpack_bz2, lz4=unpack_lz4)
+        decompressors.update(bz2=budget.unpack_bz2, lz4=budget.unpack_lz4)
         self._stored_bytes = path.stat().st_size
         self._display_path = display_path
         self._reader = Reader(path)
@@ -68,9 +63,9 @@ class Ros1Storage:
         """
         connections = [link for link in self._reader.connections if link.topic in selection.names]
         converters = {each.id: self._converter(each) for each in connections}
-        stored = spend_for_each(
+        stored = budget.spend_for_each(
             self._reader.messages(connections, selection.start_ns, selection.stop_ns),
-            DecompressionBudget(self._stored_bytes),
+            budget.DecompressionBudget(self._stored_bytes),
         )
         for connection, time_ns, data in stored:
             converted = converters[connection.id](data)

@@ -18,18 +18,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, TypeVar
 
+from r2bspec.bags import recording
 from r2bspec.bags.metadata import check_not_lfs_pointer, normalise_type
-from r2bspec.bags.recording import (
-    SUFFIXES_TEXT,
-    DataError,
-    Message,
-    Selection,
-    TopicInfo,
-    error_hint,
-    error_text,
-    format_of_suffix,
-    unreadable,
-)
 from r2bspec.safe_io.decompression_budget import DecompressionBudget, unpack_zstd, zstd_size
 from r2bspec.safe_io.limits import MAX_BAG_ENTRIES, MAX_NAME_CHARACTERS
 from r2bspec.safe_io.safe_file import RefusedDataError, open_regular
@@ -43,9 +33,9 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
 
 
-def stored_topic(connection: Connection, count: int) -> TopicInfo:
+def stored_topic(connection: Connection, count: int) -> recording.TopicInfo:
     """The topic of a connection, as `rosbags` has it, with the number of its messages."""
-    return TopicInfo(
+    return recording.TopicInfo(
         name=connection.topic,
         type=normalise_type(connection.msgtype),
         count=count,
@@ -68,12 +58,12 @@ class Storage(Protocol):
         end_ns: time of the last message; meaningless without messages.
     """
 
-    topics: tuple[TopicInfo, ...]
+    topics: tuple[recording.TopicInfo, ...]
     message_count: int
     start_ns: int
     end_ns: int
 
-    def messages(self, selection: Selection) -> Iterator[Message]:
+    def messages(self, selection: recording.Selection) -> Iterator[recording.Message]:
         """The selected messages in time order, as CDR."""
         ...
 
@@ -91,11 +81,11 @@ def storage_errors(path: Path) -> Iterator[None]:
     """
     try:
         yield
-    except DataError:
+    except recording.DataError:
         raise
     except Exception as error:
-        hint = error.hint if isinstance(error, RefusedDataError) else error_hint(error)
-        raise unreadable(path, error_text(error), hint) from error
+        hint = error.hint if isinstance(error, RefusedDataError) else recording.error_hint(error)
+        raise recording.unreadable(path, recording.error_text(error), hint) from error
 
 
 def storage_paths(path: Path, files: tuple[str, ...]) -> tuple[Path, ...]:
@@ -106,11 +96,13 @@ def storage_paths(path: Path, files: tuple[str, ...]) -> tuple[Path, ...]:
     """
     # Unlike the method of pathlib, this returns False for a name that is too long.
     if not os.path.exists(path):  # noqa: PTH110
-        raise DataError(f"{path} does not exist", code="R2B301", hint="check the path of the bag")
+        raise recording.DataError(
+            f"{path} does not exist", code="R2B301", hint="check the path of the bag"
+        )
     paths = tuple(path / name for name in files) if path.is_dir() else (path,)
     missing = [candidate.name for candidate in paths if not os.path.isfile(candidate)]  # noqa: PTH113
     if missing:
-        raise DataError(
+        raise recording.DataError(
             f"{path} has no {', '.join(missing)}, which its metadata.yaml names",
             code="R2B303",
             hint=f"copy the whole folder again, or run 'ros2 bag reindex {path}'",
@@ -168,12 +160,12 @@ def check_topics(number: int, longest: int) -> None:
 
 def _open(path: Path, display_path: Path) -> Storage:
     """Open one file; `display_path` is what errors call it."""
-    bag_format = format_of_suffix(path.suffix)
+    bag_format = recording.format_of_suffix(path.suffix)
     if bag_format is None:
-        raise DataError(
+        raise recording.DataError(
             f"{display_path} is not named as a storage file",
             code="R2B304",
-            hint=f"storage files end in {SUFFIXES_TEXT}; "
+            hint=f"storage files end in {recording.SUFFIXES_TEXT}; "
             "if it is compressed, metadata.yaml must say so",
         )
     reader: Callable[[Path, Path], Storage] = import_from_storage(bag_format.reader)

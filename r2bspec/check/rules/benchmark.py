@@ -17,6 +17,7 @@ from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.benchmark_defaults import MIN_ITERATIONS, default_starts
 from r2bspec.language.quantities import Duration, Rate
 from r2bspec.language.spec import Objective
+from r2bspec.plan.interim_looks import InterimLooks
 
 
 @rule("R2B408")
@@ -239,13 +240,22 @@ def too_few_messages(context: Context) -> Findings:
         max_share = max_wrong_share(metric)
         if located.role != "objective" or located.at is None or max_share is None:
             continue
-        needed = min_sample_size(max_share, located.confidence)
+        needed = min_sample_size(max_share, _last_confidence(context, located.confidence))
         if needed is None:
             yield _unprovable(metric)
         elif located.at in context.spec.benchmark.rates:
             finding = _too_few(context, metric, located.at, needed)
             if finding is not None:
                 yield finding
+
+
+def _last_confidence(context: Context, confidence: float) -> float:
+    """The confidence of a decision after all iterations, at the last interim look."""
+    spec = context.spec
+    looks = InterimLooks.planned(
+        spec.benchmark.iterations, spec.starts, spec.benchmark.max_iterations
+    )
+    return looks.confidence_at(len(looks), confidence)
 
 
 def _unprovable(metric: KnownMetric) -> Finding:
@@ -330,7 +340,8 @@ def too_few_windows(context: Context) -> Findings:
         if requirement.windows_share is None or located.role != "objective":
             continue
         windows = benchmark.duration.ns // requirement.window_ns * iterations
-        needed = min_sample_size(1 - requirement.windows_share, located.confidence)
+        confidence = _last_confidence(context, located.confidence)
+        needed = min_sample_size(1 - requirement.windows_share, confidence)
         if needed is not None and windows >= needed:
             continue
         length = Duration(requirement.window_ns)

@@ -16,14 +16,7 @@ from r2bspec.language.located_tree import ListNode
 from r2bspec.language.quantities import Size
 from r2bspec.language.spec import Requires
 from r2bspec.middleware.middleware import RMW_VARIABLE, refuse_transport, selected_rmw
-from r2bspec.plan.this_machine import (
-    ARCHITECTURES,
-    ROS_DISTROS,
-    SHARED_MEMORY,
-    shared_memory_bytes,
-    this_machine,
-    unmet,
-)
+from r2bspec.plan import this_machine as machine
 from r2bspec.plan.topic_plans import direct_bag_topic
 
 
@@ -71,21 +64,23 @@ def required_machine_unknown(context: Context) -> Findings:
     requires = context.spec.requires
     if requires is None:
         return
-    if requires.arch and requires.arch not in ARCHITECTURES:
+    if requires.arch and requires.arch not in machine.ARCHITECTURES:
         close = _OTHER_NAMES.get(requires.arch.lower()) or did_you_mean(
-            requires.arch, ARCHITECTURES
+            requires.arch, machine.ARCHITECTURES
         )
         yield Finding(
             message=f"no machine has the architecture {requires.arch!r}",
             path=("requires", "arch"),
-            help=f"write {close!r}" if close else f"known: {', '.join(ARCHITECTURES)}",
+            help=f"write {close!r}" if close else f"known: {', '.join(machine.ARCHITECTURES)}",
         )
-    if requires.ros_distro and requires.ros_distro not in ROS_DISTROS:
-        close = did_you_mean(requires.ros_distro, ROS_DISTROS)
+    if requires.ros_distro and requires.ros_distro not in machine.ROS_DISTROS:
+        close = did_you_mean(requires.ros_distro, machine.ROS_DISTROS)
         yield Finding(
             message=f"there is no ROS distribution {requires.ros_distro!r}",
             path=("requires", "ros_distro"),
-            help=f"did you mean {close!r}?" if close else f"known: {', '.join(ROS_DISTROS)}",
+            help=f"did you mean {close!r}?"
+            if close
+            else f"known: {', '.join(machine.ROS_DISTROS)}",
         )
 
 
@@ -108,7 +103,7 @@ def pinned_cpu_beyond_required(context: Context) -> Findings:
 @rule("R2B676")
 def machine_not_as_required(context: Context) -> Findings:
     """Requirements of a machine that this one does not meet."""
-    if lacks := unmet(_meetable(context.spec.requires), this_machine()):
+    if lacks := machine.unmet(_meetable(context.spec.requires), machine.this_machine()):
         yield Finding(
             message=f"this machine is not what the spec requires: {'; '.join(lacks)}",
             path=("requires",),
@@ -124,8 +119,8 @@ def _meetable(requires: Requires | None) -> Requires | None:
         return None
     return msgspec.structs.replace(
         requires,
-        arch=requires.arch if requires.arch in ARCHITECTURES else "",
-        ros_distro=requires.ros_distro if requires.ros_distro in ROS_DISTROS else "",
+        arch=requires.arch if requires.arch in machine.ARCHITECTURES else "",
+        ros_distro=requires.ros_distro if requires.ros_distro in machine.ROS_DISTROS else "",
     )
 
 
@@ -209,7 +204,7 @@ def shared_memory_insufficient(context: Context) -> Findings:
     segment = context.spec.transport.segment
     if segment is None or context.spec.transport.kind != "shared_memory":
         return
-    available_bytes = shared_memory_bytes()
+    available_bytes = machine.shared_memory_bytes()
     if available_bytes is None:
         return
     processes = len(context.processes)
@@ -217,10 +212,10 @@ def shared_memory_insufficient(context: Context) -> Findings:
     if required_bytes > available_bytes:
         yield Finding(
             message=f"{processes} processes with a segment of {segment} each need "
-            f"{Size(required_bytes)}, but {SHARED_MEMORY} has "
+            f"{Size(required_bytes)}, but {machine.SHARED_MEMORY} has "
             f"{Size(available_bytes // 2**20 * 2**20)}",
             path=("transport", "segment"),
-            help=f"reduce 'segment', or enlarge {SHARED_MEMORY} (docker run --shm-size)",
+            help=f"reduce 'segment', or enlarge {machine.SHARED_MEMORY} (docker run --shm-size)",
             machine_dependent=True,
         )
 

@@ -11,8 +11,8 @@ from r2bspec.check.check_context import Context
 from r2bspec.check.rule import Finding, Findings, Pointer, rule
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, quote, quoted_list, suggestion
-from r2bspec.language.node_kinds import PROCESS_KEYS
 from r2bspec.language.spec import Container
+from r2bspec.language.spec_graph import PROCESS_KEYS
 from r2bspec.plan.plan import ProcessPlan
 from r2bspec.plan.process_plans import Place, find_places, graph_processes, reserved_names
 from r2bspec.plan.wiring.wiring import NodeWiring, PhaseWiring

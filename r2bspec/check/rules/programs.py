@@ -31,13 +31,8 @@ from r2bspec.plan.installed_packages import (
     top_level_names,
 )
 from r2bspec.plan.this_machine import ament_prefixes, find_module
+from r2bspec.plan.wiring import node_interface
 from r2bspec.plan.wiring.companion_files import source_folder
-from r2bspec.plan.wiring.node_interface import (
-    ROS_DISTRIBUTION,
-    catalogue_nodes,
-    catalogue_packages,
-    reference_node_interfaces,
-)
 from r2bspec.plan.wiring.wiring import NodeWiring
 from r2bspec.safe_io.safe_file import is_regular, names_if_any
 
@@ -134,7 +129,7 @@ def package_not_found(context: Context) -> Findings:
 
 
 def _package_help(package: str, installed: frozenset[str]) -> str:
-    catalogued = catalogue_packages()
+    catalogued = node_interface.catalogue_packages()
     close = "" if package in catalogued else did_you_mean(package, installed | catalogued)
     if close:
         return f"did you mean {quote(close)}?"
@@ -175,11 +170,13 @@ def executable_not_found(context: Context) -> Findings:
 def plugin_not_found(context: Context) -> Findings:
     """C++ components that are not in their well-known package."""
     for _, node in context.nodes:
-        components = catalogue_nodes(node.node.package) if node.node.kind is PLUGIN else {}
+        components = (
+            node_interface.catalogue_nodes(node.node.package) if node.node.kind is PLUGIN else {}
+        )
         if components and node.node.plugin not in components:
             yield Finding(
-                message=f"{node.node.package} of {ROS_DISTRIBUTION} has no component "
-                f"{quote(node.node.plugin)}",
+                message=f"{node.node.package} of {node_interface.ROS_DISTRIBUTION} has no "
+                f"component {quote(node.node.plugin)}",
                 path=(*node.path, "plugin"),
                 help=suggestion(node.node.plugin, components, "its components"),
                 machine_dependent=True,
@@ -274,7 +271,9 @@ def python_name_not_found(context: Context) -> Findings:
 def _defined_names(target: PythonTarget) -> frozenset[str] | None:
     """The names of a file or module; None if they cannot be determined."""
     if target.module == _REFERENCE_NODES:
-        return frozenset(name.rpartition(".")[2] for name in reference_node_interfaces())
+        return frozenset(
+            name.rpartition(".")[2] for name in node_interface.reference_node_interfaces()
+        )
     source = target.file if target.readable else None
     if target.module:
         module = find_module(target.module)

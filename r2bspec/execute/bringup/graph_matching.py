@@ -20,15 +20,7 @@ from typing import Any
 
 import msgspec
 
-from r2bspec.execute.bringup.find_fault import (
-    Fault,
-    RemappedTopic,
-    certain_topics,
-    find_faults,
-    full_path,
-    path_lines,
-    unmatched,
-)
+from r2bspec.execute.bringup import find_fault
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.bringup.observe_graph import HARNESS, GraphFacts, GraphObserver
 from r2bspec.execute.bringup.readiness import IdleNodes, StartDeadline, patience_s
@@ -207,7 +199,7 @@ class PhaseGraph:
     def error(
         self,
         facts: GraphFacts,
-        faults: Sequence[Fault],
+        faults: Sequence[find_fault.Fault],
         silent: Iterable[str],
         state: str,
         hint: str,
@@ -234,19 +226,21 @@ class PhaseGraph:
         )
         sentences = [fault.sentence for fault in faults] or [_NO_FAULT]
         also = related_differences(faults, known) if names_related else ""
-        path = dict.fromkeys(name for topic in silent for name in full_path(facts, topic))
+        path = dict.fromkeys(
+            name for topic in silent for name in find_fault.full_path(facts, topic)
+        )
 
         def text(said: Collection[str] = ()) -> str:
             left = "; ".join(sentence for sentence in sentences if sentence not in said) + also
             head = f"{state}: {left.removeprefix('; ')}" if left else state
-            return "\n".join([head, *path_lines(facts, path)])
+            return "\n".join([head, *find_fault.path_lines(facts, path)])
 
         if not differences:
             return otherwise(text(), hint=hint)
         details = text({difference.message for difference in differences})
         return GraphMismatchError(differences, text(), differences[0].help or hint, details=details)
 
-    def _is_permanent(self, fault: Fault) -> bool:
+    def _is_permanent(self, fault: find_fault.Fault) -> bool:
         """Whether a fault persists, so that neither a longer wait nor another attempt helps.
 
         A mismatch of two existing endpoints persists. A missing endpoint persists once its node
@@ -273,10 +267,10 @@ class PhaseGraph:
             self.note(f"{difference.message}; ROS ignores it")
         self.launcher.differences += differences
 
-    def remapped_topics(self) -> tuple[RemappedTopic, ...]:
+    def remapped_topics(self) -> tuple[find_fault.RemappedTopic, ...]:
         """The topics to which the plan remaps the names of nodes."""
         return tuple(
-            RemappedTopic(
+            find_fault.RemappedTopic(
                 node.name,
                 before,
                 expand(after, node.node, node.namespace),
@@ -298,7 +292,7 @@ class PhaseGraph:
         rules = [rule for rule in self.remapped_topics() if rule.topic in topics]
         differences += [
             unmatched_remapping(rule.node, rule.before, rule.topic, facts.topics_of(rule.node))
-            for rule in unmatched(facts, rules)
+            for rule in find_fault.unmatched(facts, rules)
             if (rule.node, rule.before) not in known
         ]
 
@@ -351,16 +345,18 @@ class PhaseGraph:
                 supervisor.pump(_POLL_S)
 
 
-def _faults_of(facts: GraphFacts, missing: Iterable[str]) -> tuple[Fault, ...]:
+def _faults_of(facts: GraphFacts, missing: Iterable[str]) -> tuple[find_fault.Fault, ...]:
     """The faults of topics whose endpoints are not matched, inputs or not."""
     inputs = [topic for topic in missing if topic in facts.inputs]
-    return find_faults(facts, [topic for topic in missing if topic not in inputs], inputs)
+    return find_fault.find_faults(
+        facts, [topic for topic in missing if topic not in inputs], inputs
+    )
 
 
 def graph_mismatches(
-    faults: Iterable[Fault],
+    faults: Iterable[find_fault.Fault],
     launch_differences: Iterable[Difference],
-    is_permanent: Callable[[Fault], bool] = lambda _: True,
+    is_permanent: Callable[[find_fault.Fault], bool] = lambda _: True,
 ) -> tuple[Difference, ...]:
     """The differences between the graph and the plan, causes before consequences.
 
@@ -394,7 +390,9 @@ def graph_mismatches(
     return (*causes, *consequences)
 
 
-def related_differences(faults: Iterable[Fault], launch_differences: Iterable[Difference]) -> str:
+def related_differences(
+    faults: Iterable[find_fault.Fault], launch_differences: Iterable[Difference]
+) -> str:
     """Other differences of the nodes with faults, as text to append to a sentence."""
     owners = {fault.owner for fault in faults}
     related = (each.message for each in launch_differences if each.owner in owners)
@@ -423,7 +421,7 @@ class EarlyDiagnosis:
     def __init__(
         self,
         plan: Plan,
-        remapped: Sequence[RemappedTopic],
+        remapped: Sequence[find_fault.RemappedTopic],
         observe: Callable[[], GraphFacts],
         clock: Callable[[], float] = time.monotonic,
         *,
@@ -461,4 +459,4 @@ class EarlyDiagnosis:
         self.facts = facts
         if quiet_s >= self._patience_s and self._answer():
             self.stalled_s = unchanged_s
-        return certain_topics(facts, missing, self._remapped)
+        return find_fault.certain_topics(facts, missing, self._remapped)

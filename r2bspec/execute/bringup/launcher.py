@@ -17,15 +17,8 @@ from r2bspec.execute.bringup.spec_mismatches import (
     require_declared_parameters,
     unmatched_remappings,
 )
+from r2bspec.execute.processes import prerequisites
 from r2bspec.execute.processes.environment import RunEnvironment
-from r2bspec.execute.processes.prerequisites import (
-    hosts_library,
-    native_library,
-    require_configurable,
-    require_free_shared_memory,
-    resolve_argv,
-    resolve_command,
-)
 from r2bspec.execute.processes.process import apply_affinity, shorten_slice
 from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
@@ -92,7 +85,9 @@ class Launcher:
             SharedMemoryError: there is too little.
         """
         environment = self._environment
-        require_free_shared_memory(plan, phase, environment.middleware, environment.segment_bytes)
+        prerequisites.require_free_shared_memory(
+            plan, phase, environment.middleware, environment.segment_bytes
+        )
 
     def start(self, plan: ProcessPlan, parts: Iterable[str] = ()) -> ManagedProcess:
         """Start one process, unless it was started early; it then runs.
@@ -107,15 +102,15 @@ class Launcher:
         harness = plan.role in {"loader", "player", "monitor", "harness"}
         environment = self._environment
         variables = environment.for_harness(plan.env) if harness else environment.for_node(plan.env)
-        if hosts_library(plan):
-            variables[protocol.NATIVE_LIBRARY_VARIABLE] = str(native_library())
+        if prerequisites.hosts_library(plan):
+            variables[protocol.NATIVE_LIBRARY_VARIABLE] = str(prerequisites.native_library())
         parts = tuple(parts)
         if self.joins is not None and plan.join is not None:
             variables = self.joins.environment(plan.name, variables)
         child = self._supervisor.start(
             plan.name,
             plan.role,
-            environment.secrets.in_words(resolve_argv(plan)),
+            environment.secrets.in_words(prerequisites.resolve_argv(plan)),
             variables,
             cwd=self._base_dir,
             log=self._folder.log_path(plan.name),
@@ -361,7 +356,7 @@ class Launcher:
             child = self._supervisor.start(
                 name,
                 "command",
-                secrets.in_words(resolve_command(step.argv, name)),
+                secrets.in_words(prerequisites.resolve_command(step.argv, name)),
                 self._environment.for_node({}),
                 cwd=self._base_dir,
                 log=self._folder.log_path(name),
@@ -398,7 +393,7 @@ class Launcher:
         if ready.rmw:
             self.rmw = ready.rmw
             kind = self._environment.transport.kind
-            require_configurable(kind, ready.rmw, "this installation")
+            prerequisites.require_configurable(kind, ready.rmw, "this installation")
         return ready
 
 

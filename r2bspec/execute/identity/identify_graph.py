@@ -22,13 +22,8 @@ from typing import Final
 
 import msgspec
 
+from r2bspec.execute.identity import python_sources
 from r2bspec.execute.identity.file_digests import FileDigests, WorkspacePackages, build_id, is_elf
-from r2bspec.execute.identity.python_sources import (
-    ModuleSearch,
-    Sources,
-    sources_of_file,
-    sources_of_module,
-)
 from r2bspec.plan.command_lines import INCLUDED_LAUNCH
 from r2bspec.plan.installed_packages import ament_packages, package_share, package_version
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
@@ -107,7 +102,7 @@ class _GraphIdentifier:
         self._workspace = WorkspacePackages(top)
         self._version = cache(package_version)
         self._share = cache(package_share)
-        self._search = ModuleSearch()
+        self._search = python_sources.ModuleSearch()
         self._distributions: set[str] = set()
         self._has_python = False
 
@@ -185,13 +180,14 @@ class _GraphIdentifier:
         path, colon, _ = target.rpartition(":")
         if colon:
             self._add_sources(
-                parts, sources_of_file(self._search, (self._base_dir / path).resolve())
+                parts,
+                python_sources.sources_of_file(self._search, (self._base_dir / path).resolve()),
             )
         else:
             self._add_module(parts, target.rpartition(".")[0])
 
     def _add_module(self, parts: _Parts, name: str) -> None:
-        sources = sources_of_module(self._search, name)
+        sources = python_sources.sources_of_module(self._search, name)
         if sources is None:
             parts.unknown.append(f"module {name} is not installed")
             return
@@ -203,7 +199,7 @@ class _GraphIdentifier:
                 parts.package = owner.name if self._share(owner.name) else ""
         self._add_sources(parts, sources)
 
-    def _add_sources(self, parts: _Parts, sources: Sources) -> None:
+    def _add_sources(self, parts: _Parts, sources: python_sources.Sources) -> None:
         self._has_python = True
         self._distributions |= sources.distributions
         if sources.incomplete:
@@ -277,7 +273,7 @@ class _GraphIdentifier:
                 parts.files.pop(self._digests.shown(self._digests.real_path(program)), None)
                 self._add_module(parts, module)
                 return
-        self._add_sources(parts, sources_of_file(self._search, program))
+        self._add_sources(parts, python_sources.sources_of_file(self._search, program))
 
     def _add_command(self, parts: _Parts, argv: Sequence[str], folder: Path) -> None:
         """A command: its program, and the files of the work tree that it names.
@@ -328,7 +324,9 @@ class _GraphIdentifier:
                 path = folder / name
                 if is_regular(path) and self._digests.is_inside(path):
                     if path.suffix == ".py":
-                        self._add_sources(parts, sources_of_file(self._search, path.resolve()))
+                        self._add_sources(
+                            parts, python_sources.sources_of_file(self._search, path.resolve())
+                        )
                     elif is_elf(path):
                         parts.build_ids.append(build_id(path))
                     else:

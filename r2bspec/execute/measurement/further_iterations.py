@@ -36,7 +36,8 @@ from r2bspec.ipc.sample_files import read_messages
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.judge.measure.matching import NO_MATCH, match, ratio_of, select_expected_steps
 from r2bspec.judge.measure.truth_accuracy import DisparityAccuracy, TagAccuracy, TagPose
-from r2bspec.plan.plan import MonitorPlan, Plan, TruthPlan
+from r2bspec.language.spec import Truth
+from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.record.run_record import AccuracyRecord, Segment
 from r2bspec.record.sample_arrays import MONITOR_FIELDS, PLAYBACK_FIELDS, Rows
 from r2bspec.safe_io.safe_file import RefusedDataError
@@ -267,7 +268,7 @@ class TruthComparison:
     def _compare_monitor(
         self,
         monitor: MonitorPlan,
-        truth: TruthPlan,
+        truth: Truth,
         path: Path,
         playback: Rows,
         stamps: Sequence[frozenset[int]],
@@ -300,7 +301,7 @@ class TruthComparison:
 def compare_outputs(
     record: AccuracyRecord,
     monitor: MonitorPlan,
-    truth: TruthPlan,
+    truth: Truth,
     outputs: Sequence[tuple[frozenset[int], bytes]],
     datasets: Sequence[Path],
 ) -> AccuracyRecord:

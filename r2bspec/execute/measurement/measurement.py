@@ -3,33 +3,34 @@
 The search and the probes of sustained rates are made in the first start. The iterations, those at
 the peak among them, are spread over all starts (`r2bspec.plan.plan`).
 
-All rates are played in each iteration, so that a slow drift of the machine affects them equally. If
-the spec allows more iterations than it declares, there are interim looks after one, two and four
-times the declared number, with the error probability divided among them
-(`r2bspec.judge.decision_policy`). The run continues only while a requirement is undecided that more
-iterations can decide.
+All rates are played in each iteration, so that a slow drift of the machine affects them equally.
+After each start from the third one on there is an interim look, with the error probability divided
+among them (`r2bspec.plan.interim_looks`). The run continues only while a requirement is undecided
+that more iterations can decide.
 
-At each look, iterations affected by host interference are repeated, each once, if that decides
-whether a failure counts (`r2bspec.judge.affected_iterations`), in the start that then runs: the
+After the last look, iterations affected by host interference are repeated, each once, while that
+can change the outcome (`r2bspec.judge.affected_iterations`), in the start that then runs: the
 record says which one that is.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
 
 import msgspec
 
 from r2bspec.execute.measurement.peak_search import PeakSearch
-from r2bspec.execute.measurement.rate_probe import RateProber
+from r2bspec.execute.measurement.rate_probe import MAX_FUTILE_REPLAYS, RateProber
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
 from r2bspec.execute.run_context import RunContext, TimeBudget
 from r2bspec.execute.states import RunState
-from r2bspec.judge.decision_policy import InterimLooks, decide_after_look, decision_policy
+from r2bspec.judge.decision_policy import decide_after_look
 from r2bspec.judge.methods import METHODS, Method
 from r2bspec.judge.verdict import DisturbedIteration, Verdict
-from r2bspec.plan.plan import Plan, PlayPlan, iterations_by_look
+from r2bspec.plan.interim_looks import InterimLooks, iterations_of_starts
+from r2bspec.plan.plan import Plan, PlayPlan
 from r2bspec.record.run_record import (
     ConfirmationRecord,
     EndedRate,
@@ -131,7 +132,8 @@ class Measurement:
 
         Args:
             failed: the methods by which the failed requirements were decided.
-            iterations: their number in the run; they are played in as many starts.
+            iterations: their number in the run; a run of one start plays as many again, and one of
+                several starts as many as it takes.
             peak_hz: the peak of the run, at which `play_at_peak` is played unless the confirmation
                 finds its own peak.
 
@@ -146,11 +148,11 @@ class Measurement:
         self._add_peak(self.peak_hz or peak_hz)
         if "iterations" in rests_on and self._plays:
             self._enter_play()
-            for starts in iterations_by_look(self._looks().iterations, self._plan.starts):
-                for start in starts:
-                    if indices := [index for index in start if index <= iterations]:
-                        self._play_start(indices, iterations)
-            self._judge()
+            if self._plan.starts == 1:
+                self._play_start(range(1, iterations + 1), iterations)
+                self._with_reruns(self._judge_so_far())
+            else:
+                self._play_until_decided()
 
     def _add_peak(self, peak_hz: float | None) -> None:
         """Play at the peak, too, if one was found that is not among the rates."""
@@ -164,7 +166,7 @@ class Measurement:
         if search is None:
             return
         self._context.states.enter(RunState.SEARCH, "searching for the peak rate")
-        seconds = search.confirm_ns / 1e9
+        seconds = max(search.confirm_ns, search.probe_ns) / 1e9
         self._search = PeakSearch(
             search.min_hz,
             search.max_hz,
@@ -173,9 +175,7 @@ class Measurement:
             confidence=search.confidence,
             long_plays=self._prober.long_plays(
                 search,
-                lambda rate_hz: self._budget.allows(
-                    f"{rate_hz:.4g} Hz was not played whole", seconds
-                ),
+                lambda: self._budget.allows("the search ended early", seconds),
             ),
         )
         self._search.run()
@@ -196,33 +196,42 @@ class Measurement:
         """Play the iterations up to the look that decides."""
         looks = self._looks()
         began_s, played = self._budget.spent_s(), 0
-        groups = iterations_by_look(looks.iterations, self._plan.starts)
-        for number, end in enumerate(looks.iterations, start=1):
-            for iterations in groups[number - 1]:
-                if not self._all_ended:
-                    self._play_start(iterations, end)
-            played = end
-            verdict = self._judge()
+        verdict: Verdict | None = None
+        for iterations in self._iterations_of_starts():
+            self._play_start(iterations, looks.iterations[-1])
+            played = iterations[-1]
             if self._all_ended:
                 # The largest number that a rate has is that of a confirmation run.
                 segments = self.segment_player.segments
                 played = max(each.index for each in segments if each.kind == "iteration")
+                verdict = None
                 break
-            if number == len(looks) or not _needs_more(verdict, looks, number):
+            if played not in looks.iterations:
+                continue
+            verdict = self._judge_so_far()
+            counted = [one for one in verdict.requirements if one.level == "error"]
+            look = looks.completed_looks(played)
+            if decide_after_look(looks, look, counted) != "go on":
                 break
-            each_s = (self._budget.spent_s() - began_s) / played
-            more_s = each_s * (looks.iterations[number] - played)
-            if not self._budget.allows(f"no more than {end} iterations", more_s):
+            more_s = (self._budget.spent_s() - began_s) / played * (looks.iterations[look] - played)
+            if not self._budget.allows(f"no more than {played} iterations", more_s):
                 break
-            self._context.note(
-                f"not all requirements are decided after {end} iterations: playing more"
-            )
-        return verdict, played
+            still_open = [one.text for one in counted if one.outcome == "inconclusive"]
+            if still_open:
+                self._context.note(f"open after {played} iterations: {', '.join(still_open)}")
+        return self._with_reruns(verdict or self._judge_so_far()), played
+
+    def _iterations_of_starts(self) -> Iterator[range]:
+        """The iterations of each start; those of the only start, up to each look."""
+        looks, starts = self._looks(), self._plan.starts
+        if starts == 1:
+            for before, end in pairwise((0, *looks.iterations)):
+                yield range(before + 1, end + 1)
+        else:
+            yield from iterations_of_starts(looks.declared, starts, looks.iterations[-1])
 
     def _looks(self) -> InterimLooks:
-        declared = max(play.iterations for play in self._plays)
-        plan = msgspec.structs.replace(self._plan, play=self._plays)
-        return decision_policy(plan).looks or InterimLooks((declared,))
+        return InterimLooks.with_end(self._plays, self._plan.starts)
 
     def _play_start(self, iterations: Iterable[int], end: int) -> None:
         """Play the iterations of a start: a new one if some were played in the one that runs."""
@@ -253,11 +262,10 @@ class Measurement:
                 self._budget.ended_rates.append(EndedRate(rate_hz=rate_hz, iterations=index))
                 self._budget.leave_out(f"{at} was ended after {index} of {end} iterations: {why}")
 
-    def _judge(self) -> Verdict:
+    def _with_reruns(self, verdict: Verdict) -> Verdict:
         """The verdict, after the affected iterations on which it depends were repeated."""
-        verdict = self._judge_so_far()
-        is_repeated = False
-        for iteration in iterations_to_rerun(verdict):
+        while iterations := iterations_to_rerun(verdict):
+            iteration = iterations[0]
             name = iteration.segment
             play = next(each for each in self._plays if each.rate_hz == iteration.rate_hz)
             if not self._budget.allows(
@@ -269,8 +277,8 @@ class Measurement:
             segments = [segment for start in self._starts for segment in start.segments]
             index = next(segment.index for segment in segments if segment.id == name)
             self._play_once(play, index, f"iteration {index} again", rerun_of=name)
-            is_repeated = True
-        return self._judge_so_far() if is_repeated else verdict
+            verdict = self._judge_so_far()
+        return verdict
 
     def _play_once(self, play: PlayPlan, index: int, title: str, rerun_of: str = "") -> None:
         again = "-again" if rerun_of else ""
@@ -286,9 +294,15 @@ class Measurement:
 
 
 def iterations_to_rerun(verdict: Verdict) -> Sequence[DisturbedIteration]:
-    """The affected iterations on which a failure depends, and that were not repeated yet."""
-    requirements = [each for each in verdict.requirements if each.weakened]
-    rates = {each.at_hz for each in requirements if each.at_hz is not None}
+    """The affected iterations that were not repeated yet and whose reruns can change the outcome.
+
+    None can where a requirement fails anyway, or where the reruns so far were affected, too.
+    """
+    counted = [each for each in verdict.requirements if each.level == "error"]
+    futile = sum(bool(each.rerun_of) for each in verdict.disturbed)
+    if futile >= MAX_FUTILE_REPLAYS or any(each.outcome == "fail" for each in counted):
+        return []
+    rates = [each.at_hz for each in counted if each.weakened and each.at_hz is not None]
     return [
         iteration
         for iteration in verdict.disturbed
@@ -296,9 +310,3 @@ def iterations_to_rerun(verdict: Verdict) -> Sequence[DisturbedIteration]:
         and not iteration.rerun_of
         and any(math.isclose(iteration.rate_hz, rate) for rate in rates)
     ]
-
-
-def _needs_more(verdict: Verdict, looks: InterimLooks, number: int) -> bool:
-    """Whether a requirement is undecided after a look that more iterations can decide."""
-    counted = [each for each in verdict.requirements if each.level == "error"]
-    return decide_after_look(looks, number, counted) == "go on"

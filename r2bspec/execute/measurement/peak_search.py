@@ -6,13 +6,14 @@ The search is independent of processes: it calls functions that play, and evalua
    that it can sustain.
 2. The graph is overloaded, some seconds at a time, until its capacity is known to the precision
    (`r2bspec.judge.stationarity`): once by 30 %, then by 7 %, because a graph may be slower the more
-   it is overloaded. That bounds the peak from above, and says where to look for it. If it is much
-   slower with more, so that it may keep up with much more than came out with less, no overload
-   bounds its peak.
-3. Where conditions or large tolerated losses decide, or no overload bounds the peak, the bracket is
+   it is overloaded. That bounds the peak from above, and says where to look for it.
+3. Where conditions or large tolerated losses decide, or it cannot be overloaded, the bracket is
    narrowed by short probes: near the output rate of the overload first, then in growing strides,
    then by halves of the ratio of its ends.
 4. The lower end is played whole. If that refutes it, the search goes on below.
+5. The upper end is played, too. If the graph keeps up with it, it is raised.
+
+The search has a time; when that is over, nothing is played but what a bracket needs.
 
 A probe may be undecided, if the times of the graph vary too much for its length. The search then
 moves away from this rate, down and up, by the resolution of the probe, and by twice as much if that
@@ -23,12 +24,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from r2bspec.judge.stationarity import (
     Capacity,
     CompletionTimes,
-    compare_pace,
     estimate_capacity,
     find_nonstationarity,
     find_start,
@@ -38,16 +38,11 @@ from r2bspec.record.run_record import CapacityRecord, Limit, Probe, Proof, Searc
 
 _FACTORS = (1.3, 1.07)
 """The offered rates as multiples of what comes out: of the first play, clearly too much; of all
-others, not much more, because graphs that are drowned in messages are slower. If the first is
-slower than the others, only these count."""
+others, not much more, because graphs that are drowned in messages are slower. The capacity comes
+from these; the first shows how much slower the graph is with more."""
 
-_AT_CAPACITY = (_FACTORS[1] - 1) / (_FACTORS[0] - _FACTORS[1])
-"""Of what a graph is faster at the second factor than at the first, the share by which it is faster
-again at its capacity, if its speed falls evenly with the rate that is offered."""
-
-_Z = 1.5
-"""Standard errors by which it must be slower. A graph that is taken for slower by chance is played
-longer; one that is wrongly taken for steady has a bracket that is too low."""
+_MORE = 1.1
+"""A play is harder than another if it offers so many times as much."""
 
 _MAX_UNSATURATED = 4
 """So many plays may turn out not to overload the graph; each next one offers more."""
@@ -63,12 +58,11 @@ class Overload:
         precision: the relative width to which the capacity is estimated.
         confidence: of the interval.
         budget_s: overloaded playing ends after so many seconds, whether they counted or not.
+        goes_on: whether there is time for more than two plays that count.
         stages: how many queues there may be in a row.
         loss: the share that may be lost; a graph with bounded queues sustains more because of it.
         plays: those by which the capacity is estimated.
         shown: all that were played, to be examined for steadiness.
-        faster: by how much the graph may be faster at its capacity than in the plays that count; 0
-            unless it is slower the more it is overloaded.
     """
 
     play: Callable[[float], CompletionTimes | None]
@@ -78,15 +72,15 @@ class Overload:
     budget_s: float
     stages: int = 1
     loss: float = 0.0
+    goes_on: Callable[[], bool] = lambda: True
     plays: list[CompletionTimes] = field(default_factory=list)
     shown: list[CompletionTimes] = field(default_factory=list)
     capacity: Capacity | None = None
-    faster: float = 0.0
 
     @property
     def played_s(self) -> float:
         """The seconds of the plays that count."""
-        return sum(each.played_s for each in self.plays)
+        return sum(play.played_s for play in self.plays)
 
     def run(self, guess_hz: float) -> Capacity | None:
         """Overload the graph until its capacity is known to the precision, or the time is over.
@@ -95,84 +89,71 @@ class Overload:
             guess_hz: what came out of a first overload, in steps per second.
 
         Returns:
-            None if the graph could not be overloaded, too few outputs came, or the graph is slower
-            the more it is overloaded.
+            None if the graph could not be overloaded, or too few outputs came.
         """
-        rate_hz, unsaturated, spent_s = min(guess_hz * _FACTORS[0], self.max_hz), 0, 0.0
-        while spent_s < self.budget_s:
+        rate_hz, kept_up, spent_s = min(guess_hz * _FACTORS[0], self.max_hz), 0, 0.0
+        while spent_s < self.budget_s and (len(self.plays) < len(_FACTORS) or self.goes_on()):
             play = self.play(rate_hz)
             if play is None:
                 return None
-            if not play.saturated:
-                if self.capacity is not None and rate_hz > self.capacity.upper_hz:
-                    # With less overload it is faster than with more: that bounds nothing.
-                    self._discard()
-                    return None
-                unsaturated += 1
-                if unsaturated >= _MAX_UNSATURATED or rate_hz >= self.max_hz:
-                    return None
-                rate_hz = min(rate_hz * _FACTORS[0], self.max_hz)
-                continue
             spent_s += play.played_s
+            if not play.saturated:
+                kept_up += 1
+                if self.capacity is not None and rate_hz > self.capacity.upper_hz:
+                    # With less overload it is faster than with more, by more than was estimated.
+                    self.capacity = None
+                if kept_up >= _MAX_UNSATURATED or rate_hz >= self.max_hz:
+                    return None
+                # With less overload it may be faster than with more.
+                more_hz = min((play.offered_hz / play.per_step for play in self.plays), default=0.0)
+                rate_hz = min(math.sqrt(rate_hz * more_hz) or rate_hz * _FACTORS[0], self.max_hz)
+                continue
             self.add(play)
-            self._leave_out_drowned()
-            if not self.plays:
-                return None
             if self.capacity is not None:
-                compared = self.faster > 0 or self.factors_compared
-                if compared and self.capacity.relative_width <= self.precision:
+                if self.harder and self.capacity.gentle_width <= self.precision:
                     break
                 rate_hz = min(self.capacity.hz * _FACTORS[1], self.max_hz)
         return self.capacity
 
-    def _discard(self) -> None:
-        """Leave out all plays: none of them bounds what the graph keeps up with."""
-        self.plays, self.capacity = [], None
+    @property
+    def tells_after_s(self) -> float:
+        """Seconds of playing that tell whether the graph keeps up with half the precision more.
+
+        Its capacity is known to half the precision either way after a quarter of them.
+        """
+        if self.capacity is None:
+            return math.inf
+        seconds = sum(play.played_s for play in self.gentle)
+        return 4 * seconds * (self.capacity.gentle_width / self.precision) ** 2
 
     @property
-    def factors_compared(self) -> bool:
-        """Whether the graph was overloaded by more and by less."""
-        offered = [play.offered_hz for play in self.plays]
-        return bool(offered) and max(offered) > 1.1 * min(offered)
+    def gentle(self) -> list[CompletionTimes]:
+        """The plays with the least overload."""
+        least_hz = min((play.offered_hz for play in self.plays), default=0.0)
+        return [play for play in self.plays if play.offered_hz < least_hz * _MORE]
 
-    def _leave_out_drowned(self) -> None:
-        """Leave out the plays with more overload if the graph was slower in them.
+    @property
+    def harder(self) -> list[CompletionTimes]:
+        """The plays with clearly more overload than the others."""
+        least_hz = min((play.offered_hz for play in self.plays), default=0.0)
+        return [play for play in self.plays if play.offered_hz >= least_hz * _MORE]
 
-        If it may be faster by the precision with still less, those with less tell nothing either.
-        """
-        if not self.factors_compared:
-            return
-        rates = [play.offered_hz for play in self.plays]
-        middle_hz = math.sqrt(max(rates) * min(rates))
-        gentle = [play for play in self.plays if play.offered_hz < middle_hz]
-        drowned = [play for play in self.plays if play.offered_hz >= middle_hz]
-        slower, error = compare_pace(drowned, gentle)
-        if slower <= max(self.precision / 4, _Z * error):
-            return
-        self.faster = slower * _AT_CAPACITY
-        if self.faster > self.precision:
-            self._discard()
-        else:
-            self.plays = gentle
-            self._estimate()
-
-    def _estimate(self) -> None:
-        """Estimate the capacity; what it is at the rate that it keeps up with, if it drowns."""
-        estimate = estimate_capacity(self.plays, self.confidence, stages=self.stages)
-        if estimate is not None:
-            estimate = replace(
-                estimate,
-                hz=estimate.hz * (1 + self.faster),
-                upper_hz=estimate.upper_hz * (1 + self.faster),
-            )
-        self.capacity = estimate
+    @property
+    def comparable(self) -> list[CompletionTimes]:
+        """The plays that show whether the graph is steady: it may be slower the more is offered."""
+        if self.capacity is None or self.capacity.drowns <= self.precision / 4:
+            return self.shown
+        harder = self.harder
+        return [play for play in self.shown if play not in harder]
 
     def add(self, play: CompletionTimes, *, shown: bool = True) -> None:
         """Count a play in which the graph was overloaded."""
         self.plays.append(play)
         if shown:
             self.shown.append(play)
-        self._estimate()
+        self.capacity = estimate_capacity(
+            self.gentle, self.confidence, stages=self.stages, harder=self.harder
+        )
 
     def learn(self, play: CompletionTimes) -> None:
         """Learn from a play that was to confirm a rate, and refuted it.
@@ -237,6 +218,13 @@ _MAX_OPEN_PROBES = 8
 """Undecided probes are the longest ones; after this number the search ends."""
 
 
+_MAX_RAISES = 3
+"""So often the upper end is raised; then it is the lowest rate that was not sustained."""
+
+_KEPT_UP = 0.998
+"""A graph out of which this share of the upper end comes keeps up with it."""
+
+
 _MAX_CONFIRMATIONS = 3
 """So many rates are played whole; if none of them is confirmed, the search ends without a proof."""
 
@@ -280,20 +268,26 @@ class LongPlays:
         overload: plays a rate that is too high, for some seconds; None if there is none.
         confirm: plays the lower end whole; the second argument is the rate up to which the
             capacity is proven. None if the lower end is not confirmed.
+        upper: plays the upper end, until it is clear that it is not sustained; the second argument
+            is in how many seconds that should be. None to trust it.
         budget_s: for overloaded plays, in all.
+        search_s: after so many seconds of playing, nothing is played but what a bracket needs: both
+            ends of the range, two overloads, and both ends of the bracket.
         stages: how many queues there may be in a row.
         loss: the share that may be lost.
         conditions: whether other conditions than lost messages decide what is sustained.
-        allows: whether there is time to play one more rate whole.
+        allows: whether there is time for more than that.
     """
 
     overload: ProbeFunction | None = None
     confirm: Callable[[float, float], ProbeOutcome] | None = None
+    upper: Callable[[float, float], ProbeOutcome] | None = None
     budget_s: float = 0.0
+    search_s: float = math.inf
     stages: int = 1
     loss: float = 0.0
     conditions: bool = False
-    allows: Callable[[float], bool] = lambda _: True
+    allows: Callable[[], bool] = lambda: True
 
     def needs_probes(self, precision: float) -> bool:
         """Whether the capacity alone does not tell the peak to this precision."""
@@ -342,7 +336,9 @@ class PeakSearch:
             budget_s=long_plays.budget_s,
             stages=long_plays.stages,
             loss=long_plays.loss,
+            goes_on=self._goes_on,
         )
+        self._has_time = True
         self._others: list[CompletionTimes] = []
 
     @property
@@ -354,15 +350,22 @@ class PeakSearch:
         if self._try(self._minimum_hz) is not False and self._maximum_hz > self._minimum_hz:
             self._try(self._maximum_hz)
         if not self._aim() or self._long.needs_probes(self._precision):
-            while (rate_hz := self._next_rate()) is not None:
+            while (rate_hz := self._next_rate()) is not None and self._goes_on():
                 self._try(rate_hz)
         self._prove()
+        self._try_upper_end()
         self._done = True
         return self.record()
 
+    def _goes_on(self) -> bool:
+        """Whether there is time for more than a bracket needs; it does not come back."""
+        spent_s = sum(probe.played_s for probe in self._probes)
+        self._has_time = self._has_time and spent_s < self._long.search_s and self._long.allows()
+        return self._has_time
+
     def record(self) -> SearchRecord:
         """The result so far."""
-        unsteady = find_nonstationarity(self._overload.shown, self._others, self._precision)
+        unsteady = find_nonstationarity(self._overload.comparable, self._others, self._precision)
         lower, fails_hz = self._lower, self._fails_hz
         limited_by: Limit = "player" if self._fails_by_player else "graph"
         if not self._done:
@@ -385,6 +388,7 @@ class PeakSearch:
             max_lost=self._overload.loss + self._precision / 2,
             capacity=self._overload.record(),
             unsteady=tuple(each.text for each in unsteady),
+            watched_s=sum(play.played_s for play in [*self._overload.shown, *self._others]),
             unsteady_ratio=max((each.ratio for each in unsteady), default=1.0),
         )
 
@@ -429,12 +433,11 @@ class PeakSearch:
         self._proof = "open"
         undecided: Probe | None = None
         for number in range(_MAX_CONFIRMATIONS):
-            if number and not self._long.allows(rate_hz):
+            if number and not self._goes_on():
                 break
             outcome = self._long.confirm(rate_hz, self._overload.proven_hz)
             self._probes.append(outcome.probe)
-            if outcome.departures is not None and outcome.probe.taken <= self._precision:
-                self._others.append(outcome.departures)
+            self._watch(outcome)
             if outcome.probe.holds:
                 self._lower, self._proof = outcome.probe, "confirmed"
                 return
@@ -446,6 +449,51 @@ class PeakSearch:
                 break
             rate_hz = max(self._below(outcome), self._minimum_hz)
         self._lower = undecided if undecided is not None else self._highest_kept()
+
+    def _try_upper_end(self) -> None:
+        """Play the upper end, too, where it follows from overloads, and raise it if it is kept up.
+
+        A graph may be slower as soon as it is overloaded at all. The lower end is raised to a rate
+        that was sustained only if a higher one was, too: just above the capacity the messages of a
+        play may be quick ones by chance.
+        """
+        kept: list[Probe] = []
+        while self._proof == "confirmed" and self._long.upper is not None:
+            rate_hz = self._fails_hz
+            if rate_hz is None or rate_hz in self._failed_hz:
+                return
+            outcome = self._long.upper(rate_hz, self._overload.tells_after_s)
+            self._probes.append(outcome.probe)
+            play = outcome.departures
+            if outcome.limited_by_player or outcome.probe.explained or play is None:
+                return
+            self._watch(outcome)
+            if play.saturated:
+                self._overload.shown.append(play)
+            own = estimate_capacity([play.after(play.played_s / 3)], self._confidence)
+            if outcome.probe.holds is False or own is None:
+                return
+            next_hz = min(each for each in self._failed_hz if each > rate_hz)
+            lost = outcome.drop_share > self._overload.loss + self._precision / 4
+            if own.hz < _KEPT_UP * rate_hz and (lost or not outcome.probe.keeps_up):
+                self._fails_hz = min(max(rate_hz, own.upper_hz), next_hz)
+                return
+            kept.append(outcome.probe)
+            if len(kept) > 1 and kept[-2].holds:
+                self._lower = kept[-2]
+            self._fails_hz = next_hz
+            if len(kept) < _MAX_RAISES and self._goes_on():
+                self._fails_hz = min(next_hz, rate_hz * (1 + self._precision))
+
+    @property
+    def _failed_hz(self) -> list[float]:
+        """The rates that the graph did not sustain."""
+        return [probe.rate_hz for probe in self._probes if probe.holds is False]
+
+    def _watch(self, outcome: ProbeOutcome) -> None:
+        """Examine a play for stops, unless others took a part of its time."""
+        if outcome.departures is not None and outcome.probe.taken <= self._precision:
+            self._others.append(outcome.departures)
 
     def _refute(self, outcome: ProbeOutcome) -> None:
         """Take a rate that was not sustained when it was played whole for the upper end."""
@@ -489,10 +537,12 @@ class PeakSearch:
     def _try(self, rate_hz: float) -> bool | None:
         outcome = self._probe(rate_hz)
         self._probes.append(outcome.probe)
+        self._watch(outcome)
         if outcome.sustained is False and self._needs_retry(outcome):
             # A short disturbance of the machine looks like a slow graph, but rarely twice.
             outcome = self._probe(rate_hz)
             self._probes.append(outcome.probe)
+            self._watch(outcome)
         if outcome.sustained is None:
             self._open[rate_hz] = outcome.relative_half_width
         elif outcome.sustained:

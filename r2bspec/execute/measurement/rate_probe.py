@@ -49,6 +49,8 @@ from r2bspec.language.benchmark_defaults import (
     MIN_PROBE_STEPS,
     OVERLOAD_PROBES,
     PROBE,
+    SEARCH_CONFIRMATIONS,
+    SEARCH_PROBES,
 )
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.plan.plan import Plan, SearchPlan
@@ -137,12 +139,12 @@ class RateProber:
         play = _Play("sustained", "probe", self._limit_s, ends_on, whole=True, enough=True)
         return self._play(play, rate_hz)
 
-    def long_plays(self, search: SearchPlan, allows: Callable[[float], bool]) -> LongPlays:
+    def long_plays(self, search: SearchPlan, allows: Callable[[], bool]) -> LongPlays:
         """What the search plays besides short probes.
 
         Args:
             search: of the plan.
-            allows: whether there is time to play one more rate whole.
+            allows: whether there is time for more than a bracket needs.
         """
         confirm_s = search.confirm_ns / 1e9
 
@@ -152,10 +154,17 @@ class RateProber:
         def confirm(rate_hz: float, proven_hz: float) -> ProbeOutcome:
             return self._play(replace(whole, proven_hz=proven_hz), rate_hz)
 
+        def upper(rate_hz: float, needed_s: float) -> ProbeOutcome:
+            limit_s = min(max(needed_s, self._limit_s), max(confirm_s, self._limit_s))
+            play = replace(whole, limit_s=limit_s, ends_on=frozenset({False}), enough=False)
+            return self._play(play, rate_hz)
+
         return LongPlays(
             overload=lambda rate_hz: self._play(overload, rate_hz),
             confirm=confirm if confirm_s else None,
+            upper=upper if confirm_s else None,
             budget_s=OVERLOAD_PROBES * self._limit_s,
+            search_s=SEARCH_PROBES * self._limit_s + SEARCH_CONFIRMATIONS * confirm_s,
             stages=_stages(self._plan),
             loss=self._criterion.loss,
             conditions=any(not _allowed_loss(each) for each in self._conditions),

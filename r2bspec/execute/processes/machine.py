@@ -52,6 +52,7 @@ def describe_machine() -> dict[str, Any]:
         "architecture": platform.machine(),
         "cpu": _cpu_model(),
         "cores": len(os.sched_getaffinity(0)),
+        "threads_per_core": _threads_per_core(),
         "cpu_max_mhz": frequency,
         "memory_bytes": psutil.virtual_memory().total,
         "kernel": platform.release(),
@@ -87,6 +88,16 @@ def _cpu_model() -> str:
     return platform.processor()
 
 
+def _threads_per_core(root: Path = Path("/")) -> int | None:
+    """How many hardware threads share a core, at most; None where the kernel does not say."""
+    found = [
+        int(mask.replace(",", ""), 16).bit_count()
+        for path in root.glob("sys/devices/system/cpu/cpu[0-9]*/topology/thread_siblings")
+        if (mask := _read(path))
+    ]
+    return max(found, default=None)
+
+
 def _gpus() -> list[str]:
     """The names of the NVIDIA GPUs, if NVML and its bindings (the extra `gpu`) are installed."""
     try:
@@ -112,7 +123,7 @@ def _os_name() -> str:
         return platform.system()
 
 
-def _read(path: str) -> str:
+def _read(path: str | Path) -> str:
     try:
         return Path(path).read_text(errors="replace").strip()
     except OSError:

@@ -24,14 +24,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from r2bspec import harness
-from r2bspec.execute.errors import (
-    AddressSpaceError,
-    MiddlewareError,
-    NoLoopbackError,
-    NotInstalledError,
-    RunError,
-    SharedMemoryError,
-)
+from r2bspec.execute import errors
 from r2bspec.judge.measure.units import show
 from r2bspec.middleware.middleware import (
     RMW_VARIABLE,
@@ -78,11 +71,13 @@ def native_library() -> Path:
 
 @contextlib.contextmanager
 def build_errors() -> Iterator[None]:
-    """What cannot be built is not installed, to a run."""
+    """What cannot be built is not installed, to a run, if no limit is the cause."""
     try:
         yield
     except BuildError as error:
-        raise NotInstalledError(str(error), hint=error.hint, code=error.code) from error
+        if limit := limit_error(str(error)):
+            raise limit from error
+        raise errors.NotInstalledError(str(error), hint=error.hint, code=error.code) from error
 
 
 def resolve_command(words: Sequence[str], what: str) -> list[str]:
@@ -95,7 +90,7 @@ def resolve_command(words: Sequence[str], what: str) -> list[str]:
     if "/" not in argv[0]:
         found = shutil.which(argv[0])
         if found is None:
-            raise NotInstalledError(
+            raise errors.NotInstalledError(
                 f"{what}: program {argv[0]!r} is not on PATH",
                 hint="Install it, or correct the command in the spec.",
                 code="R2B621",
@@ -129,7 +124,7 @@ def find_executable(package: str, name: str) -> Path:
         if (prefix / PACKAGE_INDEX / package).exists()
     ]
     if not folders:
-        raise NotInstalledError(
+        raise errors.NotInstalledError(
             f"ROS package {package!r} is not installed in {len(prefixes)} ament prefixes",
             hint="Install it, or source the workspace that contains it.",
             code="R2B622",
@@ -141,7 +136,7 @@ def find_executable(package: str, name: str) -> Path:
         if path.is_file() and os.access(path, os.X_OK)
     }
     if name not in executables:
-        raise NotInstalledError(
+        raise errors.NotInstalledError(
             f"ROS package {package!r} has no executable {name!r}",
             hint=f"Its executables: {', '.join(sorted(executables)) or 'none'}.",
             code="R2B623",
@@ -186,7 +181,7 @@ def require_configurable(kind: TransportKind, rmw: str, selected_by: str) -> Non
     refusal = refuse_transport(kind, rmw)
     if refusal is not None:
         hint = f"{refusal.help[0].upper()}{refusal.help[1:]}."
-        raise MiddlewareError(f"{refusal.message}, which {selected_by} selects", hint=hint)
+        raise errors.MiddlewareError(f"{refusal.message}, which {selected_by} selects", hint=hint)
 
 
 @contextlib.contextmanager
@@ -209,7 +204,7 @@ def reserved_domain() -> Iterator[int]:
                 continue
             yield domain
             return
-    raise RunError(
+    raise errors.RunError(
         f"all ROS domains from {_MIN_DOMAIN} to {_MAX_DOMAIN} are in use on this machine",
         hint="Wait until other runs have finished.",
     )
@@ -228,7 +223,7 @@ def require_loopback() -> None:
             receiver.bind(("127.0.0.1", 0))
             receiver.sendto(b"", receiver.getsockname())
     except OSError as error:
-        raise NoLoopbackError(
+        raise errors.NoLoopbackError(
             f"processes cannot reach one another over 127.0.0.1: {error.strerror or error}",
             hint="Bring the loopback interface up: ip link set lo up (in a new network namespace "
             "it is down).",
@@ -236,22 +231,24 @@ def require_loopback() -> None:
 
 
 _LIMITS = {
-    resource.RLIMIT_AS: ("the address space of a process", "-v"),
-    resource.RLIMIT_FSIZE: ("the size of a file", "-f"),
+    resource.RLIMIT_AS: ("the address space of a process", "B", "-v"),
+    resource.RLIMIT_FSIZE: ("the size of a file", "B", "-f"),
+    resource.RLIMIT_NPROC: ("the number of threads of this user", "", "-u"),
 }
 
 
 def limit_text(number: int) -> str:
     """A limit of this user that processes of a run inherit, in words; empty if there is none."""
-    what, option = _LIMITS[number]
+    what, unit, option = _LIMITS[number]
     soft, _ = resource.getrlimit(number)
     unlimited = soft == resource.RLIM_INFINITY
-    return "" if unlimited else f"{what} is limited to {show(soft, 'B')} (ulimit {option})"
+    return "" if unlimited else f"{what} is limited to {show(soft, unit)} (ulimit {option})"
 
 
 def with_limits(hint: str) -> str:
     """Add to what helps where a process has failed the limits of this user, which may be why."""
-    texts = " and ".join(filter(None, map(limit_text, _LIMITS)))
+    limits = (resource.RLIMIT_AS, resource.RLIMIT_FSIZE)
+    texts = " and ".join(filter(None, map(limit_text, limits)))
     return f"{hint} A limit may be the cause: {texts}.".strip() if texts else hint
 
 
@@ -268,11 +265,45 @@ def require_address_space() -> None:
     """
     soft, _ = resource.getrlimit(resource.RLIMIT_AS)
     if soft != resource.RLIM_INFINITY and soft < _LEAST_ADDRESS_SPACE:
-        raise AddressSpaceError(
-            limit_text(resource.RLIMIT_AS),
-            hint="Raise it, or take it away: ulimit -v unlimited. Processes of a run need 1 GiB "
-            "and more.",
+        raise errors.AddressSpaceError(limit_text(resource.RLIMIT_AS), hint=_MORE_ADDRESS_SPACE)
+
+
+_MORE_ADDRESS_SPACE = (
+    "Raise it, or take it away: ulimit -v unlimited. Processes of a run need 1 GiB and more."
+)
+
+_NO_MEMORY = re.compile(
+    r"(?i)failed to map|cannot allocate memory|memory allocation|\bMemoryError\b|bad_alloc"
+)
+"""What the loader, libc, OpenBLAS, Python and C++ say where an allocation fails."""
+
+_NO_THREAD = re.compile(
+    r"can't start new thread|pthread_create"
+    r"|(fork|BlockingIOError|cannot be started)\b.*Resource temporarily unavailable"
+)
+"""What they say where no process or thread can be started; a thread needs address space, too."""
+
+
+def limit_error(message: str, output: str = "", hint: str = "") -> errors.CertainRunError | None:
+    """The error of the limit that a failure is due to; None if none is known to be.
+
+    Args:
+        message: what has failed, and how.
+        output: what it has said last.
+        hint: what else there is to say.
+    """
+    text = f"{message}\n{output}"
+    needs_thread = _NO_THREAD.search(text)
+    if (needs_thread or _NO_MEMORY.search(text)) and (limit := limit_text(resource.RLIMIT_AS)):
+        return errors.AddressSpaceError(f"{limit}; {message}", hint=f"{_MORE_ADDRESS_SPACE} {hint}")
+    if needs_thread:
+        limit = limit_text(resource.RLIMIT_NPROC) or "the control group of this process is full"
+        return errors.ProcessLimitError(
+            f"no process or thread can be started: {limit}; {message}",
+            hint="End programs of this user, or raise the limit: ulimit -u, TasksMax of a service, "
+            f"--pids-limit of a container. {hint}".strip(),
         )
+    return None
 
 
 def require_free_shared_memory(
@@ -301,13 +332,13 @@ def require_free_shared_memory(
     try:
         free = shutil.disk_usage(folder).free
     except OSError as error:
-        raise SharedMemoryError(
+        raise errors.SharedMemoryError(
             f"there is no shared memory in {folder}: {error.strerror or error}",
             hint="Mount a tmpfs there, or state transport: udp.",
         ) from error
     largest_file = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
     if largest_file != resource.RLIM_INFINITY and largest_file < segment_bytes:
-        raise SharedMemoryError(
+        raise errors.SharedMemoryError(
             f"{limit_text(resource.RLIMIT_FSIZE)}; a segment of shared memory needs "
             f"{show(segment_bytes, 'B')}",
             hint="Raise the limit (ulimit -f unlimited), or state transport: udp, or smaller "
@@ -318,7 +349,7 @@ def require_free_shared_memory(
     wanted = middleware.required_shm_bytes(processes, segment_bytes)
     if free < wanted:
         suggested_mib = -(-wanted * 5 // (4 << 20))  # with some to spare
-        raise SharedMemoryError(
+        raise errors.SharedMemoryError(
             f"{folder} has {show(free, 'B')} free; the {processes} processes of the {phase} phase "
             f"need {show(wanted, 'B')}, a segment of {show(segment_bytes, 'B')} each",
             hint=f"Make it larger (in a container: --shm-size={suggested_mib}m; else: mount -o "

@@ -49,13 +49,15 @@ _MINOR, _MINOR_OF_CHILDREN = 9, 10
 _PROC: Final = Path("/proc")
 
 _Counters = tuple[tuple[str, float], ...]
-"""Patterns of counters of time in files of the kernel, each with its unit as a part of a second."""
+"""Patterns of numbers in files of the kernel, each with what it is divided by."""
 
 _PRESSURE: Final[_Counters] = ((r"^some .*total=(\d+)$", 1e6),)
 _QUOTA: Final[_Counters] = ((r"^throttled_usec (\d+)$", 1e6), (r"^throttled_time (\d+)$", 1e9))
 """In version 2 of control groups, and in version 1."""
 
 _THERMAL: Final[_Counters] = ((r"^(\d+)$", 1e3),)
+_FREQUENCY: Final[_Counters] = ((r"^(\d+)$", 1e-3),)
+"""In kHz, so that the value is in Hz."""
 
 
 class InterferenceReading(NamedTuple):
@@ -65,6 +67,7 @@ class InterferenceReading(NamedTuple):
     stolen_s: float
     waited_s: float
     throttled_s: float
+    cycles: float
 
 
 class InterferenceReader:
@@ -88,21 +91,35 @@ class InterferenceReader:
         self._thermal_files = [
             *root.glob("sys/devices/system/cpu/cpu*/thermal_throttle/core_throttle_total_time_ms")
         ]
+        self._frequency = str(root / "sys/devices/system/cpu/cpu{}/cpufreq/scaling_cur_freq")
+        self._cycles = 0.0
+        self._used_s: dict[int, float] = {}
 
     def read(self) -> InterferenceReading:
         """The current values of the counters."""
         times = psutil.cpu_times(percpu=True)
         # A core that was taken offline has no line.
-        ours = [times[core] for core in self._cores if core < len(times)]
+        ours = {core: times[core] for core in self._cores if core < len(times)}
+        used_s = {core: busy_seconds(of_core) for core, of_core in ours.items()}
+        self._count_cycles(used_s)
         quota = _largest(_QUOTA, self._quota_files)
         heat = _largest(_THERMAL, self._thermal_files)
         known = [seconds for seconds in (quota, heat) if not math.isnan(seconds)]
         return InterferenceReading(
-            busy_s=sum(map(busy_seconds, ours)),
-            stolen_s=sum(getattr(core, "steal", math.nan) for core in ours),
-            waited_s=_counted_s(_PRESSURE, self._pressure),
+            busy_s=sum(used_s.values()),
+            stolen_s=sum(getattr(core, "steal", math.nan) for core in ours.values()),
+            waited_s=_counted(_PRESSURE, self._pressure),
             throttled_s=sum(known) if known else quota,
+            cycles=self._cycles,
         )
+
+    def _count_cycles(self, used_s: dict[int, float]) -> None:
+        """Add those of the cores that were in use since the last reading; no other core is read."""
+        for core, now_s in used_s.items():
+            grown_s = now_s - self._used_s.get(core, 0.0)
+            if grown_s > 0 and not math.isnan(self._cycles):
+                self._cycles += grown_s * _counted(_FREQUENCY, Path(self._frequency.format(core)))
+        self._used_s = used_s
 
 
 def busy_seconds(times: psutil._ntuples.scputimes) -> float:
@@ -112,19 +129,19 @@ def busy_seconds(times: psutil._ntuples.scputimes) -> float:
     return float(used - getattr(times, "guest", 0.0) - getattr(times, "guest_nice", 0.0))
 
 
-def _counted_s(counters: _Counters, path: Path) -> float:
-    """The first of some counters that a file has, in seconds; NaN without one."""
+def _counted(counters: _Counters, path: Path) -> float:
+    """The first of some numbers that a file has; NaN without one."""
     with contextlib.suppress(OSError, ValueError):
         text = path.read_text()
-        for pattern, per_second in counters:
+        for pattern, divisor in counters:
             if match := re.search(pattern, text, re.MULTILINE):
-                return int(match[1]) / per_second
+                return int(match[1]) / divisor
     return math.nan
 
 
 def _largest(counters: _Counters, paths: list[Path]) -> float:
     """The largest value: groups nest, and cores are throttled together, so sums would be wrong."""
-    values = (_counted_s(counters, path) for path in paths)
+    values = (_counted(counters, path) for path in paths)
     return max((value for value in values if not math.isnan(value)), default=math.nan)
 
 
@@ -288,7 +305,7 @@ _PERIOD_S = 0.2
 threads each takes about a millisecond of CPU time, 0.6 % of a core at this period."""
 
 _RESOURCES = struct.Struct("<qidqdd")
-_INTERFERENCE = struct.Struct("<qdddd")
+_INTERFERENCE = struct.Struct("<qddddd")
 """Rows of `r2bspec.record.sample_arrays.RESOURCE_FIELDS` and `INTERFERENCE_FIELDS`."""
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from r2bspec.execute.errors import NotInstalledError, ProcessDiedError, ProcessFailedError, RunError
-from r2bspec.execute.processes.prerequisites import SharedMemoryModes, with_limits
+from r2bspec.execute.processes.prerequisites import SharedMemoryModes, limit_error, with_limits
 from r2bspec.execute.processes.process import (
     MAX_SIGTERM_S,
     LogLimiter,
@@ -156,8 +156,11 @@ class ProcessSupervisor:
             if error.filename == str(log) or is_refusal(error):
                 # It is not the program that is missing: the log cannot be written.
                 raise
+            text = f"process {name} cannot be started: {command[0]}: {error.strerror or error}"
+            if limit := limit_error(text):
+                raise limit from error
             raise NotInstalledError(
-                f"process {name} cannot be started: {command[0]}: {error.strerror or error}",
+                text,
                 hint="Check the command in the spec, and that it is installed on this machine.",
                 code="R2B621",
             ) from error
@@ -197,6 +200,7 @@ class ProcessSupervisor:
             ProcessFailedError: a process reported an error.
             NotInstalledError: a process reported that something is not installed.
             ProcessDiedError: a process exited unexpectedly.
+            CertainRunError: a limit of this user is why.
             InterruptedRunError: a signal interrupted the run.
         """
         self._check_interrupt()
@@ -241,8 +245,11 @@ class ProcessSupervisor:
         for message in child.inbox:
             if isinstance(message, protocol.Failed):
                 missing = message.code.startswith(_NOT_INSTALLED_PREFIX)
+                text = f"{child.name}: {self._redact(message.message)}"
+                if limit := limit_error(text, child.log_tail(), f"Its output is in {child.log}."):
+                    raise limit
                 raise (NotInstalledError if missing else ProcessFailedError)(
-                    f"{child.name}: {self._redact(message.message)}",
+                    text,
                     hint=with_limits(
                         self._redact(message.hint) or f"Its output is in {child.log}."
                     ),
@@ -261,8 +268,11 @@ class ProcessSupervisor:
                 hint="Install it, or unset RMW_IMPLEMENTATION; 'r2bspec doctor' lists what is "
                 "installed.",
             )
+        text = f"process {child.name} {describe_exit(child.process.returncode)}{output}"
+        if limit := limit_error(text, hint=f"Its complete output is in {child.log}."):
+            raise limit
         raise ProcessDiedError(
-            f"process {child.name} {describe_exit(child.process.returncode)}{output}",
+            text,
             hint=with_limits(f"Its complete output is in {child.log}."),
         )
 

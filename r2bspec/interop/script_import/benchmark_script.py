@@ -16,16 +16,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from r2bspec.diagnostics import Span
+from r2bspec.interop.script_import import source_files
 from r2bspec.interop.script_import.evaluator import Evaluator
 from r2bspec.interop.script_import.launch_actions import IncludeAction, LaunchParts, collect_actions
-from r2bspec.interop.script_import.source_files import (
-    NOT_A_BENCHMARK,
-    TOO_COMPLEX,
-    ScriptComments,
-    ScriptReader,
-    UnusableScriptError,
-    read_comments,
-)
 from r2bspec.interop.script_import.values import (
     Construct,
     Foreign,
@@ -109,7 +102,7 @@ class BenchmarkScript:
     preparation: list[Construct]
     hooks: list[Construct]
     late_hooks: list[Construct]
-    comments: ScriptComments
+    comments: source_files.ScriptComments
     notes: list[Note]
     imports: dict[str, Span]
     texts: dict[str, str]
@@ -211,17 +204,17 @@ def read_benchmark_script(file: Path, package_paths: Sequence[Path] = ()) -> Ben
     Raises:
         UnusableScriptError: it cannot be read, is no such script, or exceeds the limits.
     """
-    reader = ScriptReader(file, package_paths)
+    reader = source_files.ScriptReader(file, package_paths)
     module = reader.read(file)
     try:
         return _ScriptEvaluation(reader, module).benchmark()
     except ScriptLimitError as error:
         message = f"the script needs more than is evaluated: {error}"
-        raise _unusable(message, module, 1, TOO_COMPLEX) from error
+        raise _unusable(message, module, 1, source_files.TOO_COMPLEX) from error
 
 
 class _ScriptEvaluation:
-    def __init__(self, reader: ScriptReader, module: ScriptModule) -> None:
+    def __init__(self, reader: source_files.ScriptReader, module: ScriptModule) -> None:
         self.reader = reader
         self.module = module
         self.evaluator = Evaluator(reader)
@@ -244,7 +237,7 @@ class _ScriptEvaluation:
             preparation=preparation,
             hooks=hooks,
             late_hooks=late_hooks,
-            comments=read_comments(self.module.file, self.module.text),
+            comments=source_files.read_comments(self.module.file, self.module.text),
             notes=[*self.evaluator.notes, *self.notes],
             imports=trace.imports,
             texts=self.reader.texts,
@@ -307,7 +300,7 @@ class _ScriptEvaluation:
             return None
         try:
             actions, notes = launch_file_actions(self.reader, file, include.arguments)
-        except UnusableScriptError as error:
+        except source_files.UnusableScriptError as error:
             self.notes.append(Note(error.finding.message, include.source.place))
             return None
         if not any(
@@ -319,7 +312,7 @@ class _ScriptEvaluation:
 
 
 def launch_file_actions(
-    reader: ScriptReader, file: Path, arguments: Mapping[str, Any]
+    reader: source_files.ScriptReader, file: Path, arguments: Mapping[str, Any]
 ) -> tuple[list[Any], list[Note]]:
     """The actions of a launch file in Python, with the arguments given and its defaults.
 
@@ -372,7 +365,9 @@ def _as_list(value: Any) -> list[Any]:
 
 
 def _unusable(
-    message: str, module: ScriptModule, line: int, code: str = NOT_A_BENCHMARK
-) -> UnusableScriptError:
+    message: str, module: ScriptModule, line: int, code: str = source_files.NOT_A_BENCHMARK
+) -> source_files.UnusableScriptError:
     length = len(module.text.splitlines()[line - 1]) if module.text else 0
-    return UnusableScriptError(code, message, Span(str(module.file), line, 1, line, length + 1))
+    return source_files.UnusableScriptError(
+        code, message, Span(str(module.file), line, 1, line, length + 1)
+    )

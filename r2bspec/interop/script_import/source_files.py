@@ -38,12 +38,20 @@ _KNOWN_PACKAGES: Final = frozenset(
 """Packages and modules whose meaning is known; reading them would tell nothing."""
 
 
+_HELP: Final = {
+    UNREADABLE: "give a regular file in UTF-8 that you may read",
+    SYNTAX: "correct it there; Python ('python3 -m py_compile') or 'ros2 launch' must accept it",
+    NOT_A_BENCHMARK: "give a script as ros2_benchmark has them, or a launch file as ROS 2 has them",
+    TOO_COMPLEX: "import a simpler file, or write the spec: 'r2bspec init'",
+}
+
+
 class UnusableScriptError(Exception):
     """A script that cannot be evaluated at all; `finding` says why."""
 
     def __init__(self, code: str, message: str, span: Span) -> None:
         super().__init__(message)
-        self.finding = Diagnostic(code, Severity.ERROR, message, span)
+        self.finding = Diagnostic(code, Severity.ERROR, message, span, help=_HELP[code])
 
 
 class ScriptReader:
@@ -78,10 +86,13 @@ class ScriptReader:
         except SyntaxError as error:
             line, column = error.lineno or 1, max(1, error.offset or 1)
             span = Span(str(file), line, column, line, column + 1)
-            message = f"invalid Python syntax: {error.msg}"
+            # Of a number with too many digits, Python says how its limit is changed.
+            is_number = "integer string conversion" in error.msg
+            said = "a number has more than 4,300 digits" if is_number else error.msg
+            message = f"invalid Python syntax: {said}"
             raise UnusableScriptError(SYNTAX, message, span) from error
         except (ValueError, RecursionError, MemoryError) as error:
-            message = "the file cannot be parsed: it is nested too deeply, or contains NUL"
+            message = "the file cannot be parsed: it is nested too deeply"
             raise UnusableScriptError(SYNTAX, message, Span.of_file(str(file))) from error
         return ScriptModule(file, text, tree)
 
@@ -89,7 +100,7 @@ class ScriptReader:
         """Read a file.
 
         Raises:
-            UnusableScriptError: it cannot be read.
+            UnusableScriptError: it cannot be read, or is no text in UTF-8.
         """
         try:
             text = safe_file.read_text(file, max_bytes=MAX_PYTHON_BYTES, budget=self._budget)
@@ -97,6 +108,9 @@ class ScriptReader:
             message = f"{file} cannot be read: {error.strerror or error}"
             raise UnusableScriptError(UNREADABLE, message, Span.of_file(str(file))) from error
         self.texts[str(file)] = text
+        if "\0" in text:
+            message = f"{file} cannot be read: it has NUL characters, as text in UTF-16 has"
+            raise UnusableScriptError(UNREADABLE, message, Span.of_file(str(file)))
         return text
 
     def find_module(self, name: str) -> ScriptModule | None:

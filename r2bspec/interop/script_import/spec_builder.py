@@ -16,14 +16,9 @@ from typing import Any, Final
 
 from r2bspec.datasets.catalogue import SEQUENCES
 from r2bspec.diagnostics import Diagnostic, Severity, Span
+from r2bspec.interop.script_import import node_roles
 from r2bspec.interop.script_import.benchmark_script import BenchmarkScript, Settings
 from r2bspec.interop.script_import.launch_actions import NodeAction, topic_in
-from r2bspec.interop.script_import.node_roles import (
-    PlayedInput,
-    divide_by_role,
-    played_inputs,
-    ros_format,
-)
 from r2bspec.interop.script_import.source_files import MODULE_MISSING
 from r2bspec.interop.script_import.spec_entries import NodeWriter, add_steps
 from r2bspec.interop.script_import.spec_text import (
@@ -86,8 +81,8 @@ class _SpecBuilder:
         self.namespace = self.settings.namespace
         script_folder = relative_folder(script.module.file.parent, folder)
         self.values = SpecValues(script_folder, self.namespace, script.comments, notes=notes)
-        self.graph = divide_by_role(script.parts, script.docstring, self.namespace)
-        self.inputs = played_inputs(self.graph.player)
+        self.graph = node_roles.divide_by_role(script.parts, script.docstring, self.namespace)
+        self.inputs = node_roles.played_inputs(self.graph.player)
         self.adapted: set[str] = set()
 
     def build(self) -> ImportedSpec:
@@ -280,7 +275,7 @@ class _SpecBuilder:
         block.add("inputs", inputs)
         return block
 
-    def _add_input(self, block: Block, each: PlayedInput) -> None:
+    def _add_input(self, block: Block, each: node_roles.PlayedInput) -> None:
         formats = each.player.parameter("data_formats")
         is_given = isinstance(formats, list | tuple) and each.number < len(formats)
         place = each.player.source.place_of("parameters")
@@ -299,7 +294,7 @@ class _SpecBuilder:
             return None
         if re.search(MESSAGE_TYPE.pattern, name):
             return name
-        kind = ros_format(name)
+        kind = node_roles.ros_format(name)
         if kind and name not in self.adapted:
             self.adapted.add(name)
             self.values.change(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -189,10 +190,12 @@ class HostInterference(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         seconds: how long the iteration lasted.
         cores: processors that the run may use.
+        threads_per_core: hardware threads that share a core.
         steal: the share of their time that other virtual machines got.
         foreign_cores: processor time per time that processes outside the run used on them.
         pressure: share of the time in which some task waited for a processor (PSI, ``some``).
         throttled_s: time for which a processor or the control group was throttled.
+        frequency_hz: of the processors while they were in use, on average.
         calibration: latency of the harness alone, relative to its usual latency here.
         own_cores: processor time per time that the run used itself.
         own_waited: run-queue wait of all threads of the run per time; over 1 if several wait.
@@ -200,10 +203,12 @@ class HostInterference(msgspec.Struct, frozen=True, kw_only=True):
 
     seconds: float = 0.0
     cores: int | None = None
+    threads_per_core: int | None = None
     steal: float | None = None
     foreign_cores: float | None = None
     pressure: float | None = None
     throttled_s: float | None = None
+    frequency_hz: float | None = None
     calibration: float | None = None
     own_cores: float | None = None
     own_waited: float | None = None
@@ -213,7 +218,7 @@ def host_interference(
     rows: Rows,
     resources: Mapping[int, Rows],
     processes: frozenset[int],
-    cores: int | None,
+    machine: Mapping[str, Any],
     began_ns: int,
     ended_ns: int,
 ) -> HostInterference | None:
@@ -223,7 +228,7 @@ def host_interference(
         rows: of type `INTERFERENCE_DTYPE`, in order of time.
         resources: as for `resource_use`.
         processes: the indices of all processes of the run.
-        cores: how many processors the run may use, where that is known.
+        machine: as in `RunRecord.machine`.
         began_ns: the beginning of the window.
         ended_ns: its end.
 
@@ -237,15 +242,19 @@ def host_interference(
     stolen_s = _growth_on_host(rows, "stolen_s", began_ns, ended_ns)
     waited_s = _growth_on_host(rows, "waited_s", began_ns, ended_ns)
     busy_s = _growth_on_host(rows, "busy_s", began_ns, ended_ns)
+    cycles = _growth_on_host(rows, "cycles", began_ns, ended_ns)
     # Without orphans there are no rows of them.
     own = resource_use(resources, processes | {ORPHANS_INDEX}, began_ns, ended_ns)
+    cores = machine.get("cores")
     return HostInterference(
         seconds=seconds,
         cores=cores,
+        threads_per_core=machine.get("threads_per_core"),
         steal=None if stolen_s is None or not cores else min(1.0, stolen_s / (seconds * cores)),
         foreign_cores=_foreign_cores(busy_s, own, resources, began_ns, ended_ns),
         pressure=None if waited_s is None else min(1.0, waited_s / seconds),
         throttled_s=_growth_on_host(rows, "throttled_s", began_ns, ended_ns),
+        frequency_hz=cycles / busy_s if cycles and busy_s else None,
         own_cores=own.cpu_mean if own is not None else None,
         own_waited=own.waited if own is not None else None,
     )

@@ -435,7 +435,7 @@ def definition(info: MetricInfo) -> Definition:
 def modes(info: MetricInfo) -> tuple[str, ...]:
     """The playback modes in which a metric has a value."""
     if info.scope in {"search", "probe"}:
-        return ("looping", "sweeping")
+        return MODES[:2]
     return MODES if available_live(info) else MODES[:-1]
 
 
@@ -509,7 +509,7 @@ Units are those of values in `result.json`; requirements write theirs, as in `la
 - *Expected* outputs are one for each step, or as many as `ratio` says; *answered* ones arrived.
 - A percentile pQ is the k-th of the n values in ascending order, k = ceil(Q/100 · n): always an
   observed value.
-- Metrics have a value in all modes of playback, unless their section says in which.
+- Metrics have a value in all modes of playback, unless their section says otherwise.
 - [verdicts.md](verdicts.md#which-test-decides-which-requirement) describes the tests by which
   metrics are judged.
 """
@@ -524,28 +524,20 @@ def markdown_page() -> str:
         meant = definitions()[name]
         formula = meant.formula.replace(f"; {_PERCENTILE_RULE}", "").replace("; ", ";\n    ")
         block = [f"## {name}\n", f"{textwrap.fill(meant.text, 100)}\n", f"    {formula}\n"]
-        if modes(infos[0]) != MODES:
-            block.append(f"Modes: {', '.join(modes(infos[0]))}.\n")
-        rows = list(_rows(infos))
-        if len(rows) > 1:
-            block += ["| name | unit | meaning | judged by |", "| --- | --- | --- | --- |"]
-            block += [f"| {' | '.join(row)} |" for row in rows]
-        else:
-            named, unit, _, judged = rows[0]
-            block.append(f"{named}: unit {unit}, judged by {judged}.")
+        block.append(textwrap.fill(_unit_modes_and_tests(infos), 100))
         blocks.append("\n".join(block) + "\n")
     return "\n".join(blocks)
 
 
-def _rows(infos: tuple[MetricInfo, ...]) -> Iterator[tuple[str, ...]]:
-    """One for each metric; percentiles of the same values share one."""
-    percentiles = [info for info in infos if info.statistic == "percentile"]
+def _unit_modes_and_tests(infos: tuple[MetricInfo, ...]) -> str:
+    """What the metrics of one stem have in common, and how each of them is judged."""
+    judged: dict[str, list[str]] = {}
     for info in infos:
-        if info in percentiles[1:]:
-            continue
-        members = percentiles if info in percentiles else [info]
-        description = info.description.replace("|", "\\|")
-        if info in percentiles:
-            description = description.partition(":")[0]
-        named = ", ".join(f"`{member.name}`" for member in members)
-        yield named, info.unit or "–", description, JUDGED[info.statistic][1]
+        judged.setdefault(JUDGED[info.statistic][1], []).append(f"`{info.name}`")
+    available = modes(infos[0])
+    tests = "; ".join(f"{', '.join(members)} by {test}" for test, members in judged.items())
+    only = "" if available == MODES else f", {_IN_MODES[available]}"
+    return f"Unit {infos[0].unit}{only}. Judged: {tests}."
+
+
+_IN_MODES = {MODES[:-1]: "not live", MODES[:2]: "looping and sweeping only"}

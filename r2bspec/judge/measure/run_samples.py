@@ -248,7 +248,7 @@ def with_host_samples(
             host.interference,
             resources,
             frozenset({ORPHANS_INDEX, *range(len(record.processes))}),
-            record.machine.get("cores"),
+            record.machine,
             began,
             ended,
         ),

@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 
 _TIMES = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
+_FREQUENCIES = ((1e9, "GHz"), (1e6, "MHz"))
 _SIZES = ((2.0**40, "TiB"), (2.0**30, "GiB"), (2.0**20, "MiB"), (2.0**10, "KiB"))
 
 
 def show(value: float | None, unit: str, digits: int = 3) -> str:
     """Write a value with its unit: ``12.3 ms``, ``29.98 Hz``, ``0.47 %``, ``64 MiB``, ``3,000``.
+
+    What is no rate of messages, the frequency of a processor, is in GHz.
 
     Args:
         value: in the catalogue's unit; None is ``-``, and infinity is ``lost`` for a time,
@@ -26,6 +29,8 @@ def show(value: float | None, unit: str, digits: int = 3) -> str:
             return _scaled(value, _TIMES, digits)
         case "B":
             return _scaled(value, _SIZES, digits) if abs(value) >= 2**10 else f"{value:.0f} B"
+        case "Hz" if abs(value) >= _FREQUENCIES[-1][0]:
+            return _scaled(value, _FREQUENCIES, digits)
         case "Hz":
             return f"{significant(value, digits + 1)} Hz"
         case "share":
@@ -64,16 +69,16 @@ def show_range(low: float, high: float, unit: str) -> str:
     """Write a range with its unit once, that of the larger end: ``11.2–12.9 ms``."""
     text = show(high, unit)
     number, _, name = text.partition(" ")
-    shown = significant(low / _scale(unit, name), 4 if unit == "Hz" else 3)
+    shown = significant(low / _scale(unit, name), 4 if name == "Hz" else 3)
     return f"{shown}–{text}" if shown != number else text
 
 
 def _scale(unit: str, name: str) -> float:
     """The factor from a number with the unit `name` to `unit`."""
-    known = {label: factor for factor, label in (*_TIMES, *_SIZES)}
+    known = {label: factor for factor, label in (*_TIMES, *_SIZES, *_FREQUENCIES)}
     if unit == "share":
         return 0.01
-    return known.get(name, 1.0) if unit in {"s", "B"} else 1.0
+    return known.get(name, 1.0) if unit in {"s", "B", "Hz"} else 1.0
 
 
 def _scaled(value: float, scales: tuple[tuple[float, str], ...], digits: int) -> str:

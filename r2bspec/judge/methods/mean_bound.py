@@ -15,7 +15,6 @@ import math
 from dataclasses import replace
 
 from r2bspec.judge.caveats import correlation_notes, stall_notes
-from r2bspec.judge.measure.metric_catalogue import MetricInfo
 from r2bspec.judge.measure.metric_values import metric_value
 from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, SegmentSamples, starts_of
 from r2bspec.judge.measure.times import Seconds
@@ -27,26 +26,22 @@ from r2bspec.judge.requirement_case import (
     RequirementCase,
     undecided,
 )
-from r2bspec.judge.statistics.t_interval import (
-    HierarchicalInterval,
-    hierarchical_interval,
-    iterations_to_settle,
+from r2bspec.judge.statistics.autocorrelation import serial_degrees_of_freedom
+from r2bspec.judge.statistics.t_interval import HierarchicalInterval, hierarchical_interval
+from r2bspec.judge.statistics.variance_components import growth_for_mean
+from r2bspec.judge.uncertainty_budget import (
+    Costs,
+    Observations,
+    deciding_addition,
+    deciding_text,
+    resolution,
+    uncertainty_budget,
 )
 from r2bspec.judge.verdict import Outcome
-
-_MAX_ITERATIONS = 200
-"""More than this many are not proposed."""
-
-_CLOCK_RESOLUTION_S = 1e-6
-"""Times are taken by software between system calls: nothing below a microsecond is meaningful."""
-
-_CPU_TICK_S = 0.01
-"""Linux accounts processor time in ticks of 10 ms."""
-
-_PAGE_BYTES = 4096.0
+from r2bspec.record.run_record import RunRecord
 
 
-def judge_mean(case: RequirementCase) -> Decision:
+def judge_mean(case: RequirementCase, record: RunRecord) -> Decision:
     """Decide a requirement on a mean."""
     values: list[float] = []
     for iteration in case.iterations:
@@ -67,19 +62,18 @@ def judge_mean(case: RequirementCase) -> Decision:
         )
     segment = case.iterations[0].segment
     window_s = (segment.ended_ns - segment.began_ns) / 1e9
-    sample = hierarchical_interval(
-        values,
-        starts_of(case.iterations),
-        case.confidence,
-        resolution(case.info, max(values), window_s),
-    )
+    step = resolution(case.info, max(values), window_s)
+    sample = hierarchical_interval(values, starts_of(case.iterations), case.confidence, step)
     interval = sample.interval
+    observed = Observations(values, starts_of(case.iterations), _messages(case))
     outcome = case.outcome_of_bounds(interval.lower, interval.upper)
     decision = Decision(
         outcome=outcome,
         method="t over iterations",
         reason=_reason(case, sample, outcome),
-        remedy=_remedy(case, sample) if outcome == "inconclusive" else "",
+        remedy=_remedy(case, sample, observed, Costs.of(case.iterations, record))
+        if outcome == "inconclusive"
+        else "",
         estimate=interval.mean,
         lower=interval.lower,
         upper=interval.upper,
@@ -89,17 +83,23 @@ def judge_mean(case: RequirementCase) -> Decision:
         if outcome == "inconclusive"
         else (
             *correlation_notes(sample.pieces, sample.number, sample.inflation),
-            *stall_notes(case, _latencies(case), interval.upper, outcome),
+            *stall_notes(case, interval.lower, interval.upper, outcome),
+        ),
+        budget=uncertainty_budget(
+            case,
+            record,
+            observed,
+            (interval.mean, interval.lower, interval.upper),
+            step / math.sqrt(12 * len(values)),
         ),
     )
     return _without_lost(case, decision)
 
 
-def _latencies(case: RequirementCase) -> list[Seconds]:
-    """The latencies in each iteration, for a mean of them; else nothing."""
-    if case.monitor is None or case.info.family not in LOSS_SENSITIVE_FAMILIES:
-        return []
-    return [one.monitors[case.monitor].times[case.info.family] for one in case.iterations]
+def _messages(case: RequirementCase) -> list[Seconds]:
+    """The messages behind the value of each iteration; nothing where it has none."""
+    family = case.info.family
+    return [one.times[family] for one in case.monitor_samples if family in one.times]
 
 
 def _without_lost(case: RequirementCase, decision: Decision) -> Decision:
@@ -144,28 +144,6 @@ def _no_value(case: RequirementCase, iteration: SegmentSamples) -> Decision:
     )
 
 
-def resolution(info: MetricInfo, typical: float, window_s: float) -> float:
-    """The smallest difference in a value of a metric that the clocks can show.
-
-    Args:
-        info: the metric.
-        typical: its size.
-        window_s: the length of the window in which it was measured.
-    """
-    window_s = max(window_s, _CLOCK_RESOLUTION_S)
-    match info.dimension:
-        case "time":
-            return _CLOCK_RESOLUTION_S
-        case "rate":
-            return typical * _CLOCK_RESOLUTION_S / window_s
-        case "share":
-            return _CPU_TICK_S / window_s
-        case "size":
-            return _PAGE_BYTES
-        case _:
-            return 0.0
-
-
 def _reason(case: RequirementCase, found: HierarchicalInterval, outcome: Outcome) -> str:
     unit, interval = case.info.unit, found.interval
     mean = f"The mean of {len(case.iterations)} iterations"
@@ -189,22 +167,26 @@ def _reason(case: RequirementCase, found: HierarchicalInterval, outcome: Outcome
     return f"{mean}, {sure} at least {lower}{limit}."
 
 
-def _remedy(case: RequirementCase, found: HierarchicalInterval) -> str:
+def _remedy(
+    case: RequirementCase, found: HierarchicalInterval, observed: Observations, costs: Costs
+) -> str:
     interval = found.interval
-    needed = iterations_to_settle(
-        interval.mean, interval.deviation, case.limit, case.confidence, _MAX_ITERATIONS
+    growth = growth_for_mean(
+        abs(interval.mean - case.limit),
+        (interval.upper - interval.lower) / 2,
+        serial_degrees_of_freedom(found.number, found.inflation),
+        case.confidence,
     )
-    if needed is None:
-        return (
-            f"The mean is too close to {case.limit_text} for {found.pieces} that differ by "
-            f"{show(interval.deviation, case.info.unit)}: change the limit, or use a quieter "
-            "machine."
-        )
-    needed = max(math.ceil(needed * found.inflation), found.number + 1)
-    return f"About {needed} {found.pieces} would decide it, if mean and deviation stay the same."
+    addition = deciding_addition(observed, growth, case.confidence, costs)
+    if addition is not None:
+        return deciding_text(addition, len(set(observed.starts)))
+    return (
+        f"The mean is too close to {case.limit_text} for {found.pieces} that differ by "
+        f"{show(interval.deviation, case.info.unit)}: change the limit, or use a quieter machine."
+    )
 
 
 MEAN_BOUND = DecisionMethod(
     takes=lambda case: case.info.statistic == "mean" and not case.is_equality,
-    decide=lambda case, _: judge_mean(case),
+    decide=judge_mean,
 )

@@ -76,7 +76,41 @@ def judge_peak(case: RequirementCase, search: SearchRecord | None) -> Decision:
         lower=proven,
         upper=upper,
         n=len(search.probes),
+        notes=_unmet(case, search) if at_least else (),
     )
+
+
+_LONGEST_STOP_S = 5.0
+"""No longer stops are warned of: they would be noticed otherwise."""
+
+_LONGEST_ADVICE_S = 3600.0
+_LEAST_SLOWER = 1e-4
+
+
+def _unmet(case: RequirementCase, search: SearchRecord) -> tuple[str, ...]:
+    """What the search may not have met that would take the peak down to the limit.
+
+    A stop of s seconds every T seconds lowers the peak by s / T, and with T above
+    `SearchRecord.recurs_s` it may not have been met. The limit is out of its reach if s is long.
+    """
+    lower, every_s = search.holds_hz, search.recurs_s
+    if lower is None or not search.shown or not every_s:
+        return ()
+    slower = max(1 - case.limit / lower, _LEAST_SLOWER)
+    stop_s = slower * every_s
+    if stop_s >= _LONGEST_STOP_S:
+        return ()
+    longer_s = search.watched_s * (_LONGEST_STOP_S / stop_s - 1)
+    advice = "only a lower limit is safe from it"
+    if longer_s <= _LONGEST_ADVICE_S:
+        confirm_s = math.ceil((search.proof_s + longer_s) / 10) * 10
+        advice = f"benchmark.search.confirm: {confirm_s} s would"
+    note = (
+        f"A stop of {show(stop_s, 's', 2)} every {show(every_s, 's', 2)}, or "
+        f"{show(slower, 'share', 2)} less speed later on, would take the peak to the limit, and "
+        f"{show(search.watched_s, 's')} of playing may not have met it: {advice}."
+    )
+    return (note,)
 
 
 def _at_least(case: RequirementCase, lower: float | None) -> bool:

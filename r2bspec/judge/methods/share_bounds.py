@@ -37,7 +37,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from r2bspec.judge.caveats import correlation_notes, share_notes
+from r2bspec.judge.caveats import correlation_notes, share_notes, uneven_start_notes
 from r2bspec.judge.measure.metric_values import WindowValues, has_windows, window_values
 from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, MonitorSamples, starts_of
 from r2bspec.judge.measure.times import Seconds
@@ -45,8 +45,8 @@ from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import Method
 from r2bspec.judge.methods.share_wording import (
     counted_noun,
+    counts_decide,
     level_sentence,
-    levels_remedy,
     share_remedy,
     share_sentence,
 )
@@ -70,32 +70,79 @@ from r2bspec.judge.statistics.percentile_interval import (
     PercentileInterval,
     RankedMessages,
     allowed_share,
+    middle_half,
     percentile_interval,
 )
+from r2bspec.judge.statistics.variance_components import quantile_scale
+from r2bspec.judge.uncertainty_budget import Costs, Observations, resolution, uncertainty_budget
 from r2bspec.judge.verdict import Outcome, ShareTest
+from r2bspec.record.run_record import RunRecord
 
 
-def judge_share(case: RequirementCase) -> Decision:
+def judge_share(case: RequirementCase, record: RunRecord) -> Decision:
     """Decide a requirement on ``drop_rate``: missed outputs, of the expected ones."""
     seen = case.monitor_samples
-    sample = effective_sample(
-        [np.logical_not(one.steps.answered) for one in seen], case.design(case.limit)
-    )
+    missed = [np.logical_not(one.steps.answered) for one in seen]
+    sample = effective_sample(missed, case.design(case.limit))
     if not sample.n:
         return undecided("No step was played.")
     test = share_test(
         sample, case.limit, case.confidence, lost=sample.bad, ceiling=case.is_upper_bound
     )
     outcome = case.outcome_of_bounds(test.lower, test.upper)
+    observed = _observations(case, missed, test)
     return decision_by_share(
         test,
         outcome,
         reason=share_sentence(case, test, outcome),
-        remedy=share_remedy(case, test) if outcome == "inconclusive" else "",
+        remedy=share_remedy(case, test, observed, Costs.of(case.iterations, record))
+        if outcome == "inconclusive"
+        else "",
         notes=_notes(case, seen, outcome),
         estimate=test.share,
         lower=test.lower,
         upper=test.upper,
+        budget=uncertainty_budget(
+            case, record, observed, (test.share, test.lower, test.upper), 0.0
+        ),
+    )
+
+
+def _observations(
+    case: RequirementCase, bad: Sequence[BadFlags], test: ShareTest, scale: float = 1.0
+) -> Observations:
+    """The bad messages of each iteration that has any messages, for the budget."""
+    kept = [
+        (one, start) for one, start in zip(bad, starts_of(case.iterations), strict=True) if one.size
+    ]
+    return Observations(
+        values=[float(one.mean()) for one, _ in kept],
+        starts=[start for _, start in kept],
+        rows=[one.astype(np.float64) for one, _ in kept],
+        by_level=test.clustering in {"iterations", "starts"},
+        scale=scale,
+    )
+
+
+def _percentile_observations(
+    case: RequirementCase,
+    pieces: Sequence[Seconds],
+    interval: PercentileInterval,
+    test: ShareTest,
+) -> Observations:
+    """What the interval of a percentile rests on: levels, or messages beyond the estimate."""
+    levels, estimate = interval.levels, interval.estimate
+    reach = max(estimate - interval.lower, interval.upper - estimate)
+    if levels is None or levels.half < reach:
+        scale = quantile_scale(np.sort(np.concatenate(pieces)), estimate)
+        return _observations(case, [piece > estimate for piece in pieces], test, scale)
+    starts = starts_of(case.iterations)
+    kept = [(piece, start) for piece, start in zip(pieces, starts, strict=True) if piece.size]
+    # The mean of the middle half scatters like that of the values drawn in to its ends, doubled.
+    return Observations(
+        values=[middle_half(piece) for piece, _ in kept],
+        starts=[start for _, start in kept],
+        rows=[2 * np.clip(piece, *np.quantile(piece, (0.25, 0.75))) for piece, _ in kept],
     )
 
 
@@ -128,7 +175,11 @@ def _notes(
     expected = np.bincount(numbers, [one.expected for one in seen])
     shares = (missed[expected > 0] / expected[expected > 0]).tolist()
     pieces = "starts" if several else "iterations"
-    return (*notes, *correlation_notes(pieces, len(shares), serial_inflation(shares)))
+    return (
+        *notes,
+        *uneven_start_notes(case, outcome),
+        *correlation_notes(pieces, len(shares), serial_inflation(shares)),
+    )
 
 
 def share_test(
@@ -167,11 +218,11 @@ def share_test(
 
 SHARE_BOUND = DecisionMethod(
     takes=lambda case: case.info.statistic == "share" and not case.is_equality,
-    decide=lambda case, _: judge_share(case),
+    decide=judge_share,
 )
 
 
-def judge_percentile(case: RequirementCase) -> Decision:
+def judge_percentile(case: RequirementCase, record: RunRecord) -> Decision:
     """Decide a requirement on a percentile; its metric has a quantile."""
     quantile = case.info.quantile
     if quantile is None:
@@ -182,16 +233,15 @@ def judge_percentile(case: RequirementCase) -> Decision:
         return undecided("There is no message to judge.")
     interval = percentile_interval(ranked, quantile, case.confidence)
     test = _share_test(case, ranked, lost, quantile)
-    return percentile_decision(
-        case, test, interval, case.outcome_of_bounds(interval.lower, interval.upper)
-    )
+    return percentile_decision(case, record, test, interval, pieces)
 
 
 def percentile_decision(
     case: RequirementCase,
+    record: RunRecord,
     test: ShareTest,
     interval: PercentileInterval,
-    outcome: Outcome,
+    pieces: Sequence[Seconds],
     *,
     method: Method = "exact binomial",
     things: str = "messages",
@@ -200,23 +250,24 @@ def percentile_decision(
 
     Args:
         case: that is decided.
+        record: of the run.
         test: the binomial test of the same messages.
         interval: the bounds, in the metric's unit.
-        outcome: by these bounds.
+        pieces: the messages of each iteration.
         method: of the decision.
         things: what was counted, in the plural.
     """
+    outcome = case.outcome_of_bounds(interval.lower, interval.upper)
     levels, notes = interval.levels, share_notes(case, outcome)
-    counts_decide = test.upper <= test.allowed or test.lower > test.allowed
     reason, remedy = share_sentence(case, test, outcome), ""
-    if outcome != "inconclusive":
-        if levels is not None:
-            notes += correlation_notes(levels.pieces, levels.number, levels.inflation)
-    elif levels is not None and counts_decide:
-        reason = level_sentence(case, interval, levels)
-        remedy = levels_remedy(case, interval, levels)
-    else:
-        remedy = share_remedy(case, test, things)
+    observed = _percentile_observations(case, pieces, interval, test)
+    if outcome == "inconclusive":
+        if levels is not None and counts_decide(test):
+            reason = level_sentence(case, interval, levels)
+        costs = Costs.of(case.iterations, record)
+        remedy = share_remedy(case, test, observed, costs, interval, things)
+    elif levels is not None:
+        notes += correlation_notes(levels.pieces, levels.number, levels.inflation)
     return decision_by_share(
         test,
         outcome,
@@ -227,6 +278,15 @@ def percentile_decision(
         estimate=interval.estimate,
         lower=interval.lower,
         upper=interval.upper,
+        budget=uncertainty_budget(
+            case,
+            record,
+            observed,
+            (interval.estimate, interval.lower, interval.upper),
+            resolution(case.info, interval.estimate, 0.0) / math.sqrt(12)
+            if case.info.dimension == "time"
+            else 0.0,
+        ),
     )
 
 
@@ -264,11 +324,11 @@ def _share_test(
 
 PERCENTILE_BOUND = DecisionMethod(
     takes=lambda case: case.info.statistic == "percentile" and not case.is_equality,
-    decide=lambda case, _: judge_percentile(case),
+    decide=judge_percentile,
 )
 
 
-def judge_windows(case: RequirementCase) -> Decision:
+def judge_windows(case: RequirementCase, record: RunRecord) -> Decision:
     """Decide a requirement that must be met in a share of windows, which it names."""
     windows = case.windows
     if windows is None:
@@ -288,13 +348,17 @@ def judge_windows(case: RequirementCase) -> Decision:
     if not any(piece.size for piece in pieces):
         return _without_windows(case, windows, found)
     if case.is_equality:
-        return _judge_equality(case, windows, pieces)
-    decision = _judge_ordered(case, windows, pieces)
-    return _without_lost(case, windows, found, decision)
+        return _judge_equality(case, record, windows, pieces)
+    decision = _judge_ordered(case, record, windows, pieces)
+    return _without_lost(case, record, windows, found, decision)
 
 
 def _without_lost(
-    case: RequirementCase, windows: WindowCondition, found: list[WindowValues], decision: Decision
+    case: RequirementCase,
+    record: RunRecord,
+    windows: WindowCondition,
+    found: list[WindowValues],
+    decision: Decision,
 ) -> Decision:
     """The answer with regard to lost outputs, which the mean latency of a window leaves out.
 
@@ -316,7 +380,7 @@ def _without_lost(
         f"{show(number, 'count')} of {show(total, 'count')} {counted_noun(case)} lost more "
         f"than {show(MAX_LOST_SHARE, 'share')} of their outputs, which a mean leaves out"
     )
-    if _judge_ordered(case, windows, counted).outcome == "pass":
+    if _judge_ordered(case, record, windows, counted).outcome == "pass":
         note = f"{left_out}. If they do not count as met, the requirement passes, too."
         return replace(decision, notes=(*decision.notes, note))
     return replace(
@@ -340,7 +404,7 @@ def _without_windows(
 
 
 def _judge_ordered(
-    case: RequirementCase, windows: WindowCondition, pieces: list[Seconds]
+    case: RequirementCase, record: RunRecord, windows: WindowCondition, pieces: list[Seconds]
 ) -> Decision:
     """The test with its bounds in the metric's unit."""
     sign = 1.0 if case.is_upper_bound else -1.0
@@ -352,29 +416,35 @@ def _judge_ordered(
     bad = sum(int(np.count_nonzero(flags)) for flags in _bad(case, pieces))
     return percentile_decision(
         case,
+        record,
         share_test(ranked.effective_sample(bad), allowed_share(windows.share), case.confidence),
         replace(interval, estimate=sign * interval.estimate, lower=lower, upper=upper),
-        case.outcome_of_bounds(lower, upper),
+        pieces,
         method="binomial over windows",
         things=counted_noun(case),
     )
 
 
 def _judge_equality(
-    case: RequirementCase, windows: WindowCondition, pieces: list[Seconds]
+    case: RequirementCase, record: RunRecord, windows: WindowCondition, pieces: list[Seconds]
 ) -> Decision:
     """The test alone: with == and != the windows' values have no order that matters."""
     allowed = allowed_share(windows.share)
-    sample = effective_sample(_bad(case, pieces), case.design(allowed))
+    bad = _bad(case, pieces)
+    sample = effective_sample(bad, case.design(allowed))
     test = share_test(sample, allowed, case.confidence)
     outcome = decide(passes=test.upper <= test.allowed, fails=test.lower > test.allowed)
-    things = counted_noun(case)
+    remedy = ""
+    if outcome == "inconclusive":
+        costs = Costs.of(case.iterations, record)
+        observed = _observations(case, bad, test)
+        remedy = share_remedy(case, test, observed, costs, things=counted_noun(case))
     return decision_by_share(
         test,
         outcome,
         method="binomial over windows",
         reason=share_sentence(case, test, outcome),
-        remedy=share_remedy(case, test, things) if outcome == "inconclusive" else "",
+        remedy=remedy,
         notes=share_notes(case, outcome),
     )
 
@@ -387,5 +457,5 @@ def _bad(case: RequirementCase, pieces: list[Seconds]) -> list[BadFlags]:
 
 WINDOW_SHARE = DecisionMethod(
     takes=lambda case: case.windows is not None,
-    decide=lambda case, _: judge_windows(case),
+    decide=judge_windows,
 )

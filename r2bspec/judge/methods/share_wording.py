@@ -6,10 +6,11 @@ import math
 from typing import TYPE_CHECKING
 
 from r2bspec.judge.measure.units import show
-from r2bspec.judge.statistics.binomial import lower_bound, messages_to_settle, upper_bound
+from r2bspec.judge.statistics.autocorrelation import serial_degrees_of_freedom
+from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
 from r2bspec.judge.statistics.percentile_interval import LevelMargin, PercentileInterval
-from r2bspec.judge.statistics.rule_of_three import min_sample_size
-from r2bspec.judge.statistics.t_interval import iterations_to_settle
+from r2bspec.judge.statistics.variance_components import growth_for_mean, growth_for_share
+from r2bspec.judge.uncertainty_budget import Costs, Observations, deciding_addition, deciding_text
 from r2bspec.judge.verdict import Outcome, ShareTest
 
 if TYPE_CHECKING:
@@ -106,63 +107,64 @@ def _percent(share: float) -> str:
     return text if text != "100 %" or share == 1 else show(min(share, 0.999), "share")
 
 
-_MAX_RUN_FACTOR = 100
-"""Runs more than this many times longer are not proposed, unless they need so few messages that
-none over the limit would settle it."""
+def share_remedy(
+    case: RequirementCase,
+    test: ShareTest,
+    observed: Observations,
+    costs: Costs,
+    interval: PercentileInterval | None = None,
+    things: str = "messages",
+) -> str:
+    """What would decide a test that is undecided, by its counts or by levels that differ.
 
-_LARGER = 1.1
-"""The forecast goes in steps of 5 %."""
-
-_MAX_LEVELS = 200
-"""More iterations or starts than this are not proposed."""
-
-
-def share_remedy(case: RequirementCase, test: ShareTest, things: str = "messages") -> str:
-    """What would decide a binomial test that is undecided."""
+    Args:
+        case: that is undecided.
+        test: of the counts.
+        observed: the same messages by iterations and starts.
+        costs: of more of them.
+        interval: of the percentile, where it is one.
+        things: what was counted, in the plural.
+    """
     if test.allowed <= 0:
         return (
             "No number of messages can prove that none is ever lost. Require an observed count "
             "(missed == 0), or allow a small share."
         )
-    inflation = test.n / test.effective_n
-    needed = messages_to_settle(
-        test.share,
-        test.allowed,
-        case.confidence,
-        max_messages=max(
-            _MAX_RUN_FACTOR * test.effective_n,
-            _LARGER * (min_sample_size(test.allowed, case.confidence) or 0),
-        ),
-    )
-    if needed is None:
-        return (
-            f"The observed share ({show(test.share, 'share')}) is too close to the allowed one "
-            f"({show(test.allowed, 'share')}) for a longer run to decide. Change the limit or the "
-            "graph."
-        )
-    # The forecast goes in steps and may fall a little short of the messages there are.
-    needed = max(math.ceil(needed * inflation), test.n + 1)
-    iterations = math.ceil(needed * len(case.iterations) / test.n)
-    iterations = max(iterations, len(case.iterations) + 1)
-    return (
-        f"{_clustering_note(case, test, things)}About {iterations} iterations like these ("
-        f"{show(needed, 'count')} {things}) would decide it, if the share stays the same."
-    )
-
-
-def levels_remedy(case: RequirementCase, interval: PercentileInterval, levels: LevelMargin) -> str:
-    """What would decide a percentile that only the levels of iterations or starts leave open."""
-    needed = iterations_to_settle(
-        interval.estimate, levels.deviation, case.limit, case.confidence, _MAX_LEVELS
-    )
-    if needed is None:
+    growth, note, levels = 1.0, "", interval.levels if interval is not None else None
+    if not counts_decide(test):
+        k, n = test.share * test.effective_n, test.effective_n
+        growth = growth_for_share(k, n, test.allowed, case.confidence)
+        note = _clustering_note(case, test, things)
+    if interval is not None and levels is not None:
+        distance = abs(interval.estimate - case.limit)
+        would_pass = (case.limit > interval.estimate) == case.is_upper_bound
+        half = levels.tail if would_pass else levels.half
+        if distance <= half:
+            freedom = serial_degrees_of_freedom(levels.number, levels.inflation)
+            by_levels = growth_for_mean(distance, half, freedom, case.confidence)
+            growth = max(growth, by_levels)
+    addition = deciding_addition(observed, growth, case.confidence, costs)
+    if addition is not None:
+        more = addition.iterations / len(case.iterations)
+        more *= addition.number if addition.what == "length" else 1
+        counted = f"{show(math.ceil(test.n * more), 'count')} {things}"
+        return f"{note}{deciding_text(addition, len(set(observed.starts)), counted)}"
+    if levels is not None and counts_decide(test):
         return (
             f"The percentile is too close to {case.limit_text} for {levels.pieces} that differ "
             f"by {show(levels.deviation, case.info.unit)}: change the limit, or use a quieter "
             "machine."
         )
-    needed = max(needed, levels.number + 1)
-    return f"About {needed} {levels.pieces} would decide it, if they differ by as much."
+    return (
+        f"The observed share ({show(test.share, 'share')}) is too close to the allowed one "
+        f"({show(test.allowed, 'share')}) for a longer run to decide. Change the limit or the "
+        "graph."
+    )
+
+
+def counts_decide(test: ShareTest) -> bool:
+    """Whether the counts alone decide."""
+    return test.upper <= test.allowed or test.lower > test.allowed
 
 
 def _clustering_note(case: RequirementCase, test: ShareTest, things: str) -> str:

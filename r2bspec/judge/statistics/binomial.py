@@ -85,26 +85,3 @@ def burst_tolerance(k: float, n: float, allowed: float, confidence: float) -> fl
         middle = math.sqrt(low * high)
         low, high = (middle, high) if shows(middle) else (low, middle)
     return (low + 1) / 2
-
-
-def messages_to_settle(
-    share: float, allowed: float, confidence: float, max_messages: float
-) -> int | None:
-    """About how many messages decide for or against `allowed`, if a share `share` stays over.
-
-    The smallest n of a geometric series (steps of 5 %) at which the test with k = round(n share)
-    decides. A forecast of how much longer to run, and no part of a test.
-
-    Returns:
-        None if more than `max_messages` are needed: the share is too close to what is allowed.
-    """
-    n = 10.0
-    while n <= max_messages:
-        whole = math.ceil(n)
-        k = round(whole * share)
-        if upper_bound(k, whole, confidence) <= allowed:
-            return whole
-        if lower_bound(k, whole, confidence) > allowed:
-            return whole
-        n *= 1.05
-    return None

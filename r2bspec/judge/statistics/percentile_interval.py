@@ -20,6 +20,15 @@ of a mixture, which lies z = |Phi^-1(q)| standard deviations sqrt(s^2 + e^2) fro
 e (1.4826 times the median absolute deviation from the level) is that of the messages of one
 iteration: s has a standard error of s / sqrt(2 (m - 1)).
 
+Few levels show far too small an s as easily as one that is a little too large, and then the tail of
+the mixture is too near. So on the side of its tail a percentile is open by at least
+
+    sqrt(t_c^2 s^2 F / m + z^2 (sqrt(u^2 + e^2) - sqrt(s^2 + e^2))^2),     u^2 = (m - 1) s^2 / chi2,
+
+with chi2 the 1 - c quantile of m - 1 degrees of freedom: u is the upper bound of the deviation, and
+the parts are added as in Graybill and Wang, "Confidence intervals on nonnegative linear
+combinations of variances", JASA 75, 1980.
+
 Where there are several starts, h is the larger one of starts and iterations, and only starts may be
 correlated: two iterations of one start resemble each other anyway.
 
@@ -81,6 +90,7 @@ class LevelMargin:
 
     Attributes:
         half: h above, in the unit of the values.
+        tail: the same on the side of the percentile's tail.
         deviation: the standard deviation s of the levels.
         number: m.
         pieces: what has these levels.
@@ -88,6 +98,7 @@ class LevelMargin:
     """
 
     half: float
+    tail: float
     deviation: float
     number: int
     pieces: Literal["iterations", "starts"]
@@ -111,15 +122,15 @@ def level_margin(
     kept = [one for one in values if one.size]
     numbers = [start for start, one in zip(starts, values, strict=False) if one.size]
     groups = _by_start(kept, numbers) if len(set(numbers)) >= _MIN_LEVELS else []
-    levels = [_middle(one) for one in kept]
+    levels = [middle_half(one) for one in kept]
     if len(kept) < _MIN_LEVELS or not all(map(math.isfinite, levels)):
         return None
     inside = _deviation_within(kept, levels)
     found = [_margin(levels, inside, q, confidence, "iterations", serial=not groups)]
     if groups:
-        by_start = [_middle(one) for one in groups]
+        by_start = [middle_half(one) for one in groups]
         found.append(_margin(by_start, inside, q, confidence, "starts", serial=True))
-    return max(found, key=lambda one: one.half)
+    return max(found, key=lambda one: one.tail)
 
 
 def _by_start(
@@ -131,8 +142,8 @@ def _by_start(
     ]
 
 
-def _middle(values: NDArray[np.float64]) -> float:
-    """The mean of the middle half; infinite if a value of that is lost."""
+def middle_half(values: NDArray[np.float64]) -> float:
+    """The level of some values: the mean of their middle half; infinite if one of that is lost."""
     cut = values.size // 4
     middle = np.sort(values)[cut : values.size - cut]
     # An exact sum: its digits do not depend on the processor.
@@ -153,17 +164,21 @@ def _margin(
     *,
     serial: bool,
 ) -> LevelMargin:
-    from scipy.special import ndtri
+    from scipy.special import chdtri, ndtri
 
     m = len(levels)
     mean = math.fsum(levels) / m
     variance = math.fsum((level - mean) ** 2 for level in levels) / (m - 1)
     inflation = serial_inflation(levels) if serial else 1.0
     total = variance + inside**2
-    reach = float(ndtri(q)) ** 2 * variance / total / (2 * (m - 1)) if total > 0 else 0.0
+    z = abs(float(ndtri(q)))
+    reach = z**2 * variance / total / (2 * (m - 1)) if total > 0 else 0.0
     t = t_quantile(serial_degrees_of_freedom(m, inflation), confidence)
     half = t * math.sqrt(variance * inflation * (1 / m + reach))
-    return LevelMargin(half, math.sqrt(variance), m, pieces, inflation)
+    largest = (m - 1) * variance / float(chdtri(m - 1, confidence))
+    wider = z * (math.sqrt(largest + inside**2) - math.sqrt(total))
+    tail = max(half, math.hypot(t * math.sqrt(variance * inflation / m), wider))
+    return LevelMargin(half, tail, math.sqrt(variance), m, pieces, inflation)
 
 
 _EXACT_LEVELS = 16
@@ -309,14 +324,16 @@ def percentile_interval(
     failing = ranked.min_failing(allowed_share(q), confidence)
     estimate = float(ordered[rank(q, n) - 1])
     levels = ranked.level_margin(q, confidence)
-    half = levels.half if levels is not None else 0.0
+    below, above = (levels.half, levels.tail) if levels is not None else (0.0, 0.0)
+    if q < 0.5:
+        below, above = above, below
     lower = -math.inf if failing is None else float(ordered[n - failing])
     upper = math.inf if passing is None or passing >= n else float(ordered[n - 1 - passing])
     # No time is shorter than nothing, however much levels differ.
     least = 0.0 if n and ordered[0] >= 0 else -math.inf
     return PercentileInterval(
         estimate=estimate,
-        lower=min(lower, max(estimate - half, least)),
-        upper=max(upper, estimate + half),
+        lower=min(lower, max(estimate - below, least)),
+        upper=max(upper, estimate + above),
         levels=levels,
     )

@@ -46,12 +46,13 @@ The limit of the requirement is the margin: ``throughput.mean >= 97 % of baselin
 lower bound on rho is at least 0.97, fails if the upper bound is below it. That is a test for
 non-inferiority, not for a difference: given enough pairs any two graphs differ.
 
-Which side of a pair is first is decided by a coin (`pair_orders`). Whatever happens to the first or
+Which side of a pair is first is decided by a coin for every two pairs (`pair_orders`), of which
+the second has the other order, so that a drift does not become a difference between the sides
+wherever the comparison ends. Whatever happens to the first or
 the second run of a pair, to every third or every fourth run, or to all runs after a moment, then
 falls on either side by chance alone, and chance is what the test accounts for. A fixed order such
 as A B B A shares a linear drift exactly, but puts whatever returns with every fourth run on one
-side: equal graphs then fail in half of the comparisons. A coin that fell alike for all pairs is
-thrown again, because a drift would then be a difference between the sides.
+side: equal graphs then fail in half of the comparisons.
 
 Two stored runs
 ---------------
@@ -189,23 +190,6 @@ def mean_interval(
     return MeanInterval(mean=mean, lower=mean - half, upper=mean + half, deviation=deviation)
 
 
-def iterations_to_settle(
-    mean: float, deviation: float, limit: float, confidence: float, max_iterations: int
-) -> int | None:
-    """About how many iterations bring a bound past `limit`, if mean and deviation stay the same.
-
-    The smallest m with t_c(m - 1) deviation / sqrt(m) < |mean - limit|. A forecast for the
-    reader, and no part of a test.
-
-    Returns:
-        None if more than `max_iterations` are needed: the mean is too close to the limit.
-    """
-    for m in range(2, max_iterations + 1):
-        if t_quantile(m - 1, confidence) * deviation / math.sqrt(m) < abs(mean - limit):
-            return m
-    return None
-
-
 @dataclass(frozen=True)
 class HierarchicalInterval:
     """The interval of a mean, and what it counts: `number` iterations or starts, with their F."""
@@ -293,19 +277,21 @@ def _logarithms(values: Sequence[float]) -> list[float]:
 
 
 def pair_orders(pairs: int, seed: int, session: int = 0) -> tuple[PairOrder, ...]:
-    """The order of the two sides in each of so many pairs, by a coin.
+    """The order of the two sides in each of so many pairs: a coin for every two, which differ.
+
+    So both orders occur from two pairs on, wherever a comparison ends.
 
     Args:
-        pairs: how many; from two on, both orders occur.
+        pairs: how many.
         seed: of the coin; the same one gives the same orders.
         session: which of the sessions of a comparison: 0 for the first pairs, 1 for those that
             confirm a failure.
     """
     coin = random.Random(f"{seed}/{session}")  # noqa: S311 - chance, not a secret
-    while True:
-        heads_first = [bool(coin.getrandbits(1)) for _ in range(pairs)]
-        if pairs < 2 or len(set(heads_first)) == 2:
-            return tuple("BA" if first else "AB" for first in heads_first)
+    orders: list[PairOrder] = []
+    while len(orders) < pairs:
+        orders += ["BA", "AB"] if coin.getrandbits(1) else ["AB", "BA"]
+    return tuple(orders[:pairs])
 
 
 def paired_ratio(
@@ -519,17 +505,3 @@ def smallest_detectable(
 
     noncentrality = float(nctdtrinc(n - 1, 1 - power, t_quantile(n - 1, confidence)))
     return noncentrality * deviation / math.sqrt(n)
-
-
-def pairs_needed(
-    delta: float,
-    deviation: float,
-    confidence: float,
-    power: float = DEFAULT_POWER,
-    max_pairs: int = 1000,
-) -> int | None:
-    """The smallest number of pairs that decides with the given power; None if over `max_pairs`."""
-    for n in range(2, max_pairs + 1):
-        if power_of_pairs(delta, deviation, n, confidence) >= power:
-            return n
-    return None

@@ -18,16 +18,8 @@ from pathlib import Path
 from typing import Literal
 
 from r2bspec.language.spec import QoS
+from r2bspec.plan.wiring import python_source
 from r2bspec.plan.wiring.node_interface import InterfaceEntry, ParameterInfo, ParameterType
-from r2bspec.plan.wiring.python_source import (
-    PARAMETER_METHODS,
-    SelfReferences,
-    SourceNames,
-    is_name,
-    method_of_self,
-    own_nodes,
-    program_class,
-)
 from r2bspec.safe_io.limits import MAX_PYTHON_BYTES
 from r2bspec.safe_io.safe_file import ByteBudget, read_bytes
 
@@ -54,7 +46,7 @@ _TYPES: dict[type, ParameterType] = {bool: "bool", int: "integer", float: "doubl
 class _PartialInterface:
     """The interface so far; a part becomes None with the first call that is not literal."""
 
-    names: SourceNames
+    names: python_source.SourceNames
     topics: dict[str, dict[str, str] | None] = field(
         default_factory=lambda: {"create_publisher": {}, "create_subscription": {}}
     )
@@ -72,7 +64,7 @@ class _PartialInterface:
 
     def add_call(self, call: ast.Call, *, certain: bool) -> None:
         """Take a call of a method of `self` into account."""
-        method = method_of_self(call)
+        method = python_source.method_of_self(call)
         if method in self.topics:
             self._add_topic(call, method, _topic(call, self.names) if certain else None)
         elif method == "declare_parameter" and certain:
@@ -83,7 +75,7 @@ class _PartialInterface:
                 self.parameters[declared[0]] = declared[1]
         elif method == "__init__":
             self._add_base_constructor(call)
-        elif method in PARAMETER_METHODS or method.startswith("destroy_"):
+        elif method in python_source.PARAMETER_METHODS or method.startswith("destroy_"):
             self.forget(method)
 
     def _add_topic(self, call: ast.Call, method: str, topic: tuple[str, str] | None) -> None:
@@ -139,13 +131,13 @@ def read_node_class(tree: ast.Module, name: str) -> InterfaceEntry | None:
         tree: of the file.
         name: of the class, or of a function such as ``main`` (`program_class`).
     """
-    names = SourceNames(tree)
+    names = python_source.SourceNames(tree)
     node_class = names.definition(name)
     if isinstance(node_class, ast.FunctionDef):
-        node_class = program_class(node_class, names)
+        node_class = python_source.program_class(node_class, names)
     if not isinstance(node_class, ast.ClassDef) or not _is_plain_node(node_class, names):
         return None
-    uses = SelfReferences(tree, node_class)
+    uses = python_source.SelfReferences(tree, node_class)
     if uses.escapes:
         return None
     result = _PartialInterface(names)
@@ -164,7 +156,7 @@ def read_node_class(tree: ast.Module, name: str) -> InterfaceEntry | None:
     )
 
 
-def _is_plain_node(found: ast.ClassDef, names: SourceNames) -> bool:
+def _is_plain_node(found: ast.ClassDef, names: python_source.SourceNames) -> bool:
     base = names.full_name(found.bases[0]) if len(found.bases) == 1 else ""
     return base == "rclpy.node.Node" and not found.decorator_list and not found.keywords
 
@@ -179,17 +171,20 @@ def _passes_keywords_unchanged(found: ast.ClassDef) -> bool:
             continue
         own = method.args.kwarg.arg if method.args.kwarg else ""
         nodes = list(ast.walk(method))
-        if sum(is_name(node, own) for node in nodes) != sum(
+        if sum(python_source.is_name(node, own) for node in nodes) != sum(
             _harmless_uses(node, own) for node in nodes
         ):
             return False
         base_calls = (
             node
             for node in nodes
-            if isinstance(node, ast.Call) and method_of_self(node) == "__init__"
+            if isinstance(node, ast.Call) and python_source.method_of_self(node) == "__init__"
         )
         keywords = (keyword for call in base_calls for keyword in call.keywords)
-        if any(keyword.arg is None and not is_name(keyword.value, own) for keyword in keywords):
+        if any(
+            keyword.arg is None and not python_source.is_name(keyword.value, own)
+            for keyword in keywords
+        ):
             return False
     return True
 
@@ -198,14 +193,14 @@ def _harmless_uses(node: ast.AST, name: str) -> int:
     """How often a node directly uses a map without changing it or giving it another name."""
     match node:
         case ast.keyword(arg=None, value=value) | ast.If(test=value):
-            return is_name(value, name)
+            return python_source.is_name(value, name)
         case (
             ast.Call(func=ast.Attribute(value=value, attr="get" | "pop"))
             | ast.Subscript(value=value, ctx=ast.Load())
         ):
-            return is_name(value, name)
+            return python_source.is_name(value, name)
         case ast.Compare():
-            return sum(is_name(part, name) for part in (node.left, *node.comparators))
+            return sum(python_source.is_name(part, name) for part in (node.left, *node.comparators))
     return 0
 
 
@@ -217,7 +212,9 @@ def _calls(found: ast.ClassDef) -> Iterator[tuple[ast.Call, bool]]:
             for statement in method.body:
                 simple = isinstance(statement, _SIMPLE_STATEMENTS)
                 yield from _calls_below(statement, certain=simple and not returned)
-                ends = (isinstance(node, ast.Return) for node in own_nodes([statement]))
+                ends = (
+                    isinstance(node, ast.Return) for node in python_source.own_nodes([statement])
+                )
                 returned = returned or any(ends)
         else:
             yield from _calls_below(method, certain=False)
@@ -229,7 +226,7 @@ def _calls_below(top: ast.AST, *, certain: bool) -> Iterator[tuple[ast.Call, boo
     while waiting:
         node, certain = waiting.pop()
         certain = certain and not isinstance(node, _CONDITIONAL_NODES)
-        if isinstance(node, ast.Call) and method_of_self(node):
+        if isinstance(node, ast.Call) and python_source.method_of_self(node):
             yield node, certain
         waiting.extend(reversed([(child, certain) for child in ast.iter_child_nodes(node)]))
 
@@ -242,7 +239,7 @@ def _argument(call: ast.Call, position: int, name: str) -> ast.expr | None:
     return next((keyword.value for keyword in call.keywords if keyword.arg == name), None)
 
 
-def _topic(call: ast.Call, names: SourceNames) -> tuple[str, str] | None:
+def _topic(call: ast.Call, names: python_source.SourceNames) -> tuple[str, str] | None:
     kind, name = _argument(call, 0, "msg_type"), _argument(call, 1, "topic")
     if kind is None or not isinstance(name, ast.Constant) or not isinstance(name.value, str):
         return None

@@ -13,14 +13,9 @@ from collections.abc import Iterator, Mapping
 
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.spec import Node, QoS, Spec
+from r2bspec.plan.wiring import node_interface
 from r2bspec.plan.wiring.companion_files import NO_COMPANION_FILES, CompanionFiles
 from r2bspec.plan.wiring.name_resolution import Remapper, expand, join_namespaces, node_name
-from r2bspec.plan.wiring.node_interface import (
-    InterfaceTable,
-    catalogue_entry,
-    interface_of,
-    reference_node_interfaces,
-)
 from r2bspec.plan.wiring.parameter_files import merged_parameters
 from r2bspec.plan.wiring.python_source import KEYWORDS
 from r2bspec.plan.wiring.wiring import Endpoint, NodeWiring, PhaseWiring, Wiring
@@ -35,7 +30,7 @@ def build_wiring(
     spec: Spec,
     *,
     bag_types: Mapping[str, str] | None = None,
-    table: InterfaceTable | None = None,
+    table: node_interface.InterfaceTable | None = None,
     companion_files: CompanionFiles = NO_COMPANION_FILES,
 ) -> Wiring:
     """Build the wiring of a spec: the endpoints of every topic in both phases.
@@ -46,7 +41,7 @@ def build_wiring(
         table: interfaces of Python nodes by path; by default those of the reference nodes.
         companion_files: the content of companion files; by default none.
     """
-    table = reference_node_interfaces() if table is None else table
+    table = node_interface.reference_node_interfaces() if table is None else table
     namespace = join_namespaces("/", spec.namespace)
     common = (namespace, table, companion_files)
     before = tuple(_nodes(spec.preprocessors, ("preprocessors",), *common))
@@ -98,7 +93,7 @@ def _nodes(
     nodes: Mapping[str, Node],
     section: Path,
     namespace: str,
-    table: InterfaceTable,
+    table: node_interface.InterfaceTable,
     files: CompanionFiles,
 ) -> Iterator[NodeWiring]:
     for key, node in nodes.items():
@@ -108,7 +103,7 @@ def _nodes(
         parameters = merged_parameters(node, name, files.parameter_files)
         sources = (
             files.interfaces.get(key),
-            catalogue_entry(node),
+            node_interface.catalogue_entry(node),
             table.get(node.python) or files.sources.get(node.python),
         )
         entries = [entry for entry in sources if entry is not None]
@@ -119,7 +114,7 @@ def _nodes(
             path=(*section, key),
             node=node,
             names=names,
-            interface=interface_of(node, entries, names, parameters),
+            interface=node_interface.interface_of(node, entries, names, parameters),
             is_ros_process=_has_ros_settings(node),
             parameters=parameters,
             start=files.starts.get(node.python, KEYWORDS),

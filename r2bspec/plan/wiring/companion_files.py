@@ -26,15 +26,8 @@ from r2bspec.plan.wiring.node_interface import (
 )
 from r2bspec.plan.wiring.parameter_files import ParameterEffort, ParameterFile, read_parameter_file
 from r2bspec.plan.wiring.python_source import NodeStart, read_node_start
-from r2bspec.safe_io import safe_file
+from r2bspec.safe_io import limits, safe_file
 from r2bspec.safe_io.git import find_work_tree
-from r2bspec.safe_io.limits import (
-    MAX_COMPANION_BYTES,
-    MAX_COMPANION_DEPTH,
-    MAX_COMPANION_VALUES,
-    MAX_COMPANION_YAML_BYTES,
-    MAX_SPEC_PYTHON_BYTES,
-)
 from r2bspec.safe_io.looked_up_files import shared_lookup
 from r2bspec.safe_io.safe_yaml import load_values
 
@@ -94,8 +87,8 @@ class CompanionReader:
     def __init__(self, base_dir: Path) -> None:
         self._base_dir = base_dir
         self._recorded = safe_file.is_folder(base_dir / INTERFACES_FOLDER)
-        self._yaml = safe_file.ByteBudget(MAX_COMPANION_YAML_BYTES)
-        self._python = safe_file.ByteBudget(MAX_SPEC_PYTHON_BYTES)
+        self._yaml = safe_file.ByteBudget(limits.MAX_COMPANION_YAML_BYTES)
+        self._python = safe_file.ByteBudget(limits.MAX_SPEC_PYTHON_BYTES)
         self._interface = cache(partial(_read_interface, base_dir, self._yaml))
         self._tree = cache(
             lambda place: read_python_file(base_dir / place, source_folder(base_dir), self._python)
@@ -146,14 +139,16 @@ def _read_interface(
     file = interface_file(base_dir, key)
     try:
         text = safe_file.read_text(
-            file, max_bytes=MAX_COMPANION_BYTES, folders=(base_dir,), budget=budget
+            file, max_bytes=limits.MAX_COMPANION_BYTES, folders=(base_dir,), budget=budget
         )
     except FileNotFoundError:
         return None
     except OSError as error:
         return error.strerror or str(error)
     try:
-        row = load_values(text, max_depth=MAX_COMPANION_DEPTH, max_values=MAX_COMPANION_VALUES)
+        row = load_values(
+            text, max_depth=limits.MAX_COMPANION_DEPTH, max_values=limits.MAX_COMPANION_VALUES
+        )
         return parse_interface_entry(row, "file", f"{INTERFACES_FOLDER}/{file.name}")
     except Exception as error:
         return str(error).partition("\n")[0] or type(error).__name__

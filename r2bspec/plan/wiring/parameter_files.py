@@ -23,15 +23,7 @@ from typing import Any
 import yaml
 
 from r2bspec.language.spec import Node, ParameterValue
-from r2bspec.safe_io.limits import (
-    MAX_COMPANION_BYTES,
-    MAX_COMPANION_DEPTH,
-    MAX_COMPANION_VALUES,
-    MAX_PARAMETERS,
-    MAX_VALUES_OF_CASES,
-    MAX_VALUES_OF_NODES,
-    MAX_WILDCARD_KEYS,
-)
+from r2bspec.safe_io import limits
 from r2bspec.safe_io.line_pattern import LinePattern, PatternError, compile_line_pattern
 from r2bspec.safe_io.safe_file import ByteBudget, OutsideFolderError, read_text, real_path
 from r2bspec.safe_io.safe_yaml import RefusedYamlError, load_values
@@ -101,7 +93,7 @@ def read_parameter_file(
     home = path.parent if base_dir is None else base_dir
     try:
         folders = (path.parent, home)
-        text = read_text(path, max_bytes=MAX_COMPANION_BYTES, folders=folders, budget=budget)
+        text = read_text(path, max_bytes=limits.MAX_COMPANION_BYTES, folders=folders, budget=budget)
     except FileNotFoundError:
         return ParameterFile(missing=True, problem="does not exist")
     except OutsideFolderError as error:
@@ -112,9 +104,9 @@ def read_parameter_file(
     try:
         document = load_values(
             text,
-            max_depth=MAX_COMPANION_DEPTH,
-            max_expanded=MAX_PARAMETERS,
-            max_values=MAX_COMPANION_VALUES,
+            max_depth=limits.MAX_COMPANION_DEPTH,
+            max_expanded=limits.MAX_PARAMETERS,
+            max_values=limits.MAX_COMPANION_VALUES,
         )
     except RefusedYamlError as error:
         return ParameterFile(problem=f"cannot be used: {error}")
@@ -129,10 +121,12 @@ def read_parameter_file(
     except ValueError as error:
         inside = real_path(path.parent).is_relative_to(real_path(home))
         return ParameterFile(problem=str(error) if inside else _OUTSIDE_PROBLEM)
-    if file.number_of_values + len(file.nodes) > MAX_PARAMETERS:
-        return ParameterFile(problem=f"expands to more than {MAX_PARAMETERS:,} values")
-    if file.number_of_wildcards > MAX_WILDCARD_KEYS:
-        return ParameterFile(problem=f"has more than {MAX_WILDCARD_KEYS} keys with wildcards")
+    if file.number_of_values + len(file.nodes) > limits.MAX_PARAMETERS:
+        return ParameterFile(problem=f"expands to more than {limits.MAX_PARAMETERS:,} values")
+    if file.number_of_wildcards > limits.MAX_WILDCARD_KEYS:
+        return ParameterFile(
+            problem=f"has more than {limits.MAX_WILDCARD_KEYS} keys with wildcards"
+        )
     return file
 
 
@@ -140,23 +134,23 @@ class ParameterEffort:
     """What the parameter files of a spec cost, over all of its files and cases."""
 
     def __init__(self) -> None:
-        self._left = MAX_VALUES_OF_CASES
+        self._left = limits.MAX_VALUES_OF_CASES
 
     def limited(self, file: ParameterFile, number_of_nodes: int) -> ParameterFile:
         """The file, or why it cannot be used by that many nodes of one more case.
 
         Each node gets values of its own.
         """
-        if file.number_of_values * number_of_nodes > MAX_VALUES_OF_NODES:
+        if file.number_of_values * number_of_nodes > limits.MAX_VALUES_OF_NODES:
             return ParameterFile(
                 problem=f"has {file.number_of_values:,} values for {number_of_nodes:,} nodes; "
-                f"the limit is {MAX_VALUES_OF_NODES:,} together"
+                f"the limit is {limits.MAX_VALUES_OF_NODES:,} together"
             )
         total = (file.number_of_values + file.number_of_wildcards) * number_of_nodes
         if total > self._left:
             return ParameterFile(
-                problem=f"is one of several that have more than {MAX_VALUES_OF_CASES:,} values for "
-                "all nodes and cases together"
+                problem=f"is one of several that have more than {limits.MAX_VALUES_OF_CASES:,} "
+                "values for all nodes and cases together"
             )
         self._left -= total
         return file
@@ -167,7 +161,7 @@ def _nodes(
 ) -> Iterator[tuple[str, Mapping[str, ParameterValue]]]:
     for key, value in document.items():
         name = f"{above}/{str(key).strip('/')}"
-        if not isinstance(value, dict) or depth > MAX_COMPANION_DEPTH:
+        if not isinstance(value, dict) or depth > limits.MAX_COMPANION_DEPTH:
             raise ValueError(f"has no '{_PARAMETERS_KEY}' below {str(key)!r}")
         if _PARAMETERS_KEY in value:
             given = value[_PARAMETERS_KEY]
@@ -183,7 +177,7 @@ def _flatten(
 ) -> Iterator[tuple[str, Any]]:
     for key, value in given.items():
         name = f"{above}{key}"
-        if isinstance(value, dict) and depth <= MAX_COMPANION_DEPTH:
+        if isinstance(value, dict) and depth <= limits.MAX_COMPANION_DEPTH:
             yield from _flatten(value, f"{name}.", depth + 1)
         elif isinstance(value, bool | int | float | str | list):
             yield name, value

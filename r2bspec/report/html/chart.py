@@ -321,6 +321,19 @@ _EDGE: Final = 0.16
 """The share of the axes next to an edge in which a label would not fit on the side of the edge."""
 
 
+def write(
+    axes: Axes,
+    text: str,
+    at: tuple[float, float],
+    offset: tuple[float, float],
+    ink: str,
+    **style: Any,
+) -> None:
+    """Write a text beside a point; `offset` is in points, `style` as matplotlib has it."""
+    style = {"fontsize": 8, "textcoords": "offset points", "xytext": offset, **style}
+    axes.annotate(text, at, color=ink, **style)
+
+
 def inside_label(
     axes: Axes, x: float, y: float, text: str, ink: str, *, above: bool = True
 ) -> None:
@@ -331,16 +344,8 @@ def inside_label(
     across, up = axes.transAxes.inverted().transform(axes.transData.transform((x, y)))
     above = up < _EDGE or (above and up < 1 - _EDGE)
     side = "left" if across < 2 * _EDGE else "right" if across > 1 - 2 * _EDGE else "center"
-    axes.annotate(
-        text,
-        (x, y),
-        xytext=(0, 3 if above else -4),
-        textcoords="offset points",
-        ha=side,
-        va="bottom" if above else "top",
-        fontsize=8,
-        color=ink,
-    )
+    vertical = "bottom" if above else "top"
+    write(axes, text, (x, y), (0, 3 if above else -4), ink, ha=side, va=vertical)
 
 
 OUTCOME_COLOURS: Final = {"pass": "good", "fail": "bad", "inconclusive": "unsure"}

@@ -12,16 +12,7 @@ from r2bspec.judge.measure.distribution import PERCENTILES, part_value
 from r2bspec.judge.measure.metrics import MonitorMetrics, RateMetrics
 from r2bspec.judge.measure.units import show_rate
 from r2bspec.judge.result import Result
-from r2bspec.report.html.chart import (
-    PALETTE,
-    Chart,
-    ChartBuilder,
-    colour,
-    draw,
-    line_style,
-    marker,
-    scale_values,
-)
+from r2bspec.report.html import chart
 from r2bspec.report.html.latency_charts import MIN_LOG_RATIO, percentile_axes
 from r2bspec.report.suite import SuiteSummary
 
@@ -50,7 +41,7 @@ class _Seen:
         return show_rate(self.rate.offered_hz, self.rate.pace)
 
 
-def host_charts(summary: SuiteSummary, results: Mapping[str, Result]) -> Iterator[Chart]:
+def host_charts(summary: SuiteSummary, results: Mapping[str, Result]) -> Iterator[chart.Chart]:
     """Two charts for each benchmark and monitor that has results of several hosts.
 
     Args:
@@ -66,7 +57,7 @@ def host_charts(summary: SuiteSummary, results: Mapping[str, Result]) -> Iterato
             yield from _charts(f"hosts-{number}", name, by_host)
 
 
-def _charts(prefix: str, name: str, by_host: Mapping[str, Result]) -> Iterator[Chart]:
+def _charts(prefix: str, name: str, by_host: Mapping[str, Result]) -> Iterator[chart.Chart]:
     shown = dict(list(by_host.items())[:_MAX_HOSTS])
     omitted = len(by_host) - len(shown)
     monitors = dict.fromkeys(
@@ -97,7 +88,7 @@ def _shown_rates(result: Result) -> Sequence[RateMetrics]:
     return [rates[round(place * last / (_MAX_RATES - 1))] for place in range(_MAX_RATES)]
 
 
-def _latency_chart(name: str, what: str, seen: Sequence[_Seen], note: str) -> Chart:
+def _latency_chart(name: str, what: str, seen: Sequence[_Seen], note: str) -> chart.Chart:
     hosts, rates = _in_order(seen)
     description = (
         f"Latency by percentile of {what}, one curve for each of {', '.join(hosts)}. The "
@@ -105,7 +96,7 @@ def _latency_chart(name: str, what: str, seen: Sequence[_Seen], note: str) -> Ch
         "the percentiles of the result."
     )
 
-    def paint(sketch: ChartBuilder) -> None:
+    def paint(sketch: chart.ChartBuilder) -> None:
         axes = sketch.figure.subplots()
         timed = [one for one in seen if one.metrics.latency.n]
         for one in timed:
@@ -114,7 +105,7 @@ def _latency_chart(name: str, what: str, seen: Sequence[_Seen], note: str) -> Ch
         medians = [one.metrics.latency.p50 or 0.0 for one in timed]
         largest = max((one.metrics.latency.max or 0.0 for one in timed), default=0.0)
         is_wide = bool(medians) and 0 < min(medians) * MIN_LOG_RATIO < largest
-        scale_values(axes, logarithmic=is_wide)
+        chart.scale_values(axes, logarithmic=is_wide)
         if sketch.labels:
             sketch.figure.legend(loc="outside upper left", ncols=4)
         sketch.register_axes(axes, "percentile", "ms")
@@ -122,11 +113,11 @@ def _latency_chart(name: str, what: str, seen: Sequence[_Seen], note: str) -> Ch
         is_short = any(one.metrics.missed for one in seen)
         sketch.note = f"{lost} {note}".rstrip() if is_short else note
 
-    return draw(name, f"Latency by percentile and host: {what}", description, 3.4, paint)
+    return chart.draw(name, f"Latency by percentile and host: {what}", description, 3.4, paint)
 
 
 def _curve(
-    sketch: ChartBuilder, axes: Axes, one: _Seen, host: int, rate: int, has_rates: bool
+    sketch: chart.ChartBuilder, axes: Axes, one: _Seen, host: int, rate: int, has_rates: bool
 ) -> None:
     """A line through the minimum, the percentiles and the maximum; lost messages are beyond."""
     times = one.metrics.latency
@@ -140,10 +131,10 @@ def _curve(
     label = f"{one.host}, {one.pace}" if has_rates else one.host
     (line,) = axes.plot(
         *zip(*known, strict=True),
-        color=colour(host),
+        color=chart.colour(host),
         # Where colours repeat or rates share one, the style tells the curves apart.
-        linestyle=line_style(rate if has_rates else host),
-        marker=marker(host),
+        linestyle=chart.line_style(rate if has_rates else host),
+        marker=chart.marker(host),
         markersize=3,
         label=printable(label),
     )
@@ -160,20 +151,20 @@ def _place(rank: int, metrics: MonitorMetrics) -> float:
     return total / max(total - rank, 0.6)
 
 
-def _throughput_chart(name: str, what: str, seen: Sequence[_Seen], note: str) -> Chart:
+def _throughput_chart(name: str, what: str, seen: Sequence[_Seen], note: str) -> chart.Chart:
     hosts, rates = _in_order(seen)
     description = (
         f"Throughput of {what}, one bar for each of {', '.join(hosts)} and rate. A vertical line "
         "across a bar is the offered rate."
     )
 
-    def paint(sketch: ChartBuilder) -> None:
+    def paint(sketch: chart.ChartBuilder) -> None:
         axes = sketch.figure.subplots()
         for place, one in enumerate(seen):
-            axes.barh(place, one.metrics.throughput_hz, color=colour(hosts.index(one.host)))
+            axes.barh(place, one.metrics.throughput_hz, color=chart.colour(hosts.index(one.host)))
             if one.rate.offered_hz:
                 ends = (place - 0.4, place + 0.4)
-                axes.vlines(one.rate.offered_hz, *ends, color=PALETTE["ink"], linewidth=1.6)
+                axes.vlines(one.rate.offered_hz, *ends, color=chart.PALETTE["ink"], linewidth=1.6)
         labels = [f"{one.host}, {one.pace}" if len(rates) > 1 else one.host for one in seen]
         axes.set_yticks(range(len(seen)), labels=[printable(each) for each in labels])
         axes.invert_yaxis()
@@ -183,7 +174,7 @@ def _throughput_chart(name: str, what: str, seen: Sequence[_Seen], note: str) ->
         sketch.note = note
 
     height_in = _FRAME_IN + _BAR_IN * len(seen)
-    return draw(name, f"Throughput by host: {what}", description, height_in, paint)
+    return chart.draw(name, f"Throughput by host: {what}", description, height_in, paint)
 
 
 def _in_order(seen: Sequence[_Seen]) -> tuple[list[str], list[str]]:

@@ -22,17 +22,7 @@ from r2bspec.judge.measure.samples import (
 )
 from r2bspec.judge.measure.units import at_rate, show, show_rate
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
-from r2bspec.report.html.chart import (
-    OUTCOME_COLOURS,
-    PALETTE,
-    Chart,
-    ChartBuilder,
-    colour,
-    draw,
-    inside_label,
-    line_style,
-    scale_values,
-)
+from r2bspec.report.html import chart
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -87,7 +77,7 @@ MIN_LOG_RATIO = 20.0
 """From this ratio of the largest latency to the median on, the latency axis is logarithmic."""
 
 
-def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdict) -> Chart:
+def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdict) -> chart.Chart:
     """One curve for each offered rate, with the limits and bounds of its requirements."""
     rates = sorted(samples.iterations)
     description = (
@@ -96,7 +86,7 @@ def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verd
         "axis is logarithmic in the share of messages with a longer latency."
     )
 
-    def paint(sketch: ChartBuilder) -> None:
+    def paint(sketch: chart.ChartBuilder) -> None:
         axes = sketch.figure.subplots()
         largest, median, total = 0.0, [], 2
         for number, rate in enumerate(rates):
@@ -116,14 +106,14 @@ def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verd
             _bar(axes, one, rates.index(one.at_hz or 0.0))
         percentile_axes(axes, total)
         is_wide = bool(median) and largest > MIN_LOG_RATIO * min(median)
-        scale_values(axes, logarithmic=is_wide)
+        chart.scale_values(axes, logarithmic=is_wide)
         for one in limits:
             _label(axes, one)
         if sketch.labels:
             sketch.figure.legend(loc="outside upper left", ncols=6)
         sketch.register_axes(axes, "percentile", "ms")
 
-    return draw(name, f"Latency by percentile: {monitor}", description, 3.4, paint)
+    return chart.draw(name, f"Latency by percentile: {monitor}", description, 3.4, paint)
 
 
 def _pooled(
@@ -136,7 +126,7 @@ def _pooled(
 
 
 def _curve(
-    sketch: ChartBuilder,
+    sketch: chart.ChartBuilder,
     axes: Axes,
     number: int,
     label: str,
@@ -150,19 +140,20 @@ def _curve(
     x = np.concatenate(([1.0], n / over))
     y = np.concatenate(([values[0]], values[ranks - 1])) * 1e3
     (line,) = axes.step(
-        x, y, where="pre", color=colour(number), linestyle=line_style(number), label=label
+        x,
+        y,
+        where="pre",
+        color=chart.colour(number),
+        linestyle=chart.line_style(number),
+        label=label,
     )
     sketch.series(line, label)
     if lost:
-        axes.plot(x[-1], y[-1], marker="^", color=colour(number), markersize=8, linestyle="none")
-        axes.annotate(
-            f"{show(lost / n, 'share')} lost",
-            (x[-1], y[-1]),
-            xytext=(7, -3),
-            textcoords="offset points",
-            color=colour(number),
-            fontsize=9,
+        axes.plot(
+            x[-1], y[-1], marker="^", color=chart.colour(number), markersize=8, linestyle="none"
         )
+        text = f"{show(lost / n, 'share')} lost"
+        chart.write(axes, text, (x[-1], y[-1]), (7, -3), chart.colour(number), fontsize=9)
 
 
 def _ranks(n: int) -> NDArray[np.int64]:
@@ -188,7 +179,7 @@ def _place(one: RequirementVerdict) -> tuple[float, float]:
 
 
 def _ink(one: RequirementVerdict) -> str:
-    return PALETTE[OUTCOME_COLOURS[one.outcome]]
+    return chart.PALETTE[chart.OUTCOME_COLOURS[one.outcome]]
 
 
 def _bar(axes: Axes, one: RequirementVerdict, number: int) -> None:
@@ -197,7 +188,7 @@ def _bar(axes: Axes, one: RequirementVerdict, number: int) -> None:
     axes.hlines(y, x / 1.6, x * 1.6, color=_ink(one), linewidth=2.4)
     if one.lower is not None and one.upper is not None and np.isfinite(one.upper):
         axes.vlines(
-            x, one.lower * 1e3, one.upper * 1e3, color=colour(number), linewidth=5, alpha=0.45
+            x, one.lower * 1e3, one.upper * 1e3, color=chart.colour(number), linewidth=5, alpha=0.45
         )
 
 
@@ -207,7 +198,7 @@ def _label(axes: Axes, one: RequirementVerdict) -> None:
     part = one.metric.rpartition(".")[2]
     above = not one.lost and one.estimate is not None and y / 1e3 > one.estimate
     text = printable(f"{part} limit {show(one.limit, one.unit)} {at_rate(one.at_hz or 0.0)}")
-    inside_label(axes, x, y, text, _ink(one), above=above)
+    chart.inside_label(axes, x, y, text, _ink(one), above=above)
 
 
 def percentile_axes(axes: Axes, total: int) -> None:
@@ -231,7 +222,7 @@ _MESSAGE_RATES = 6
 _WORST_FIRST = ("fail", "inconclusive", "pass")
 
 
-def messages_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdict) -> Chart:
+def messages_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdict) -> chart.Chart:
     """A row for each offered rate; iterations follow each other from left to right."""
     rates = sorted(samples.iterations)
     shown = rates[-_MESSAGE_RATES:]
@@ -242,7 +233,7 @@ def messages_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdic
     )
     thin = False
 
-    def paint(sketch: ChartBuilder) -> None:
+    def paint(sketch: chart.ChartBuilder) -> None:
         nonlocal thin
         grid = sketch.figure.subplots(len(shown), 1, squeeze=False)
         for row, rate in enumerate(shown):
@@ -270,11 +261,11 @@ def messages_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdic
         sketch.note = " ".join(notes)
 
     height = 0.5 + 1.5 * len(shown)
-    return draw(name, f"Latency by message: {monitor}", description, height, paint)
+    return chart.draw(name, f"Latency by message: {monitor}", description, height, paint)
 
 
 def _row(
-    sketch: ChartBuilder,
+    sketch: chart.ChartBuilder,
     axes: Axes,
     samples: RunSamples,
     monitor: str,
@@ -288,7 +279,7 @@ def _row(
     kept = thin_indices(values, _MAX_POINTS)
     label = show_rate(rate, pace_of(samples.mode))
     (line,) = axes.plot(
-        kept + 1, values[kept] * 1e3, ".", color=colour(number), markersize=3, label=label
+        kept + 1, values[kept] * 1e3, ".", color=chart.colour(number), markersize=3, label=label
     )
     sketch.series(line, label)
     drawn = [(one.limit * 1e3, _ink(one)) for one in limits if one.limit is not None]
@@ -299,12 +290,19 @@ def _row(
         axes.axhline(limit, color=ink, linewidth=1, linestyle="--")
     ends = np.cumsum([part.size for part in parts])[:-1] + 0.5
     axes.vlines(
-        ends, 0, 1, transform=axes.get_xaxis_transform(), color=PALETTE["quiet"], linewidth=0.6
+        ends,
+        0,
+        1,
+        transform=axes.get_xaxis_transform(),
+        color=chart.PALETTE["quiet"],
+        linewidth=0.6,
     )
     missed = np.isnan(values)
     if missed.any():
         bars = [(first + 0.5, count) for first, count in missed_runs(missed)]
-        axes.broken_barh(bars, (top * 1.17, top * 0.08), facecolor=PALETTE["bad"], linewidth=0)
+        axes.broken_barh(
+            bars, (top * 1.17, top * 0.08), facecolor=chart.PALETTE["bad"], linewidth=0
+        )
     axes.set_xlim(0.5, max(values.size, 1) + 0.5)
     axes.set_ylabel(f"{label}\nms")
     count = int(missed.sum())
@@ -314,7 +312,7 @@ def _row(
         f"{values.size:,} messages" if samples.mode == "live" else text,
         loc="right",
         fontsize=8,
-        color=PALETTE["bad" if count else "quiet"],
+        color=chart.PALETTE["bad" if count else "quiet"],
     )
     if limits:
         worst = min((one.outcome for one in limits), key=_WORST_FIRST.index)
@@ -322,7 +320,7 @@ def _row(
             printable("limit: " + " · ".join(one.text.strip() for one in limits)),
             loc="left",
             fontsize=8,
-            color=PALETTE[OUTCOME_COLOURS[worst]],
+            color=chart.PALETTE[chart.OUTCOME_COLOURS[worst]],
         )
     sketch.register_axes(axes, "message", "ms")
     return bool(kept.size < values.size - count)
@@ -331,7 +329,9 @@ def _row(
 _BASELINE_RATES = 4
 
 
-def ecdf_chart(name: str, monitor: str, samples: RunSamples, baseline: RunSamples) -> Chart | None:
+def ecdf_chart(
+    name: str, monitor: str, samples: RunSamples, baseline: RunSamples
+) -> chart.Chart | None:
     """The share of messages within each latency, for rates that both runs have; None without."""
     rates = sorted(
         rate
@@ -345,7 +345,7 @@ def ecdf_chart(name: str, monitor: str, samples: RunSamples, baseline: RunSample
         "line, the baseline as a dashed one. The rest of a curve that ends below 100 % was lost."
     )
 
-    def paint(sketch: ChartBuilder) -> None:
+    def paint(sketch: chart.ChartBuilder) -> None:
         axes = sketch.figure.subplots()
         for number, rate in enumerate(rates):
             for run, style, side in ((samples, "-", "this run"), (baseline, "--", "baseline")):
@@ -360,7 +360,7 @@ def ecdf_chart(name: str, monitor: str, samples: RunSamples, baseline: RunSample
                     values[ranks - 1] * 1e3,
                     ranks / total * 100,
                     where="post",
-                    color=colour(number),
+                    color=chart.colour(number),
                     linestyle=style,
                     label=label,
                 )
@@ -372,4 +372,6 @@ def ecdf_chart(name: str, monitor: str, samples: RunSamples, baseline: RunSample
             axes.legend(loc="lower right")
         sketch.register_axes(axes, "ms", "%")
 
-    return draw(name, f"Latency compared with the baseline: {monitor}", description, 3.2, paint)
+    return chart.draw(
+        name, f"Latency compared with the baseline: {monitor}", description, 3.2, paint
+    )

@@ -12,7 +12,7 @@ from r2bspec.diagnostics.quote import printable
 from r2bspec.judge.measure.host_usage import MACHINE_INDEX, spaced_indices
 from r2bspec.record.run_folder import Run
 from r2bspec.record.sample_arrays import Rows
-from r2bspec.report.html.chart import PALETTE, Chart, ChartBuilder, colour, draw, line_style
+from r2bspec.report.html.chart import PALETTE, Chart, ChartBuilder, colour, draw, line_style, write
 from r2bspec.report.timeline import phases
 
 if TYPE_CHECKING:
@@ -157,17 +157,9 @@ def _phases(run: Run, panels: Sequence[Axes], start_ns: int, end_ns: int) -> Non
             for axes in panels:
                 axes.axvspan(first, last, color=PALETTE["band"], linewidth=0, zorder=0)
         if (phase_end - at_ns) / whole > 0.012 * (len(phase) + 1):
-            panels[0].annotate(
-                printable(phase),
-                ((first + last) / 2, 1),
-                xycoords=("data", "axes fraction"),
-                xytext=(0, 2),
-                textcoords="offset points",
-                ha="center",
-                va="bottom",
-                fontsize=8,
-                color=PALETTE["quiet"],
-            )
+            middle = ((first + last) / 2, 1)
+            style = {"xycoords": ("data", "axes fraction"), "ha": "center", "va": "bottom"}
+            write(panels[0], printable(phase), middle, (0, 2), PALETTE["quiet"], **style)
 
 
 _SERIES = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import msgspec
 
@@ -20,7 +20,9 @@ from r2bspec.judge.measure.distribution import (
 )
 from r2bspec.judge.measure.metrics import RunMetrics
 from r2bspec.judge.measure.units import at_rate, show, show_rate
+from r2bspec.judge.verdict import VarianceSource
 from r2bspec.record.run_folder import Run, read_stacks
+from r2bspec.report import result_table
 from r2bspec.report.headline import headline, reason_after
 from r2bspec.report.html.chart import Chart
 from r2bspec.report.html.flame_graph import flame_graph
@@ -30,14 +32,6 @@ from r2bspec.report.html.load_charts import loads_chart
 from r2bspec.report.html.templates import own_text, render_template
 from r2bspec.report.html.throughput_charts import load_curve_chart
 from r2bspec.report.notes import notes, profile_notes
-from r2bspec.report.result_table import (
-    METRICS,
-    measured,
-    measured_iterations,
-    monitor_names,
-    reasons,
-    requirement_rows,
-)
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -102,27 +96,36 @@ def render(report_input: ReportInput) -> bytes:
 def _context(report_input: ReportInput) -> dict[str, Any]:
     result = report_input.result
     metrics = result.metrics
-    ordered = requirement_rows(result.verdict, worst_first=True)
-    monitors = monitor_names(metrics)
+    ordered = result_table.requirement_rows(result.verdict, worst_first=True)
+    monitors = result_table.monitor_names(metrics)
     processes = [*dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.processes)]
     charts = _charts(report_input, monitors)
     line = headline(result)
+    around = [
+        each
+        for rate in metrics.rates
+        for iteration in rate.iterations
+        if (each := iteration.interference)
+    ]
     return {
         "source": report_input,
         "result": result,
         "metrics": metrics,
         "counts": Counter(row.verdict.outcome for row in ordered),
-        "requirements": [*zip(ordered, reasons(ordered), strict=True)],
+        "budgets": [row for row in ordered if row.verdict.budget is not None],
+        "sources": get_args(VarianceSource),
+        "requirements": [*zip(ordered, result_table.reasons(ordered), strict=True)],
         "compared": [
-            row for row in requirement_rows(result.verdict) if row.verdict.compared is not None
+            row
+            for row in result_table.requirement_rows(result.verdict)
+            if row.verdict.compared is not None
         ],
         "notes": notes(result),
         "line": line,
         "reason": reason_after(line, result.verdict),
         "profiles": [*profile_notes(result.profiles)],
-        "has_interference": any(
-            iteration.interference for rate in metrics.rates for iteration in rate.iterations
-        ),
+        "has_interference": bool(around),
+        "has_frequency": any(each.frequency_hz for each in around),
         "affected": defaultdict(
             str, {part.segment: "; ".join(part.reasons) for part in result.verdict.disturbed}
         ),
@@ -133,11 +136,11 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         else None,
         "charts": {key: [_safe(chart) for chart in found] for key, found in charts.items()},
         "number": Numbers(msgspec.to_builtins(result)),
-        "measured": partial(measured, metrics),
-        "iterations": partial(measured_iterations, metrics),
-        "latency_columns": [METRICS[name] for name in _LATENCY_COLUMNS],
-        "throughput_columns": [METRICS[name] for name in _THROUGHPUT_COLUMNS],
-        "iteration_columns": [METRICS[name] for name in _ITERATION_COLUMNS],
+        "measured": partial(result_table.measured, metrics),
+        "iterations": partial(result_table.measured_iterations, metrics),
+        "latency_columns": [result_table.METRICS[name] for name in _LATENCY_COLUMNS],
+        "throughput_columns": [result_table.METRICS[name] for name in _THROUGHPUT_COLUMNS],
+        "iteration_columns": [result_table.METRICS[name] for name in _ITERATION_COLUMNS],
         "main_parts": ("mean", *MAIN_PERCENTILES, "max"),
         "tail": TAIL_PERCENTILE,
         "facts": {key: _plain(value) for key, value in result.machine.items()},

@@ -12,18 +12,7 @@ from r2bspec.judge.measure.units import show
 from r2bspec.judge.verdict import Verdict
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import Segment
-from r2bspec.report.html.chart import (
-    OUTCOME_COLOURS,
-    PALETTE,
-    Chart,
-    ChartBuilder,
-    colour,
-    draw,
-    inside_label,
-    marker,
-    plain_numbers,
-    scale_values,
-)
+from r2bspec.report.html import chart
 from r2bspec.report.report_wording import all_probes
 from r2bspec.report.result_table import monitor_names
 
@@ -45,7 +34,9 @@ _DISTURBED: Final = "probe: host interference"
 _COLOURS: Final = {True: "good", False: "bad", None: "quiet"}
 
 
-def load_curve_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: Verdict) -> Chart:
+def load_curve_chart(
+    name: str, metrics: RunMetrics, run: Run | None, verdict: Verdict
+) -> chart.Chart:
     """Above the throughput, below the drop rate. Probes of the search are hollow."""
     probes = all_probes(metrics)
     rates = [*(rate.offered_hz for rate in metrics.rates), *(probe.rate_hz for probe in probes)]
@@ -57,11 +48,11 @@ def load_curve_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: V
     if any(probe.disturbed for probe in probes):
         description += " Squares are around probes that other programs disturbed."
 
-    def paint(sketch: ChartBuilder) -> None:
+    def paint(sketch: chart.ChartBuilder) -> None:
         upper, lower = sketch.figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
         wide = max(rates) > _MIN_LOG_RATIO * min(rates)
         ends = (min(rates) * 0.85, max(rates) * 1.15) if wide else (0, max(rates) * 1.08)
-        upper.plot(ends, ends, ":", color=PALETTE["quiet"], label="offered rate")
+        upper.plot(ends, ends, ":", color=chart.PALETTE["quiet"], label="offered rate")
         _bracket(metrics, (upper, lower))
         for number, monitor in enumerate(monitor_names(metrics)):
             _monitor(sketch, (upper, lower), number, monitor, metrics)
@@ -71,9 +62,9 @@ def load_curve_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: V
         upper.set_xlim(*ends)
         if wide:
             upper.set_xscale("log")
-            plain_numbers(upper.xaxis)
+            chart.plain_numbers(upper.xaxis)
         # On two logarithmic axes the offered rate stays a straight line.
-        scale_values(upper, logarithmic=wide and _min_delivered(metrics) > 0)
+        chart.scale_values(upper, logarithmic=wide and _min_delivered(metrics) > 0)
         lower.set_ylim(-3, 103)
         _limits(upper, lower, verdict)
         upper.set_ylabel("throughput, Hz")
@@ -83,7 +74,7 @@ def load_curve_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: V
         sketch.register_axes(upper, "Hz", "Hz")
         sketch.register_axes(lower, "Hz", "%")
 
-    return draw(name, "Throughput and drops by offered rate", description, 4.2, paint)
+    return chart.draw(name, "Throughput and drops by offered rate", description, 4.2, paint)
 
 
 def _min_delivered(metrics: RunMetrics) -> float:
@@ -97,16 +88,20 @@ def _min_delivered(metrics: RunMetrics) -> float:
 
 
 def _monitor(
-    sketch: ChartBuilder, panels: tuple[Axes, Axes], number: int, monitor: str, metrics: RunMetrics
+    sketch: chart.ChartBuilder,
+    panels: tuple[Axes, Axes],
+    number: int,
+    monitor: str,
+    metrics: RunMetrics,
 ) -> None:
     """A filled mark for each rate, with the range over its iterations as a bar."""
     upper, lower = panels
     x = [rate.offered_hz for rate in metrics.rates]
     seen = [rate.pooled.monitors[monitor] for rate in metrics.rates]
-    ink = colour(number)
+    ink = chart.colour(number)
     style: dict[str, Any] = {
         "color": ink,
-        "marker": marker(number),
+        "marker": chart.marker(number),
         "linestyle": "-",
         "linewidth": 1,
     }
@@ -126,7 +121,7 @@ def _monitor(
 
 
 def _draw_probes(
-    sketch: ChartBuilder, axes: Axes, points: Sequence[tuple[float, float]], **style: Any
+    sketch: chart.ChartBuilder, axes: Axes, points: Sequence[tuple[float, float]], **style: Any
 ) -> None:
     """Hollow marks; those with a label are a series of the legend."""
     if not points:
@@ -136,19 +131,19 @@ def _draw_probes(
     sketch.series(line, style.get("label", "probe: drop rate"))
 
 
-def _probes(sketch: ChartBuilder, axes: Axes, metrics: RunMetrics) -> None:
+def _probes(sketch: chart.ChartBuilder, axes: Axes, metrics: RunMetrics) -> None:
     """What each probe delivered, with a square around those that other programs disturbed."""
     probes = all_probes(metrics)
     for holds, shape, name in _PROBE_MARKERS:
         points = [(probe.rate_hz, probe.delivered_hz) for probe in probes if probe.holds is holds]
-        ink = PALETTE[_COLOURS[holds]]
+        ink = chart.PALETTE[_COLOURS[holds]]
         _draw_probes(sketch, axes, points, marker=shape, color=ink, label=name, zorder=3)
     points = [(probe.rate_hz, probe.delivered_hz) for probe in probes if probe.disturbed]
-    square = {"marker": "s", "markersize": 11, "color": PALETTE["quiet"], "zorder": 2}
+    square = {"marker": "s", "markersize": 11, "color": chart.PALETTE["quiet"], "zorder": 2}
     _draw_probes(sketch, axes, points, label=_DISTURBED, **square)
 
 
-def _probe_drops(sketch: ChartBuilder, axes: Axes, metrics: RunMetrics, run: Run) -> None:
+def _probe_drops(sketch: chart.ChartBuilder, axes: Axes, metrics: RunMetrics, run: Run) -> None:
     """The drop rate of each probe, at the monitor that missed most."""
     outcomes = {
         probe.segment: probe.holds for probe in (metrics.search.probes if metrics.search else ())
@@ -159,7 +154,7 @@ def _probe_drops(sketch: ChartBuilder, axes: Axes, metrics: RunMetrics, run: Run
             if segment.id in outcomes and outcomes[segment.id] is holds and segment.kind == "probe":
                 lost = [_lost(run, segment, monitor.name) for monitor in run.plan.monitors]
                 points.append((segment.rate_hz, max(lost, default=0.0) * 100))
-        _draw_probes(sketch, axes, points, marker=shape, color=PALETTE[_COLOURS[holds]])
+        _draw_probes(sketch, axes, points, marker=shape, color=chart.PALETTE[_COLOURS[holds]])
 
 
 def _lost(run: Run, segment: Segment, monitor: str) -> float:
@@ -177,18 +172,12 @@ def _bracket(metrics: RunMetrics, panels: tuple[Axes, Axes]) -> None:
     upper_hz = search.upper_hz
     if upper_hz is not None:
         for axes in panels:
-            axes.axvspan(search.holds_hz, upper_hz, color=PALETTE["s4"], alpha=0.25, linewidth=0)
-    panels[0].annotate(
-        f"peak {'at least ' if upper_hz is None else ''}{show(search.holds_hz, 'Hz')}",
-        (search.holds_hz, 1),
-        xycoords=("data", "axes fraction"),
-        xytext=(-3, -2),
-        textcoords="offset points",
-        ha="right",
-        va="top",
-        fontsize=8,
-        color=PALETTE["s4"],
-    )
+            axes.axvspan(
+                search.holds_hz, upper_hz, color=chart.PALETTE["s4"], alpha=0.25, linewidth=0
+            )
+    text = f"peak {'at least ' if upper_hz is None else ''}{show(search.holds_hz, 'Hz')}"
+    style = {"xycoords": ("data", "axes fraction"), "ha": "right", "va": "top"}
+    chart.write(panels[0], text, (search.holds_hz, 1), (-3, -2), chart.PALETTE["s4"], **style)
 
 
 def _limits(upper: Axes, lower: Axes, verdict: Verdict) -> None:
@@ -197,7 +186,7 @@ def _limits(upper: Axes, lower: Axes, verdict: Verdict) -> None:
         # The limit of a ratio is on neither axis.
         if one.limit is None or one.at_hz is None or one.compared is not None:
             continue
-        ink = PALETTE[OUTCOME_COLOURS[one.outcome]]
+        ink = chart.PALETTE[chart.OUTCOME_COLOURS[one.outcome]]
         if one.metric.endswith("throughput.mean"):
             axes, y = upper, one.limit
         elif one.metric.endswith("drop_rate"):
@@ -205,4 +194,4 @@ def _limits(upper: Axes, lower: Axes, verdict: Verdict) -> None:
         else:
             continue
         axes.hlines(y, one.at_hz * 0.88, one.at_hz * 1.14, color=ink, linewidth=2.4, zorder=5)
-        inside_label(axes, one.at_hz, y, f"limit {show(one.limit, one.unit)}", ink)
+        chart.inside_label(axes, one.at_hz, y, f"limit {show(one.limit, one.unit)}", ink)

@@ -93,8 +93,7 @@ def test_a_component_that_a_well_known_package_does_not_have(spec_file: str) -> 
 
 
 def test_more_shared_memory_than_there_is(spec_file: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    module = "r2bspec.check.rules.machine"
-    monkeypatch.setattr(f"{module}.shared_memory_bytes", lambda: 64 << 20)
+    monkeypatch.setattr("r2bspec.plan.this_machine.shared_memory_bytes", lambda: 64 << 20)
     text = example(transport="{kind: shared_memory, segment: 32 MiB}")
     (found,) = findings(text, file=spec_file)
     assert (found.code, found.certainty) == ("R2B629", Certainty.ENVIRONMENT)

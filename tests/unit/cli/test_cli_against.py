@@ -46,10 +46,9 @@ from r2bspec.execute.processes.environment import (
             for option in ("--allow=base", "--base-build=make", "--base-setup=x")
             for against in ("--against var:a=1", "")
         ),
-        "calibrate s --from f --runs 9",
+        "calibrate s --from f --pairs 9",
         "calibrate s --from f -o g",
-        "calibrate s --runs 2",
-        "calibrate s --runs x",
+        "calibrate s --pairs 2",
     ],
 )
 def test_options_that_exclude_each_other_are_wrong_usage(arguments: str) -> None:

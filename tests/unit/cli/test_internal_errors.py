@@ -6,6 +6,7 @@ import faulthandler
 import functools
 import os
 import re
+import resource
 import signal
 import stat
 import subprocess
@@ -65,6 +66,33 @@ CRASHES: dict[str, Callable[[], object]] = {
     "TypeError": lambda: len(5),  # type: ignore[arg-type]
     "UnicodeEncodeError": lambda: "\ud800".encode(),
 }
+
+
+@pytest.mark.parametrize(
+    ("error", "number", "code"),
+    [
+        (MemoryError(), resource.RLIMIT_AS, "R2B678 address-space-limited"),
+        (RuntimeError("can't start new thread"), resource.RLIMIT_NPROC, "R2B679 no-more-processes"),
+    ],
+)
+def test_what_a_limit_of_the_user_has_caused_is_no_crash(
+    error: Exception,
+    number: int,
+    code: str,
+    temporary: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    call: Call,
+) -> None:
+    error.add_note("run folder: there")
+    monkeypatch.setattr(cli.command, "main", lambda **_: _raise(error))
+    none = resource.RLIM_INFINITY
+    monkeypatch.setattr(
+        resource, "getrlimit", lambda of: (20, 20) if of == number else (none, none)
+    )
+    shown = call("validate", status=ExitStatus.USAGE)
+    assert f"error[{code}]: " in shown.err
+    assert shown.err.endswith("\nrun folder: there\n")
+    assert not list(temporary.iterdir())
 
 
 @pytest.mark.parametrize("kind", CRASHES)

@@ -26,7 +26,7 @@ graph:
     relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}
 # What it answers.
 monitors: {detections: {topic: output, format: sensor_msgs/msg/Image}}
-benchmark: {rates: [30 Hz], iterations: 10, duration: 10 s}
+benchmark: {rates: [30 Hz], iterations: 10, starts: 1, duration: 10 s}
 """
 
 

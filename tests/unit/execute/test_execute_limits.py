@@ -11,6 +11,7 @@ import pytest
 
 from r2bspec.execute.errors import AddressSpaceError, SharedMemoryError
 from r2bspec.execute.processes.prerequisites import (
+    limit_error,
     require_address_space,
     require_free_shared_memory,
     require_loopback,
@@ -55,6 +56,33 @@ def test_what_may_have_ended_a_process_is_said_with_its_end(
     assert with_limits("See the log.") == said
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "RuntimeError: can't start new thread",
+        "BlockingIOError: [Errno 11] Resource temporarily unavailable",
+        "cc: fatal error: vfork: Resource temporarily unavailable",
+        "pthread_create failed: Resource temporarily unavailable",
+    ],
+)
+def test_what_no_process_or_thread_can_be_started_for_is_said(
+    monkeypatch: pytest.MonkeyPatch, text: str
+) -> None:
+    """Threads need address space, too; a control group says nothing of its limit."""
+    for which, code, reason in (
+        (resource.RLIMIT_NPROC, "R2B679", "is limited to 20 (ulimit -u)"),
+        (resource.RLIMIT_CORE, "R2B679", "the control group of this process is full"),
+        (resource.RLIMIT_AS, "R2B678", "is limited to 20 B (ulimit -v)"),
+    ):
+        limit(monkeypatch, which, 20)
+        error = limit_error(text)
+        assert error is not None
+        assert (error.code, error.exit_code) == (code, 2)
+        assert f"{reason}; {text}" in str(error)
+        assert error.hint
+    assert limit_error("the socket: Resource temporarily unavailable") is None
+
+
 def test_a_segment_of_shared_memory_has_to_fit_into_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
     limit(monkeypatch, resource.RLIMIT_FSIZE, 1 << 20)
     plan, middleware = Simulation().plan(), middleware_of({})
@@ -67,7 +95,7 @@ def test_a_machine_without_loopback_is_named_before_anything_starts() -> None:
     require_loopback()
     program = (
         "from r2bspec.execute.processes.prerequisites import *\n"
-        "try:\n    require_loopback()\nexcept NoLoopbackError as error: print(error.code)"
+        "try:\n    require_loopback()\nexcept errors.NoLoopbackError as error: print(error.code)"
     )
     isolated = ["unshare", "--user", "--map-root-user", "--net"]
     done = subprocess.run(

@@ -77,10 +77,15 @@ class Graph:
         minimum_hz: float = 10.0,
         maximum_hz: float = 1000.0,
         confirms: bool = True,
-        allows: Callable[[float], bool] = lambda _: True,
+        allows: Callable[[], bool] = lambda: True,
+        search_s: float = math.inf,
     ) -> SearchRecord:
         def confirm(rate_hz: float, proven_hz: float) -> ProbeOutcome:
             assert proven_hz >= 0
+            return self.outcome("confirmation", rate_hz)
+
+        def upper(rate_hz: float, needed_s: float) -> ProbeOutcome:
+            assert needed_s >= 0
             return self.outcome("confirmation", rate_hz)
 
         return PeakSearch(
@@ -91,6 +96,8 @@ class Graph:
             long_plays=LongPlays(
                 overload=lambda rate_hz: self.outcome("saturation", rate_hz),
                 confirm=confirm if confirms else None,
+                upper=upper if confirms else None,
+                search_s=search_s,
                 budget_s=60.0,
                 allows=allows,
             ),
@@ -113,8 +120,8 @@ def test_the_bracket_is_proved_and_as_narrow_as_was_asked(capacity_hz: float) ->
     assert record.proof == "confirmed"
     assert record.shown
     assert record.proof_s == SECONDS
-    saturations = ["saturation"] * 2
-    assert [what for what, _ in graph.played] == ["probe", "probe", *saturations, "confirmation"]
+    saturations, ends = ["saturation"] * 2, ["confirmation"] * 2
+    assert [what for what, _ in graph.played] == ["probe", "probe", *saturations, *ends]
 
 
 def test_the_first_overload_is_clearly_too_much_and_the_others_are_not() -> None:
@@ -136,6 +143,24 @@ def test_the_search_of_a_graph_that_is_slower_the_more_is_offered_ends(falls: fl
     holds_hz, fails_hz = bracket(graph.search())
     assert len(graph.rates("saturation")) <= 9  # three that keep up, six of 10 s
     assert holds_hz <= 100.0 <= fails_hz
+
+
+@pytest.mark.parametrize("beyond", [1.0, 1.05, 1.2])
+def test_the_upper_end_is_played_and_raised_if_the_graph_keeps_up_with_it(beyond: float) -> None:
+    graph = Graph(lambda rate: 97.0 if rate > 100.0 * beyond + 1e-6 else 100.0)
+    record = graph.search()
+    holds_hz, fails_hz = bracket(record)
+    assert holds_hz <= 100.0 < fails_hz
+    assert record.proof == "confirmed"
+    assert len(graph.played) <= 12
+
+
+def test_the_upper_end_stays_where_no_time_is_left_to_play_a_higher_one() -> None:
+    graph = Graph(lambda rate: 97.0 if rate > 100.0 + 1e-6 else 100.0)
+    record = graph.search(search_s=0.0)
+    # The lowest rate that was not sustained is one of the overloads.
+    assert record.fails_hz == min(graph.rates("saturation"))
+    assert len(graph.played) == 6
 
 
 def test_a_lower_end_that_is_refuted_is_not_the_peak() -> None:
@@ -176,7 +201,7 @@ def test_a_lower_rate_is_confirmed_if_the_first_stays_open() -> None:
 
 def test_no_more_than_the_time_budget_allows_is_played_whole() -> None:
     graph = Graph(lambda _: 100.0, sustains_hz=80.0)
-    record = graph.search(allows=lambda _: False)
+    record = graph.search(allows=lambda: False)
     assert len(graph.rates("confirmation")) == 1
     assert record.proof == "open"
 
@@ -200,9 +225,8 @@ def test_the_end_of_the_range_is_played_whole_too() -> None:
 
 
 def overload(play: Callable[[float], CompletionTimes | None], **changes: Any) -> Overload:
-    return Overload(
-        play=play, max_hz=1000.0, precision=0.02, confidence=0.95, budget_s=60.0, **changes
-    )
+    settings = {"max_hz": 1000.0, "precision": 0.02, "confidence": 0.95, "budget_s": 60.0}
+    return Overload(play=play, **{**settings, **changes})
 
 
 def test_an_overload_that_is_none_is_raised_until_it_is_one() -> None:
@@ -224,14 +248,48 @@ def test_overloading_ends_with_its_time() -> None:
     random = np.random.default_rng(1)
 
     def play(rate_hz: float) -> CompletionTimes:
-        return CompletionTimes(0.0, np.cumsum(random.exponential(0.1, 100)), 10.0, rate_hz)
+        return CompletionTimes(0.0, np.cumsum(random.gamma(12.0, 1 / 1200, 1000)), 10.0, rate_hz)
 
-    tried = overload(play)
-    found = tried.run(10.0)
+    tried = overload(play, precision=0.002)
+    found = tried.run(100.0)
     assert found is not None
-    assert found.relative_width > 0.02
-    # Those that were left out have taken time, too.
+    assert found.relative_width > 0.002
     assert math.isclose(sum(shown.played_s for shown in tried.shown), 60.0)
+
+
+def test_overloads_that_are_none_take_time_too() -> None:
+    played: list[float] = []
+
+    def play(rate_hz: float) -> CompletionTimes:
+        played.append(rate_hz)
+        speed_hz = rate_hz if rate_hz < 106.0 else 90.0
+        return CompletionTimes(0.0, np.arange(1, 10 * speed_hz) / speed_hz, 10.0, rate_hz)
+
+    # With 7 % more than comes out it keeps up again and again.
+    overload(play, budget_s=30.0).run(90.0)
+    assert len(played) == 3
+
+
+def test_what_is_faster_with_less_overload_than_was_estimated_has_no_capacity() -> None:
+    def play(rate_hz: float) -> CompletionTimes:
+        speed_hz = rate_hz if rate_hz < 110.0 else 90.0
+        return CompletionTimes(0.0, np.arange(1, 10 * speed_hz) / speed_hz, 10.0, rate_hz)
+
+    tried = overload(play, budget_s=20.0)
+    assert tried.run(90.0) is None
+    assert tried.upper_hz is None
+
+
+def test_without_time_the_graph_is_overloaded_twice() -> None:
+    played: list[float] = []
+
+    def play(rate_hz: float) -> CompletionTimes:
+        played.append(rate_hz)
+        random = np.random.default_rng(10 + len(played))
+        return CompletionTimes(0.0, np.cumsum(random.gamma(12.0, 1 / 1200, 1000)), 10.0, rate_hz)
+
+    assert overload(play, goes_on=lambda: False).run(100.0) is not None
+    assert len(played) == 2
 
 
 def test_a_player_that_cannot_offer_more_shows_no_capacity() -> None:

@@ -286,6 +286,42 @@ def test_this_machine() -> None:
         assert math.isnan(before) or after >= before
 
 
+def frequency_file(core: int) -> str:
+    return f"sys/devices/system/cpu/cpu{core}/cpufreq/scaling_cur_freq"
+
+
+def cycles_of_work(root: Path, *khz: int) -> tuple[float, float]:
+    """The CPU time and the cycles of all cores while this one works at each frequency in turn."""
+    cores = os.sched_getaffinity(0)
+    write_files(root, {frequency_file(core): f"{khz[0]}\n" for core in cores})
+    reader = InterferenceReader(root)
+    first = last = reader.read()
+    for value in khz:
+        write_files(root, {frequency_file(core): f"{value}\n" for core in cores})
+        end = time.process_time() + 0.1
+        while time.process_time() < end:
+            pass
+        last = reader.read()
+    return last.busy_s - first.busy_s, last.cycles - first.cycles
+
+
+def test_cycles_are_cpu_time_at_the_frequency_of_its_time(tmp_path: Path) -> None:
+    used_s, cycles = cycles_of_work(tmp_path, 2_500_000)
+    assert cycles == pytest.approx(used_s * 2.5e9, rel=1e-6)
+    used_s, cycles = cycles_of_work(tmp_path, 1_000_000, 3_000_000)
+    assert 1e9 * used_s < cycles < 3e9 * used_s
+
+
+@pytest.mark.parametrize("text", ["", "<unknown>\n"])
+def test_a_core_that_does_not_say_its_frequency_leaves_all_unknown(
+    tmp_path: Path, text: str
+) -> None:
+    cores = sorted(os.sched_getaffinity(0))
+    write_files(tmp_path, {frequency_file(core): "2500000\n" for core in cores})
+    write_files(tmp_path, {frequency_file(cores[-1]): text})
+    assert math.isnan(InterferenceReader(tmp_path).read().cycles)
+
+
 @pytest.mark.parametrize(
     ("files", "waited_s", "throttled_s"),
     [

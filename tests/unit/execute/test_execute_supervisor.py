@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import resource
 import secrets
 import shutil
 import signal
@@ -18,6 +19,7 @@ import pytest
 
 from family_trees import wait_for
 from r2bspec.execute.errors import (
+    AddressSpaceError,
     InterruptedRunError,
     NotInstalledError,
     ProcessDiedError,
@@ -261,6 +263,40 @@ def test_of_several_processes_the_one_that_died_is_named(stage: Stage) -> None:
     stage.start("ends = channel(); ends.receive(); sys.exit(9)", "relay").send(protocol.Stop())
     with pytest.raises(ProcessDiedError, match="process relay exited with status 9"):
         stage.children.request(silent, protocol.CountMatches(), protocol.Matched, HANG_S)
+
+
+LIMITS = "import resource; resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))\n"
+TELLS = """
+ends = channel()
+try: bytearray(4 << 30)
+except MemoryError as error: ends.send(protocol.Failed(code="R2B620", message=repr(error), hint=""))
+"""
+
+
+@pytest.mark.parametrize(
+    ("program", "message"),
+    [
+        ("bytearray(4 << 30)", "; process node exited with status 1; its last output:"),
+        ("import mmap; mmap.mmap(-1, 4 << 30)", r"\[Errno 12\] Cannot allocate memory$"),
+        (TELLS + SLEEPS, r"; node: MemoryError\(\)$"),
+    ],
+)
+def test_a_process_that_lacks_address_space_says_so_where_that_is_limited(
+    program: str, message: str, stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (2 << 30, 2 << 30))
+    stage.start(LIMITS + program)
+    with pytest.raises(AddressSpaceError, match=message) as found:
+        stage.pump_for_ever()
+    assert str(found.value).startswith("the address space of a process is limited to 2 GiB")
+    assert (found.value.code, found.value.exit_code) == ("R2B678", 2)
+    assert str(stage.folder / "node.log") in found.value.hint
+
+
+def test_without_a_limit_of_all_a_lack_of_memory_is_the_fault_of_the_process(stage: Stage) -> None:
+    stage.start(LIMITS + "bytearray(4 << 30)")
+    with pytest.raises(ProcessDiedError, match="MemoryError"):
+        stage.pump_for_ever()
 
 
 FAILS = "channel().send(protocol.Failed(code={!r}, message='m', hint={!r}))\n"

@@ -22,11 +22,12 @@ from r2bspec.judge.measure.metric_catalogue import (
     TAG_POSITION_ERROR,
     TRUTHS,
 )
-from r2bspec.plan.plan import MonitorPlan, TruthPlan
+from r2bspec.language.spec import Truth
+from r2bspec.plan.plan import MonitorPlan
 from r2bspec.record.run_record import AccuracyRecord
 
-TAG = TruthPlan(kind="tag", name="/d455_1_left_ir_image")
-DISPARITY = TruthPlan(kind="disparity", name="d455_1_ir")
+TAG = Truth(kind="tag", name="/d455_1_left_ir_image")
+DISPARITY = Truth(kind="disparity", name="d455_1_ir")
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +90,7 @@ def poses(*found: tuple[tuple[float, ...], tuple[float, ...]]) -> bytes:
 
 
 def compare(
-    truth: TruthPlan, outputs: list[tuple[frozenset[int], bytes]], *datasets: Path
+    truth: Truth, outputs: list[tuple[frozenset[int], bytes]], *datasets: Path
 ) -> AccuracyRecord:
     kind = TRUTHS[truth.kind].format
     monitor = MonitorPlan(name="out", topic="/out", type=kind, match="stamp", qos=None, truth=truth)
@@ -135,7 +136,7 @@ def test_true_poses_are_right(dataset: Path, truth: GroundTruth) -> None:
 def test_a_topic_may_be_named_without_its_slash_and_the_truth_found_among_several(
     dataset: Path, truth: GroundTruth, tmp_path: Path
 ) -> None:
-    name = TruthPlan(kind="tag", name=TAG.name.removeprefix("/"))
+    name = Truth(kind="tag", name=TAG.name.removeprefix("/"))
     outputs = [(frozenset({sightings(truth)[0].stamp_ns}), poses())]
     compared = compare(name, outputs, tmp_path, dataset)
     assert (compared.problem, compared.values[TAG_MISSED]) == ("", 1.0)
@@ -146,7 +147,7 @@ def test_a_topic_may_be_named_without_its_slash_and_the_truth_found_among_severa
     [
         (TAG, False, "The recording has no ground truth."),
         (
-            TruthPlan(kind="disparity", name="hawk_9"),
+            Truth(kind="disparity", name="hawk_9"),
             True,
             "The ground truth has no disparity of hawk_9.",
         ),
@@ -154,7 +155,7 @@ def test_a_topic_may_be_named_without_its_slash_and_the_truth_found_among_severa
     ],
 )
 def test_what_cannot_be_compared_is_said(
-    dataset: Path, tmp_path: Path, wanted: TruthPlan, has_truth: bool, problem: str
+    dataset: Path, tmp_path: Path, wanted: Truth, has_truth: bool, problem: str
 ) -> None:
     output = poses() if wanted is TAG else disparity_image(np.ones((2, 2), "f4"))
     compared = compare(wanted, [(frozenset({1}), output)], dataset if has_truth else tmp_path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -116,6 +117,33 @@ def test_a_host_that_never_keeps_files_ends_a_run_with_the_reason(
     assert "has removed files of relay" in str(ended.error)
     assert "--cache-limit" in ended.error.hint
     assert service.plays == 0
+
+
+def test_what_a_worker_finds_in_its_folder_is_not_believed(
+    service: Service, tmp_path: Path
+) -> None:
+    """As where the folder came with an archive: other files, trees, and links out of it."""
+    own = tmp_path / "mine"
+    own.mkdir()
+    root = service.store.root
+
+    def before(what: str, *args: Any) -> None:
+        if what == "prepare" and not list((root / "objects").iterdir()):
+            for file in args[0].files:
+                (root / "objects" / file.sha256).write_text("forged")
+            (root / "work" / args[0].bundle).mkdir()
+            (root / "work" / args[0].bundle / "forged.py").touch()
+            (own / "file").touch()
+            remove(root / "spool")
+            (root / "spool").symlink_to(own)
+            service.remove_unfinished()
+
+    assert play(tmp_path, service, before).error is None
+    assert service.plays == 1
+    assert [file.name for file in own.iterdir()] == ["file"]
+    for kept in (root / "objects").iterdir():
+        assert hashlib.sha256(kept.read_bytes()).hexdigest() == kept.name
+    assert not list((root / "work").rglob("forged.py"))
 
 
 def test_a_run_that_was_played_before_is_not_played_again(service: Service, tmp_path: Path) -> None:

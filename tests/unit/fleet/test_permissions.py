@@ -52,6 +52,8 @@ def _is_refused(plan: Plan, allows: set[str], permission: str) -> bool:
         ({"command": ["ros2", "launch", "./evil.launch.py"]}, "commands"),
         ({"command": ["ros2", "launch", "demo", "x.launch.py"]}, "commands"),
         ({**OWN, "prefix": ["taskset"]}, "commands"),
+        ({"package": "demo", "executable": "talker", "arguments": ["--loud"]}, "commands"),
+        ({"launch": {"package": "demo", "file": "x.py", "arguments": {"a": "./b"}}}, "commands"),
         ({"package": "demo", "executable": "talker", "prefix": ["./tool.sh"]}, "commands"),
         ({"python": "./own.py:Own"}, "python"),
         ({"python": "pytest.main"}, "python"),
@@ -68,10 +70,15 @@ def test_what_a_spec_brings_along_needs_a_permission(node: dict[str, Any], permi
     "node",
     [
         OWN,
-        {"package": "demo", "executable": "talker", "arguments": ["--loud"]},
+        {
+            "package": "demo",
+            "executable": "talker",
+            "parameters": {"loud": True},
+            "remappings": {"in": "out"},
+        },
         {"package": "demo", "plugin": "demo::Talker"},
         {"launch": {"package": "demo", "file": "x.launch.py"}},
-        {"launch": {"package": "demo", "file": "launch/x.launch.py", "arguments": {"a": "../b"}}},
+        {"launch": {"package": "demo", "file": "launch/x.launch.py"}, "remappings": {"in": "out"}},
         {**OWN, "env": {"OMP_NUM_THREADS": "1"}},
     ],
 )
@@ -92,6 +99,13 @@ def test_what_is_installed_needs_none(node: dict[str, Any]) -> None:
 )
 def test_variables_are_an_allow_list(name: str) -> None:
     assert needs(plan_of({**OWN, "env": {name: "./x"}})) == {"commands"}
+
+
+@pytest.mark.parametrize("executor", ["single_threaded", "multi_threaded"])
+def test_containers_of_threads_need_none(executor: str) -> None:
+    container = {"executable": "component_container_isolated", "executor": executor}
+    node = {"package": "demo", "plugin": "demo::Talker", "container": "c"}
+    check_allowed(plan_of(node, containers={"c": container}), (), "here")
 
 
 def test_python_of_a_ros_package_that_is_installed_needs_none(
@@ -115,6 +129,10 @@ def test_python_of_a_ros_package_that_is_installed_needs_none(
         (("$(executable demo ../../x)",), "commands"),
         (("$(executable ../demo x)",), "commands"),
         (("$(executable demo ..)",), "commands"),
+        (("$(executable demo talker)", "./x.py"), "commands"),
+        (("$(executable demo talker)", "--ros-args", "-r", "a:=b", "--", "./x.py"), "commands"),
+        (("$(executable demo talker)", "--ros-args", "--log-config-file", "x"), "commands"),
+        (("$(executable demo talker)", "--ros-args", "-p"), "commands"),
         ((), "commands"),
         ((*LAUNCH_LINE, "package:=demo", "file:=x.py"), "commands"),
         ((*LAUNCH_LINE, "package:=a", "file:=b", "file:=./c", *LAUNCH_END), "commands"),

@@ -17,13 +17,14 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.errors import UsageError
+from r2bspec.cli.main import main
+from r2bspec.errors import ExitStatus, UsageError
 from r2bspec.fleet import security
 from r2bspec.fleet.errors import FleetError, InsecureFleetError
 from r2bspec.fleet.journal import JOURNAL_FILE, Journal, read_journal
 from r2bspec.fleet.security import FleetAddress, fleet_address, listen_address
 
-WILDCARDS = ("0.0.0.0", "::", "0")  # noqa: S104 - which are refused
+WILDCARDS = ("0.0.0.0", "::", "[::]", "0")  # noqa: S104 - which are refused
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:8786", "tcp://localhost", "tcp://[::1]:9"])
@@ -48,13 +49,14 @@ def test_what_is_not_secure_is_refused(address: str, message: str) -> None:
     with pytest.raises(InsecureFleetError, match=message) as found:
         fleet_address(address)
     assert found.value.code == "R2B687"
+    assert found.value.hint
 
 
 def test_insecure_goes_without() -> None:
     assert fleet_address("tcp://10.0.0.5:8786", insecure=True).ca is None
 
 
-@pytest.mark.parametrize("listen", ["", "127.0.0.1", "127.9.9.9", "localhost", "::1"])
+@pytest.mark.parametrize("listen", ["", "127.0.0.1", "127.9.9.9", "localhost", "::1", "[::1]"])
 def test_a_worker_without_tls_listens_on_this_machine_only(listen: str) -> None:
     place = listen_address(fleet_address("tcp://localhost:8786"), listen)
     assert ipaddress.ip_address(place).is_loopback
@@ -67,6 +69,7 @@ def test_a_worker_without_tls_refuses_any_other_place(listen: str, insecure: boo
     with pytest.raises(InsecureFleetError) as refused:
         listen_address(address, listen)
     assert refused.value.code == "R2B687"
+    assert refused.value.hint
 
 
 @pytest.mark.parametrize("listen", WILDCARDS)
@@ -306,3 +309,19 @@ def test_a_file_that_is_no_journal_is_refused(tmp_path: Path) -> None:
     (tmp_path / JOURNAL_FILE).write_text("hello\n")
     with pytest.raises(UsageError, match="no journal"):
         Journal(tmp_path)
+
+
+def test_a_worker_uses_no_folder_that_others_can_fill(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What lies there is played, and what is sent is written there."""
+    (tmp_path / "open").mkdir()
+    (tmp_path / "open").chmod(0o777)
+    (tmp_path / "clone/.git").mkdir(parents=True)
+    for folder, reason in {
+        "open": "other users can write",
+        "clone/x": "a work tree of git",
+    }.items():
+        words = ["--folder", str(tmp_path / folder), "--no-doctor"]
+        assert main(["fleet", "worker", "tcp://127.0.0.1:9", *words]) == ExitStatus.USAGE
+        assert reason in capsys.readouterr().err

@@ -46,6 +46,14 @@ def test_other_errors_keep_their_code(monkeypatch: pytest.MonkeyPatch, error: Ex
     assert last_words(monkeypatch, error).code == "R2B630"
 
 
+def test_a_library_that_cannot_be_loaded_is_named_behind_the_error_that_hides_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    hides = RuntimeError("no type support")
+    hides.__context__ = ImportError("libx.so: failed to map segment")
+    assert last_words(monkeypatch, hides).message == f"no type support: {hides.__context__}"
+
+
 HANG_S = 60.0
 
 PROGRAM = """

@@ -96,6 +96,7 @@ def test_unusable_scripts(tmp_path: Path, code: str, expected: str) -> None:
     with pytest.raises(UnusableScriptError) as error:
         read_benchmark_script(file)
     assert error.value.finding.code == expected
+    assert error.value.finding.help
     assert error.value.finding.span.file == str(file)
 
 

@@ -23,7 +23,6 @@ from r2bspec.judge.statistics.t_interval import (
     noise_floor,
     pair_orders,
     paired_ratio,
-    pairs_needed,
     power_of_pairs,
     predicted_ratio,
     smallest_detectable,
@@ -80,7 +79,6 @@ class TestStatistics:
         delta = smallest_detectable(0.03, 10, 0.95)
         assert power_of_pairs(delta, 0.03, 10, 0.95) == pytest.approx(0.9, abs=1e-4)
         assert smallest_detectable(0.0, 10, 0.95) == 0.0
-        assert pairs_needed(0.001, 0.1, 0.95, max_pairs=50) is None
 
     def test_the_noise_floor_agrees_with_scipy(self) -> None:
         ratios = np.exp([0.01, -0.02, 0.015, 0.0, -0.01])
@@ -97,9 +95,10 @@ class TestStatistics:
         for pair in range(6):
             heads_first = sum(orders[pair] == "BA" for orders in thrown)
             assert 150 <= heads_first <= 250
-        # Nothing that returns follows the coin: neighbours are as often alike as not.
-        alike = sum(a == b for orders in thrown for a, b in itertools.pairwise(orders))
-        assert 0.4 < alike / (5 * len(thrown)) < 0.55
+        # Nothing that returns follows the coin: one throw is as often like the last as not.
+        alike = sum(a == b for orders in thrown for a, b in itertools.pairwise(orders[::2]))
+        assert 0.4 < alike / (2 * len(thrown)) < 0.6
+        assert all({*orders[:2]} == {*orders[2:4]} == {"AB", "BA"} for orders in thrown)
 
     @pytest.mark.parametrize("pairs", [2, 3, 10])
     def test_both_orders_occur(self, pairs: int) -> None:

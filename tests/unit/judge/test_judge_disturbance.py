@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
 
+from r2bspec import api
 from r2bspec.execute.measurement.measurement import iterations_to_rerun
 from r2bspec.judge.affected_iterations import find_affected_iterations, interference_reasons
 from r2bspec.judge.decision_policy import DecisionPolicy, decision_policy
@@ -48,7 +51,13 @@ QUIET = HostInterference(
 )
 STOLEN = msgspec.structs.replace(QUIET, steal=0.02)
 BUSY = HostInterference(
-    seconds=10.0, cores=2, foreign_cores=1.8, pressure=0.9, own_cores=0.2, own_waited=0.3
+    seconds=10.0,
+    cores=2,
+    threads_per_core=2,
+    foreign_cores=1.8,
+    pressure=0.9,
+    own_cores=0.2,
+    own_waited=0.3,
 )
 
 
@@ -206,6 +215,23 @@ class TestWhatTheyMayDo:
         assert [one.weakened for one in found.requirements] == [True, False]
         assert found.outcome == "fail"
 
+    def test_reruns_that_cannot_change_the_outcome_are_not_played(self) -> None:
+        slo = {"slo": objective(ASKED)}
+        twice = run({"fail": STOLEN}, {"fail": STOLEN}, {"fail": STOLEN})
+        assert len(iterations_to_rerun(judge(slo, twice))) == 3
+        hopeless = {**slo, "other": objective("latency.mean < 1 ms")}
+        found = judge(hopeless, twice)
+        assert [one.weakened for one in found.requirements] == [True, False]
+        assert iterations_to_rerun(found) == []
+        hint = {"slo": msgspec.structs.replace(objective(ASKED), level="warn")}
+        assert iterations_to_rerun(judge(hint, twice)) == []
+
+    def test_a_machine_that_is_always_busy_is_not_asked_again(self) -> None:
+        again = {0: ("fail", STOLEN), 1: ("fail", STOLEN)}
+        found = judged(run(*[{"fail": STOLEN}] * 10, again=again))
+        assert found.requirements[0].weakened
+        assert iterations_to_rerun(found) == []
+
     def test_what_is_to_be_played_again(self) -> None:
         samples = run(
             {"fail": STOLEN},
@@ -316,6 +342,55 @@ def test_a_strict_pass_needs_an_unaffected_rerun_of_each() -> None:
     (again,) = judged(samples, P90, "strict").requirements
     assert (again.outcome, again.weakened) == ("pass", False)
     assert "1 of them played again, 1 without interference" in again.notes[-1]
+
+
+@pytest.mark.parametrize(
+    ("waited", "asked", "outcome"),
+    [
+        (0.0, ASKED, "pass"),
+        (0.0, "throughput.mean > 29 Hz", "pass"),
+        # Of 600 messages, 15 and two more may have been spared.
+        (0.025, ASKED, "inconclusive"),
+        (0.025, "latency.p90 < 60 ms", "pass"),
+        (0.025, "throughput.mean > 29.5 Hz", "inconclusive"),
+        # The worst case is later, not earlier.
+        (0.0, "latency.p50 > 1 ms", "inconclusive"),
+    ],
+)
+def test_a_strict_pass_stands_where_the_worst_case_keeps_it(
+    waited: float, asked: str, outcome: Outcome
+) -> None:
+    busy = msgspec.structs.replace(BUSY, own_waited=waited, threads_per_core=1)
+    found = judged(run({"fast": busy}, {"fast": busy}, {"fast": busy}), asked, "strict")
+    assert found.outcome == outcome
+    if outcome == "pass":
+        assert "passes in the worst case, too" in found.requirements[0].notes[-1]
+
+
+@pytest.mark.parametrize("rate_hz", [10, 30, 100])
+@pytest.mark.parametrize(
+    "waited",
+    [
+        pytest.param(math.nan, id="not counted"),
+        pytest.param(0.0, id="nothing waited"),
+        pytest.param(0.005, id="hardly anything waited"),
+    ],
+)
+def test_a_limit_that_even_the_best_case_breaks_fails_on_a_busy_host(
+    tmp_path: Path, rate_hz: float, waited: float
+) -> None:
+    """Of 1,000 messages the fastest took 10 ms, while others used both cores."""
+    latency = np.random.default_rng(3).uniform(0.010, 0.014, (10, 100))
+    folder = Simulation(
+        segments=[Played(rate_hz, row) for row in latency],
+        objectives={"slo": objective("latency.p99 < 9 ms", at=f"{rate_hz} Hz")},
+        interference={"busy_s": 1.9, "stolen_s": 0.0, "waited_s": 0.15, "throttled_s": 0.0},
+        waited=waited,
+    ).write(tmp_path / "run")
+    found = api.judge(folder).verdict
+    assert len(found.disturbed) == 10
+    assert found.outcome == "fail"
+    assert "it fails in the best case, too" in found.requirements[0].notes[0]
 
 
 def test_the_note_says_how_much_was_taken() -> None:

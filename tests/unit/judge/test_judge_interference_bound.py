@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -35,11 +36,12 @@ def some_stalls(draw: st.DrawFn) -> Stalls:
     load=st.sampled_from([0.1, 0.5, 0.9, 0.97, 1.05, 1.5, 2.0]),
     depth=st.sampled_from([1, 2, 5, 100]),
     stalls=some_stalls(),
+    spread=st.sampled_from([0.0, 0.3]),
 )
 def test_no_more_is_blamed_on_the_graph_than_it_does_alone(
-    load: float, depth: int, stalls: Stalls
+    load: float, depth: int, stalls: Stalls, spread: float
 ) -> None:
-    found = disturbed(load, depth=depth, stalls=stalls)
+    found = disturbed(load, depth=depth, stalls=stalls, spread=spread)
     # A message at the end of a stall falls on either side of it.
     assert np.isinf(bound(found)).sum() <= np.isinf(found.latency).sum() + 2
     ranks = slice(0, found.latency.size - 2)
@@ -72,6 +74,23 @@ def test_without_waiting_nothing_is_explained() -> None:
     assert bound(found) == pytest.approx(found.latency)
 
 
+def test_a_backlog_does_not_hide_the_work_of_each_message() -> None:
+    # One busy period of 300 messages, each of which takes 30 ms, and 2 % of waiting.
+    found = disturbed(0.9, depth=100, stalls=[(0.0, 0.2)])
+    assert bound(found)[250] > 0.025
+
+
+def test_another_hardware_thread_halves_the_speed_at_most() -> None:
+    found = disturbed(0.5, depth=5, stalls=[])
+    alone = shortest_latencies(found.seen, 0.5, 10.0, 30.0, shared=0.5) / 1e9
+    assert alone == pytest.approx(found.latency / 2)
+
+
+SHARED = HostInterference(
+    seconds=10.0, own_waited=0.1, own_cores=0.4, foreign_cores=1.5, threads_per_core=2
+)
+
+
 @pytest.mark.parametrize(
     ("known", "share"),
     [
@@ -80,8 +99,10 @@ def test_without_waiting_nothing_is_explained() -> None:
         (HostInterference(seconds=10.0, pressure=0.9, own_waited=0.05), 0.05),
         # The sum over threads that wait at once is more than the time.
         (HostInterference(seconds=10.0, pressure=0.3, own_waited=1.2), 0.3),
-        (HostInterference(seconds=10.0, own_waited=0.1, own_cores=0.4, foreign_cores=1.5), 0.3),
-        (HostInterference(seconds=10.0, own_waited=0.1, own_cores=1.5, foreign_cores=0.2), 0.2),
+        (HostInterference(seconds=10.0, own_waited=0.1, own_cores=0.4, foreign_cores=1.5), 0.1),
+        (HostInterference(seconds=10.0, own_waited=0.1, own_cores=1.5, foreign_cores=0.2), 0.1),
+        (SHARED, 0.3),
+        (msgspec.structs.replace(SHARED, own_cores=1.5, foreign_cores=0.2), 0.2),
         (HostInterference(seconds=10.0, own_waited=0.1, cores=2, steal=0.1, throttled_s=1.0), 0.4),
         (HostInterference(seconds=10.0, own_waited=0.1, calibration=2.0), 0.5),
         (HostInterference(seconds=10.0, own_waited=3.0), 0.75),

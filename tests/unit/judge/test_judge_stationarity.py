@@ -16,7 +16,6 @@ from r2bspec.judge.stationarity import (
     Capacity,
     CompletionTimes,
     batches,
-    compare_pace,
     estimate_capacity,
     find_nonstationarity,
 )
@@ -74,10 +73,37 @@ def test_stops_have_a_length_and_a_period() -> None:
     assert text(play(times)) == "stops for 0.5 s about every 4.5 s"
 
 
-def test_one_stop_is_an_accident() -> None:
+def test_a_stop_counts_even_if_it_is_the_only_one() -> None:
     times = np.full(2000, 0.01)
     times[700] += 0.3
-    assert "stops" not in text(play(times))
+    assert text(play(times)) == "stopped for 0.3 s, once in 20 s"
+
+
+def test_a_stop_that_may_cost_less_than_the_precision_is_an_accident() -> None:
+    times = np.full(20000, 0.01)
+    times[700] += 0.3
+    assert text(play(times)) == ""
+
+
+def test_one_long_message_of_many_that_differ_is_no_stop() -> None:
+    times = np.random.default_rng(1).lognormal(-4.6, 0.8, 2000)
+    times[700] = 0.5
+    assert text(play(times)) == ""
+    times[700] = 6.0
+    assert text(play(times)).startswith("stopped for 6 s, once")
+
+
+def test_what_stops_until_the_end_has_stopped() -> None:
+    times_s = np.arange(1, 1500) / 100
+    assert text(CompletionTimes(0.0, times_s, 20.0, 150.0)) == "stopped for 5 s, once in 15 s"
+
+
+def test_how_often_it_stops_in_the_long_run_is_not_known_from_one() -> None:
+    times = np.full(10000, 0.01)
+    times[700] += 1.0
+    (found,) = find_nonstationarity([play(times)], [], PRECISION)
+    # 4.74 stops in as much time are met once at most in one of twenty runs.
+    assert found.ratio == pytest.approx(1 / (1 - 4.744 / 101), rel=1e-3)
 
 
 def test_stops_are_seen_in_plays_that_the_graph_keeps_up_with_too() -> None:
@@ -209,8 +235,31 @@ def test_the_later_part_begins_anew() -> None:
     assert batches(later).begun_s[0] >= 8.0
 
 
-def test_drowned_plays_are_slower_by_what_they_are() -> None:
-    drowned, gentle = [play(np.full(1000, 0.012))], [play(np.full(1000, 0.01))]
-    slower, error = compare_pace(drowned, gentle)
-    assert slower == pytest.approx(0.2)
-    assert error == pytest.approx(0.0, abs=1e-9)
+def test_what_is_slower_the_more_is_offered_is_faster_at_its_capacity() -> None:
+    # A tenth longer at twice the capacity: at 1.3 and 1.07 times what comes out.
+    gentle, hard = (
+        play(np.full(1000, (1 + 0.1 * (offered - 1)) / 100), offered_hz=100 * offered)
+        for offered in (1.06, 1.28)
+    )
+    found = estimate_capacity([gentle], 0.95, harder=[hard])
+    assert found is not None
+    assert found.hz == pytest.approx(100.0)
+    assert found.drowns == pytest.approx(0.006)
+    assert found.lower_hz == pytest.approx(100 / 1.006)
+
+
+def test_the_capacity_of_what_drowns_is_less_certain() -> None:
+    random = np.random.default_rng(1)
+    gentle = play(random.lognormal(-4.6, 0.3, 5000), offered_hz=107.0)
+    hard = play(1.02 * random.lognormal(-4.6, 0.3, 1000), offered_hz=130.0)
+    alone, compared = capacity(gentle), estimate_capacity([gentle], 0.95, harder=[hard])
+    assert compared is not None
+    assert compared.upper_hz / compared.hz > alone.upper_hz / alone.hz
+    assert compared.lower_hz == alone.lower_hz
+
+
+def test_more_speed_with_more_load_raises_nothing() -> None:
+    gentle, hard = play(np.full(1000, 0.01)), play(np.full(1000, 0.009), offered_hz=200.0)
+    found = estimate_capacity([gentle], 0.95, harder=[hard])
+    assert found is not None
+    assert found.hz == pytest.approx(100.0)

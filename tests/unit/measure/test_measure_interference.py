@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import msgspec
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Row
 from run_simulation import EPOCH_NS
 
 S = 10**9
+SUMS = ("busy_s", "stolen_s", "waited_s", "throttled_s")
 FLOOR = HarnessOverheadRecord(
     topic="/r2b/image",
     bytes=1000,
@@ -34,11 +37,11 @@ FLOOR = HarnessOverheadRecord(
 
 
 def around(*samples: tuple[float, float, float, float, float]) -> Rows:
-    """Rows of seconds since the epoch, and the four sums."""
+    """Rows of seconds since the epoch, and the four sums in seconds."""
     rows = np.zeros(len(samples), INTERFERENCE_DTYPE)
     for row, (seconds, *sums) in zip(rows, samples, strict=True):
         row["time_ns"] = EPOCH_NS + round(seconds * S)
-        for name, value in zip(INTERFERENCE_DTYPE.names[1:], sums, strict=True):  # type: ignore[index]
+        for name, value in zip(SUMS, sums, strict=True):
             row[name] = value
     return rows
 
@@ -56,7 +59,7 @@ def test_what_happened_outside_the_window_does_not_count() -> None:
     rows = around((0, 0, 0, 0, 0), (2, 1, 9, 9, 9), (6, 7, 9.4, 10, 9.5), (9, 20, 30, 30, 30))
     resources = used({MACHINE_INDEX: 9.0, CONTROLLER_INDEX: 0.1, 0: 0.5, 1: 0.4})
     found = host_interference(
-        rows, resources, frozenset({0, 1}), 2, EPOCH_NS + 2 * S, EPOCH_NS + 6 * S
+        rows, resources, frozenset({0, 1}), {"cores": 2}, EPOCH_NS + 2 * S, EPOCH_NS + 6 * S
     )
     assert found is not None
     assert found.seconds == 4.0
@@ -67,19 +70,45 @@ def test_what_happened_outside_the_window_does_not_count() -> None:
     assert found.foreign_cores == pytest.approx(0.5)
 
 
+@pytest.mark.parametrize(
+    ("cycles", "frequency_hz"),
+    [
+        # Over the middle second, of which half a second of processor time was at 2 GHz.
+        ((0.0, 1e9, 2e9, 5e9), 2e9),
+        ((math.nan,) * 4, None),
+        # Of versions that did not record it.
+        ((-1.0,) * 4, None),
+    ],
+)
+def test_the_frequency_is_that_of_processor_time(
+    cycles: tuple[float, ...], frequency_hz: float | None
+) -> None:
+    rows = around((0, 0, 0, 0, 0), (1, 0.5, 0, 0, 0), (2, 1, 0, 0, 0), (3, 1.5, 0, 0, 0))
+    rows["cycles"] = cycles
+    window = (EPOCH_NS + S, EPOCH_NS + 2 * S)
+    found = host_interference(rows, used({0: 0.5}), frozenset({0}), {"cores": 2}, *window)
+    assert found is not None
+    assert found.frequency_hz == frequency_hz
+
+
 def test_without_samples_nothing_is_known() -> None:
     none = around()
     assert (
-        host_interference(none, used({0: 1.0}), frozenset({0}), 2, EPOCH_NS, EPOCH_NS + S) is None
+        host_interference(
+            none, used({0: 1.0}), frozenset({0}), {"cores": 2}, EPOCH_NS, EPOCH_NS + S
+        )
+        is None
     )
     short = around((0, 0, 0, 0, 0), (1, 0, 0, 0, 0))
     window = (EPOCH_NS, EPOCH_NS + 4 * S)
-    assert host_interference(short, used({0: 1.0}), frozenset({0}), 2, *window) is None
+    assert host_interference(short, used({0: 1.0}), frozenset({0}), {"cores": 2}, *window) is None
 
 
 def test_a_process_that_was_not_sampled_leaves_the_load_of_others_unknown() -> None:
     rows = around((0, 0, 0, 0, 0), (4, 4, 0, 0, 0))
-    found = host_interference(rows, used({7: 1.0}), frozenset({0}), 2, EPOCH_NS, EPOCH_NS + 4 * S)
+    found = host_interference(
+        rows, used({7: 1.0}), frozenset({0}), {"cores": 2}, EPOCH_NS, EPOCH_NS + 4 * S
+    )
     assert found is not None
     assert found.foreign_cores is None
 

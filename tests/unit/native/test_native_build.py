@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import hashlib
 import os
 import shutil
 import subprocess
@@ -25,7 +24,7 @@ from r2bspec.native.build import (
     find_compiler,
     find_ros,
 )
-from r2bspec.safe_io.cache_folder import passed_over
+from r2bspec.safe_io.cache_folder import file_state, passed_over
 
 NO_ROS = RosFiles(prefixes=(), wheels=False)
 ANSWER = '#include "answer.h"\n#include <stdio.h>\nint main(void) { return printf("%d", N) < 0; }\n'
@@ -92,11 +91,11 @@ FORGED = "#!/bin/sh\nprintf forged"
 
 
 def forge(program: Path) -> None:
-    """Put another program in the place of a kept one, with the digest that belongs to it."""
+    """Put another program in the place of a kept one, with the state that belongs to it."""
     program.unlink()
     program.write_text(FORGED)
     program.chmod(0o755)
-    program.with_name("sha256").write_text(hashlib.sha256(FORGED.encode()).hexdigest())
+    program.with_name("stored").write_text(str(file_state(program.stat())))
 
 
 def expose(folder: Path) -> None:
@@ -132,6 +131,19 @@ def test_no_program_is_run_that_another_user_can_exchange(
         assert "XDG_CACHE_HOME" in note
 
 
+def test_no_program_is_run_that_an_archive_has_brought(
+    source: Path, kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Unpacked, with the times that it had, where XDG_CACHE_HOME happens to lead."""
+    forge(compiled(source))
+    assert output(anew(source, monkeypatch)) == "forged"
+    archive = shutil.make_archive(str(tmp_path / "archive"), "tar", kept)
+    shutil.rmtree(kept)
+    shutil.unpack_archive(archive, kept)
+    assert output(anew(source, monkeypatch)) == "42"
+    assert output(anew(source, monkeypatch)) == "42"
+
+
 def test_what_was_found_is_run_whatever_takes_its_place(source: Path) -> None:
     program = compiled(source)
     descriptor = descriptor_of(str(program))
@@ -151,19 +163,19 @@ def test_what_was_found_is_run_whatever_takes_its_place(source: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "damage", ["cut", "a link", "a pipe", "no file", "no digest", "a digest without an end"]
+    "damage", ["cut", "a link", "a pipe", "no file", "no state", "a state without an end"]
 )
 def test_what_is_damaged_is_made_anew(
     damage: str, source: Path, kept: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     program = compiled(source)
-    digest = program.with_name("sha256")
+    state = program.with_name("stored")
     if damage == "cut":
         os.truncate(program, 1000)
-    elif "digest" in damage:
-        digest.unlink()
-        if damage != "no digest":
-            os.mkfifo(digest)
+    elif "state" in damage:
+        state.unlink()
+        if damage != "no state":
+            os.mkfifo(state)
     else:
         program.unlink()
         if damage == "a link":

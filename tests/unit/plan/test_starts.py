@@ -10,7 +10,7 @@ from r2bspec.language.load_spec import load_spec
 from r2bspec.language.spec import Spec
 from r2bspec.plan.comparability import load_differences, single_run_plan
 from r2bspec.plan.compile_plan import compile_plan
-from r2bspec.plan.plan import iterations_by_look, iterations_of_starts
+from r2bspec.plan.interim_looks import iterations_of_starts
 
 
 def spec(**sections: str) -> Spec:
@@ -91,19 +91,19 @@ def test_starts_share_the_iterations_evenly(starts: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("looks", "starts", "expected"),
+    ("iterations", "starts", "most", "expected"),
     [
-        ((10,), 5, [[2, 2, 2, 2, 2]]),
-        ((10, 20, 25), 5, [[2, 2, 2, 2, 2], [2, 2, 2, 2, 2], [3, 2]]),
-        ((7, 14), 3, [[3, 2, 2], [3, 2, 2]]),
-        ((10, 11), 5, [[2, 2, 2, 2, 2], [1]]),
-        ((5, 10, 20), 1, [[5], [5], [10]]),
+        (10, 5, 0, [2, 2, 2, 2, 2]),
+        (10, 5, 25, [2, 2, 2, 2, 2, 3, 2, 2, 2, 2, 2, 2]),
+        (7, 3, 14, [3, 2, 2, 3, 2, 2]),
+        (10, 5, 11, [2, 2, 2, 2, 2, 1]),
+        (5, 1, 20, [20]),
     ],
 )
-def test_looks_come_after_whole_starts(
-    looks: tuple[int, ...], starts: int, expected: list[list[int]]
+def test_what_comes_on_top_is_played_in_further_starts(
+    iterations: int, starts: int, most: int, expected: list[int]
 ) -> None:
-    groups = iterations_by_look(looks, starts)
-    assert [lengths(each) for each in groups] == expected
-    played = [index for group in groups for start in group for index in start]
-    assert played == list(range(1, looks[-1] + 1))
+    groups = iterations_of_starts(iterations, starts, most)
+    assert lengths(groups) == expected
+    played = [index for group in groups for index in group]
+    assert played == list(range(1, max(iterations, most) + 1))

@@ -10,10 +10,12 @@ import msgspec
 import numpy as np
 import pytest
 
+from r2bspec.cli.main import main
+from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.record.files import RecordError, write_atomically
-from r2bspec.record.run_folder import RunFolder, open_run
+from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE
-from run_simulation import Played, Simulation, objective, remove_digests
+from run_simulation import Played, Simulation, objective, renew_digests
 
 SIMULATION = Simulation(
     segments=[Played(10, [0.01, 0.02]), Played(10, [0.01], complete=False)],
@@ -140,40 +142,53 @@ class TestBrokenFolders:
         self.refused(folder, "is not the plan of this run")
 
     def test_samples(self, folder: Path) -> None:
-        run = open_run(folder)
-        segment = run.record.segments[0]
+        segment = open_run(folder).record.segments[0]
         path = folder / "samples" / segment.id / "playback.npy"
         whole = path.read_bytes()
-        broken = [whole[:-1], whole[:20], b"", whole + b"x", pickle.dumps([1])]
-        for content in broken:
-            path.write_bytes(content)
+
+        def rejected() -> None:
+            renew_digests(folder)
             with pytest.raises(RecordError, match="damaged"):
-                run.playback(segment)
+                open_run(folder).playback(segment)
+
+        for content in [whole[:-1], whole[:20], b"", whole + b"x", pickle.dumps([1])]:
+            path.write_bytes(content)
+            rejected()
         np.save(path, np.zeros(3))
-        with pytest.raises(RecordError, match="damaged"):
-            run.playback(segment)
+        rejected()
         np.save(path, np.array([object()]), allow_pickle=True)
-        with pytest.raises(RecordError, match="damaged"):
-            run.playback(segment)
+        rejected()
+        run = open_run(folder)
         path.unlink()
         with pytest.raises(RecordError, match="missing"):
             run.playback(segment)
 
     def test_samples_that_the_run_did_not_write(self, folder: Path) -> None:
-        """Every file of samples, whatever has become of it, before anything is judged."""
+        """Every file of samples, whatever has become of it, when it is read."""
+
+        def read_all(run: Run) -> None:
+            run.resources()
+            for segment in run.record.segments:
+                run.playback(segment)
+                run.monitor(segment, "detections")
+
+        def refused(message: str) -> None:
+            with pytest.raises(RecordError, match=message):
+                read_all(open_run(folder))
+
         files = sorted(folder.rglob("*.npy"))
         assert len(files) == len(open_run(folder).record.samples) == 5
         for path in files:
             whole = path.read_bytes()
             for content in (whole[:-1] + b"x", whole[:-8], b"", whole + b"x"):
                 path.write_bytes(content)
-                self.refused(folder, f"{path} is damaged: these are not the samples that the run")
+                refused(f"{path} is damaged: these are not the samples that the run")
             path.unlink()
-            self.refused(folder, f"{path} is missing")
+            refused(f"{path} is missing")
             path.write_bytes(whole)
         first, second = (each for each in files if each.name == "playback.npy")
         first.write_bytes(second.read_bytes())
-        self.refused(folder, f"{first} is damaged")
+        refused(f"{first} is damaged")
 
     def test_a_segment_without_its_samples(self, folder: Path) -> None:
         segment = open_run(folder).record.segments[1].id
@@ -198,10 +213,25 @@ class TestBrokenFolders:
         (folder / "record.json").write_bytes(msgspec.json.encode(record))
         self.refused(folder, "damaged|cannot be part of a file name")
 
-    def test_a_record_of_an_older_version_has_no_digests(self, folder: Path) -> None:
-        remove_digests(folder)
-        (folder / "resources.npy").unlink()
-        assert open_run(folder).resources().size == 0
+    def test_samples_without_a_record_are_told(
+        self, folder: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        assert open_run(folder).unlisted_segments() == []
+        (folder / "samples/another").mkdir()
+        main(["judge", str(folder)])
+        note = "note: the record does not list the samples of 'another'; they were not judged\n"
+        assert capsys.readouterr().err == note
+
+    @pytest.mark.parametrize("removed", ["", "samples/", "resources.npy"])
+    def test_a_record_without_digests(self, folder: Path, removed: str) -> None:
+        """Who changes samples would remove them."""
+        record = msgspec.json.decode((folder / "record.json").read_bytes())
+        for place in [place for place in record["samples"] if place.startswith(removed)]:
+            del record["samples"][place]
+        (folder / "record.json").write_bytes(msgspec.json.encode(record))
+        with pytest.raises(RecordError, match="does not list both|has no digest of") as raised:
+            read_samples(open_run(folder))
+        assert raised.value.hint
 
 
 def test_a_run_that_was_killed_while_its_samples_grew_is_read(tmp_path: Path) -> None:
@@ -211,16 +241,3 @@ def test_a_run_that_was_killed_while_its_samples_grew_is_read(tmp_path: Path) ->
     folder.write_resources(run.resources()[:1])
     folder.write_playback("iteration-009", run.playback(run.record.segments[0]))
     assert open_run(run.folder).resources().size == 1
-
-
-def test_playback_of_an_older_version_has_all_inputs_in_each_step(tmp_path: Path) -> None:
-    run = SIMULATION.write(tmp_path / "run")
-    first = run.record.segments[0]
-    rows = run.playback(first)
-    older = rows[["stamp_ns", "due_ns", "published_ns", "done_ns"]]
-    packed = np.array(older.tolist(), dtype=[(name, "<i8") for name in older.dtype.names or ()])
-    np.save(tmp_path / "run" / "samples" / first.id / "playback.npy", packed)
-    found = run.playback(first)
-    assert found.dtype == PLAYBACK_DTYPE
-    assert np.array_equal(found["due_ns"], rows["due_ns"])
-    assert np.all(found["inputs"] == -1)

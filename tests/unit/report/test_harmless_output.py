@@ -15,16 +15,18 @@ from rich.text import Text
 
 from command_line import Call
 from example_spec import example
+from r2bspec.cli.text_output import print_table
 from r2bspec.compare.comparison import ComparedSource, Comparison, ComparisonLine
 from r2bspec.compare.history import HistoryEntry, open_history
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.diagnostics.plain_text import escaped_json, harmless, plain, plain_values
-from r2bspec.errors import R2bspecError
+from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.judge.result import Result
 from r2bspec.report import finding_formats
 from r2bspec.report.format_registry import FORMATS, renderer
-from r2bspec.report.output import console, echo, write
+from r2bspec.report.output import MAX_TABLE_ROWS, console, echo, write
+from r2bspec.report.terminal_tables import table
 from r2bspec.report.write_reports import file_name
 
 PACKAGE = Path(__file__).parents[3] / "r2bspec"
@@ -286,3 +288,40 @@ def test_a_name_of_a_monitor_leads_to_no_other_folder(name: str) -> None:
     assert ".." not in shown
     assert "\0" not in shown
     assert len(shown) <= 100
+
+
+@pytest.mark.parametrize("rows", [0, 1, MAX_TABLE_ROWS, MAX_TABLE_ROWS + 1, 9_900])
+def test_a_table_in_a_terminal_is_bounded_and_says_what_it_leaves_out(
+    rows: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cells = [(f"r{number}", "x" * 100_000 if number == 0 else "y") for number in range(rows)]
+    made = table(("name", "value"))
+    for name, _ in cells:
+        made.add_row(name, "y")
+    for kind in ("columns", "rich"):
+        if kind == "columns":
+            print_table(("name", "value"), cells)
+        else:
+            console().print(made)
+        _, *lines = capsys.readouterr().out.splitlines()
+        more = max(0, rows - MAX_TABLE_ROWS)
+        if more:
+            assert lines.pop().startswith(f"({more:,} more rows: --format json or")
+        assert [line.split()[0] for line in lines] == [name for name, _ in cells[:MAX_TABLE_ROWS]]
+        assert all(len(line) < 200 for line in lines)
+
+
+@pytest.mark.parametrize("arguments", [("validate",), ("judge",), ("data", "info"), ()])
+def test_an_error_about_a_long_name_keeps_its_reason(
+    arguments: tuple[str, ...], call: Call
+) -> None:
+    reasons = (
+        "does not exist",
+        "File name too long",
+        "has 100,000 characters",
+        "verbs: init",
+        "is not a folder",
+    )
+    shown = call(*arguments, "x" * 100_000, status=ExitStatus.USAGE)
+    assert len(shown.out + shown.err) < 2_000
+    assert any(reason in shown.err for reason in reasons)

@@ -17,8 +17,7 @@ import pytest
 from r2bspec.compare.errors import SamplesMissingError
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import from_json
-from r2bspec.report.errors import ReportError
-from r2bspec.report.format_registry import FORMATS, renderer
+from r2bspec.report.format_registry import FORMATS, ReportError, renderer
 from report_runs import SIMULATIONS
 
 Reported = Callable[[str], ReportInput]

@@ -18,6 +18,7 @@ from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.measure.units import show
 from r2bspec.report.html.page import render
+from r2bspec.report.terminal import to_text
 from report_runs import SIMULATIONS, USUAL
 from run_simulation import Played, Simulation, objective
 
@@ -139,7 +140,8 @@ def test_without_samples_it_says_which_charts_are_missing(
 ) -> None:
     page = Page(render(ReportInput(result=reported("usual").result)))
     assert "the charts of single messages need the run folder" in page.text
-    assert [one.get("id") for one in page.of("svg")] == ["offered"]
+    charts = [one for one in page.of("svg") if one.get("class") != "budget"]
+    assert [one.get("id") for one in charts] == ["offered"]
 
 
 def test_what_happened_around_each_iteration_is_drawn_and_told(tmp_path: Path) -> None:
@@ -152,6 +154,18 @@ def test_what_happened_around_each_iteration_is_drawn_and_told(tmp_path: Path) -
     assert [float(value) for value in told.values()] == pytest.approx([0.8] * 6)
     assert page.text.count("other processes used 0.8 of 2 cores (limit 0.5)") >= 6
     assert "Host interference at 30 Hz: iteration-004" in page.text
+
+
+def test_the_frequency_of_processors_has_a_column_where_it_is_known(tmp_path: Path) -> None:
+    known = {**USUAL.interference, "cycles": 2.6e9}
+    run = replace(USUAL, interference=known).write(tmp_path / "known")
+    page = Page(render(ReportInput(result=result_of(run), run=run)))
+    shown = [text for path, _, text in page.data if path.endswith("/frequency_hz")]
+    assert shown == ["2.6 GHz"] * 6
+    assert "CPU frequency 2.6 GHz" in " ".join(to_text(result_of(run)).split())
+    unknown = page_of(USUAL, tmp_path)
+    assert not any(path.endswith("/frequency_hz") for path, _, _ in unknown.data)
+    assert "frequency" not in unknown.text
 
 
 def test_where_nothing_is_known_of_the_surroundings_nothing_is_drawn(tmp_path: Path) -> None:

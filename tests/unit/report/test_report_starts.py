@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -13,7 +14,9 @@ from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.verdict import RequirementVerdict, outcome_of
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import StartRecord
-from r2bspec.report.report_wording import starts_text
+from r2bspec.report.html.page import render
+from r2bspec.report.report_wording import BUDGET_CAPTION, starts_text
+from r2bspec.report.terminal import to_text
 from report_runs import with_starts
 
 ONE = "f this start of the processes: "
@@ -37,24 +40,6 @@ def usual(usual_run: Run) -> Callable[[int], Run]:
     return lambda starts: with_starts(
         usual_run, *(started(1 + number, 3) for number in range(starts))
     )
-
-
-def test_a_requirement_that_rests_on_probes_says_that_they_are_of_one_start(
-    usual: Callable[[int], Run],
-) -> None:
-    note = "Probed in the first start of the processes alone."
-    for starts, noted in ((1, set()), (3, {"search bracket"})):
-        verdict = result_of(usual(starts)).verdict
-        assert {one.method for one in verdict.requirements if note in one.notes} == noted
-    # In a comparison in pairs, each run has probes of its own.
-    run = usual(3)
-    probed = [
-        msgspec.structs.replace(run.record.segments[0], id=f"p{start}", kind="probe", start=start)
-        for start in (1, 2, 3)
-    ]
-    segments = (*run.record.segments, *probed)
-    paired = replace(run, record=msgspec.structs.replace(run.record, segments=segments))
-    assert not [one for one in result_of(paired).verdict.requirements if note in one.notes]
 
 
 @pytest.mark.parametrize("name", ["silent", "empty", "hostile"])
@@ -104,3 +89,20 @@ def test_only_strict_refuses_a_pass_of_a_disturbed_start(usual: Callable[[int], 
     ]
     assert {one.outcome for one in refused} == {"inconclusive"}
     assert all("while start 2 came up" in one.notes[-1] for one in refused)
+
+
+def test_the_budget_is_in_the_text_on_request_and_in_the_page(usual: Callable[[int], Run]) -> None:
+    run = usual(3)
+    result = result_of(run)
+    budgets = [one.budget for one in result.verdict.requirements if one.budget is not None]
+    assert budgets
+    short, long = (to_text(result, verbose=verbose, width=160) for verbose in (False, True))
+    assert "uncertainty" not in short
+    assert f"uncertainty  {BUDGET_CAPTION}" in long
+    words = " ".join(long.split())
+    page = render(ReportInput(result, run)).decode()
+    for number, one in enumerate(result.verdict.requirements):
+        if one.budget is not None:
+            assert one.budget.halve in words
+            assert one.budget.halve in html.unescape(page)
+            assert f'data-path="verdict/requirements/{number}/budget/half_width"' in page

@@ -17,7 +17,7 @@ from r2bspec.cli.main import main
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.record.run_folder import Run
-from r2bspec.report.errors import ReportError, ReportUsageError
+from r2bspec.report.format_registry import ReportError, ReportUsageError
 from r2bspec.report.write_reports import (
     ReportRequest,
     parse_report_requests,

@@ -1,0 +1,139 @@
+"""Which iterations each start of a run plays, and when the run is judged while it grows.
+
+A run is judged after each start from the third one on, and ends as soon as everything is decided:
+starts differ by more than what is measured within them, so they are the unit that counts. Two are
+hardly ever enough (Student's t with one degree of freedom), and each further one makes it less
+likely that a rare kind of start was not met. A run of one start is judged at its end; if it may be
+extended (`max_iterations`), after 1, 2 and 4 times the declared iterations, too.
+
+A run that is judged again and again until it passes is bound to pass in the end: three unplanned
+looks at the 95 % level pass one bad graph in ten. So the looks are planned before the run, and
+share the error alpha = 1 - confidence. The last of L looks may be wrong in half of it, which leaves
+a long run enough to decide with; each of the others in
+
+    alpha L^(-4/5)            after a start, or a pair
+    alpha / (2 (L - 1))       in a run of one start
+
+The first is calibrated: for Student's t on normal values, looks from the third start on with these
+levels are wrong in 5.0 % at most, each way, for any number of them up to 20
+(`tests/simulation/test_simulation_looks.py`); so are the constant levels of Pocock (1977) for a
+known deviation. The second needs no assumption about the test: by Boole's inequality the chance
+that any look is wrong is at most the sum, alpha.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+from r2bspec.language.benchmark_defaults import CONFIDENCE
+from r2bspec.plan.plan import PlayPlan
+
+LOOK_FACTORS: Final = (1, 2, 4)
+"""Of the declared iterations, in a run of one start."""
+
+_FIRST_LOOK: Final = 3
+"""After so many starts; fewer are judged only at the end of a run that has no more."""
+
+MAX_LOOKS: Final = 20
+"""With more, each would have too little of the error to decide anything."""
+
+
+def iterations_of_starts(iterations: int, starts: int, most: int = 0) -> tuple[range, ...]:
+    """The iterations of each start, counted from 1: as equal parts as possible, larger ones first.
+
+    Those above the declared number are played in further starts, which have as many iterations as
+    the first ones, or up to twice as many where the rest does not suffice for another start. A run
+    that has one start keeps it.
+
+    Args:
+        iterations: the declared number at each rate.
+        starts: for these, at least 1; those without an iteration are left out.
+        most: to how many iterations the run may be extended; `iterations` if that is more.
+    """
+    further = max(0, most - iterations)
+    if starts == 1 or not further:
+        return _equal_parts(0, iterations + further, starts)
+    declared = _equal_parts(0, iterations, starts)
+    return declared + _equal_parts(iterations, further, max(1, further * starts // iterations))
+
+
+def _equal_parts(before: int, number: int, parts: int) -> tuple[range, ...]:
+    each, rest = divmod(number, parts)
+    ends = [before + part * each + min(part, rest) for part in range(parts + 1)]
+    return tuple(range(first + 1, end + 1) for first, end in pairwise(ends) if end > first)
+
+
+@dataclass(frozen=True)
+class InterimLooks:
+    """The numbers of iterations after which a run is judged, ascending; at least one.
+
+    Attributes:
+        declared: the declared number of iterations: before it, a run ends only with a decision.
+        after_starts: whether each comes after a start.
+    """
+
+    iterations: tuple[int, ...]
+    declared: int = 0
+    after_starts: bool = False
+
+    def __post_init__(self) -> None:
+        ends = (0, *self.iterations)
+        if not self.iterations or any(b <= a for a, b in pairwise(ends)):
+            raise ValueError("looks are planned at one or more ascending numbers of iterations")
+
+    @classmethod
+    def planned(cls, iterations: int, starts: int = 1, most: int = 0) -> InterimLooks:
+        """The looks of a run.
+
+        Args:
+            iterations: the declared number at each rate.
+            starts: for these.
+            most: to how many iterations the run may be extended; `iterations` if that is more.
+        """
+        most = max(iterations, most)
+        if starts == 1:
+            ends = {min(iterations * factor, most) for factor in LOOK_FACTORS}
+        else:
+            parts = iterations_of_starts(iterations, starts, most)
+            parts = parts[_FIRST_LOOK - 1 :]
+            ends = {part[-1] for part in parts[:: max(1, -(-len(parts) // (MAX_LOOKS - 1)))]}
+        return cls(tuple(sorted(ends | {most})), declared=iterations, after_starts=starts > 1)
+
+    @classmethod
+    def of_plays(cls, plays: Sequence[PlayPlan], starts: int) -> InterimLooks | None:
+        """The looks at what is played; None where that is judged once, or nothing is played."""
+        looks = cls.with_end(plays, starts) if plays else None
+        return looks if looks is not None and len(looks) > 1 else None
+
+    @classmethod
+    def with_end(cls, plays: Sequence[PlayPlan], starts: int) -> InterimLooks:
+        """The looks at what is played, at least one play; the last one is at the end."""
+        longest = max(plays, key=lambda play: play.iterations)
+        return cls.planned(longest.iterations, starts, longest.max_iterations)
+
+    @classmethod
+    def after_each_pair(cls, pairs: int) -> InterimLooks:
+        """The looks at pairs of runs: each pair is a start of either side."""
+        return cls.planned(pairs, pairs)
+
+    def __len__(self) -> int:
+        return len(self.iterations)
+
+    def error_share(self, look: int) -> float:
+        """The part of the error that a look may make; looks are counted from 1."""
+        if len(self) == 1:
+            return 1.0
+        if look == len(self):
+            return 1 / 2
+        return len(self) ** -0.8 if self.after_starts else 1 / (2 * (len(self) - 1))
+
+    def confidence_at(self, look: int, confidence: float = CONFIDENCE) -> float:
+        """The confidence at which a look decides, for decisions of a given confidence."""
+        return 1 - (1 - confidence) * self.error_share(look)
+
+    def completed_looks(self, iterations: int) -> int:
+        """How many looks so many complete iterations allow; 0 before the first."""
+        return sum(end <= iterations for end in self.iterations)

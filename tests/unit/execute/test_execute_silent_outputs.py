@@ -1,0 +1,77 @@
+"""An output that stops: the graph's fault, or that of what carries the messages to it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from r2bspec.execute.bringup.observe_graph import GraphFacts, TopicFacts
+from r2bspec.execute.errors import DeadInputError, RunError
+from r2bspec.execute.silent_outputs import SilentOutputs
+from r2bspec.ipc.protocol import Endpoint
+from run_simulation import monitor_plan, segment_of
+
+
+def topic(name: str, publisher: str, subscriber: str, passed: int) -> TopicFacts:
+    kind = "std_msgs/msg/Header"
+
+    def end(node: str) -> Endpoint:
+        return Endpoint(node=node, type=kind, reliability="reliable", durability="volatile")
+
+    return TopicFacts(
+        name=name,
+        type=kind,
+        planned_publishers=(publisher,),
+        planned_subscribers=(subscriber,),
+        publishers=(end(publisher),),
+        subscriptions=(end(subscriber),),
+        passed=passed,
+    )
+
+
+def stopped(late: int = 0, **inputs: int) -> SilentOutputs:
+    """What is found out about an output that has stopped; by input, how many messages arrived."""
+    topics = [topic(f"/{name}", "player", "/node", passed) for name, passed in inputs.items()]
+    facts = GraphFacts(
+        topics={one.name: one for one in (*topics, topic("/r2b/out", "/node", "monitor", 0))},
+        inputs=tuple(one.name for one in topics),
+        played=10,
+        nodes=frozenset({"/node"}),
+    )
+    observer = SimpleNamespace(trace=lambda _, play: (play(), facts)[1])
+    graph: Any = SimpleNamespace(
+        plan=SimpleNamespace(inputs=("in",)), observer=lambda _: observer, supervisor=None
+    )
+    player: Any = SimpleNamespace(
+        play_unrecorded=lambda *_: None, discard_new_rows=lambda: {"out": late}
+    )
+    context: Any = SimpleNamespace(note=lambda _: None)
+    nobody: Any = None
+    return SilentOutputs(graph, context, Path(), nobody, player)
+
+
+def test_silence_that_begins_at_the_input_ends_the_run_as_invalid() -> None:
+    outputs = stopped(image=0)
+    with pytest.raises(DeadInputError) as caught:
+        outputs.explain_stop(segment_of(30, 300), monitor_plan("out"))
+    assert "10 messages were played on /image, but none arrived" in str(caught.value)
+    assert "r2bspec doctor" in caught.value.hint
+    assert (caught.value.status, RunError("another").status) == ("invalid", "incomplete")
+    (gap,) = outputs.records
+    assert gap.reason == "10 messages were played on /image, but none arrived"
+
+
+@pytest.mark.parametrize(
+    ("inputs", "late"),
+    [({"image": 10}, 0), ({"image": 0, "info": 10}, 0), ({"image": 0}, 3)],
+    ids=["the node is silent", "the other input arrives", "the outputs were late"],
+)
+def test_any_other_silence_is_in_the_record_and_the_run_goes_on(
+    inputs: dict[str, int], late: int
+) -> None:
+    outputs = stopped(late, **inputs)
+    outputs.explain_stop(segment_of(30, 300), monitor_plan("out"))
+    assert len(outputs.records) == 1
