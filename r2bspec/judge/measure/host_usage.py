@@ -7,6 +7,7 @@ host interference.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -140,8 +141,9 @@ def _process_use(rows: Rows, began_ns: int, ended_ns: int) -> ResourceUse | None
 
 def _around(rows: Rows, began_ns: int, ended_ns: int) -> Rows:
     """Rows inside a window and one on each side: a run has thousands of windows."""
-    first = int(np.searchsorted(rows["time_ns"], began_ns)) - 1
-    last = int(np.searchsorted(rows["time_ns"], ended_ns, side="right"))
+    # Not numpy's search: it copies a field of an array of structures, all of it, for each window.
+    first = bisect_left(rows["time_ns"], began_ns) - 1
+    last = bisect_right(rows["time_ns"], ended_ns)
     return rows[max(first, 0) : last + 1]
 
 
