@@ -415,7 +415,7 @@ def _about_nodes(
         first, _ = positions.offsets(span)
         if positions.line_at(first)[0] != positions.line_at(start)[0]:
             continue
-        if node.interface.publishes is None or node.interface.subscribes is None:
+        if node.interface.topics is None:
             command = SpecCommand(str(analysis.path), node=node.key)
             yield types.CodeAction(
                 title=f"Record the interface of '{node.key}' (starts the node once)",

@@ -51,7 +51,8 @@ class Launcher:
     Attributes:
         endpoints: the actual endpoints of the Python nodes, as in `protocol.Ready`.
         differences: between the nodes and the plan, none of which has failed the run so far.
-        hosts: the processes of Python nodes, with the full names of their nodes.
+        hosts: the processes of Python nodes, with the full names of the nodes that they spin.
+        programs: the names of those that make and spin their nodes themselves.
         rmw: the middleware that processes of the harness have loaded; empty until one says so.
         joins: loads the harness into processes of the graph; None where it runs in its own.
     """
@@ -74,6 +75,7 @@ class Launcher:
         self._created_nodes: set[str] = set()
         self._has_opaque_nodes = False
         self.hosts: dict[ManagedProcess, frozenset[str]] = {}
+        self.programs: set[str] = set()
         self._early: dict[str, ManagedProcess] = {}
         self._importing: list[ManagedProcess] = []
         self._ready_observers: set[ManagedProcess] = set()
@@ -247,6 +249,12 @@ class Launcher:
             ready = self._supervisor.answer(
                 child, protocol.Ready, deadline.left_s, deadline.timeout_s
             )
+            if ready.is_program:
+                # Nothing is known of its nodes: they are looked at from outside.
+                self.hosts[child] = frozenset()
+                self.programs.add(plan.name)
+                self._has_opaque_nodes = True
+                continue
             require_declared_parameters(ready)
             self.endpoints += ready.endpoints
             self.differences += unmatched_remappings(ready)
