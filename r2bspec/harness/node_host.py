@@ -29,7 +29,7 @@ from rclpy.executors import (
 )
 from rclpy.node import Node
 
-from r2bspec.harness import node_main, rclpy_tools
+from r2bspec.harness import lifecycle_callbacks, node_main, rclpy_tools
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.ipc import protocol
 from r2bspec.plan.plan import NodePlan
@@ -55,6 +55,9 @@ def describe_nodes(nodes: Sequence[tuple[NodePlan, Node]]) -> protocol.Ready:
         ),
         parameters={name: tuple(sorted(names)) for name, names in declared.items()},
         unmatched=tuple(rule for plan, node in nodes for rule in _unmatched(plan, node)),
+        lifecycle=tuple(
+            plan.name for plan, node in nodes if lifecycle_callbacks.is_lifecycle_node(node)
+        ),
     )
 
 
@@ -121,6 +124,7 @@ class NodeHost:
         factories = [
             node_main.find_factory(plan.target, Path(settings.base_dir)) for plan in settings.nodes
         ]
+        lifecycle_callbacks.report_failures()
         _init(settings.nodes, factories)
         self._executor = _executor(settings)
         self._nodes: list[tuple[NodePlan, Node]] = []
@@ -155,6 +159,8 @@ class NodeHost:
                     self._channel.send(protocol.Modules(files=node_main.module_files()))
                 if isinstance(command, protocol.CountMatches):
                     self._channel.send(self._matches())
+                if isinstance(command, protocol.DescribeNodes):
+                    self._channel.send(describe_nodes(self._nodes))
         # Not the context: a running callback may still publish.
         self._executor.shutdown()
 

@@ -24,6 +24,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from r2bspec.errors import ExitStatus
+from r2bspec.harness import lifecycle_callbacks
 from r2bspec.plan.command_lines import flow_yaml
 from r2bspec.plan.plan import NodePlan
 from r2bspec.plan.wiring.python_package import module_of
@@ -178,6 +179,7 @@ def main() -> None:
     except NodeError as error:
         sys.stderr.write(f"{error}\n")
         sys.exit(ExitStatus.FINDINGS_OR_FAILED)
+    lifecycle_callbacks.report_failures()
     sys.argv = [target.rpartition(":")[0] or target, *arguments]
     sys.exit(function())
 
