@@ -73,13 +73,15 @@ def _no_arguments(help_text: str = "") -> dict[str, Refusal]:
     return {"arguments": Refusal("only an executable or a command has arguments", help_text)}
 
 
+_NOT_LOADED: Final = Refusal("only a plugin is loaded by a container")
+_NO_PLUGIN = {"intra_process": _NOT_LOADED, "extra_arguments": _NOT_LOADED}
 _NO_CONTAINER = {"container": Refusal("only Python nodes and plugins run in a container")}
 
 PYTHON: Final = NodeKind(
     name="python",
     keys=("python",),
     role="host",
-    refuses=_no_arguments("use 'parameters' for a Python node"),
+    refuses=_no_arguments("use 'parameters' for a Python node") | _NO_PLUGIN,
 )
 
 PLUGIN: Final = NodeKind(
@@ -93,21 +95,21 @@ PLUGIN: Final = NodeKind(
 EXECUTABLE: Final = NodeKind(
     name="executable",
     keys=("package", "executable"),
-    refuses=_NO_CONTAINER,
+    refuses=_NO_CONTAINER | _NO_PLUGIN,
     listed_by="ros2 pkg executables",
 )
 
 COMMAND: Final = NodeKind(
     name="command",
     keys=("command",),
-    refuses=_NO_CONTAINER,
+    refuses=_NO_CONTAINER | _NO_PLUGIN,
     any_program=True,
 )
 
 LAUNCH: Final = NodeKind(
     name="launch",
     keys=("launch",),
-    refuses=_no_arguments("put them under 'launch.arguments'") | _NO_CONTAINER,
+    refuses=_no_arguments("put them under 'launch.arguments'") | _NO_CONTAINER | _NO_PLUGIN,
     by_others=True,
     names_own_nodes=True,
 )
@@ -120,6 +122,7 @@ EXTERNAL: Final = NodeKind(
     refuses={
         **_no_arguments(),
         **_NO_CONTAINER,
+        **_NO_PLUGIN,
         "env": Refusal("an external node already has its environment"),
         "parameters": Refusal("an external node already has its parameters"),
     },
