@@ -30,7 +30,7 @@ from rclpy.executors import (
 )
 from rclpy.node import Node
 
-from r2bspec.harness import node_main, rclpy_tools
+from r2bspec.harness import lifecycle_callbacks, node_main, rclpy_tools
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.harness.function_host import FunctionHost
 from r2bspec.ipc import protocol
@@ -57,6 +57,9 @@ def describe_nodes(nodes: Sequence[tuple[NodePlan, Node]]) -> protocol.Ready:
         ),
         parameters={name: tuple(sorted(names)) for name, names in declared.items()},
         unmatched=tuple(rule for plan, node in nodes for rule in _unmatched(plan, node)),
+        lifecycle=tuple(
+            plan.name for plan, node in nodes if lifecycle_callbacks.is_lifecycle_node(node)
+        ),
     )
 
 
@@ -106,6 +109,7 @@ def make_host(channel: Channel, settings: protocol.ConfigureHost) -> NodeHost | 
     if len(plans) == 1:
         node_main.set_command_line(plans[0])
     factories = [node_main.find_factory(each.target, Path(settings.base_dir)) for each in plans]
+    lifecycle_callbacks.report_failures()
     without_keywords = [
         (plan, factory)
         for plan, factory in zip(plans, factories, strict=True)
@@ -175,6 +179,8 @@ class NodeHost:
                     self._channel.send(protocol.Modules(files=node_main.module_files()))
                 if isinstance(command, protocol.CountMatches):
                     self._channel.send(self._matches())
+                if isinstance(command, protocol.DescribeNodes):
+                    self._channel.send(describe_nodes(self._nodes))
         # Not the context: a running callback may still publish.
         self._executor.shutdown()
 

@@ -266,6 +266,9 @@ _Type = Annotated[
 ]
 
 
+LifecycleState = Literal["unconfigured", "inactive", "active"]
+
+
 class Node(StartedProcess, frozen=True, kw_only=True):
     """A node of the graph or of the preprocessors.
 
@@ -289,6 +292,10 @@ class Node(StartedProcess, frozen=True, kw_only=True):
         external: Whether the node is already running, started by other means. The run waits for it
             and does not stop it.
         container: The container of the node; without one, graph.placement applies.
+        lifecycle: The state into which the run brings a lifecycle node before its topics are waited
+            for. All nodes are configured in the order of the spec, then activated in this order.
+            Without this key the run changes no state: something in the graph does, such as a
+            lifecycle manager.
         arguments: Arguments of an executable or a command.
         namespace: The namespace of the node; a relative one is in the namespace of the benchmark.
         parameters: ROS parameters of the node: a map, the path of a parameter file relative to this
@@ -327,6 +334,7 @@ class Node(StartedProcess, frozen=True, kw_only=True):
     launch: Launch | None = None
     external: bool = False
     container: Annotated[names.NodeName, key("vision")] = ""
+    lifecycle: Annotated[LifecycleState | None, key("active")] = None
     arguments: Annotated[tuple[Word, ...], key(["--fast"])] = ()
     namespace: Annotated[names.Namespace, key("left")] = ""
     parameters: _Parameters = {}

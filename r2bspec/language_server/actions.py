@@ -21,14 +21,12 @@ from typing import Final
 from lsprotocol import types
 
 from r2bspec.api import folder_name
-from r2bspec.compare.report_input import read_result
 from r2bspec.diagnostics import Diagnostic, Severity, Span, did_you_mean
 from r2bspec.diagnostics.code_pages import find_page, page_file
 from r2bspec.diagnostics.diagnostic import Edit
 from r2bspec.diagnostics.edits import applicable_together
 from r2bspec.diagnostics.waivers import NOT_WAIVABLE
 from r2bspec.errors import R2bspecError, UsageError
-from r2bspec.judge.measure.units import show
 from r2bspec.language.load_spec import load_cases
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.messages import Range
@@ -152,6 +150,9 @@ def latest_result(name: str, folder: Path) -> types.Command | None:
         name: of the benchmark, with its case.
         folder: in which runs were started, with the folder ``runs``.
     """
+    from r2bspec.compare.report_input import read_result
+    from r2bspec.judge.measure.units import show
+
     beginning = f"{folder_name(name)}-"
     try:
         runs = [run for run in (folder / "runs").iterdir() if run.name.startswith(beginning)]
