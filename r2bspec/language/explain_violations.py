@@ -281,7 +281,7 @@ def _misspelled_key(violation: Violation, owner: MapNode, key: str, meant: str) 
 def _intended_keys(unknown: Sequence[str], absent: Iterable[str]) -> dict[str, str]:
     """The absent key that each unknown key probably means; each is used once.
 
-    The most certain matches come first: another spelling of the same, then a synonym, then a key
+    The most certain matches come first: another spelling, the singular, then a synonym, then a key
     that is valid elsewhere (no match here), then a similar name.
     """
     free = list(absent)
@@ -289,7 +289,7 @@ def _intended_keys(unknown: Sequence[str], absent: Iterable[str]) -> dict[str, s
     for key in unknown:
         other_word = _SYNONYMS.get(key.casefold().replace("-", "_"), "")
         for name in free:
-            if _spelling(name) == _spelling(key) or name == other_word:
+            if _spelling(key) in {_spelling(name), _singular(name)} or name == other_word:
                 found[key] = name
                 free.remove(name)
                 break
@@ -305,6 +305,12 @@ def _intended_keys(unknown: Sequence[str], absent: Iterable[str]) -> dict[str, s
 def _spelling(key: str) -> str:
     """The key without case and separators."""
     return key.casefold().replace("-", "").replace("_", "").replace(" ", "")
+
+
+def _singular(key: str) -> str:
+    """The spelling of a key for one of what it lists; empty if it is no plural."""
+    spelling = _spelling(key)
+    return spelling[:-1] if spelling.endswith("s") else ""
 
 
 def _missing_level(violation: Violation, owner: MapNode, key: str) -> str:
