@@ -137,8 +137,8 @@ def _add_interface(block: Block, node: NodeAction, folder: Path) -> None:
     if tree is None:
         return
     classes = [each.name for each in tree.body if isinstance(each, ast.ClassDef)]
-    known = [each for name in classes if (each := read_node_class(tree, name)) is not None]
-    if len(known) == 1:
+    known = [each for name in classes if (each := read_node_class(tree, name)).publishes]
+    if len(known) == 1 and not (known[0].may_subscribe_more or known[0].may_publish_more):
         block.add("subscribes", Block.of(known[0].subscribes or {}))
         block.add("publishes", Block.of(known[0].publishes or {}))
 
@@ -272,7 +272,7 @@ def is_readable_node(target: str, folder: Path) -> bool:
     """Whether a target is a class of a node, in a file whose source tells its topics or not."""
     python = python_target(target, folder)
     tree = read_python_file(python.file) if not python.module and python.readable else None
-    return tree is not None and read_node_class(tree, python.name) is not None
+    return tree is not None and read_node_class(tree, python.name).publishes is not None
 
 
 def _recording(bag: str, folder: Path) -> Recording:

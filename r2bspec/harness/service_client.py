@@ -8,6 +8,7 @@ put into words for the user.
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import rclpy
@@ -166,17 +167,25 @@ def load_request(node: NodePlan) -> dict[str, Any]:
     Raises:
         ComponentError: a parameter has no type of ROS.
     """
+    extra = {"use_intra_process_comms": True} if node.intra_process else {}
+    extra |= node.extra_arguments or {}
     return {
         "package_name": node.package,
         "plugin_name": node.plugin,
         "node_name": node.node,
         "node_namespace": node.namespace,
         "remap_rules": [f"{left}:={right}" for left, right in node.remappings.items()],
-        "parameters": [
-            {"name": name, "value": _parameter_value(node, name, value)}
-            for name, value in node.parameters.items()
-        ],
+        "parameters": _parameters(node, node.parameters),
+        "extra_arguments": _parameters(node, extra),
     }
+
+
+def _parameters(node: NodePlan, values: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Values as a list of rcl_interfaces/msg/Parameter."""
+    return [
+        {"name": name, "value": _parameter_value(node, name, value)}
+        for name, value in values.items()
+    ]
 
 
 def _parameter_value(node: NodePlan, name: str, value: Any) -> dict[str, Any]:

@@ -296,6 +296,8 @@ class Prepared(Reply, frozen=True, kw_only=True, tag=True):
 class Ready(Reply, frozen=True, kw_only=True, tag=True):
     """The child is configured. Except for two fields, all are from a host.
 
+    With `is_program`, the function of a host makes and spins its nodes itself, and nothing is
+    known of them.
     `headers` states for each topic of a player whether its type begins with a header, `rmw` which
     middleware a monitor has loaded. `endpoints`
     lists (node, topic, type, ``publishes`` or ``subscribes``), `undeclared` the parameters in the
@@ -312,6 +314,7 @@ class Ready(Reply, frozen=True, kw_only=True, tag=True):
     lifecycle: tuple[str, ...] = ()
     headers: dict[str, bool] = {}
     rmw: str = ""
+    is_program: bool = False
 
 
 class Matched(Reply, frozen=True, kw_only=True, tag=True):

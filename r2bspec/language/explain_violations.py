@@ -225,6 +225,8 @@ _SYNONYMS = {
     "pkg": "package",
     "rate": "at",
     "remap": "remappings",
+    "extra_arg": "extra_arguments",
+    "use_intra_process_comms": "intra_process",
     "requirements": "require",
     "requires": "require",
     "rosbag": "bag",

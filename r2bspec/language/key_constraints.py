@@ -35,6 +35,7 @@ _PROBES: Final = {
 
 _NODE_MAPS: Final[tuple[Path, ...]] = (("preprocessors",), ("graph", "nodes"))
 _GROUPS: Final = {key: kind.group for kind in NODE_KINDS for key in kind.keys}
+_INTRA_PROCESS: Final = "use_intra_process_comms"
 _KIND_HELP: Final = f"use one of {kinds_help()}"
 
 
@@ -197,6 +198,10 @@ def _node(document: _Document, node: MapNode, path: Path) -> Iterator[Diagnostic
     for key, (why, help_text) in refused.items():
         if key in node.entries:
             yield document.error((*path, key), f"{name} cannot have '{key}': {why}", help_text)
+    if _INTRA_PROCESS in document.keys(*path, "extra_arguments"):
+        message = f"'{_INTRA_PROCESS}' of {name} has a key of its own"
+        help_text = "write 'intra_process' in the node instead"
+        yield document.error((*path, "extra_arguments", _INTRA_PROCESS), message, help_text)
 
 
 def _incomplete(document: _Document, path: Path, given: str, group: str) -> Diagnostic:

@@ -77,13 +77,15 @@ def _no_lifecycle(why: str, help_text: str) -> dict[str, Refusal]:
     return {"lifecycle": Refusal(why, help_text)}
 
 
+_NOT_LOADED: Final = Refusal("only a plugin is loaded by a container")
+_NO_PLUGIN = {"intra_process": _NOT_LOADED, "extra_arguments": _NOT_LOADED}
 _NO_CONTAINER = {"container": Refusal("only Python nodes and plugins run in a container")}
 
 PYTHON: Final = NodeKind(
     name="python",
     keys=("python",),
     role="host",
-    refuses=_no_arguments("use 'parameters' for a Python node"),
+    refuses=_no_arguments("use 'parameters' for a Python node") | _NO_PLUGIN,
 )
 
 PLUGIN: Final = NodeKind(
@@ -97,7 +99,7 @@ PLUGIN: Final = NodeKind(
 EXECUTABLE: Final = NodeKind(
     name="executable",
     keys=("package", "executable"),
-    refuses=_NO_CONTAINER,
+    refuses=_NO_CONTAINER | _NO_PLUGIN,
     listed_by="ros2 pkg executables",
 )
 
@@ -105,6 +107,7 @@ COMMAND: Final = NodeKind(
     name="command",
     keys=("command",),
     refuses=_NO_CONTAINER
+    | _NO_PLUGIN
     | _no_lifecycle(
         "a command may have nodes of any name",
         "write the node as 'package' with 'executable', or change its state under 'after_ready'",
@@ -117,6 +120,7 @@ LAUNCH: Final = NodeKind(
     keys=("launch",),
     refuses=_no_arguments("put them under 'launch.arguments'")
     | _NO_CONTAINER
+    | _NO_PLUGIN
     | _no_lifecycle(
         "a launch file may have nodes of any name",
         "let it or a lifecycle manager activate its nodes, or write them one by one",
@@ -136,6 +140,7 @@ EXTERNAL: Final = NodeKind(
         **_no_lifecycle(
             "the run changes nothing of an external node", "activate the node before the run"
         ),
+        **_NO_PLUGIN,
         "env": Refusal("an external node already has its environment"),
         "parameters": Refusal("an external node already has its parameters"),
     },

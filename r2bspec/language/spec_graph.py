@@ -296,6 +296,11 @@ class Node(StartedProcess, frozen=True, kw_only=True):
             for. All nodes are configured in the order of the spec, then activated in this order.
             Without this key the run changes no state: something in the graph does, such as a
             lifecycle manager.
+        intra_process: Whether a plugin exchanges messages with the plugins of its container by
+            pointer, without the middleware: 'use_intra_process_comms' of launch files. Both sides
+            need it.
+        extra_arguments: Further arguments with which the container loads a plugin:
+            'extra_arguments' of launch files.
         arguments: Arguments of an executable or a command.
         namespace: The namespace of the node; a relative one is in the namespace of the benchmark.
         parameters: ROS parameters of the node: a map, the path of a parameter file relative to this
@@ -335,6 +340,8 @@ class Node(StartedProcess, frozen=True, kw_only=True):
     external: bool = False
     container: Annotated[names.NodeName, key("vision")] = ""
     lifecycle: Annotated[LifecycleState | None, key("active")] = None
+    intra_process: bool = False
+    extra_arguments: Annotated[_Values, key({"forward_global_arguments": False})] = {}
     arguments: Annotated[tuple[Word, ...], key(["--fast"])] = ()
     namespace: Annotated[names.Namespace, key("left")] = ""
     parameters: _Parameters = {}

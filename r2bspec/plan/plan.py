@@ -75,6 +75,9 @@ class NodePlan(_Value, frozen=True, kw_only=True):
             namespace, and these parameters and remappings.
         parameter_files: the files that `parameters` are from, as in the spec, in the order in which
             they apply; a node without any has no such key.
+        intra_process: whether a plugin is loaded with ``use_intra_process_comms``; a node that is
+            not has no such key.
+        extra_arguments: further arguments that a plugin is loaded with; likewise.
     """
 
     name: str
@@ -86,6 +89,8 @@ class NodePlan(_Value, frozen=True, kw_only=True):
     package: str = ""
     plugin: str = ""
     parameter_files: tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET
+    intra_process: bool | msgspec.UnsetType = msgspec.UNSET
+    extra_arguments: dict[str, Any] | msgspec.UnsetType = msgspec.UNSET
 
 
 class JoinPlan(_Value, frozen=True, kw_only=True):

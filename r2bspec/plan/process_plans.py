@@ -254,6 +254,8 @@ def _node(node: NodeWiring) -> NodePlan:
         package=node.node.package if node.role == "container" else "",
         plugin=node.node.plugin,
         parameter_files=node.node.parameter_files or msgspec.UNSET,
+        intra_process=node.node.intra_process or msgspec.UNSET,
+        extra_arguments=dict(node.node.extra_arguments) or msgspec.UNSET,
     )
 
 

@@ -277,7 +277,9 @@ class PhaseGraph:
             GraphMismatchError: a node does not declare a parameter that is certainly misspelt.
             RunError: the observer does not respond.
         """
-        differences = find_undeclared(self.plan, self.phase, self.supervisor, observer)
+        differences = find_undeclared(
+            self.plan, self.phase, self.launcher.programs, self.supervisor, observer
+        )
         for difference in differences:
             self.note(f"{difference.message}; ROS ignores it")
         self.launcher.differences += differences

@@ -53,7 +53,8 @@ class Launcher:
     Attributes:
         endpoints: the actual endpoints of the Python nodes, as in `protocol.Ready`.
         differences: between the nodes and the plan, none of which has failed the run so far.
-        hosts: the processes of Python nodes, with the full names of their nodes.
+        hosts: the processes of Python nodes, with the full names of the nodes that they spin.
+        programs: the names of those that make and spin their nodes themselves.
         rmw: the middleware that processes of the harness have loaded; empty until one says so.
         joins: loads the harness into processes of the graph; None where it runs in its own.
     """
@@ -76,6 +77,7 @@ class Launcher:
         self._created_nodes: set[str] = set()
         self._has_opaque_nodes = False
         self.hosts: dict[ManagedProcess, frozenset[str]] = {}
+        self.programs: set[str] = set()
         self._lifecycle_hosts: list[ManagedProcess] = []
         self._early: dict[str, ManagedProcess] = {}
         self._importing: list[ManagedProcess] = []
@@ -251,6 +253,12 @@ class Launcher:
             ready = self._supervisor.answer(
                 child, protocol.Ready, deadline.left_s, deadline.timeout_s
             )
+            if ready.is_program:
+                # Nothing is known of its nodes: they are looked at from outside.
+                self.hosts[child] = frozenset()
+                self.programs.add(plan.name)
+                self._has_opaque_nodes = True
+                continue
             self.hosts[child] = frozenset(node.name for node in plan.nodes)
             if ready.lifecycle:
                 self._lifecycle_hosts.append(child)

@@ -9,6 +9,7 @@ from typing import Any
 
 from plan_specs import BAG, IMAGE, STRAIGHT, plan, spec
 
+from r2bspec.plan.comparability import graph_differences
 from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.drawing import to_dot
 from r2bspec.plan.plan import Plan, ProcessPlan
@@ -35,6 +36,17 @@ def test_a_component_alone_has_a_container_of_its_own() -> None:
     made = process(plan(STRAIGHT, graph=graph(a=RECTIFY)), "a")
     assert made.role == "container"
     assert "__node:=a_container" in made.argv
+
+
+def test_extra_arguments_of_a_component_are_in_the_plan_and_change_the_graph() -> None:
+    plain = plan(STRAIGHT, graph=graph(a=RECTIFY))
+    extra = {"intra_process": True, "extra_arguments": {"forward_global_arguments": False}}
+    made = plan(STRAIGHT, graph=graph(a={**RECTIFY, **extra}))
+    (loaded,) = process(made, "a").nodes
+    assert loaded.intra_process is True
+    assert loaded.extra_arguments == {"forward_global_arguments": False}
+    changed = [difference.path[-1] for difference in graph_differences(plain, made)]
+    assert sorted(map(str, changed)) == ["extra_arguments", "intra_process"]
 
 
 def test_placement_harness_puts_python_nodes_beside_player_and_monitor() -> None:
