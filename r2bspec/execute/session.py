@@ -380,6 +380,7 @@ class Session:
         )
         if self._context.states.state is not RunState.GRAPH:
             self._enter(RunState.GRAPH, "connecting the graph")
+        self._launcher.describe_lifecycle_nodes()
 
     def _connect_graph(
         self,

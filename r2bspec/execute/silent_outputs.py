@@ -65,8 +65,11 @@ class SilentOutputs:
         lacking = {fault.topic for fault in faults}
         certain = certain_topics(facts, lacking, graph.remapped_topics())
         certain |= {fault.topic for fault in faults if fault.kind in {"types", "qos"}}
+        certain |= graph.lifecycle.never_active(topics)
         if not final and not certain:
-            sentences = "; ".join(fault.sentence for fault in faults) or "no fault was found yet"
+            found = [each.difference.message for each in graph.lifecycle.waiting(topics)]
+            found += [fault.sentence for fault in faults]
+            sentences = "; ".join(found) or "no fault was found yet"
             self.context.note(f"no messages on {', '.join(topics)} so far: {sentences}")
             return
         graph.add_unmatched_remappings(facts, lacking)
