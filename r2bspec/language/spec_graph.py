@@ -173,6 +173,7 @@ class Container(StartedProcess, frozen=True, kw_only=True):
             Python nodes.
         executor: With python: whether callbacks run one after another or in parallel.
         threads: The number of threads of the executor; 0 means its default.
+        arguments: Arguments of a container of rclcpp_components.
     """
 
     about = key({"executable": "component_container_mt", "threads": 4})
@@ -186,6 +187,7 @@ class Container(StartedProcess, frozen=True, kw_only=True):
     ] = "component_container"
     executor: Literal["single_threaded", "multi_threaded"] = "single_threaded"
     threads: Annotated[int, key(4, minimum=0)] = 0
+    arguments: Annotated[tuple[Word, ...], key(["--ros-args", "--log-level", "warn"])] = ()
     env: Environment = {}
 
 
