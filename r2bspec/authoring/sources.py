@@ -14,7 +14,6 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -46,6 +45,7 @@ from r2bspec.plan.installed_packages import package_share, python_target, top_le
 from r2bspec.plan.this_machine import ament_prefixes
 from r2bspec.plan.wiring.ast_reader import read_node_class, read_python_file
 from r2bspec.safe_io.safe_file import is_folder, is_regular
+from r2bspec.safe_io.temporary_folder import temporary_folder
 
 _SUFFIXES = (".launch.py", ".launch.xml", ".launch.yaml", ".launch.yml", "_launch.py", ".launch")
 
@@ -302,8 +302,8 @@ def inspect_graph(timeout_s: float) -> list[dict[str, Any]]:
     """
     if importlib.util.find_spec("rclpy") is None:
         raise UsageError("ROS 2 is not installed, so there is no graph to read", code="R2B620")
-    with tempfile.TemporaryDirectory() as scratch:
-        target = Path(scratch, "graph.json")
+    with temporary_folder("graph") as scratch:
+        target = scratch / "graph.json"
         words = [sys.executable, "-P", "-m", "r2bspec.harness.inspect_nodes"]
         try:
             done = subprocess.run(
