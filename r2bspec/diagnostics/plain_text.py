@@ -97,6 +97,8 @@ def plain_values(value: T) -> T:
 
 def _plain_value(value: Any) -> Any:
     """A changed copy; None where nothing changes, which is the usual case."""
+    if value is None or isinstance(value, float | int):
+        return None
     if isinstance(value, str):
         changed = plain(value)
         return None if changed == value else changed

@@ -22,11 +22,6 @@ _TRANSITION_IDS: Final = {"configure": 1, "activate": 3}
 """Of lifecycle_msgs/msg/Transition."""
 
 _PASSING: Final = {"configure": "configuring", "activate": "activating"}
-_RESULTS: Final[dict[str, Any]] = {
-    "transition_success": "success",
-    "transition_failure": "failure",
-    "transition_error": "error",
-}
 _SPIN_S = 0.02
 _EVENT_S = 1.0
 """An event and the answer of its transition come over different topics, in any order."""
@@ -117,15 +112,13 @@ def _is_matched(subscription: Any) -> bool:
 
 
 def _result(events: list[Any], passing: str) -> Any:
-    """What the callback of a transition returned, by the events of the node; None if unknown."""
-    return next(
-        (
-            _RESULTS[each.transition.label]
-            for each in events
-            if each.start_state.label == passing and each.transition.label in _RESULTS
-        ),
-        None,
-    )
+    """What a callback that did not succeed has returned, by the events of its node.
+
+    Events have the states, and no transition. None without an event.
+    """
+    goals = (each.goal_state.label for each in events if each.start_state.label == passing)
+    goal = next(goals, None)
+    return goal and ("error" if goal == "errorprocessing" else "failure")
 
 
 class _Clients:

@@ -176,6 +176,7 @@ class Container(StartedProcess, frozen=True, kw_only=True):
     Attributes:
         executable: The kind of container: one of rclcpp_components for plugins, or python for
             Python nodes.
+        arguments: Arguments of a container of rclcpp_components.
     """
 
     about = key({"executable": "component_container_mt", "threads": 4})
@@ -187,6 +188,7 @@ class Container(StartedProcess, frozen=True, kw_only=True):
         "component_container_isolated",
         "python",
     ] = "component_container"
+    arguments: Annotated[tuple[Word, ...], key(["--ros-args", "--log-level", "warn"])] = ()
     env: Environment = {}
 
 

@@ -408,6 +408,15 @@ class Launcher:
         )
         self._run_helper(name, command, protocol.Called, timeout_s)
 
+    def call_settings(self, plan: Plan, rows_dir: Path) -> protocol.ConfigureCalls:
+        """What a player that calls services is told, with the secrets of its requests."""
+        in_value = self._environment.secrets.in_value
+        calls = tuple(
+            msgspec.structs.replace(call, request=in_value(call.request))
+            for call in plan.called.values()
+        )
+        return protocol.ConfigureCalls(calls=calls, rows_dir=str(rows_dir))
+
     def configure(self, child: ManagedProcess, command: Any) -> protocol.Ready:
         """Send a harness process its configuration and wait until it is ready.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import ast
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -18,7 +18,9 @@ from typing import Any, Final
 from r2bspec.diagnostics import Span
 from r2bspec.interop.script_import import source_files
 from r2bspec.interop.script_import.evaluator import Evaluator
-from r2bspec.interop.script_import.launch_actions import IncludeAction, LaunchParts, collect_actions
+from r2bspec.interop.script_import.launch_actions import collect_actions
+from r2bspec.interop.script_import.launch_files import python_launch_file
+from r2bspec.interop.script_import.launch_parts import IncludeAction, LaunchParts
 from r2bspec.interop.script_import.values import (
     Construct,
     Foreign,
@@ -210,7 +212,7 @@ def read_benchmark_script(file: Path, package_paths: Sequence[Path] = ()) -> Ben
         return _ScriptEvaluation(reader, module).benchmark()
     except ScriptLimitError as error:
         message = f"the script needs more than is evaluated: {error}"
-        raise _unusable(message, module, 1, source_files.TOO_COMPLEX) from error
+        raise source_files.unusable(message, module, 1, source_files.TOO_COMPLEX) from error
 
 
 class _ScriptEvaluation:
@@ -252,9 +254,9 @@ class _ScriptEvaluation:
                 if isinstance(config, Construct):
                     return kind, config
                 message = f"{kind.node.name} has no 'config' that is a ROS2BenchmarkConfig"
-                raise _unusable(message, self.module, kind.node.lineno)
+                raise source_files.unusable(message, self.module, kind.node.lineno)
         message = f"no class of this file is a {_TEST_CLASS} of ros2_benchmark"
-        raise _unusable(message, self.module, 1)
+        raise source_files.unusable(message, self.module, 1)
 
     def _actions(self, place: Span) -> list[Any]:
         """The launch actions: those of the function that the description is made from."""
@@ -277,7 +279,7 @@ class _ScriptEvaluation:
             arguments = [*([_context(place)] if number > 2 else []), "", "5"][:number]
             return _as_list(self.evaluator.call(setup, *arguments, place=place))
         message = "the script has no generate_test_description whose launch actions are known"
-        raise _unusable(message, self.module, place.line)
+        raise source_files.unusable(message, self.module, place.line)
 
     def _run_hooks(self, kind: ScriptClass, *, late: bool) -> list[Construct]:
         """What the hooks do, of those before or after the benchmark."""
@@ -299,59 +301,17 @@ class _ScriptEvaluation:
         if file is None or file.suffix != ".py":
             return None
         try:
-            actions, notes = launch_file_actions(self.reader, file, include.arguments)
+            launched = python_launch_file(self.reader, file, include.arguments)
         except source_files.UnusableScriptError as error:
             self.notes.append(Note(error.finding.message, include.source.place))
             return None
         if not any(
-            isinstance(action, Construct) and action.short_name == _LOADER for action in actions
+            isinstance(action, Construct) and action.short_name == _LOADER
+            for action in launched.actions
         ):
             return None
-        self.notes += notes
-        return actions
-
-
-def launch_file_actions(
-    reader: source_files.ScriptReader, file: Path, arguments: Mapping[str, Any]
-) -> tuple[list[Any], list[Note]]:
-    """The actions of a launch file in Python, with the arguments given and its defaults.
-
-    Raises:
-        UnusableScriptError: it cannot be read.
-        ScriptLimitError: it exceeds the limits.
-    """
-    values = dict(arguments)
-    for _ in range(2):  # the first time for the defaults of its arguments
-        module = reader.read(file)
-        evaluator = Evaluator(reader, values)
-        evaluator.run_module(module)
-        function = module.scope.names.get("generate_launch_description")
-        if not isinstance(function, ScriptFunction):
-            message = "the launch file has no generate_launch_description"
-            raise _unusable(message, module, 1)
-        place = module.scope.place(function.node)
-        made = evaluator.call(function, place=place)
-        entities = made.get("initial_entities", 0) if isinstance(made, Construct) else made
-        actions = _without_opaque(evaluator, _as_list(entities), place)
-        for action in actions:
-            if isinstance(action, Construct) and action.short_name == "DeclareLaunchArgument":
-                name, default = action.get("name", 0), action.get("default_value")
-                if isinstance(name, str) and default is not None:
-                    values.setdefault(name, default)
-    return actions, evaluator.notes
-
-
-def _without_opaque(evaluator: Evaluator, actions: list[Any], place: Span) -> list[Any]:
-    """Actions with the results of functions that are called at launch in their places."""
-    plain: list[Any] = []
-    for action in actions:
-        function = action.get("function", 0) if isinstance(action, Construct) else None
-        if isinstance(function, ScriptFunction) and action.short_name == "OpaqueFunction":
-            contexts = [_context(place)][: len(function.node.args.args)]
-            plain += _as_list(evaluator.call(function, *contexts, place=action.place))
-        else:
-            plain.append(action)
-    return plain
+        self.notes += launched.notes
+        return launched.actions
 
 
 def _context(place: Span) -> Construct:
@@ -362,12 +322,3 @@ def _as_list(value: Any) -> list[Any]:
     if isinstance(value, list | tuple):
         return list(value)
     return [value] if isinstance(value, Construct | Unknown | Method) else []
-
-
-def _unusable(
-    message: str, module: ScriptModule, line: int, code: str = source_files.NOT_A_BENCHMARK
-) -> source_files.UnusableScriptError:
-    length = len(module.text.splitlines()[line - 1]) if module.text else 0
-    return source_files.UnusableScriptError(
-        code, message, Span(str(module.file), line, 1, line, length + 1)
-    )

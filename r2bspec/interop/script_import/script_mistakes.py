@@ -16,7 +16,8 @@ from typing import Final
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.diagnostics.code_pages import all_pages
 from r2bspec.interop.script_import.benchmark_script import BenchmarkScript, Settings
-from r2bspec.interop.script_import.launch_actions import NodeAction, Remapping, topic_in
+from r2bspec.interop.script_import.launch_actions import topic_in
+from r2bspec.interop.script_import.launch_parts import NodeAction, Remapping
 from r2bspec.interop.script_import.node_roles import HARNESS_PACKAGES, divide_by_role, played_inputs
 from r2bspec.interop.script_import.values import Construct, PlacedDict
 from r2bspec.plan.wiring.node_interface import catalogue_nodes

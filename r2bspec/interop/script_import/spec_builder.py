@@ -18,7 +18,8 @@ from r2bspec.datasets.catalogue import SEQUENCES
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.interop.script_import import node_roles
 from r2bspec.interop.script_import.benchmark_script import BenchmarkScript, Settings
-from r2bspec.interop.script_import.launch_actions import NodeAction, topic_in
+from r2bspec.interop.script_import.launch_actions import topic_in
+from r2bspec.interop.script_import.launch_parts import NodeAction
 from r2bspec.interop.script_import.source_files import MODULE_MISSING
 from r2bspec.interop.script_import.spec_entries import NodeWriter, add_steps
 from r2bspec.interop.script_import.spec_text import (
