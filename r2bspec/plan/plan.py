@@ -128,8 +128,6 @@ class ProcessPlan(ProcessSettings, frozen=True, kw_only=True):
 
     Attributes:
         container: the name of the container in the spec; empty for other processes.
-        executor: of a host: with one thread, or with `threads` threads.
-        threads: 0 leaves the number to the executor.
         memory_limit_bytes: the resident memory at which the run fails; 0 for none.
         join: the parts of the harness that run in it.
     """
@@ -141,8 +139,6 @@ class ProcessPlan(ProcessSettings, frozen=True, kw_only=True):
     env: dict[str, str]
     nodes: tuple[NodePlan, ...] = ()
     container: str = ""
-    executor: Literal["single_threaded", "multi_threaded"] = "single_threaded"
-    threads: int = 0
     memory_limit_bytes: int = 0
     join: JoinPlan | None = None
 

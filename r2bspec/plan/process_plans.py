@@ -170,8 +170,6 @@ def _container(
         phase=phase,
         env=container.env,
         container=name,
-        executor=container.executor,
-        threads=container.threads,
         **_process_settings(container),
     )
 
