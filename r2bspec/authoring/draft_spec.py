@@ -111,6 +111,7 @@ def draft_text(
     if not nodes.nodes:
         _add_placeholder(draft)
     measured = _wiring(draft)
+    draft.unknown += _doubts(measured)
     if recording is not None:
         _select_inputs(draft, measured)
     _select_outputs(draft, measured)
@@ -159,6 +160,19 @@ def _wiring(draft: _Draft) -> PhaseWiring | None:
         return None
     files = read_companion_files(loaded.spec, draft.base_dir)
     return build_wiring(loaded.spec, companion_files=files).measure
+
+
+def _doubts(measured: PhaseWiring | None) -> list[str]:
+    """Why nodes may have more topics than are known, one line each."""
+    return [
+        f"whether {node.key} {does} other topics: {why}"
+        for node in (measured.nodes if measured is not None else ())
+        for does, why in (
+            ("subscribes to", node.interface.may_subscribe_more),
+            ("publishes", node.interface.may_publish_more),
+        )
+        if why
+    ]
 
 
 def _data_topics(recording: Recording | None) -> list[TopicInfo]:

@@ -259,8 +259,8 @@ def _add_interface(block: Block, node: NodeAction, folder: Path) -> None:
     if tree is None:
         return
     classes = [each.name for each in tree.body if isinstance(each, ast.ClassDef)]
-    known = [each for name in classes if (each := read_node_class(tree, name)) is not None]
-    if len(known) == 1:
+    known = [each for name in classes if (each := read_node_class(tree, name)).publishes]
+    if len(known) == 1 and not (known[0].may_subscribe_more or known[0].may_publish_more):
         block.add("subscribes", Block.of(known[0].subscribes or {}))
         block.add("publishes", Block.of(known[0].publishes or {}))
 

@@ -131,7 +131,7 @@ def is_readable_node(target: str, folder: Path) -> bool:
     """Whether a target is a class of a node, in a file whose source tells its topics or not."""
     python = python_target(target, folder)
     tree = read_python_file(python.file) if not python.module and python.readable else None
-    return tree is not None and read_node_class(tree, python.name) is not None
+    return tree is not None and read_node_class(tree, python.name).publishes is not None
 
 
 def _recording(bag: str, folder: Path) -> Recording:

@@ -108,6 +108,9 @@ def _path(difference: Difference, context: Context) -> tuple[Path, bool]:
         return _endpoint(difference, context, node)
     if difference.part == "remapping":
         return (*node.path, "remappings", difference.name), True
+    if difference.part == "lifecycle":
+        written = node.node.lifecycle is not None
+        return ((*node.path, "lifecycle"), False) if written else (node.path, True)
     path = context.parameter_path(node, difference.name)
     return (path, True) if path is not None else ((*node.path, "parameters"), False)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from io import BufferedReader, FileIO
 
 import click
 
@@ -27,7 +28,7 @@ def command() -> int:
             "the language server needs lsprotocol", hint="pip install 'r2bspec[editor]'"
         ) from error
     # Not the object of `sys`, which the interpreter closes at its end, even if it is being read.
-    stdin = open(0, "rb", buffering=1 << 16, closefd=False)  # noqa: SIM115
+    stdin: BufferedReader = BufferedReader(FileIO(0, closefd=False), 1 << 16)
     server = create_server(defects_in_files())
     is_asked = asyncio.run(server.connection.serve(stdin, sys.stdout.buffer))
     return ExitStatus.OK if is_asked else ExitStatus.FINDINGS_OR_FAILED

@@ -23,7 +23,7 @@ from r2bspec.errors import ExitStatus, R2bspecError, UsageError, exit_status_tex
 from r2bspec.report.output import echo
 from r2bspec.safe_io.cache_folder import passed_over
 
-_VERBS = {
+VERBS = {
     "init": "Create a commented spec to start from.",
     "validate": "Check specs without running anything.",
     "explain": "Explain a diagnostic code, or list all codes.",
@@ -80,10 +80,10 @@ class _Verbs(click.Group):
     """Imports a verb's module on demand, so that start-up pays for one verb only."""
 
     def list_commands(self, _ctx: click.Context) -> list[str]:
-        return list(_VERBS)
+        return list(VERBS)
 
     def get_command(self, _ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in _VERBS:
+        if cmd_name not in VERBS:
             return None
         place, _, name = _PLACES.get(cmd_name, f"{cmd_name}:command").partition(":")
         module = importlib.import_module(f"r2bspec.cli.{place}")
@@ -93,19 +93,19 @@ class _Verbs(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args and args[0] not in _VERBS and not args[0].startswith("-"):
+        if args and args[0] not in VERBS and not args[0].startswith("-"):
             from r2bspec.diagnostics import did_you_mean
 
-            close = _COMMANDS_MEANT.get(args[0]) or did_you_mean(args[0], _VERBS)
+            close = _COMMANDS_MEANT.get(args[0]) or did_you_mean(args[0], VERBS)
             ctx.fail(
                 f"unknown verb {args[0]!r}"
-                + (f"; did you mean {close!r}?" if close else f"; verbs: {', '.join(_VERBS)}")
+                + (f"; did you mean {close!r}?" if close else f"; verbs: {', '.join(VERBS)}")
             )
         return super().resolve_command(ctx, args)
 
     def format_commands(self, _ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Verbs"):
-            formatter.write_dl(list(_VERBS.items()))
+            formatter.write_dl(list(VERBS.items()))
 
 
 @click.group(

@@ -225,7 +225,7 @@ def schema_command(name: str) -> int:
     return ExitStatus.OK
 
 
-_PACKAGE = Path(__file__).parents[1]
+_PACKAGE = Path(__file__).resolve().parents[1]
 
 
 @click.command("docs")
@@ -262,12 +262,13 @@ def docs_command(page: str | None, show_path: bool) -> int:
 
 
 def docs_folder() -> Path:
-    """Where the pages are: in the installed package, or in the repository.
+    """Where the pages are: in the installed package, the repository, or what colcon has installed.
 
     Raises:
         UsageError: this installation has none.
     """
-    for folder in (_PACKAGE / "docs", _PACKAGE.parent / "docs"):
+    installed = (folder / "share/r2bspec/docs" for folder in _PACKAGE.parents)
+    for folder in (_PACKAGE / "docs", _PACKAGE.parent / "docs", *installed):
         if (folder / "language.md").is_file():
             return folder
     raise UsageError("this installation of r2bspec has no documentation")

@@ -52,7 +52,7 @@ from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.judge.confirmation import needs_confirmation
 from r2bspec.judge.decision_policy import certain_failures, decision_policy
 from r2bspec.judge.judge_run import judge_confirmation
-from r2bspec.judge.measure.host_usage import rows_by_process
+from r2bspec.judge.measure.host_usage import ProcessSamples
 from r2bspec.judge.measure.run_samples import HostSamples, run_samples
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge
@@ -526,7 +526,7 @@ class _Run:
             self._record(None),
             self._plan,
             lambda segment: samples[segment.id],
-            HostSamples(rows_by_process(resources.rows()), resources.interference()),
+            HostSamples(ProcessSamples(resources.rows()), resources.interference()),
         )
 
     def _write_resource_samples(self) -> None:

@@ -231,6 +231,7 @@ def preprocess(plan: Plan, context: RunContext, launcher: Launcher) -> None:
     others = [each for each in processes if each.role != "loader"]
     deadline = StartDeadline(plan.start_timeout_ns)
     nodes = launcher.start_nodes(others, deadline)
+    graph.lifecycle.bring_up(deadline)
     supervisor.request(loader, protocol.Subscribe(), protocol.Matched, 10.0)
     # An input that is also played as recorded may have no subscription here.
     wanted = {

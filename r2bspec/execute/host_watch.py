@@ -14,7 +14,7 @@ import msgspec
 
 from r2bspec.execute.processes.resources import ResourceSampler
 from r2bspec.judge.affected_iterations import interference_reasons, largest_taken_share
-from r2bspec.judge.measure.host_usage import HostInterference, host_interference, rows_by_process
+from r2bspec.judge.measure.host_usage import HostInterference, ProcessSamples, host_interference
 from r2bspec.record.sample_arrays import Rows
 
 _SAMPLE_TIMEOUT_S = 1.0
@@ -55,8 +55,8 @@ class HostWatch:
         rows = self._rows_until(ended_ns)
         found = host_interference(
             rows,
-            rows_by_process(self.resources.rows()),
-            frozenset(range(self.process_count())),
+            ProcessSamples(self.resources.rows()).used(began_ns, ended_ns),
+            range(self.process_count()),
             self.machine,
             began_ns,
             ended_ns,

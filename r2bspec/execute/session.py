@@ -182,6 +182,7 @@ class Session:
             player, monitor = self._start_joined_nodes(deadline)
         else:
             self._start_nodes(deadline)
+        self._bring_up_lifecycle_nodes(observer, deadline)
         self._connect_graph(player, monitor, observer, deadline)
         segment_player = self.player = self._segment_player(player, observer)
         silent_outputs = self._silent_outputs = SilentOutputs(
@@ -365,6 +366,20 @@ class Session:
             running_hosts=self._parts.node_hosts(),
             on_joined=on_joined,
         )
+
+    def _bring_up_lifecycle_nodes(
+        self, observer: ManagedProcess, deadline: readiness.StartDeadline
+    ) -> None:
+        """Configure and activate them, before their endpoints are waited for."""
+        if not self._plan.states_in(MEASURE_PHASE):
+            return
+        self._launcher.wait_for_observer(observer)
+        self._graph.lifecycle.bring_up(
+            deadline,
+            lambda transition: self._enter(RunState(transition), f"lifecycle nodes: {transition}"),
+        )
+        if self._context.states.state is not RunState.GRAPH:
+            self._enter(RunState.GRAPH, "connecting the graph")
 
     def _connect_graph(
         self,

@@ -50,6 +50,12 @@ class RunState(StrEnum):
     GRAPH = "graph"
     """The nodes start; all endpoints are matched."""
 
+    CONFIGURE = "configure"
+    """Lifecycle nodes are configured, in the order of the spec."""
+
+    ACTIVATE = "activate"
+    """Lifecycle nodes are activated, likewise; `graph` follows: the endpoints are matched."""
+
     READY = "ready"
     """The readiness probes are waited for."""
 
@@ -98,8 +104,11 @@ NEXT: Final[Mapping[RunState, frozenset[RunState]]] = MappingProxyType(
         RunState.START: frozenset({RunState.OVERHEAD, RunState.GRAPH, RunState.COLLECT}),
         RunState.OVERHEAD: frozenset({RunState.GRAPH}),
         RunState.GRAPH: frozenset(
-            {RunState.READY, RunState.AFTER_READY, RunState.WARM_UP, RunState.COLLECT}
+            {RunState.CONFIGURE, RunState.ACTIVATE, RunState.READY, RunState.AFTER_READY}
+            | {RunState.WARM_UP, RunState.COLLECT}
         ),
+        RunState.CONFIGURE: frozenset({RunState.ACTIVATE, RunState.GRAPH, RunState.COLLECT}),
+        RunState.ACTIVATE: frozenset({RunState.GRAPH, RunState.COLLECT}),
         RunState.READY: frozenset({RunState.AFTER_READY, RunState.WARM_UP, RunState.COLLECT}),
         RunState.AFTER_READY: frozenset({RunState.WARM_UP, RunState.COLLECT}),
         # A start with a profiler has none of these three, nor one with nothing left to measure.

@@ -105,18 +105,17 @@ def _needs_of_process(process: ProcessPlan) -> Iterator[tuple[str, str]]:
             yield PYTHON, f"the launch file {launched[-1].removeprefix('file:=')!r}"
         if argv[-1] != _NO_LAUNCH_ARGUMENTS:
             yield COMMANDS, f"the launch file {launched[-1].removeprefix('file:=')!r} {_ARGUMENTS}"
-    elif is_own_program(argv) or (argv and _EXECUTABLE.fullmatch(argv[0])):
-        place = _TARGET_WORD if is_own_program(argv) else 0
-        if not _are_names_and_parameters(argv[place + 1 :]):
-            yield COMMANDS, f"{argv[place]!r} {_ARGUMENTS}"
-    else:
+    elif argv and _EXECUTABLE.fullmatch(argv[0]):
+        if not _are_names_and_parameters(argv[1:]):
+            yield COMMANDS, f"{argv[0]!r} {_ARGUMENTS}"
+    elif not is_own_program(argv):
         yield COMMANDS, f"the command {argv[0] if argv else ''!r}"
     for name in sorted(set(process.env) - _VARIABLES):
         yield COMMANDS, f"a process with the variable {name} of the spec"
     for node in process.nodes:
         if node.package and not _PACKAGE.fullmatch(node.package):
             yield COMMANDS, f"a component of {node.package!r}"
-    for target in _targets(process):
+    for target in (node.target for node in process.nodes if node.target):
         if ":" in target:
             yield PYTHON, f"the Python file {target.rpartition(':')[0]!r}"
         elif not _is_installed_class(target):
@@ -161,14 +160,3 @@ def _is_installed_class(target: str) -> bool:
     prefixes = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(":"))
     places = (Path(prefix, index, target.partition(".")[0]) for prefix in prefixes)
     return target.startswith(_OWN_NODES) or any(place.exists() for place in places)
-
-
-def _targets(process: ProcessPlan) -> Iterator[str]:
-    """What is imported in a process: the Python nodes in it, or the function that it calls."""
-    yield from (node.target for node in process.nodes if node.target)
-    if is_own_program(process.argv) and len(process.argv) > _TARGET_WORD:
-        yield process.argv[_TARGET_WORD]
-
-
-_TARGET_WORD: Final = 4
-"""Of ``$(python) -P -m r2bspec.harness.node_main TARGET``, the place of the target."""

@@ -125,9 +125,9 @@ def _make_role(channel: Channel, command: protocol.Command) -> Role:
 
             return Observer(channel, command)
         case protocol.ConfigureHost():
-            from r2bspec.harness.node_host import NodeHost
+            from r2bspec.harness.node_host import make_host
 
-            return NodeHost(channel, command)
+            return make_host(channel, command)
         case protocol.ConfigureHarness():
             from r2bspec.harness.node_host import InProcessHarness
 

@@ -18,6 +18,7 @@ import os
 import sys
 import threading
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +30,9 @@ from rclpy.executors import (
 )
 from rclpy.node import Node
 
-from r2bspec.harness import node_main, rclpy_tools
+from r2bspec.harness import lifecycle_callbacks, node_main, rclpy_tools
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
+from r2bspec.harness.function_host import FunctionHost
 from r2bspec.ipc import protocol
 from r2bspec.plan.plan import NodePlan
 from r2bspec.plan.wiring.name_resolution import expand
@@ -55,6 +57,9 @@ def describe_nodes(nodes: Sequence[tuple[NodePlan, Node]]) -> protocol.Ready:
         ),
         parameters={name: tuple(sorted(names)) for name, names in declared.items()},
         unmatched=tuple(rule for plan, node in nodes for rule in _unmatched(plan, node)),
+        lifecycle=tuple(
+            plan.name for plan, node in nodes if lifecycle_callbacks.is_lifecycle_node(node)
+        ),
     )
 
 
@@ -94,41 +99,60 @@ def _executor(settings: protocol.ConfigureHost) -> Executor:
     return SingleThreadedExecutor()
 
 
-def _init(plans: Sequence[NodePlan], factories: Sequence[Any]) -> None:
-    """Initialise rclpy, with the arguments of a node that takes no keyword arguments.
+def make_host(channel: Channel, settings: protocol.ConfigureHost) -> NodeHost | FunctionHost:
+    """The host of the nodes of one process.
 
     Raises:
-        NodeError: there are other nodes or a harness in this process, to which they would apply.
+        NodeError: a node cannot be created, or cannot share its process.
     """
-    for plan, factory in zip(plans, factories, strict=True):
-        if not node_main.takes_keywords(factory):
-            if len(plans) == 1 and rclpy_tools.init(tuple(node_main.ros_arguments(plan))):
-                return
+    plans = settings.nodes
+    if len(plans) == 1:
+        node_main.set_command_line(plans[0])
+    factories = [node_main.find_factory(each.target, Path(settings.base_dir)) for each in plans]
+    lifecycle_callbacks.report_failures()
+    without_keywords = [
+        (plan, factory)
+        for plan, factory in zip(plans, factories, strict=True)
+        if not node_main.takes_keywords(factory)
+    ]
+    for plan, factory in without_keywords:
+        if len(plans) > 1:
             raise node_main.NodeError(
                 "R2B633",
-                f"node {plan.name} cannot be created: its constructor takes no **kwargs, and other "
+                f"node {plan.name} cannot be created: {plan.target} takes no **kwargs, and other "
                 "nodes run in the same process",
                 "Give it a process of its own, or let its constructor pass **kwargs to Node.",
             )
+        if not isinstance(factory, type):
+            return FunctionHost(channel, plan, factory, partial(_serve_one, channel, settings))
+        rclpy_tools.init(tuple(node_main.ros_arguments(plan)))
     rclpy_tools.init()
+    nodes = [
+        (plan, node_main.make_node(plan, factory))
+        for plan, factory in zip(plans, factories, strict=True)
+    ]
+    return NodeHost(channel, settings, nodes)
+
+
+def _serve_one(channel: Channel, settings: protocol.ConfigureHost, node: Node) -> None:
+    NodeHost(channel, settings, [(settings.nodes[0], node)]).serve()
 
 
 class NodeHost:
-    """Creates the nodes and spins them until told to shut down."""
+    """Spins nodes until told to shut down."""
 
-    def __init__(self, channel: Channel, settings: protocol.ConfigureHost) -> None:
+    def __init__(
+        self,
+        channel: Channel,
+        settings: protocol.ConfigureHost,
+        nodes: Sequence[tuple[NodePlan, Node]],
+    ) -> None:
         self._channel = channel
-        factories = [
-            node_main.find_factory(plan.target, Path(settings.base_dir)) for plan in settings.nodes
-        ]
-        _init(settings.nodes, factories)
         self._executor = _executor(settings)
-        self._nodes: list[tuple[NodePlan, Node]] = []
-        for plan, factory in zip(settings.nodes, factories, strict=True):
-            node = node_main.make_node(plan, factory)
+        self._nodes = nodes
+        for _, node in nodes:
             rclpy_tools.destroy_on_shutdown(node)
             self._executor.add_node(node)
-            self._nodes.append((plan, node))
 
     def serve(self) -> None:
         """Spin.
@@ -155,6 +179,8 @@ class NodeHost:
                     self._channel.send(protocol.Modules(files=node_main.module_files()))
                 if isinstance(command, protocol.CountMatches):
                     self._channel.send(self._matches())
+                if isinstance(command, protocol.DescribeNodes):
+                    self._channel.send(describe_nodes(self._nodes))
         # Not the context: a running callback may still publish.
         self._executor.shutdown()
 
@@ -197,7 +223,7 @@ class InProcessHarness:
             self._channel.send(protocol.Ready())
             match self._channel.receive():
                 case protocol.ConfigureHost() as nodes:
-                    NodeHost(self._channel, nodes).serve()
+                    make_host(self._channel, nodes).serve()
                 case _:
                     return
         finally:

@@ -3,11 +3,8 @@
 A callable that takes keyword arguments for `Node` receives namespace, name, remappings and
 parameter overrides in this way, as from a launch file. Any other is called without arguments, as by
 ``ros2 run``: it receives them as the global ROS arguments of its process, which has no other node.
-
-A function that is a program of its own is run by ``-m r2bspec.harness.node_main TARGET
-[ARGUMENT]...``. It is called without arguments, as the entry point of ``ros2 run`` calls it: its
-call of ``rclpy.init`` reads the ROS arguments from the command line. Its file is not run as a
-script, because ``if __name__ == "__main__"`` may do something else.
+The file of a function is not run as a script, because ``if __name__ == "__main__"`` may do
+something else than to call it.
 """
 
 from __future__ import annotations
@@ -23,7 +20,6 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from r2bspec.errors import ExitStatus
 from r2bspec.plan.command_lines import flow_yaml
 from r2bspec.plan.plan import NodePlan
 from r2bspec.plan.wiring.python_package import module_of
@@ -43,6 +39,15 @@ def module_files() -> tuple[str, ...]:
     """The files of all modules that are imported; a node may have put anything into the table."""
     files = (getattr(module, "__file__", None) for module in list(sys.modules.values()))
     return tuple(sorted({str(Path(file).absolute()) for file in files if isinstance(file, str)}))
+
+
+def set_command_line(plan: NodePlan) -> None:
+    """Give this process the command line that ``ros2 run`` would give a program of the node.
+
+    The list stays the same: what is imported later may have kept it.
+    """
+    program = plan.target.rpartition(":")[0] or plan.target
+    sys.argv[:] = [program, "--ros-args", *ros_arguments(plan)]
 
 
 def find_factory(target: str, base_dir: Path) -> Any:
@@ -142,18 +147,27 @@ def make_node(plan: NodePlan, factory: Any) -> Node:
         raise NodeError(
             "R2B633", f"node {plan.name} cannot be created: {type(error).__name__}: {error}"
         ) from error
-    if not isinstance(node, Node):
+    return checked_node(plan, node)
+
+
+def checked_node(plan: NodePlan, made: object) -> Node:
+    """What a factory has made, if it is the node of the plan.
+
+    Raises:
+        NodeError: it is no node, or has not the name of the plan.
+    """
+    if not isinstance(made, Node):
         raise NodeError(
-            "R2B625", f"{plan.target} returned {type(node).__name__}, not an rclpy node"
+            "R2B625", f"{plan.target} returned {type(made).__name__}, not an rclpy node"
         )
-    name = node.get_fully_qualified_name()
+    name = made.get_fully_qualified_name()
     if name != plan.name:
         raise NodeError(
             "R2B633",
             f"node {plan.name} has the name {name}, because it ignores the arguments that set it",
             "Pass the **kwargs of its constructor to Node, and do not set use_global_arguments.",
         )
-    return node
+    return made
 
 
 def _with_keywords(plan: NodePlan, factory: Any) -> Callable[[], Any]:
@@ -168,19 +182,3 @@ def _with_keywords(plan: NodePlan, factory: Any) -> Callable[[], Any]:
             Parameter(name, value=value) for name, value in plan.parameters.items()
         ],
     )
-
-
-def main() -> None:
-    """Call the function that the command line names, and exit with what it returns."""
-    target, *arguments = sys.argv[1:]
-    try:
-        function = find_factory(target, Path.cwd())
-    except NodeError as error:
-        sys.stderr.write(f"{error}\n")
-        sys.exit(ExitStatus.FINDINGS_OR_FAILED)
-    sys.argv = [target.rpartition(":")[0] or target, *arguments]
-    sys.exit(function())
-
-
-if __name__ == "__main__":
-    main()

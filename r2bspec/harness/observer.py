@@ -26,7 +26,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from r2bspec.harness import rclpy_tools
+from r2bspec.harness import lifecycle_client, rclpy_tools
 from r2bspec.harness.control_channel import Channel
 from r2bspec.ipc import buffers, protocol
 from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, read_clocks
@@ -393,6 +393,10 @@ class GraphParticipant:
                 self._channel.send(list_graph(self._node))
             case protocol.ListParameters() as question:
                 self._channel.send(list_parameters(question))
+            case protocol.ListLifecycle() as question:
+                self._channel.send(lifecycle_client.list_states(self._node, question))
+            case protocol.ChangeState() as change:
+                self._channel.send(lifecycle_client.change_state(self._node, change))
 
 
 class Observer(GraphParticipant):

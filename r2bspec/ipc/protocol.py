@@ -229,6 +229,32 @@ class ListParameters(Command, frozen=True, kw_only=True, tag=True):
     timeout_ns: int
 
 
+class ListLifecycle(Command, frozen=True, kw_only=True, tag=True):
+    """Ask all lifecycle nodes for their states."""
+
+    timeout_ns: int
+
+
+Transition = Literal["configure", "activate"]
+
+
+def callback_failure(node: str, callback: str) -> str:
+    """How the line in the output of a Python process begins that says why a transition failed."""
+    return f"{callback} of {node} "
+
+
+class ChangeState(Command, frozen=True, kw_only=True, tag=True):
+    """Ask a lifecycle node, by its full name, to make a transition."""
+
+    node: str
+    transition: Transition
+    timeout_ns: int
+
+
+class DescribeNodes(Command, frozen=True, kw_only=True, tag=True):
+    """Ask a host what its nodes have by now. The reply is `Ready`."""
+
+
 class ListForeign(Command, frozen=True, kw_only=True, tag=True):
     """Ask which publishers were ever seen on guarded topics that may be no process's of the run."""
 
@@ -270,20 +296,25 @@ class Prepared(Reply, frozen=True, kw_only=True, tag=True):
 class Ready(Reply, frozen=True, kw_only=True, tag=True):
     """The child is configured. Except for two fields, all are from a host.
 
+    With `is_program`, the function of a host makes and spins its nodes itself, and nothing is
+    known of them.
     `headers` states for each topic of a player whether its type begins with a header, `rmw` which
     middleware a monitor has loaded. `endpoints`
     lists (node, topic, type, ``publishes`` or ``subscribes``), `undeclared` the parameters in the
     plan that the node does not declare, as (node, parameter), `parameters` the declared ones of
     each node, and `unmatched` the remappings that changed no name of the node, as (node, name
-    before as written, full name after).
+    before as written, full name after). `lifecycle` names the lifecycle nodes, of which all this
+    may change when they are configured.
     """
 
     endpoints: tuple[tuple[str, str, str, str], ...] = ()
     undeclared: tuple[tuple[str, str], ...] = ()
     parameters: dict[str, tuple[str, ...]] = {}
     unmatched: tuple[tuple[str, str, str], ...] = ()
+    lifecycle: tuple[str, ...] = ()
     headers: dict[str, bool] = {}
     rmw: str = ""
+    is_program: bool = False
 
 
 class Matched(Reply, frozen=True, kw_only=True, tag=True):
@@ -364,6 +395,27 @@ class ParameterLists(Reply, frozen=True, kw_only=True, tag=True):
 
     parameters: dict[str, tuple[str, ...]]
     lifecycle: tuple[str, ...] = ()
+
+
+class LifecycleStates(Reply, frozen=True, kw_only=True, tag=True):
+    """The states of all lifecycle nodes, by full name; empty for one that does not answer.
+
+    `managers` are the nodes that have a client for the transitions of such a node.
+    """
+
+    states: dict[str, str]
+    managers: dict[str, tuple[str, ...]] = {}
+
+
+class StateChanged(Reply, frozen=True, kw_only=True, tag=True):
+    """How a transition went: what its callback returned, or that there was no answer.
+
+    `unknown` is a failure of which nothing else is known. `state` is that of the node afterwards;
+    empty without an answer.
+    """
+
+    result: Literal["success", "failure", "error", "unknown", "no answer"]
+    state: str = ""
 
 
 class ForeignPublisher(msgspec.Struct, frozen=True, kw_only=True):

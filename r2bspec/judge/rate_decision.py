@@ -356,8 +356,7 @@ def _judge(
         return _kept_up(estimate, criterion, undecided)
     growth_hz = offered_hz - steady.completed_hz
     reason = (
-        f"undecided: the backlog grows by {growth_hz - half_hz:.3g} to "
-        f"{growth_hz + half_hz:.3g} messages/s"
+        f"the backlog grows by {growth_hz - half_hz:.3g} to {growth_hz + half_hz:.3g} messages/s"
     )
     return replace(undecided, reason=reason)
 
@@ -370,7 +369,7 @@ def _kept_up(
     seen = int(np.count_nonzero(estimate.dropped))
     known = f"at most {100 * judgement.lost_at_most:.2g} % lost ({seen} of {number} messages)"
     if seen > criterion.max_lost * number:
-        return replace(judgement, reason=f"undecided: {known}")
+        return replace(judgement, reason=known)
     return replace(judgement, keeps_up=True, reason=f"keeps up; {known}")
 
 

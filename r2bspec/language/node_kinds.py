@@ -73,6 +73,10 @@ def _no_arguments(help_text: str = "") -> dict[str, Refusal]:
     return {"arguments": Refusal("only an executable or a command has arguments", help_text)}
 
 
+def _no_lifecycle(why: str, help_text: str) -> dict[str, Refusal]:
+    return {"lifecycle": Refusal(why, help_text)}
+
+
 _NOT_LOADED: Final = Refusal("only a plugin is loaded by a container")
 _NO_PLUGIN = {"intra_process": _NOT_LOADED, "extra_arguments": _NOT_LOADED}
 _NO_CONTAINER = {"container": Refusal("only Python nodes and plugins run in a container")}
@@ -102,14 +106,25 @@ EXECUTABLE: Final = NodeKind(
 COMMAND: Final = NodeKind(
     name="command",
     keys=("command",),
-    refuses=_NO_CONTAINER | _NO_PLUGIN,
+    refuses=_NO_CONTAINER
+    | _NO_PLUGIN
+    | _no_lifecycle(
+        "a command may have nodes of any name",
+        "write the node as 'package' with 'executable', or change its state under 'after_ready'",
+    ),
     any_program=True,
 )
 
 LAUNCH: Final = NodeKind(
     name="launch",
     keys=("launch",),
-    refuses=_no_arguments("put them under 'launch.arguments'") | _NO_CONTAINER | _NO_PLUGIN,
+    refuses=_no_arguments("put them under 'launch.arguments'")
+    | _NO_CONTAINER
+    | _NO_PLUGIN
+    | _no_lifecycle(
+        "a launch file may have nodes of any name",
+        "let it or a lifecycle manager activate its nodes, or write them one by one",
+    ),
     by_others=True,
     names_own_nodes=True,
 )
@@ -122,6 +137,9 @@ EXTERNAL: Final = NodeKind(
     refuses={
         **_no_arguments(),
         **_NO_CONTAINER,
+        **_no_lifecycle(
+            "the run changes nothing of an external node", "activate the node before the run"
+        ),
         **_NO_PLUGIN,
         "env": Refusal("an external node already has its environment"),
         "parameters": Refusal("an external node already has its parameters"),

@@ -268,6 +268,9 @@ _Type = Annotated[
 ]
 
 
+LifecycleState = Literal["unconfigured", "inactive", "active"]
+
+
 class Node(StartedProcess, frozen=True, kw_only=True):
     """A node of the graph or of the preprocessors.
 
@@ -291,6 +294,10 @@ class Node(StartedProcess, frozen=True, kw_only=True):
         external: Whether the node is already running, started by other means. The run waits for it
             and does not stop it.
         container: The container of the node; without one, graph.placement applies.
+        lifecycle: The state into which the run brings a lifecycle node before its topics are waited
+            for. All nodes are configured in the order of the spec, then activated in this order.
+            Without this key the run changes no state: something in the graph does, such as a
+            lifecycle manager.
         intra_process: Whether a plugin exchanges messages with the plugins of its container by
             pointer, without the middleware: 'use_intra_process_comms' of launch files. Both sides
             need it.
@@ -334,6 +341,7 @@ class Node(StartedProcess, frozen=True, kw_only=True):
     launch: Launch | None = None
     external: bool = False
     container: Annotated[names.NodeName, key("vision")] = ""
+    lifecycle: Annotated[LifecycleState | None, key("active")] = None
     intra_process: bool = False
     extra_arguments: Annotated[_Values, key({"forward_global_arguments": False})] = {}
     arguments: Annotated[tuple[Word, ...], key(["--fast"])] = ()

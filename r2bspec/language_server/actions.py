@@ -20,13 +20,11 @@ from typing import Final
 from lsprotocol import types
 
 from r2bspec.api import folder_name
-from r2bspec.compare.report_input import read_result
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.diagnostics.code_pages import find_page, page_file
 from r2bspec.diagnostics.edits import applicable_together
 from r2bspec.diagnostics.waivers import NOT_WAIVABLE
 from r2bspec.errors import R2bspecError, UsageError
-from r2bspec.judge.measure.units import show
 from r2bspec.language.load_spec import load_cases
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.messages import Range
@@ -150,6 +148,9 @@ def latest_result(name: str, folder: Path) -> types.Command | None:
         name: of the benchmark, with its case.
         folder: in which runs were started, with the folder ``runs``.
     """
+    from r2bspec.compare.report_input import read_result
+    from r2bspec.judge.measure.units import show
+
     beginning = f"{folder_name(name)}-"
     try:
         runs = [run for run in (folder / "runs").iterdir() if run.name.startswith(beginning)]
@@ -414,7 +415,7 @@ def _about_nodes(
         first, _ = positions.offsets(span)
         if positions.line_at(first)[0] != positions.line_at(start)[0]:
             continue
-        if node.interface.publishes is None or node.interface.subscribes is None:
+        if node.interface.topics is None:
             command = SpecCommand(str(analysis.path), node=node.key)
             yield types.CodeAction(
                 title=f"Record the interface of '{node.key}' (starts the node once)",

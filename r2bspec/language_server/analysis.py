@@ -13,14 +13,14 @@ from __future__ import annotations
 import copy
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
 from r2bspec.check.check_context import Context, DocumentFiles
 from r2bspec.check.engine import check_cases, context_of
-from r2bspec.diagnostics import Diagnostic, Severity
+from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.diagnostics import Path as TreePath
 from r2bspec.errors import UsageError
 from r2bspec.language.declaration import Rule, rule_at
@@ -193,12 +193,14 @@ class OpenDocument:
         version: as the editor counts; None if it does not say.
         uri: by which the editor names it.
         resolved: the path without links.
+        is_too_long: whether the text was not kept, so that what is on disk counts.
     """
 
     text: str
     version: int | None
     uri: str
     resolved: Path
+    is_too_long: bool = False
 
     @cached_property
     def is_spec(self) -> bool:
@@ -219,20 +221,21 @@ class OpenSpecs:
         """Take over a text that was opened or changed.
 
         Raises:
-            UsageError: with it, too much would be open; the document counts as closed.
+            UsageError: with it, too many would be open; the document counts as closed.
         """
         self.generation += 1
         others = [len(each.text) for known, each in self._documents.items() if known != path]
-        if len(others) >= MAX_EDITOR_DOCUMENTS or (
-            sum(others) + len(text) > MAX_EDITOR_TEXT_CHARACTERS
-        ):
+        if len(others) >= MAX_EDITOR_DOCUMENTS:
             self.close(path)
             raise UsageError(
-                f"more is open than {MAX_EDITOR_DOCUMENTS:,} documents with "
-                f"{MAX_EDITOR_TEXT_CHARACTERS:,} characters",
+                f"more is open than {MAX_EDITOR_DOCUMENTS:,} documents",
                 hint="close others, and open this one again",
             )
-        self._documents[path] = OpenDocument(text, version, uri, _resolved(path))
+        document = OpenDocument(text, version, uri, _resolved(path))
+        if sum(others) + len(text) > MAX_EDITOR_TEXT_CHARACTERS:
+            beginning = "r2bspec:" if document.is_spec else ""
+            document = replace(document, text=beginning, is_too_long=True)
+        self._documents[path] = document
 
     def close(self, path: Path) -> None:
         """Forget a text; what is on disk counts again."""
@@ -259,7 +262,19 @@ class OpenSpecs:
 
     def analyse(self, path: Path) -> Analysis:
         """Analyse the newest text of a document; takes time, and keeps nothing."""
-        return analyse(path, self.text(path) or "", self.unsaved())
+        document = self._documents.get(path)
+        text = document.text if document is not None else ""
+        analysis = analyse(path, text, self.unsaved())
+        if document is None or not document.is_too_long:
+            return analysis
+        problem = Diagnostic.error(
+            "R2B002",
+            f"the documents that are open have more than {MAX_EDITOR_TEXT_CHARACTERS:,} "
+            "characters together with this one, which is not read",
+            Span.of_file(str(path)),
+            "close others or shorten it, then open it again; 'r2bspec validate' checks the file",
+        )
+        return replace(analysis, diagnostics=(problem,))
 
     def keep(self, analysis: Analysis) -> None:
         """Keep an analysis as the newest one of its document."""
@@ -307,7 +322,8 @@ class OpenSpecs:
 
         An analysis asks on a thread of its own, while documents are opened and closed.
         """
-        return {each.resolved: each.text for each in list(self._documents.values())}
+        documents = list(self._documents.values())
+        return {each.resolved: each.text for each in documents if not each.is_too_long}
 
 
 def _resolved(path: Path) -> Path:

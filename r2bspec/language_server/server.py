@@ -137,14 +137,19 @@ class SpecLanguageServer:
             self.analyse_soon(path)
 
     def edit(self, params: messages.ChangeParams) -> None:
-        """Change an open document; one whose changes cannot be made counts as closed."""
+        """Change an open document; one whose changes cannot be made counts as closed.
+
+        Of a text that is too long nothing is known that a part of it could be changed of.
+        """
         document = params.text_document
         path = document_path(document.uri)
-        before = self.specs.text(path)
+        before = self.specs.document(path)
         if before is None:
             raise invalid_params("a document that is not open cannot be changed")
+        if before.is_too_long and all(each.range for each in params.content_changes):
+            return
         try:
-            text = edited(before, params.content_changes, self.encoding)
+            text = edited(before.text, params.content_changes, self.encoding)
         except RequestError:
             self.close(path)
             raise
@@ -419,6 +424,9 @@ def _add_completion(server: SpecLanguageServer) -> None:
     @server.connection.on(types.TEXT_DOCUMENT_COMPLETION, messages.PositionParams)
     async def completed(params: messages.PositionParams) -> types.CompletionList:
         path = document_path(params.text_document.uri)
+        document = server.specs.document(path)
+        if document is not None and document.is_too_long:
+            return types.CompletionList(is_incomplete=False, items=[])
         await server.settled(path, MAX_WAIT_S)
         items = complete(
             server.specs.latest_known(path),
@@ -453,7 +461,7 @@ def _add_answers(server: SpecLanguageServer) -> None:
             async def answered(params: Any) -> Any:
                 path = document_path(params.text_document.uri)
                 document = server.specs.document(path)
-                if document is None or not document.is_spec:
+                if document is None or not document.is_spec or document.is_too_long:
                     return None
                 await server.settled(path)
                 if server.specs.document(path) is not document:

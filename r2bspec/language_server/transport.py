@@ -15,6 +15,7 @@ import re
 import threading
 from collections.abc import Callable, Coroutine
 from enum import Enum
+from io import BufferedReader
 from typing import Any, BinaryIO, Final, Literal
 
 import msgspec
@@ -29,12 +30,13 @@ from r2bspec.safe_io.limits import MAX_EDITOR_HEADER_BYTES, MAX_EDITOR_MESSAGE_B
 _MAX_SHOWN: Final = 300
 """Characters of what is said about an error: parts of a message may be in it."""
 
+_NAME: Final = b"content-length"
 _LENGTH: Final = re.compile(
     rb"Content-Length[ \t]*:[ \t]*(?:0*([0-9]{1,9})|[^\r\n]*?)[ \t]*\r?\n\Z", re.IGNORECASE
 )
 _MAX_FIELD_BYTES: Final = 64
 """With a length that is possible."""
-_FIELD: Final = re.compile(rb"[!-9;-~]+[ \t]*:")
+_FIELD: Final = re.compile(rb"[!-9;-~]++[ \t]*:")
 # Escapes up to half of a pair of surrogates, and that half, if there is one.
 _LONE_SURROGATE: Final = re.compile(
     rb"((?:[^\\]++|\\[^u]|\\u(?![dD][89a-fA-F])|\\u[dD][89abAB]..\\u[dD][c-fC-F]..)*+)(\\u....)?"
@@ -50,7 +52,7 @@ class MessageInput:
         stream: what the editor writes.
     """
 
-    def __init__(self, stream: BinaryIO) -> None:
+    def __init__(self, stream: BufferedReader) -> None:
         self._stream = stream
         self._is_lost = False
 
@@ -64,7 +66,7 @@ class MessageInput:
             RequestError: what arrives is no message; once, until the next message.
         """
         size, header_bytes, beginning = -1, 0, b""
-        while line := self._stream.readline(MAX_EDITOR_HEADER_BYTES):
+        while line := self._next_line(is_searched=self._is_lost and size < 0):
             length = _LENGTH.search((beginning + line)[-_MAX_FIELD_BYTES:])
             beginning = b"" if line.endswith(b"\n") else line[-_MAX_FIELD_BYTES:]
             if length is not None:
@@ -92,6 +94,18 @@ class MessageInput:
                         f"most {MAX_EDITOR_MESSAGE_BYTES:,}",
                     )
         return None
+
+    def _next_line(self, is_searched: bool) -> bytes:
+        """The next line, or, where one is searched, one that may have a length."""
+        while is_searched:
+            waiting = self._stream.peek()
+            found = waiting.lower().find(_NAME)
+            # The name may have arrived in part.
+            passed = found if found >= 0 else len(waiting) - len(_NAME)
+            if passed <= 0:
+                break
+            self._stream.read(passed)
+        return self._stream.readline(MAX_EDITOR_HEADER_BYTES)
 
 
 async def _read(incoming: MessageInput) -> bytes | None:
@@ -218,7 +232,7 @@ class Connection:
 
         return register
 
-    async def serve(self, stdin: BinaryIO, stdout: BinaryIO) -> bool:
+    async def serve(self, stdin: BufferedReader, stdout: BinaryIO) -> bool:
         """Carry out what arrives, up to 'exit' or the end; whether 'shutdown' came before."""
         self._output = stdout
         incoming = MessageInput(stdin)

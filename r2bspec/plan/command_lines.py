@@ -9,9 +9,6 @@ namespace, parameters, remappings, `publishes` or `subscribes`: it is then a ROS
 receives ROS arguments, but no node name, because it may have several nodes. Its parameter files
 are passed unchanged, because they may be for all of its nodes.
 
-A Python function that is a program, such as the ``main`` of an ordinary node, is called by
-`r2bspec.harness.node_main` in its own process, with the same ROS arguments as an executable.
-
 A launch file is started by ``ros2 launch`` through a launch file of r2bspec, which has launch
 arguments for the namespace, the remappings and the arguments (`r2bspec.harness.included_launch`).
 """
@@ -33,8 +30,6 @@ HARNESS_ARGV = ("$(python)", "-P", "-m", "r2bspec.harness.child")
 
 NATIVE_ARGV = ("$(harness)",)
 
-_MAIN_ARGV = ("$(python)", "-P", "-m", "r2bspec.harness.node_main")
-
 INCLUDED_LAUNCH = "$(included_launch)"
 
 CONTAINER_PACKAGE = "rclcpp_components"
@@ -48,8 +43,7 @@ def is_own_program(argv: Sequence[str]) -> bool:
 
     The words count, not the first one alone: a command of a spec may begin with ``$(python)``.
     """
-    words = tuple(argv)
-    return words in (HARNESS_ARGV, NATIVE_ARGV) or words[: len(_MAIN_ARGV)] == _MAIN_ARGV
+    return tuple(argv) in (HARNESS_ARGV, NATIVE_ARGV)
 
 
 def container_argv(name: str, container: Container, namespace: str) -> tuple[str, ...]:
@@ -85,11 +79,8 @@ def node_argv(wired: NodeWiring) -> tuple[str, ...]:
     return _ARGV[wired.node.kind.name](wired)
 
 
-def _python(wired: NodeWiring) -> tuple[str, ...]:
-    if wired.role == "host":
-        return HARNESS_ARGV
-    node_name = f"__node:={wired.key}"
-    return (*_MAIN_ARGV, wired.node.python, *_ros_arguments(wired, wired.parameters, node_name))
+def _python(_wired: NodeWiring) -> tuple[str, ...]:
+    return HARNESS_ARGV
 
 
 def _component(wired: NodeWiring) -> tuple[str, ...]:

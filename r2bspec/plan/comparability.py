@@ -110,6 +110,7 @@ _SHOWN_KEYS: Final[Mapping[str, str]] = {
     "clock": "playback.clock",
     "segment_bytes": "transport.segment",
     "external": "graph.nodes",
+    "lifecycle": "graph.nodes",
     "processes": "graph",
     "topics": "graph",
     "objectives": "slos",

@@ -14,7 +14,7 @@ from r2bspec._version import __version__
 from r2bspec.bags.recording import merge_indexes
 from r2bspec.language.spec import BagSource, Objective, Pacing, ReadyProbe, Spec
 from r2bspec.plan import plan as plans
-from r2bspec.plan.process_plans import plan_external, plan_processes
+from r2bspec.plan.process_plans import plan_external, plan_lifecycle, plan_processes
 from r2bspec.plan.topic_plans import plan_inputs, plan_monitors, plan_topics
 from r2bspec.plan.wiring.build_wiring import build_wiring, harness_topic
 from r2bspec.plan.wiring.companion_files import NO_COMPANION_FILES, CompanionFiles
@@ -105,6 +105,7 @@ def compile_plan(
         unpaired=spec.playback.unpaired,
         clock=spec.playback.clock,
         requires=msgspec.UNSET if spec.requires is None else spec.requires,
+        lifecycle=plan_lifecycle(wiring) or msgspec.UNSET,
     )
 
 
@@ -218,6 +219,7 @@ def _play_at(spec: Spec, rate_hz: float) -> plans.PlayPlan:
 
 def _phases(spec: Spec, sustained_hz: tuple[float, ...], *, plays: bool) -> Iterator[str]:
     """The phases of the run, in order."""
+    states = {node.lifecycle for node in spec.graph.nodes.values()}
     has_phase = {
         "setup": spec.setup,
         "load": not spec.live,
@@ -225,6 +227,8 @@ def _phases(spec: Spec, sustained_hz: tuple[float, ...], *, plays: bool) -> Iter
         "start": True,
         "harness_overhead": not spec.live,
         "graph": True,
+        "configure": states & {"inactive", "active"},
+        "activate": "active" in states,
         "ready": spec.ready,
         "after_ready": spec.after_ready,
         "warm_up": spec.benchmark.warm_up.ns,

@@ -14,6 +14,7 @@ import msgspec
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import (
+    LifecycleState,
     MonitorSettings,
     Objective,
     Pacing,
@@ -151,6 +152,14 @@ class ExternalPlan(_Value, frozen=True, kw_only=True):
 
     name: str
     phase: Literal["preprocess", "measure"]
+
+
+class LifecyclePlan(_Value, frozen=True, kw_only=True):
+    """A lifecycle node, and the state into which the run brings it before its topics are used."""
+
+    name: str
+    phase: Literal["preprocess", "measure"]
+    state: LifecycleState
 
 
 class SetupPlan(_Value, frozen=True, kw_only=True):
@@ -332,10 +341,10 @@ class GatePlan(_Value, frozen=True, kw_only=True):
 class Plan(Pacing, frozen=True, kw_only=True):
     """The plan of a run.
 
-    `phases` are those of setup, load, preprocess, start, harness_overhead, graph, ready,
-    after_ready, warm_up, search, sustained, play, truth and collect that the run has, in this
-    order. `sustained_hz` are the rates that an objective requires to be sustained, with one
-    sequential probe each.
+    `phases` are those of setup, load, preprocess, start, harness_overhead, graph, configure,
+    activate, ready, after_ready, warm_up, search, sustained, play, truth and collect that the run
+    has, in this order. `sustained_hz` are the rates that an objective requires to be sustained,
+    with one sequential probe each.
     `play_at_peak` is played at the peak rate of the search, if an objective needs it; its own rate
     is 0. `largest_message_bytes` is over the bag topics that are used, and 0 if unknown. The fields
     of `Pacing` are keys of the spec.
@@ -353,6 +362,7 @@ class Plan(Pacing, frozen=True, kw_only=True):
             see `r2bspec.plan.interim_looks`.
         clock: whether loader and player publish the system time on /clock.
         requires: what the machine must be; a plan without it has no such key.
+        lifecycle: the nodes whose states the run changes, in this order; likewise.
     """
 
     r2bspec_plan: Literal[1] = 1
@@ -391,6 +401,11 @@ class Plan(Pacing, frozen=True, kw_only=True):
     unpaired: Literal["refuse", "drop"] = "refuse"
     clock: bool = False
     requires: Requires | msgspec.UnsetType = msgspec.UNSET
+    lifecycle: tuple[LifecyclePlan, ...] | msgspec.UnsetType = msgspec.UNSET
+
+    def states_in(self, phase: str) -> dict[str, LifecycleState]:
+        """The nodes of a phase whose states the run changes, in order, with these states."""
+        return {each.name: each.state for each in self.lifecycle or () if each.phase == phase}
 
     @property
     def plays(self) -> tuple[PlayPlan, ...]:

@@ -20,7 +20,7 @@ import msgspec
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.spec import Container, Node, ProcessSettings, Spec, StartedProcess
 from r2bspec.plan.command_lines import HARNESS_ARGV, NATIVE_ARGV, container_argv, node_argv
-from r2bspec.plan.plan import ExternalPlan, JoinPlan, NodePlan, ProcessPlan
+from r2bspec.plan.plan import ExternalPlan, JoinPlan, LifecyclePlan, NodePlan, ProcessPlan
 from r2bspec.plan.wiring.build_wiring import harness_topic
 from r2bspec.plan.wiring.wiring import Endpoint, NodeWiring, Phase, PhaseWiring, Wiring
 
@@ -58,6 +58,16 @@ def plan_external(wiring: Wiring) -> tuple[ExternalPlan, ...]:
         for phase in wiring.phases
         for node in phase.nodes
         if node.role is None
+    )
+
+
+def plan_lifecycle(wiring: Wiring) -> tuple[LifecyclePlan, ...]:
+    """The nodes whose states the run changes, in the order of the spec."""
+    return tuple(
+        LifecyclePlan(name=node.name, phase=phase.phase, state=node.node.lifecycle)
+        for phase in wiring.phases
+        for node in phase.nodes
+        if node.node.lifecycle is not None
     )
 
 

@@ -379,16 +379,17 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         code: of the rule of ``r2bspec validate`` that finds the same error.
-        part: a `parameter` or a `remapping` of a node, or an `endpoint`.
+        part: a `parameter` or a `remapping` of a node, its `lifecycle`, or an `endpoint`.
         owner: the full name of the node, or the part of the harness.
-        name: the parameter, the left side of the remapping, or the full name of the topic.
+        name: the parameter, the left side of the remapping, the full name of the topic, or the
+            transition.
         topic: the full name that is the target of the remapping.
         harmless: whether the run could continue nevertheless.
     """
 
     code: str
     message: str
-    part: Literal["parameter", "remapping", "endpoint"]
+    part: Literal["parameter", "remapping", "lifecycle", "endpoint"]
     owner: str
     name: str
     topic: str = ""

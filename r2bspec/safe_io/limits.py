@@ -207,12 +207,13 @@ MAX_IGNORE_FILE_BYTES: Final = 1_000_000
 
 # Editors and fleets
 
-MAX_EDITOR_MESSAGE_BYTES: Final = 1 << 25
-"""Three times the largest document: line breaks and quotes are escaped."""
+MAX_EDITOR_MESSAGE_BYTES: Final = 16_000_000
+"""Of the longest document that is read, all characters may be escapes of twelve bytes."""
 MAX_EDITOR_HEADER_BYTES: Final = 1 << 16
 """Of the header of a message: real ones have a hundred."""
-MAX_EDITOR_TEXT_CHARACTERS: Final = 1 << 25
-"""Of all open documents together."""
+MAX_EDITOR_TEXT_CHARACTERS: Final = 1_000_000
+"""Of all open documents together that are read: a spec has a few thousand, and is analysed anew
+with every key press."""
 MAX_EDITOR_DOCUMENTS: Final = 500
 """Open at a time."""
 MAX_EDITOR_ITEMS: Final = 100_000
@@ -221,7 +222,7 @@ MAX_EDITOR_EDIT_WORK: Final = 500_000_000
 """Characters and lines that the changes of one message move."""
 MAX_EDITOR_LINE_CHARACTERS: Final = 10_000
 """Of a line in which something is proposed."""
-MAX_EDITOR_PARSED_CHARACTERS: Final = 3_000_000
+MAX_EDITOR_PARSED_CHARACTERS: Final = 400_000
 """To propose something: a text that is being written is tried in several ways."""
 MAX_EDITOR_CURSORS: Final = 1_000
 """Places whose selections are asked for."""

@@ -489,7 +489,8 @@ def _lsp(data: bytes, folder: Path) -> None:
     vars(server)["start_command"] = lambda *_: None
     received, log = io.BytesIO(), io.StringIO()
     with contextlib.redirect_stderr(log):
-        asyncio.run(server.connection.serve(io.BytesIO(sent), received))
+        stream: io.BufferedReader = io.BufferedReader(io.BytesIO(sent))
+        asyncio.run(server.connection.serve(stream, received))
     for defect in defects:
         raise defect
     assert not log.getvalue(), log.getvalue()[-2000:]

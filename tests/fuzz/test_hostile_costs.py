@@ -177,12 +177,16 @@ def asked(method: str, number: int | None = None, **params: object) -> dict[str,
     return message if number is None else message | {"id": number}
 
 
+def opened(text: str, number: int = 0) -> dict[str, object]:
+    item = {"uri": f"file:///{number}.r2b.yaml", "version": 1, "text": text}
+    return asked("textDocument/didOpen", textDocument=item)
+
+
 def edits(text: str, number: int) -> tuple[object, ...]:
-    item = {"uri": "file:///a.r2b.yaml", "version": 1, "text": text}
+    item = {"uri": "file:///0.r2b.yaml", "version": 1}
     start = {"line": 0, "character": 0}
     change = {"range": {"start": start, "end": start}, "text": "x"}
-    opened = asked("textDocument/didOpen", textDocument=item)
-    return opened, asked(
+    return opened(text), asked(
         "textDocument/didChange", textDocument=item, contentChanges=[change] * number
     )
 
@@ -200,6 +204,13 @@ CONVERSATIONS: dict[str, Callable[[], tuple[object, ...]]] = {
     "changes of a long line": lambda: edits("x" * 9_000_000, 5_000),
     "changes of many lines": lambda: edits("x\n" * 4_000_000, 5_000),
     "errors": lambda: (b"Content-Length: 1\r\n\r\n{" * 10_000,),
+    "a long document": lambda: (opened(SPEC + "labels:\n" + "  k: 1\n" * 1_400_000),),
+    "a long line": lambda: (opened(SPEC + f"title: [{'1,' * 4_900_000}]\n"),),
+    "long documents": lambda: tuple(
+        opened(SPEC + "".join(f"k{n}: 1\n" for n in range(300_000)), number) for number in range(10)
+    ),
+    "a long body": lambda: (b"Content-Length: 200000000\r\n\r\n" + bytes(200_000_000),),
+    "a body of lines": lambda: (b"Content-Length: 200000000\r\n\r\n" + b"x\n" * 100_000_000,),
 }
 
 

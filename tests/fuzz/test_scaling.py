@@ -28,7 +28,7 @@ from r2bspec.check.check_context import Context
 from r2bspec.check.rules import bounds
 from r2bspec.cli.check_files import CheckOptions, check_file
 from r2bspec.interop.ros2_benchmark import read_compared
-from r2bspec.judge.measure.host_usage import resource_use, rows_by_process
+from r2bspec.judge.measure.host_usage import ProcessSamples
 from r2bspec.record.sample_arrays import RESOURCE_DTYPE
 from r2bspec.safe_io.safe_json import decode_json
 from r2bspec.safe_io.safe_yaml import check_document
@@ -179,10 +179,10 @@ def read_windows(number: int, _: Path) -> Work:
     rows["time_ns"] = np.arange(rows.size) * 10**8
 
     def work() -> None:
-        processes = rows_by_process(rows)
+        processes = ProcessSamples(rows)
         for window in range(number):
             began = window * 2 * 10**9
-            resource_use(processes, frozenset({0}), began, began + 10**9)
+            processes.used(began, began + 10**9)
 
     return work
 

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.measure.host_usage import HostInterference, rows_by_process
+from r2bspec.judge.measure.host_usage import HostInterference, ProcessSamples
 from r2bspec.judge.measure.run_samples import (
     NO_STAMPS,
     HostSamples,
@@ -159,7 +159,7 @@ class Simulation:
             plan,
             lambda segment: segment_samples(plan, segment, rows[segment.id]),
             HostSamples(
-                rows_by_process(self._resources(end_ns)),
+                ProcessSamples(self._resources(end_ns)),
                 self._interference(end_ns)
                 if self.interference
                 else np.empty(0, INTERFERENCE_DTYPE),

@@ -120,7 +120,7 @@ def preprocessor_output_unused(context: Context) -> Findings:
         return
     recorded = {endpoint.topic for endpoint in phase.endpoints_of("recorder")}
     for node in phase.nodes:
-        if node.interface.publishes is None:
+        if not node.interface.publishes_all:
             continue
         endpoints = phase.endpoints_of(node.name)
         published = [endpoint.topic for endpoint in endpoints if endpoint.is_publisher]

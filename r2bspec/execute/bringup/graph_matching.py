@@ -22,6 +22,7 @@ import msgspec
 
 from r2bspec.execute.bringup import find_fault
 from r2bspec.execute.bringup.launcher import Launcher
+from r2bspec.execute.bringup.lifecycle import LifecycleNodes
 from r2bspec.execute.bringup.observe_graph import HARNESS, GraphFacts, GraphObserver
 from r2bspec.execute.bringup.readiness import IdleNodes, StartDeadline, patience_s
 from r2bspec.execute.bringup.spec_mismatches import find_undeclared, unmatched_remapping
@@ -133,6 +134,7 @@ class PhaseGraph:
             lambda: self.observer().look(),
             idle_s=idle.update,
             answer=lambda: idle.answer(self.supervisor.observer()),
+            never_active=self.lifecycle.never_active,
         )
         told = False
         while True:
@@ -148,6 +150,8 @@ class PhaseGraph:
                     if counts.get(topic, 0) < count
                 }
             if not missing:
+                # Those of which something in the graph has changed the states.
+                self.launcher.describe_lifecycle_nodes()
                 return
             certain = diagnosis.certain(missing)
             if certain or diagnosis.stalled_s or deadline.over:
@@ -157,6 +161,11 @@ class PhaseGraph:
                 faults = _faults_of(diagnosis.facts, missing)
                 self.note(f"not ready so far: {'; '.join(fault.sentence for fault in faults)}")
             self.supervisor.pump(_POLL_S)
+
+    @property
+    def lifecycle(self) -> LifecycleNodes:
+        """The lifecycle nodes of the graph."""
+        return LifecycleNodes(self.plan, self.phase, self.supervisor, self.launcher, self.note)
 
     def observer(self, monitor: ManagedProcess | None = None) -> GraphObserver:
         """Observes the graph; with a monitor, messages can be traced."""
@@ -221,10 +230,16 @@ class PhaseGraph:
             names_related: whether it says what else is wrong with the nodes that have faults.
         """
         known = self.launcher.differences
-        differences = graph_mismatches(
-            faults, known, lambda fault: fault.topic in certain or self._is_permanent(fault)
+        waiting = self.lifecycle.waiting([*silent, *(fault.topic for fault in faults)])
+        differences = tuple(each.difference for each in waiting if not each.managers)
+        differences = differences or graph_mismatches(
+            faults,
+            known,
+            lambda fault: not waiting and (fault.topic in certain or self._is_permanent(fault)),
         )
-        sentences = [fault.sentence for fault in faults] or [_NO_FAULT]
+        sentences = [each.difference.message for each in waiting]
+        sentences += [fault.sentence for fault in faults]
+        sentences = sentences or [_NO_FAULT]
         also = related_differences(faults, known) if names_related else ""
         path = dict.fromkeys(
             name for topic in silent for name in find_fault.full_path(facts, topic)
@@ -236,7 +251,7 @@ class PhaseGraph:
             return "\n".join([head, *find_fault.path_lines(facts, path)])
 
         if not differences:
-            return otherwise(text(), hint=hint)
+            return otherwise(text(), hint=waiting[0].difference.help if waiting else hint)
         details = text({difference.message for difference in differences})
         return GraphMismatchError(differences, text(), differences[0].help or hint, details=details)
 
@@ -262,7 +277,9 @@ class PhaseGraph:
             GraphMismatchError: a node does not declare a parameter that is certainly misspelt.
             RunError: the observer does not respond.
         """
-        differences = find_undeclared(self.plan, self.phase, self.supervisor, observer)
+        differences = find_undeclared(
+            self.plan, self.phase, self.launcher.programs, self.supervisor, observer
+        )
         for difference in differences:
             self.note(f"{difference.message}; ROS ignores it")
         self.launcher.differences += differences
@@ -409,6 +426,7 @@ class EarlyDiagnosis:
         clock: a monotonic clock in seconds.
         idle_s: for how many seconds the nodes have been idle.
         answer: whether all nodes answer, which takes a while.
+        never_active: which of some topics lack endpoints of lifecycle nodes that nothing activates.
 
     Attributes:
         facts: of the graph, once it has not changed for a while; None before.
@@ -427,11 +445,13 @@ class EarlyDiagnosis:
         *,
         idle_s: Callable[[], float] = lambda: 0.0,
         answer: Callable[[], bool] = lambda: False,
+        never_active: Callable[[Collection[str]], frozenset[str]] = lambda _: frozenset(),
     ) -> None:
         self._observe = observe
         self._clock = clock
         self._idle_s = idle_s
         self._answer = answer
+        self._never_active = never_active
         self._patience_s = patience_s(plan.start_timeout_ns / 1e9)
         self._remapped = remapped
         self._last: GraphFacts | None = None
@@ -459,4 +479,5 @@ class EarlyDiagnosis:
         self.facts = facts
         if quiet_s >= self._patience_s and self._answer():
             self.stalled_s = unchanged_s
-        return find_fault.certain_topics(facts, missing, self._remapped)
+        certain = find_fault.certain_topics(facts, missing, self._remapped)
+        return certain or self._never_active(missing)

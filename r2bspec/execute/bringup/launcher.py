@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
 from r2bspec.execute.bringup.readiness import StartDeadline, wait_for_exit
 from r2bspec.execute.bringup.spec_mismatches import (
     require_declared_parameters,
@@ -51,7 +53,8 @@ class Launcher:
     Attributes:
         endpoints: the actual endpoints of the Python nodes, as in `protocol.Ready`.
         differences: between the nodes and the plan, none of which has failed the run so far.
-        hosts: the processes of Python nodes, with the full names of their nodes.
+        hosts: the processes of Python nodes, with the full names of the nodes that they spin.
+        programs: the names of those that make and spin their nodes themselves.
         rmw: the middleware that processes of the harness have loaded; empty until one says so.
         joins: loads the harness into processes of the graph; None where it runs in its own.
     """
@@ -74,6 +77,8 @@ class Launcher:
         self._created_nodes: set[str] = set()
         self._has_opaque_nodes = False
         self.hosts: dict[ManagedProcess, frozenset[str]] = {}
+        self.programs: set[str] = set()
+        self._lifecycle_hosts: list[ManagedProcess] = []
         self._early: dict[str, ManagedProcess] = {}
         self._importing: list[ManagedProcess] = []
         self._ready_observers: set[ManagedProcess] = set()
@@ -148,6 +153,7 @@ class Launcher:
         """
         if child not in self._ready_observers:
             self._answer(child)
+            self._ready_observers.add(child)
 
     def start_early(
         self,
@@ -247,12 +253,43 @@ class Launcher:
             ready = self._supervisor.answer(
                 child, protocol.Ready, deadline.left_s, deadline.timeout_s
             )
-            require_declared_parameters(ready)
-            self.endpoints += ready.endpoints
-            self.differences += unmatched_remappings(ready)
+            if ready.is_program:
+                # Nothing is known of its nodes: they are looked at from outside.
+                self.hosts[child] = frozenset()
+                self.programs.add(plan.name)
+                self._has_opaque_nodes = True
+                continue
             self.hosts[child] = frozenset(node.name for node in plan.nodes)
-            self._created_nodes |= self.hosts[child]
+            if ready.lifecycle:
+                self._lifecycle_hosts.append(child)
+            self._learn(child, ready, without=ready.lifecycle)
         return [child for child, _ in started]
+
+    def describe_lifecycle_nodes(self) -> None:
+        """Ask Python hosts what their lifecycle nodes have, which exists once they are configured.
+
+        Raises:
+            RunError: a host does not answer.
+            GraphMismatchError: a node does not declare a parameter that the spec sets.
+        """
+        while self._lifecycle_hosts:
+            child = self._lifecycle_hosts.pop()
+            ready = self._supervisor.request(child, protocol.DescribeNodes(), protocol.Ready)
+            self._learn(child, ready, without=self.hosts[child] - {*ready.lifecycle})
+
+    def _learn(self, child: ManagedProcess, ready: protocol.Ready, without: Iterable[str]) -> None:
+        """Take down what the nodes of a host have, but for some of them."""
+        left_out = {*without}
+        ready = msgspec.structs.replace(
+            ready,
+            endpoints=tuple(each for each in ready.endpoints if each[0] not in left_out),
+            undeclared=tuple(each for each in ready.undeclared if each[0] not in left_out),
+            unmatched=tuple(each for each in ready.unmatched if each[0] not in left_out),
+        )
+        require_declared_parameters(ready)
+        self.endpoints += ready.endpoints
+        self.differences += unmatched_remappings(ready)
+        self._created_nodes |= self.hosts[child] - left_out
 
     def _configure_host(self, child: ManagedProcess, plan: ProcessPlan) -> None:
         child.send(

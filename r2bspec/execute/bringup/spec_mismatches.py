@@ -8,7 +8,7 @@ parameter that is not declared, so that a graph with a misspelt one runs, with a
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import msgspec
@@ -18,7 +18,7 @@ from r2bspec.execute.errors import GraphMismatchError
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import has_planned_name
-from r2bspec.plan.plan import Plan
+from r2bspec.plan.plan import Plan, ProcessPlan
 from r2bspec.record.run_record import Difference
 
 _PARAMETER_UNKNOWN = "R2B211"
@@ -119,14 +119,21 @@ class ExpectedParameters:
     own_node_name: bool
 
 
-def expected_parameters(plan: Plan, phase: str) -> Iterator[ExpectedParameters]:
-    """The parameters of nodes that run in processes other than Python hosts."""
+def expected_parameters(
+    plan: Plan, phase: str, programs: Collection[str]
+) -> Iterator[ExpectedParameters]:
+    """The parameters of nodes that are not spun by Python hosts."""
     for process in plan.processes:
-        if process.phase == phase and process.role in {"container", "command"}:
+        if process.phase == phase and not _spins_nodes(process, programs):
             for node in process.nodes:
                 names = tuple(name for name in node.parameters if not _is_common(name))
                 if names:
                     yield ExpectedParameters(node.name, names, has_planned_name(process, node))
+
+
+def _spins_nodes(process: ProcessPlan, programs: Collection[str]) -> bool:
+    """Whether a process of r2bspec spins its nodes, and has asked them itself."""
+    return process.role not in {"container", "command"} and process.name not in programs
 
 
 def _is_common(name: str) -> bool:
@@ -134,7 +141,11 @@ def _is_common(name: str) -> bool:
 
 
 def find_undeclared(
-    plan: Plan, phase: str, supervisor: ProcessSupervisor, observer: ManagedProcess
+    plan: Plan,
+    phase: str,
+    programs: Collection[str],
+    supervisor: ProcessSupervisor,
+    observer: ManagedProcess,
 ) -> tuple[Difference, ...]:
     """The parameters that no node declares, although its process has responded.
 
@@ -144,6 +155,7 @@ def find_undeclared(
     Args:
         plan: of the run.
         phase: ``preprocess`` or ``measure``.
+        programs: names of processes of Python nodes that spin them themselves.
         supervisor: all processes.
         observer: a monitor or a loader.
 
@@ -151,10 +163,10 @@ def find_undeclared(
         GraphMismatchError: a node does not declare a parameter that is certainly misspelt.
         RunError: the observer does not respond.
     """
-    expected = tuple(expected_parameters(plan, phase))
+    expected = tuple(expected_parameters(plan, phase, programs))
     if not expected:
         return ()
-    hosts = (process for process in plan.processes if process.role in {"host", "harness"})
+    hosts = (process for process in plan.processes if _spins_nodes(process, programs))
     hosted = sorted({node.name for process in hosts for node in process.nodes})
     command = protocol.ListParameters(exclude=tuple(hosted), timeout_ns=_CALL_NS)
     deadline = time.monotonic() + _PATIENCE_S

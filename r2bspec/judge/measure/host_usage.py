@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,41 +65,45 @@ def spaced_indices(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.array(kept, dtype=np.int64)
 
 
-def rows_by_process(resources: Rows) -> dict[int, Rows]:
-    """Rows of type `RESOURCE_DTYPE` by the index of their process, in order of time."""
-    if not resources.size:
-        return {}
-    ordered = resources[np.lexsort((resources["time_ns"], resources["process"]))]
-    indices, starts = np.unique(ordered["process"], return_index=True)
-    return dict(zip(indices.tolist(), np.split(ordered, starts[1:]), strict=True))
-
-
-def resource_use(
-    resources: Mapping[int, Rows], processes: frozenset[int], began_ns: int, ended_ns: int
-) -> ResourceUse | None:
-    """What some processes together used between two times, or None if nothing was sampled then.
-
-    With C(t) the processor time used up to t, interpolated linearly between samples,
-
-        cpu_mean = (C(ended) - C(began)) / (ended - began)
-
-    so that time outside the window does not count, whatever the sampling period. Samples must
-    cover at least half of the window; the rest is left out of both differences.
+class ProcessSamples:
+    """What was sampled of each process of a run, and of the machine.
 
     Args:
-        resources: as `rows_by_process` returns them.
-        processes: the indices to add up; several where a name was started more than once.
-        began_ns: the beginning of the window.
-        ended_ns: its end.
+        resources: rows of type `RESOURCE_DTYPE`, in any order.
     """
-    found = [
-        one
-        for index in sorted(processes)
-        if index in resources
-        and (one := _process_use(resources[index], began_ns, ended_ns)) is not None
-    ]
-    if not found:
-        return None
+
+    def __init__(self, resources: Rows) -> None:
+        ordered = resources[np.lexsort((resources["time_ns"], resources["process"]))]
+        self._indices, starts = np.unique(ordered["process"], return_index=True)
+        self._rows = np.split(ordered, starts[1:])
+        ends = np.append(starts, ordered.size)[1:]
+        self._first_ns = ordered["time_ns"][starts]
+        self._last_ns = ordered["time_ns"][ends - 1]
+
+    def used(self, began_ns: int, ended_ns: int) -> dict[int, ResourceUse]:
+        """What each process used between two times, by its index, ascending.
+
+        With C(t) the processor time used up to t, interpolated linearly between samples,
+
+            cpu_mean = (C(ended) - C(began)) / (ended - began)
+
+        so that time outside the window does not count, whatever the sampling period. Samples must
+        cover at least half of the window; the rest is left out of both differences. A process of
+        which nothing was sampled then is left out.
+        """
+        # A run has thousands of windows, and the processes of all its starts.
+        sampled = (self._last_ns > began_ns) & (self._first_ns < ended_ns)
+        if ended_ns < began_ns:
+            return {}
+        return {
+            int(self._indices[place]): _process_use(self._rows[place], began_ns, ended_ns)
+            for place in np.flatnonzero(sampled)
+            if self._rows[place].size > 1
+        }
+
+
+def total_use(found: Sequence[ResourceUse]) -> ResourceUse:
+    """What several processes, at least one, used together in one window."""
     if len(found) == 1:
         return found[0]
     return ResourceUse(
@@ -112,53 +116,49 @@ def resource_use(
     )
 
 
-def _process_use(rows: Rows, began_ns: int, ended_ns: int) -> ResourceUse | None:
+def _process_use(rows: Rows, began_ns: int, ended_ns: int) -> ResourceUse:
+    """The use of one process, of which there are samples on both sides of some time in between."""
     rows = _around(rows, began_ns, ended_ns)
-    inside = (rows["time_ns"] >= began_ns) & (rows["time_ns"] <= ended_ns)
-    if rows.size < 2 or rows["time_ns"][-1] <= began_ns or rows["time_ns"][0] >= ended_ns:
-        return None
-    memory = rows["memory_bytes"][inside]
-    memory_max = int(memory.max()) if memory.size else None
     times = rows["time_ns"]
+    memory = rows["memory_bytes"][bisect_left(times, began_ns) : bisect_right(times, ended_ns)]
+    memory_max = int(memory.max()) if memory.size else None
     start, end = max(began_ns, int(times[0])), min(ended_ns, int(times[-1]))
     if end <= start or 2 * (end - start) < ended_ns - began_ns:
         return ResourceUse(None, None, memory_max)
-    edges = np.concatenate(([start], times[(times > start) & (times < end)], [end]))
+    within = times[bisect_right(times, start) : bisect_left(times, end)]
+    edges = np.concatenate(([start], within, [end]))
     # Relative to the start of the window, because float64 cannot represent nanoseconds since boot.
-    used = np.interp((edges - start) / 1e9, (times - start) / 1e9, rows["cpu_s"])
+    times_s, edges_s, seconds = (times - start) / 1e9, (edges - start) / 1e9, (end - start) / 1e9
+    used = np.interp(edges_s, times_s, rows["cpu_s"])
     apart = spaced_indices(edges)
     busiest = float(np.max(np.diff(used[apart]) / (np.diff(edges[apart]) / 1e9)))
-    mean = float(used[-1] - used[0]) / ((end - start) / 1e9)
-    waited_s = _growth_of_process(rows, "waited_s", start, end)
+    mean = float(used[-1] - used[0]) / seconds
+    waited_s, minor_faults = (
+        # -1 in files of versions that did not record it.
+        _growth(times_s, rows[field], seconds) if rows[field].min() >= 0 else None
+        for field in ("waited_s", "minor_faults")
+    )
     return ResourceUse(
         mean,
         max(busiest, mean),
         memory_max,
-        None if waited_s is None else waited_s / ((end - start) / 1e9),
-        _growth_of_process(rows, "minor_faults", start, end),
+        None if waited_s is None else waited_s / seconds,
+        minor_faults,
     )
 
 
 def _around(rows: Rows, began_ns: int, ended_ns: int) -> Rows:
-    """Rows inside a window and one on each side: a run has thousands of windows."""
+    """Rows inside a window and one on each side."""
     # Not numpy's search: it copies a field of an array of structures, all of it, for each window.
     first = bisect_left(rows["time_ns"], began_ns) - 1
     last = bisect_right(rows["time_ns"], ended_ns)
     return rows[max(first, 0) : last + 1]
 
 
-def _growth(rows: Rows, field: str, start: int, end: int) -> float:
-    """By how much a cumulative value has grown; NaN where the system does not report it."""
-    # Relative to the start of the window, because float64 cannot represent nanoseconds since boot.
-    times_s = (rows["time_ns"] - start) / 1e9
-    first, last = np.interp([0.0, (end - start) / 1e9], times_s, rows[field])
+def _growth(times_s: NDArray[np.float64], values: NDArray[np.float64], seconds: float) -> float:
+    """By how much a cumulative value has grown from 0 on; NaN where it is not reported."""
+    first, last = np.interp((0.0, seconds), times_s, values)
     return float(last - first)
-
-
-def _growth_of_process(rows: Rows, field: str, start: int, end: int) -> float | None:
-    """The same; None if it is unknown at some sample."""
-    # -1 in files of versions that did not record it.
-    return _growth(rows, field, start, end) if np.all(rows[field] >= 0) else None
 
 
 def _sum(values: list[float | None]) -> float | None:
@@ -218,8 +218,8 @@ class HostInterference(msgspec.Struct, frozen=True, kw_only=True):
 
 def host_interference(
     rows: Rows,
-    resources: Mapping[int, Rows],
-    processes: frozenset[int],
+    used: Mapping[int, ResourceUse],
+    processes: Container[int],
     machine: Mapping[str, Any],
     began_ns: int,
     ended_ns: int,
@@ -228,7 +228,7 @@ def host_interference(
 
     Args:
         rows: of type `INTERFERENCE_DTYPE`, in order of time.
-        resources: as for `resource_use`.
+        used: see `ProcessSamples.used`.
         processes: the indices of all processes of the run.
         machine: as in `RunRecord.machine`.
         began_ns: the beginning of the window.
@@ -241,21 +241,23 @@ def host_interference(
     if seconds <= 0 or not _covers(rows, began_ns, ended_ns):
         return None
     rows = _around(rows, began_ns, ended_ns)
-    stolen_s = _growth_on_host(rows, "stolen_s", began_ns, ended_ns)
-    waited_s = _growth_on_host(rows, "waited_s", began_ns, ended_ns)
-    busy_s = _growth_on_host(rows, "busy_s", began_ns, ended_ns)
-    cycles = _growth_on_host(rows, "cycles", began_ns, ended_ns)
-    # Without orphans there are no rows of them.
-    own = resource_use(resources, processes | {ORPHANS_INDEX}, began_ns, ended_ns)
+    # Relative to the start of the window, as for a process.
+    times_s = (rows["time_ns"] - began_ns) / 1e9
+    stolen_s, waited_s, busy_s, cycles, throttled_s = (
+        _growth_on_host(times_s, rows[field], seconds)
+        for field in ("stolen_s", "waited_s", "busy_s", "cycles", "throttled_s")
+    )
+    of_run = [use for index, use in used.items() if index == ORPHANS_INDEX or index in processes]
+    own = total_use(of_run) if of_run else None
     cores = machine.get("cores")
     return HostInterference(
         seconds=seconds,
         cores=cores,
         threads_per_core=machine.get("threads_per_core"),
         steal=None if stolen_s is None or not cores else min(1.0, stolen_s / (seconds * cores)),
-        foreign_cores=_foreign_cores(busy_s, own, resources, began_ns, ended_ns),
+        foreign_cores=_foreign_cores(busy_s, own, used.get(CONTROLLER_INDEX), seconds),
         pressure=None if waited_s is None else min(1.0, waited_s / seconds),
-        throttled_s=_growth_on_host(rows, "throttled_s", began_ns, ended_ns),
+        throttled_s=throttled_s,
         frequency_hz=cycles / busy_s if cycles and busy_s else None,
         own_cores=own.cpu_mean if own is not None else None,
         own_waited=own.waited if own is not None else None,
@@ -270,24 +272,21 @@ def _covers(rows: Rows, began_ns: int, ended_ns: int) -> bool:
     return 2 * inside >= ended_ns - began_ns
 
 
-def _growth_on_host(rows: Rows, field: str, began_ns: int, ended_ns: int) -> float | None:
+def _growth_on_host(
+    times_s: NDArray[np.float64], values: NDArray[np.float64], seconds: float
+) -> float | None:
     """By how much a sum grew; None if the system does not report it."""
-    grown = _growth(rows, field, began_ns, ended_ns)
+    grown = _growth(times_s, values, seconds)
     return max(0.0, grown) if math.isfinite(grown) else None
 
 
 def _foreign_cores(
-    busy_s: float | None,
-    own: ResourceUse | None,
-    resources: Mapping[int, Rows],
-    began_ns: int,
-    ended_ns: int,
+    busy_s: float | None, own: ResourceUse | None, controller: ResourceUse | None, seconds: float
 ) -> float | None:
     if busy_s is None or own is None or own.cpu_mean is None:
         return None
-    controller = resource_use(resources, frozenset({CONTROLLER_INDEX}), began_ns, ended_ns)
     known = own.cpu_mean + ((controller.cpu_mean or 0.0) if controller is not None else 0.0)
-    return max(0.0, busy_s / ((ended_ns - began_ns) / 1e9) - known)
+    return max(0.0, busy_s / seconds - known)
 
 
 def harness_slowdown(

@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 
 from r2bspec.judge.measure.host_usage import (
     MACHINE_INDEX,
-    ORPHANS_INDEX,
     HostInterference,
+    ProcessSamples,
+    ResourceUse,
     harness_slowdown,
     host_interference,
-    resource_use,
-    rows_by_process,
+    total_use,
 )
 from r2bspec.judge.measure.matching import (
     NO_MATCH,
@@ -84,11 +84,11 @@ class HostSamples:
     """What was sampled over the whole run.
 
     Attributes:
-        resources: as `rows_by_process` returns them.
+        processes: from rows of `RESOURCE_DTYPE`.
         interference: rows of `INTERFERENCE_DTYPE`.
     """
 
-    resources: Mapping[int, Rows]
+    processes: ProcessSamples
     interference: Rows
 
 
@@ -103,7 +103,7 @@ def read_samples(run: Run) -> RunSamples:
         run.record,
         run.plan,
         lambda segment: segment_samples(run.plan, segment, _read_rows(run, segment, played)),
-        HostSamples(rows_by_process(run.resources()), run.interference()),
+        HostSamples(ProcessSamples(run.resources()), run.interference()),
     )
 
 
@@ -230,44 +230,45 @@ def _overdue(rows: SegmentRows, matched: MatchedMonitor) -> int:
 
 
 def with_host_samples(
-    samples: SegmentSamples, record: RunRecord, host: HostSamples
+    samples: SegmentSamples, record: RunRecord, host: HostSamples, ranks: Mapping[str, int]
 ) -> SegmentSamples:
-    """The samples of a segment with resource usage and host interference."""
+    """The samples of a segment with resource usage and host interference.
+
+    Args:
+        samples: without them.
+        record: of the run.
+        host: what was sampled over the whole run.
+        ranks: the places of processes in tables, by their names.
+    """
     segment = samples.segment
-    resources = host.resources
-    began, ended = segment.began_ns, segment.ended_ns
+    used = host.processes.used(segment.began_ns, segment.ended_ns)
+    named: dict[str, list[ResourceUse]] = {}
+    for index, use in used.items():
+        if 0 <= index < len(record.processes):
+            named.setdefault(record.processes[index].name, []).append(use)
     return replace(
         samples,
-        processes={
-            name: used
-            for name, indices in _by_name(record.processes).items()
-            if (used := resource_use(resources, indices, began, ended)) is not None
-        },
-        machine=resource_use(resources, frozenset({MACHINE_INDEX}), began, ended),
+        processes={name: total_use(named[name]) for name in sorted(named, key=ranks.__getitem__)},
+        machine=used.get(MACHINE_INDEX),
         interference=host_interference(
             host.interference,
-            resources,
-            frozenset({ORPHANS_INDEX, *range(len(record.processes))}),
+            used,
+            range(len(record.processes)),
             record.machine,
-            began,
-            ended,
+            segment.began_ns,
+            segment.ended_ns,
         ),
     )
 
 
-def _by_name(processes: tuple[ProcessRecord, ...]) -> dict[str, frozenset[int]]:
-    """The indices of the processes of each name, those of the harness first.
+def _ranks(processes: tuple[ProcessRecord, ...]) -> dict[str, int]:
+    """The place of each name of a process: those of the harness first.
 
     The order in which processes are started says nothing: some are started ahead of their turn.
     """
-    named: dict[str, set[int]] = {}
-    for index, process in sorted(enumerate(processes), key=lambda each: _rank(each[1].role)):
-        named.setdefault(process.name, set()).add(index)
-    return {name: frozenset(indices) for name, indices in named.items()}
-
-
-def _rank(role: str) -> int:
-    return _HARNESS_ROLES.index(role) if role in _HARNESS_ROLES else len(_HARNESS_ROLES)
+    harness = {role: place for place, role in enumerate(_HARNESS_ROLES)}
+    ordered = sorted(processes, key=lambda each: harness.get(each.role, len(harness)))
+    return {name: place for place, name in enumerate(dict.fromkeys(each.name for each in ordered))}
 
 
 def run_samples(
@@ -287,6 +288,7 @@ def run_samples(
     Raises:
         RecordError: `samples_of` reads files, and one is missing or damaged.
     """
+    ranks = _ranks(record.processes)
 
     def session(
         record: RunRecord, iterations: list[Segment], sustained: list[Segment]
@@ -294,7 +296,7 @@ def run_samples(
         """The samples of the complete ones among some segments, played in one session."""
 
         def of_segment(segment: Segment) -> SegmentSamples:
-            return with_host_samples(samples_of(segment), record, host)
+            return with_host_samples(samples_of(segment), record, host, ranks)
 
         first_played: dict[float, list[SegmentSamples]] = {}
         reruns: dict[str, SegmentSamples] = {}

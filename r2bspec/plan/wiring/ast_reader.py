@@ -1,11 +1,12 @@
 """Reading a node's topics and parameters from its Python source, without running it.
 
-A class is supported if its only base class is `Node`, and if no other code can create topics or
-parameters of the node (`r2bspec.plan.wiring.python_source`); so is a function that makes one node
-of such a class, and spins. Every call of `create_publisher`, `create_subscription` and
-`declare_parameter` on `self` must have literal arguments, and be a statement of the constructor
-outside of loops and branches. Otherwise the publishers, subscriptions or parameters of the node are
-unknown.
+Every call of `create_publisher`, `create_subscription` and `declare_parameter` on `self` counts
+whose arguments the text determines. These are all that the node has if the only base class of its
+class is `Node` or `LifecycleNode`, if no other code can create topics or parameters of the node
+(`r2bspec.plan.wiring.self_references`), and if each of the calls is certainly made once: by a
+statement of the constructor, of a method that only the constructor calls, or of ``on_configure``,
+outside of loops and branches. Otherwise the interface says why there may be more. A function that
+makes one node of such a class, and spins it, has the interface of that node.
 """
 
 from __future__ import annotations
@@ -18,8 +19,27 @@ from pathlib import Path
 from typing import Literal
 
 from r2bspec.language.spec import QoS
-from r2bspec.plan.wiring import python_source
-from r2bspec.plan.wiring.node_interface import InterfaceEntry, ParameterInfo, ParameterType
+from r2bspec.plan.wiring.literal_calls import (
+    argument,
+    declared_parameter,
+    declared_parameters,
+    message_type,
+    qos_profile,
+)
+from r2bspec.plan.wiring.node_helpers import NodeHelper
+from r2bspec.plan.wiring.node_interface import InterfaceEntry, ParameterInfo
+from r2bspec.plan.wiring.python_source import SourceNames, own_nodes, program_class
+from r2bspec.plan.wiring.self_references import (
+    PARAMETER_METHODS,
+    PUBLISHER_METHODS,
+    SelfReferences,
+    helper_of,
+    is_name,
+    is_self,
+    method_of_self,
+    replaces_methods,
+)
+from r2bspec.plan.wiring.topic_names import TopicNames
 from r2bspec.safe_io.limits import MAX_PYTHON_BYTES
 from r2bspec.safe_io.safe_file import ByteBudget, read_bytes
 
@@ -39,65 +59,115 @@ _PARAMETER_OPTIONS = frozenset(
 )
 """Options of `Node` with which it has parameters that it does not declare by name."""
 
-_TYPES: dict[type, ParameterType] = {bool: "bool", int: "integer", float: "double", str: "string"}
+_LIFECYCLE_NODES = frozenset(
+    f"rclpy.lifecycle.{name}" for name in ("LifecycleNode", "Node", "node.LifecycleNode")
+)
+_CLEANING_METHODS = frozenset({"on_cleanup", "on_shutdown", "on_error", "destroy_node"})
+"""What they destroy is not missed by a run."""
+
+_Side = Literal["publishes", "subscribes"]
 
 
 @dataclass
 class _PartialInterface:
-    """The interface so far; a part becomes None with the first call that is not literal."""
+    """The interface so far.
 
-    names: python_source.SourceNames
-    topics: dict[str, dict[str, str] | None] = field(
-        default_factory=lambda: {"create_publisher": {}, "create_subscription": {}}
+    Attributes:
+        topics: the types of the known topics of each side; empty if unknown.
+        more: why there may be more topics of a side; empty if there are none.
+        parameters: None as soon as they are not all known.
+    """
+
+    names: SourceNames
+    topics: dict[_Side, dict[str, str]] = field(
+        default_factory=lambda: {"publishes": {}, "subscribes": {}}
     )
+    more: dict[_Side, str] = field(default_factory=lambda: {"publishes": "", "subscribes": ""})
     parameters: dict[str, ParameterInfo] | None = field(default_factory=dict)
     qos: dict[str, QoS] = field(default_factory=dict)
+    actions: dict[str, str] = field(default_factory=dict)
 
-    def forget(self, method: str) -> None:
+    def forget(self, method: str, why: str) -> None:
         """Note that a method of `Node` may be called elsewhere."""
-        if method in self.topics:
-            self.topics[method] = None
-        elif method.startswith("destroy_"):
-            self.topics[method.replace("destroy_", "create_")] = None
-        else:
+        if method in PARAMETER_METHODS:
             self.parameters = None
+        else:
+            self.add_doubt("subscribes" if method.endswith("_subscription") else "publishes", why)
 
-    def add_call(self, call: ast.Call, *, certain: bool) -> None:
-        """Take a call of a method of `self` into account."""
-        method = python_source.method_of_self(call)
-        if method in self.topics:
-            self._add_topic(call, method, _topic(call, self.names) if certain else None)
-        elif method == "declare_parameter" and certain:
-            declared = _parameter(call)
-            if declared is None or self.parameters is None:
-                self.parameters = None
-            else:
-                self.parameters[declared[0]] = declared[1]
-        elif method == "__init__":
-            self._add_base_constructor(call)
-        elif method in python_source.PARAMETER_METHODS or method.startswith("destroy_"):
-            self.forget(method)
+    def forget_all(self, why: str) -> None:
+        """Note that nothing is known to be complete."""
+        self.add_doubt("publishes", why)
+        self.add_doubt("subscribes", why)
+        self.parameters = None
 
-    def _add_topic(self, call: ast.Call, method: str, topic: tuple[str, str] | None) -> None:
-        known = self.topics[method]
-        if topic is None or known is None or known.get(topic[0], topic[1]) != topic[1]:
-            self.topics[method] = None
+    def add_doubt(self, side: _Side, why: str) -> None:
+        """Note why there may be more topics of a side."""
+        self.more[side] = self.more[side] or why
+
+    def add_topic(
+        self, side: _Side, call: ast.Call, topic: str | None, kind: ast.expr | None, certain: bool
+    ) -> None:
+        """Take a publisher or a subscription into account."""
+        what = "publisher" if side == "publishes" else "subscription"
+        if topic is None:
+            self.add_doubt(side, f"line {call.lineno} makes a {what} whose topic is no literal")
             return
-        known[topic[0]] = topic[1]
-        qos = _qos_from_depth(call, 2 if method == "create_publisher" else 3)
-        if qos is not None:
-            self.qos[topic[0]] = qos
+        if not certain:
+            self.add_doubt(
+                side, f"whether line {call.lineno} makes a {what}, and how often, is not known"
+            )
+        written = message_type(kind, self.names)
+        if self.topics[side].setdefault(topic, written) != written:
+            self.topics[side][topic] = ""
 
-    def _add_base_constructor(self, call: ast.Call) -> None:
+    def add_parameters(self, call: ast.Call, method: str, certain: bool) -> None:
+        """Take the declaration of a parameter, or of several, into account."""
+        declared = None
+        if certain and method == "declare_parameter":
+            found = declared_parameter(call)
+            declared = None if found is None else [found]
+        elif certain and method == "declare_parameters":
+            declared = declared_parameters(call)
+        if declared is None or self.parameters is None:
+            self.parameters = None
+        else:
+            self.parameters.update(declared)
+
+    def add_base_constructor(self, call: ast.Call) -> None:
         """Take the arguments of ``super().__init__`` into account.
 
         They may declare every parameter that is set, and rename topics.
         """
         for keyword in call.keywords:
             if keyword.arg == "cli_args":
-                self.topics = dict.fromkeys(self.topics)
+                self.forget_all(f"line {call.lineno} sets cli_args, which may rename topics")
             if keyword.arg in _PARAMETER_OPTIONS and ast.unparse(keyword.value) != "False":
                 self.parameters = None
+
+    def settle_parameters_in_topics(self) -> None:
+        """Leave out topics that are named by parameters whose default the text does not say."""
+        for side, topics in self.topics.items():
+            for topic in [each for each in topics if each.startswith("$(parameter ")]:
+                name = topic.removeprefix("$(parameter ").removesuffix(")")
+                declared = (self.parameters or {}).get(name)
+                if declared is None or not isinstance(declared.default, str):
+                    del topics[topic]
+                    self.add_doubt(side, f"the default of parameter {name!r} is no literal")
+
+    def entry(self, *, lifecycle: bool) -> InterfaceEntry:
+        """The interface."""
+        self.settle_parameters_in_topics()
+        return InterfaceEntry(
+            subscribes=self.topics["subscribes"],
+            publishes=self.topics["publishes"],
+            parameters=self.parameters,
+            services=self.actions,
+            qos=self.qos,
+            origin="source",
+            may_publish_more=self.more["publishes"],
+            may_subscribe_more=self.more["subscribes"],
+            is_lifecycle=lifecycle,
+        )
 
 
 def read_python_file(
@@ -124,41 +194,121 @@ def _parsed(content: bytes) -> ast.Module:
     return ast.parse(content)
 
 
-def read_node_class(tree: ast.Module, name: str) -> InterfaceEntry | None:
-    """The interface of a class of a file, or of the function that runs one; None if unknown.
+def unknown_interface(why: str) -> InterfaceEntry:
+    """The interface of a node of which nothing is known, and why."""
+    return InterfaceEntry(
+        None, None, None, origin="source", may_publish_more=why, may_subscribe_more=why
+    )
+
+
+def read_node_class(tree: ast.Module, name: str) -> InterfaceEntry:
+    """The interface of a class of a file, or of the function that runs one.
 
     Args:
         tree: of the file.
         name: of the class, or of a function such as ``main`` (`program_class`).
     """
-    names = python_source.SourceNames(tree)
+    names = SourceNames(tree)
     node_class = names.definition(name)
+    more = ""
     if isinstance(node_class, ast.FunctionDef):
-        node_class = python_source.program_class(node_class, names)
-    if not isinstance(node_class, ast.ClassDef) or not _is_plain_node(node_class, names):
-        return None
-    uses = python_source.SelfReferences(tree, node_class)
-    if uses.escapes:
-        return None
+        node_class, more = program_class(node_class, names)
+    if not isinstance(node_class, ast.ClassDef):
+        return unknown_interface(more or f"{name} is not a class of its file")
+    if replaces_methods(tree, node_class):
+        return unknown_interface(f"{node_class.name} makes its topics by methods of its own")
     result = _PartialInterface(names)
-    for method in uses.escaped_methods:
-        result.forget(method)
-    for call, certain in _calls(node_class):
-        result.add_call(call, certain=certain)
+    if more:
+        result.forget_all(more)
+    lifecycle = _base_name(node_class, names) in _LIFECYCLE_NODES
+    _add_class(result, tree, node_class, names, lifecycle=lifecycle)
+    return result.entry(lifecycle=lifecycle)
+
+
+def _add_class(
+    result: _PartialInterface,
+    tree: ast.Module,
+    node_class: ast.ClassDef,
+    names: SourceNames,
+    *,
+    lifecycle: bool,
+) -> None:
+    if why := _unusual_base(node_class, names):
+        result.forget_all(why)
+    uses = SelfReferences(tree, node_class, names)
+    if uses.escape:
+        result.forget_all(uses.escape)
+    for method, why in uses.escaped_methods.items():
+        result.forget(method, why)
+    topics = TopicNames(node_class, names)
+    for call, inside, certain in _calls(node_class, names, lifecycle=lifecycle):
+        _add_call(result, call, topics, inside, certain=certain)
     if not _passes_keywords_unchanged(node_class):
-        result.topics, result.parameters = dict.fromkeys(result.topics), None
-    return InterfaceEntry(
-        subscribes=result.topics["create_subscription"],
-        publishes=result.topics["create_publisher"],
-        parameters=result.parameters,
-        qos=result.qos,
-        origin="source",
+        result.forget_all("its constructor changes the arguments that it passes to Node")
+
+
+def _base_name(found: ast.ClassDef, names: SourceNames) -> str:
+    return names.full_name(found.bases[0]) if len(found.bases) == 1 else ""
+
+
+def _unusual_base(found: ast.ClassDef, names: SourceNames) -> str:
+    """Why a class may have topics of others; empty if it is a plain class of a node."""
+    if _base_name(found, names) not in {"rclpy.node.Node", *_LIFECYCLE_NODES}:
+        bases = ", ".join(map(ast.unparse, found.bases)) or "nothing"
+        return f"{found.name} inherits from {bases}, whose topics are not read"
+    if found.decorator_list or found.keywords:
+        return f"{found.name} has a decorator or a metaclass"
+    return ""
+
+
+def _add_call(
+    result: _PartialInterface, call: ast.Call, topics: TopicNames, inside: ast.AST, *, certain: bool
+) -> None:
+    """Take a call of a method of `self`, or of a helper, into account."""
+    method = method_of_self(call)
+    helper = helper_of(call, result.names)
+    if helper is not None:
+        _add_helper(result, call, helper, topics, inside, certain=certain)
+    elif method in PUBLISHER_METHODS or method == "create_subscription":
+        side: _Side = "subscribes" if method == "create_subscription" else "publishes"
+        topic = topics.resolve(argument(call, 1, "topic"), inside)
+        result.add_topic(side, call, topic, argument(call, 0, "msg_type"), certain)
+        qos = qos_profile(call, 3 if side == "subscribes" else 2, result.names)
+        if topic is not None and qos is not None:
+            result.qos[topic] = qos
+    elif method in {"declare_parameter", "declare_parameters"}:
+        result.add_parameters(call, method, certain)
+    elif method == "__init__":
+        result.add_base_constructor(call)
+    elif method in {"destroy_publisher", "destroy_subscription", "undeclare_parameter"} and (
+        getattr(inside, "name", "") not in _CLEANING_METHODS
+    ):
+        result.forget(method, f"line {call.lineno} calls {method}")
+
+
+def _add_helper(
+    result: _PartialInterface,
+    call: ast.Call,
+    helper: NodeHelper,
+    topics: TopicNames,
+    inside: ast.AST,
+    *,
+    certain: bool,
+) -> None:
+    """Take the topics into account that a class of another package makes for the node."""
+    sides: tuple[tuple[_Side, dict[str, str]], ...] = (
+        ("publishes", dict(helper.publishes)),
+        ("subscribes", dict(helper.subscribes)),
     )
-
-
-def _is_plain_node(found: ast.ClassDef, names: python_source.SourceNames) -> bool:
-    base = names.full_name(found.bases[0]) if len(found.bases) == 1 else ""
-    return base == "rclpy.node.Node" and not found.decorator_list and not found.keywords
+    for side, made in sides:
+        result.topics[side].update(made)
+    if helper.makes_subscription:
+        topic = topics.resolve(argument(call, 2, "topic"), inside)
+        result.add_topic("subscribes", call, topic, argument(call, 1, "msg_type"), certain)
+    if helper.names_action:
+        name = topics.resolve(argument(call, 2, "action_name"), inside)
+        if name is not None:
+            result.actions[name] = ""
 
 
 def _passes_keywords_unchanged(found: ast.ClassDef) -> bool:
@@ -171,20 +321,17 @@ def _passes_keywords_unchanged(found: ast.ClassDef) -> bool:
             continue
         own = method.args.kwarg.arg if method.args.kwarg else ""
         nodes = list(ast.walk(method))
-        if sum(python_source.is_name(node, own) for node in nodes) != sum(
+        if sum(is_name(node, own) for node in nodes) != sum(
             _harmless_uses(node, own) for node in nodes
         ):
             return False
         base_calls = (
             node
             for node in nodes
-            if isinstance(node, ast.Call) and python_source.method_of_self(node) == "__init__"
+            if isinstance(node, ast.Call) and method_of_self(node) == "__init__"
         )
         keywords = (keyword for call in base_calls for keyword in call.keywords)
-        if any(
-            keyword.arg is None and not python_source.is_name(keyword.value, own)
-            for keyword in keywords
-        ):
+        if any(keyword.arg is None and not is_name(keyword.value, own) for keyword in keywords):
             return False
     return True
 
@@ -193,82 +340,66 @@ def _harmless_uses(node: ast.AST, name: str) -> int:
     """How often a node directly uses a map without changing it or giving it another name."""
     match node:
         case ast.keyword(arg=None, value=value) | ast.If(test=value):
-            return python_source.is_name(value, name)
+            return is_name(value, name)
         case (
             ast.Call(func=ast.Attribute(value=value, attr="get" | "pop"))
             | ast.Subscript(value=value, ctx=ast.Load())
         ):
-            return python_source.is_name(value, name)
+            return is_name(value, name)
         case ast.Compare():
-            return sum(python_source.is_name(part, name) for part in (node.left, *node.comparators))
+            return sum(is_name(part, name) for part in (node.left, *node.comparators))
     return 0
 
 
-def _calls(found: ast.ClassDef) -> Iterator[tuple[ast.Call, bool]]:
-    """Each call of a method of `self`, and whether it is certainly made exactly once."""
-    for method in found.body:
-        if isinstance(method, ast.FunctionDef) and method.name == "__init__":
-            returned = False
-            for statement in method.body:
-                simple = isinstance(statement, _SIMPLE_STATEMENTS)
-                yield from _calls_below(statement, certain=simple and not returned)
-                ends = (
-                    isinstance(node, ast.Return) for node in python_source.own_nodes([statement])
-                )
-                returned = returned or any(ends)
+def _calls(
+    found: ast.ClassDef, names: SourceNames, *, lifecycle: bool
+) -> Iterator[tuple[ast.Call, ast.AST, bool]]:
+    """Each call that may make topics, its method, and whether it is certainly made exactly once."""
+    methods = {part.name: part for part in found.body if isinstance(part, ast.FunctionDef)}
+    first = [methods[name] for name in _first_methods(lifecycle=lifecycle) if name in methods]
+    once, waiting = list(first), list(first)
+    while waiting:
+        for call, certain in _calls_in(waiting.pop(), names):
+            called = methods.get(method_of_self(call)) if certain else None
+            if called is not None and called not in once and _references(found, called.name) == 1:
+                once.append(called)
+                waiting.append(called)
+    for part in found.body:
+        if part in once and isinstance(part, ast.FunctionDef):
+            yield from ((call, part, certain) for call, certain in _calls_in(part, names))
         else:
-            yield from _calls_below(method, certain=False)
+            yield from ((call, part, False) for call, _ in _calls_below(part, names, certain=False))
 
 
-def _calls_below(top: ast.AST, *, certain: bool) -> Iterator[tuple[ast.Call, bool]]:
+def _first_methods(*, lifecycle: bool) -> tuple[str, ...]:
+    return ("__init__", "on_configure") if lifecycle else ("__init__",)
+
+
+def _references(found: ast.ClassDef, method: str) -> int:
+    """How often a class mentions a method of its node."""
+    return sum(
+        isinstance(node, ast.Attribute) and node.attr == method and is_self(node.value)
+        for node in ast.walk(found)
+    )
+
+
+def _calls_in(method: ast.FunctionDef, names: SourceNames) -> Iterator[tuple[ast.Call, bool]]:
+    """The calls in a method that is executed once."""
+    returned = bool(method.decorator_list)
+    for statement in method.body:
+        simple = isinstance(statement, (*_SIMPLE_STATEMENTS, ast.Return))
+        yield from _calls_below(statement, names, certain=simple and not returned)
+        returned = returned or any(isinstance(node, ast.Return) for node in own_nodes([statement]))
+
+
+def _calls_below(
+    top: ast.AST, names: SourceNames, *, certain: bool
+) -> Iterator[tuple[ast.Call, bool]]:
     # Without recursion: each `elif` is one level deeper than the one before.
     waiting: list[tuple[ast.AST, bool]] = [(top, certain)]
     while waiting:
         node, certain = waiting.pop()
         certain = certain and not isinstance(node, _CONDITIONAL_NODES)
-        if isinstance(node, ast.Call) and python_source.method_of_self(node):
+        if isinstance(node, ast.Call) and (method_of_self(node) or helper_of(node, names)):
             yield node, certain
         waiting.extend(reversed([(child, certain) for child in ast.iter_child_nodes(node)]))
-
-
-def _argument(call: ast.Call, position: int, name: str) -> ast.expr | None:
-    if any(isinstance(argument, ast.Starred) for argument in call.args):
-        return None
-    if len(call.args) > position:
-        return call.args[position]
-    return next((keyword.value for keyword in call.keywords if keyword.arg == name), None)
-
-
-def _topic(call: ast.Call, names: python_source.SourceNames) -> tuple[str, str] | None:
-    kind, name = _argument(call, 0, "msg_type"), _argument(call, 1, "topic")
-    if kind is None or not isinstance(name, ast.Constant) or not isinstance(name.value, str):
-        return None
-    package, middle, message = (["", "", *names.full_name(kind).split(".")])[-3:]
-    if middle != "msg" or not package:
-        return None
-    return name.value, f"{package}/msg/{message}"
-
-
-def _qos_from_depth(call: ast.Call, position: int) -> QoS | None:
-    """The profile for a QoS argument that is a number."""
-    if any(keyword.arg == "qos_overriding_options" for keyword in call.keywords):
-        return None
-    given = _argument(call, position, "qos_profile")
-    depth = given.value if isinstance(given, ast.Constant) else None
-    return QoS(depth=depth) if type(depth) is int and depth > 0 else None
-
-
-def _parameter(call: ast.Call) -> tuple[str, ParameterInfo] | None:
-    name, value = _argument(call, 0, "name"), _argument(call, 1, "value")
-    if not isinstance(name, ast.Constant) or not isinstance(name.value, str):
-        return None
-    try:
-        default = None if value is None else ast.literal_eval(value)
-    except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError):
-        # A map with a list as key is a TypeError.
-        return name.value, ParameterInfo("")
-    kind: ParameterType | Literal[""] = _TYPES.get(type(default), "")
-    if any(keyword.arg == "descriptor" for keyword in call.keywords) or len(call.args) > 2:
-        # A descriptor may allow other types.
-        return name.value, ParameterInfo("", default if kind else None)
-    return name.value, ParameterInfo(kind, default if kind else None)

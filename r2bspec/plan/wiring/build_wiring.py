@@ -104,7 +104,7 @@ def _nodes(
         sources = (
             files.interfaces.get(key),
             node_interface.catalogue_entry(node),
-            table.get(node.python) or files.sources.get(node.python),
+            table.get(node.python) or files.sources.get(node_interface.node_target(node)),
         )
         entries = [entry for entry in sources if entry is not None]
         yield NodeWiring(

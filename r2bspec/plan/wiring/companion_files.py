@@ -1,10 +1,10 @@
 """Companion files of a spec: recorded interfaces, parameter files, and Python files of nodes.
 
 They are read as data, once, so that wiring and plan are pure functions of values. Python files are
-read in the work tree of git that holds the spec, such as ``src/package/node.py`` beside ``bench/``.
-Except for those, and for parameter files that the spec names by their paths, nothing outside of the
-folder of the spec is read, and links out of a folder are not followed. All files of a kind have a
-limit together, over all cases of a spec.
+read in the work tree of git that holds the spec, such as ``src/package/node.py`` beside ``bench/``;
+modules where they are installed. Except for those, and for parameter files that the spec names by
+their paths, nothing outside of the folder of the spec is read, and links out of a folder are not
+followed. All files of a kind have a limit together, over all cases of a spec.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from pathlib import Path
 import msgspec
 
 from r2bspec.language.spec import Node, Spec
-from r2bspec.plan.wiring.ast_reader import read_node_class, read_python_file
+from r2bspec.plan.this_machine import find_module
+from r2bspec.plan.wiring.ast_reader import read_node_class, read_python_file, unknown_interface
 from r2bspec.plan.wiring.node_interface import (
     InterfaceEntry,
     origin_difference,
@@ -90,9 +91,7 @@ class CompanionReader:
         self._yaml = safe_file.ByteBudget(limits.MAX_COMPANION_YAML_BYTES)
         self._python = safe_file.ByteBudget(limits.MAX_SPEC_PYTHON_BYTES)
         self._interface = cache(partial(_read_interface, base_dir, self._yaml))
-        self._tree = cache(
-            lambda place: read_python_file(base_dir / place, source_folder(base_dir), self._python)
-        )
+        self._source = cache(self._read_source)
         self._parameter_file = cache(
             lambda path: read_parameter_file(base_dir / path, base_dir, self._yaml)
         )
@@ -111,18 +110,33 @@ class CompanionReader:
                 interface_errors[key] = recorded
             elif recorded is not None:
                 interfaces[key] = recorded
-            place, _, name = node.python.rpartition(":")
-            interface, start = _read_class(self._tree(place), name) if place else (None, None)
-            if interface is not None:
-                sources[node.python] = interface
-            if start is not None:
-                starts[node.python] = start
+            if node.python:
+                sources[node.python], start = self._source(node.python)
+                if start is not None:
+                    starts[node.python] = start
             named.update(set(node.parameter_files))
         files = {
             path: self._effort.limited(self._parameter_file(path), number)
             for path, number in named.items()
         }
         return CompanionFiles(interfaces, interface_errors, files, sources, starts)
+
+    def _read_source(self, target: str) -> tuple[InterfaceEntry, NodeStart | None]:
+        """What the source of a Python node says."""
+        place, colon, name = target.rpartition(":")
+        if colon:
+            file = self._base_dir / place
+            tree = read_python_file(file, source_folder(self._base_dir), self._python)
+        else:
+            place, _, name = target.rpartition(".")
+            module = find_module(place)
+            origin = module.origin if module is not None else None
+            if origin is None or not origin.endswith(".py"):
+                return unknown_interface(f"no source of {place} is found on this machine"), None
+            tree = read_python_file(Path(origin), budget=self._python)
+        if tree is None:
+            return unknown_interface(f"{place} cannot be read"), None
+        return _read_class(tree, name)
 
     def _usable_interface(self, key: str, node: Node) -> InterfaceEntry | str | None:
         """The recorded interface, or why it cannot be used, for example for another target."""
@@ -155,12 +169,8 @@ def _read_interface(
 
 
 @lru_cache(maxsize=32)  # trees are the same objects as long as a file is the same
-def _read_class(
-    tree: ast.Module | None, name: str
-) -> tuple[InterfaceEntry | None, NodeStart | None]:
-    if tree is None:
-        return None, None
+def _read_class(tree: ast.Module, name: str) -> tuple[InterfaceEntry, NodeStart | None]:
     try:
         return read_node_class(tree, name), read_node_start(tree, name)
     except RecursionError:
-        return None, None
+        return unknown_interface("its source is nested too deeply"), None

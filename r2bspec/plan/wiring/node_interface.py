@@ -129,6 +129,9 @@ class Interface(msgspec.Struct, frozen=True):
         other_remappable_names: names that can be remapped although they are not topics: services,
             and names from which the names of topics are derived.
         described_package: what the source describes, such as ``image_proc of ROS 2 Jazzy``.
+        may_publish_more: why it may publish other topics, too; empty if nothing says so.
+        may_subscribe_more: likewise.
+        is_lifecycle: whether it is known to be a lifecycle node.
     """
 
     subscribes: Mapping[str, str] | None = None
@@ -141,11 +144,26 @@ class Interface(msgspec.Struct, frozen=True):
     qos: Mapping[str, QoS] = msgspec.field(default_factory=dict)
     other_remappable_names: tuple[str, ...] = ()
     described_package: str = ""
+    may_publish_more: str = ""
+    may_subscribe_more: str = ""
+    is_lifecycle: bool = False
+
+    @property
+    def publishes_all(self) -> bool:
+        """Whether all topics that it publishes are known."""
+        return self.publishes is not None and not self.may_publish_more
+
+    @property
+    def subscribes_all(self) -> bool:
+        """Whether all topics to which it subscribes are known."""
+        return self.subscribes is not None and not self.may_subscribe_more
 
     @property
     def topics(self) -> tuple[str, ...] | None:
-        """Every topic of the node, or None if its publishers or subscriptions are unknown."""
+        """Every topic of the node, or None if its publishers or subscriptions are not all known."""
         if self.subscribes is None or self.publishes is None:
+            return None
+        if not (self.publishes_all and self.subscribes_all):
             return None
         return (*self.subscribes, *(name for name in self.publishes if name not in self.subscribes))
 
@@ -172,6 +190,9 @@ class InterfaceEntry(_InterfaceRow, frozen=True, kw_only=True):
 
     origin: InterfaceSource = "table"
     described_package: str = ""
+    may_publish_more: str = ""
+    may_subscribe_more: str = ""
+    is_lifecycle: bool = False
 
 
 InterfaceTable = Mapping[str, InterfaceEntry]
@@ -223,7 +244,15 @@ def interface_of(
         names: how its names are resolved.
         parameters: its parameters.
     """
-    unknown = InterfaceEntry(None, None, None, origin="")
+    why = next((row for row in entries if row.may_publish_more), None)
+    unknown = InterfaceEntry(
+        None,
+        None,
+        None,
+        origin="",
+        may_publish_more=why.may_publish_more if why is not None else "",
+        may_subscribe_more=why.may_subscribe_more if why is not None else "",
+    )
     subscribes_entry = next((row for row in entries if row.subscribes is not None), unknown)
     publishes_entry = next((row for row in entries if row.publishes is not None), unknown)
     parameters_entry = next((row for row in entries if row.parameters is not None), unknown)
@@ -244,6 +273,9 @@ def interface_of(
         described_package=next(
             (entry.described_package for entry in entries if entry.described_package), ""
         ),
+        may_publish_more="" if node.publishes else publishes_entry.may_publish_more,
+        may_subscribe_more="" if node.subscribes else subscribes_entry.may_subscribe_more,
+        is_lifecycle=any(entry.is_lifecycle for entry in entries),
     )
 
 

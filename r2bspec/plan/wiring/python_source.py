@@ -5,11 +5,6 @@ Names mean what the text alone determines. How a node can be started: a construc
 that takes none receives them as the global ROS arguments of a process, as by ``ros2 run``, so that
 its process can hold no other node. A function that calls ``rclpy.init`` itself, such as the
 ``main`` of an ordinary node, is a program of its own.
-
-What a class says of its node is complete only if `self`, and the methods of `Node` that create
-publishers, subscriptions and parameters, are used in no other way than in direct calls, such as
-``self.create_publisher(...)``. As soon as one of them is passed, stored or renamed, any code may
-use it, and the text of the class no longer determines the interface of the node.
 """
 
 from __future__ import annotations
@@ -59,6 +54,18 @@ class SourceNames:
         match self._bound.get(name):
             case [ast.FunctionDef() | ast.ClassDef() as only] if only in self._tree.body:
                 return only
+        return None
+
+    def constant(self, name: str) -> ast.expr | None:
+        """The value of a variable at the top level, if nothing else in the file binds its name."""
+        if name in self._imported or self._has_star_import or len(self._bound.get(name, ())) != 1:
+            return None
+        for statement in self._tree.body:
+            match statement:
+                case ast.Assign(targets=[ast.Name(id=target)], value=value) if target == name:
+                    return value
+                case ast.AnnAssign(target=ast.Name(id=target), value=value) if target == name:
+                    return value
         return None
 
     def full_name(self, node: ast.expr) -> str:
@@ -197,7 +204,15 @@ def own_nodes(statements: Iterable[ast.AST]) -> Iterator[ast.AST]:
 _PROGRAM_CALLS = frozenset(
     f"rclpy.{name}"
     for name in (
-        *("init", "ok", "shutdown", "try_shutdown", "spin", "spin_once"),
+        *(
+            "init",
+            "ok",
+            "shutdown",
+            "try_shutdown",
+            "spin",
+            "spin_once",
+            "spin_until_future_complete",
+        ),
         *("executors.SingleThreadedExecutor", "executors.MultiThreadedExecutor"),
     )
 )
@@ -213,30 +228,37 @@ _REPEATED = (ast.If, ast.For, ast.While, ast.Match, ast.IfExp, ast.BoolOp, ast.E
 """What is in them may be executed never, or several times."""
 
 
-def program_class(function: ast.FunctionDef, names: SourceNames) -> ast.ClassDef | None:
+def program_class(function: ast.FunctionDef, names: SourceNames) -> tuple[ast.ClassDef | None, str]:
     """The class of the file that a program such as ``main`` makes its only node of.
 
-    None if the text does not say that: if the program does anything else than to initialise ROS,
-    to make the node once, to spin it and to tidy up.
+    Returns:
+        The class, or None if it is not in the file or there are several; and why the program may
+        make other topics, too: because it does anything else than to initialise ROS, to make the
+        node once, to spin it and to tidy up. Empty if it does not.
     """
     if function.decorator_list or not _is_program(function):
-        return None
+        return None, f"{function.name} is a function that returns a node"
     classes: list[ast.ClassDef] = []
+    more = ""
     created = _created_locals(function)
     waiting: list[tuple[ast.AST, bool]] = [(statement, True) for statement in function.body]
     while waiting:
-        node, once = waiting.pop()
+        node, once = waiting.pop(0)
         if isinstance(node, _NESTED_SCOPES):
-            return None
+            more = more or f"line {node.lineno} is a function inside of {function.name}"
         if isinstance(node, ast.Call):
             of_file = names.definition(node.func.id) if isinstance(node.func, ast.Name) else None
-            if isinstance(of_file, ast.ClassDef) and once and not (node.args or node.keywords):
+            if isinstance(of_file, ast.ClassDef):
                 classes.append(of_file)
+                if not once or node.args or node.keywords:
+                    more = more or f"line {node.lineno} makes {of_file.name} in its own way"
             elif not _is_program_call(node.func, names, created):
-                return None
+                more = more or f"line {node.lineno} calls {ast.unparse(node.func)}()"
         once = once and not isinstance(node, _REPEATED)
         waiting.extend((child, once) for child in ast.iter_child_nodes(node))
-    return classes[0] if len(classes) == 1 else None
+    if len(classes) == 1:
+        return classes[0], more
+    return None, f"{function.name} makes {len(classes) or 'no'} nodes of classes of its file"
 
 
 def _created_locals(function: ast.FunctionDef) -> frozenset[str]:
@@ -271,179 +293,3 @@ def _is_exit_status(value: ast.expr | None) -> bool:
 
 def _calls_init(called: ast.expr) -> bool:
     return isinstance(called, ast.Attribute) and ast.unparse(called) == "rclpy.init"
-
-
-PARAMETER_METHODS = frozenset({"declare_parameter", "declare_parameters", "undeclare_parameter"})
-_CREATING = PARAMETER_METHODS | {
-    *("create_publisher", "create_subscription", "destroy_publisher", "destroy_subscription")
-}
-
-_HARMLESS_ATTRIBUTES = frozenset({"default_callback_group", "context", "handle"})
-"""Attributes of `Node` that may be passed to other code."""
-
-_METHOD_DECORATORS = frozenset({"staticmethod", "classmethod", "property"})
-_NAMES_WITH_ACCESS = frozenset({"locals", "globals", "vars", "eval", "exec", "__class__"})
-"""Names of functions that find `self` by other means than its name."""
-
-_SPECIAL_METHODS = frozenset({"__init__", "__del__", "__repr__", "__str__"})
-"""Special methods that do not change what an attribute or a constructor is."""
-
-
-def method_of_self(call: ast.Call) -> str:
-    """The method of ``self.method(...)`` or ``super().method(...)``; empty for any other call."""
-    called = call.func
-    return called.attr if isinstance(called, ast.Attribute) and is_self(called.value) else ""
-
-
-def is_self(node: ast.AST) -> bool:
-    """Whether an expression is `self`, or a call of `super`."""
-    if isinstance(node, ast.Name):
-        return node.id == "self"
-    return isinstance(node, ast.Call) and is_name(node.func, "super") and not node.keywords
-
-
-def is_name(node: ast.AST, name: str) -> bool:
-    """Whether an expression is a name, and this one."""
-    return isinstance(node, ast.Name) and node.id == name
-
-
-def _is_changed_elsewhere(tree: ast.Module, found: ast.ClassDef) -> bool:
-    """Whether code of the file may replace attributes of the class, or of `Node`."""
-    inside = {id(node) for node in ast.walk(found)}
-    for node in ast.walk(tree):
-        match node:
-            case ast.Attribute(attr=name, ctx=ast.Store() | ast.Del()) if name in _CREATING:
-                return True
-            case ast.Attribute(value=ast.Name(id=name), ctx=ast.Store() | ast.Del()) if (
-                name == found.name
-            ):
-                return True
-            case ast.Constant(value=str(text)) if text in _CREATING:
-                return True
-            case ast.Call() if id(node) not in inside and _passes(node, found.name):
-                return True
-            case ast.ClassDef() if node is not found and found.name in {
-                name.id for name in node.decorator_list if isinstance(name, ast.Name)
-            }:
-                return True
-    return False
-
-
-def _passes(call: ast.Call, name: str) -> bool:
-    """Whether a call has a name in its arguments, other than as what is called: ``spin(N())``."""
-    arguments = (*call.args, *(keyword.value for keyword in call.keywords))
-    below = [node for argument in arguments for node in ast.walk(argument)]
-    called = sum(isinstance(node, ast.Call) and is_name(node.func, name) for node in below)
-    return sum(is_name(node, name) for node in below) != called
-
-
-def _has_plain_body(found: ast.ClassDef) -> bool:
-    """Whether a class consists of plain methods and values, and overrides nothing that creates."""
-    for part in found.body:
-        match part:
-            case ast.FunctionDef() | ast.AsyncFunctionDef():
-                if not _is_plain_method(part):
-                    return False
-            case ast.Assign() | ast.AnnAssign():
-                if any(isinstance(n, ast.Name) and n.id in _CREATING for n in ast.walk(part)):
-                    return False
-            case ast.Pass() | ast.Expr(value=ast.Constant()):
-                pass
-            case _:
-                return False
-    return True
-
-
-def _is_plain_method(method: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
-    special = method.name.startswith("__") and method.name not in _SPECIAL_METHODS
-    if special or method.name in _CREATING:
-        return False
-    decorators = [name.id if isinstance(name, ast.Name) else "" for name in method.decorator_list]
-    if not _METHOD_DECORATORS.issuperset(decorators):
-        return False
-    if {"staticmethod", "classmethod"} & set(decorators):
-        return True
-    parameters = [*method.args.posonlyargs, *method.args.args]
-    return bool(parameters) and parameters[0].arg == "self"
-
-
-class SelfReferences:
-    """How a class uses `self`: a walk over its methods looks at every use.
-
-    Attributes:
-        escapes: whether other code may reach the node, or change its class.
-        escaped_methods: methods of `Node` that are used other than in direct calls.
-    """
-
-    def __init__(self, tree: ast.Module, found: ast.ClassDef) -> None:
-        self.escapes = _is_changed_elsewhere(tree, found) or not _has_plain_body(found)
-        self.escaped_methods: set[str] = set()
-        self._class = found.name
-        functions = (ast.FunctionDef, ast.AsyncFunctionDef)
-        self._methods = {part.name for part in found.body if isinstance(part, functions)}
-        self._data = {
-            node.attr
-            for node in ast.walk(found)
-            if isinstance(node, ast.Attribute)
-            and is_self(node.value)
-            and isinstance(node.ctx, ast.Store)
-        } | {
-            node.id
-            for statement in found.body
-            if isinstance(statement, ast.Assign | ast.AnnAssign)
-            for node in ast.walk(statement)
-            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
-        }
-        for part in found.body if not self.escapes else ():
-            self._visit(part)
-
-    def _visit(self, top: ast.AST) -> None:
-        """Look at everything below a node; without recursion, as each `elif` is one level deep."""
-        waiting: list[ast.AST] = [top]
-        while waiting:
-            node = waiting.pop()
-            match node:
-                case ast.Attribute() if is_self(node.value):
-                    self._attribute(node, called=False, harmless_target=False)
-                case ast.Call() if isinstance(node.func, ast.Attribute) and is_self(
-                    node.func.value
-                ):
-                    self._attribute(node.func, called=True, harmless_target=False)
-                    waiting.extend(self._arguments(node))
-                case ast.Name() if node.id in {"self", "super"} | _NAMES_WITH_ACCESS:
-                    self.escapes = True
-                case _:
-                    waiting.extend(ast.iter_child_nodes(node))
-
-    def _arguments(self, call: ast.Call) -> Iterator[ast.AST]:
-        """The arguments of a method of self, other than methods that `Node` takes as callbacks."""
-        of_node = method_of_self(call) not in self._methods | self._data
-        for argument in (*call.args, *(keyword.value for keyword in call.keywords)):
-            if of_node and isinstance(argument, ast.Attribute) and is_self(argument.value):
-                self._attribute(argument, called=False, harmless_target=True)
-            else:
-                yield argument
-
-    def _attribute(self, node: ast.Attribute, *, called: bool, harmless_target: bool) -> None:
-        name = node.attr
-        if isinstance(node.value, ast.Call) and not self._is_plain_super(node.value):
-            self.escapes = True
-        elif name.startswith("__"):
-            self.escapes |= not (called and name == "__init__" and isinstance(node.value, ast.Call))
-        elif name in _CREATING:
-            if not called:
-                self.escaped_methods.add(name)
-        elif name in self._methods:
-            self.escapes |= not (called or harmless_target) or name in self._data
-        elif name in self._data or name in _HARMLESS_ATTRIBUTES:
-            pass
-        else:
-            # A method of Node: harmless if public and called.
-            self.escapes |= not called or name.startswith("_")
-
-    def _is_plain_super(self, call: ast.Call) -> bool:
-        """``super()``, or ``super(Class, self)``."""
-        match call.args:
-            case [] | [ast.Name(id=self._class), ast.Name(id="self")]:
-                return True
-        return False

@@ -46,8 +46,8 @@ class NodeWiring(msgspec.Struct, frozen=True):
 
     @property
     def role(self) -> ProcessRole | None:
-        """The role of its process, as in `NodeKind`; a function that is a program is a command."""
-        return "command" if self.start.style == "main" else self.node.kind.role
+        """The role of its process, as in `NodeKind`."""
+        return self.node.kind.role
 
     @property
     def shares_process(self) -> bool:
@@ -150,13 +150,13 @@ class PhaseWiring:
 
     @cached_property
     def possible_publishers(self) -> tuple[NodeWiring, ...]:
-        """Nodes that may publish any topic, because their publishers are unknown."""
-        return tuple(node for node in self.nodes if node.interface.publishes is None)
+        """Nodes that may publish any topic, because their publishers are not all known."""
+        return tuple(node for node in self.nodes if not node.interface.publishes_all)
 
     @cached_property
     def possible_subscribers(self) -> tuple[NodeWiring, ...]:
-        """Nodes that may subscribe to any topic, because their subscriptions are unknown."""
-        return tuple(node for node in self.nodes if node.interface.subscribes is None)
+        """Nodes that may subscribe to any topic, because their subscriptions are not all known."""
+        return tuple(node for node in self.nodes if not node.interface.subscribes_all)
 
     def downstream_of(self, topics: Iterable[str]) -> frozenset[str]:
         """The topics reachable from `topics` through nodes, including themselves."""

@@ -18,7 +18,7 @@ from r2bspec.cli import main as cli
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.report.findings_text import code_with_slug
 
-VERBS = list(cli._VERBS)
+VERBS = list(cli.VERBS)
 
 
 def test_the_module_is_the_command() -> None:

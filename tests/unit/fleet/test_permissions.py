@@ -13,13 +13,12 @@ from r2bspec.fleet.errors import NotAllowedError
 from r2bspec.fleet.permissions import check_allowed
 from r2bspec.language.load_spec import load_spec
 from r2bspec.plan.canonical_json import canonical_json
-from r2bspec.plan.command_lines import INCLUDED_LAUNCH
+from r2bspec.plan.command_lines import HARNESS_ARGV, INCLUDED_LAUNCH
 from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.plan import AfterReadyPlan, Plan
 from ros_runs import relay_spec
 
 OWN = {"python": "r2bspec.nodes.RelayNode"}
-NODE_MAIN = ["$(python)", "-P", "-m", "r2bspec.harness.node_main"]
 LAUNCH_LINE = ["ros2", "launch", INCLUDED_LAUNCH]
 LAUNCH_END = ["namespace:=/", "remappings:={}", "arguments:={}"]
 
@@ -140,8 +139,7 @@ def test_python_of_a_ros_package_that_is_installed_needs_none(
         ((*LAUNCH_LINE, "file:=./x.py", *LAUNCH_END), "python"),
         ((*LAUNCH_LINE, "package:=demo", "file:=../x", *LAUNCH_END), "python"),
         ((*LAUNCH_LINE, "package:=../demo", "file:=x", *LAUNCH_END), "python"),
-        ((*NODE_MAIN, "./evil.py:main"), "python"),
-        ((*NODE_MAIN, "r2bspec.nodes.x.main", "launch", "./evil.launch.py"), "commands"),
+        ((*HARNESS_ARGV, "./evil.py:main"), "commands"),
     ],
 )
 def test_a_plan_cannot_pass_a_command_off_as_a_program_of_r2bspec(

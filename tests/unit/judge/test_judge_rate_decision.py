@@ -94,7 +94,7 @@ def test_what_random_times_do_not_settle_stays_open_and_says_between_what() -> N
     still_open = [each for each in found if each.judgement.holds is None]
     assert len(still_open) >= 10
     assert all(each.stopped_s >= 9.9 for each in still_open)
-    assert all("undecided: the backlog grows by" in each.judgement.reason for each in still_open)
+    assert all("the backlog grows by" in each.judgement.reason for each in still_open)
 
 
 def test_a_longer_probe_settles_more() -> None:

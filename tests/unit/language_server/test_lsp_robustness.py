@@ -25,7 +25,11 @@ from r2bspec.language_server.messages import Change, Position, Range, decoded
 from r2bspec.language_server.positions import TextPositions, edited
 from r2bspec.language_server.server import create_server
 from r2bspec.language_server.transport import Connection, Message
-from r2bspec.safe_io.limits import MAX_EDITOR_HEADER_BYTES, MAX_EDITOR_MESSAGE_BYTES
+from r2bspec.safe_io.limits import (
+    MAX_EDITOR_HEADER_BYTES,
+    MAX_EDITOR_MESSAGE_BYTES,
+    MAX_EDITOR_TEXT_CHARACTERS,
+)
 
 _WAIT_S = 60.0
 SPEC = "r2bspec: 1\nname: 5\n"
@@ -72,11 +76,11 @@ EXIT = notice("exit")
 LAST = request("last", "unknown")
 
 
-class PatientInput(io.BytesIO):
+class PatientInput(io.BufferedReader):
     """What an editor writes, which ends when all requests are answered."""
 
     def __init__(self, data: bytes, connection: Connection) -> None:
-        super().__init__(data)
+        super().__init__(io.BytesIO(data))
         self._connection = connection
 
     def readline(self, size: int | None = -1) -> bytes:
@@ -382,7 +386,7 @@ def test_what_no_code_foresaw_is_a_line_and_its_traceback_is_in_one_file(
 
     said = io.BytesIO()
     asked = (INITIALIZE, request(1, "defect"), request(2, "defect"), LAST)
-    asyncio.run(server.connection.serve(io.BytesIO(b"".join(asked)), said))
+    asyncio.run(server.connection.serve(io.BufferedReader(io.BytesIO(b"".join(asked))), said))
     _, *failed, last, _ = messages_of(said.getvalue())
     (file,) = tmp_path.iterdir()
     assert "secret" in file.read_text()
@@ -533,3 +537,46 @@ def test_a_document_that_can_be_no_file_leaves_the_others_alone(
             position={"line": 0, "character": 0},
         )
         assert "result" in answer or answer["error"]["code"] == -32602
+
+
+def long_text(about: str) -> str:
+    """A spec that is too long with any other."""
+    return SPEC + f"# {about}\n" + "# x\n" * (MAX_EDITOR_TEXT_CHARACTERS // 4)
+
+
+def test_a_document_that_is_too_long_has_one_finding_and_no_answers(
+    editor: Editor, tmp_path: Path
+) -> None:
+    long, other = ((tmp_path / f"{name}.r2b.yaml").as_uri() for name in ("long", "other"))
+    editor.open(long, long_text("long"))
+    (found,) = editor.diagnostics(long)
+    assert found["code"] == "R2B002"
+    assert f"{MAX_EDITOR_TEXT_CHARACTERS:,} characters" in found["message"]
+    assert "open it again" in found["message"]
+    editor.open(other)
+    assert "R2B002" not in codes(editor.diagnostics(other))
+    for method in ("hover", "completion", "documentSymbol"):
+        place = {"line": 9, "character": 0}
+        answer = editor.ask(f"textDocument/{method}", textDocument={"uri": long}, position=place)
+        assert answer["result"] in (None, {"isIncomplete": False, "items": []})
+    # A part cannot be changed of a text that was not kept; all of it can.
+    start = {"line": 0, "character": 0}
+    document = {"uri": long, "version": 2}
+    for change in ({"range": {"start": start, "end": start}, "text": "x"}, {"text": SPEC}):
+        editor.notify("textDocument/didChange", textDocument=document, contentChanges=[change])
+    assert "R2B002" not in codes(editor.diagnostics(long))
+
+
+def test_the_length_of_all_open_documents_together_is_limited(
+    editor: Editor, tmp_path: Path
+) -> None:
+    text = SPEC + "# x\n" * (MAX_EDITOR_TEXT_CHARACTERS // 6)
+    uris = [(tmp_path / f"{number}.r2b.yaml").as_uri() for number in range(3)]
+    for uri in uris:
+        editor.open(uri, text)
+    is_too_long = ["R2B002" in codes(editor.diagnostics(uri)) for uri in uris]
+    assert is_too_long == [False, True, True]
+    editor.notify("textDocument/didClose", textDocument={"uri": uris[0]})
+    assert editor.diagnostics(uris[0]) == []
+    editor.open(uris[1], text)
+    assert "R2B002" not in codes(editor.diagnostics(uris[1]))

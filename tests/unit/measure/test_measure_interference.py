@@ -12,9 +12,10 @@ from r2bspec.judge.measure.host_usage import (
     CONTROLLER_INDEX,
     MACHINE_INDEX,
     MIN_SPACING_NS,
+    HostInterference,
+    ProcessSamples,
     harness_slowdown,
     host_interference,
-    rows_by_process,
     spaced_indices,
 )
 from r2bspec.record.run_record import HarnessOverheadRecord
@@ -46,21 +47,27 @@ def around(*samples: tuple[float, float, float, float, float]) -> Rows:
     return rows
 
 
-def used(loads: dict[int, float]) -> dict[int, Rows]:
+def used(loads: dict[int, float]) -> ProcessSamples:
     """Processes that use so much of a core from two seconds before the epoch on."""
     rows = np.zeros(20 * len(loads), RESOURCE_DTYPE)
     rows["time_ns"] = np.repeat(EPOCH_NS + np.arange(-2 * S, 18 * S, S), len(loads))
     rows["process"] = np.tile(list(loads), 20)
     rows["cpu_s"] = np.tile([*loads.values()], 20) * ((rows["time_ns"] - EPOCH_NS) / S + 2)
-    return rows_by_process(rows)
+    return ProcessSamples(rows)
+
+
+def interference(
+    rows: Rows, sampled: ProcessSamples, processes: int, began_ns: int, ended_ns: int
+) -> HostInterference | None:
+    """On two cores, on which the run has so many processes."""
+    used = sampled.used(began_ns, ended_ns)
+    return host_interference(rows, used, range(processes), {"cores": 2}, began_ns, ended_ns)
 
 
 def test_what_happened_outside_the_window_does_not_count() -> None:
     rows = around((0, 0, 0, 0, 0), (2, 1, 9, 9, 9), (6, 7, 9.4, 10, 9.5), (9, 20, 30, 30, 30))
-    resources = used({MACHINE_INDEX: 9.0, CONTROLLER_INDEX: 0.1, 0: 0.5, 1: 0.4})
-    found = host_interference(
-        rows, resources, frozenset({0, 1}), {"cores": 2}, EPOCH_NS + 2 * S, EPOCH_NS + 6 * S
-    )
+    sampled = used({MACHINE_INDEX: 9.0, CONTROLLER_INDEX: 0.1, 0: 0.5, 1: 0.4})
+    found = interference(rows, sampled, 2, EPOCH_NS + 2 * S, EPOCH_NS + 6 * S)
     assert found is not None
     assert found.seconds == 4.0
     assert found.steal == pytest.approx(0.4 / 8)
@@ -86,29 +93,22 @@ def test_the_frequency_is_that_of_processor_time(
     rows = around((0, 0, 0, 0, 0), (1, 0.5, 0, 0, 0), (2, 1, 0, 0, 0), (3, 1.5, 0, 0, 0))
     rows["cycles"] = cycles
     window = (EPOCH_NS + S, EPOCH_NS + 2 * S)
-    found = host_interference(rows, used({0: 0.5}), frozenset({0}), {"cores": 2}, *window)
+    found = interference(rows, used({0: 0.5}), 1, *window)
     assert found is not None
     assert found.frequency_hz == frequency_hz
 
 
 def test_without_samples_nothing_is_known() -> None:
     none = around()
-    assert (
-        host_interference(
-            none, used({0: 1.0}), frozenset({0}), {"cores": 2}, EPOCH_NS, EPOCH_NS + S
-        )
-        is None
-    )
+    assert interference(none, used({0: 1.0}), 1, EPOCH_NS, EPOCH_NS + S) is None
     short = around((0, 0, 0, 0, 0), (1, 0, 0, 0, 0))
     window = (EPOCH_NS, EPOCH_NS + 4 * S)
-    assert host_interference(short, used({0: 1.0}), frozenset({0}), {"cores": 2}, *window) is None
+    assert interference(short, used({0: 1.0}), 1, *window) is None
 
 
 def test_a_process_that_was_not_sampled_leaves_the_load_of_others_unknown() -> None:
     rows = around((0, 0, 0, 0, 0), (4, 4, 0, 0, 0))
-    found = host_interference(
-        rows, used({7: 1.0}), frozenset({0}), {"cores": 2}, EPOCH_NS, EPOCH_NS + 4 * S
-    )
+    found = interference(rows, used({7: 1.0}), 1, EPOCH_NS, EPOCH_NS + 4 * S)
     assert found is not None
     assert found.foreign_cores is None
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from r2bspec.judge.measure.host_usage import resource_use, rows_by_process
+from r2bspec.judge.measure.host_usage import ProcessSamples, total_use
 from r2bspec.judge.measure.matching import arrivals, match
 from r2bspec.judge.measure.samples import step_times
 from r2bspec.judge.measure.times import edge_gaps, intervals, jitter, mean_rate, percentile, rank
@@ -112,13 +112,8 @@ class TestResources:
         return rows
 
     def window(self, rows: Rows, begin_s: float, end_s: float) -> tuple[float | None, float | None]:
-        used = resource_use(
-            rows_by_process(rows),
-            frozenset({0}),
-            EPOCH_NS + round(begin_s * 1e9),
-            EPOCH_NS + round(end_s * 1e9),
-        )
-        assert used is not None
+        began_ns, ended_ns = EPOCH_NS + round(begin_s * 1e9), EPOCH_NS + round(end_s * 1e9)
+        used = ProcessSamples(rows).used(began_ns, ended_ns)[0]
         return used.cpu_mean, used.cpu_max
 
     def test_only_the_window_counts(self) -> None:
@@ -132,23 +127,15 @@ class TestResources:
         rows = self.sampled([0, 1], [0, 1])
         assert self.window(rows, 0.5, 1.25) == pytest.approx((1.0, 1.0))
         assert self.window(rows, 0.9, 2) == (None, None)
-        assert (
-            resource_use(
-                rows_by_process(rows), frozenset({0}), EPOCH_NS + 2 * 10**9, EPOCH_NS + 3 * 10**9
-            )
-            is None
-        )
-        assert (
-            resource_use(rows_by_process(rows), frozenset({7}), EPOCH_NS, EPOCH_NS + 10**9) is None
-        )
+        sampled = ProcessSamples(rows)
+        assert sampled.used(EPOCH_NS + 2 * 10**9, EPOCH_NS + 3 * 10**9) == {}
+        assert sampled.used(EPOCH_NS + 10**9, EPOCH_NS) == {}
+        assert ProcessSamples(rows[:0]).used(EPOCH_NS, EPOCH_NS + 10**9) == {}
 
     def test_processes_of_one_name_are_added(self) -> None:
         rows = np.concatenate(
             (self.sampled([0, 2], [0, 1]), self.sampled([0, 2], [0, 3], process=1))
         )
-        used = resource_use(
-            rows_by_process(rows), frozenset({0, 1}), EPOCH_NS, EPOCH_NS + 2 * 10**9
-        )
-        assert used is not None
+        used = total_use([*ProcessSamples(rows).used(EPOCH_NS, EPOCH_NS + 2 * 10**9).values()])
         assert used.cpu_mean == pytest.approx(2.0)
         assert used.memory_max_bytes == 200

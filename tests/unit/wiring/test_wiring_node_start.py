@@ -129,41 +129,12 @@ def test_validate_says_how_a_node_without_keyword_arguments_starts(tmp_path: Pat
 
 
 @pytest.mark.parametrize("placement", ["separate", "shared", "harness"])
-@pytest.mark.parametrize(("name", "role"), [("Plain", "host"), ("main", "command")])
-def test_such_a_node_has_a_process_of_its_own(
-    tmp_path: Path, name: str, role: str, placement: str
-) -> None:
+@pytest.mark.parametrize("name", ["Plain", "main"])
+def test_such_a_node_has_a_process_of_its_own(tmp_path: Path, name: str, placement: str) -> None:
     [process] = [
         each
         for each in plan(spec(tmp_path, name, placement)).processes
         if "one" in {node.node for node in each.nodes}
     ]
-    assert (process.name, process.role) == ("one", role)
+    assert (process.name, process.role) == ("one", "host")
     assert len(process.nodes) == 1
-
-
-def test_a_program_gets_its_arguments_on_the_command_line(tmp_path: Path) -> None:
-    [process] = [each for each in plan(spec(tmp_path, "main")).processes if each.name == "one"]
-    assert process.argv[3:] == (
-        *("r2bspec.harness.node_main", "./nodes.py:main"),
-        *("--ros-args", "-r", "__node:=one", "-r", "__ns:=/r2b"),
-    )
-
-
-def test_a_constructor_with_required_arguments_is_an_error(tmp_path: Path) -> None:
-    [found] = [each for each in findings(spec(tmp_path, "Demanding")) if each.code == "R2B231"]
-    assert found.severity == "error"
-    assert found.message == (
-        "Demanding cannot be called without 'camera', for which a run has no value"
-    )
-
-
-@pytest.mark.parametrize(
-    ("name", "codes"), [("Plain", ["R2B232"]), ("main", ["R2B232"]), ("Flexible", [])]
-)
-def test_a_container_cannot_hold_it_with_others(
-    tmp_path: Path, name: str, codes: list[str]
-) -> None:
-    found = findings(spec(tmp_path, name, container="box"))
-    # That the harness is in other processes is an advice about every container.
-    assert [each.code for each in found if each.severity != "info"] == codes

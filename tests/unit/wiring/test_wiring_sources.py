@@ -119,30 +119,100 @@ def test_literal_calls_are_understood(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("body", "publishes", "subscribes", "parameters"),
+    ("body", "publishes", "why"),
     [
-        ("self.create_publisher(m.Image, NAME, 1)", None, {}, {}),
-        ("if kwargs:\n    self.create_publisher(m.Image, 'out', 1)", None, {}, {}),
-        ("for t in 'ab':\n    self.create_subscription(m.Image, t, print, 1)", {}, None, {}),
-        ("self.create_publisher(kwargs['type'], 'out', 1)", None, {}, {}),
-        ("self.declare_parameters('', [])", {}, {}, None),
+        ("self.create_publisher(m.Image, NAME, 1)", {}, "line 7 makes a publisher whose topic"),
+        (
+            "if kwargs:\n    self.create_publisher(m.Image, 'out', 1)",
+            {"out": IMAGE},
+            "whether line 8 makes a publisher",
+        ),
+        (
+            "for t in 'ab':\n    self.create_publisher(m.Image, t, 1)",
+            {},
+            "line 8 makes a publisher",
+        ),
+        ("self.create_publisher(kwargs['type'], 'out', 1)", {"out": ""}, ""),
+        ("Helper(self)\nself.create_publisher(m.Image, 'out', 1)", {"out": IMAGE}, "Helper()"),
+        (
+            "make = self.create_publisher\nself.create_publisher(m.Image, 'out', 1)",
+            {"out": IMAGE},
+            "line 7 uses create_publisher other than by calling it",
+        ),
+        (
+            "if kwargs:\n    self.create_publisher(m.Image, 'out', 1)\n"  # noqa: ISC004
+            "self.create_publisher(Text, 'out', 1)",
+            {"out": ""},
+            "whether line 8",
+        ),
     ],
 )
-def test_what_is_not_literal_is_unknown(
-    body: str, publishes: Any, subscribes: Any, parameters: Any, tmp_path: Path
+def test_literal_topics_are_known_and_what_may_be_missing_has_a_reason(
+    body: str, publishes: Any, why: str, tmp_path: Path
 ) -> None:
     found = literal(tmp_path, body)
-    assert (found.publishes, found.subscribes) == (publishes, subscribes)
-    assert found.parameters == parameters
+    assert found.publishes == publishes
+    assert why in found.may_publish_more
+    assert bool(why) == bool(found.may_publish_more)
 
 
 @pytest.mark.parametrize(
-    ("body", "base"), [("pass", "Other"), ("pass", "Node, Other"), ("Helper(self)", "Node")]
+    "body",
+    [
+        "topic = 'out'\nself.create_publisher(m.Image, topic, 1)",
+        "self.topic = 'out'\nself.create_publisher(m.Image, self.topic, 1)",
+    ],
 )
-def test_a_class_that_is_more_than_its_text_is_unknown(
-    body: str, base: str, tmp_path: Path
-) -> None:
-    assert literal(tmp_path, body, base) is None
+def test_a_topic_is_followed_to_its_only_text(body: str, tmp_path: Path) -> None:
+    found = literal(tmp_path, body)
+    assert (found.publishes, found.may_publish_more) == ({"out": IMAGE}, "")
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        "self.declare_parameter('topic', 'out').value",
+        "self.declare_parameter('topic', 'out').get_parameter_value().string_value",
+    ],
+)
+def test_a_parameter_names_a_topic(value: str, tmp_path: Path) -> None:
+    (tmp_path / "nodes.py").write_text(
+        "from rclpy.node import Node\nfrom sensor_msgs.msg import Image\n"
+        "class N(Node):\n    def __init__(self):\n        super().__init__('n')\n"
+        f"        name = {value}\n        self.create_publisher(Image, name, 1)\n",
+        encoding="utf-8",
+    )
+    for parameters, topic in (({}, "out"), ({"topic": "other"}, "other")):
+        node = wired({"python": "./nodes.py:N", "parameters": parameters}, tmp_path)
+        assert node.interface.publishes == {topic: IMAGE}
+        assert node.interface.publishes_all
+
+
+@pytest.mark.parametrize(
+    ("body", "declared"),
+    [
+        ("self.declare_parameters('', [('a', 1), ('b', 'x')])", {"a", "b"}),
+        ("self.declare_parameters('', names)", None),
+        ("for name in 'ab':\n    self.declare_parameter(name, 1)", None),
+    ],
+)
+def test_parameters_are_known_together(body: str, declared: Any, tmp_path: Path) -> None:
+    found = literal(tmp_path, body).parameters
+    assert (None if found is None else set(found)) == declared
+
+
+@pytest.mark.parametrize("base", ["Other", "Node, Other"])
+def test_what_a_class_inherits_is_not_known(base: str, tmp_path: Path) -> None:
+    found = literal(tmp_path, "self.create_publisher(m.Image, 'out', 1)", base)
+    assert found.publishes == {"out": IMAGE}
+    assert found.may_publish_more == f"N inherits from {base}, whose topics are not read"
+
+
+def test_a_class_with_methods_of_its_own_to_make_topics_is_unknown(tmp_path: Path) -> None:
+    body = "self.create_publisher(m.Image, 'out', 1)\nN.create_publisher = print"
+    found = literal(tmp_path, body)
+    assert found.publishes is None
+    assert "methods of its own" in found.may_publish_more
 
 
 def program(tmp_path: Path, main: str) -> Any:
@@ -178,7 +248,8 @@ def program(tmp_path: Path, main: str) -> Any:
     ],
 )
 def test_a_program_has_the_interface_of_the_node_that_it_makes(main: str, tmp_path: Path) -> None:
-    assert program(tmp_path, main).publishes == {"out": IMAGE}
+    found = program(tmp_path, main)
+    assert (found.publishes, found.may_publish_more) == ({"out": IMAGE}, "")
 
 
 @pytest.mark.parametrize(
@@ -195,8 +266,10 @@ def test_a_program_has_the_interface_of_the_node_that_it_makes(main: str, tmp_pa
         "rclpy.init()\nrclpy.spin(Node('other'))",
     ],
 )
-def test_a_program_that_does_more_than_to_spin_a_node_is_unknown(main: str, tmp_path: Path) -> None:
-    assert program(tmp_path, main) is None
+def test_what_a_program_does_besides_is_a_reason_for_more(main: str, tmp_path: Path) -> None:
+    found = program(tmp_path, main)
+    assert found.may_publish_more
+    assert found.publishes in ({"out": IMAGE}, None)
 
 
 def test_files_of_which_nothing_can_be_said(tmp_path: Path) -> None:
@@ -205,7 +278,10 @@ def test_files_of_which_nothing_can_be_said(tmp_path: Path) -> None:
     file.write_text("class N(:", encoding="utf-8")
     assert read_node_source(file, "N") is None
     file.write_text("def N(**kwargs): ...", encoding="utf-8")
-    assert read_node_source(file, "N") is None
+    found = read_node_source(file, "N")
+    assert found is not None
+    assert found.publishes is None
+    assert found.may_publish_more == "N is a function that returns a node"
 
 
 # Parameter files

@@ -1,0 +1,307 @@
+"""Lifecycle nodes: brought into the states that the spec says, and recognised where nothing does.
+
+The endpoints of such a node may exist only once it is configured, so its state is changed before
+they are waited for. All nodes are configured, then activated, each time in the order of the spec.
+A node whose state the spec does not mention is left alone: something in the graph, such as a
+lifecycle manager, activates it. If nothing there can, it is said instead of waited for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+from r2bspec.execute.bringup.launcher import Launcher
+from r2bspec.execute.bringup.observe_graph import HARNESS
+from r2bspec.execute.bringup.readiness import StartDeadline
+from r2bspec.execute.errors import GraphMismatchError, NotReadyError
+from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess, ProcessSupervisor
+from r2bspec.ipc import protocol
+from r2bspec.language.spec import LifecycleState
+from r2bspec.plan.command_lines import has_planned_name
+from r2bspec.plan.plan import Plan, ProcessPlan
+from r2bspec.record.run_record import Difference
+
+TRANSITION_FAILED: Final = "R2B605"
+NOT_ACTIVATED: Final = "R2B237"
+_NO_LIFECYCLE_NODE: Final = "R2B238"
+
+_STEPS: Final[dict[protocol.Transition, tuple[str, frozenset[LifecycleState]]]] = {
+    "configure": ("unconfigured", frozenset({"inactive", "active"})),
+    "activate": ("inactive", frozenset({"active"})),
+}
+"""Each transition: the state that it leads from, and the wanted states that need it."""
+
+_ASK_NS = 2_000_000_000
+_POLL_S = 0.1
+_DISCOVERY_S = 4.0
+"""How much later than its node a service may be discovered, on a busy machine."""
+
+_MAX_LOG_BYTES = 1 << 20
+
+
+@dataclass(frozen=True)
+class LifecycleNodes:
+    """The lifecycle nodes of one phase.
+
+    Attributes:
+        plan: of the run.
+        phase: ``preprocess`` or ``measure``.
+        supervisor: all processes.
+        launcher: has started the nodes.
+        note: is told what the user should know.
+    """
+
+    plan: Plan
+    phase: str
+    supervisor: ProcessSupervisor
+    launcher: Launcher
+    note: Callable[[str], None]
+
+    def bring_up(
+        self,
+        deadline: StartDeadline,
+        enter: Callable[[protocol.Transition], None] = lambda _: None,
+    ) -> None:
+        """Configure and activate the nodes whose states the plan has.
+
+        Args:
+            deadline: of the start.
+            enter: is called before the first of all nodes makes a transition.
+
+        Raises:
+            GraphMismatchError: a transition failed, or a node is no lifecycle node.
+            NotReadyError: a node is not there in time, or does not answer.
+        """
+        wanted = self.plan.states_in(self.phase)
+        if not wanted:
+            return
+        with self.supervisor.waiting("lifecycle nodes: discovery"):
+            states = self._wait_for(wanted, deadline)
+        for transition, (before, targets) in _STEPS.items():
+            nodes = [
+                name
+                for name, target in wanted.items()
+                if target in targets and states[name] == before
+            ]
+            if nodes:
+                enter(transition)
+            for name in nodes:
+                states[name] = self._change(name, transition, deadline)
+        for name, target in wanted.items():
+            if states[name] != target:
+                self.note(f"{name} is {states[name]}, not {target}: it changes its state itself")
+        self.launcher.describe_lifecycle_nodes()
+
+    def _wait_for(
+        self, wanted: dict[str, LifecycleState], deadline: StartDeadline
+    ) -> dict[str, str]:
+        """The states of nodes, once all of them have been discovered.
+
+        Raises:
+            GraphMismatchError: a node has no states.
+            NotReadyError: a node is not there in time, or does not say its state.
+        """
+        seen_s: dict[str, float] = {}
+        while True:
+            found = self._ask_states()
+            missing = [name for name in wanted if not found.states.get(name)]
+            if not missing:
+                return found.states
+            graph = self.supervisor.request(
+                self.supervisor.observer(), protocol.ListGraph(), protocol.GraphSnapshot
+            )
+            for name in missing:
+                if name not in graph.nodes or name in found.states:
+                    continue
+                since_s = seen_s.setdefault(name, deadline.left_s)
+                if since_s - deadline.left_s > _DISCOVERY_S:
+                    raise _mismatch(
+                        _NO_LIFECYCLE_NODE,
+                        name,
+                        "",
+                        f"{name} is no lifecycle node: it has no service change_state",
+                        "remove 'lifecycle'",
+                    )
+            if deadline.over:
+                name = missing[0]
+                raise NotReadyError(
+                    f"lifecycle node {name} does not say its state"
+                    if name in found.states
+                    else f"lifecycle node {name} was not there after {deadline.timeout_s:g} s",
+                    hint="Read its output, or increase benchmark.start_timeout.",
+                )
+            self.supervisor.pump(_POLL_S)
+
+    def _ask_states(self) -> protocol.LifecycleStates:
+        return self.supervisor.request(
+            self.supervisor.observer(),
+            protocol.ListLifecycle(timeout_ns=_ASK_NS),
+            protocol.LifecycleStates,
+            _ASK_NS / 1e9 + REPLY_TIMEOUT_S,
+        )
+
+    def _change(self, name: str, transition: protocol.Transition, deadline: StartDeadline) -> str:
+        """Let a node make a transition; returns the state that it is in then.
+
+        Raises:
+            GraphMismatchError: its callback did not succeed.
+            NotReadyError: it does not answer in time.
+        """
+        child = self._process_of(name)
+        begin = child.log.stat().st_size
+        timeout_s = deadline.left_s
+        command = protocol.ChangeState(
+            node=name, transition=transition, timeout_ns=round(timeout_s * 1e9)
+        )
+        with self.supervisor.waiting(f"{name}: {transition}"):
+            changed = self.supervisor.request(
+                self.supervisor.observer(),
+                command,
+                protocol.StateChanged,
+                timeout_s + REPLY_TIMEOUT_S,
+            )
+        if changed.result == "success":
+            return changed.state
+        callback = f"on_{transition}"
+        if changed.result == "no answer":
+            raise NotReadyError(
+                f"{name} could not {transition}: {callback} did not return within "
+                f"{deadline.timeout_s:g} s{child.last_output()}",
+                hint="Increase benchmark.start_timeout, or find out in its output what it waits "
+                f"for: {child.log}",
+                code=TRANSITION_FAILED,
+            )
+        cause = _cause(child, begin, name, callback, changed.result)
+        now = f"; it is {changed.state} now" if changed.state else ""
+        raise _mismatch(
+            TRANSITION_FAILED,
+            name,
+            transition,
+            f"{name} could not {transition}: {cause}{now}",
+            f"correct it, or read the whole output of the node: {child.log}",
+            child.last_output().removeprefix("; "),
+        )
+
+    def _process_of(self, name: str) -> ManagedProcess:
+        process = next(
+            each for each in self._processes() if any(node.name == name for node in each.nodes)
+        )
+        return next(each for each in self.supervisor if each.name == process.name)
+
+    def never_active(self, missing: Collection[str]) -> frozenset[str]:
+        """The topics that lack endpoints of nodes that nothing in the graph can activate.
+
+        Raises:
+            RunError: the observer does not answer.
+        """
+        waiting = self.waiting(missing)
+        certain = bool(waiting) and not any(each.managers for each in waiting)
+        return frozenset(missing) if certain and not self._has_unknown_programs() else frozenset()
+
+    def _has_unknown_programs(self) -> bool:
+        """Whether a program may be there to change states, although it has no client now."""
+        return any(each.phase == self.phase for each in self.plan.external) or any(
+            not has_planned_name(each, node) for each in self._processes() for node in each.nodes
+        )
+
+    def waiting(self, topics: Iterable[str]) -> tuple[WaitingNode, ...]:
+        """The nodes that are not active, and that topics without messages may be waiting for.
+
+        A node whose state is in the plan is where it was brought.
+
+        Raises:
+            RunError: the observer does not answer.
+        """
+        found = self._ask_states()
+        if not found.states:
+            return ()
+        topics = {*topics}
+        planned = [
+            {*each.writers, *each.readers} - {*HARNESS}
+            for each in self.plan.topics
+            if each.phase == self.phase and each.name in topics
+        ]
+        # What publishes or reads a topic may be unknown.
+        anyone = len(planned) < len(topics) or not all(planned)
+        own = {node.name for each in self._processes() for node in each.nodes}
+        return tuple(
+            WaitingNode(
+                not_activated(name, state, managers, started=name in own),
+                managers,
+            )
+            for name, state in found.states.items()
+            for managers in [found.managers.get(name, ())]
+            if state in {"unconfigured", "inactive"}
+            and name not in self.plan.states_in(self.phase)
+            and (anyone or any(name in nodes for nodes in planned))
+        )
+
+    def _processes(self) -> Iterator[ProcessPlan]:
+        return (each for each in self.plan.processes if each.phase == self.phase)
+
+
+class WaitingNode(NamedTuple):
+    """A node that is not active, and the nodes that can change that."""
+
+    difference: Difference
+    managers: tuple[str, ...]
+
+
+def not_activated(
+    name: str, state: str, managers: Collection[str], *, started: bool = True
+) -> Difference:
+    """A lifecycle node that is not active, and of which the spec does not say so.
+
+    Args:
+        name: its full name.
+        state: that it is in.
+        managers: the nodes that can change it.
+        started: whether the run has started it by this name.
+    """
+    if managers:
+        verb = "could activate it, and has not" if len(managers) == 1 else "could, and have not"
+        why = f"{' and '.join(managers)} {verb}"
+    else:
+        why = "nothing in the graph activates it"
+    return Difference(
+        code=NOT_ACTIVATED,
+        message=f"{name} is a lifecycle node and {state}: {why}",
+        part="lifecycle",
+        owner=name,
+        name=state,
+        help=f"find the cause in the output of {' and '.join(managers)}"
+        if managers
+        else "write 'lifecycle: active', and the run configures and activates it"
+        if started
+        else "let its launch file, or a lifecycle manager, configure and activate it",
+    )
+
+
+_CAUSES: Final = {
+    "failure": "{} returned FAILURE",
+    "error": "{} returned ERROR, or raised an exception",
+    "unknown": "{} did not succeed",
+}
+
+
+def _cause(child: ManagedProcess, begin: int, name: str, callback: str, result: str) -> str:
+    """Why a transition failed: what its process says, or else what its callback returned."""
+    said = protocol.callback_failure(name, callback)
+    with child.log.open("rb") as log:
+        log.seek(begin)
+        lines = log.read(_MAX_LOG_BYTES).decode(errors="replace").splitlines()
+    found = (line for line in lines if line.startswith(said))
+    return next((f"{callback} {line.removeprefix(said)}" for line in found), "") or _CAUSES[
+        result
+    ].format(callback)
+
+
+def _mismatch(
+    code: str, name: str, transition: str, message: str, help_text: str, details: str = ""
+) -> GraphMismatchError:
+    difference = Difference(
+        code=code, message=message, part="lifecycle", owner=name, name=transition, help=help_text
+    )
+    return GraphMismatchError([difference], f"{message}{details}", help_text, details=details)

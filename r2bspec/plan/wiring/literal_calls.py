@@ -1,0 +1,79 @@
+"""The literal arguments of calls that make topics or declare parameters."""
+
+from __future__ import annotations
+
+import ast
+from typing import Literal
+
+from r2bspec.language.spec import QoS
+from r2bspec.plan.wiring.node_interface import ParameterInfo, ParameterType
+from r2bspec.plan.wiring.python_source import SourceNames
+
+_TYPES: dict[type, ParameterType] = {bool: "bool", int: "integer", float: "double", str: "string"}
+
+
+def argument(call: ast.Call, position: int, name: str) -> ast.expr | None:
+    """An argument by its position or its name; None if it is not given, or by ``*``."""
+    if any(isinstance(argument, ast.Starred) for argument in call.args):
+        return None
+    if len(call.args) > position:
+        return call.args[position]
+    return next((keyword.value for keyword in call.keywords if keyword.arg == name), None)
+
+
+def message_type(kind: ast.expr | None, names: SourceNames) -> str:
+    """The type that the class of a message stands for; empty if the text does not say it."""
+    if kind is None:
+        return ""
+    package, middle, message = (["", "", *names.full_name(kind).split(".")])[-3:]
+    return f"{package}/msg/{message}" if middle == "msg" and package else ""
+
+
+def qos_profile(call: ast.Call, position: int, names: SourceNames) -> QoS | None:
+    """The profile for a QoS argument that is a number, or the profile of sensor data."""
+    if any(keyword.arg == "qos_overriding_options" for keyword in call.keywords):
+        return None
+    given = argument(call, position, "qos_profile")
+    if given is not None and names.full_name(given) == "rclpy.qos.qos_profile_sensor_data":
+        return QoS.from_word("sensor_data")
+    depth = given.value if isinstance(given, ast.Constant) else None
+    return QoS(depth=depth) if type(depth) is int and depth > 0 else None
+
+
+def declared_parameter(call: ast.Call) -> tuple[str, ParameterInfo] | None:
+    """The parameter of ``declare_parameter(name, value)``; None if its name is no literal."""
+    has_descriptor = any(each.arg == "descriptor" for each in call.keywords) or len(call.args) > 2
+    name, value = argument(call, 0, "name"), argument(call, 1, "value")
+    return _declared(name, value, has_descriptor=has_descriptor)
+
+
+def declared_parameters(call: ast.Call) -> list[tuple[str, ParameterInfo]] | None:
+    """The parameters of ``declare_parameters("", [(name, value), ...])``."""
+    match call:
+        case ast.Call(
+            args=[ast.Constant(value=""), ast.List(elts=items) | ast.Tuple(elts=items)], keywords=[]
+        ):
+            found = [
+                _declared(item.elts[0], item.elts[1], has_descriptor=len(item.elts) > 2)
+                if isinstance(item, ast.Tuple) and len(item.elts) > 1
+                else None
+                for item in items
+            ]
+            known = [each for each in found if each is not None]
+            return known if len(known) == len(found) else None
+    return None
+
+
+def _declared(
+    name: ast.expr | None, value: ast.expr | None, *, has_descriptor: bool
+) -> tuple[str, ParameterInfo] | None:
+    if not isinstance(name, ast.Constant) or not isinstance(name.value, str):
+        return None
+    try:
+        default = None if value is None else ast.literal_eval(value)
+    except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError):
+        # A map with a list as key is a TypeError.
+        return name.value, ParameterInfo("")
+    kind: ParameterType | Literal[""] = _TYPES.get(type(default), "")
+    # A descriptor may allow other types.
+    return name.value, ParameterInfo("" if has_descriptor else kind, default if kind else None)
