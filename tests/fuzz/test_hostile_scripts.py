@@ -77,7 +77,7 @@ def test_damaged_launch_files(tmp_path: Path) -> None:
 def code_of(file: Path) -> str:
     """The code of the error; empty for a file that a spec is made of."""
     try:
-        spec_from_sources("made", file.parent, InitSources(launch=str(file))).text
+        spec_from_sources("made", file.parent, InitSources(launch=str(file)))
     except UsageError as error:
         return error.code
     return ""
