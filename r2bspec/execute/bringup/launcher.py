@@ -429,7 +429,8 @@ class Launcher:
         in_value = self._environment.secrets.in_value
         calls = tuple(
             msgspec.structs.replace(call, request=in_value(call.request))
-            for call in plan.called.values()
+            for name, call in plan.called.items()
+            if name == call.name
         )
         return protocol.ConfigureCalls(calls=calls, rows_dir=str(rows_dir))
 
