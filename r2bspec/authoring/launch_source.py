@@ -143,7 +143,9 @@ class _Reading:
         self.changes: list[Note] = []
         self.nodes, self.containers, self.topics = Block(), Block(), list[str]()
         folder = relative_folder(source.file.parent, spec_folder)
+        self.spec_folder = spec_folder
         self.values = SpecValues(folder, "/", source_files.ScriptComments(), notes=self.notes)
+        self.values.share_folder = self._share_folder
         self.writer = NodeWriter(self.values, keys)
 
     def read(self) -> list[Note]:
@@ -242,6 +244,13 @@ class _Reading:
         """The launch arguments of the file that includes another one, which gets them, too."""
         known = self.launched.get(Path(place.file), LaunchFile()).values
         return {name: value for name, value in known.items() if isinstance(value, str)}
+
+    def _share_folder(self, package: str) -> str:
+        """Where a package is installed; a source folder beside the file has the same files."""
+        installed, source = package_share(package), self.reader.find_package(package)
+        if installed is None and source is not None:
+            return relative_folder(source, self.spec_folder)
+        return f"/opt/ros/jazzy/share/{package}" if installed is None else str(installed)
 
     def _included(self, include: IncludeAction) -> Path | None:
         if include.path:

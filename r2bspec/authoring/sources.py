@@ -13,7 +13,6 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -31,6 +30,7 @@ from r2bspec.plan.wiring.ast_reader import read_python_file
 from r2bspec.plan.wiring.companion_files import read_source, source_folder
 from r2bspec.plan.wiring.console_scripts import installed_script, source_script
 from r2bspec.safe_io.safe_file import is_regular
+from r2bspec.safe_io.temporary_folder import temporary_folder
 
 _SLACK_S = 60.0
 _MAX_SHOWN = 20
@@ -201,8 +201,8 @@ def inspect_graph(timeout_s: float) -> list[dict[str, Any]]:
     """
     if importlib.util.find_spec("rclpy") is None:
         raise UsageError("ROS 2 is not installed, so there is no graph to read", code="R2B620")
-    with tempfile.TemporaryDirectory() as scratch:
-        target = Path(scratch, "graph.json")
+    with temporary_folder("graph") as scratch:
+        target = scratch / "graph.json"
         words = [sys.executable, "-P", "-m", "r2bspec.harness.inspect_nodes"]
         try:
             done = subprocess.run(

@@ -282,6 +282,7 @@ def interfaces_command(
     """
     from r2bspec.api import InvalidSpecError, load
     from r2bspec.diagnostics import did_you_mean
+    from r2bspec.diagnostics.plain_text import message_text
     from r2bspec.introspect import record_interfaces
 
     try:
@@ -305,7 +306,8 @@ def interfaces_command(
     ):
         if found.interface is None:
             failed += 1
-            echo(f"error: {found.node}: {found.problem}", err=True)
+            problem = message_text(f"{found.node}: {found.problem}")
+            echo(f"error: {problem}", err=True, lines=True)
             if found.hint:
                 echo(f"  help: {found.hint}", err=True)
             continue

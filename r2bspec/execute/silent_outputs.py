@@ -59,13 +59,15 @@ class SilentOutputs:
             NoOutputError: there is another reason, and `final`.
         """
         graph, plan = self.graph, self.graph.plan
-        unanswered = [call.service for name, call in plan.called.items() if name in silent]
+        unanswered = [name for name in plan.called if name in silent]
         if unanswered:
-            said = f"no answer of {', '.join(unanswered)}"
+            said = f"no answer that counts for {', '.join(unanswered)}"
             if not final:
                 self.context.note(f"{said} so far")
                 return
-            raise NoOutputError(said, hint="The service was called, and answered no request.")
+            target = plan.called[unanswered[0]].target
+            hint = f"{target} was called, and no call was answered with success; see player.log."
+            raise NoOutputError(said, hint=hint)
         topics = [monitor.topic for monitor in plan.monitors if monitor.name in silent]
         facts = self._trace()
         faults = find_faults(facts, topics)
@@ -99,7 +101,7 @@ class SilentOutputs:
             DeadInputError: what is played arrives nowhere any more.
         """
         if plan.name in self.graph.plan.called:
-            reason = "the service has stopped answering"
+            reason = "it has stopped answering"
             self.context.note(f"{plan.topic}: {reason}")
             self.records.append(
                 OutputGapRecord(segment=segment.id, topic=plan.topic, reason=reason, late=0, way=())

@@ -68,12 +68,15 @@ def _managers(node: Node, managed: list[str]) -> dict[str, tuple[str, ...]]:
     return {name: tuple(sorted(found - {own})) for name, found in managers.items() if found - {own}}
 
 
-def change_state(node: Node, command: protocol.ChangeState) -> protocol.StateChanged:
+def change_state(
+    node: Node, command: protocol.ChangeState, interrupted: Callable[[], bool]
+) -> protocol.StateChanged:
     """Ask a lifecycle node to make a transition, and wait until it has.
 
     Args:
         node: asks; no executor may spin it.
         command: the transition, and how long it may take.
+        interrupted: whether the answer is not needed any more.
     """
     change = interface_class(_CHANGE_TYPE)
     events: list[Any] = []
@@ -89,7 +92,8 @@ def change_state(node: Node, command: protocol.ChangeState) -> protocol.StateCha
             request.transition.id = _TRANSITION_IDS[command.transition]
             clients.spin_until(lambda: _is_matched(subscription), _EVENT_S)
             answer = clients.call(change, f"{command.node}{_CHANGE}", request)
-            if not clients.spin_until(answer.done, command.timeout_ns / 1e9):
+            clients.spin_until(lambda: answer.done() or interrupted(), command.timeout_ns / 1e9)
+            if not answer.done():
                 return protocol.StateChanged(result="no answer")
             result: Any = "success"
             if not answer.result().success:

@@ -157,17 +157,19 @@ class ConfigureInspector(Command, frozen=True, kw_only=True, tag=True):
     file: str
 
 
-class ContainerComponents(msgspec.Struct, frozen=True, kw_only=True):
-    """The full name of a container's node, and the components to be loaded into it, in order."""
+class ConfigureComponents(Command, frozen=True, kw_only=True, tag=True):
+    """Be the one that loads components into containers that run, as `LoadComponent` says."""
+
+
+class LoadComponent(Command, frozen=True, kw_only=True, tag=True):
+    """Load a component into the container whose node has this full name. The reply is `Composed`.
+
+    Attributes:
+        timeout_ns: how long to wait for the container and for its answer.
+    """
 
     container: str
-    nodes: tuple[NodePlan, ...]
-
-
-class ConfigureComponents(Command, frozen=True, kw_only=True, tag=True):
-    """Load components into containers that run; `Composed` follows `Ready`."""
-
-    containers: tuple[ContainerComponents, ...]
+    node: NodePlan
     timeout_ns: int
 
 
@@ -456,9 +458,10 @@ class Called(Reply, frozen=True, kw_only=True, tag=True):
 
 
 class Composed(Reply, frozen=True, kw_only=True, tag=True):
-    """All components are loaded; these are the full names of their nodes, in order."""
+    """The answer of a container: the component is loaded, or why not."""
 
-    nodes: tuple[str, ...]
+    loaded: bool
+    reason: str = ""
 
 
 class Loaded(Reply, frozen=True, kw_only=True, tag=True):

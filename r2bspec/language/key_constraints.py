@@ -23,6 +23,7 @@ from r2bspec.language.located_tree import (
 )
 from r2bspec.language.node_kinds import NODE_KIND_KEYS, NODE_KINDS, kinds_help, members
 from r2bspec.language.quantities import QuantityError, Rate
+from r2bspec.language.spec_benchmark import ACCEPTED, FEEDBACK
 from r2bspec.language.spec_graph import PROCESS_KEYS
 from r2bspec.language.variables import declared_variables_help
 from r2bspec.safe_io.limits import MAX_RANGE_RATES, MAX_REQUIREMENTS
@@ -269,14 +270,14 @@ def _playback(document: _Document) -> Iterator[Diagnostic]:
     if playback is None:
         return
     mode = document.word("playback", "mode") if "mode" in playback.entries else "looping"
-    if mode == "live":
+    yield from _calls(document, mode)
+    if mode == "live" and document.map_at("playback", "calls") is None:
         unused = [("playback", key) for key in ("inputs", "buffer", "unpaired", "clock")]
         yield from document.without_effect(
             [("data_loader",), ("preprocessors",), *unused],
             ": a live benchmark plays nothing",
             "remove '{key}', or change playback.mode",
         )
-    yield from _calls(document, mode)
     if mode and mode != "timeline":
         yield from document.without_effect(
             [("playback", key) for key in ("timeline", "record_timeline", "tf")],
@@ -311,11 +312,22 @@ def _calls(document: _Document, mode: str) -> Iterator[Diagnostic]:
             message = f"services are called by a process of its own, not with placement {placement}"
             help_text = "remove the placement, or 'playback.calls'"
             yield document.error((section,), message, help_text)
+    taken: dict[str, Path] = {name: ("monitors", name) for name in document.keys("monitors")}
     for name in document.keys(*calls):
-        if name in document.keys("monitors"):
-            message = f"'{name}' is the name of a monitor, too"
-            other = Related("the monitor", span_at(document.root, ("monitors", name), key=True))
-            yield document.error((*calls, name), message, "rename one of them", related=(other,))
+        call: Path = (*calls, name)
+        needs = "'service' or 'action'"
+        kinds = ("service", "action")
+        yield from document.one_of(call, kinds, "R2B118", needs, f"add {needs}")
+        is_action = "action" in document.keys(*call)
+        other, owner = ("success", "a service") if is_action else ("feedback", "an action")
+        yield from document.without_effect([(*call, other)], f": it is of {owner}", "remove it")
+        ends = ("", ACCEPTED, FEEDBACK) if is_action else ("",)
+        for measured in (f"{name}{end}" for end in ends):
+            if measured in taken:
+                message = f"'{measured}' is measured twice: it is the name of something else, too"
+                there = Related("the other one", span_at(document.root, taken[measured], key=True))
+                yield document.error(call, message, "rename one of them", related=(there,))
+            taken.setdefault(measured, call)
 
 
 def _recorded_rates(document: _Document, mode: str) -> Iterator[Diagnostic]:

@@ -334,12 +334,11 @@ class Spec(Record, frozen=True, kw_only=True):
 
     @property
     def outputs(self) -> dict[str, Monitor]:
-        """All that is measured, by name: the monitored topics, and the answers of services."""
-        answers = {
-            name: Monitor(topic=call.service.name, format=call.service.type)
-            for name, call in self.playback.calls.items()
-        }
-        return {**self.monitors, **answers}
+        """All that is measured, by name: the monitored topics, and the answers to calls."""
+        found = dict(self.monitors)
+        for name, call in self.playback.calls.items():
+            found |= call.answers(name)
+        return found
 
     @property
     def plays_topics(self) -> bool:

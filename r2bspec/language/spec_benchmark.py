@@ -13,7 +13,16 @@ from r2bspec.language.benchmark_defaults import CONFIDENCE, CONFIRM, MAX_STARTS,
 from r2bspec.language.declaration import Record, Written, key
 from r2bspec.language.quantities import Duration, Rate, Share, Size
 from r2bspec.language.requirement_grammar import Requirement
-from r2bspec.language.spec_graph import QoS, Repeat, Scalar, ServiceCall, Sibling, repeated, sibling
+from r2bspec.language.spec_graph import (
+    ActionCall,
+    QoS,
+    Repeat,
+    Scalar,
+    ServiceCall,
+    Sibling,
+    repeated,
+    sibling,
+)
 from r2bspec.safe_io.limits import MAX_RANGE_RATES, MAX_SPEC_ENTRIES
 
 _IMAGE_INPUT: Final = {"from": "buffer/image", "format": "sensor_msgs/msg/Image"}
@@ -170,19 +179,43 @@ _CALL: Final = {
 }
 
 
+ACCEPTED: Final = "_accepted"
+FEEDBACK: Final = "_feedback"
+"""At the end of the names of what is measured of an action, besides its result."""
+
+
 class Call(Record, frozen=True, kw_only=True):
-    """A service that is called in each step, whether or not it has answered the calls before.
+    """A call of a service or an action in each step, answered or not: exactly one of both.
 
     Attributes:
         service: The service and its request.
-        success: A field of the response that is true or false. A response in which it is false
-            counts as missed.
+        action: The action and its goal. NAME_accepted is measured up to the acceptance of the
+            goal, NAME up to its result; a goal that does not succeed counts as missed.
+        success: A field of a service's response that is true or false. A response in which it is
+            false counts as missed.
+        feedback: Whether the feedback of an action is measured as NAME_feedback: its latency is
+            that of the first one.
     """
 
     about = key(_CALL)
 
-    service: ServiceCall
+    service: ServiceCall | None = None
+    action: ActionCall | None = None
     success: Annotated[str, key("success")] = ""
+    feedback: bool = False
+
+    def answers(self, name: str) -> "dict[str, Monitor]":
+        """What is measured of the call with this name: monitors of what a service answers."""
+        if self.service is not None:
+            return {name: Monitor(topic=self.service.name, format=self.service.type)}
+        action = self.action or ActionCall(name="", type="")
+        ends = {name: "get_result", f"{name}{ACCEPTED}": "send_goal"}
+        if self.feedback:
+            ends[f"{name}{FEEDBACK}"] = "feedback"
+        return {
+            answer: Monitor(topic=f"{action.name}/_action/{end}", format=action.type)
+            for answer, end in ends.items()
+        }
 
 
 class Timeline(Record, frozen=True, kw_only=True):
@@ -212,8 +245,8 @@ class Playback(Record, frozen=True, kw_only=True):
         buffer: The number of messages to buffer for each input; 0 buffers all of the window.
         inputs: The topics that are played to the graph. All inputs of one step are played together,
             with the same stamp unless 'pairing' allows differences.
-        calls: Services that are called in place of playing topics, at the offered rate. Each is
-            monitored under its name: its responses are the outputs.
+        calls: Services and actions that are called in place of playing topics, at the offered
+            rate. Each is measured under its name, as a monitor is: its answers are the outputs.
         unpaired: Messages without a partner of the same stamp in all other inputs are not played.
             With mode timeline, those whose stamp no recorded message has are not. refuse warns
             above 5 % of the messages of an input, and stops above 50 %; drop agrees to any number.

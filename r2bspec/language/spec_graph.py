@@ -491,6 +491,19 @@ class ReadyProbe(Record, frozen=True, kw_only=True):
     timeout: Annotated[Duration, key("30 s", positive=True)] = Duration(30 * 10**9)
 
 
+_Fields = dict[
+    names.ParameterName,
+    Annotated[
+        Any,
+        key(
+            *(True, 1.5),
+            description="The value of the field: a scalar, a list or a map.",
+            deferrable=True,
+        ),
+    ],
+]
+
+
 class ServiceCall(Record, frozen=True, kw_only=True):
     """A service call.
 
@@ -506,20 +519,25 @@ class ServiceCall(Record, frozen=True, kw_only=True):
 
     name: Annotated[names.Topic, key("detector/enable")]
     type: Annotated[names.ServiceType, key("std_srvs/srv/SetBool")]
-    request: Annotated[
-        dict[
-            names.ParameterName,
-            Annotated[
-                Any,
-                key(
-                    *(True, 1.5),
-                    description="The value of the field: a scalar, a list or a map.",
-                    deferrable=True,
-                ),
-            ],
-        ],
-        key({"data": True}),
-    ] = {}
+    request: Annotated[_Fields, key({"data": True})] = {}
+
+
+class ActionCall(Record, frozen=True, kw_only=True):
+    """A goal for an action.
+
+    Attributes:
+        name: The action.
+        type: Its type, as 'ros2 action list -t' shows it.
+        goal: The fields of the goal; omitted fields have their defaults.
+    """
+
+    about = key(
+        {"name": "fibonacci", "type": "example_interfaces/action/Fibonacci", "goal": {"order": 5}}
+    )
+
+    name: Annotated[names.Topic, key("fibonacci")]
+    type: Annotated[names.ActionType, key("example_interfaces/action/Fibonacci")]
+    goal: Annotated[_Fields, key({"order": 5})] = {}
 
 
 class AfterReadyStep(Record, frozen=True, kw_only=True):

@@ -12,7 +12,8 @@ import msgspec
 
 from r2bspec._version import __version__
 from r2bspec.bags.recording import merge_indexes
-from r2bspec.language.spec import BagSource, Objective, Pacing, ReadyProbe, Spec
+from r2bspec.language.spec import BagSource, Call, Objective, Pacing, ReadyProbe, ServiceCall, Spec
+from r2bspec.language.spec_benchmark import ACCEPTED, FEEDBACK
 from r2bspec.plan import plan as plans
 from r2bspec.plan.process_plans import plan_external, plan_lifecycle, plan_processes
 from r2bspec.plan.topic_plans import plan_inputs, plan_monitors, plan_topics
@@ -258,16 +259,27 @@ def plan_setup(spec: Spec) -> tuple[plans.SetupPlan, ...]:
 
 
 def plan_calls(spec: Spec, namespace: str) -> tuple[plans.CallPlan, ...]:
-    """The services that are called, in the order of the spec."""
-    return tuple(
-        plans.CallPlan(
+    """The services and actions that are called, in the order of the spec."""
+    return tuple(_call(name, call, namespace) for name, call in spec.playback.calls.items())
+
+
+def _call(name: str, call: Call, namespace: str) -> plans.CallPlan:
+    if call.action is not None:
+        return plans.CallPlan(
             name=name,
-            service=harness_topic(call.service.name, namespace),
-            type=call.service.type,
-            request=call.service.request,
-            success=call.success,
+            target=harness_topic(call.action.name, namespace),
+            type=call.action.type,
+            request=call.action.goal,
+            accepted=f"{name}{ACCEPTED}",
+            feedback=f"{name}{FEEDBACK}" if call.feedback else "",
         )
-        for name, call in spec.playback.calls.items()
+    service = call.service or ServiceCall(name="", type="")
+    return plans.CallPlan(
+        name=name,
+        target=harness_topic(service.name, namespace),
+        type=service.type,
+        request=service.request,
+        success=call.success,
     )
 
 

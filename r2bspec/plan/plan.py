@@ -276,18 +276,24 @@ class MonitorPlan(MonitorSettings, frozen=True, kw_only=True):
 
 
 class CallPlan(_Value, frozen=True, kw_only=True):
-    """A service that is called in each step; the monitor of the same name has its answers.
+    """A service or an action that is called in each step.
 
     Attributes:
-        service: its full name.
-        success: the field of the response that is false if the call has failed; empty for none.
+        name: of the monitor that has the responses, or the results.
+        target: the full name of the service or the action.
+        request: the fields of the request, or of the goal.
+        success: the field of a response that is false if the call has failed; empty for none.
+        accepted: of an action, the monitor that has the acceptances of goals; else empty.
+        feedback: of an action, the monitor that has the feedback; empty for none.
     """
 
     name: str
-    service: str
+    target: str
     type: str
     request: dict[str, Any]
     success: str = ""
+    accepted: str = ""
+    feedback: str = ""
 
 
 class SearchPlan(_Value, frozen=True, kw_only=True):
@@ -374,7 +380,7 @@ class Plan(Pacing, frozen=True, kw_only=True):
         clock: whether loader and player publish the system time on /clock.
         requires: what the machine must be; a plan without it has no such key.
         lifecycle: the nodes whose states the run changes, in this order; likewise.
-        calls: the services that are called; a plan without them has no such key.
+        calls: the services and actions that are called; a plan without them has no such key.
     """
 
     r2bspec_plan: Literal[1] = 1
@@ -422,12 +428,18 @@ class Plan(Pacing, frozen=True, kw_only=True):
 
     @property
     def called(self) -> dict[str, CallPlan]:
-        """The services that are called, by the names of their monitors."""
-        return {} if self.calls is msgspec.UNSET else {call.name: call for call in self.calls}
+        """What is called, by the names of the monitors that have its answers."""
+        calls = () if self.calls is msgspec.UNSET else self.calls
+        return {
+            name: call
+            for call in calls
+            for name in (call.name, call.accepted, call.feedback)
+            if name
+        }
 
     @property
     def topic_monitors(self) -> tuple[MonitorPlan, ...]:
-        """The monitors of topics; the others have the answers of services."""
+        """The monitors of topics; the others have the answers to calls."""
         return tuple(each for each in self.monitors if each.name not in self.called)
 
     @property

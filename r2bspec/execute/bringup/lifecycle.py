@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.bringup.observe_graph import HARNESS
 from r2bspec.execute.bringup.readiness import StartDeadline
-from r2bspec.execute.errors import GraphMismatchError, NotReadyError
+from r2bspec.execute.errors import GraphMismatchError, NotReadyError, ProcessDiedError
 from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.language.spec import LifecycleState
@@ -151,19 +151,23 @@ class LifecycleNodes:
         Raises:
             GraphMismatchError: its callback did not succeed.
             NotReadyError: it does not answer in time.
+            ProcessDiedError: its process has ended.
         """
         child = self._process_of(name)
         timeout_s = deadline.left_s
         command = protocol.ChangeState(
             node=name, transition=transition, timeout_ns=round(timeout_s * 1e9)
         )
-        with self.supervisor.waiting(f"{name}: {transition}"):
-            changed = self.supervisor.request(
-                self.supervisor.observer(),
-                command,
-                protocol.StateChanged,
-                timeout_s + REPLY_TIMEOUT_S,
-            )
+        try:
+            with self.supervisor.waiting(f"{name}: {transition}"):
+                changed = self.supervisor.request(
+                    self.supervisor.observer(),
+                    command,
+                    protocol.StateChanged,
+                    timeout_s + REPLY_TIMEOUT_S,
+                )
+        except ProcessDiedError as died:
+            raise died.while_doing(f"{name} could not {transition}") from died
         # A node may activate itself meanwhile, and refuse what it has done already.
         if changed.result == "success" or changed.state in _STEPS[transition][1]:
             return changed.state

@@ -277,12 +277,12 @@ def wait_for_probe(
 def wait_for_services(
     plan: Plan, supervisor: ProcessSupervisor, player: ManagedProcess, deadline: StartDeadline
 ) -> None:
-    """Wait until all services that the player calls are there.
+    """Wait until all services and actions that the player calls are there.
 
     Raises:
         NotReadyError: one is not at the deadline.
     """
-    missing = [call.service for call in plan.called.values()]
+    missing = [call.target for call in plan.called.values()]
 
     def are_there() -> bool:
         counts = supervisor.request(player, protocol.CountMatches(), protocol.Matched).counts
@@ -292,8 +292,8 @@ def wait_for_services(
     if not supervisor.pump_until(are_there, deadline.left_s):
         raise NotReadyError(
             f"no node offers {', '.join(missing)} after {deadline.timeout_s:g} s",
-            hint="'ros2 service list -t' shows names and types while the graph runs. A node that "
-            "offers it late needs a longer 'benchmark.start_timeout'.",
+            hint="'ros2 service list -t' and 'ros2 action list -t' show names and types while the "
+            "graph runs. A node that offers one late needs a longer 'benchmark.start_timeout'.",
         )
 
 

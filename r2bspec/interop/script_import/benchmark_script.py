@@ -305,10 +305,7 @@ class _ScriptEvaluation:
         except source_files.UnusableScriptError as error:
             self.notes.append(Note(error.finding.message, include.source.place))
             return None
-        if not any(
-            isinstance(action, Construct) and action.short_name == _LOADER
-            for action in launched.actions
-        ):
+        if not launched.has(_LOADER):
             return None
         self.notes += launched.notes
         return launched.actions

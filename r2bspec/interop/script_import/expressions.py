@@ -166,6 +166,9 @@ class Expressions:
         is_builtin = known_functions.has_function(name) or name in _NAMES
         value = scope.find(name, Foreign(f"builtins.{name}") if is_builtin else _UNDEFINED)
         if value is _UNDEFINED:
+            everything = scope.find("*", None)
+            if isinstance(everything, Foreign):
+                return Foreign(f"{everything.name}.{name}")
             raise NotKnownError(f"the name {name!r} is not defined in the script")
         return value
 

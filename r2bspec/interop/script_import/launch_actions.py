@@ -11,7 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any, Final
 
-from r2bspec.interop.script_import.launch_nodes import NodeReader, absolute, is_quiet, listed
+from r2bspec.interop.script_import.launch_nodes import (
+    NodeReader,
+    absolute,
+    changed_state,
+    is_quiet,
+    listed,
+)
 from r2bspec.interop.script_import.launch_parts import (
     ContainerAction,
     IncludeAction,
@@ -26,6 +32,7 @@ from r2bspec.interop.script_import.spec_text import identifier
 from r2bspec.interop.script_import.substitutions import condition_value
 from r2bspec.interop.script_import.values import (
     Construct,
+    Foreign,
     Note,
     ScriptLimitError,
     StepCounter,
@@ -37,6 +44,9 @@ _IGNORED: Final = frozenset(
     {"DeclareLaunchArgument", "SetLaunchConfiguration", "LogInfo", "ReadyToTest", "Shutdown"}
 )
 """Actions that start nothing; launch arguments are evaluated before (`launch_files`)."""
+
+_STATES: Final = {"configure": "inactive", "1": "inactive", "activate": "active", "3": "active"}
+"""What a transition of lifecycle_msgs leads to, by its name or number."""
 
 Expand = Callable[[IncludeAction], list[Any] | None]
 """The actions of an included launch file, or None to keep it as one."""
@@ -56,6 +66,7 @@ def collect_actions(actions: Iterable[Any], expand: Expand, steps: StepCounter) 
     collector = _Collector(expand, steps)
     collector.add_all(list(actions), Scope())
     collector.place_components()
+    collector.change_states()
     return collector.parts
 
 
@@ -66,6 +77,7 @@ class _Collector:
         self.steps = steps
         self.reader = NodeReader(self.parts, steps)
         self.targets: list[tuple[NodeAction, Any]] = []
+        self.transitions: list[tuple[Construct, Any, str]] = []
         self.level = 0
         self.included = 0
 
@@ -112,7 +124,7 @@ class _Collector:
     def _condition_is_met(self, action: Construct) -> bool:
         decided = condition_value(action.get("condition"), self.steps)
         if decided is None:
-            reason = f"the condition of {action.short_name} is not known, so it is left out"
+            reason = f"the condition of {action.short_name} is not known"
             self.reader.lose(reason, action)
         return decided is True
 
@@ -144,6 +156,10 @@ class _Collector:
             if not key.startswith("target") and key not in {"start_state", "goal_state"}
             for part in listed(value)
         ]
+        if event.short_name == "OnStateTransition" and all(
+            is_quiet(part) or changed_state(part) is not None for part in actions
+        ):
+            return self.add_all(actions, scope)
         if event.short_name == "OnProcessStart" and all(isinstance(x, Construct) for x in actions):
             self.reader.change(
                 "what an event handler starts after another process is started with it", action
@@ -157,8 +173,25 @@ class _Collector:
         return scope
 
     def event(self, action: Construct, _scope: Scope) -> None:
-        if not is_quiet(action):
+        change = changed_state(action)
+        if change is not None:
+            matcher = change.get("lifecycle_node_matcher", 0)
+            node = matcher.get("action", 0) if isinstance(matcher, Construct) else None
+            transition = change.get("transition_id", 1)
+            name = transition.name if isinstance(transition, Foreign) else str(transition)
+            self.transitions.append((action, node, name.rpartition("_")[2].lower()))
+        elif not is_quiet(action):
             self.reader.lose("an event that the launch file sends", action)
+
+    def change_states(self) -> None:
+        """Give lifecycle nodes the state into which the file brings them."""
+        for action, target, transition in self.transitions:
+            state = _STATES.get(transition)
+            nodes = [node for node in self.parts.nodes if node.source is target]
+            if state is None or not nodes:
+                self.reader.lose("a transition of a lifecycle node is not known", action)
+            for node in nodes:
+                node.lifecycle = "active" if node.lifecycle == "active" else state or ""
 
     def description(self, action: Construct, scope: Scope) -> Scope:
         return self.add_all(listed(action.get("initial_entities", 0)), scope)

@@ -69,6 +69,18 @@ class LaunchFile:
     values: dict[str, Any] = field(default_factory=dict)
     arguments: list[LaunchArgument] = field(default_factory=list)
 
+    def has(self, kind: str) -> bool:
+        """Whether an action of a kind is one of its actions, or what a function of it returns."""
+        waiting, level = self.actions, 0
+        while waiting and level < MAX_LAUNCH_LEVELS:
+            constructs = [action for action in waiting if isinstance(action, Construct)]
+            if any(action.short_name == kind for action in constructs):
+                return True
+            called = [action for action in constructs if action.short_name == "OpaqueFunction"]
+            waiting = [each for action in called for each in listed(action.get("actions"))]
+            level += 1
+        return False
+
     def declare(self, argument: LaunchArgument) -> None:
         """Note an argument; it has its default where it has no value yet."""
         self.arguments.append(argument)
@@ -119,7 +131,8 @@ class _Evaluation:
             raise source_files.unusable(message, self.module, 1)
         place = self.module.scope.place(function.node)
         made = self.evaluator.call(function, place=place)
-        self.launch.actions = listed(made)
+        is_description = isinstance(made, Construct) and made.short_name == "LaunchDescription"
+        self.launch.actions = listed(made.get("initial_entities", 0) if is_description else made)
         self.launch.values = dict(given)
         self._follow(self.launch.actions, 0)
         self.launch.notes += self.evaluator.notes

@@ -106,8 +106,7 @@ class NodeReader:
                 "code; here it is the key of the node, by which parameter files must name it",
                 action,
             )
-        if action.get("autostart") not in {None, False}:
-            self.lose("a lifecycle node is activated by its launch action", action)
+        node.lifecycle = "active" if self._is_set(action, "autostart") else ""
         return node
 
     def component(self, action: Construct, scope: Scope, container: str) -> NodeAction | None:
@@ -126,8 +125,7 @@ class NodeReader:
                     node.intra_process = value
                 else:
                     node.extra_arguments[str(name)] = value
-        if action.get("autostart") not in {None, False}:
-            self.lose("a lifecycle node is activated by its launch action", action)
+        node.lifecycle = "active" if self._is_set(action, "autostart") else ""
         return node
 
     def program(self, action: Construct, scope: Scope) -> NodeAction | None:
@@ -293,6 +291,14 @@ def listed(value: Any) -> list[Any]:
     if isinstance(value, list | tuple):
         return list(value)
     return [] if value is None else [value]
+
+
+def changed_state(value: Any) -> Construct | None:
+    """The event of an action that changes the state of a lifecycle node; None for any other."""
+    is_event = isinstance(value, Construct) and value.short_name == "EmitEvent"
+    event = value.get("event", 0) if is_event else None
+    is_change = isinstance(event, Construct) and event.short_name == "ChangeState"
+    return event if is_change else None
 
 
 def is_quiet(value: Any) -> bool:

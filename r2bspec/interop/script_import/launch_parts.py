@@ -42,6 +42,7 @@ class NodeAction:
         container: the name of the container that it is loaded into.
         intra_process: whether it is loaded with ``use_intra_process_comms``.
         extra_arguments: further arguments that it is loaded with.
+        lifecycle: the state into which the file brings it; empty if it makes no transition.
         process: of a node with a process of its own.
     """
 
@@ -58,6 +59,7 @@ class NodeAction:
     container: str = ""
     intra_process: bool = False
     extra_arguments: dict[str, Any] = field(default_factory=dict)
+    lifecycle: str = ""
     process: ProcessSettings = field(default_factory=ProcessSettings)
 
     @property

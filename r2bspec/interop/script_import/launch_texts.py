@@ -115,7 +115,8 @@ def parameter_value(value: Any, source: Construct, steps: StepCounter) -> Any:
             return [_read(_forced(performed(part, source, steps))) for part in value]
         if any(isinstance(part, LaunchText | Construct) for part in value):
             return _read(performed(value, source, steps))
-        return value
+        kinds = {type(part) for part in value}
+        return [float(part) for part in value] if kinds == {int, float} else value
     return value
 
 

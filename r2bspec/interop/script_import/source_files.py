@@ -148,6 +148,14 @@ class ScriptReader:
             file for file in files if any(file.is_relative_to(root) for root in self._roots)
         )
 
+    def find_package(self, package: str) -> Path | None:
+        """The source folder of a package that is next to the script or above."""
+        for root in self._roots:
+            for folder in (root, root / package):
+                if folder.name == package and safe_file.is_regular(folder / "package.xml"):
+                    return folder
+        return None
+
     def find_share_file(self, package: str, file: str) -> Path | None:
         """A file of a package whose source folder is next to the script or above."""
         if not package or ".." in Path(file).parts or Path(file).is_absolute():

@@ -167,6 +167,7 @@ class NodeWriter:
             block.add("namespace", namespace)
         if node.arguments and not node.command:
             block.add("arguments", [self.values.text(word) for word in node.arguments])
+        block.add("lifecycle", node.lifecycle or None)
         self._parameters(block, node)
         self._remappings(block, node.remappings)
         for key, value in self._process(node.process, node.source.place).items():
