@@ -268,8 +268,9 @@ def _add_interface(block: Block, node: NodeAction, folder: Path) -> None:
     if tree is None:
         return
     classes = [each.name for each in tree.body if isinstance(each, ast.ClassDef)]
-    known = [each for name in classes if (each := read_node_class(tree, name)).publishes]
-    if len(known) == 1 and not (known[0].may_subscribe_more or known[0].may_publish_more):
+    read = [read_node_class(tree, name) for name in classes]
+    known = [each for each in read if not (each.may_subscribe_more or each.may_publish_more)]
+    if len(known) == 1:
         block.add("subscribes", Block.of(known[0].subscribes or {}))
         block.add("publishes", Block.of(known[0].publishes or {}))
 

@@ -169,8 +169,9 @@ def check_node_file(target: str, folder: Path) -> None:
 
 
 def is_readable_node(target: str, folder: Path) -> bool:
-    """Whether a target is a class of a node, in a file whose source tells its topics or not."""
-    return read_source(target, folder)[0].publishes is not None
+    """Whether the source of a node tells topics of it."""
+    interface, _ = read_source(target, folder)
+    return bool(interface.publishes or interface.subscribes)
 
 
 def _recording(bag: str, folder: Path) -> Recording:

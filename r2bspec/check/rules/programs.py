@@ -295,9 +295,7 @@ def _defined_names(target: PythonTarget) -> frozenset[str] | None:
         )
     source = target.file if target.readable else None
     if target.module:
-        module = find_module(target.module)
-        origin = module.origin if module is not None else None
-        source = FilePath(origin) if origin is not None and origin.endswith(".py") else None
+        source = _module_source(target.module)
     if source is None or not is_regular(source):
         return None
     try:
@@ -320,7 +318,7 @@ def python_import_not_found(context: Context) -> Findings:
     targets = {
         (*node.path, "python"): python_target(node.node.python, base_dir)
         for _, node in context.nodes
-        if ":" in node.node.python
+        if node.node.python and not node.node.python.startswith(_REFERENCE_NODES)
     }
     # Without ROS no node can run here, and what is missing says nothing.
     if not targets or find_module("rclpy") is None:
@@ -328,8 +326,9 @@ def python_import_not_found(context: Context) -> Findings:
     sources = source_folder(base_dir)
     reported: set[tuple[str, str]] = set()
     for path, target in targets.items():
-        for missing in missing_imports(target.file, sources) if target.readable else ():
-            written = target.text.rpartition(":")[0]
+        file, folder = _source_of(target, sources)
+        for missing in missing_imports(file, folder) if file is not None else ():
+            written = target.module or target.text.rpartition(":")[0]
             if (written, missing.module) not in reported:
                 reported.add((written, missing.module))
                 yield Finding(
@@ -341,6 +340,21 @@ def python_import_not_found(context: Context) -> Findings:
                     machine_dependent=True,
                     suppressed_by={value_key(path)},
                 )
+
+
+def _source_of(target: PythonTarget, sources: FilePath) -> tuple[FilePath | None, FilePath]:
+    """The file of a node, if it may be read, and the folder in which it must be."""
+    if not target.module:
+        return (target.file if target.readable else None), sources
+    file = _module_source(target.module)
+    return file, file.parent if file is not None else sources
+
+
+def _module_source(name: str) -> FilePath | None:
+    """The Python file of a module; None if it is not found, or has none."""
+    module = find_module(name)
+    origin = module.origin if module is not None else None
+    return FilePath(origin) if origin is not None and origin.endswith(".py") else None
 
 
 @rule("R2B230")
