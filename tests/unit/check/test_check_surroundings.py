@@ -111,6 +111,38 @@ def test_the_components_of_an_installed_package_are_known(
     assert "R2B639" not in found("Blur")
 
 
+@pytest.mark.parametrize(
+    ("player", "monitor", "expected"),
+    [
+        ("nav/first", "nav/first", ""),
+        ("nav/first", "nav/second", "'nav/second' and 'nav/first' are two programs of 'nav'"),
+        ("nav/first", "nav", ""),
+        ("nav", "relay/x", "'relay' is one program, and has no 'x'"),
+    ],
+)
+def test_one_program_of_a_launch_file_can_have_parts_of_the_harness(
+    player: str, monitor: str, expected: str, spec_file: str
+) -> None:
+    folder = Path(spec_file).parent
+    folder.joinpath("nav.launch.py").touch()
+    image = "sensor_msgs/msg/Image"
+    text = example(
+        harness=f"{{placement: graph, in: {player}}}",
+        graph=f"""
+        nodes:
+          nav:
+            launch: {{path: ./nav.launch.py}}
+            subscribes: {{image: {image}}}
+            publishes: {{output: {image}}}
+          relay: {{python: r2bspec.nodes.RelayNode, remappings: {{input: output, output: end}}}}
+        """,
+        monitors=f"{{output: {{topic: output, format: {image}, in: {monitor}}}}}",
+    )
+    found = [each for each in findings(text, file=spec_file) if each.code == "R2B672"]
+    assert len(found) == bool(expected)
+    assert all(each.message.startswith(expected) for each in found)
+
+
 LIFECYCLE_SOURCE = """
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
