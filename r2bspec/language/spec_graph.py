@@ -54,9 +54,15 @@ Word = Annotated[str, key("--fast", description="An argument.", deferrable=True)
 Environment = Annotated[
     dict[
         names.EnvironmentName,
-        Annotated[str, key("4", description="The value of the variable.", deferrable=True)],
+        Annotated[
+            str,
+            Written(Scalar),
+            key(
+                4, "fast", description="The value, as it is written.", deferrable=True, as_text=True
+            ),
+        ],
     ],
-    key({"OMP_NUM_THREADS": "4"}, description="Environment variables of the process."),
+    key({"OMP_NUM_THREADS": 4}, description="Environment variables of the process."),
 ]
 
 
