@@ -13,7 +13,6 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -27,8 +26,11 @@ from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.interop.script_import.spec_text import Block, flow, identifier, unique_name
 from r2bspec.language.templates import node_key
 from r2bspec.plan.installed_packages import python_target, top_level_names
-from r2bspec.plan.wiring.ast_reader import read_node_class, read_python_file
+from r2bspec.plan.wiring.ast_reader import read_python_file
+from r2bspec.plan.wiring.companion_files import read_source, source_folder
+from r2bspec.plan.wiring.console_scripts import installed_script, source_script
 from r2bspec.safe_io.safe_file import is_regular
+from r2bspec.safe_io.temporary_folder import temporary_folder
 
 _SLACK_S = 60.0
 _MAX_SHOWN = 20
@@ -81,7 +83,7 @@ def spec_from_sources(name: str, folder: Path, sources: InitSources) -> FirstSpe
     draft, shown = DraftNodes(), []
     findings: tuple[Diagnostic, ...] = ()
     if sources.node:
-        draft.nodes.add(node_key(sources.node), Block.of({"python": sources.node}))
+        draft.nodes.add(node_key(sources.node), _node_block(sources.node, folder))
         shown.append(f"the node {sources.node}")
     if sources.launch:
         launch = find_launch_file(sources.launch)
@@ -95,6 +97,45 @@ def spec_from_sources(name: str, folder: Path, sources: InitSources) -> FirstSpe
     if recording is not None:
         shown.append(f"the recording {recording.written}")
     return FirstSpec(draft_text(name, shown, draft, recording, folder), findings)
+
+
+def find_node(wanted: str, folder: Path) -> str:
+    """A Python node as a spec names it: ``PACKAGE:EXECUTABLE`` is the function of that script.
+
+    An installed package counts before one whose source is in the work tree of the spec.
+
+    Raises:
+        UsageError: there is no such script.
+    """
+    package, colon, executable = wanted.partition(":")
+    if not colon or package.endswith(".py") or "/" in package:
+        return wanted
+    if script := installed_script(package, executable):
+        return script
+    found = source_script(source_folder(folder), package, executable)
+    if found is None:
+        raise UsageError(
+            f"no console script {executable!r} of a package {package!r} is found",
+            hint="It is looked for among the installed packages, and below "
+            f"{source_folder(folder)}. A file is named ./file.py:Class.",
+        )
+    file, function = found
+    path = os.path.relpath(file, folder)
+    return f"{path if path.startswith('.') else f'./{path}'}:{function}"
+
+
+def _node_block(target: str, folder: Path) -> Block:
+    """The entry of a node, with what its source says of its executor and its state."""
+    interface, start = read_source(target, folder)
+    entry = Block.of({"python": target})
+    threads = start.threads_of_main if start is not None else None
+    if threads is not None:
+        entry.add("executor", "multi_threaded", after="as the program in its file makes it")
+    if threads:
+        entry.add("threads", threads)
+    if interface.is_lifecycle:
+        entry.add("lifecycle", "active")
+    return entry
 
 
 def check_node_file(target: str, folder: Path) -> None:
@@ -129,9 +170,7 @@ def check_node_file(target: str, folder: Path) -> None:
 
 def is_readable_node(target: str, folder: Path) -> bool:
     """Whether a target is a class of a node, in a file whose source tells its topics or not."""
-    python = python_target(target, folder)
-    tree = read_python_file(python.file) if not python.module and python.readable else None
-    return tree is not None and read_node_class(tree, python.name).publishes is not None
+    return read_source(target, folder)[0].publishes is not None
 
 
 def _recording(bag: str, folder: Path) -> Recording:
@@ -161,8 +200,8 @@ def inspect_graph(timeout_s: float) -> list[dict[str, Any]]:
     """
     if importlib.util.find_spec("rclpy") is None:
         raise UsageError("ROS 2 is not installed, so there is no graph to read", code="R2B620")
-    with tempfile.TemporaryDirectory() as scratch:
-        target = Path(scratch, "graph.json")
+    with temporary_folder("graph") as scratch:
+        target = scratch / "graph.json"
         words = [sys.executable, "-P", "-m", "r2bspec.harness.inspect_nodes"]
         try:
             done = subprocess.run(

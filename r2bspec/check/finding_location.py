@@ -111,8 +111,14 @@ def _path(difference: Difference, context: Context) -> tuple[Path, bool]:
     if difference.part == "lifecycle":
         written = node.node.lifecycle is not None
         return ((*node.path, "lifecycle"), False) if written else (node.path, True)
+    if difference.part == "node":
+        return node.path, True
+    if difference.part in {"plugin", "package"}:
+        return (*node.path, difference.part), False
     path = context.parameter_path(node, difference.name)
-    return (path, True) if path is not None else ((*node.path, "parameters"), False)
+    if path is not None:
+        return path, True
+    return ((*node.path, "parameters"), False) if node.node.parameters else (node.path, True)
 
 
 def _endpoint(

@@ -55,7 +55,8 @@ class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     "--node",
     default="",
     metavar="TARGET",
-    help="The node under test: ./file.py:Class, relative to the spec, or module.Class.",
+    help="The node under test: ./file.py:Class, relative to the spec, module.Class, or "
+    "PACKAGE:EXECUTABLE of a Python package; a main() in place of the class, too.",
 )
 @click.option(
     "--from-bag",
@@ -122,6 +123,10 @@ def init_command(
     spec_file = Path(name.removesuffix(".r2b.yaml") + ".r2b.yaml")
     benchmark = _benchmark_name(spec_file.name.removesuffix(".r2b.yaml"))
     has_sources = bool(bag or launch or graph)
+    if node:
+        from r2bspec.authoring.sources import find_node
+
+        node = find_node(node, spec_file.parent)
     _check_node(node, template)
     if has_sources and template != "minimal":
         raise click.UsageError("--template cannot be combined with --from-...")
@@ -277,6 +282,7 @@ def interfaces_command(
     """
     from r2bspec.api import InvalidSpecError, load
     from r2bspec.diagnostics import did_you_mean
+    from r2bspec.diagnostics.plain_text import message_text
     from r2bspec.introspect import record_interfaces
 
     try:
@@ -300,7 +306,8 @@ def interfaces_command(
     ):
         if found.interface is None:
             failed += 1
-            echo(f"error: {found.node}: {found.problem}", err=True)
+            problem = message_text(f"{found.node}: {found.problem}")
+            echo(f"error: {problem}", err=True, lines=True)
             if found.hint:
                 echo(f"  help: {found.hint}", err=True)
             continue

@@ -18,7 +18,7 @@ from collections.abc import Iterator
 import click
 
 from r2bspec._version import __version__
-from r2bspec.diagnostics.plain_text import plain, short_lines
+from r2bspec.diagnostics.plain_text import message_text, short_lines
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError, exit_status_text
 from r2bspec.report.output import echo
 from r2bspec.safe_io.cache_folder import passed_over
@@ -135,6 +135,7 @@ def main(argv: list[str] | None = None) -> int:
         return ExitStatus.INTERRUPTED
     except click.ClickException as error:
         shown = io.StringIO()
+        vars(error)["message"] = message_text(error.message)  # a field that is declared final
         error.show(file=shown)
         echo(short_lines(shown.getvalue(), _MAX_ERROR_LINE), err=True, nl=False)
         return ExitStatus.USAGE
@@ -199,9 +200,9 @@ def show_error(error: R2bspecError) -> None:
     if error.remainder is None:
         _show_message(error)
     elif error.remainder:
-        echo(error.remainder, err=True)
+        echo(error.remainder, err=True, lines=True)
     for note in getattr(error, "__notes__", ()):
-        echo(note, err=True)
+        echo(message_text(note), err=True, lines=True)
 
 
 def _show_message(error: R2bspecError) -> None:
@@ -210,7 +211,7 @@ def _show_message(error: R2bspecError) -> None:
     colour = sys.stderr.isatty() and "NO_COLOR" not in os.environ
     label = f"error[{code_with_slug(error.code)}]"
     shown = click.style(label, fg="red", bold=True) if colour else label
-    message = short_lines(plain(str(error)), _MAX_ERROR_LINE)
-    echo(f"{shown}: {message}", err=True, styled=colour)
+    message = short_lines(message_text(str(error)), _MAX_ERROR_LINE)
+    echo(f"{shown}: {message}", err=True, lines=True, styled=colour)
     if error.hint:
         echo(f"  help: {short_lines(error.hint, _MAX_ERROR_LINE)}", err=True)

@@ -424,6 +424,7 @@ FREE_FIELDS: Final[Mapping[str, str]] = {
     "setup": "of the graph",
     "ready": "of the graph",
     "after_ready": "of the graph",
+    "lifecycle": "of the graph",
     "largest_message_bytes": "follows from the data",
     "phases": "follows from the other fields",
     "sustained_hz": "follows from the objectives",

@@ -60,9 +60,25 @@ class DatasetMismatchError(CertainRunError):
 
 
 class ProcessDiedError(RunError):
-    """A process exited before it was stopped."""
+    """A process exited before it was stopped.
+
+    Attributes:
+        process: its name; empty where it was said what else this means.
+        output: its last output.
+    """
 
     code = "R2B631"
+
+    def __init__(
+        self, message: str, *, hint: str = "", process: str = "", output: str = ""
+    ) -> None:
+        super().__init__(message, hint=hint)
+        self.process = process
+        self.output = output
+
+    def while_doing(self, what: str) -> ProcessDiedError:
+        """The same, with what it was doing."""
+        return ProcessDiedError(f"{what}: {self}", hint=self.hint)
 
 
 class ProcessFailedError(RunError):

@@ -232,6 +232,8 @@ def preprocess(plan: Plan, context: RunContext, launcher: Launcher) -> None:
     deadline = StartDeadline(plan.start_timeout_ns)
     nodes = launcher.start_nodes(others, deadline)
     graph.lifecycle.bring_up(deadline)
+    if plan.states_in(_PHASE):
+        launcher.describe_lifecycle_nodes()
     supervisor.request(loader, protocol.Subscribe(), protocol.Matched, 10.0)
     # An input that is also played as recorded may have no subscription here.
     wanted = {

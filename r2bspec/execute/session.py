@@ -24,14 +24,16 @@ new ones are started, so that these meet none of the old ones in their domain.
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from r2bspec.execute import errors
 from r2bspec.execute.bringup import harness_processes, readiness
+from r2bspec.execute.bringup.creation_faults import not_created
 from r2bspec.execute.bringup.graph_matching import MonitorSubscriptions, PhaseGraph
 from r2bspec.execute.bringup.launcher import NODE_ROLES, Launcher, message_packages
 from r2bspec.execute.bringup.observe_graph import foreign_publishers, guarded_topics
@@ -178,12 +180,13 @@ class Session:
         deadline = readiness.StartDeadline(self._plan.start_timeout_ns)
         # Not before the harness overhead was measured, which its start would disturb.
         observer = self._observer = self._launcher.start_observer(self._observer_settings())
-        if monitor is None:
-            player, monitor = self._start_joined_nodes(deadline)
-        else:
-            self._start_nodes(deadline)
-        self._bring_up_lifecycle_nodes(observer, deadline)
-        self._connect_graph(player, monitor, observer, deadline)
+        with self._creating_nodes():
+            if monitor is None:
+                player, monitor = self._start_joined_nodes(deadline)
+            else:
+                self._start_nodes(deadline)
+            self._bring_up_lifecycle_nodes(observer, deadline)
+            self._connect_graph(player, monitor, observer, deadline)
         segment_player = self.player = self._segment_player(player, observer)
         silent_outputs = self._silent_outputs = SilentOutputs(
             self._graph, self._context, self.rows_dir, monitor, segment_player
@@ -197,6 +200,21 @@ class Session:
         self._warm_up(segment_player, silent_outputs, deadline)
         segment_player.on_output_stopped = silent_outputs.explain_stop
         return segment_player
+
+    @contextlib.contextmanager
+    def _creating_nodes(self) -> Iterator[None]:
+        """Of a process that ends in the block by an exception, its node could not be created.
+
+        Raises:
+            GraphMismatchError: this is so.
+        """
+        try:
+            yield
+        except errors.ProcessDiedError as died:
+            nodes = (each.nodes for each in self._plan.processes if each.name == died.process)
+            if error := not_created(died, next(nodes, ())):
+                raise error from died
+            raise
 
     def _enter(self, state: RunState, text: str) -> None:
         self._context.states.enter(state, text)
@@ -217,10 +235,14 @@ class Session:
             self._measure_overhead_alone()
             return None, None
         launcher.start_early(self._node_processes(), message_packages(plan))
-        player = self._parts.start("player") if plan.inputs else None
+        player = self._parts.start("player") if plan.inputs or plan.called else None
         monitor = self._parts.start("monitor")
-        monitors = (*plan.monitors, *tap_monitors(plan.monitors))
+        monitors = (*plan.topic_monitors, *tap_monitors(plan.monitors))
         settings = protocol.ConfigureMonitor(monitors=monitors, rows_dir=str(self.rows_dir))
+        if player is not None and plan.called:
+            calls = self._launcher.call_settings(plan, self.rows_dir)
+            launcher.configure_all([(player, calls), (monitor, settings)])
+            return player, monitor
         if player is None:
             launcher.configure(monitor, settings)
             return player, monitor
@@ -380,6 +402,7 @@ class Session:
         )
         if self._context.states.state is not RunState.GRAPH:
             self._enter(RunState.GRAPH, "connecting the graph")
+        self._launcher.describe_lifecycle_nodes()
 
     def _connect_graph(
         self,
@@ -390,16 +413,19 @@ class Session:
     ) -> None:
         """Create the subscriptions of the monitor, after the nodes; wait until all are matched."""
         plan, supervisor = self._plan, self._supervisor
-        monitors = (*plan.monitors, *tap_monitors(plan.monitors))
+        monitors = (*plan.topic_monitors, *tap_monitors(plan.monitors))
         subscriptions = MonitorSubscriptions(supervisor, observer, monitor, monitors)
         self._launcher.wait_for_observer(observer)
         subscriptions.update()
         if plan.external:
             readiness.wait_for_external(plan, supervisor, observer, deadline)
-        watched = [watch.topic for watch in plan.monitors]
+        watched = [watch.topic for watch in plan.topic_monitors]
         watched += [tap.topic for tap in all_taps(plan.monitors)]
         expected = {monitor: dict.fromkeys(watched, 1)}
-        if player is not None:
+        if player is not None and plan.called:
+            with supervisor.waiting("services: found"):
+                readiness.wait_for_services(plan, supervisor, player, deadline)
+        elif player is not None:
             transforms = self._graph.subscription_counts(buffered_transforms(self._buffer_dir))
             if TF_STATIC in transforms:
                 expected[observer] = {TF_STATIC: transforms.pop(TF_STATIC)}

@@ -59,14 +59,24 @@ class SilentOutputs:
             NoOutputError: there is another reason, and `final`.
         """
         graph, plan = self.graph, self.graph.plan
+        unanswered = [call.service for name, call in plan.called.items() if name in silent]
+        if unanswered:
+            said = f"no answer of {', '.join(unanswered)}"
+            if not final:
+                self.context.note(f"{said} so far")
+                return
+            raise NoOutputError(said, hint="The service was called, and answered no request.")
         topics = [monitor.topic for monitor in plan.monitors if monitor.name in silent]
         facts = self._trace()
         faults = find_faults(facts, topics)
         lacking = {fault.topic for fault in faults}
         certain = certain_topics(facts, lacking, graph.remapped_topics())
         certain |= {fault.topic for fault in faults if fault.kind in {"types", "qos"}}
+        certain |= graph.lifecycle.never_active(topics)
         if not final and not certain:
-            sentences = "; ".join(fault.sentence for fault in faults) or "no fault was found yet"
+            found = [each.difference.message for each in graph.lifecycle.waiting(topics)]
+            found += [fault.sentence for fault in faults]
+            sentences = "; ".join(found) or "no fault was found yet"
             self.context.note(f"no messages on {', '.join(topics)} so far: {sentences}")
             return
         graph.add_unmatched_remappings(facts, lacking)
@@ -88,6 +98,13 @@ class SilentOutputs:
         Raises:
             DeadInputError: what is played arrives nowhere any more.
         """
+        if plan.name in self.graph.plan.called:
+            reason = "the service has stopped answering"
+            self.context.note(f"{plan.topic}: {reason}")
+            self.records.append(
+                OutputGapRecord(segment=segment.id, topic=plan.topic, reason=reason, late=0, way=())
+            )
+            return
         self.context.note(f"no more messages on {plan.topic}: tracing the path")
         facts = self._trace()
         faults = find_faults(facts, [plan.topic])

@@ -132,6 +132,10 @@ def _make_role(channel: Channel, command: protocol.Command) -> Role:
             from r2bspec.harness.node_host import InProcessHarness
 
             return InProcessHarness(channel, command)
+        case protocol.ConfigureCalls():
+            from r2bspec.harness.call_player import CallPlayer
+
+            return CallPlayer(channel, command)
         case protocol.ConfigureCaller():
             from r2bspec.harness.service_client import ServiceCaller
 

@@ -14,6 +14,7 @@ import contextlib
 import os
 import signal
 import threading
+import traceback
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -79,9 +80,12 @@ class FunctionHost:
                 raise SystemExit(0) from error
             if isinstance(error, SystemExit):
                 raise
-            does = "ended with" if self._is_program else "cannot be created:"
+            # The constructor of a node fails alike, whoever calls it.
+            frames = traceback.extract_tb(error.__traceback__)
+            is_running = self._is_program and all(each.name != "__init__" for each in frames)
+            does = "ended with" if is_running else "cannot be created:"
             raise node_main.NodeError(
-                "R2B634" if self._is_program else "R2B633",
+                "R2B634" if is_running else "R2B633",
                 f"node {self._plan.name} {does} {type(error).__name__}: {error}",
             ) from error
         return result

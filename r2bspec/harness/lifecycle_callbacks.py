@@ -10,6 +10,7 @@ import functools
 import sys
 import traceback
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from rclpy.node import Node
@@ -56,7 +57,9 @@ def _reporting(node: Node, callback: Callable[[Any], Any]) -> Callable[[Any], An
             result = callback(state)
         except Exception as error:
             traceback.print_exc()
-            _say(f"{begin}raised {type(error).__name__}: {error}")
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            where = f"{Path(place.filename).name}, line {place.lineno}"
+            _say(f"{begin}raised {type(error).__name__}: {error} ({where})")
             raise
         if not isinstance(result, TransitionCallbackReturn):
             _say(f"{begin}returned {result!r}, which is no TransitionCallbackReturn")

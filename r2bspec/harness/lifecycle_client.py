@@ -22,11 +22,6 @@ _TRANSITION_IDS: Final = {"configure": 1, "activate": 3}
 """Of lifecycle_msgs/msg/Transition."""
 
 _PASSING: Final = {"configure": "configuring", "activate": "activating"}
-_RESULTS: Final[dict[str, Any]] = {
-    "transition_success": "success",
-    "transition_failure": "failure",
-    "transition_error": "error",
-}
 _SPIN_S = 0.02
 _EVENT_S = 1.0
 """An event and the answer of its transition come over different topics, in any order."""
@@ -73,12 +68,15 @@ def _managers(node: Node, managed: list[str]) -> dict[str, tuple[str, ...]]:
     return {name: tuple(sorted(found - {own})) for name, found in managers.items() if found - {own}}
 
 
-def change_state(node: Node, command: protocol.ChangeState) -> protocol.StateChanged:
+def change_state(
+    node: Node, command: protocol.ChangeState, interrupted: Callable[[], bool]
+) -> protocol.StateChanged:
     """Ask a lifecycle node to make a transition, and wait until it has.
 
     Args:
         node: asks; no executor may spin it.
         command: the transition, and how long it may take.
+        interrupted: whether the answer is not needed any more.
     """
     change = interface_class(_CHANGE_TYPE)
     events: list[Any] = []
@@ -94,7 +92,8 @@ def change_state(node: Node, command: protocol.ChangeState) -> protocol.StateCha
             request.transition.id = _TRANSITION_IDS[command.transition]
             clients.spin_until(lambda: _is_matched(subscription), _EVENT_S)
             answer = clients.call(change, f"{command.node}{_CHANGE}", request)
-            if not clients.spin_until(answer.done, command.timeout_ns / 1e9):
+            clients.spin_until(lambda: answer.done() or interrupted(), command.timeout_ns / 1e9)
+            if not answer.done():
                 return protocol.StateChanged(result="no answer")
             result: Any = "success"
             if not answer.result().success:
@@ -117,15 +116,13 @@ def _is_matched(subscription: Any) -> bool:
 
 
 def _result(events: list[Any], passing: str) -> Any:
-    """What the callback of a transition returned, by the events of the node; None if unknown."""
-    return next(
-        (
-            _RESULTS[each.transition.label]
-            for each in events
-            if each.start_state.label == passing and each.transition.label in _RESULTS
-        ),
-        None,
-    )
+    """What a callback that did not succeed has returned, by the events of its node.
+
+    Events have the states, and no transition. None without an event.
+    """
+    goals = (each.goal_state.label for each in events if each.start_state.label == passing)
+    goal = next(goals, None)
+    return goal and ("error" if goal == "errorprocessing" else "failure")
 
 
 class _Clients:

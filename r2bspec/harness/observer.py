@@ -384,6 +384,10 @@ class GraphParticipant:
     def _serve(self) -> None:
         raise NotImplementedError
 
+    def _is_interrupted(self) -> bool:
+        """Whether a command has arrived: during an answer, this can only be the shutdown."""
+        return self._channel.wait(0.0)
+
     def _answer(self, command: protocol.Command) -> None:
         """Answer a question about what discovery shows; any other command is left alone."""
         match command:
@@ -396,7 +400,9 @@ class GraphParticipant:
             case protocol.ListLifecycle() as question:
                 self._channel.send(lifecycle_client.list_states(self._node, question))
             case protocol.ChangeState() as change:
-                self._channel.send(lifecycle_client.change_state(self._node, change))
+                self._channel.send(
+                    lifecycle_client.change_state(self._node, change, self._is_interrupted)
+                )
 
 
 class Observer(GraphParticipant):

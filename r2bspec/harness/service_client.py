@@ -8,7 +8,7 @@ put into words for the user.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import rclpy
@@ -18,6 +18,8 @@ from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel
 from r2bspec.ipc import protocol
 from r2bspec.plan.plan import NodePlan
+
+_SPIN_S = 0.1
 
 
 class ServiceCallError(Exception):
@@ -82,7 +84,12 @@ def _field_value(current: Any, type_name: str, value: Any, where: str) -> Any:
 
 
 def call_service(
-    node: Node, type_name: str, service: str, request: dict[str, Any], deadline: float
+    node: Node,
+    type_name: str,
+    service: str,
+    request: dict[str, Any],
+    deadline: float,
+    interrupted: Callable[[], bool] = lambda: False,
 ) -> Any:
     """Wait for a service, call it, and wait for its response.
 
@@ -92,6 +99,7 @@ def call_service(
         service: its full name.
         request: the fields of the request; others keep their defaults.
         deadline: on the monotonic clock, in seconds.
+        interrupted: whether the answer is not needed any more.
 
     Raises:
         ServiceCallError: the service does not exist, does not accept the request, or does not
@@ -101,14 +109,14 @@ def call_service(
     message = fill_message(kind.Request(), request)
     client = node.create_client(kind, service)
     try:
-        if not client.wait_for_service(max(0.0, deadline - time.monotonic())):
-            raise ServiceCallError(f"service {service} does not exist")
+        while not client.wait_for_service(_SPIN_S):
+            if time.monotonic() > deadline or interrupted():
+                raise ServiceCallError(f"service {service} does not exist")
         future = client.call_async(message)
-        rclpy.spin_until_future_complete(
-            node, future, timeout_sec=max(0.0, deadline - time.monotonic())
-        )
-        if not future.done():
-            raise ServiceCallError(f"service {service} did not respond in time")
+        while not future.done():
+            if time.monotonic() > deadline or interrupted():
+                raise ServiceCallError(f"service {service} did not respond in time")
+            rclpy.spin_until_future_complete(node, future, timeout_sec=_SPIN_S)
         return future.result()
     finally:
         node.destroy_client(client)
@@ -207,41 +215,29 @@ def _parameter_value(node: NodePlan, name: str, value: Any) -> dict[str, Any]:
     )
 
 
-def load_error(node: NodePlan, container: str, reason: str, hint: str) -> ComponentError:
-    """The error for a component that was not loaded."""
-    return ComponentError(
-        f"{node.plugin} of package {node.package} was not loaded into container {container} "
-        f"as {node.name}: {reason or 'the container gave no reason'}",
-        hint,
-    )
-
-
 class ComponentLoader:
-    """Loads components one after another, and reports when all are loaded."""
+    """Asks containers to load components, one after another."""
 
-    def __init__(self, channel: Channel, settings: protocol.ConfigureComponents) -> None:
+    def __init__(self, channel: Channel, _settings: protocol.ConfigureComponents) -> None:
         self._channel = channel
-        self._settings = settings
         self._node = rclpy_tools.start_node("components")
 
     def serve(self) -> None:
-        """Load them; `Composed` follows `Ready`.
+        """Load what is asked for, until told to shut down.
 
         Raises:
-            ComponentError: a container does not respond in time, or rejects a component.
+            ComponentError: a container does not respond in time, or a request cannot be made.
         """
         self._channel.send(protocol.Ready())
-        deadline = time.monotonic() + self._settings.timeout_ns / 1e9
-        loaded = tuple(
-            self._load(each.container, node, deadline)
-            for each in self._settings.containers
-            for node in each.nodes
-        )
-        self._channel.send(protocol.Composed(nodes=loaded))
-        self._channel.wait_for_shutdown()
+        while True:
+            match self._channel.receive():
+                case protocol.LoadComponent() as command:
+                    self._channel.send(self._load(command))
+                case protocol.Shutdown():
+                    return
 
-    def _load(self, container: str, node: NodePlan, deadline: float) -> str:
-        """Load one component; returns the full name of its node."""
+    def _load(self, command: protocol.LoadComponent) -> protocol.Composed:
+        node, container = command.node, command.container
         request = load_request(node)
         try:
             service_class(LOAD_NODE_TYPE)
@@ -251,13 +247,19 @@ class ComponentLoader:
                 hint="It comes with rclcpp_components; source a full ROS 2 installation.",
                 code="R2B622",
             ) from error
-        service = f"{container}/_container/load_node"
         try:
-            answer = call_service(self._node, LOAD_NODE_TYPE, service, request, deadline)
+            answer = call_service(
+                self._node,
+                LOAD_NODE_TYPE,
+                f"{container}/_container/load_node",
+                request,
+                time.monotonic() + command.timeout_ns / 1e9,
+                interrupted=lambda: self._channel.wait(0.0),
+            )
         except ServiceCallError as error:
-            hint = "Read the output of the container, or increase benchmark.start_timeout."
-            raise load_error(node, container, str(error), hint) from error
-        if not answer.success:
-            hint = f"'ros2 component types {node.package}' lists its components."
-            raise load_error(node, container, answer.error_message, hint)
-        return str(answer.full_node_name)
+            raise ComponentError(
+                f"{node.plugin} of package {node.package} was not loaded into container "
+                f"{container} as {node.name}: {error}",
+                hint="Read the output of the container, or increase benchmark.start_timeout.",
+            ) from error
+        return protocol.Composed(loaded=answer.success, reason=answer.error_message)

@@ -42,6 +42,7 @@ from r2bspec.judge.affected_iterations import (
 )
 from r2bspec.judge.caveats import run_caveats, with_caveats
 from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks
+from r2bspec.judge.early_pass import early_doubt
 from r2bspec.judge.interference_bound import REMEDY
 from r2bspec.judge.measure.metric_catalogue import (
     MetricError,
@@ -224,10 +225,13 @@ class JudgedRequirement:
             return self._decided_once(samples, confidence)
         decisions = [
             self._decided_once(
-                first_iterations(samples, looks.iterations[look - 1]),
+                first_iterations(samples, end),
                 looks.confidence_at(look, confidence),
+                early=end < looks.declared,
             )
-            for look in range(1, self.run.completed_looks(samples) + 1)
+            for look, end in enumerate(
+                looks.iterations[: self.run.completed_looks(samples)], start=1
+            )
         ]
         return combine_looks(looks, decisions)
 
@@ -246,10 +250,18 @@ class JudgedRequirement:
             return distance(rest) > distance(whole)
         return distance(rest) < distance(whole)
 
-    def _decided_once(self, samples: RunSamples, confidence: float) -> RequirementVerdict:
+    def _decided_once(
+        self, samples: RunSamples, confidence: float, *, early: bool = False
+    ) -> RequirementVerdict:
         case = self._case(samples, confidence)
-        verdict = requirement_verdict(case, decide_case(case, samples, self.problem))
+        decision = decide_case(case, samples, self.problem)
+        verdict = requirement_verdict(case, decision)
         verdict = msgspec.structs.replace(verdict, level=self.objective.level)
+        if early and decision.outcome == "pass" and METHODS[decision.method].grows:
+            doubt = early_doubt(case, decision)
+            verdict = (
+                msgspec.structs.replace(verdict.noted(doubt), early=True) if doubt else verdict
+            )
         if self.problem:
             return verdict
         if _losses_may_hide(case):

@@ -276,6 +276,7 @@ def _playback(document: _Document) -> Iterator[Diagnostic]:
             ": a live benchmark plays nothing",
             "remove '{key}', or change playback.mode",
         )
+    yield from _calls(document, mode)
     if mode and mode != "timeline":
         yield from document.without_effect(
             [("playback", key) for key in ("timeline", "record_timeline", "tf")],
@@ -284,6 +285,37 @@ def _playback(document: _Document) -> Iterator[Diagnostic]:
         )
     yield from _recorded_rates(document, mode)
     yield from _translations(document)
+
+
+def _calls(document: _Document, mode: str) -> Iterator[Diagnostic]:
+    """Services are called instead of playing anything, by a process of its own."""
+    calls: Path = ("playback", "calls")
+    if document.map_at(*calls) is None:
+        return
+    if not document.keys(*calls):
+        yield document.error(
+            calls, "'playback.calls' must not be empty", "name a service", "R2B108"
+        )
+    unused = [("playback", key) for key in ("inputs", "buffer", "unpaired", "pairing", "clock")]
+    yield from document.without_effect(
+        [("data_loader",), ("preprocessors",), *unused],
+        ": services are called, and no topic is played",
+        "remove '{key}', or 'playback.calls'",
+    )
+    if mode not in ("", "looping"):
+        message = f"services cannot be called with 'mode: {mode}'"
+        yield document.error(("playback", "mode"), message, "remove it, or 'playback.calls'")
+    for section, refused in (("harness", ("shared", "graph")), ("graph", ("harness",))):
+        placement = document.word(section, "placement") or document.word(section)
+        if placement in refused:
+            message = f"services are called by a process of its own, not with placement {placement}"
+            help_text = "remove the placement, or 'playback.calls'"
+            yield document.error((section,), message, help_text)
+    for name in document.keys(*calls):
+        if name in document.keys("monitors"):
+            message = f"'{name}' is the name of a monitor, too"
+            other = Related("the monitor", span_at(document.root, ("monitors", name), key=True))
+            yield document.error((*calls, name), message, "rename one of them", related=(other,))
 
 
 def _recorded_rates(document: _Document, mode: str) -> Iterator[Diagnostic]:

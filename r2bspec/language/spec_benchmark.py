@@ -13,7 +13,7 @@ from r2bspec.language.benchmark_defaults import CONFIDENCE, CONFIRM, MAX_STARTS,
 from r2bspec.language.declaration import Record, Written, key
 from r2bspec.language.quantities import Duration, Rate, Share, Size
 from r2bspec.language.requirement_grammar import Requirement
-from r2bspec.language.spec_graph import QoS, Repeat, Scalar, Sibling, repeated, sibling
+from r2bspec.language.spec_graph import QoS, Repeat, Scalar, ServiceCall, Sibling, repeated, sibling
 from r2bspec.safe_io.limits import MAX_RANGE_RATES, MAX_SPEC_ENTRIES
 
 _IMAGE_INPUT: Final = {"from": "buffer/image", "format": "sensor_msgs/msg/Image"}
@@ -161,6 +161,30 @@ class PlaybackInput(Record, frozen=True, kw_only=True):
     rate: Literal["step", "recorded"] = "step"
 
 
+_CALL: Final = {
+    "service": {
+        "name": "planner/get_plan",
+        "type": "nav_msgs/srv/GetPlan",
+        "request": {"tolerance": 0.5},
+    }
+}
+
+
+class Call(Record, frozen=True, kw_only=True):
+    """A service that is called in each step, whether or not it has answered the calls before.
+
+    Attributes:
+        service: The service and its request.
+        success: A field of the response that is true or false. A response in which it is false
+            counts as missed.
+    """
+
+    about = key(_CALL)
+
+    service: ServiceCall
+    success: Annotated[str, key("success")] = ""
+
+
 class Timeline(Record, frozen=True, kw_only=True):
     """How recorded times are converted to times of playing.
 
@@ -188,6 +212,8 @@ class Playback(Record, frozen=True, kw_only=True):
         buffer: The number of messages to buffer for each input; 0 buffers all of the window.
         inputs: The topics that are played to the graph. All inputs of one step are played together,
             with the same stamp unless 'pairing' allows differences.
+        calls: Services that are called in place of playing topics, at the offered rate. Each is
+            monitored under its name: its responses are the outputs.
         unpaired: Messages without a partner of the same stamp in all other inputs are not played.
             With mode timeline, those whose stamp no recorded message has are not. refuse warns
             above 5 % of the messages of an input, and stops above 50 %; drop agrees to any number.
@@ -214,6 +240,9 @@ class Playback(Record, frozen=True, kw_only=True):
             at_most=MAX_SPEC_ENTRIES,
             unless_live=True,
         ),
+    ] = {}
+    calls: Annotated[
+        dict[names.MonitorName, Call], key({"plan": _CALL}, at_most=MAX_SPEC_ENTRIES)
     ] = {}
     unpaired: Literal["refuse", "drop"] = "refuse"
     timeline: Timeline = Timeline()

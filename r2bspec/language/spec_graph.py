@@ -70,6 +70,9 @@ class ProcessSettings(Record, frozen=True, kw_only=True):
         cpus: The CPUs on which the process may run; empty means all.
         nice: The niceness of the process; values below 0 raise its priority and need the permission
             to do so.
+        executor: Whether callbacks of Python nodes, or of component_container_isolated, run one
+            after another or in parallel.
+        threads: The number of threads of the executor; 0 means its default.
     """
 
     cpus: Annotated[
@@ -82,6 +85,8 @@ class ProcessSettings(Record, frozen=True, kw_only=True):
         key([2, 3]),
     ] = ()
     nice: Annotated[int, key(-5, minimum=-20, maximum=19)] = 0
+    executor: Literal["single_threaded", "multi_threaded"] = "single_threaded"
+    threads: Annotated[int, key(4, minimum=0)] = 0
 
 
 class StartedProcess(ProcessSettings, frozen=True, kw_only=True):
@@ -171,8 +176,6 @@ class Container(StartedProcess, frozen=True, kw_only=True):
     Attributes:
         executable: The kind of container: one of rclcpp_components for plugins, or python for
             Python nodes.
-        executor: With python: whether callbacks run one after another or in parallel.
-        threads: The number of threads of the executor; 0 means its default.
         arguments: Arguments of a container of rclcpp_components.
     """
 
@@ -185,8 +188,6 @@ class Container(StartedProcess, frozen=True, kw_only=True):
         "component_container_isolated",
         "python",
     ] = "component_container"
-    executor: Literal["single_threaded", "multi_threaded"] = "single_threaded"
-    threads: Annotated[int, key(4, minimum=0)] = 0
     arguments: Annotated[tuple[Word, ...], key(["--ros-args", "--log-level", "warn"])] = ()
     env: Environment = {}
 

@@ -106,6 +106,7 @@ def compile_plan(
         clock=spec.playback.clock,
         requires=msgspec.UNSET if spec.requires is None else spec.requires,
         lifecycle=plan_lifecycle(wiring) or msgspec.UNSET,
+        calls=plan_calls(spec, wiring.namespace) or msgspec.UNSET,
     )
 
 
@@ -222,10 +223,10 @@ def _phases(spec: Spec, sustained_hz: tuple[float, ...], *, plays: bool) -> Iter
     states = {node.lifecycle for node in spec.graph.nodes.values()}
     has_phase = {
         "setup": spec.setup,
-        "load": not spec.live,
+        "load": spec.plays_topics,
         "preprocess": spec.preprocessors,
         "start": True,
-        "harness_overhead": not spec.live,
+        "harness_overhead": spec.plays_topics,
         "graph": True,
         "configure": states & {"inactive", "active"},
         "activate": "active" in states,
@@ -253,6 +254,20 @@ def plan_setup(spec: Spec) -> tuple[plans.SetupPlan, ...]:
             timeout_ns=step.timeout.ns,
         )
         for name, step in spec.setup.items()
+    )
+
+
+def plan_calls(spec: Spec, namespace: str) -> tuple[plans.CallPlan, ...]:
+    """The services that are called, in the order of the spec."""
+    return tuple(
+        plans.CallPlan(
+            name=name,
+            service=harness_topic(call.service.name, namespace),
+            type=call.service.type,
+            request=call.service.request,
+            success=call.success,
+        )
+        for name, call in spec.playback.calls.items()
     )
 
 

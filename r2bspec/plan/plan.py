@@ -128,8 +128,6 @@ class ProcessPlan(ProcessSettings, frozen=True, kw_only=True):
 
     Attributes:
         container: the name of the container in the spec; empty for other processes.
-        executor: of a host: with one thread, or with `threads` threads.
-        threads: 0 leaves the number to the executor.
         memory_limit_bytes: the resident memory at which the run fails; 0 for none.
         join: the parts of the harness that run in it.
     """
@@ -141,8 +139,6 @@ class ProcessPlan(ProcessSettings, frozen=True, kw_only=True):
     env: dict[str, str]
     nodes: tuple[NodePlan, ...] = ()
     container: str = ""
-    executor: Literal["single_threaded", "multi_threaded"] = "single_threaded"
-    threads: int = 0
     memory_limit_bytes: int = 0
     join: JoinPlan | None = None
 
@@ -279,6 +275,21 @@ class MonitorPlan(MonitorSettings, frozen=True, kw_only=True):
     taps: tuple[TapPlan, ...] = ()
 
 
+class CallPlan(_Value, frozen=True, kw_only=True):
+    """A service that is called in each step; the monitor of the same name has its answers.
+
+    Attributes:
+        service: its full name.
+        success: the field of the response that is false if the call has failed; empty for none.
+    """
+
+    name: str
+    service: str
+    type: str
+    request: dict[str, Any]
+    success: str = ""
+
+
 class SearchPlan(_Value, frozen=True, kw_only=True):
     """The peak search; `precision` is a relative width, as a fraction.
 
@@ -363,6 +374,7 @@ class Plan(Pacing, frozen=True, kw_only=True):
         clock: whether loader and player publish the system time on /clock.
         requires: what the machine must be; a plan without it has no such key.
         lifecycle: the nodes whose states the run changes, in this order; likewise.
+        calls: the services that are called; a plan without them has no such key.
     """
 
     r2bspec_plan: Literal[1] = 1
@@ -402,10 +414,21 @@ class Plan(Pacing, frozen=True, kw_only=True):
     clock: bool = False
     requires: Requires | msgspec.UnsetType = msgspec.UNSET
     lifecycle: tuple[LifecyclePlan, ...] | msgspec.UnsetType = msgspec.UNSET
+    calls: tuple[CallPlan, ...] | msgspec.UnsetType = msgspec.UNSET
 
     def states_in(self, phase: str) -> dict[str, LifecycleState]:
         """The nodes of a phase whose states the run changes, in order, with these states."""
         return {each.name: each.state for each in self.lifecycle or () if each.phase == phase}
+
+    @property
+    def called(self) -> dict[str, CallPlan]:
+        """The services that are called, by the names of their monitors."""
+        return {} if self.calls is msgspec.UNSET else {call.name: call for call in self.calls}
+
+    @property
+    def topic_monitors(self) -> tuple[MonitorPlan, ...]:
+        """The monitors of topics; the others have the answers of services."""
+        return tuple(each for each in self.monitors if each.name not in self.called)
 
     @property
     def plays(self) -> tuple[PlayPlan, ...]:

@@ -41,15 +41,16 @@ def metric_unknown(context: Context) -> Findings:
 def _declaration(suggestion: str, written: str, context: Context) -> tuple[Pointer, ...]:
     """The declaration of the suggested monitor."""
     monitor = suggestion.partition(".")[0]
-    if monitor not in context.spec.monitors or written.lstrip().startswith(f"{monitor}."):
+    if monitor not in context.spec.outputs or written.lstrip().startswith(f"{monitor}."):
         return ()
-    return (Pointer(f"{quote(monitor)} is declared here", ("monitors", monitor), key=True),)
+    section = ("playback", "calls") if monitor in context.spec.playback.calls else ("monitors",)
+    return (Pointer(f"{quote(monitor)} is declared here", (*section, monitor), key=True),)
 
 
 @rule("R2B503")
 def metric_without_monitor(context: Context) -> Findings:
     """Metrics without a monitor name, in specs with several monitors."""
-    monitors = context.spec.monitors
+    monitors = context.spec.outputs
     for metric in context.known_metrics:
         if len(monitors) > 1 and metric.info.scope == "monitor" and metric.monitor is None:
             name = metric.info.name
@@ -87,7 +88,7 @@ _NEED_STAMPS = frozenset({"duplicates", "reordered"})
 @rule("R2B525")
 def count_with_order_matching(context: Context) -> Findings:
     """Counts that need stamps, required of a monitor that matches by order."""
-    monitors = context.spec.monitors
+    monitors = context.spec.outputs
     for metric in context.known_metrics:
         if metric.info.name not in _NEED_STAMPS:
             continue
@@ -157,7 +158,7 @@ def _why_unavailable(context: Context, metric: KnownMetric) -> tuple[str, str] |
 
 def _headerless_monitor(context: Context, metric: KnownMetric) -> str:
     """A monitor with a latency requirement whose messages are known to have no header."""
-    monitors = context.spec.monitors
+    monitors = context.spec.outputs
     monitor_names = monitors if metric.monitor is None else [metric.monitor]
     return next(
         (name for name in monitor_names if begins_with_header(monitors[name].format) is False), ""
@@ -167,7 +168,7 @@ def _headerless_monitor(context: Context, metric: KnownMetric) -> str:
 @rule("R2B533")
 def accuracy_without_truth(context: Context) -> Findings:
     """Requirements on accuracy where no monitor names what its messages are compared with."""
-    monitors = context.spec.monitors
+    monitors = context.spec.outputs
     for metric in context.known_metrics:
         kind = kind_of(metric.info.name)
         if kind is None:

@@ -15,7 +15,7 @@ from r2bspec.language.spec import Monitor, Truth
 def monitor_unreachable(context: Context) -> Findings:
     """Monitors that no playback input reaches."""
     phase = context.wiring.measure
-    if context.spec.live or phase.possible_subscribers or phase.possible_publishers:
+    if not context.spec.plays_topics or phase.possible_subscribers or phase.possible_publishers:
         return
     reached = phase.downstream_of(played.topic for played in phase.endpoints_of("player"))
     for monitor in phase.endpoints_of("monitor"):

@@ -7,6 +7,7 @@ file binds, and its constructor tells whether it can share a process.
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path as FilePath
@@ -33,6 +34,7 @@ from r2bspec.plan.installed_packages import (
 from r2bspec.plan.this_machine import ament_prefixes, find_module
 from r2bspec.plan.wiring import node_interface
 from r2bspec.plan.wiring.companion_files import source_folder
+from r2bspec.plan.wiring.console_scripts import source_script
 from r2bspec.plan.wiring.wiring import NodeWiring
 from r2bspec.safe_io.safe_file import is_regular, names_if_any
 
@@ -121,11 +123,28 @@ def package_not_found(context: Context) -> Findings:
             yield Finding(
                 message=f"ROS package {quote(package)} not found on this machine",
                 path=first,
-                help=_package_help(package, installed),
+                help=_source_help(context, first, package) or _package_help(package, installed),
                 related=tuple(Pointer("also used here", path) for path in others[:_MAX_RELATED]),
                 machine_dependent=True,
                 suppresses={value_key(path) for path in (first, *others)},
             )
+
+
+def _source_help(context: Context, path: Path, package: str) -> str:
+    """How to run a script of a package that is not built from its source; empty without one."""
+    node = next((node.node for _, node in context.nodes if node.path == path[:-1]), None)
+    base_dir = context.loaded.base_dir
+    if node is None or not node.executable:
+        return ""
+    found = source_script(source_folder(base_dir), package, node.executable)
+    if found is None:
+        return ""
+    file, function = found
+    written = os.path.relpath(file, base_dir)
+    return (
+        f"build it and source its workspace; or run it from its source: 'python: "
+        f"{written if written.startswith('.') else f'./{written}'}:{function}'"
+    )
 
 
 def _package_help(package: str, installed: frozenset[str]) -> str:

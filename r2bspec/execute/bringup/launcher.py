@@ -8,24 +8,26 @@ subscriber, need this order. When all are ready is seen in `r2bspec.execute.brin
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from r2bspec.execute.bringup.creation_faults import not_loaded
 from r2bspec.execute.bringup.readiness import StartDeadline, wait_for_exit
 from r2bspec.execute.bringup.spec_mismatches import (
     require_declared_parameters,
     unmatched_remappings,
 )
+from r2bspec.execute.errors import ProcessDiedError
 from r2bspec.execute.processes import prerequisites
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.process import apply_affinity, shorten_slice
 from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import NATIVE_ARGV, container_node_name
-from r2bspec.plan.plan import AfterReadyPlan, Plan, ProcessPlan
+from r2bspec.plan.plan import AfterReadyPlan, NodePlan, Plan, ProcessPlan
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import Difference
 
@@ -337,27 +339,41 @@ class Launcher:
             return owner in self._created_nodes
         return not self._has_opaque_nodes
 
-    def _load_components(self, plans: Iterable[ProcessPlan], deadline: StartDeadline) -> None:
+    def _load_components(self, plans: Collection[ProcessPlan], deadline: StartDeadline) -> None:
         """Load the components of containers that have been started.
 
         Raises:
-            RunError: a container exits, does not respond in time, or rejects a component.
+            RunError: a container exits, or does not respond in time.
+            GraphMismatchError: it rejects a component.
         """
-        containers = tuple(
-            protocol.ContainerComponents(
-                container=container_node_name(each.argv),
-                nodes=self._environment.secrets.in_nodes(each.nodes),
-            )
-            for each in plans
-        )
-        if not containers:
+        if not plans:
             return
+        loader = self._start_helper(_COMPONENT_LOADER, "caller")
+        self.configure(loader, protocol.ConfigureComponents())
+        for plan in plans:
+            for node in self._environment.secrets.in_nodes(plan.nodes):
+                self._load_component(loader, plan, node, deadline)
+                self._created_nodes.add(node.name)
+        self._supervisor.end([loader])
+
+    def _load_component(
+        self, loader: ManagedProcess, plan: ProcessPlan, node: NodePlan, deadline: StartDeadline
+    ) -> None:
         timeout_s = deadline.left_s
-        command = protocol.ConfigureComponents(
-            containers=containers, timeout_ns=round(timeout_s * 1e9)
+        command = protocol.LoadComponent(
+            container=container_node_name(plan.argv), node=node, timeout_ns=round(timeout_s * 1e9)
         )
-        self._run_helper(_COMPONENT_LOADER, command, protocol.Composed, timeout_s)
-        self._created_nodes |= {node.name for each in containers for node in each.nodes}
+        try:
+            with self._supervisor.waiting(f"{node.name}: loaded"):
+                answer = self._supervisor.request(
+                    loader, command, protocol.Composed, timeout_s + REPLY_TIMEOUT_S
+                )
+        except ProcessDiedError as died:
+            doing = f"while {node.name} ({node.plugin}) was loaded"
+            raise died.while_doing(doing) from died
+        if not answer.loaded:
+            container = next(each for each in self._supervisor if each.name == plan.name)
+            raise not_loaded(node, plan.name, answer.reason, container.last_output())
 
     def _start_helper(self, name: str, role: str) -> ManagedProcess:
         """Start a harness process that is not in the plan; it then waits for its role."""
@@ -407,6 +423,15 @@ class Launcher:
             timeout_ns=step.timeout_ns,
         )
         self._run_helper(name, command, protocol.Called, timeout_s)
+
+    def call_settings(self, plan: Plan, rows_dir: Path) -> protocol.ConfigureCalls:
+        """What a player that calls services is told, with the secrets of its requests."""
+        in_value = self._environment.secrets.in_value
+        calls = tuple(
+            msgspec.structs.replace(call, request=in_value(call.request))
+            for call in plan.called.values()
+        )
+        return protocol.ConfigureCalls(calls=calls, rows_dir=str(rows_dir))
 
     def configure(self, child: ManagedProcess, command: Any) -> protocol.Ready:
         """Send a harness process its configuration and wait until it is ready.

@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.bringup.observe_graph import HARNESS
 from r2bspec.execute.bringup.readiness import StartDeadline
-from r2bspec.execute.errors import GraphMismatchError, NotReadyError
+from r2bspec.execute.errors import GraphMismatchError, NotReadyError, ProcessDiedError
 from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.language.spec import LifecycleState
@@ -33,12 +33,13 @@ _STEPS: Final[dict[protocol.Transition, tuple[str, frozenset[LifecycleState]]]] 
 }
 """Each transition: the state that it leads from, and the wanted states that need it."""
 
+_PRIMARY_STATES: Final = frozenset({"unconfigured", "inactive", "active", "finalized"})
+"""In every other state a callback runs."""
+
 _ASK_NS = 2_000_000_000
 _POLL_S = 0.1
 _DISCOVERY_S = 4.0
 """How much later than its node a service may be discovered, on a busy machine."""
-
-_MAX_LOG_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -90,9 +91,11 @@ class LifecycleNodes:
             for name in nodes:
                 states[name] = self._change(name, transition, deadline)
         for name, target in wanted.items():
+            if states[name] == "finalized":
+                message = f"{name} cannot be {target}: it is finalized"
+                raise _mismatch(TRANSITION_FAILED, name, "", message, "read its output")
             if states[name] != target:
                 self.note(f"{name} is {states[name]}, not {target}: it changes its state itself")
-        self.launcher.describe_lifecycle_nodes()
 
     def _wait_for(
         self, wanted: dict[str, LifecycleState], deadline: StartDeadline
@@ -106,7 +109,7 @@ class LifecycleNodes:
         seen_s: dict[str, float] = {}
         while True:
             found = self._ask_states()
-            missing = [name for name in wanted if not found.states.get(name)]
+            missing = [name for name in wanted if found.states.get(name) not in _PRIMARY_STATES]
             if not missing:
                 return found.states
             graph = self.supervisor.request(
@@ -148,21 +151,25 @@ class LifecycleNodes:
         Raises:
             GraphMismatchError: its callback did not succeed.
             NotReadyError: it does not answer in time.
+            ProcessDiedError: its process has ended.
         """
         child = self._process_of(name)
-        begin = child.log.stat().st_size
         timeout_s = deadline.left_s
         command = protocol.ChangeState(
             node=name, transition=transition, timeout_ns=round(timeout_s * 1e9)
         )
-        with self.supervisor.waiting(f"{name}: {transition}"):
-            changed = self.supervisor.request(
-                self.supervisor.observer(),
-                command,
-                protocol.StateChanged,
-                timeout_s + REPLY_TIMEOUT_S,
-            )
-        if changed.result == "success":
+        try:
+            with self.supervisor.waiting(f"{name}: {transition}"):
+                changed = self.supervisor.request(
+                    self.supervisor.observer(),
+                    command,
+                    protocol.StateChanged,
+                    timeout_s + REPLY_TIMEOUT_S,
+                )
+        except ProcessDiedError as died:
+            raise died.while_doing(f"{name} could not {transition}") from died
+        # A node may activate itself meanwhile, and refuse what it has done already.
+        if changed.result == "success" or changed.state in _STEPS[transition][1]:
             return changed.state
         callback = f"on_{transition}"
         if changed.result == "no answer":
@@ -173,7 +180,8 @@ class LifecycleNodes:
                 f"for: {child.log}",
                 code=TRANSITION_FAILED,
             )
-        cause = _cause(child, begin, name, callback, changed.result)
+        raised = _exception(child, protocol.callback_failure(name, callback))
+        cause = f"{callback} {raised or _CAUSES[changed.result]}"
         now = f"; it is {changed.state} now" if changed.state else ""
         raise _mismatch(
             TRANSITION_FAILED,
@@ -181,7 +189,7 @@ class LifecycleNodes:
             transition,
             f"{name} could not {transition}: {cause}{now}",
             f"correct it, or read the whole output of the node: {child.log}",
-            child.last_output().removeprefix("; "),
+            "" if raised else child.last_output().removeprefix("; "),
         )
 
     def _process_of(self, name: str) -> ManagedProcess:
@@ -280,22 +288,16 @@ def not_activated(
 
 
 _CAUSES: Final = {
-    "failure": "{} returned FAILURE",
-    "error": "{} returned ERROR, or raised an exception",
-    "unknown": "{} did not succeed",
+    "failure": "returned FAILURE",
+    "error": "returned ERROR, or raised an exception",
+    "unknown": "did not succeed",
 }
 
 
-def _cause(child: ManagedProcess, begin: int, name: str, callback: str, result: str) -> str:
-    """Why a transition failed: what its process says, or else what its callback returned."""
-    said = protocol.callback_failure(name, callback)
-    with child.log.open("rb") as log:
-        log.seek(begin)
-        lines = log.read(_MAX_LOG_BYTES).decode(errors="replace").splitlines()
-    found = (line for line in lines if line.startswith(said))
-    return next((f"{callback} {line.removeprefix(said)}" for line in found), "") or _CAUSES[
-        result
-    ].format(callback)
+def _exception(child: ManagedProcess, begin: str) -> str:
+    """What a Python process says of a callback, in a line that begins so; empty without one."""
+    lines = reversed(child.log_tail().splitlines())
+    return next((line.removeprefix(begin) for line in lines if line.startswith(begin)), "")
 
 
 def _mismatch(

@@ -162,7 +162,7 @@ class ProgressView:
 
     def __init__(
         self,
-        playback: PlaybackReader,
+        playback: PlaybackReader | RowReader,
         monitors: Mapping[str, tuple[MonitorPlan, RowReader]],
         first: Mapping[str, int],
         use: Callable[[], Mapping[str, float]],

@@ -34,7 +34,7 @@ from r2bspec.execute.run_context import RunContext
 from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ArrivalReader, read_clocks
 from r2bspec.ipc.playback_file import PlaybackReader
-from r2bspec.ipc.sample_files import StallLogReader
+from r2bspec.ipc.sample_files import RowReader, StallLogReader
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.judge.measure.matching import StepStamps
 from r2bspec.judge.measure.run_samples import NO_STAMPS, SegmentRows, segment_samples
@@ -103,7 +103,11 @@ class SegmentPlayer:
         self._supervisor = context.supervisor
         self._player = player
         monitors = plan.monitors
-        self._playback = PlaybackReader(rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
+        self._playback: PlaybackReader | RowReader = (
+            RowReader(rows_dir / protocol.CALLED_ROWS, PLAYBACK_FIELDS)
+            if plan.called
+            else PlaybackReader(rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
+        )
         self._stall_log = StallLogReader(rows_dir)
         self._monitors = {
             plan.name: ArrivalReader(rows_dir / f"{plan.name}.rows", MONITOR_FIELDS)

@@ -274,6 +274,8 @@ class ProcessSupervisor:
         raise ProcessDiedError(
             text,
             hint=with_limits(f"Its complete output is in {child.log}."),
+            process=child.name,
+            output=child.log_tail(),
         )
 
     def request(

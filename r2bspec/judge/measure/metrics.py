@@ -31,7 +31,7 @@ from r2bspec.judge.measure.samples import (
     pool_monitor,
     pool_playback,
 )
-from r2bspec.judge.measure.times import Seconds, percentile
+from r2bspec.judge.measure.times import Seconds, percentiles
 from r2bspec.record.run_record import Probe, SearchRecord
 
 
@@ -324,10 +324,11 @@ def _use(used: ResourceUse, sent: int = 0) -> UseMetrics:
 
 def distribution(times: Seconds) -> Distribution:
     """Summarise times in seconds; every part is None if there are none."""
+    low, high, *parts = percentiles(times, (0.0, 1.0, *PERCENTILES.values()))
     return Distribution(
         n=int(times.size),
-        min=percentile(times, 0.0),
+        min=low,
         mean=float(times.mean()) if times.size else None,
-        max=percentile(times, 1.0),
-        **{part: percentile(times, q) for part, q in PERCENTILES.items()},
+        max=high,
+        **dict(zip(PERCENTILES, parts, strict=True)),
     )

@@ -168,15 +168,15 @@ class MonitorSamples:
 
         See `Matching.pairs_known`.
         """
+        if not self.by_order:
+            return ""
         faults = {
             f"{self.missed:,} of {self.expected:,} are missing": self.missed,
             f"{self.surplus:,} are more than the {self.expected:,} expected": self.surplus,
             f"{self.early:,} came before their input": self.early,
         }
-        faults = {text: count for text, count in faults.items() if count}
-        if not self.by_order or not faults:
-            return ""
-        return f"outputs are matched by order, and {' and '.join(faults)}"
+        found = " and ".join(text for text, count in faults.items() if count)
+        return f"outputs are matched by order, and {found}" if found else ""
 
     def knows(self, family: str) -> bool:
         """Whether the times of a family are known."""

@@ -60,10 +60,8 @@ COMMANDS: list[protocol.Command] = [
     ),
     protocol.ConfigureMonitor(monitors=(MONITOR,), rows_dir="/rows"),
     protocol.ConfigureHost(nodes=(NODE,), base_dir="/spec"),
-    protocol.ConfigureComponents(
-        containers=(protocol.ContainerComponents(container="/r2b/front", nodes=(NODE,)),),
-        timeout_ns=1,
-    ),
+    protocol.ConfigureComponents(),
+    protocol.LoadComponent(container="/r2b/front", node=NODE, timeout_ns=1),
     protocol.Play(rate_hz=29.97, steps=100),
     protocol.Stop(),
     protocol.Shutdown(),

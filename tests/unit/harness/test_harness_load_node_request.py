@@ -10,7 +10,7 @@ from plans import node_plan
 
 pytest.importorskip("rclpy")
 
-from r2bspec.harness.service_client import ComponentError, load_error, load_request
+from r2bspec.harness.service_client import ComponentError, load_request
 from r2bspec.language.spec import Container
 from r2bspec.plan.command_lines import container_argv, container_node_name
 from r2bspec.plan.plan import NodePlan
@@ -73,18 +73,6 @@ def test_a_parameter_keeps_the_type_that_it_has_in_the_spec(
 def test_what_ros_cannot_hold_is_refused_by_name(given: Any) -> None:
     with pytest.raises(ComponentError, match="parameter 'p' of /r2b/left/rectify cannot be"):
         value(given)
-
-
-@pytest.mark.parametrize(
-    ("reason", "end"),
-    [("Failed to find class", ": Failed to find class"), ("", ": the container gave no reason")],
-)
-def test_a_refusal_names_package_plugin_container_and_what_it_said(reason: str, end: str) -> None:
-    error = load_error(node(), "/r2b/front", reason, hint="look")
-    for word in ("image_proc::RectifyNode", "package image_proc", "/r2b/front", "/left/rectify"):
-        assert word in str(error)
-    assert str(error).endswith(end)
-    assert (error.code, error.hint) == ("R2B665", "look")
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,142 @@
+"""Lifecycle nodes: configured and activated by the run, by a manager, by nobody."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from ros_runs import IMAGE, Bench, relay_spec
+from ros_runs import bench as bench
+
+# The first has no topics and no gain before it is configured, the second publishes when active.
+NODES = """
+from lifecycle_msgs.srv import ChangeState
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+
+
+class Late(LifecycleNode):
+    def __init__(self, **kwargs):
+        super().__init__("late", **kwargs)
+        self.fails = self.declare_parameter("fails", "").value
+
+    def on_configure(self, state):
+        if self.fails == "raises":
+            raise ValueError("there is no model")
+        if self.fails == "refuses":
+            self.get_logger().error("there is no camera")
+            return TransitionCallbackReturn.FAILURE
+        if self.fails == "returns":
+            return None
+        self.declare_parameter("gain", 1.0)
+        self.output = self.create_lifecycle_publisher(Image, "between", 10)
+        self.input = self.create_subscription(Image, "input", self.output.publish, 10)
+        return super().on_configure(state)
+
+
+class Early(LifecycleNode):
+    def __init__(self, **kwargs):
+        super().__init__("early", **kwargs)
+        self.output = self.create_lifecycle_publisher(Image, "output", 10)
+        self.input = self.create_subscription(Image, "between", self.output.publish, 10)
+
+
+class Manager(Node):
+    # As a lifecycle manager does: all nodes are configured, then activated.
+
+    def __init__(self, **kwargs):
+        super().__init__("manager", **kwargs)
+        names = ("late", "early")
+        self.clients_of = {n: self.create_client(ChangeState, f"{n}/change_state") for n in names}
+        self.todo = [(step, name) for step in (1, 3) for name in names]
+        self.create_timer(0.05, self.next)
+
+    def next(self):
+        if self.todo and self.clients_of[self.todo[0][1]].service_is_ready():
+            step, name = self.todo.pop(0)
+            request = ChangeState.Request()
+            request.transition.id = step
+            self.clients_of[name].call_async(request)
+"""
+
+
+@pytest.fixture
+def chain(bench: Bench) -> Any:
+    """Runs both nodes in a row; `more` are further keys of each."""
+    bench.write_node("nodes.py", NODES)
+
+    def run(*arguments: str, others: Any = (), late: Any = (), **more: Any) -> Any:
+        topics = {"late": ("input", "between"), "early": ("between", "output")}
+        nodes = {
+            name: {
+                "python": f"./nodes.py:{name.capitalize()}",
+                "subscribes": {before: IMAGE},
+                "publishes": {after: IMAGE},
+            }
+            | more
+            for name, (before, after) in topics.items()
+        }
+        nodes["late"] |= dict(late)
+        return bench.run(relay_spec(graph={"nodes": nodes | dict(others)}), *arguments)
+
+    return run
+
+
+def test_nodes_are_configured_then_activated_in_the_order_of_the_spec(chain: Any) -> None:
+    done = chain(lifecycle="active", late={"parameters": {"gain": 2.0}})
+    done.assert_counts(20)
+    phases = done.run().record.phases
+    names = [phase.name for phase in phases]
+    at = names.index("configure")
+    assert names[at - 1 : at + 3] == ["graph", "configure", "activate", "graph"]
+    for step in ("configure", "activate"):
+        (phase,) = (phase for phase in phases if phase.name == step)
+        assert {wait.what for wait in phase.waits} == {f"/r2b/late: {step}", f"/r2b/early: {step}"}
+        assert all(0 < wait.took_ns <= phase.took_ns for wait in phase.waits)
+
+
+def test_a_manager_in_the_graph_is_left_to_it(chain: Any) -> None:
+    manager = {"python": "./nodes.py:Manager", "publishes": {"unused": IMAGE}}
+    done = chain(others={"manager": manager}, late={"parameters": {"gain": 2.0}})
+    done.assert_counts(20)
+    assert "configure" not in [phase.name for phase in done.run().record.phases]
+
+
+@pytest.mark.parametrize(
+    ("fails", "cause"),
+    [
+        ("raises", "on_configure raised ValueError: there is no model (nodes.py,"),
+        ("refuses", "on_configure returned FAILURE"),
+        ("returns", "on_configure returned None"),
+    ],
+)
+def test_a_transition_that_fails_is_named_with_its_cause(
+    chain: Any, fails: str, cause: str
+) -> None:
+    done = chain(lifecycle="active", late={"parameters": {"fails": fails}})
+    assert done.status == 2
+    assert f"R2B605 lifecycle-transition-failed]: /r2b/late could not configure: {cause}" in (
+        done.error
+    )
+    assert "lifecycle: active" in done.error
+    assert "there is no camera" in done.error or fails != "refuses"
+
+
+def test_a_node_that_nothing_activates_is_said_and_not_waited_for(chain: Any) -> None:
+    done = chain(late={"lifecycle": "active"})
+    assert done.status == 2
+    assert "R2B237" in done.error
+    assert "/r2b/early is a lifecycle node and unconfigured: nothing in the graph activates it" in (
+        done.error
+    )
+    assert "write 'lifecycle: active'" in done.error
+
+
+def test_a_node_without_states_is_named(bench: Bench) -> None:
+    spec = relay_spec()
+    spec["graph"]["nodes"]["relay"]["lifecycle"] = "active"
+    done = bench.run(spec)
+    assert done.status == 2
+    assert "R2B238 no-lifecycle-node]: /r2b/relay is no lifecycle node" in done.error

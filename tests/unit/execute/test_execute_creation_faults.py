@@ -1,0 +1,174 @@
+"""Why a node could not be created: the sentences of rclcpp, each at its place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from plans import node_plan
+from r2bspec.execute.bringup.creation_faults import not_created, not_loaded
+from r2bspec.execute.errors import GraphMismatchError, ProcessDiedError
+
+NODE = node_plan("rectify", namespace="/r2b", package="camera", plugin="camera::Rectify")
+THREW = "Component constructor threw an exception: "
+
+
+@pytest.fixture(autouse=True)
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A package with one component and one without any."""
+    index = tmp_path / "share/ament_index/resource_index"
+    for package in ("camera", "tools"):
+        (index / "packages").mkdir(parents=True, exist_ok=True)
+        (index / "packages" / package).touch()
+    (index / "rclcpp_components").mkdir()
+    (index / "rclcpp_components/camera").write_text("camera::RectifyNode;lib/libcamera.so\n")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+
+
+def refused(reason: str, package: str = "camera") -> GraphMismatchError:
+    node = node_plan("rectify", namespace="/r2b", package=package, plugin="camera::Rectify")
+    error = not_loaded(node, "cpp", reason, "; it printed nothing")
+    assert error.exit_code == 2
+    return error
+
+
+# What component_manager.cpp and node_parameters.cpp of rclcpp 28 answer.
+@pytest.mark.parametrize(
+    ("reason", "said", "part", "name"),
+    [
+        (
+            THREW + "parameter 'gain' has invalid type: Wrong parameter type, parameter {gain} is "
+            "of type {double}, setting it to {integer} is not allowed.",
+            "parameter 'gain' is of type double, and cannot be of type integer",
+            "parameter",
+            "gain",
+        ),
+        (
+            THREW + "Statically typed parameter 'model' must be initialized.",
+            "parameter 'model' is required, and is not set",
+            "parameter",
+            "model",
+        ),
+        (
+            THREW + "parameter 'model' is not initialized",
+            "parameter 'model' is required, and is not set",
+            "parameter",
+            "model",
+        ),
+        (
+            THREW + "parameter 'rate' could not be set: Parameter {rate} doesn't comply with "
+            "integer range.",
+            "parameter 'rate' is out of its range",
+            "parameter",
+            "rate",
+        ),
+        (
+            THREW + "parameter 'rate' could not be set: it has to be even",
+            "parameter 'rate' was refused: it has to be even",
+            "parameter",
+            "rate",
+        ),
+        (
+            THREW + "no camera",
+            "its constructor threw an exception: no camera",
+            "node",
+            "",
+        ),
+        (
+            "Component constructor threw an exception",
+            "its constructor threw an exception",
+            "node",
+            "",
+        ),
+        (
+            (
+                "Failed to load library: Could not load library dlopen error: libcuda.so.1: cannot "
+                "open shared object file: No such file or directory, at ./src/shared_library.c:99"
+            ),
+            "library libcuda.so.1 is missing",
+            "plugin",
+            "",
+        ),
+        (
+            "Failed to find class with the requested plugin name.",
+            "package camera has no component 'camera::Rectify'",
+            "plugin",
+            "",
+        ),
+        ("", "the container gave no reason", "node", ""),
+    ],
+)
+def test_each_mistake_has_its_words_and_its_place(
+    reason: str, said: str, part: str, name: str
+) -> None:
+    error = refused(reason)
+    (difference,) = error.differences
+    assert difference.message == (
+        f"/r2b/rectify (camera::Rectify) was not loaded into container cpp: {said}"
+    )
+    assert (difference.code, difference.part, difference.name) == ("R2B665", part, name)
+
+
+def test_an_integer_for_a_double_and_a_misspelt_class_are_corrected() -> None:
+    wrong = "is of type {double}, setting it to {integer} is not allowed."
+    assert "write 1.0" in refused(f"{THREW}parameter 'gain' has invalid type: {wrong}").hint
+    found = refused("Failed to find class with the requested plugin name.")
+    assert found.hint == "did you mean 'camera::RectifyNode'?"
+
+
+@pytest.mark.parametrize(
+    ("package", "said"),
+    [("nowhere", "package nowhere is not installed"), ("tools", "package tools has no components")],
+)
+def test_a_package_that_is_missing_is_told_from_one_without_components(
+    package: str, said: str
+) -> None:
+    (difference,) = refused("Could not find requested resource in ament index", package).differences
+    assert said in difference.message
+    assert difference.part == "package"
+
+
+def died(output: str) -> ProcessDiedError:
+    text = f"process rectify was killed by SIGABRT; its last output:\n{output}"
+    return ProcessDiedError(text, process="rectify", output=output)
+
+
+def test_an_executable_with_the_same_mistake_has_the_same_words_place_and_status() -> None:
+    error = not_created(
+        died(
+            "terminate called after throwing an instance of "
+            "'rclcpp::exceptions::UninitializedStaticallyTypedParameterException'\n"
+            "  what():  Statically typed parameter 'model' must be initialized.\n"
+        ),
+        [NODE],
+    )
+    assert error is not None
+    (difference,) = error.differences
+    assert difference.message.endswith(": parameter 'model' is required, and is not set")
+    assert (difference.part, difference.name, error.exit_code) == ("parameter", "model", 2)
+
+
+def test_an_exception_of_python_is_named_with_its_line() -> None:
+    error = not_created(
+        died(
+            "Traceback (most recent call last):\n"
+            '  File "/opt/x/main.py", line 3, in <module>\n    main()\n'
+            '  File "/opt/x/node.py", line 12, in __init__\n    raise ValueError("no camera")\n'
+            "ValueError: no camera\n"
+        ),
+        [NODE],
+    )
+    assert error is not None
+    assert str(error).endswith("it raised ValueError: no camera (node.py, line 12)")
+    assert "Traceback" not in error.details
+
+
+@pytest.mark.parametrize("nodes", [[], [NODE, NODE]])
+def test_of_a_process_with_several_nodes_none_is_blamed(nodes: list[object]) -> None:
+    output = "terminate called after throwing an instance of 'E'\n  what():  x"
+    assert not_created(died(output), nodes) is None  # type: ignore[arg-type]
+
+
+def test_a_crash_is_no_exception() -> None:
+    assert not_created(died("Segmentation fault"), [NODE]) is None
