@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import ast
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -19,7 +19,7 @@ from r2bspec.diagnostics import Span
 from r2bspec.interop.script_import import source_files
 from r2bspec.interop.script_import.evaluator import Evaluator
 from r2bspec.interop.script_import.launch_actions import collect_actions
-from r2bspec.interop.script_import.launch_files import python_launch_file
+from r2bspec.interop.script_import.launch_files import LaunchFile, python_launch_file
 from r2bspec.interop.script_import.launch_parts import IncludeAction, LaunchParts
 from r2bspec.interop.script_import.values import (
     Construct,
@@ -329,8 +329,8 @@ class _ScriptEvaluation:
         )
         return Note(reason.replace("  ", " "), scope.place(node))
 
-    def _expand(self, include: IncludeAction) -> list[Any] | None:
-        """The actions of an included file that loads nodes into a container of the script."""
+    def _expand(self, include: IncludeAction, _inherited: Mapping[str, Any]) -> LaunchFile | None:
+        """What is in an included file that loads nodes into a container of the script."""
         file = self.reader.find_share_file(include.package, include.file)
         if file is None or file.suffix != ".py":
             return None
@@ -342,7 +342,7 @@ class _ScriptEvaluation:
         if not launched.has(_LOADER):
             return None
         self.notes += launched.notes
-        return launched.actions
+        return launched
 
 
 def _context(place: Span) -> Construct:
