@@ -375,8 +375,9 @@ class MonitorSettings(Record, frozen=True, kw_only=True):
     once.
 
     Attributes:
-        match: How outputs are matched to inputs: by the stamp in the header, or by order for types
-            without a header.
+        match: How outputs are matched to inputs: by the stamp in the header, by order for types
+            without a header, or not at all: own_pace is for outputs that come whether inputs do or
+            not, such as those of a timer. Of them no number is expected.
         qos: The profile of the monitor's subscription; default: the profile that is offered. The
             name of a ROS profile, or a map.
         label: What reports call it.
@@ -385,10 +386,15 @@ class MonitorSettings(Record, frozen=True, kw_only=True):
             'accuracy.…'.
     """
 
-    match: Literal["stamp", "order"] = "stamp"
+    match: Literal["stamp", "order", "own_pace"] = "stamp"
     qos: QoS | None = None
     label: Annotated[str, key("Tag detections")] = ""
     truth: Truth | None = None
+
+    @property
+    def own_pace(self) -> bool:
+        """Whether its messages answer no input, so that no number of them is expected."""
+        return self.match == "own_pace"
 
 
 class Monitor(MonitorSettings, frozen=True, kw_only=True):
