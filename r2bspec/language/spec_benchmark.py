@@ -17,6 +17,7 @@ from r2bspec.language.spec_graph import (
     ActionCall,
     QoS,
     Repeat,
+    RequestFields,
     Scalar,
     ServiceCall,
     Sibling,
@@ -191,6 +192,7 @@ class Call(Record, frozen=True, kw_only=True):
         service: The service and its request.
         action: The action and its goal. NAME is measured up to the result, NAME_accepted up to
             the acceptance. A goal that does not succeed counts as missed.
+        each: Fields of the request or the goal that differ from call to call, used in turn.
         success: A field of the response; one in which it is false counts as missed.
         feedback: Whether NAME_feedback is measured, up to the first feedback.
     """
@@ -199,6 +201,10 @@ class Call(Record, frozen=True, kw_only=True):
 
     service: ServiceCall | None = None
     action: ActionCall | None = None
+    each: Annotated[
+        tuple[Annotated[RequestFields, key({"tolerance": 0.1}, description="One call.")], ...],
+        key([{"tolerance": 0.1}, {"tolerance": 0.5}], at_most=MAX_SPEC_ENTRIES),
+    ] = ()
     success: Annotated[str, key("success")] = ""
     feedback: bool = False
 
