@@ -497,7 +497,7 @@ class ReadyProbe(Record, frozen=True, kw_only=True):
     timeout: Annotated[Duration, key("30 s", positive=True)] = Duration(30 * 10**9)
 
 
-_Fields = dict[
+RequestFields = dict[
     names.ParameterName,
     Annotated[
         Any,
@@ -525,7 +525,7 @@ class ServiceCall(Record, frozen=True, kw_only=True):
 
     name: Annotated[names.Topic, key("detector/enable")]
     type: Annotated[names.ServiceType, key("std_srvs/srv/SetBool")]
-    request: Annotated[_Fields, key({"data": True})] = {}
+    request: Annotated[RequestFields, key({"data": True})] = {}
 
 
 class ActionCall(Record, frozen=True, kw_only=True):
@@ -543,7 +543,7 @@ class ActionCall(Record, frozen=True, kw_only=True):
 
     name: Annotated[names.Topic, key("fibonacci")]
     type: Annotated[names.ActionType, key("example_interfaces/action/Fibonacci")]
-    goal: Annotated[_Fields, key({"order": 5})] = {}
+    goal: Annotated[RequestFields, key({"order": 5})] = {}
 
 
 class AfterReadyStep(Record, frozen=True, kw_only=True):
