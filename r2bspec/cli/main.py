@@ -120,6 +120,7 @@ def command() -> None:
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
+    _open_standard_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             # What the encoding of a terminal lacks shows as a question mark, not as a crash.
@@ -164,6 +165,17 @@ def main(argv: list[str] | None = None) -> int:
         show_error(failure)
         return failure.exit_code
     return status if isinstance(status, int) else ExitStatus.OK
+
+
+def _open_standard_streams() -> None:
+    """Open what the caller has closed: nobody reads it, and no other file may get its number."""
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        if getattr(sys, name) is None:
+            opened = os.open(os.devnull, os.O_RDWR)
+            if opened != number:
+                os.dup2(opened, number)
+                os.close(opened)
+            setattr(sys, name, os.fdopen(number, mode))
 
 
 def _discard_output() -> None:
