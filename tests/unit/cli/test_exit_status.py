@@ -57,7 +57,7 @@ def test_every_outcome_has_a_status_and_is_stored_as_a_number() -> None:
 
 
 @pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&- <&-"])
-@pytest.mark.parametrize(("words", "status"), [("explain", 0), ("validate none.r2b.yaml", 1)])
+@pytest.mark.parametrize(("words", "status"), [("explain", 0), ("validate none.r2b.yaml", 2)])
 def test_a_stream_that_is_closed_changes_no_status(
     words: str, status: int, closed: str, tmp_path: Path
 ) -> None:
