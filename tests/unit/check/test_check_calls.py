@@ -33,4 +33,5 @@ def test_every_metric_of_a_call_is_checked(metric: str, call: str) -> None:
 @pytest.mark.parametrize("call", ["add", "plan", "plan_accepted", "plan_feedback"])
 def test_answers_and_losses_can_be_required(call: str) -> None:
     for requirement in (f"{call}.latency.p90 < 50 ms", f"{call}.drop_rate <= 1 %"):
-        assert codes(SPEC.replace("REQUIREMENT", requirement), offline=True) == []
+        found = codes(SPEC.replace("REQUIREMENT", requirement), offline=True)
+        assert [code for code in found if code.startswith("R2B5")] == []
