@@ -321,6 +321,8 @@ def _line(at: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, 
     """The slope of least squares and its standard error, which two points do not show."""
     t = at - at.mean()
     spread = float(t @ t)
+    if not spread:
+        return 0.0, math.inf
     slope = float(t @ values) / spread
     residuals = values - values.mean() - slope * t
     deviation = math.sqrt(float(residuals @ residuals) / max(at.size - 2, 1))

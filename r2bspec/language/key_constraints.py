@@ -26,7 +26,7 @@ from r2bspec.language.quantities import QuantityError, Rate
 from r2bspec.language.spec_benchmark import ACCEPTED, FEEDBACK
 from r2bspec.language.spec_graph import PROCESS_KEYS
 from r2bspec.language.variables import declared_variables_help
-from r2bspec.safe_io.limits import MAX_RANGE_RATES, MAX_REQUIREMENTS
+from r2bspec.safe_io.limits import MAX_PLANNED_ITERATIONS, MAX_RANGE_RATES, MAX_REQUIREMENTS
 
 _PROBES: Final = {
     "ready": ("file", "service", "log", "topic"),
@@ -408,6 +408,24 @@ def _benchmark(document: _Document) -> Iterator[Diagnostic]:
         yield document.error(path, message, f"use at least {iterations}")
     if document.map_at("benchmark", "rates") is not None:
         yield from _range(document)
+    planned = max(iterations or 0, max_iterations or 0) * _number_of_rates(document)
+    if planned > MAX_PLANNED_ITERATIONS:
+        message = (
+            f"{planned:,} iterations at all rates together; the limit is {MAX_PLANNED_ITERATIONS:,}"
+        )
+        yield document.error(("benchmark",), message, "use fewer, or split the spec", "R2B129")
+
+
+def _number_of_rates(document: _Document) -> int:
+    """How many rates are listed, or are in the range; 1 where that is not known."""
+    path: Path = ("benchmark", "rates")
+    listed = lookup(document.root, path)
+    if isinstance(listed, ListNode):
+        return len(listed.items)
+    first, last, step = (document.rate(*path, key) for key in ("from", "to", "step"))
+    if first is not None and last is not None and step is not None and step.is_positive:
+        return int(min((last.hz - first.hz) / step.hz, MAX_RANGE_RATES)) + 1
+    return document.number((*path, "count"), 1) or 1
 
 
 def _range(document: _Document) -> Iterator[Diagnostic]:
