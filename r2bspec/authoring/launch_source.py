@@ -156,7 +156,9 @@ class _Reading:
             self._keep_whole(launched)
             return self.notes
         self.notes += launched.notes
-        parts = collect_actions(launched.actions, self._expanded, self.reader.steps)
+        parts = collect_actions(
+            launched.actions, self._expanded, self.reader.steps, launched.values
+        )
         if file.suffix == ".py":
             text = self.reader.texts[str(file)]
             self.values.comments = source_files.read_comments(file, text)
@@ -223,10 +225,10 @@ class _Reading:
         entry = self.nodes.entries[-1]
         entry.above = (*entry.above, *(above if shown else []))
 
-    def _expanded(self, include: IncludeAction) -> list[object] | None:
-        """The actions of an included file that is next to the launch file or above."""
+    def _expanded(self, include: IncludeAction, arguments: Mapping[str, Any]) -> LaunchFile | None:
+        """An included file that is next to the launch file or above; it gets all arguments."""
         place = include.source.place
-        inherited = self._values_at(place)
+        inherited = {name: value for name, value in arguments.items() if isinstance(value, str)}
         file = self._included(include)
         if file is None or file in self.kept or not is_regular(file):
             for name, value in inherited.items():
@@ -238,12 +240,7 @@ class _Reading:
             self.changes.append(Note(f"{file.name} is not expanded: {error}", place))
             return None
         self.notes += launched.notes
-        return launched.actions
-
-    def _values_at(self, place: Span) -> dict[str, Any]:
-        """The launch arguments of the file that includes another one, which gets them, too."""
-        known = self.launched.get(Path(place.file), LaunchFile()).values
-        return {name: value for name, value in known.items() if isinstance(value, str)}
+        return launched
 
     def _share_folder(self, package: str) -> str:
         """Where a package is installed; a source folder beside the file has the same files."""

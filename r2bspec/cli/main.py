@@ -72,6 +72,9 @@ _COMMANDS_MEANT = {"gate": "run SPEC --against REVISION"}
 _MAX_ERROR_LINE = 1_000
 """Characters: a message names files, whose names may have 4,000, and arguments of any length."""
 
+_STREAMS = (("stdin", "r"), ("stdout", "w"), ("stderr", "w"))
+"""In the order of their descriptors; one that is closed at the start is None."""
+
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 """No fault of r2bspec: the file system has no room."""
 
@@ -120,6 +123,7 @@ def command() -> None:
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
+    _open_standard_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             # What the encoding of a terminal lacks shows as a question mark, not as a crash.
@@ -166,6 +170,16 @@ def main(argv: list[str] | None = None) -> int:
     return status if isinstance(status, int) else ExitStatus.OK
 
 
+def _open_standard_streams() -> None:
+    """Open what the caller has closed: a file of the run would get its number, and the output."""
+    while (opened := os.open(os.devnull, os.O_RDWR)) < len(_STREAMS):
+        os.set_inheritable(opened, True)
+    os.close(opened)
+    for number, (name, mode) in enumerate(_STREAMS):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, mode))  # noqa: PTH123, SIM115
+
+
 def _discard_output() -> None:
     """Let the flush at the exit of the interpreter succeed."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -184,15 +198,23 @@ def _notes_on_caches() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _interruptible() -> Iterator[None]:
-    """While active, SIGTERM ends a verb as Ctrl-C does; `run` has handlers of its own meanwhile."""
+    """While active, SIGTERM ends a verb as Ctrl-C does, and so does the end of its terminal.
+
+    `run` has handlers of its own meanwhile. What was started with nohup survives its terminal.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    before = {
+        each: signal.signal(each, signal.default_int_handler)
+        for each in (signal.SIGTERM, signal.SIGHUP)
+        if each is signal.SIGTERM or signal.getsignal(each) is not signal.SIG_IGN
+    }
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for each, handler in before.items():
+            signal.signal(each, handler)
 
 
 def show_error(error: R2bspecError) -> None:

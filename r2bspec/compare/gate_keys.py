@@ -169,6 +169,7 @@ def call_keys(call: CallPlan) -> dict[str, str]:
         "target": f"{kind}.name",
         "type": f"{kind}.type",
         "request": f"{kind}.{request}",
+        "each": "each",
         "success": "success",
         "accepted": kind,
         "feedback": "feedback",

@@ -11,6 +11,7 @@ at which the middleware received them.
 
 from __future__ import annotations
 
+import itertools
 import sys
 import time
 import uuid
@@ -156,7 +157,9 @@ class _ServiceCall(_Call):
         """
         super().__init__(plan)
         kind = service_class(plan.type)
-        self._request = fill_message(kind.Request(), plan.request)
+        self._requests = itertools.cycle(
+            [fill_message(kind.Request(), fields) for fields in plan.requests]
+        )
         self._success = plan.success
         success = kind.Response.get_fields_and_field_types().get(plan.success)
         if plan.success and success != "boolean":
@@ -169,7 +172,7 @@ class _ServiceCall(_Call):
         self.exchanges = (_Exchange(node, kind, plan.target, self._on_answer),)
 
     def send(self, stamp_ns: int) -> None:
-        self.exchanges[0].send(self._request, stamp_ns)
+        self.exchanges[0].send(next(self._requests), stamp_ns)
 
     def _on_answer(self, stamp_ns: int, received_ns: int, response: Any) -> None:
         if self._success and not getattr(response, self._success):
@@ -189,7 +192,9 @@ class _ActionCall(_Call):
         """
         super().__init__(plan)
         self._kind = service_class(plan.type)
-        self._goal = fill_message(self._kind.Goal(), plan.request)
+        self._goals = itertools.cycle(
+            [fill_message(self._kind.Goal(), fields) for fields in plan.requests]
+        )
         self._accepted = _Answers(rows_dir, plan.accepted)
         self._results = _Answers(rows_dir, plan.name)
         inner = self._kind.Impl
@@ -206,7 +211,7 @@ class _ActionCall(_Call):
 
     def send(self, stamp_ns: int) -> None:
         goal_id = uuid.uuid4().bytes
-        request = self._kind.Impl.SendGoalService.Request(goal=self._goal)
+        request = self._kind.Impl.SendGoalService.Request(goal=next(self._goals))
         request.goal_id.uuid = list(goal_id)
         self._stamps[goal_id] = stamp_ns
         self.exchanges[0].send(request, goal_id)

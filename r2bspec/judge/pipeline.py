@@ -47,10 +47,12 @@ from r2bspec.judge.interference_bound import REMEDY
 from r2bspec.judge.measure.metric_catalogue import (
     MetricError,
     MetricInfo,
+    available_at_own_pace,
     available_live,
     kind_of,
     resolve,
 )
+from r2bspec.judge.measure.own_pace import own_pace_text, pooled_period_s
 from r2bspec.judge.measure.samples import (
     LOSS_SENSITIVE_FAMILIES,
     RunSamples,
@@ -373,6 +375,17 @@ def _unknown_in_live_run(case: RequirementCase, samples: RunSamples) -> Decision
     )
 
 
+def _unknown_at_own_pace(case: RequirementCase, _: RunSamples) -> Decision | None:
+    seen = case.monitor_samples
+    if not any(one.own_pace for one in seen) or available_at_own_pace(case.info):
+        return None
+    if case.iterations[0].live:
+        return None
+    return undecided(
+        f"{case.info.name} is unknown at monitor '{case.monitor}': its outputs answer no input."
+    )
+
+
 def _without_offered_rate(case: RequirementCase, _: RunSamples) -> Decision | None:
     bound = case.requirement.bound
     if bound is None or not bound.of_offered or case.at_hz:
@@ -414,7 +427,7 @@ def _without_output(case: RequirementCase, _: RunSamples) -> Decision | None:
     seen = case.monitor_samples
     if case.monitor is None or any(one.answered for one in seen):
         return None
-    if seen[0].live:
+    if seen[0].own_pace:
         count = len(seen)
         reason = f"Monitor '{case.monitor}' received nothing in {show(count, 'count')} "
         reason += "iterations." if count > 1 else "iteration."
@@ -430,23 +443,34 @@ def _without_output(case: RequirementCase, _: RunSamples) -> Decision | None:
     elif not received:
         reason = f"Monitor '{case.monitor}' received nothing for {show(sent, 'count')} inputs."
     else:
+        period_s = pooled_period_s([one.own_period_s for one in seen])
         reason = (
             f"Monitor '{case.monitor}' received {show(received, 'count')} messages, but none "
-            "has the stamp of an input: use 'match: order', or copy the stamp inside the graph."
+            "has the stamp of an input: "
+        )
+        reason += (
+            own_pace_text(period_s)
+            if period_s is not None
+            else "use 'match: order', or copy the stamp inside the graph."
         )
     return Decision(outcome="fail", method="none", reason=reason, n=sent)
 
 
 def _without_latency(case: RequirementCase, _: RunSamples) -> Decision | None:
-    """Undecided where a latency is unknown in some iteration."""
+    """Undecided where a latency or an age is unknown in some iteration."""
     if case.monitor is None:
         return None
     if unpaired := latency_unknown_by_order(case.info, case.monitor, case.iterations):
         return undecided(*unpaired)
     seen = case.monitor_samples
-    unstamped = any(one.received and not one.times["latency"].size for one in seen)
-    if not (case.info.family == "latency" and seen[0].live and unstamped):
+    unstamped = any(one.received and not one.times["age"].size for one in seen)
+    if not (case.info.family in {"latency", "age"} and seen[0].own_pace and unstamped):
         return None
+    if not case.iterations[0].live:
+        return undecided(
+            f"The messages at monitor '{case.monitor}' do not have the stamp of an input.",
+            "Copy the stamp of the newest input in the node.",
+        )
     return undecided(
         f"The messages at monitor '{case.monitor}' have no stamp of this machine's clock.",
         "Stamp the messages of the source with the system time.",
@@ -464,6 +488,7 @@ DECISIONS: Final[tuple[Callable[[RequirementCase, RunSamples], Decision | None],
     _by_record,
     _without_rate,
     _without_iterations,
+    _unknown_at_own_pace,
     _without_output,
     _without_latency,
     _by_iterations,

@@ -76,6 +76,7 @@ class Key(msgspec.Struct, frozen=True, eq=False, kw_only=True):
         maximum: of a number.
         positive: whether a quantity must be more than zero.
         not_empty: whether a text must have a character.
+        as_text: whether a number or a truth value stands for its text, as it is written.
         at_least: the fewest entries of a list or a map.
         at_most: the most entries of a list; or of a map, where the value is no list.
         words: the words that a text can be, where no `Literal` can list them.
@@ -98,6 +99,7 @@ class Key(msgspec.Struct, frozen=True, eq=False, kw_only=True):
     maximum: int | None = None
     positive: bool = False
     not_empty: bool = False
+    as_text: bool = False
     at_least: int = 0
     at_most: int = 0
     words: tuple[str, ...] = ()

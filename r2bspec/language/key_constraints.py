@@ -65,6 +65,7 @@ def key_constraint_errors(
             )
     yield from _playback(document)
     yield from _harness(document)
+    yield from _own_pace(document)
     yield from _transport(document)
     yield from _benchmark(document)
     yield from _conditions(document)
@@ -366,6 +367,20 @@ def _harness(document: _Document) -> Iterator[Diagnostic]:
         [(*path, "in") for path in owners],
         ": player and monitors do not run in the processes of the graph",
         "remove it, or write 'harness: {{placement: graph}}'",
+    )
+
+
+def _own_pace(document: _Document) -> Iterator[Diagnostic]:
+    """Of outputs that answer no input no number is expected, and none leads to an input."""
+    yield from document.without_effect(
+        [
+            (*path, key)
+            for path, _ in document.entries(("monitors",))
+            if document.word(*path, "match") == "own_pace"
+            for key in ("ratio", "taps")
+        ],
+        " with 'match: own_pace': its outputs answer no input",
+        "remove '{key}', or match by stamp or by order",
     )
 
 

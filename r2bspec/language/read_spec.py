@@ -203,7 +203,7 @@ class _Reader:
                 return self._refuse("minimum", node, rule, path)
             if about.maximum is not None and value > about.maximum:
                 return self._refuse("maximum", node, rule, path)
-        return value
+        return node.text if rule.about.as_text else value
 
     def _quantity(self, node: ScalarNode, rule: Rule, path: Path) -> Any:
         text = node.value

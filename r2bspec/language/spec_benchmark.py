@@ -17,6 +17,7 @@ from r2bspec.language.spec_graph import (
     ActionCall,
     QoS,
     Repeat,
+    RequestFields,
     Scalar,
     ServiceCall,
     Sibling,
@@ -189,18 +190,21 @@ class Call(Record, frozen=True, kw_only=True):
 
     Attributes:
         service: The service and its request.
-        action: The action and its goal. NAME_accepted is measured up to the acceptance of the
-            goal, NAME up to its result; a goal that does not succeed counts as missed.
-        success: A field of a service's response that is true or false. A response in which it is
-            false counts as missed.
-        feedback: Whether the feedback of an action is measured as NAME_feedback: its latency is
-            that of the first one.
+        action: The action and its goal. NAME is measured up to the result, NAME_accepted up to
+            the acceptance. A goal that does not succeed counts as missed.
+        each: Fields of the request or the goal that differ from call to call, used in turn.
+        success: A field of the response; one in which it is false counts as missed.
+        feedback: Whether NAME_feedback is measured, up to the first feedback.
     """
 
     about = key(_CALL)
 
     service: ServiceCall | None = None
     action: ActionCall | None = None
+    each: Annotated[
+        tuple[Annotated[RequestFields, key({"tolerance": 0.1}, description="One call.")], ...],
+        key([{"tolerance": 0.1}, {"tolerance": 0.5}], at_most=MAX_SPEC_ENTRIES),
+    ] = ()
     success: Annotated[str, key("success")] = ""
     feedback: bool = False
 
@@ -245,8 +249,8 @@ class Playback(Record, frozen=True, kw_only=True):
         buffer: The number of messages to buffer for each input; 0 buffers all of the window.
         inputs: The topics that are played to the graph. All inputs of one step are played together,
             with the same stamp unless 'pairing' allows differences.
-        calls: Services and actions that are called in place of playing topics, at the offered
-            rate. Each is measured under its name, as a monitor is: its answers are the outputs.
+        calls: Services and actions that are called in place of playing topics. Each is measured
+            under its name: its answers are the outputs.
         unpaired: Messages without a partner of the same stamp in all other inputs are not played.
             With mode timeline, those whose stamp no recorded message has are not. refuse warns
             above 5 % of the messages of an input, and stops above 50 %; drop agrees to any number.
@@ -375,8 +379,9 @@ class MonitorSettings(Record, frozen=True, kw_only=True):
     once.
 
     Attributes:
-        match: How outputs are matched to inputs: by the stamp in the header, or by order for types
-            without a header.
+        match: How outputs are matched to inputs: by the stamp in the header, by order for types
+            without a header, or not at all: own_pace is for outputs that come whether inputs do or
+            not, such as those of a timer. Of them no number is expected.
         qos: The profile of the monitor's subscription; default: the profile that is offered. The
             name of a ROS profile, or a map.
         label: What reports call it.
@@ -385,10 +390,15 @@ class MonitorSettings(Record, frozen=True, kw_only=True):
             'accuracy.…'.
     """
 
-    match: Literal["stamp", "order"] = "stamp"
+    match: Literal["stamp", "order", "own_pace"] = "stamp"
     qos: QoS | None = None
     label: Annotated[str, key("Tag detections")] = ""
     truth: Truth | None = None
+
+    @property
+    def own_pace(self) -> bool:
+        """Whether its messages answer no input, so that no number of them is expected."""
+        return self.match == "own_pace"
 
 
 class Monitor(MonitorSettings, frozen=True, kw_only=True):

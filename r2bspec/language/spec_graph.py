@@ -54,9 +54,15 @@ Word = Annotated[str, key("--fast", description="An argument.", deferrable=True)
 Environment = Annotated[
     dict[
         names.EnvironmentName,
-        Annotated[str, key("4", description="The value of the variable.", deferrable=True)],
+        Annotated[
+            str,
+            Written(Scalar),
+            key(
+                4, "fast", description="The value, as it is written.", deferrable=True, as_text=True
+            ),
+        ],
     ],
-    key({"OMP_NUM_THREADS": "4"}, description="Environment variables of the process."),
+    key({"OMP_NUM_THREADS": 4}, description="Environment variables of the process."),
 ]
 
 
@@ -491,7 +497,7 @@ class ReadyProbe(Record, frozen=True, kw_only=True):
     timeout: Annotated[Duration, key("30 s", positive=True)] = Duration(30 * 10**9)
 
 
-_Fields = dict[
+RequestFields = dict[
     names.ParameterName,
     Annotated[
         Any,
@@ -519,7 +525,7 @@ class ServiceCall(Record, frozen=True, kw_only=True):
 
     name: Annotated[names.Topic, key("detector/enable")]
     type: Annotated[names.ServiceType, key("std_srvs/srv/SetBool")]
-    request: Annotated[_Fields, key({"data": True})] = {}
+    request: Annotated[RequestFields, key({"data": True})] = {}
 
 
 class ActionCall(Record, frozen=True, kw_only=True):
@@ -537,7 +543,7 @@ class ActionCall(Record, frozen=True, kw_only=True):
 
     name: Annotated[names.Topic, key("fibonacci")]
     type: Annotated[names.ActionType, key("example_interfaces/action/Fibonacci")]
-    goal: Annotated[_Fields, key({"order": 5})] = {}
+    goal: Annotated[RequestFields, key({"order": 5})] = {}
 
 
 class AfterReadyStep(Record, frozen=True, kw_only=True):

@@ -270,6 +270,7 @@ def _call(name: str, call: Call, namespace: str) -> plans.CallPlan:
             target=harness_topic(call.action.name, namespace),
             type=call.action.type,
             request=call.action.goal,
+            each=call.each or msgspec.UNSET,
             accepted=f"{name}{ACCEPTED}",
             feedback=f"{name}{FEEDBACK}" if call.feedback else "",
         )
@@ -279,6 +280,7 @@ def _call(name: str, call: Call, namespace: str) -> plans.CallPlan:
         target=harness_topic(service.name, namespace),
         type=service.type,
         request=service.request,
+        each=call.each or msgspec.UNSET,
         success=call.success,
     )
 

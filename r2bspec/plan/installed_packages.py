@@ -70,6 +70,7 @@ def package_executables(package: str) -> frozenset[str]:
     )
 
 
+@shared_lookup
 def package_plugins(package: str) -> set[str]:
     """The composable nodes that a ROS package registers."""
     plugins: set[str] = set()

@@ -282,6 +282,7 @@ class CallPlan(_Value, frozen=True, kw_only=True):
         name: of the monitor that has the responses, or the results.
         target: the full name of the service or the action.
         request: the fields of the request, or of the goal.
+        each: fields that replace some of them, in turn; a plan without them has no such key.
         success: the field of a response that is false if the call has failed; empty for none.
         accepted: of an action, the monitor that has the acceptances of goals; else empty.
         feedback: of an action, the monitor that has the feedback; empty for none.
@@ -291,9 +292,16 @@ class CallPlan(_Value, frozen=True, kw_only=True):
     target: str
     type: str
     request: dict[str, Any]
+    each: tuple[dict[str, Any], ...] | msgspec.UnsetType = msgspec.UNSET
     success: str = ""
     accepted: str = ""
     feedback: str = ""
+
+    @property
+    def requests(self) -> tuple[dict[str, Any], ...]:
+        """The fields of every request, in turn."""
+        each = ({},) if self.each is msgspec.UNSET else self.each
+        return tuple({**self.request, **fields} for fields in each)
 
 
 class SearchPlan(_Value, frozen=True, kw_only=True):

@@ -32,7 +32,7 @@ class Slow(Node):
         self.create_service(BasicTypes, "slow", self.answer)
 
     def answer(self, request, response):
-        assert request.int32_value == 7
+        assert (request.int32_value, request.int64_value) == (7, self.calls % 2)
         time.sleep(0.15)
         self.calls += 1
         response.bool_value = self.calls % 4 != 0
@@ -106,7 +106,10 @@ def test_a_service_type_that_is_not_installed() -> None:
 
 
 def test_a_service_is_called_whether_or_not_it_has_answered(bench: Bench) -> None:
-    spec = calls_spec("Slow", {"service": SLOW, "success": "bool_value"})
+    spec = calls_spec(
+        "Slow",
+        {"service": SLOW, "each": [{}, {"int64_value": 1}], "success": "bool_value"},
+    )
     run = bench.run(spec).run()
     (segment,) = (each for each in run.record.segments if each.kind == "iteration")
     played, answers = run.playback(segment), run.monitor(segment, "it")

@@ -136,6 +136,7 @@ def open_storages(paths: tuple[Path, ...], *, compressed_files: bool) -> Iterato
                 plain = stack.enter_context(unpack(path)) if compressed_files else path
                 storage = _open(plain, path)
                 stack.callback(storage.close)
+                DecompressionBudget(plain.stat().st_size).spend_messages(storage.message_count)
                 names = [name for topic in storage.topics for name in (topic.name, topic.type)]
                 check_topics(len(storage.topics), max(map(len, names), default=0))
             storages.append(storage)

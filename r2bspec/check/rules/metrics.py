@@ -15,7 +15,13 @@ from r2bspec.bags.message_types import begins_with_header
 from r2bspec.check.check_context import Context, KnownMetric
 from r2bspec.check.rule import Finding, Findings, Pointer, rule
 from r2bspec.diagnostics.quote import quote, quoted_list
-from r2bspec.judge.measure.metric_catalogue import TRUTHS, MetricError, available_live, kind_of
+from r2bspec.judge.measure.metric_catalogue import (
+    TRUTHS,
+    MetricError,
+    available_at_own_pace,
+    available_live,
+    kind_of,
+)
 from r2bspec.judge.measure.units import show
 from r2bspec.record.calibration_file import Calibration, MetricNoise
 
@@ -112,11 +118,11 @@ _PROBE_STATISTICS = ("search", "sequential")
 
 @rule("R2B526")
 def metric_unavailable(context: Context) -> Findings:
-    """Requirements on metrics that the playback mode does not provide."""
-    if not context.spec.has_own_rate:
-        return
+    """Requirements on metrics that the playback mode or the monitor does not provide."""
     for metric in context.known_metrics:
-        problem = _why_unavailable(context, metric)
+        problem = _why_unavailable_at_own_pace(context, metric)
+        if problem is None and context.spec.has_own_rate:
+            problem = _why_unavailable(context, metric)
         if problem is not None:
             message, help_text = problem
             yield Finding(
@@ -125,6 +131,33 @@ def metric_unavailable(context: Context) -> Findings:
                 help=help_text,
                 suppressed_by={metric.located.subject},
             )
+
+
+def _why_unavailable_at_own_pace(context: Context, metric: KnownMetric) -> tuple[str, str] | None:
+    """Message and help; None if no monitor with a pace of its own stands in the way."""
+    name = quote(metric.info.name)
+    paces = {each: monitor.own_pace for each, monitor in context.spec.monitors.items()}
+    if metric.info.scope == "probe" and all(paces.values()):
+        return (
+            f"{name} needs outputs that answer inputs, and every monitor has 'match: own_pace'",
+            "add a monitor that matches by stamp or by order",
+        )
+    named = [metric.monitor] if metric.monitor else paces
+    found = next((each for each in named if paces[each]), None)
+    if metric.info.scope != "monitor" or found is None:
+        return None
+    bound = metric.located.requirement.bound
+    if bound is not None and bound.of_offered:
+        return (
+            f"monitor {found} has a pace of its own: {name} cannot be 'of offered'",
+            "write the bound as a rate",
+        )
+    if not available_at_own_pace(metric.info):
+        return (
+            f"{name} is not available at monitor {found}, whose outputs answer no input",
+            "use throughput, age, interval, jitter or received, or name another monitor",
+        )
+    return None
 
 
 def _why_unavailable(context: Context, metric: KnownMetric) -> tuple[str, str] | None:

@@ -20,7 +20,8 @@ def monitor_unreachable(context: Context) -> Findings:
     reached = phase.downstream_of(played.topic for played in phase.endpoints_of("player"))
     for monitor in phase.endpoints_of("monitor"):
         publishers = phase.publishers(monitor.topic)
-        if publishers and monitor.topic not in reached:
+        own_pace = context.spec.monitors[monitor.monitor].own_pace
+        if publishers and monitor.topic not in reached and not own_pace:
             yield Finding(
                 message="no path from a playback input to "
                 f"{quote(context.relative_name(monitor.topic))}, the topic of monitor "

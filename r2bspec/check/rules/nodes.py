@@ -337,13 +337,32 @@ def harness_place_unknown(context: Context) -> Findings:
             help="remove one of 'graph.placement: harness' and 'harness.placement: graph'",
         )
         return
-    for place in find_places(spec, wiring, graph_processes(spec, wiring)):
+    first: dict[str, Place] = {}
+    processes = tuple(graph_processes(spec, wiring))
+    single = {each.name for each in processes if each.role != "command"}
+    for place in find_places(spec, wiring, processes):
         if not place.process:
             yield Finding(
                 message=_place_message(place),
                 path=(*place.path, "in") if place.named else place.path,
                 help=_place_help(place),
             )
+        elif place.program and place.process in single:
+            yield Finding(
+                message=f"{quote(place.process)} is one program, and has no {quote(place.program)}",
+                path=(*place.path, "in"),
+                help=f"write {quote(place.process)}",
+            )
+        elif place.program:
+            before = first.setdefault(place.process, place)
+            if before.program != place.program:
+                yield Finding(
+                    message=f"{quote(place.named)} and {quote(before.named)} are two programs of "
+                    f"{quote(place.process)}, of which only one can have parts of the harness",
+                    path=(*place.path, "in"),
+                    help=f"write {quote(before.named)} here, or start the nodes one by one",
+                    related=(Pointer("the other program", (*before.path, "in")),),
+                )
 
 
 def _place_message(place: Place) -> str:

@@ -25,6 +25,7 @@ from r2bspec.plan.installed_packages import (
     is_on_path,
     missing_imports,
     package_executables,
+    package_plugins,
     package_share,
     python_module_advice,
     python_target,
@@ -187,17 +188,24 @@ def executable_not_found(context: Context) -> Findings:
 
 @rule("R2B639", early=True)
 def plugin_not_found(context: Context) -> Findings:
-    """C++ components that are not in their well-known package."""
+    """C++ components that are not in their package, as installed here or else well known."""
     for _, node in context.nodes:
-        components = (
-            node_interface.catalogue_nodes(node.node.package) if node.node.kind is PLUGIN else {}
-        )
-        if components and node.node.plugin not in components:
+        package, plugin = node.node.package, node.node.plugin
+        if node.node.kind is not PLUGIN:
+            continue
+        if package in ament_packages():
+            components, where = package_plugins(package), "on this machine"
+            known = True
+        else:
+            components = {*node_interface.catalogue_nodes(package)}
+            where = f"of {node_interface.ROS_DISTRIBUTION}"
+            known = bool(components)
+        if known and plugin not in components:
             yield Finding(
-                message=f"{node.node.package} of {node_interface.ROS_DISTRIBUTION} has no "
-                f"component {quote(node.node.plugin)}",
+                message=f"{package} {where} has no component {quote(plugin)}",
                 path=(*node.path, "plugin"),
-                help=suggestion(node.node.plugin, components, "its components"),
+                help=suggestion(plugin, components, "its components")
+                or "it registers no components; see rclcpp_components_register_node",
                 machine_dependent=True,
                 suppresses={value_key(node.path)},
             )

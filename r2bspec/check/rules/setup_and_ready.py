@@ -1,4 +1,4 @@
-"""What happens before the first message: setup steps, and probes that wait for the graph."""
+"""What happens before the first message: setup steps, states of nodes, probes of the graph."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 from r2bspec.check.check_context import Context
 from r2bspec.check.rule import Finding, Findings, publisher_advice, rule, topic_key
 from r2bspec.diagnostics.quote import quote, suggestion
+from r2bspec.plan.wiring.wiring import NodeWiring
 from r2bspec.safe_io.line_pattern import PatternError, compile_line_pattern
 
 
@@ -75,4 +76,45 @@ def ready_pattern_invalid(context: Context) -> Findings:
                 path=("ready", name, "log", "pattern"),
                 part=error.part,
                 help="escape special characters with a backslash",
+            )
+
+
+@rule("R2B237")
+def lifecycle_node_not_activated(context: Context) -> Findings:
+    """Lifecycle nodes that nothing in the graph can activate."""
+    if context.spec.after_ready:
+        return
+    for phase in context.wiring.phases:
+        if any(_may_manage(node) for node in phase.nodes):
+            continue
+        for node in phase.nodes:
+            if node.interface.is_lifecycle and node.node.lifecycle is None:
+                yield Finding(
+                    message=f"{node.key} is a lifecycle node, and nothing in the graph activates "
+                    "it, unless it does so itself",
+                    path=node.path,
+                    key=True,
+                    help="write 'lifecycle: active', and the run configures and activates it",
+                )
+
+
+def _may_manage(node: NodeWiring) -> bool:
+    """Whether a node may change the states of others; what a source says of topics is no answer."""
+    return not (node.interface.is_lifecycle or _is_known_node(node))
+
+
+def _is_known_node(node: NodeWiring) -> bool:
+    return node.interface.publishes_from == "table"
+
+
+@rule("R2B238")
+def no_lifecycle_node(context: Context) -> Findings:
+    """Nodes that are to be activated and are no lifecycle nodes."""
+    for _, node in context.nodes:
+        has_source = node.interface.publishes_from in {"source", "table"}
+        if node.node.lifecycle is not None and has_source and not node.interface.is_lifecycle:
+            yield Finding(
+                message=f"{node.key} is no lifecycle node, and has no states",
+                path=(*node.path, "lifecycle"),
+                help="remove 'lifecycle'",
             )

@@ -428,7 +428,9 @@ class Launcher:
         """What a player that calls services is told, with the secrets of its requests."""
         in_value = self._environment.secrets.in_value
         calls = tuple(
-            msgspec.structs.replace(call, request=in_value(call.request))
+            msgspec.structs.replace(
+                call, request={}, each=tuple(in_value(each) for each in call.requests)
+            )
             for name, call in plan.called.items()
             if name == call.name
         )

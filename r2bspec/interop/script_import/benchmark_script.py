@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import ast
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -19,7 +19,7 @@ from r2bspec.diagnostics import Span
 from r2bspec.interop.script_import import source_files
 from r2bspec.interop.script_import.evaluator import Evaluator
 from r2bspec.interop.script_import.launch_actions import collect_actions
-from r2bspec.interop.script_import.launch_files import python_launch_file
+from r2bspec.interop.script_import.launch_files import LaunchFile, python_launch_file
 from r2bspec.interop.script_import.launch_parts import IncludeAction, LaunchParts
 from r2bspec.interop.script_import.values import (
     Construct,
@@ -27,6 +27,7 @@ from r2bspec.interop.script_import.values import (
     Instance,
     Method,
     Note,
+    Scope,
     ScriptClass,
     ScriptFunction,
     ScriptLimitError,
@@ -94,6 +95,7 @@ class BenchmarkScript:
         hooks: what its hooks do before the benchmark.
         late_hooks: what they do after it.
         notes: what was not followed.
+        calls: the actions whose answers it measures, which a spec cannot say.
         imports: the places of imports, by the name of the module.
         texts: the text of every file that places refer to.
     """
@@ -106,6 +108,7 @@ class BenchmarkScript:
     late_hooks: list[Construct]
     comments: source_files.ScriptComments
     notes: list[Note]
+    calls: list[Note]
     imports: dict[str, Span]
     texts: dict[str, str]
 
@@ -139,6 +142,9 @@ class Settings:
         mode = self.value("benchmark_mode")
         name = mode.name.rpartition(".")[2] if isinstance(mode, Foreign) else mode
         self.mode = name.lower() if isinstance(name, str) else ""
+        if self.script.calls:
+            # It plays nothing: its load are the goals that it sends.
+            self.mode = "live"
         self.is_mode_known = self.mode in _MODES
         if not self.is_mode_known:
             self.lose("benchmark_mode")
@@ -229,8 +235,10 @@ class _ScriptEvaluation:
         trace.effects.clear()
         actions = self._actions(self.module.scope.place(kind.node))
         preparation = trace.take_effects()
-        hooks = self._run_hooks(kind, late=False)
-        late_hooks = self._run_hooks(kind, late=True)
+        calls = self._calls(kind)
+        # The test of a script that sends goals does that instead of what ros2_benchmark does.
+        hooks = [] if calls else self._run_hooks(kind, late=False)
+        late_hooks = [] if calls else self._run_hooks(kind, late=True)
         parts = collect_actions(actions, self._expand, self.reader.steps)
         return BenchmarkScript(
             module=self.module,
@@ -241,6 +249,7 @@ class _ScriptEvaluation:
             late_hooks=late_hooks,
             comments=source_files.read_comments(self.module.file, self.module.text),
             notes=[*self.evaluator.notes, *self.notes],
+            calls=calls,
             imports=trace.imports,
             texts=self.reader.texts,
         )
@@ -250,7 +259,7 @@ class _ScriptEvaluation:
             if isinstance(kind, ScriptClass) and any(
                 base.rpartition(".")[2] == _TEST_CLASS for base in kind.foreign_bases()
             ):
-                config = kind.names.get("config")
+                config = kind.find("config")
                 if isinstance(config, Construct):
                     return kind, config
                 message = f"{kind.node.name} has no 'config' that is a ROS2BenchmarkConfig"
@@ -295,8 +304,33 @@ class _ScriptEvaluation:
                 self.evaluator.call(method, place=self.module.scope.place(kind.node))
         return self.evaluator.trace.take_effects()
 
-    def _expand(self, include: IncludeAction) -> list[Any] | None:
-        """The actions of an included file that loads nodes into a container of the script."""
+    def _calls(self, kind: ScriptClass) -> list[Note]:
+        """The clients of actions that the class and its bases make."""
+        notes: dict[str, Note] = {}
+        for each in kind.lineage():
+            if not isinstance(each, ScriptClass):
+                continue
+            functions = [made for made in each.names.values() if isinstance(made, ScriptFunction)]
+            for function in functions:
+                for node in ast.walk(function.node):
+                    if isinstance(node, ast.Call) and _last_name(node.func) == "ActionClient":
+                        note = self._call(node, function.scope)
+                        notes.setdefault(note.reason, note)
+        return list(notes.values())
+
+    def _call(self, node: ast.Call, scope: Scope) -> Note:
+        known = [self.evaluator.value(argument, scope) for argument in node.args[1:3]]
+        types = [value.name.replace(".", "/") for value in known if isinstance(value, Foreign)]
+        names = [value for value in known if isinstance(value, str)]
+        shown = " ".join([*(repr(name) for name in names[:1]), *(f"({x})" for x in types[:1])])
+        reason = (
+            f"the script sends goals to an action {shown} and measures its answers: a spec has no "
+            "calls of actions, so this one only starts the graph"
+        )
+        return Note(reason.replace("  ", " "), scope.place(node))
+
+    def _expand(self, include: IncludeAction, _inherited: Mapping[str, Any]) -> LaunchFile | None:
+        """What is in an included file that loads nodes into a container of the script."""
         file = self.reader.find_share_file(include.package, include.file)
         if file is None or file.suffix != ".py":
             return None
@@ -308,7 +342,7 @@ class _ScriptEvaluation:
         if not launched.has(_LOADER):
             return None
         self.notes += launched.notes
-        return launched.actions
+        return launched
 
 
 def _context(place: Span) -> Construct:
@@ -319,3 +353,8 @@ def _as_list(value: Any) -> list[Any]:
     if isinstance(value, list | tuple):
         return list(value)
     return [value] if isinstance(value, Construct | Unknown | Method) else []
+
+
+def _last_name(node: ast.expr) -> str:
+    """The name of what is called, without that of its module."""
+    return node.attr if isinstance(node, ast.Attribute) else getattr(node, "id", "")

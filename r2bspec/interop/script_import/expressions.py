@@ -375,7 +375,11 @@ class Expressions:
             case ast.Attribute(value=owner, attr=name):
                 self._set_attribute(self.value(owner, scope), name, value, scope.place(target))
             case ast.Subscript(value=owner, slice=key):
-                self._set_item(self.value(owner, scope), self.value(key, scope), value)
+                container = self.value(owner, scope)
+                if isinstance(container, Foreign | Construct):
+                    reason = "what is set here belongs to another package"
+                    self.notes.append(Note(reason, scope.place(target)))
+                self._set_item(container, self.value(key, scope), value)
             case _:
                 self.notes.append(Note("an assignment of this kind", scope.place(target)))
 

@@ -8,9 +8,11 @@ not tell or a spec has no key for; what a run does in another way is noted as a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from typing import Any, Final
 
+from r2bspec.interop.script_import.launch_files import LaunchFile
 from r2bspec.interop.script_import.launch_nodes import (
     NodeReader,
     absolute,
@@ -48,31 +50,38 @@ _IGNORED: Final = frozenset(
 _STATES: Final = {"configure": "inactive", "1": "inactive", "activate": "active", "3": "active"}
 """What a transition of lifecycle_msgs leads to, by its name or number."""
 
-Expand = Callable[[IncludeAction], list[Any] | None]
-"""The actions of an included launch file, or None to keep it as one."""
+Expand = Callable[[IncludeAction, Mapping[str, Any]], LaunchFile | None]
+"""What an included launch file does, or None to keep it as one; gets the launch arguments."""
 
 
-def collect_actions(actions: Iterable[Any], expand: Expand, steps: StepCounter) -> LaunchParts:
+def collect_actions(
+    actions: Iterable[Any],
+    expand: Expand,
+    steps: StepCounter,
+    arguments: Mapping[str, Any] | None = None,
+) -> LaunchParts:
     """The parts of a list of actions.
 
     Args:
         actions: constructs.
         expand: is called for each included launch file.
         steps: counts actions and conditions.
+        arguments: the values of launch arguments with which the actions were evaluated.
 
     Raises:
         ScriptLimitError: there are too many.
     """
-    collector = _Collector(expand, steps)
-    collector.add_all(list(actions), Scope())
+    collector = _Collector(expand, steps, arguments or {})
+    collector.add_all(list(actions), Scope(arguments=collector.arguments))
     collector.place_components()
     collector.change_states()
     return collector.parts
 
 
 class _Collector:
-    def __init__(self, expand: Expand, steps: StepCounter) -> None:
+    def __init__(self, expand: Expand, steps: StepCounter, arguments: Mapping[str, Any]) -> None:
         self.parts = LaunchParts()
+        self.arguments = arguments
         self.expand = expand
         self.steps = steps
         self.reader = NodeReader(self.parts, steps)
@@ -100,6 +109,7 @@ class _Collector:
             self.parts.ignored.append(action)
         if not isinstance(action, Construct) or action.short_name in _IGNORED:
             return scope
+        self._check_arguments(action, scope)
         if not self._condition_is_met(action):
             return scope
         changed = changed_scope(action, scope, self.steps)
@@ -113,6 +123,16 @@ class _Collector:
         else:
             self._leave_out(f"{action.short_name} has no form in a spec", action)
         return scope
+
+    def _check_arguments(self, action: Construct, scope: Scope) -> None:
+        """Launch arguments of an included file apply to the actions after it, in the same group."""
+        if scope.arguments is self.arguments:
+            return
+        self.steps.count_items(self.arguments)
+        for name, value in self.arguments.items():
+            if scope.arguments.get(name, value) != value:
+                reason = f"the launch argument {name!r} has the value of an included file here"
+                self.reader.lose(reason, action)
 
     def _leave_out(self, reason: str, action: Construct) -> None:
         """Note an action that is not understood, and the module that would tell what it is."""
@@ -287,15 +307,18 @@ class _Collector:
         if path.startswith("$(share ") and ")/" in path:
             inside = path.removeprefix("$(share ")
             include.path, (include.package, _, include.file) = "", inside.partition(")/")
-        actions = self.expand(include) if self.included < MAX_LAUNCH_INCLUDES else None
-        if actions is None:
+        is_near = self.included < MAX_LAUNCH_INCLUDES
+        launched = self.expand(include, scope.arguments) if is_near else None
+        if launched is None:
             if scope.parameters:
                 self.reader.lose("parameters that are set for an included launch file", action)
             self._append(self.parts.includes, include)
-            return scope
+            return replace(scope, arguments={**scope.arguments, **include.arguments})
         self.included += 1
-        scope = self.add_all(actions, scope)
+        outside, self.arguments = self.arguments, launched.values
+        scope = self.add_all(launched.actions, replace(scope, arguments=launched.values))
         self.included -= 1
+        self.arguments = outside
         return scope
 
     def _launch_arguments(self, action: Construct) -> dict[str, Any]:

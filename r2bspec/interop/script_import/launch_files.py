@@ -30,6 +30,11 @@ from r2bspec.interop.script_import.values import (
 from r2bspec.safe_io.limits import MAX_LAUNCH_LEVELS
 
 LAUNCH_CONTEXT: Final = "launch.LaunchContext"
+_HARMLESS: Final = (
+    *("sys.path.", "argparse.", "logging.", "warnings.", "launch.logging.", "rclpy.logging."),
+    "super",
+)
+"""What a file may call for an effect that does not reach what it launches."""
 _ROUNDS: Final = 4
 _INSIDE: Final = {
     "GroupAction": "actions",
@@ -136,6 +141,10 @@ class _Evaluation:
         self.launch.values = dict(given)
         self._follow(self.launch.actions, 0)
         self.launch.notes += self.evaluator.notes
+        for effect in self.evaluator.trace.effects:
+            if not effect.name.startswith(_HARMLESS):
+                reason = f"what {clip(effect.name)} does before the launch"
+                self.launch.notes.append(Note(reason, effect.place))
         return self.launch
 
     def _follow(self, actions: list[Any], level: int) -> None:

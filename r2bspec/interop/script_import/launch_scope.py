@@ -6,7 +6,7 @@ order of the file. A group ends what is set inside of it, unless it is not scope
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -22,12 +22,14 @@ class Scope:
     Attributes:
         namespace: of the groups; empty for none.
         parameters: maps and paths of files, which a node gets before its own.
+        arguments: the values of launch arguments, which an included file gets and changes.
     """
 
     namespace: str = ""
     remappings: tuple[Remapping, ...] = ()
     parameters: tuple[Any, ...] = ()
     environment: dict[str, Any] = field(default_factory=dict)
+    arguments: Mapping[str, Any] = field(default_factory=dict)
 
 
 def changed_scope(action: Construct, scope: Scope, steps: StepCounter) -> Scope | Unknown | None:

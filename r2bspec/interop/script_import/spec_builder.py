@@ -99,7 +99,7 @@ class _SpecBuilder:
         stem = self.script.module.file.stem
         name = stem if re.search(NAME.pattern, stem) else identifier(stem)
         top = self._head(name)
-        notes = [*self.script.notes, *self.values.notes]
+        notes = [*self.script.calls, *self.script.notes, *self.values.notes]
         missing = self._missing_modules()
         found = [
             *missing,
@@ -374,6 +374,7 @@ class _SpecBuilder:
     def _note_members(self) -> None:
         """Notes about actions that are not understood, and about roles that are not certain."""
         self.values.notes += self.script.parts.ignored
+        self.values.changes += self.script.parts.changes
         for node in self.graph.further:
             self.values.lose(f"{node.name!r} is a second loader or player", node.source.place)
         for member in self.graph.undecided:

@@ -35,7 +35,7 @@ StepLatencies = NDArray[np.float64]
 def step_latencies(seen: MonitorSamples) -> StepLatencies:
     """The latencies of the expected outputs of one segment at one monitor; none if unknown."""
     latencies = seen.times["latency"]
-    if seen.unknown_latency or (seen.live and not latencies.size):
+    if seen.unknown_latency or (seen.own_pace and not latencies.size):
         return np.empty(0)
     return seen.in_order("latency", np.nan)
 

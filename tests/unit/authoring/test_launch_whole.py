@@ -54,6 +54,7 @@ UNKNOWN = {
     "on_exit=[node('next')]))",
     "a container of a package": "ComposableNodeContainer(name='c', namespace='', package='cell', "
     "executable='own_container', composable_node_descriptions=[])",
+    "an effect": "node(name=os.system('make') or 'eye')",
     "nothing": "LogInfo(msg='hello')",
 }
 
@@ -138,3 +139,27 @@ def test_what_is_no_launch_argument_is_refused(written: str, call: Call) -> None
     error = call("init", "made", "--from-launch", "a.launch.xml", "--launch-arg", written, status=2)
     assert "NAME:=VALUE" in error.err
     assert not Path("made.r2b.yaml").exists()
+
+
+def test_arguments_of_an_included_file_apply_after_it() -> None:
+    """Without a group, launch keeps them: later files get them, and later actions of the file."""
+    Path("low.launch.xml").write_text(
+        '<launch><arg name="speed"/><arg name="lens" default="3"/>'
+        '<node pkg="cell" exec="eye" name="eye_$(var speed)_$(var lens)"/></launch>'
+    )
+    include = '<include file="$(dirname)/low.launch.xml"><arg name="speed" value="{}"/>{}</include>'
+    two = include.format("1", "") + include.format("2", '<arg name="lens" value="7"/>')
+    spec, _ = made(f"<launch>{two}{include.format('3', '')}</launch>", name="cell.launch.xml")
+    assert list(spec.graph.nodes) == ["eye_1_3", "eye_2_7", "eye_3_7"]
+    Path("made.r2b.yaml").unlink()
+    after = '<node pkg="cell" exec="eye" name="$(var speed)"/>'
+    declared = f'<launch><arg name="speed" default="9"/>{include.format("1", "")}'
+    _, text = made(f"{declared}{after}</launch>", name="cell.launch.xml")
+    assert "the launch argument 'speed' has the value of an included file here" in text
+    Path("made.r2b.yaml").unlink()
+    spec, _ = made(
+        f'<launch><arg name="speed" default="n9"/><group>{include.format("1", "")}</group>'
+        f"{after}</launch>",
+        name="cell.launch.xml",
+    )
+    assert list(spec.graph.nodes) == ["eye_1_3", "n9"]

@@ -92,6 +92,102 @@ def test_a_component_that_a_well_known_package_does_not_have(spec_file: str) -> 
     assert found["R2B639"].certainty is Certainty.ENVIRONMENT
 
 
+def test_the_components_of_an_installed_package_are_known(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spec_file: str
+) -> None:
+    index = tmp_path / "share/ament_index/resource_index"
+    for folder in ("packages", "rclcpp_components"):
+        (index / folder).mkdir(parents=True)
+    (index / "packages/mine").touch()
+    (index / "rclcpp_components/mine").write_text("mine::Blur;lib/libmine.so\n")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    graph = "nodes: {{r: {{package: mine, plugin: 'mine::{}'}}}}"
+
+    def found(plugin: str) -> dict[str, str]:
+        text = example(graph=graph.format(plugin))
+        return {each.code: each.help for each in findings(text, file=spec_file)}
+
+    assert found("Blurr")["R2B639"] == "did you mean 'mine::Blur'?"
+    assert "R2B639" not in found("Blur")
+
+
+@pytest.mark.parametrize(
+    ("player", "monitor", "expected"),
+    [
+        ("nav/first", "nav/first", ""),
+        ("nav/first", "nav/second", "'nav/second' and 'nav/first' are two programs of 'nav'"),
+        ("nav/first", "nav", ""),
+        ("nav", "relay/x", "'relay' is one program, and has no 'x'"),
+    ],
+)
+def test_one_program_of_a_launch_file_can_have_parts_of_the_harness(
+    player: str, monitor: str, expected: str, spec_file: str
+) -> None:
+    folder = Path(spec_file).parent
+    folder.joinpath("nav.launch.py").touch()
+    image = "sensor_msgs/msg/Image"
+    text = example(
+        harness=f"{{placement: graph, in: {player}}}",
+        graph=f"""
+        nodes:
+          nav:
+            launch: {{path: ./nav.launch.py}}
+            subscribes: {{image: {image}}}
+            publishes: {{output: {image}}}
+          relay: {{python: r2bspec.nodes.RelayNode, remappings: {{input: output, output: end}}}}
+        """,
+        monitors=f"{{output: {{topic: output, format: {image}, in: {monitor}}}}}",
+    )
+    found = [each for each in findings(text, file=spec_file) if each.code == "R2B672"]
+    assert len(found) == bool(expected)
+    assert all(each.message.startswith(expected) for each in found)
+
+
+LIFECYCLE_SOURCE = """
+from rclpy.lifecycle import LifecycleNode
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+
+class Late(LifecycleNode):
+    def __init__(self, **kwargs):
+        super().__init__("late", **kwargs)
+
+    def on_configure(self, state):
+        self.output = self.create_publisher(Image, "output", 10)
+        self.create_subscription(Image, "image", self.output.publish, 10)
+        return super().on_configure(state)
+
+class Plain(Node):
+    def __init__(self, **kwargs):
+        super().__init__("plain", **kwargs)
+        self.create_subscription(Image, "image", print, 10)
+"""
+
+
+@pytest.mark.parametrize(
+    ("nodes", "expected"),
+    [
+        ("{late: {python: './own.py:Late'}}", {"R2B237"}),
+        ("{late: {python: './own.py:Late', lifecycle: active}}", set()),
+        ("{late: {python: './own.py:Late', lifecycle: unconfigured}}", set()),
+        ("{late: {python: './own.py:Late'}, other: {python: './own.py:Plain'}}", set()),
+        (
+            (
+                "{late: {python: './own.py:Late', lifecycle: active}, "
+                "other: {python: './own.py:Plain', lifecycle: active}}"
+            ),
+            {"R2B238"},
+        ),
+    ],
+)
+def test_lifecycle_nodes_are_known_by_their_class(
+    nodes: str, expected: set[str], spec_file: str
+) -> None:
+    Path(spec_file).with_name("own.py").write_text(LIFECYCLE_SOURCE, encoding="utf-8")
+    found = codes(example(graph=f"nodes: {nodes}"), file=spec_file)
+    assert {each for each in found if each.startswith("R2B23")} == expected
+
+
 def test_more_shared_memory_than_there_is(spec_file: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("r2bspec.plan.this_machine.shared_memory_bytes", lambda: 64 << 20)
     text = example(transport="{kind: shared_memory, segment: 32 MiB}")
