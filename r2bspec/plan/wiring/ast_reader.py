@@ -12,6 +12,7 @@ makes one node of such a class, and spins it, has the interface of that node.
 from __future__ import annotations
 
 import ast
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -357,15 +358,16 @@ def _calls(
     """Each call that may make topics, its method, and whether it is certainly made exactly once."""
     methods = {part.name: part for part in found.body if isinstance(part, ast.FunctionDef)}
     first = [methods[name] for name in _first_methods(lifecycle=lifecycle) if name in methods]
-    once, waiting = list(first), list(first)
+    waiting, once = list(first), {each.name for each in first}
+    mentioned = _mentioned(found)
     while waiting:
         for call, certain in _calls_in(waiting.pop(), names):
             called = methods.get(method_of_self(call)) if certain else None
-            if called is not None and called not in once and _references(found, called.name) == 1:
-                once.append(called)
+            if called is not None and called.name not in once and mentioned[called.name] == 1:
+                once.add(called.name)
                 waiting.append(called)
     for part in found.body:
-        if part in once and isinstance(part, ast.FunctionDef):
+        if isinstance(part, ast.FunctionDef) and methods[part.name] is part and part.name in once:
             yield from ((call, part, certain) for call, certain in _calls_in(part, names))
         else:
             yield from ((call, part, False) for call, _ in _calls_below(part, names, certain=False))
@@ -375,11 +377,12 @@ def _first_methods(*, lifecycle: bool) -> tuple[str, ...]:
     return ("__init__", "on_configure") if lifecycle else ("__init__",)
 
 
-def _references(found: ast.ClassDef, method: str) -> int:
-    """How often a class mentions a method of its node."""
-    return sum(
-        isinstance(node, ast.Attribute) and node.attr == method and is_self(node.value)
+def _mentioned(found: ast.ClassDef) -> Counter[str]:
+    """How often a class mentions each attribute of its node."""
+    return Counter(
+        node.attr
         for node in ast.walk(found)
+        if isinstance(node, ast.Attribute) and is_self(node.value)
     )
 
 

@@ -10,7 +10,7 @@ its process can hold no other node. A function that calls ``rclpy.init`` itself,
 from __future__ import annotations
 
 import ast
-from collections import defaultdict
+from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Iterator
 from typing import Literal
 
@@ -268,9 +268,9 @@ def program_class(function: ast.FunctionDef, names: SourceNames) -> tuple[ast.Cl
     classes: list[ast.ClassDef] = []
     more = ""
     created = _created_locals(function)
-    waiting: list[tuple[ast.AST, bool]] = [(statement, True) for statement in function.body]
+    waiting = deque[tuple[ast.AST, bool]]((statement, True) for statement in function.body)
     while waiting:
-        node, once = waiting.pop(0)
+        node, once = waiting.popleft()
         if isinstance(node, _NESTED_SCOPES):
             more = more or f"line {node.lineno} is a function inside of {function.name}"
         if isinstance(node, ast.Call):
@@ -297,12 +297,12 @@ def _created_locals(function: ast.FunctionDef) -> frozenset[str]:
         for target in node.targets
         if isinstance(target, ast.Name)
     }
-    stored = [
+    stored = Counter(
         node.id
         for node in ast.walk(function)
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
-    ]
-    return frozenset(name for name in called if stored.count(name) == 1)
+    )
+    return frozenset(name for name in called if stored[name] == 1)
 
 
 def _is_program_call(called: ast.expr, names: SourceNames, created: frozenset[str]) -> bool:
