@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import secrets
-import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,6 +33,7 @@ from r2bspec.plan.wiring.build_wiring import build_wiring
 from r2bspec.plan.wiring.companion_files import read_companion_files
 from r2bspec.plan.wiring.node_interface import RecordOrigin, files_digest, node_target
 from r2bspec.plan.wiring.wiring import NodeWiring
+from r2bspec.safe_io.temporary_folder import temporary_folder
 
 NAMESPACE = "/r2bspec_interfaces"
 
@@ -89,16 +89,16 @@ def record_interfaces(
         if node.node.kind.by_others or (only and node.key not in only):
             continue
         on_node(node.key)
-        with Interrupts() as interrupts, tempfile.TemporaryDirectory() as scratch:
+        with Interrupts() as interrupts, temporary_folder("node") as scratch:
             try:
                 found = _inspect(
-                    plan, node, base_dir.absolute(), Path(scratch), timeout_s, interrupts.check
+                    plan, node, base_dir.absolute(), scratch, timeout_s, interrupts.check
                 )
                 yield InterfaceResult(node.key, _interface_entry(found, node, base_dir))
             except R2bspecError as error:
                 if error.exit_code == ExitStatus.INTERRUPTED:
                     raise
-                yield _failed(node.key, error, scratch)
+                yield _failed(node.key, error, str(scratch))
 
 
 def _failed(node: str, error: R2bspecError, scratch: str) -> InterfaceResult:

@@ -219,8 +219,13 @@ def _select_inputs(draft: _Draft, measured: PhaseWiring | None) -> None:
 def _match_by_type(draft: _Draft, topic: str, kind: str, recorded: list[TopicInfo]) -> None:
     used = {each.name for each in draft.inputs.values()}
     same = [each for each in recorded if each.type == kind and each.name not in used]
-    last = topic.rpartition("/")[2]
-    close = [each for each in same if last in each.name] or same
+    words = set(topic.split("/"))
+    common = [len(words.intersection(each.name.split("/"))) for each in same]
+    most = max(common, default=0)
+    close = [each for each, number in zip(same, common, strict=True) if number == most] or same
+    if not most:
+        last = topic.rpartition("/")[2]
+        close = [each for each in same if last in each.name] or same
     if not close:
         draft.unknown.append(f"what {topic} gets: the recording has no {kind or 'such topic'}")
         return

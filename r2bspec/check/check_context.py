@@ -293,7 +293,7 @@ class Context:
             MetricError: the metric or the monitor does not exist.
         """
         metric = located.requirement.metric
-        return KnownMetric(located, *resolve(metric, self.spec.monitors, self.processes))
+        return KnownMetric(located, *resolve(metric, self.spec.outputs, self.processes))
 
     @cached_property
     def known_metrics(self) -> list[KnownMetric]:

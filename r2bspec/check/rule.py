@@ -16,7 +16,7 @@ follows from the interface of a node is only as certain as the source of the int
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Set
+from collections.abc import Callable, Iterable, Iterator, Set
 from typing import Literal
 
 import msgspec
@@ -140,9 +140,23 @@ def publisher_advice(context: Context, phase: PhaseWiring, topic: str) -> str:
     advice = suggestion(context.relative_name(topic), published, "published topics")
     if not phase.possible_publishers:
         return advice
-    unknown = quoted_list(node.key for node in phase.possible_publishers)
-    declaration = f"list the topics of {unknown} under 'publishes:'"
+    unknown = phase.possible_publishers
+    declaration = f"list the topics of {quoted_list(each.key for each in unknown)} under "
+    declaration += f"'publishes:'{why_unknown(unknown)}"
     return f"{advice}; or {declaration}" if advice else declaration
+
+
+_MAX_REASONS = 2
+
+
+def why_unknown(nodes: Iterable[NodeWiring]) -> str:
+    """Why the publishers of nodes are not all known, in brackets; empty if nothing says it."""
+    reasons = [
+        f"{node.key}: {node.interface.may_publish_more}"
+        for node in nodes
+        if node.interface.may_publish_more
+    ]
+    return f" ({'; '.join(reasons[:_MAX_REASONS])})" if reasons else ""
 
 
 COMPLETE_SOURCES = frozenset({"table", "file", "source"})

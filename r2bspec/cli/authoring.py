@@ -11,7 +11,8 @@ import click
 
 from r2bspec.cli import shared_options as options
 from r2bspec.cli.completion import complete_template
-from r2bspec.cli.text_output import show_findings
+from r2bspec.cli.text_output import print_findings, show_findings
+from r2bspec.diagnostics import Diagnostic
 from r2bspec.errors import ExitStatus, UsageError
 from r2bspec.language.quantities import Duration
 from r2bspec.language.selected_spec import SelectionValues
@@ -54,7 +55,8 @@ class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     "--node",
     default="",
     metavar="TARGET",
-    help="The node under test: ./file.py:Class, relative to the spec, or module.Class.",
+    help="The node under test: ./file.py:Class, relative to the spec, module.Class, or "
+    "PACKAGE:EXECUTABLE of a Python package; a main() in place of the class, too.",
 )
 @click.option(
     "--from-bag",
@@ -70,6 +72,12 @@ class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     metavar="FILE|PACKAGE",
     help="The nodes of a launch file (Python, XML or YAML), which is not executed; a package, or "
     "PACKAGE:FILE.",
+)
+@options.repeatable_option(
+    "--launch-arg",
+    "launch_arguments",
+    metavar="NAME:=VALUE",
+    help="With --from-launch: the value of a launch argument, as for 'ros2 launch'",
 )
 @click.option(
     "--from-graph",
@@ -92,6 +100,7 @@ def init_command(
     node: str,
     bag: str,
     launch: str,
+    launch_arguments: tuple[str, ...],
     graph: bool,
     timeout_s: float,
     show_list: bool,
@@ -114,10 +123,15 @@ def init_command(
     spec_file = Path(name.removesuffix(".r2b.yaml") + ".r2b.yaml")
     benchmark = _benchmark_name(spec_file.name.removesuffix(".r2b.yaml"))
     has_sources = bool(bag or launch or graph)
+    if node:
+        from r2bspec.authoring.sources import find_node
+
+        node = find_node(node, spec_file.parent)
     _check_node(node, template)
     if has_sources and template != "minimal":
         raise click.UsageError("--template cannot be combined with --from-...")
     text = ""
+    findings: tuple[Diagnostic, ...] = ()
     if has_sources or node:
         from r2bspec.authoring import sources
 
@@ -127,14 +141,17 @@ def init_command(
         chosen = click.get_current_context().get_parameter_source("template")
         is_default = chosen is click.core.ParameterSource.DEFAULT
         if has_sources or (is_default and sources.is_readable_node(node, folder)):
-            given = sources.InitSources(bag, launch, graph, node, timeout_s)
-            spec = sources.spec_from_sources(benchmark, folder, given)
-            text = filled(spec, None, f"./{_SCHEMA}")
+            given = sources.InitSources(
+                bag, launch, _launch_arguments(launch_arguments), graph, node, timeout_s
+            )
+            first = sources.spec_from_sources(benchmark, folder, given)
+            text, findings = filled(first.text, None, f"./{_SCHEMA}"), first.findings
     text = text or filled(with_node(templates()[template], node), benchmark, f"./{_SCHEMA}")
     schema, schema_text = spec_file.with_name(_SCHEMA), published_schema_text()
     _write_new(spec_file, text)
     if not schema.exists():
         _write_new(schema, schema_text)
+    print_findings("text", findings, {}, (), err=True)
     echo(f"created {spec_file}, and {schema} for editors. Next:")
     echo(f"  r2bspec validate {spec_file}    checks it")
     echo(f"  r2bspec run {spec_file}         runs it and judges it by its 'slos:'")
@@ -142,6 +159,21 @@ def init_command(
         echo("Runs are stored below runs/, which git does not ignore yet:")
         echo("  echo runs/ >> .gitignore")
     return ExitStatus.OK
+
+
+def _launch_arguments(written: tuple[str, ...]) -> dict[str, str]:
+    """Launch arguments by name.
+
+    Raises:
+        UsageError: one is not written as ``NAME:=VALUE``.
+    """
+    pairs = [text.partition(":=") for text in written]
+    for (name, sign, _), text in zip(pairs, written, strict=True):
+        if not name or not sign:
+            raise UsageError(
+                f"{text!r} is no launch argument", hint="Write NAME:=VALUE, as for 'ros2 launch'."
+            )
+    return {name: value for name, _, value in pairs}
 
 
 def _git_would_add_runs() -> bool:
@@ -250,6 +282,7 @@ def interfaces_command(
     """
     from r2bspec.api import InvalidSpecError, load
     from r2bspec.diagnostics import did_you_mean
+    from r2bspec.diagnostics.plain_text import message_text
     from r2bspec.introspect import record_interfaces
 
     try:
@@ -273,7 +306,8 @@ def interfaces_command(
     ):
         if found.interface is None:
             failed += 1
-            echo(f"error: {found.node}: {found.problem}", err=True)
+            problem = message_text(f"{found.node}: {found.problem}")
+            echo(f"error: {problem}", err=True, lines=True)
             if found.hint:
                 echo(f"  help: {found.hint}", err=True)
             continue

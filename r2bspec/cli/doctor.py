@@ -62,7 +62,7 @@ def command(clean: bool, runs: Path, output_format: str) -> int:
         for line in removed:
             echo(f"removed {line}")
         if clean:
-            echo("" if removed else "nothing to remove\n")
+            echo("" if removed else "nothing to remove\n", lines=True)
         _show(checks, status)
     return ExitStatus.FINDINGS_OR_FAILED if status == "problem" else ExitStatus.OK
 
@@ -73,7 +73,8 @@ def _show(checks: list[CheckResult], status: Status) -> None:
     topic = ""
     for check in checks:
         if check.topic != topic:
-            echo(("\n" if topic else "") + styled(check.topic, bold=True), styled=True)
+            heading = styled(check.topic, bold=True)
+            echo(f"\n{heading}" if topic else heading, lines=True, styled=True)
             topic = check.topic
         mark, colour = _MARKS[check.status]
         echo(

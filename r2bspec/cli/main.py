@@ -18,7 +18,7 @@ from collections.abc import Iterator
 import click
 
 from r2bspec._version import __version__
-from r2bspec.diagnostics.plain_text import plain, short_lines
+from r2bspec.diagnostics.plain_text import message_text, short_lines
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError, exit_status_text
 from r2bspec.report.output import echo
 from r2bspec.safe_io.cache_folder import passed_over
@@ -72,6 +72,9 @@ _COMMANDS_MEANT = {"gate": "run SPEC --against REVISION"}
 _MAX_ERROR_LINE = 1_000
 """Characters: a message names files, whose names may have 4,000, and arguments of any length."""
 
+_STREAMS = (("stdin", "r"), ("stdout", "w"), ("stderr", "w"))
+"""In the order of their descriptors; one that is closed at the start is None."""
+
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 """No fault of r2bspec: the file system has no room."""
 
@@ -120,6 +123,7 @@ def command() -> None:
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
+    _open_standard_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             # What the encoding of a terminal lacks shows as a question mark, not as a crash.
@@ -135,6 +139,7 @@ def main(argv: list[str] | None = None) -> int:
         return ExitStatus.INTERRUPTED
     except click.ClickException as error:
         shown = io.StringIO()
+        vars(error)["message"] = message_text(error.message)  # a field that is declared final
         error.show(file=shown)
         echo(short_lines(shown.getvalue(), _MAX_ERROR_LINE), err=True, nl=False)
         return ExitStatus.USAGE
@@ -165,6 +170,16 @@ def main(argv: list[str] | None = None) -> int:
     return status if isinstance(status, int) else ExitStatus.OK
 
 
+def _open_standard_streams() -> None:
+    """Open what the caller has closed: a file of the run would get its number, and the output."""
+    while (opened := os.open(os.devnull, os.O_RDWR)) < len(_STREAMS):
+        os.set_inheritable(opened, True)
+    os.close(opened)
+    for number, (name, mode) in enumerate(_STREAMS):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, mode))  # noqa: PTH123, SIM115
+
+
 def _discard_output() -> None:
     """Let the flush at the exit of the interpreter succeed."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -183,15 +198,23 @@ def _notes_on_caches() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _interruptible() -> Iterator[None]:
-    """While active, SIGTERM ends a verb as Ctrl-C does; `run` has handlers of its own meanwhile."""
+    """While active, SIGTERM ends a verb as Ctrl-C does, and so does the end of its terminal.
+
+    `run` has handlers of its own meanwhile. What was started with nohup survives its terminal.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    before = {
+        each: signal.signal(each, signal.default_int_handler)
+        for each in (signal.SIGTERM, signal.SIGHUP)
+        if each is signal.SIGTERM or signal.getsignal(each) is not signal.SIG_IGN
+    }
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for each, handler in before.items():
+            signal.signal(each, handler)
 
 
 def show_error(error: R2bspecError) -> None:
@@ -199,9 +222,9 @@ def show_error(error: R2bspecError) -> None:
     if error.remainder is None:
         _show_message(error)
     elif error.remainder:
-        echo(error.remainder, err=True)
+        echo(error.remainder, err=True, lines=True)
     for note in getattr(error, "__notes__", ()):
-        echo(note, err=True)
+        echo(message_text(note), err=True, lines=True)
 
 
 def _show_message(error: R2bspecError) -> None:
@@ -210,7 +233,7 @@ def _show_message(error: R2bspecError) -> None:
     colour = sys.stderr.isatty() and "NO_COLOR" not in os.environ
     label = f"error[{code_with_slug(error.code)}]"
     shown = click.style(label, fg="red", bold=True) if colour else label
-    message = short_lines(plain(str(error)), _MAX_ERROR_LINE)
-    echo(f"{shown}: {message}", err=True, styled=colour)
+    message = short_lines(message_text(str(error)), _MAX_ERROR_LINE)
+    echo(f"{shown}: {message}", err=True, lines=True, styled=colour)
     if error.hint:
         echo(f"  help: {short_lines(error.hint, _MAX_ERROR_LINE)}", err=True)

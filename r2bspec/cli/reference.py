@@ -29,11 +29,11 @@ def explain_command(code: str | None) -> int:
     CODE may also be a metric, such as latency.p99; 'r2bspec metrics' lists them.
     """
     if code is not None and (metric := explain_metric(code)):
-        echo("\n".join(metric))
+        echo("\n".join(metric), lines=True)
         return ExitStatus.OK
     pages = all_pages()
     lines = _list_codes(pages) if code is None else _explain_code(_find_code(code, pages))
-    echo("\n".join(lines), styled=True)
+    echo("\n".join(lines), lines=True, styled=True)
     return ExitStatus.OK
 
 
@@ -147,9 +147,9 @@ def metrics_command(names: tuple[str, ...], output_format: str) -> int:
     elif output_format == "markdown":
         echo_document(reference.markdown_page(), nl=False)
     elif names:
-        echo("\n\n".join("\n".join(_definition(name)) for name in names))
+        echo("\n\n".join("\n".join(_definition(name)) for name in names), lines=True)
     else:
-        echo("\n".join(_overview()))
+        echo("\n".join(_overview()), lines=True)
     return ExitStatus.OK
 
 

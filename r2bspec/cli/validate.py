@@ -155,7 +155,9 @@ def _print_resolved(checked: list[FileReport]) -> None:
     documents = [(name, text) for each in checked for name, text in each.resolved.items()]
     for number, (name, text) in enumerate(documents):
         if len(documents) > 1:
-            echo(f"{'---' if number else ''}\n# {name}".strip())
+            if number:
+                echo("---")
+            echo(f"# {name}")
         echo(text, nl=False)
 
 

@@ -5,15 +5,12 @@ repository, which is removed at the end. Nothing that a repository can bring alo
 applied: no hook, no filter, no attribute, no configuration of a submodule; and nothing is fetched.
 Files of Git LFS are taken from the local storage of the repository; what is not there stays the
 pointer that git knows, and is named in a note.
-
-A folder that an ended process has left is removed by the next one: each holds a lock in its folder.
 """
 
 from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import hashlib
 import os
 import re
@@ -33,9 +30,8 @@ from r2bspec.errors import UsageError
 from r2bspec.record.graph_identity import Revision, revision_text
 from r2bspec.safe_io import git
 from r2bspec.safe_io.limits import MAX_TREE_BYTES, MAX_TREE_FILES
+from r2bspec.safe_io.temporary_folder import temporary_folder
 
-_PREFIX = "r2bspec-base-"
-_LOCK = ".lock"
 _TREE = "tree"
 
 _BLOCK_BYTES = 1 << 20
@@ -105,28 +101,23 @@ def open_base_tree(reference: BaseReference, spec: Path) -> Iterator[BaseTree]:
         )
     commit = _commit(head_top, reference.revision)
     revision = Revision(commit=commit, dirty=False, name=reference.revision.removesuffix("..."))
-    _remove_abandoned()
-    try:
-        place = Path(tempfile.mkdtemp(prefix=_PREFIX))
-    except OSError as error:
-        raise _unwritable(Path(tempfile.gettempdir()), error) from error
-    try:
-        with (place / _LOCK).open("wb") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            (place / _TREE).mkdir()
-            # What looks for the top of a work tree finds it, although git finds no repository.
-            (place / _TREE / ".git").mkdir()
-            notes = _TreeWriter(head_top, commit, place / _TREE).write()
-            yield BaseTree(
-                # As `resolve` names it: files that processes load are compared with it.
-                top=(place / _TREE).resolve(),
-                head_top=head_top,
-                name=revision_text(revision),
-                revision=revision,
-                notes=notes,
-            )
-    finally:
-        _remove(place)
+    with contextlib.ExitStack() as stack:
+        try:
+            place = stack.enter_context(temporary_folder("base"))
+        except OSError as error:
+            raise _unwritable(Path(tempfile.gettempdir()), error) from error
+        (place / _TREE).mkdir()
+        # What looks for the top of a work tree finds it, although git finds no repository.
+        (place / _TREE / ".git").mkdir()
+        notes = _TreeWriter(head_top, commit, place / _TREE).write()
+        yield BaseTree(
+            # As `resolve` names it: files that processes load are compared with it.
+            top=(place / _TREE).resolve(),
+            head_top=head_top,
+            name=revision_text(revision),
+            revision=revision,
+            notes=notes,
+        )
 
 
 def _other_work_tree(folder: Path, head_top: Path) -> BaseTree:
@@ -389,24 +380,3 @@ def _unwritable(folder: Path, error: OSError) -> BaseRevisionError:
         f"the work tree of the base cannot be written to {folder}: {error.strerror or error}",
         hint="Set TMPDIR to a folder on a disk with enough space.",
     )
-
-
-def _remove_abandoned() -> None:
-    """Remove the folders of processes that were killed; those of running ones are locked."""
-    for place in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):
-        with contextlib.suppress(OSError):
-            about = place.lstat()
-            if not stat.S_ISDIR(about.st_mode) or about.st_uid != os.getuid():
-                continue
-            with (place / _LOCK).open("rb") as lock:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                _remove(place)
-
-
-def _remove(place: Path) -> None:
-    """Remove a folder; a build may have left folders that are not writable."""
-    shutil.rmtree(place, ignore_errors=True)
-    if place.exists():
-        for folder, _, _ in os.walk(place):
-            Path(folder).chmod(0o700)
-        shutil.rmtree(place, ignore_errors=True)

@@ -37,7 +37,7 @@ from r2bspec.language.benchmark_defaults import default_starts
 from r2bspec.language.quantities import Duration, Share, Size
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.plan.comparability import diff_plans
-from r2bspec.plan.plan import GatePlan, MonitorPlan, Plan, PlayPlan
+from r2bspec.plan.plan import CallPlan, GatePlan, MonitorPlan, Plan, PlayPlan
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 
 
@@ -159,6 +159,36 @@ def _inputs(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateCh
             continue
         later = Key(name, ("playback", "timeline", "translations", names[topic]))
         yield from field_changes(was, now, name, path, {**INPUT_KEYS, "later_ns": later})
+
+
+def call_keys(call: CallPlan) -> dict[str, str]:
+    """Fields of `CallPlan`, with the key that sets each."""
+    kind, request = ("action", "goal") if call.accepted else ("service", "request")
+    return {
+        "name": kind,
+        "target": f"{kind}.name",
+        "type": f"{kind}.type",
+        "request": f"{kind}.{request}",
+        "each": "each",
+        "success": "success",
+        "accepted": kind,
+        "feedback": "feedback",
+    }
+
+
+def _calls(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChange]:
+    """Calls that are gone, new, or have another request."""
+    before, after = (
+        {call.name: call for call in side.plan.called.values()} for side in (base, head)
+    )
+    for call in before | after:
+        name, path = f"call {call}", ("playback", "calls", call)
+        was, now = before.get(call), after.get(call)
+        if was is None or now is None:
+            texts = ("" if one is None else one.target for one in (was, now))
+            yield GateChange.between(name, path, texts)
+        else:
+            yield from field_changes(was, now, name, path, call_keys(now))
 
 
 def _data(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChange]:
@@ -385,6 +415,7 @@ GATE_FIELDS: Final[Mapping[str, _Rule | Key]] = {
     ),
     "monitors": _monitors,
     "inputs": _inputs,
+    "calls": _calls,
     "dataset": _data,
     "datasets": _data,
     "playback_mode": _playback_key("mode"),

@@ -15,7 +15,7 @@ import datetime
 import secrets
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from r2bspec.compare.interleaved_comparison import BaseFailsError, ComparisonSpec
@@ -32,6 +32,7 @@ from r2bspec.judge.confirmation import needs_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy, decide_after_look, decision_policy
 from r2bspec.judge.judge_run import to_json
 from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.t_interval import PairOrder, pair_orders
 from r2bspec.judge.verdict import RequirementKey, Verdict
@@ -48,7 +49,7 @@ from r2bspec.record.comparison_folder import (
     Side,
     open_comparison,
 )
-from r2bspec.record.run_folder import RunFolder, open_run
+from r2bspec.record.run_folder import Run, RunFolder, open_run
 
 _MAX_AFFECTED_RERUNS = 2
 """Reruns that are affected again. After that the machine counts as always busy."""
@@ -70,23 +71,28 @@ def compare(comparison: ComparisonSpec, output: Path, progress: Progress | None 
     check_machine(comparison.head.plan)
     with private_files(), ComparisonFolder.create(output) as folder:
         try:
-            run_pairs(comparison, folder, progress or NullProgress())
+            measured = run_pairs(comparison, folder, progress or NullProgress())
         except R2bspecError:
             # Write a result of what was measured, marked as incomplete; if that fails, too, the
             # first failure is reported.
             with contextlib.suppress(R2bspecError, OSError):
                 _write_result(folder)
             raise
-        return _write_result(folder)
+        return _write_result(folder, measured)
 
 
-def _write_result(folder: ComparisonFolder) -> Result:
-    result = judge_comparison_folder(open_comparison(folder.path)).result
+def _write_result(
+    folder: ComparisonFolder, measured: dict[str, RunSamples] | None = None
+) -> Result:
+    pairs = open_comparison(folder.path)
+    result = judge_comparison_folder(pairs, measured=measured).result
     folder.write_result(to_json(result))
     return result
 
 
-def run_pairs(comparison: ComparisonSpec, folder: ComparisonFolder, progress: Progress) -> None:
+def run_pairs(
+    comparison: ComparisonSpec, folder: ComparisonFolder, progress: Progress
+) -> dict[str, RunSamples]:
     """Play all pairs and, if they fail, as many new ones to confirm it.
 
     The folder is complete when this returns or raises: it has every pair that was finished.
@@ -96,6 +102,9 @@ def run_pairs(comparison: ComparisonSpec, folder: ComparisonFolder, progress: Pr
         folder: of the comparison.
         progress: is notified of progress.
 
+    Returns:
+        What was measured, by the folders of the runs.
+
     Raises:
         RunError: a run failed twice, or cannot be made here at all.
         InterruptedRunError: the comparison was interrupted by a signal.
@@ -104,17 +113,25 @@ def run_pairs(comparison: ComparisonSpec, folder: ComparisonFolder, progress: Pr
     folder.write_base_plan(comparison.base.plan)
     folder.write_spec(comparison.head.spec_text)
     with Interrupts() as interrupts:
-        _PairRunner(comparison, folder, progress, interrupts).play_all()
+        runner = _PairRunner(comparison, folder, progress, interrupts)
+        runner.play_all()
+    return runner.measured
 
 
 @dataclass
 class _PairRunner:
-    """The state of one comparison."""
+    """The state of one comparison.
+
+    Attributes:
+        measured: the samples of its runs, by their folders: each is read once.
+    """
 
     _comparison: ComparisonSpec
     _folder: ComparisonFolder
     _progress: Progress
     _interrupts: Interrupts
+    measured: dict[str, RunSamples] = field(default_factory=dict)
+    _opened: dict[str, Run] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         comparison = self._comparison
@@ -215,12 +232,12 @@ class _PairRunner:
         self, *, confirms: bool
     ) -> tuple[pair_comparison.PairSet, Mapping[str, Objective], DecisionPolicy]:
         """The pairs of a session so far, and by what they are judged."""
-        pairs = open_comparison(self._folder.path)
+        pairs = open_comparison(self._folder.path, self._opened)
         objectives: Mapping[str, Objective] = pairs.plan.objectives
         policy = decision_policy(pairs.plan)
         if confirms:
             objectives, policy = pair_comparison.confirmation_terms(objectives, policy)
-        return read_pair_set(pairs, confirms=confirms), objectives, policy
+        return read_pair_set(pairs, self.measured, confirms=confirms), objectives, policy
 
     def _play_again(self, pair: PairRecord, why: str) -> PairRecord:
         # The record has all of it; a side that fails again is an error that has it, too.
@@ -287,7 +304,9 @@ class _PairRunner:
         if self._comparison.check_run is not None:
             self._comparison.check_run(side, folder.path)
         self._interrupts.check()
-        samples = read_samples(open_run(folder.path))
+        run = open_run(folder.path)
+        samples = read_samples(run)
+        self._opened[f"{side}/{name}"], self.measured[f"{side}/{name}"] = run, samples
         return pair_comparison.why_unusable(samples), pair_comparison.interference_text(samples)
 
     def _over_budget(self, played: int) -> bool:

@@ -122,7 +122,7 @@ def _requirements(spec: Spec, found: Calibration) -> Iterator[str]:
     if not spec.benchmark.rates:
         return
     at_hz = spec.benchmark.rates[0].hz
-    several = len(spec.monitors) > 1
+    several = len(spec.outputs) > 1
     for noise in found.metrics:
         for metric, op in _DEFAULT_LIMITS:
             margin = noise.margin(spec.benchmark.iterations)
@@ -249,7 +249,7 @@ def propose_objectives(
 def _candidates(
     spec: Spec, result: Result, calibrations: Sequence[Calibration], notes: list[str]
 ) -> Iterator[_Candidate]:
-    several = len(spec.monitors) > 1
+    several = len(spec.outputs) > 1
     for rate in result.metrics.rates:
         at = f"{rate.offered_hz:g} Hz" if rate.pace == "rate" else ""
         measured = f"measured_at_{rate.offered_hz:g}_hz".replace(".", "_") if at else "measured"

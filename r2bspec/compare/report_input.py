@@ -17,7 +17,7 @@ from r2bspec.compare.errors import SamplesMissingError, UnreadableResultError
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import build_result, from_json, result_of
 from r2bspec.judge.measure.metrics import summarise
-from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.run_samples import merged_samples, read_samples
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pair_comparison import InterleavedRuns, PairSet, judge_comparison
 from r2bspec.judge.result import PairsResult, Result
@@ -139,6 +139,7 @@ def read_folder(
             run=judged.head,
             spec_file=spec_file,
             baseline=baseline or judged.base,
+            judged_samples=judged.samples,
         )
     run = open_run(path)
     samples = read_samples(run)
@@ -158,11 +159,13 @@ class JudgedComparison:
     Attributes:
         base: the base's runs of the pairs that count, as one.
         head: the head's.
+        samples: of the latter.
     """
 
     result: Result
     base: MergedRun
     head: MergedRun
+    samples: RunSamples
 
 
 def judge_comparison_folder(
@@ -170,6 +173,7 @@ def judge_comparison_folder(
     objectives: Mapping[str, Objective] | None = None,
     judged_by: str = "",
     gate: GatePlan | None = None,
+    measured: dict[str, RunSamples] | None = None,
 ) -> JudgedComparison:
     """Measure and judge a comparison. Needs no ROS; the same folder gives the same bytes.
 
@@ -178,16 +182,18 @@ def judge_comparison_folder(
         objectives: to judge by; those of the head if None.
         judged_by: the name of the spec of `objectives`, if it is another.
         gate: of that spec; that of the head if None.
+        measured: as for `read_pair_set`.
 
     Raises:
         RecordError: a file of one of its runs is missing or damaged.
     """
+    measured = {} if measured is None else measured
     objectives = pairs.plan.objectives if objectives is None else objectives
     counted = pairs.usable_pairs()
     base, head = pairs.merged(counted, "base"), pairs.merged(counted, "head")
-    first = read_pair_set(pairs)
+    first = read_pair_set(pairs, measured)
     confirms = any(pair.confirms for pair in pairs.record.pairs)
-    again = read_pair_set(pairs, confirms=True) if confirms else None
+    again = read_pair_set(pairs, measured, confirms=True) if confirms else None
     verdict = judge_comparison(objectives, first, again, decision_policy(pairs.plan, gate))
     result = build_result(
         head,
@@ -198,27 +204,29 @@ def judge_comparison_folder(
         pairs=_pairs_result(pairs),
         base_identity=base.record.identity,
     )
-    return JudgedComparison(result, base, head)
+    return JudgedComparison(result, base, head, first.played.merged)
 
 
-def read_pair_set(pairs: PairedComparison, *, confirms: bool = False) -> PairSet:
+def read_pair_set(
+    pairs: PairedComparison, measured: dict[str, RunSamples], *, confirms: bool = False
+) -> PairSet:
     """The samples of the pairs of one session.
 
     Args:
         pairs: the comparison.
+        measured: its runs that have been measured before, by their folders; others are added.
         confirms: read the pairs of the confirmation.
 
     Raises:
         RecordError: a file of one of the runs is missing or damaged.
     """
-    read: dict[str, RunSamples] = {}
     played, unaffected = pairs.usable_pairs(confirms=confirms), pairs.unaffected(confirms=confirms)
     disturbed = [each for each in played if each.disturbed]
     return PairSet(
-        played=_interleaved(pairs, played, read),
+        played=_interleaved(pairs, played, measured),
         tried=len({each.number for each in pairs.record.pairs if each.confirms == confirms}),
         looks=_planned_looks(pairs.record),
-        unaffected=_interleaved(pairs, unaffected, read) if disturbed else None,
+        unaffected=_interleaved(pairs, unaffected, measured) if disturbed else None,
         disturbance_text=_affected_pairs_text(disturbed),
     )
 
@@ -241,21 +249,19 @@ def _affected_pairs_text(disturbed: Sequence[PairRecord]) -> str:
 
 
 def _interleaved(
-    pairs: PairedComparison, chosen: Sequence[PairRecord], read: dict[str, RunSamples]
+    pairs: PairedComparison, chosen: Sequence[PairRecord], measured: dict[str, RunSamples]
 ) -> InterleavedRuns:
     def samples(side: Side) -> list[RunSamples]:
-        found = []
         for pair in chosen:
-            folder = pair.base if side == "base" else pair.head
-            if folder not in read:
-                read[folder] = read_samples(pairs.run(pair, side))
-            found.append(read[folder])
-        return found
+            if pair.folder(side) not in measured:
+                measured[pair.folder(side)] = read_samples(pairs.run(pair, side))
+        return [measured[pair.folder(side)] for pair in chosen]
 
+    head = samples("head")
     return InterleavedRuns(
         base=samples("base"),
-        head=samples("head"),
-        merged=read_samples(pairs.merged(chosen, "head")),
+        head=head,
+        merged=merged_samples(pairs.merged(chosen, "head"), head),
     )
 
 

@@ -89,6 +89,18 @@ def short_lines(text: str, most: int = MAX_LINE_CHARACTERS) -> str:
     )
 
 
+def message_text(text: str) -> str:
+    """A message of one line, and below it, indented, what follows a colon and a line break.
+
+    Those are details, such as the last output of a process. Any other line break is of a name: it
+    would let what follows look like a message of its own.
+    """
+    first, _, details = text.partition(":\n")
+    below = (line if line.startswith("  ") else f"  {line}" for line in details.splitlines())
+    head = f"{first}:" if details else first
+    return plain("\n".join((head.replace("\n", REPLACEMENT), *below)))
+
+
 def plain_values(value: T) -> T:
     """The same value with every text inside it plain: keys, too."""
     changed: Any = _plain_value(value)
@@ -97,6 +109,8 @@ def plain_values(value: T) -> T:
 
 def _plain_value(value: Any) -> Any:
     """A changed copy; None where nothing changes, which is the usual case."""
+    if value is None or isinstance(value, float | int):
+        return None
     if isinstance(value, str):
         changed = plain(value)
         return None if changed == value else changed

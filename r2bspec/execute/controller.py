@@ -49,6 +49,7 @@ from r2bspec.execute.session import StartSequence
 from r2bspec.execute.states import Interrupts, RunState, RunStates
 from r2bspec.ipc.arrivals import ClockOffsetTracker
 from r2bspec.ipc.buffers import largest_message_bytes
+from r2bspec.ipc.sample_files import refusal_hint
 from r2bspec.judge.confirmation import needs_confirmation
 from r2bspec.judge.decision_policy import certain_failures, decision_policy
 from r2bspec.judge.judge_run import judge_confirmation
@@ -639,11 +640,10 @@ def _require_rclpy() -> None:
 
 
 def _unwritable(error: OSError | RecordError, folder: Path) -> errors.RunError:
-    text = str(error)
-    if isinstance(error, OSError):
-        text = f"{error.filename or folder} cannot be written: {error.strerror or error}"
-    hint = "Free space on this disk, or choose another folder with --output."
-    return errors.UnwritableRunError(text, hint=hint)
+    if isinstance(error, RecordError):
+        return errors.UnwritableRunError(str(error), hint=error.hint)
+    text = f"{error.filename or folder} cannot be written: {error.strerror or error}"
+    return errors.UnwritableRunError(text, hint=refusal_hint(error))
 
 
 def _reason(failure: BaseException) -> str:

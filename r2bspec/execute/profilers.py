@@ -19,7 +19,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections import Counter
@@ -37,6 +36,7 @@ from r2bspec.execute.processes.process import describe_exit
 from r2bspec.execute.processes.resources import family
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.record.run_folder import Stacks, write_stacks
+from r2bspec.safe_io.temporary_folder import temporary_folder
 
 OUTPUT = "$(profile)"
 """In the words of a prefix: the path, without a suffix, of the file that it should write."""
@@ -153,10 +153,10 @@ def require_usable(profiler: Profiler) -> None:
         )
     if not profiler.attaches:
         return
-    with tempfile.TemporaryDirectory() as folder, _observed_process() as pid:
+    with temporary_folder("profile") as folder, _observed_process() as pid:
         try:
             done = subprocess.run(
-                _trial(profiler, pid, Path(folder) / "trial"),
+                _trial(profiler, pid, folder / "trial"),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,

@@ -235,10 +235,14 @@ class Session:
             self._measure_overhead_alone()
             return None, None
         launcher.start_early(self._node_processes(), message_packages(plan))
-        player = self._parts.start("player") if plan.inputs else None
+        player = self._parts.start("player") if plan.inputs or plan.called else None
         monitor = self._parts.start("monitor")
-        monitors = (*plan.monitors, *tap_monitors(plan.monitors))
+        monitors = (*plan.topic_monitors, *tap_monitors(plan.monitors))
         settings = protocol.ConfigureMonitor(monitors=monitors, rows_dir=str(self.rows_dir))
+        if player is not None and plan.called:
+            calls = self._launcher.call_settings(plan, self.rows_dir)
+            launcher.configure_all([(player, calls), (monitor, settings)])
+            return player, monitor
         if player is None:
             launcher.configure(monitor, settings)
             return player, monitor
@@ -409,16 +413,19 @@ class Session:
     ) -> None:
         """Create the subscriptions of the monitor, after the nodes; wait until all are matched."""
         plan, supervisor = self._plan, self._supervisor
-        monitors = (*plan.monitors, *tap_monitors(plan.monitors))
+        monitors = (*plan.topic_monitors, *tap_monitors(plan.monitors))
         subscriptions = MonitorSubscriptions(supervisor, observer, monitor, monitors)
         self._launcher.wait_for_observer(observer)
         subscriptions.update()
         if plan.external:
             readiness.wait_for_external(plan, supervisor, observer, deadline)
-        watched = [watch.topic for watch in plan.monitors]
+        watched = [watch.topic for watch in plan.topic_monitors]
         watched += [tap.topic for tap in all_taps(plan.monitors)]
         expected = {monitor: dict.fromkeys(watched, 1)}
-        if player is not None:
+        if player is not None and plan.called:
+            with supervisor.waiting("services: found"):
+                readiness.wait_for_services(plan, supervisor, player, deadline)
+        elif player is not None:
             transforms = self._graph.subscription_counts(buffered_transforms(self._buffer_dir))
             if TF_STATIC in transforms:
                 expected[observer] = {TF_STATIC: transforms.pop(TF_STATIC)}

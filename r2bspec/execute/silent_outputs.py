@@ -59,6 +59,15 @@ class SilentOutputs:
             NoOutputError: there is another reason, and `final`.
         """
         graph, plan = self.graph, self.graph.plan
+        unanswered = [name for name in plan.called if name in silent]
+        if unanswered:
+            said = f"no answer that counts for {', '.join(unanswered)}"
+            if not final:
+                self.context.note(f"{said} so far")
+                return
+            target = plan.called[unanswered[0]].target
+            hint = f"{target} was called, and no call was answered with success; see player.log."
+            raise NoOutputError(said, hint=hint)
         topics = [monitor.topic for monitor in plan.monitors if monitor.name in silent]
         facts = self._trace()
         faults = find_faults(facts, topics)
@@ -91,6 +100,13 @@ class SilentOutputs:
         Raises:
             DeadInputError: what is played arrives nowhere any more.
         """
+        if plan.name in self.graph.plan.called:
+            reason = "it has stopped answering"
+            self.context.note(f"{plan.topic}: {reason}")
+            self.records.append(
+                OutputGapRecord(segment=segment.id, topic=plan.topic, reason=reason, late=0, way=())
+            )
+            return
         self.context.note(f"no more messages on {plan.topic}: tracing the path")
         facts = self._trace()
         faults = find_faults(facts, [plan.topic])

@@ -24,7 +24,7 @@ from typing import Protocol
 from r2bspec.errors import ExitStatus
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.ipc import protocol
-from r2bspec.ipc.sample_files import is_refusal, refusal_text
+from r2bspec.ipc.sample_files import is_refusal, refusal_hint, refusal_text
 from r2bspec.middleware.middleware import middleware_of
 from r2bspec.record.files import RUN_UNWRITABLE
 
@@ -132,6 +132,10 @@ def _make_role(channel: Channel, command: protocol.Command) -> Role:
             from r2bspec.harness.node_host import InProcessHarness
 
             return InProcessHarness(channel, command)
+        case protocol.ConfigureCalls():
+            from r2bspec.harness.call_player import CallPlayer
+
+            return CallPlayer(channel, command)
         case protocol.ConfigureCaller():
             from r2bspec.harness.service_client import ServiceCaller
 
@@ -153,7 +157,7 @@ def _failure(error: Exception) -> protocol.Failed:
     message = str(error) or type(error).__name__
     if isinstance(error, OSError) and is_refusal(error):
         code, message = RUN_UNWRITABLE, refusal_text(error)
-        hint = "Make room on that disk, or choose another folder with --output."
+        hint = refusal_hint(error)
     if isinstance(error, ImportError):
         # NumPy puts a page of advice in front of what the loader says.
         code, message = "R2B620", message.strip().splitlines()[-1]

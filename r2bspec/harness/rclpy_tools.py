@@ -26,6 +26,7 @@ from rclpy.utilities import get_rmw_implementation_identifier, ok, try_shutdown
 
 from r2bspec.ipc.protocol import Endpoint, weakest_offer
 from r2bspec.language.spec import QoS
+from r2bspec.plan.installed_packages import ros_package_advice
 
 _to_destroy: list[Node] = []
 _init_lock = threading.Lock()
@@ -35,7 +36,10 @@ class TypeNotFoundError(Exception):
     """A message type is not installed."""
 
     code = "R2B681"
-    hint = "Install its package, or source the workspace that contains it."
+
+    def __init__(self, type_name: str) -> None:
+        super().__init__(f"message type {type_name} is not installed")
+        self.hint = f"To install it: {ros_package_advice(type_name.partition('/')[0])}."
 
 
 def interface_class(type_name: str) -> Any:
@@ -48,7 +52,7 @@ def interface_class(type_name: str) -> Any:
     try:
         return getattr(importlib.import_module(module.replace("/", ".")), name)
     except (ImportError, AttributeError, ValueError) as error:
-        raise TypeNotFoundError(f"message type {type_name} is not installed") from error
+        raise TypeNotFoundError(type_name) from error
 
 
 def is_installed(type_name: str) -> bool:

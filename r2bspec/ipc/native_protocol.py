@@ -34,6 +34,7 @@ A reply is one line of words; the text at its end is written as it is::
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,7 @@ from r2bspec.ipc.buffers import TF, TF_QOS, TF_TYPE
 from r2bspec.ipc.sample_files import STALL_FILE, is_refusal, refusal_text
 from r2bspec.ipc.schedule import Schedule
 from r2bspec.language.spec import QoS
+from r2bspec.plan.installed_packages import ros_package_advice
 from r2bspec.plan.plan import MonitorPlan
 
 _SIMPLE: dict[type, str] = {
@@ -61,11 +63,15 @@ _DURABILITY = {"transient_local": 1, "volatile": 2}
 _HISTORY = {"keep_last": 1, "keep_all": 2}
 """As in ``rmw/types.h``."""
 
-_HINTS = {
-    "R2B651": "Make room on that disk, or choose another folder with --output.",
-    "R2B681": "Install its package, or source the workspace that contains it.",
-}
-"""What to do, by the code of a failure."""
+_FULL_DISK = "Make room on that disk, or choose another folder with --output."
+_MISSING_TYPE = re.compile(r"message type (\w+)/")
+
+
+def _hint(code: str, message: str) -> str:
+    """What to do about a failure; empty if nothing is known."""
+    if code == "R2B681" and (found := _MISSING_TYPE.match(message)):
+        return f"To install it: {ros_package_advice(found[1])}."
+    return _FULL_DISK if code == "R2B651" else ""
 
 
 class NativeCodec:
@@ -212,7 +218,7 @@ def _failure(text: str) -> protocol.Failed:
         code = "R2B630"
         if is_refusal(error):
             code, message = "R2B651", refusal_text(error)
-    return protocol.Failed(code=code, message=message, hint=_HINTS.get(code, ""))
+    return protocol.Failed(code=code, message=message, hint=_hint(code, message))
 
 
 def _player_words(command: protocol.ConfigurePlayer) -> Iterator[str]:

@@ -17,10 +17,13 @@ import msgspec
 
 from r2bspec.ipc.schedule import Schedule
 from r2bspec.language.spec import QoS
-from r2bspec.plan.plan import InputPlan, MonitorPlan, NodePlan
+from r2bspec.plan.plan import CallPlan, InputPlan, MonitorPlan, NodePlan
 
 CONTROL_FD_VARIABLE = "R2BSPEC_CONTROL_FD"
 """Has the control channel of a process; with ``_PART`` appended, that of a part of it."""
+
+CALLED_ROWS = "playback.rows"
+"""The rows of a player that calls services, of the type `PLAYBACK_FIELDS`."""
 
 NATIVE_LIBRARY_VARIABLE = "R2BSPEC_NATIVE_LIBRARY"
 """Has the path of the library of players and monitors, for a process of Python nodes."""
@@ -69,6 +72,16 @@ class ConfigurePlayer(Command, frozen=True, kw_only=True, tag=True):
     buffer_dir: str
     rows: str
     transforms: tuple[str, ...] = ()
+
+
+class ConfigureCalls(Command, frozen=True, kw_only=True, tag=True):
+    """Be a player that calls services; it writes the rows of the playback and of the answers.
+
+    `CountMatches` says of each service whether it is there.
+    """
+
+    calls: tuple[CallPlan, ...]
+    rows_dir: str
 
 
 class LoadSchedule(Command, frozen=True, kw_only=True, tag=True):

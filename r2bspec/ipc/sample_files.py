@@ -44,6 +44,13 @@ def is_refusal(error: OSError) -> bool:
     return error.errno in _REFUSALS
 
 
+def refusal_hint(error: OSError) -> str:
+    """The way out of it."""
+    if error.errno == errno.EFBIG:
+        return "Raise the limit on the size of a file: ulimit -f unlimited."
+    return "Free space on this disk, or choose another folder with --output."
+
+
 def refusal_text(error: OSError) -> str:
     """The error with its file, where that is known."""
     what = error.filename or "a file of the run"

@@ -205,7 +205,13 @@ PLAUSIBLE_STALL_S: Final = 0.6
 _MAX_LONGER: Final = 100
 """Runs more than this many times longer are not proposed."""
 
-_LEAST_DIFFERENCE: Final = 0.025
+_LEAST_DIFFERENCE: Final = 0.3
+"""Of starts, in deviations of their messages: what is lost then depends on the start."""
+
+_SAME: Final = 0.025
+"""Starts that differ by a smaller share of their latency are not told apart."""
+
+_MAD_TO_DEVIATION: Final = 1.4826
 _FEW_LOST: Final = 10
 """So many lost outputs show by themselves whether starts lose alike."""
 
@@ -251,14 +257,16 @@ def uneven_start_notes(case: RequirementCase, outcome: Outcome) -> tuple[str, ..
     if not all(one.size for one in by_start):
         return ()
     middles = [float(np.median(one)) for one in by_start]
-    differ = statistics.stdev(middles) / max(statistics.fmean(middles), 1e-9)
-    if differ < _LEAST_DIFFERENCE:
+    apart = [np.abs(one - middle) for one, middle in zip(by_start, middles, strict=True)]
+    scatter = _MAD_TO_DEVIATION * float(np.median(np.concatenate(apart)))
+    differ = statistics.stdev(middles)
+    if differ <= _LEAST_DIFFERENCE * scatter or differ < _SAME * statistics.fmean(middles):
         return ()
     outputs = {0: "that none was lost does", 1: "one lost output does"}.get(lost, f"{lost} lost do")
     note = (
-        f"The {len(numbers)} starts differ by {show(differ, 'share', 2)} in latency (standard "
-        f"deviation), and {outputs} not show whether slower ones lose more: one that is slower "
-        "than these may. More starts would show it."
+        f"The {len(numbers)} starts differ by {show(differ, 's', 2)} in latency (standard "
+        f"deviation; their messages by {show(scatter, 's', 2)}), and {outputs} not show whether "
+        "slower ones lose more. More starts would show it."
     )
     return (note,)
 

@@ -6,7 +6,8 @@ Interim looks
 A growing run is judged at planned looks, among which the error is divided
 (`r2bspec.plan.interim_looks`).
 
-A requirement is decided at the first look that decides it. A later look, which another
+A requirement is decided at the first look that decides it; a PASS before the declared starts, only
+if it has room for what they may meet (`r2bspec.judge.early_pass`). A later look, which another
 requirement needed, may still turn its PASS into a FAIL, but nothing else: both errors stay
 within the sum.
 
@@ -65,8 +66,9 @@ def decide_after_look(
 
     A requirement that fails stops the run: a second session in new processes confirms the failure
     or does not (`r2bspec.judge.confirmation`); no more iterations of this session are played. One
-    that passes stops it before the declared iterations only if a test has decided it: an
-    observation is the more certain the more was observed. What needs no iterations waits for none.
+    that passes stops it before the declared iterations only if a test has decided it, with room for
+    what was not met (`r2bspec.judge.early_pass`): an observation is the more certain the more was
+    observed. What needs no iterations waits for none.
 
     Args:
         looks: the plan.
@@ -77,7 +79,9 @@ def decide_after_look(
         return "fail"
     if looks.iterations[look - 1] < looks.declared:
         waiting = [one for one in requirements if METHODS[one.method].rests_on == "iterations"]
-        decided = all(one.outcome == "pass" and one.method in _GROWING for one in waiting)
+        decided = all(
+            one.outcome == "pass" and one.method in _GROWING and not one.early for one in waiting
+        )
         return "pass" if waiting and decided else "go on"
     if all(one.outcome == "pass" for one in requirements):
         return "pass"
@@ -117,9 +121,8 @@ def combine_looks(
     if last.method not in _GROWING:
         return last
     # An observation is no test: later iterations may change it.
-    first = next(
-        (one for one in numbered if one.outcome != "inconclusive" and one.method in _GROWING), last
-    )
+    decided = (one for one in numbered if one.method in _GROWING and not one.early)
+    first = next((one for one in decided if one.outcome != "inconclusive"), last)
     chosen = last if last.outcome == "fail" else first
     if chosen.outcome != "inconclusive" or latest == len(looks):
         return chosen

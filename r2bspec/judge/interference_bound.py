@@ -268,6 +268,9 @@ def _best_case_samples(
 ) -> MonitorSamples:
     most_hz = playback.rate_hz * seen.per_step
     counted = taken_share(known)
+    if seen.own_pace and not segment.live:
+        waited = taken if taken is not None else counted or waiting_share(known)
+        return _best_at_own_pace(segment, seen, waited)
     if counted is None or known is None:
         waited = waiting_share(known) if taken is None else taken
         latency = best_case_latencies(seen, waited)
@@ -279,6 +282,26 @@ def _best_case_samples(
         latency[order] = shortest_latencies(seen, waited, known.seconds, most_hz, shared)
     gained_hz = min(most_hz, seen.throughput_hz + waited * most_hz)
     return _with_latencies(segment, seen, latency, max(seen.throughput_hz, gained_hz))
+
+
+def _best_at_own_pace(segment: Segment, seen: MonitorSamples, waited: float) -> MonitorSamples:
+    """No message was held up by more than all of the time that others took."""
+    longest_s = waited * (segment.ended_ns - segment.began_ns) / 1e9
+    return replace(
+        seen,
+        times={name: np.maximum(0.0, times - longest_s) for name, times in seen.times.items()},
+        throughput_hz=seen.throughput_hz / max(1 - waited, 0.01),
+    )
+
+
+def _worst_at_own_pace(seen: MonitorSamples, taken: float) -> MonitorSamples:
+    """The shortest times, which interference can have spared, are as long as the longest."""
+    times = {}
+    for name, found in seen.times.items():
+        times[name] = np.sort(found)
+        if found.size:
+            times[name][: math.ceil(taken * found.size) + 1] = times[name][-1]
+    return replace(seen, times=times, throughput_hz=seen.throughput_hz * (1 - taken))
 
 
 def worst_case_iteration(one: SegmentSamples, taken: float) -> SegmentSamples:
@@ -294,6 +317,9 @@ def worst_case_iteration(one: SegmentSamples, taken: float) -> SegmentSamples:
     """
     monitors = {}
     for name, seen in one.monitors.items():
+        if seen.own_pace and not one.live:
+            monitors[name] = _worst_at_own_pace(seen, taken)
+            continue
         latency = _measured_latencies(seen)
         touched = math.ceil(taken * latency.size) + 1
         latency[np.argsort(latency, kind="stable")[:touched]] = math.inf

@@ -42,14 +42,17 @@ from r2bspec.judge.affected_iterations import (
 )
 from r2bspec.judge.caveats import run_caveats, with_caveats
 from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks
+from r2bspec.judge.early_pass import early_doubt
 from r2bspec.judge.interference_bound import REMEDY
 from r2bspec.judge.measure.metric_catalogue import (
     MetricError,
     MetricInfo,
+    available_at_own_pace,
     available_live,
     kind_of,
     resolve,
 )
+from r2bspec.judge.measure.own_pace import own_pace_text, pooled_period_s
 from r2bspec.judge.measure.samples import (
     LOSS_SENSITIVE_FAMILIES,
     RunSamples,
@@ -224,10 +227,13 @@ class JudgedRequirement:
             return self._decided_once(samples, confidence)
         decisions = [
             self._decided_once(
-                first_iterations(samples, looks.iterations[look - 1]),
+                first_iterations(samples, end),
                 looks.confidence_at(look, confidence),
+                early=end < looks.declared,
             )
-            for look in range(1, self.run.completed_looks(samples) + 1)
+            for look, end in enumerate(
+                looks.iterations[: self.run.completed_looks(samples)], start=1
+            )
         ]
         return combine_looks(looks, decisions)
 
@@ -246,10 +252,18 @@ class JudgedRequirement:
             return distance(rest) > distance(whole)
         return distance(rest) < distance(whole)
 
-    def _decided_once(self, samples: RunSamples, confidence: float) -> RequirementVerdict:
+    def _decided_once(
+        self, samples: RunSamples, confidence: float, *, early: bool = False
+    ) -> RequirementVerdict:
         case = self._case(samples, confidence)
-        verdict = requirement_verdict(case, decide_case(case, samples, self.problem))
+        decision = decide_case(case, samples, self.problem)
+        verdict = requirement_verdict(case, decision)
         verdict = msgspec.structs.replace(verdict, level=self.objective.level)
+        if early and decision.outcome == "pass" and METHODS[decision.method].grows:
+            doubt = early_doubt(case, decision)
+            verdict = (
+                msgspec.structs.replace(verdict.noted(doubt), early=True) if doubt else verdict
+            )
         if self.problem:
             return verdict
         if _losses_may_hide(case):
@@ -361,6 +375,17 @@ def _unknown_in_live_run(case: RequirementCase, samples: RunSamples) -> Decision
     )
 
 
+def _unknown_at_own_pace(case: RequirementCase, _: RunSamples) -> Decision | None:
+    seen = case.monitor_samples
+    if not any(one.own_pace for one in seen) or available_at_own_pace(case.info):
+        return None
+    if case.iterations[0].live:
+        return None
+    return undecided(
+        f"{case.info.name} is unknown at monitor '{case.monitor}': its outputs answer no input."
+    )
+
+
 def _without_offered_rate(case: RequirementCase, _: RunSamples) -> Decision | None:
     bound = case.requirement.bound
     if bound is None or not bound.of_offered or case.at_hz:
@@ -402,7 +427,7 @@ def _without_output(case: RequirementCase, _: RunSamples) -> Decision | None:
     seen = case.monitor_samples
     if case.monitor is None or any(one.answered for one in seen):
         return None
-    if seen[0].live:
+    if seen[0].own_pace:
         count = len(seen)
         reason = f"Monitor '{case.monitor}' received nothing in {show(count, 'count')} "
         reason += "iterations." if count > 1 else "iteration."
@@ -418,23 +443,34 @@ def _without_output(case: RequirementCase, _: RunSamples) -> Decision | None:
     elif not received:
         reason = f"Monitor '{case.monitor}' received nothing for {show(sent, 'count')} inputs."
     else:
+        period_s = pooled_period_s([one.own_period_s for one in seen])
         reason = (
             f"Monitor '{case.monitor}' received {show(received, 'count')} messages, but none "
-            "has the stamp of an input: use 'match: order', or copy the stamp inside the graph."
+            "has the stamp of an input: "
+        )
+        reason += (
+            own_pace_text(period_s)
+            if period_s is not None
+            else "use 'match: order', or copy the stamp inside the graph."
         )
     return Decision(outcome="fail", method="none", reason=reason, n=sent)
 
 
 def _without_latency(case: RequirementCase, _: RunSamples) -> Decision | None:
-    """Undecided where a latency is unknown in some iteration."""
+    """Undecided where a latency or an age is unknown in some iteration."""
     if case.monitor is None:
         return None
     if unpaired := latency_unknown_by_order(case.info, case.monitor, case.iterations):
         return undecided(*unpaired)
     seen = case.monitor_samples
-    unstamped = any(one.received and not one.times["latency"].size for one in seen)
-    if not (case.info.family == "latency" and seen[0].live and unstamped):
+    unstamped = any(one.received and not one.times["age"].size for one in seen)
+    if not (case.info.family in {"latency", "age"} and seen[0].own_pace and unstamped):
         return None
+    if not case.iterations[0].live:
+        return undecided(
+            f"The messages at monitor '{case.monitor}' do not have the stamp of an input.",
+            "Copy the stamp of the newest input in the node.",
+        )
     return undecided(
         f"The messages at monitor '{case.monitor}' have no stamp of this machine's clock.",
         "Stamp the messages of the source with the system time.",
@@ -452,6 +488,7 @@ DECISIONS: Final[tuple[Callable[[RequirementCase, RunSamples], Decision | None],
     _by_record,
     _without_rate,
     _without_iterations,
+    _unknown_at_own_pace,
     _without_output,
     _without_latency,
     _by_iterations,

@@ -46,6 +46,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from r2bspec.judge.measure.metric_catalogue import Statistic
+from r2bspec.judge.measure.own_pace import own_pace_text
 from r2bspec.judge.measure.samples import (
     MonitorSamples,
     RunSamples,
@@ -106,11 +107,15 @@ def _surplus(name: str, seen: MonitorSamples) -> ImpossibleResult | None:
     if seen.surplus <= MAX_IMPOSSIBLE_SHARE * seen.expected:
         return None
     received = show(seen.expected + seen.surplus, "count")
+    remedy = "Set the ratio of the monitor to what its node publishes, or match by stamp."
+    if seen.own_period_s is not None:
+        text = own_pace_text(seen.own_period_s)
+        remedy = f"{text[0].upper()}{text[1:]}"
     return ImpossibleResult(
         f"Monitor '{name}' received {received} outputs for {show(seen.sent, 'count')} inputs, and "
         f"its ratio allows {show(seen.expected, 'count')}: which input each of them answers is "
         "unknown.",
-        "Set the ratio of the monitor to what its node publishes, or match by stamp.",
+        remedy,
     )
 
 

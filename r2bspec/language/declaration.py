@@ -86,7 +86,8 @@ class Key(msgspec.Struct, frozen=True, eq=False, kw_only=True):
             a secret.
         loader: whether another step of loading evaluates the key.
         derived: whether no document has the key: other keys make the value.
-        unless_live: whether the key is required unless the benchmark is live.
+        unless_live: whether the key is required unless the benchmark is live, or calls services.
+        unless_calls: whether the key is required unless the benchmark calls services.
         default: of a key that is no field, as it is written.
         hidden_default: whether editors offer no default.
         changes: what the key changes, if that is not what its section says.
@@ -108,6 +109,7 @@ class Key(msgspec.Struct, frozen=True, eq=False, kw_only=True):
     loader: bool = False
     derived: bool = False
     unless_live: bool = False
+    unless_calls: bool = False
     default: Any = None
     hidden_default: bool = False
     changes: Change | None = None
@@ -209,7 +211,9 @@ class Rule(msgspec.Struct, eq=False, dict=True, kw_only=True):
         return tuple(
             name
             for name, rule in (self.keys or {}).items()
-            if rule.about.unless_live or (not rule.loader and rule.is_required)
+            if rule.about.unless_live
+            or rule.about.unless_calls
+            or (not rule.loader and rule.is_required)
         )
 
     @cached_property
@@ -217,6 +221,12 @@ class Rule(msgspec.Struct, eq=False, dict=True, kw_only=True):
         """The keys that a map must have in a live benchmark."""
         keys = self.keys or {}
         return tuple(name for name in self.required if not keys[name].about.unless_live)
+
+    @cached_property
+    def required_if_calls(self) -> tuple[str, ...]:
+        """The keys that a map must have in a benchmark of services, and in any other one."""
+        keys = self.keys or {}
+        return tuple(name for name in self.required_if_live if not keys[name].about.unless_calls)
 
     @property
     def is_required(self) -> bool:
@@ -257,7 +267,8 @@ class Rule(msgspec.Struct, eq=False, dict=True, kw_only=True):
         """The default as it is written; None if there is none to show."""
         if self.about.default is not None:
             return self.about.default
-        if self.about.unless_live or self.about.at_least or self.about.hidden_default:
+        about = self.about
+        if about.unless_live or about.unless_calls or about.at_least or about.hidden_default:
             return None
         return None if self.is_required else _written(self.default)
 

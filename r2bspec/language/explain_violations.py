@@ -10,7 +10,7 @@ any other suggestion is an example.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from itertools import combinations
 from typing import Final
@@ -246,7 +246,7 @@ def unknown_keys(violation: Violation) -> Iterator[tuple[Diagnostic, str]]:
         return
     properties = violation.rule.keys or {}
     unknown = [key for key in owner.entries if key not in properties][: MAX_PROBLEMS + 1]
-    absent = [key for key in properties if key not in owner.entries]
+    absent = {key: rule for key, rule in properties.items() if key not in owner.entries}
     meant = _intended_keys(unknown, absent)
     for key in unknown:
         if key in meant:
@@ -278,10 +278,10 @@ def _misspelled_key(violation: Violation, owner: MapNode, key: str, meant: str) 
     return found
 
 
-def _intended_keys(unknown: Sequence[str], absent: Iterable[str]) -> dict[str, str]:
+def _intended_keys(unknown: Sequence[str], absent: Mapping[str, Rule]) -> dict[str, str]:
     """The absent key that each unknown key probably means; each is used once.
 
-    The most certain matches come first: another spelling of the same, then a synonym, then a key
+    The most certain matches come first: another spelling, one item of a list, a synonym, then a key
     that is valid elsewhere (no match here), then a similar name.
     """
     free = list(absent)
@@ -289,7 +289,8 @@ def _intended_keys(unknown: Sequence[str], absent: Iterable[str]) -> dict[str, s
     for key in unknown:
         other_word = _SYNONYMS.get(key.casefold().replace("-", "_"), "")
         for name in free:
-            if _spelling(name) == _spelling(key) or name == other_word:
+            same = {_spelling(name), _item_of(name, absent[name])}
+            if _spelling(key) in same or name == other_word:
                 found[key] = name
                 free.remove(name)
                 break
@@ -305,6 +306,12 @@ def _intended_keys(unknown: Sequence[str], absent: Iterable[str]) -> dict[str, s
 def _spelling(key: str) -> str:
     """The key without case and separators."""
     return key.casefold().replace("-", "").replace("_", "").replace(" ", "")
+
+
+def _item_of(key: str, rule: Rule) -> str:
+    """The spelling of a key for one item of its list, such as 'rate' of 'rates'; empty if none."""
+    spelling = _spelling(key)
+    return spelling[:-1] if rule.items is not None and spelling.endswith("s") else ""
 
 
 def _missing_level(violation: Violation, owner: MapNode, key: str) -> str:

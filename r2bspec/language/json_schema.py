@@ -116,7 +116,7 @@ def _known_keys(rule: Rule) -> Schema:
         "additionalProperties": False,
         "patternProperties": {"^x-": {"description": "Ignored."}},
     }
-    required = list(rule.required_if_live)
+    required = list(rule.required_if_calls)
     if required and "extends" in keys:
         # Required keys may come from the extended entry.
         return schema | {"if": {"not": {"required": ["extends"]}}, "then": {"required": required}}

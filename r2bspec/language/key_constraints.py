@@ -23,6 +23,7 @@ from r2bspec.language.located_tree import (
 )
 from r2bspec.language.node_kinds import NODE_KIND_KEYS, NODE_KINDS, kinds_help, members
 from r2bspec.language.quantities import QuantityError, Rate
+from r2bspec.language.spec_benchmark import ACCEPTED, FEEDBACK
 from r2bspec.language.spec_graph import PROCESS_KEYS
 from r2bspec.language.variables import declared_variables_help
 from r2bspec.safe_io.limits import MAX_RANGE_RATES, MAX_REQUIREMENTS
@@ -64,6 +65,7 @@ def key_constraint_errors(
             )
     yield from _playback(document)
     yield from _harness(document)
+    yield from _own_pace(document)
     yield from _transport(document)
     yield from _benchmark(document)
     yield from _conditions(document)
@@ -269,7 +271,8 @@ def _playback(document: _Document) -> Iterator[Diagnostic]:
     if playback is None:
         return
     mode = document.word("playback", "mode") if "mode" in playback.entries else "looping"
-    if mode == "live":
+    yield from _calls(document, mode)
+    if mode == "live" and document.map_at("playback", "calls") is None:
         unused = [("playback", key) for key in ("inputs", "buffer", "unpaired", "clock")]
         yield from document.without_effect(
             [("data_loader",), ("preprocessors",), *unused],
@@ -284,6 +287,48 @@ def _playback(document: _Document) -> Iterator[Diagnostic]:
         )
     yield from _recorded_rates(document, mode)
     yield from _translations(document)
+
+
+def _calls(document: _Document, mode: str) -> Iterator[Diagnostic]:
+    """Services are called instead of playing anything, by a process of its own."""
+    calls: Path = ("playback", "calls")
+    if document.map_at(*calls) is None:
+        return
+    if not document.keys(*calls):
+        yield document.error(
+            calls, "'playback.calls' must not be empty", "name a service", "R2B108"
+        )
+    unused = [("playback", key) for key in ("inputs", "buffer", "unpaired", "pairing", "clock")]
+    yield from document.without_effect(
+        [("data_loader",), ("preprocessors",), *unused],
+        ": services are called, and no topic is played",
+        "remove '{key}', or 'playback.calls'",
+    )
+    if mode not in ("", "looping"):
+        message = f"services cannot be called with 'mode: {mode}'"
+        yield document.error(("playback", "mode"), message, "remove it, or 'playback.calls'")
+    for section, refused in (("harness", ("shared", "graph")), ("graph", ("harness",))):
+        placement = document.word(section, "placement") or document.word(section)
+        if placement in refused:
+            message = f"services are called by a process of its own, not with placement {placement}"
+            help_text = "remove the placement, or 'playback.calls'"
+            yield document.error((section,), message, help_text)
+    taken: dict[str, Path] = {name: ("monitors", name) for name in document.keys("monitors")}
+    for name in document.keys(*calls):
+        call: Path = (*calls, name)
+        needs = "'service' or 'action'"
+        kinds = ("service", "action")
+        yield from document.one_of(call, kinds, "R2B118", needs, f"add {needs}")
+        is_action = "action" in document.keys(*call)
+        other, owner = ("success", "a service") if is_action else ("feedback", "an action")
+        yield from document.without_effect([(*call, other)], f": it is of {owner}", "remove it")
+        ends = ("", ACCEPTED, FEEDBACK) if is_action else ("",)
+        for measured in (f"{name}{end}" for end in ends):
+            if measured in taken:
+                message = f"'{measured}' is measured twice: it is the name of something else, too"
+                there = Related("the other one", span_at(document.root, taken[measured], key=True))
+                yield document.error(call, message, "rename one of them", related=(there,))
+            taken.setdefault(measured, call)
 
 
 def _recorded_rates(document: _Document, mode: str) -> Iterator[Diagnostic]:
@@ -322,6 +367,20 @@ def _harness(document: _Document) -> Iterator[Diagnostic]:
         [(*path, "in") for path in owners],
         ": player and monitors do not run in the processes of the graph",
         "remove it, or write 'harness: {{placement: graph}}'",
+    )
+
+
+def _own_pace(document: _Document) -> Iterator[Diagnostic]:
+    """Of outputs that answer no input no number is expected, and none leads to an input."""
+    yield from document.without_effect(
+        [
+            (*path, key)
+            for path, _ in document.entries(("monitors",))
+            if document.word(*path, "match") == "own_pace"
+            for key in ("ratio", "taps")
+        ],
+        " with 'match: own_pace': its outputs answer no input",
+        "remove '{key}', or match by stamp or by order",
     )
 
 

@@ -87,6 +87,11 @@ SERVICE_TYPE = NamePattern(
     "service type",
     "a service type has the form package/srv/Name, such as std_srvs/srv/SetBool",
 )
+ACTION_TYPE = NamePattern(
+    "^[A-Za-z][A-Za-z0-9_]*/action/[A-Z][A-Za-z0-9]*$",
+    "action type",
+    "an action type has the form package/action/Name, such as nav2_msgs/action/ComputePathToPose",
+)
 PACKAGE = NamePattern(
     "^[A-Za-z][A-Za-z0-9_-]*$",
     "package name",
@@ -120,6 +125,7 @@ ParameterName = Annotated[str, PARAMETER]
 LabelName = Annotated[str, LABEL_KEY]
 MessageType = Annotated[str, MESSAGE_TYPE]
 ServiceType = Annotated[str, SERVICE_TYPE]
+ActionType = Annotated[str, ACTION_TYPE]
 PackageName = Annotated[str, PACKAGE]
 ProcessName = Annotated[str, PLACE]
 FilePath = Annotated[str, NOT_EMPTY]

@@ -79,6 +79,11 @@ def _no_lifecycle(why: str, help_text: str) -> dict[str, Refusal]:
 
 _NOT_LOADED: Final = Refusal("only a plugin is loaded by a container")
 _NO_PLUGIN = {"intra_process": _NOT_LOADED, "extra_arguments": _NOT_LOADED}
+_OWN_EXECUTOR: Final = Refusal("its program makes its executor itself")
+_NO_EXECUTOR = {"executor": _OWN_EXECUTOR, "threads": _OWN_EXECUTOR}
+_OF_CONTAINER: Final = Refusal(
+    "a plugin has the executor of its container", "set it in 'containers', and name that container"
+)
 _NO_CONTAINER = {"container": Refusal("only Python nodes and plugins run in a container")}
 
 PYTHON: Final = NodeKind(
@@ -92,14 +97,15 @@ PLUGIN: Final = NodeKind(
     name="plugin",
     keys=("package", "plugin"),
     role="container",
-    refuses=_no_arguments("use 'parameters' for a plugin"),
+    refuses=_no_arguments("use 'parameters' for a plugin")
+    | {"executor": _OF_CONTAINER, "threads": _OF_CONTAINER},
     listed_by="ros2 component types",
 )
 
 EXECUTABLE: Final = NodeKind(
     name="executable",
     keys=("package", "executable"),
-    refuses=_NO_CONTAINER | _NO_PLUGIN,
+    refuses=_NO_CONTAINER | _NO_PLUGIN | _NO_EXECUTOR,
     listed_by="ros2 pkg executables",
 )
 
@@ -108,6 +114,7 @@ COMMAND: Final = NodeKind(
     keys=("command",),
     refuses=_NO_CONTAINER
     | _NO_PLUGIN
+    | _NO_EXECUTOR
     | _no_lifecycle(
         "a command may have nodes of any name",
         "write the node as 'package' with 'executable', or change its state under 'after_ready'",

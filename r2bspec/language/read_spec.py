@@ -81,7 +81,7 @@ class Violation(msgspec.Struct, frozen=True):
     @property
     def required(self) -> tuple[str, ...]:
         """The keys that the map must have."""
-        return self.rule.required_if_live if is_live(self.root) else self.rule.required
+        return required_keys(self.rule, self.root)
 
     def error(
         self,
@@ -131,10 +131,13 @@ def read_value(
     return reader.read(root, rule, ()), reader.violations
 
 
-def is_live(root: TreeNode) -> bool:
-    """Whether a document is a live benchmark, in which nothing is played."""
+def required_keys(rule: Rule, root: TreeNode) -> tuple[str, ...]:
+    """The keys that a map of a document must have: fewer where nothing is played, or called."""
+    if lookup(root, ("playback", "calls")) is not None:
+        return rule.required_if_calls
     mode = lookup(root, ("playback", "mode"))
-    return isinstance(mode, ScalarNode) and mode.value == "live"
+    live = isinstance(mode, ScalarNode) and mode.value == "live"
+    return rule.required_if_live if live else rule.required
 
 
 class _Reader:
@@ -142,7 +145,6 @@ class _Reader:
         self.violations: list[Violation] = []
         self._root = root
         self._sources = sources
-        self._live = is_live(root)
 
     def read(self, node: TreeNode, rule: Rule, path: Path) -> Any:
         """The value of a node, or `INVALID`."""
@@ -233,8 +235,7 @@ class _Reader:
                 values[below.field] = value
         if unknown:
             self._refuse("unknown", node, rule, path)
-        required = rule.required_if_live if self._live else rule.required
-        if not all(name in entries for name in required):
+        if not all(name in entries for name in required_keys(rule, self._root)):
             self._refuse("required", node, rule, path)
             invalid = True
         if invalid or unknown:

@@ -16,6 +16,7 @@ from r2bspec.language.declaration import Record, Written, key
 from r2bspec.language.spec_benchmark import (
     BagSource,
     Benchmark,
+    Call,
     DataLoader,
     Gate,
     GateBase,
@@ -61,6 +62,7 @@ __all__ = [
     "AfterReadyStep",
     "BagSource",
     "Benchmark",
+    "Call",
     "Container",
     "DataLoader",
     "Gate",
@@ -312,9 +314,10 @@ class Spec(Record, frozen=True, kw_only=True):
             {"detections": {"topic": "tag_detections", "format": "geometry_msgs/msg/PoseArray"}},
             at_least=1,
             at_most=MAX_SPEC_ENTRIES,
+            unless_calls=True,
             changes="load",
         ),
-    ]
+    ] = {}
     benchmark: Annotated[Benchmark, key(changes="load")] = Benchmark()
     slos: Annotated[
         dict[names.Name, Objective],
@@ -328,6 +331,19 @@ class Spec(Record, frozen=True, kw_only=True):
     def live(self) -> bool:
         """Whether nothing is played, because the graph has a source of its own."""
         return self.playback.mode == "live"
+
+    @property
+    def outputs(self) -> dict[str, Monitor]:
+        """All that is measured, by name: the monitored topics, and the answers to calls."""
+        found = dict(self.monitors)
+        for name, call in self.playback.calls.items():
+            found |= call.answers(name)
+        return found
+
+    @property
+    def plays_topics(self) -> bool:
+        """Whether recorded messages are played."""
+        return not self.live and not self.playback.calls
 
     @property
     def has_own_rate(self) -> bool:

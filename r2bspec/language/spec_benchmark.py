@@ -13,7 +13,17 @@ from r2bspec.language.benchmark_defaults import CONFIDENCE, CONFIRM, MAX_STARTS,
 from r2bspec.language.declaration import Record, Written, key
 from r2bspec.language.quantities import Duration, Rate, Share, Size
 from r2bspec.language.requirement_grammar import Requirement
-from r2bspec.language.spec_graph import QoS, Repeat, Scalar, Sibling, repeated, sibling
+from r2bspec.language.spec_graph import (
+    ActionCall,
+    QoS,
+    Repeat,
+    RequestFields,
+    Scalar,
+    ServiceCall,
+    Sibling,
+    repeated,
+    sibling,
+)
 from r2bspec.safe_io.limits import MAX_RANGE_RATES, MAX_SPEC_ENTRIES
 
 _IMAGE_INPUT: Final = {"from": "buffer/image", "format": "sensor_msgs/msg/Image"}
@@ -161,6 +171,57 @@ class PlaybackInput(Record, frozen=True, kw_only=True):
     rate: Literal["step", "recorded"] = "step"
 
 
+_CALL: Final = {
+    "service": {
+        "name": "planner/get_plan",
+        "type": "nav_msgs/srv/GetPlan",
+        "request": {"tolerance": 0.5},
+    }
+}
+
+
+ACCEPTED: Final = "_accepted"
+FEEDBACK: Final = "_feedback"
+"""At the end of the names of what is measured of an action, besides its result."""
+
+
+class Call(Record, frozen=True, kw_only=True):
+    """A call of a service or an action in each step, answered or not: exactly one of both.
+
+    Attributes:
+        service: The service and its request.
+        action: The action and its goal. NAME is measured up to the result, NAME_accepted up to
+            the acceptance. A goal that does not succeed counts as missed.
+        each: Fields of the request or the goal that differ from call to call, used in turn.
+        success: A field of the response; one in which it is false counts as missed.
+        feedback: Whether NAME_feedback is measured, up to the first feedback.
+    """
+
+    about = key(_CALL)
+
+    service: ServiceCall | None = None
+    action: ActionCall | None = None
+    each: Annotated[
+        tuple[Annotated[RequestFields, key({"tolerance": 0.1}, description="One call.")], ...],
+        key([{"tolerance": 0.1}, {"tolerance": 0.5}], at_most=MAX_SPEC_ENTRIES),
+    ] = ()
+    success: Annotated[str, key("success")] = ""
+    feedback: bool = False
+
+    def answers(self, name: str) -> "dict[str, Monitor]":
+        """What is measured of the call with this name: monitors of what a service answers."""
+        if self.service is not None:
+            return {name: Monitor(topic=self.service.name, format=self.service.type)}
+        action = self.action or ActionCall(name="", type="")
+        ends = {name: "get_result", f"{name}{ACCEPTED}": "send_goal"}
+        if self.feedback:
+            ends[f"{name}{FEEDBACK}"] = "feedback"
+        return {
+            answer: Monitor(topic=f"{action.name}/_action/{end}", format=action.type)
+            for answer, end in ends.items()
+        }
+
+
 class Timeline(Record, frozen=True, kw_only=True):
     """How recorded times are converted to times of playing.
 
@@ -188,6 +249,8 @@ class Playback(Record, frozen=True, kw_only=True):
         buffer: The number of messages to buffer for each input; 0 buffers all of the window.
         inputs: The topics that are played to the graph. All inputs of one step are played together,
             with the same stamp unless 'pairing' allows differences.
+        calls: Services and actions that are called in place of playing topics. Each is measured
+            under its name: its answers are the outputs.
         unpaired: Messages without a partner of the same stamp in all other inputs are not played.
             With mode timeline, those whose stamp no recorded message has are not. refuse warns
             above 5 % of the messages of an input, and stops above 50 %; drop agrees to any number.
@@ -214,6 +277,9 @@ class Playback(Record, frozen=True, kw_only=True):
             at_most=MAX_SPEC_ENTRIES,
             unless_live=True,
         ),
+    ] = {}
+    calls: Annotated[
+        dict[names.MonitorName, Call], key({"plan": _CALL}, at_most=MAX_SPEC_ENTRIES)
     ] = {}
     unpaired: Literal["refuse", "drop"] = "refuse"
     timeline: Timeline = Timeline()
@@ -313,8 +379,9 @@ class MonitorSettings(Record, frozen=True, kw_only=True):
     once.
 
     Attributes:
-        match: How outputs are matched to inputs: by the stamp in the header, or by order for types
-            without a header.
+        match: How outputs are matched to inputs: by the stamp in the header, by order for types
+            without a header, or not at all: own_pace is for outputs that come whether inputs do or
+            not, such as those of a timer. Of them no number is expected.
         qos: The profile of the monitor's subscription; default: the profile that is offered. The
             name of a ROS profile, or a map.
         label: What reports call it.
@@ -323,10 +390,15 @@ class MonitorSettings(Record, frozen=True, kw_only=True):
             'accuracy.…'.
     """
 
-    match: Literal["stamp", "order"] = "stamp"
+    match: Literal["stamp", "order", "own_pace"] = "stamp"
     qos: QoS | None = None
     label: Annotated[str, key("Tag detections")] = ""
     truth: Truth | None = None
+
+    @property
+    def own_pace(self) -> bool:
+        """Whether its messages answer no input, so that no number of them is expected."""
+        return self.match == "own_pace"
 
 
 class Monitor(MonitorSettings, frozen=True, kw_only=True):

@@ -76,6 +76,9 @@ class ProcessSettings(Record, frozen=True, kw_only=True):
         cpus: The CPUs on which the process may run; empty means all.
         nice: The niceness of the process; values below 0 raise its priority and need the permission
             to do so.
+        executor: Whether callbacks of Python nodes, or of component_container_isolated, run one
+            after another or in parallel.
+        threads: The number of threads of the executor; 0 means its default.
     """
 
     cpus: Annotated[
@@ -88,6 +91,8 @@ class ProcessSettings(Record, frozen=True, kw_only=True):
         key([2, 3]),
     ] = ()
     nice: Annotated[int, key(-5, minimum=-20, maximum=19)] = 0
+    executor: Literal["single_threaded", "multi_threaded"] = "single_threaded"
+    threads: Annotated[int, key(4, minimum=0)] = 0
 
 
 class StartedProcess(ProcessSettings, frozen=True, kw_only=True):
@@ -177,8 +182,7 @@ class Container(StartedProcess, frozen=True, kw_only=True):
     Attributes:
         executable: The kind of container: one of rclcpp_components for plugins, or python for
             Python nodes.
-        executor: With python: whether callbacks run one after another or in parallel.
-        threads: The number of threads of the executor; 0 means its default.
+        arguments: Arguments of a container of rclcpp_components.
     """
 
     about = key({"executable": "component_container_mt", "threads": 4})
@@ -190,8 +194,7 @@ class Container(StartedProcess, frozen=True, kw_only=True):
         "component_container_isolated",
         "python",
     ] = "component_container"
-    executor: Literal["single_threaded", "multi_threaded"] = "single_threaded"
-    threads: Annotated[int, key(4, minimum=0)] = 0
+    arguments: Annotated[tuple[Word, ...], key(["--ros-args", "--log-level", "warn"])] = ()
     env: Environment = {}
 
 
@@ -494,6 +497,19 @@ class ReadyProbe(Record, frozen=True, kw_only=True):
     timeout: Annotated[Duration, key("30 s", positive=True)] = Duration(30 * 10**9)
 
 
+RequestFields = dict[
+    names.ParameterName,
+    Annotated[
+        Any,
+        key(
+            *(True, 1.5),
+            description="The value of the field: a scalar, a list or a map.",
+            deferrable=True,
+        ),
+    ],
+]
+
+
 class ServiceCall(Record, frozen=True, kw_only=True):
     """A service call.
 
@@ -509,20 +525,25 @@ class ServiceCall(Record, frozen=True, kw_only=True):
 
     name: Annotated[names.Topic, key("detector/enable")]
     type: Annotated[names.ServiceType, key("std_srvs/srv/SetBool")]
-    request: Annotated[
-        dict[
-            names.ParameterName,
-            Annotated[
-                Any,
-                key(
-                    *(True, 1.5),
-                    description="The value of the field: a scalar, a list or a map.",
-                    deferrable=True,
-                ),
-            ],
-        ],
-        key({"data": True}),
-    ] = {}
+    request: Annotated[RequestFields, key({"data": True})] = {}
+
+
+class ActionCall(Record, frozen=True, kw_only=True):
+    """A goal for an action.
+
+    Attributes:
+        name: The action.
+        type: Its type, as 'ros2 action list -t' shows it.
+        goal: The fields of the goal; omitted fields have their defaults.
+    """
+
+    about = key(
+        {"name": "fibonacci", "type": "example_interfaces/action/Fibonacci", "goal": {"order": 5}}
+    )
+
+    name: Annotated[names.Topic, key("fibonacci")]
+    type: Annotated[names.ActionType, key("example_interfaces/action/Fibonacci")]
+    goal: Annotated[RequestFields, key({"order": 5})] = {}
 
 
 class AfterReadyStep(Record, frozen=True, kw_only=True):

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -20,8 +21,9 @@ from typing import Final
 from lsprotocol import types
 
 from r2bspec.api import folder_name
-from r2bspec.diagnostics import Diagnostic, Severity, Span
+from r2bspec.diagnostics import Diagnostic, Severity, Span, did_you_mean
 from r2bspec.diagnostics.code_pages import find_page, page_file
+from r2bspec.diagnostics.diagnostic import Edit
 from r2bspec.diagnostics.edits import applicable_together
 from r2bspec.diagnostics.waivers import NOT_WAIVABLE
 from r2bspec.errors import R2bspecError, UsageError
@@ -272,14 +274,14 @@ def diagnostics_by_file(
 def to_diagnostic(each: Diagnostic, file: str, positions_of: PositionsOf) -> types.Diagnostic:
     """One finding."""
     span = each.span if each.span.file == file else Span.of_file(file)
-    message = each.message[:1].upper() + each.message[1:]
     return types.Diagnostic(
         range=positions_of(file).range(_visible(span)),
         severity=_SEVERITIES[each.severity],
         code=each.code,
         code_description=types.CodeDescription(page_file(each.code).as_uri()),
         source="r2bspec",
-        message=f"{message}\n{each.help}" if each.help else message,
+        # Not with a capital: a message may begin with a name of the spec.
+        message=f"{each.message}\n{each.help}" if each.help else each.message,
         tags=[types.DiagnosticTag.Unnecessary] if _is_unused(each) else None,
         related_information=[
             types.DiagnosticRelatedInformation(
@@ -351,9 +353,10 @@ def _overlaps(positions: TextPositions, each: Diagnostic, start: int, end: int) 
 
 def _fixes(here: Sequence[Diagnostic], positions_of: PositionsOf) -> Iterator[types.CodeAction]:
     for each in here:
-        if each.edit is None:
+        edit = each.edit or _meant(each, positions_of)
+        if edit is None:
             continue
-        span, text = each.edit.span, each.edit.text
+        span, text = edit.span, edit.text
         yield types.CodeAction(
             title=f"Replace with '{text}'" if text.strip() else "Remove it",
             kind=types.CodeActionKind.QuickFix,
@@ -361,6 +364,26 @@ def _fixes(here: Sequence[Diagnostic], positions_of: PositionsOf) -> Iterator[ty
             is_preferred=True,
             edit=_edits(span.file, types.TextEdit(positions_of(span.file).range(span), text)),
         )
+
+
+_MEANT: Final = re.compile(r"^did you mean '([^']+)'\?")
+
+
+def _meant(each: Diagnostic, positions_of: PositionsOf) -> Edit | None:
+    """The name that a finding proposes in place of what it is at, if that is the wrong name.
+
+    It is a guess, which a person may choose and nothing else applies.
+    """
+    found = _MEANT.match(each.help)
+    if found is None or not _is_file(each.span.file) or each.span.line != each.span.end_line:
+        return None
+    positions = positions_of(each.span.file)
+    start, end = positions.offsets(each.span)
+    written = positions.text[start:end]
+    quote = written[:1] if written[:1] in {"'", '"'} else ""
+    if did_you_mean(written.strip("'\""), [found[1]]) != found[1]:
+        return None
+    return Edit(each.span, f"{quote}{found[1]}{quote}")
 
 
 def _fix_all(analysis: Analysis, positions_of: PositionsOf) -> Iterator[types.CodeAction]:

@@ -205,6 +205,7 @@ _KINDS: dict[Path, types.SymbolKind] = {
     ("monitors",): types.SymbolKind.Event,
     ("slos",): types.SymbolKind.Interface,
     ("playback", "inputs"): types.SymbolKind.Event,
+    ("playback", "calls"): types.SymbolKind.Method,
 }
 """Kinds of the entries of a map of names."""
 

@@ -256,16 +256,18 @@ def _texts(axis: TreeNode | None) -> list[str]:
 
 def proposed_values(analysis: Analysis | None, context: CursorContext) -> Iterator[Proposal]:
     """The values that can be written at the path of a context."""
-    yield from _from_sources(_VALUES, analysis, context)
+    known = list(_from_sources(_VALUES, analysis, context))
     rule = rule_at(context.path)
-    if rule is None:
-        return
-    if analysis is not None:
-        if rule.pattern is MESSAGE_TYPE:
-            yield from message_types(analysis, context)
-        if Requirement in (rule.quantity, rule.items.quantity if rule.items is not None else None):
-            yield from requirements(analysis, context)
-    yield from _declared_values(rule, context)
+    if rule is not None:
+        if analysis is not None:
+            if rule.pattern is MESSAGE_TYPE:
+                known += message_types(analysis, context)
+            items = rule.items.quantity if rule.items is not None else None
+            if Requirement in (rule.quantity, items):
+                known += requirements(analysis, context)
+        known += _declared_values(rule, context)
+    # An example says what a value looks like, where nothing says what it can be.
+    yield from known or (_examples(rule) if rule is not None else ())
 
 
 def names_as_keys(analysis: Analysis | None, context: CursorContext) -> Iterator[Proposal]:
@@ -315,6 +317,9 @@ def _declared_values(rule: Rule, context: CursorContext) -> Iterator[Proposal]:
         yield Proposal(
             str(default).lower() if isinstance(default, bool) else str(default), "default", order=20
         )
+
+
+def _examples(rule: Rule) -> Iterator[Proposal]:
     for example in rule.about.examples:
         if isinstance(example, str) and rule.quantity is not Requirement:
             yield Proposal(example, "example", order=800)

@@ -41,6 +41,7 @@ from r2bspec.language_server.symbols import definitions, references_at, renamabl
 from r2bspec.language_server.transport import Connection
 from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
 from r2bspec.safe_io.safe_file import RefusedFileError, read_text
+from r2bspec.safe_io.temporary_folder import process_folder
 
 DEBOUNCE_S: Final = 0.005
 """Time without a change after which a text is analysed: editors may send what belongs together in
@@ -289,7 +290,7 @@ class SpecLanguageServer:
         """Show a text in the editor, or, without that ability, in its log."""
         window = self.abilities.window
         if window is not None and window.show_document is not None:
-            folder = tempfile.mkdtemp(prefix="r2bspec-plan-")
+            folder = tempfile.mkdtemp(dir=process_folder("shown"))
             file = Path(folder) / f"r2bspec.{_SUFFIXES[name]}"
             file.write_text(text, encoding="utf-8")
             self.connection.ask(

@@ -93,6 +93,7 @@ def names_of(analysis: Analysis, kind: SymbolKind) -> list[str]:
 _DEFINED: Final[Mapping[Path, SymbolKind]] = {
     ("variables",): "variable",
     ("monitors",): "monitor",
+    ("playback", "calls"): "monitor",
     ("containers",): "container",
     ("graph", "nodes"): "node",
     ("preprocessors",): "node",

@@ -42,6 +42,7 @@ from r2bspec.safe_io.cache_folder import (
 )
 from r2bspec.safe_io.limits import MAX_FILE_STATE_BYTES
 from r2bspec.safe_io.safe_file import read_text
+from r2bspec.safe_io.temporary_folder import temporary_folder
 
 NOT_BUILT = "R2B668"
 
@@ -328,7 +329,7 @@ def _scratch_folder() -> Iterator[Path]:
     Raises:
         OSError: it cannot be made.
     """
-    with tempfile.TemporaryDirectory(prefix="r2bspec-build-") as folder:
+    with temporary_folder("build") as folder:
         flags = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
         descriptor = os.open(folder, flags)
         try:

@@ -56,6 +56,7 @@ def container_argv(name: str, container: Container, namespace: str) -> tuple[str
     isolated = container.executable == "component_container_isolated"
     if isolated and container.executor == "multi_threaded":
         words.append(THREADED_CONTAINER)
+    words += container.arguments
     words += ["--ros-args", "-r", f"__node:={name}", "-r", f"__ns:={namespace}"]
     if container.threads and container.executable == "component_container_mt":
         words += ["-p", f"thread_num:={container.threads}"]

@@ -29,6 +29,7 @@ ABSENT: Final = object()
 # does not make all following ones differ.
 _IDENTITY_KEYS: Final = {
     "bag topics": ("bag_topic",),
+    "calls": ("name",),
     "inputs": ("topic",),
     "monitors": ("name",),
     "nodes": ("name",),
@@ -105,6 +106,7 @@ _SHOWN_KEYS: Final[Mapping[str, str]] = {
     "playback_mode": "playback.mode",
     "buffer": "playback.buffer",
     "inputs": "playback.inputs",
+    "calls": "playback.calls",
     "timeline": "playback.timeline",
     "unpaired": "playback.unpaired",
     "clock": "playback.clock",

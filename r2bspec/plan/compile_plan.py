@@ -12,7 +12,8 @@ import msgspec
 
 from r2bspec._version import __version__
 from r2bspec.bags.recording import merge_indexes
-from r2bspec.language.spec import BagSource, Objective, Pacing, ReadyProbe, Spec
+from r2bspec.language.spec import BagSource, Call, Objective, Pacing, ReadyProbe, ServiceCall, Spec
+from r2bspec.language.spec_benchmark import ACCEPTED, FEEDBACK
 from r2bspec.plan import plan as plans
 from r2bspec.plan.process_plans import plan_external, plan_lifecycle, plan_processes
 from r2bspec.plan.topic_plans import plan_inputs, plan_monitors, plan_topics
@@ -106,6 +107,7 @@ def compile_plan(
         clock=spec.playback.clock,
         requires=msgspec.UNSET if spec.requires is None else spec.requires,
         lifecycle=plan_lifecycle(wiring) or msgspec.UNSET,
+        calls=plan_calls(spec, wiring.namespace) or msgspec.UNSET,
     )
 
 
@@ -222,10 +224,10 @@ def _phases(spec: Spec, sustained_hz: tuple[float, ...], *, plays: bool) -> Iter
     states = {node.lifecycle for node in spec.graph.nodes.values()}
     has_phase = {
         "setup": spec.setup,
-        "load": not spec.live,
+        "load": spec.plays_topics,
         "preprocess": spec.preprocessors,
         "start": True,
-        "harness_overhead": not spec.live,
+        "harness_overhead": spec.plays_topics,
         "graph": True,
         "configure": states & {"inactive", "active"},
         "activate": "active" in states,
@@ -253,6 +255,33 @@ def plan_setup(spec: Spec) -> tuple[plans.SetupPlan, ...]:
             timeout_ns=step.timeout.ns,
         )
         for name, step in spec.setup.items()
+    )
+
+
+def plan_calls(spec: Spec, namespace: str) -> tuple[plans.CallPlan, ...]:
+    """The services and actions that are called, in the order of the spec."""
+    return tuple(_call(name, call, namespace) for name, call in spec.playback.calls.items())
+
+
+def _call(name: str, call: Call, namespace: str) -> plans.CallPlan:
+    if call.action is not None:
+        return plans.CallPlan(
+            name=name,
+            target=harness_topic(call.action.name, namespace),
+            type=call.action.type,
+            request=call.action.goal,
+            each=call.each or msgspec.UNSET,
+            accepted=f"{name}{ACCEPTED}",
+            feedback=f"{name}{FEEDBACK}" if call.feedback else "",
+        )
+    service = call.service or ServiceCall(name="", type="")
+    return plans.CallPlan(
+        name=name,
+        target=harness_topic(service.name, namespace),
+        type=service.type,
+        request=service.request,
+        each=call.each or msgspec.UNSET,
+        success=call.success,
     )
 
 

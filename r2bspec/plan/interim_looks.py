@@ -8,11 +8,12 @@ extended (`max_iterations`), after 1, 2 and 4 times the declared iterations, too
 
 A run that is judged again and again until it passes is bound to pass in the end: three unplanned
 looks at the 95 % level pass one bad graph in ten. So the looks are planned before the run, and
-share the error alpha = 1 - confidence. The last of L looks may be wrong in half of it, which leaves
-a long run enough to decide with; each of the others in
+share the error alpha = 1 - confidence. Most of it is left for the last of L looks, so that a long
+run decides nearly what it would if it were judged once:
 
-    alpha L^(-4/5)            after a start, or a pair
-    alpha / (2 (L - 1))       in a run of one start
+                              the last        each of the others
+    after a start, or a pair  0.7 alpha       alpha L^(-1.1)
+    in a run of one start     alpha / 2       alpha / (2 (L - 1))
 
 The first is calibrated: for Student's t on normal values, looks from the third start on with these
 levels are wrong in 5.0 % at most, each way, for any number of them up to 20
@@ -126,9 +127,9 @@ class InterimLooks:
         """The part of the error that a look may make; looks are counted from 1."""
         if len(self) == 1:
             return 1.0
-        if look == len(self):
-            return 1 / 2
-        return len(self) ** -0.8 if self.after_starts else 1 / (2 * (len(self) - 1))
+        if self.after_starts:
+            return 0.7 if look == len(self) else len(self) ** -1.1
+        return 1 / 2 if look == len(self) else 1 / (2 * (len(self) - 1))
 
     def confidence_at(self, look: int, confidence: float = CONFIDENCE) -> float:
         """The confidence at which a look decides, for decisions of a given confidence."""

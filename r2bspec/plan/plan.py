@@ -128,8 +128,6 @@ class ProcessPlan(ProcessSettings, frozen=True, kw_only=True):
 
     Attributes:
         container: the name of the container in the spec; empty for other processes.
-        executor: of a host: with one thread, or with `threads` threads.
-        threads: 0 leaves the number to the executor.
         memory_limit_bytes: the resident memory at which the run fails; 0 for none.
         join: the parts of the harness that run in it.
     """
@@ -141,8 +139,6 @@ class ProcessPlan(ProcessSettings, frozen=True, kw_only=True):
     env: dict[str, str]
     nodes: tuple[NodePlan, ...] = ()
     container: str = ""
-    executor: Literal["single_threaded", "multi_threaded"] = "single_threaded"
-    threads: int = 0
     memory_limit_bytes: int = 0
     join: JoinPlan | None = None
 
@@ -279,6 +275,35 @@ class MonitorPlan(MonitorSettings, frozen=True, kw_only=True):
     taps: tuple[TapPlan, ...] = ()
 
 
+class CallPlan(_Value, frozen=True, kw_only=True):
+    """A service or an action that is called in each step.
+
+    Attributes:
+        name: of the monitor that has the responses, or the results.
+        target: the full name of the service or the action.
+        request: the fields of the request, or of the goal.
+        each: fields that replace some of them, in turn; a plan without them has no such key.
+        success: the field of a response that is false if the call has failed; empty for none.
+        accepted: of an action, the monitor that has the acceptances of goals; else empty.
+        feedback: of an action, the monitor that has the feedback; empty for none.
+    """
+
+    name: str
+    target: str
+    type: str
+    request: dict[str, Any]
+    each: tuple[dict[str, Any], ...] | msgspec.UnsetType = msgspec.UNSET
+    success: str = ""
+    accepted: str = ""
+    feedback: str = ""
+
+    @property
+    def requests(self) -> tuple[dict[str, Any], ...]:
+        """The fields of every request, in turn."""
+        each = ({},) if self.each is msgspec.UNSET else self.each
+        return tuple({**self.request, **fields} for fields in each)
+
+
 class SearchPlan(_Value, frozen=True, kw_only=True):
     """The peak search; `precision` is a relative width, as a fraction.
 
@@ -363,6 +388,7 @@ class Plan(Pacing, frozen=True, kw_only=True):
         clock: whether loader and player publish the system time on /clock.
         requires: what the machine must be; a plan without it has no such key.
         lifecycle: the nodes whose states the run changes, in this order; likewise.
+        calls: the services and actions that are called; a plan without them has no such key.
     """
 
     r2bspec_plan: Literal[1] = 1
@@ -402,10 +428,27 @@ class Plan(Pacing, frozen=True, kw_only=True):
     clock: bool = False
     requires: Requires | msgspec.UnsetType = msgspec.UNSET
     lifecycle: tuple[LifecyclePlan, ...] | msgspec.UnsetType = msgspec.UNSET
+    calls: tuple[CallPlan, ...] | msgspec.UnsetType = msgspec.UNSET
 
     def states_in(self, phase: str) -> dict[str, LifecycleState]:
         """The nodes of a phase whose states the run changes, in order, with these states."""
         return {each.name: each.state for each in self.lifecycle or () if each.phase == phase}
+
+    @property
+    def called(self) -> dict[str, CallPlan]:
+        """What is called, by the names of the monitors that have its answers."""
+        calls = () if self.calls is msgspec.UNSET else self.calls
+        return {
+            name: call
+            for call in calls
+            for name in (call.name, call.accepted, call.feedback)
+            if name
+        }
+
+    @property
+    def topic_monitors(self) -> tuple[MonitorPlan, ...]:
+        """The monitors of topics; the others have the answers to calls."""
+        return tuple(each for each in self.monitors if each.name not in self.called)
 
     @property
     def plays(self) -> tuple[PlayPlan, ...]:

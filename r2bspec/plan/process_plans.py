@@ -48,6 +48,10 @@ def plan_processes(spec: Spec, wiring: Wiring) -> tuple[ProcessPlan, ...]:
     if has_single_harness(spec):
         return (*_preprocess(spec, wiring), _single_harness(spec, wiring), *nodes)
     before = () if spec.live else (_harness_process("player", "measure"),)
+    if spec.playback.calls:
+        before = (
+            ProcessPlan(name="player", role="player", phase="measure", argv=HARNESS_ARGV, env={}),
+        )
     return (*_preprocess(spec, wiring), *before, *nodes, _harness_process("monitor", "measure"))
 
 
@@ -166,8 +170,6 @@ def _container(
         phase=phase,
         env=container.env,
         container=name,
-        executor=container.executor,
-        threads=container.threads,
         **_process_settings(container),
     )
 
@@ -199,8 +201,10 @@ def _joint_process(
     return ProcessPlan(name=name, role=role, argv=argv, env=env, nodes=placed, **rest)
 
 
-def _harness_process(role: Literal["loader", "player", "monitor"], phase: Phase) -> ProcessPlan:
-    argv = HARNESS_ARGV if role == "loader" else NATIVE_ARGV
+def _harness_process(
+    role: Literal["loader", "player", "monitor"], phase: Phase, *, python: bool = False
+) -> ProcessPlan:
+    argv = HARNESS_ARGV if python or role == "loader" else NATIVE_ARGV
     return ProcessPlan(name=role, role=role, phase=phase, argv=argv, env={})
 
 

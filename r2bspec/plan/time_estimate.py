@@ -1,7 +1,8 @@
 """How long a run or a comparison will take, from its plan alone: an estimate for people who wait.
 
-What the plan declares is exact: iterations, warm-up and probes. What it does not know, such as the
-start of processes, is a typical value. Nothing is decided by these numbers.
+What the plan declares is exact: iterations and warm-up. A search ends as soon as it can. What the
+plan does not know, such as the start of processes, is a typical value. Nothing is decided by these
+numbers.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from r2bspec.language.benchmark_defaults import PROBE, SEARCH_CONFIRMATIONS, SEARCH_PROBES
 from r2bspec.plan.comparability import pair_count, single_run_plan
 from r2bspec.plan.plan import Plan, PlayPlan
 
@@ -22,8 +24,11 @@ _PROCESS_START_S = 0.3
 _COLLECT_S = 1.0
 _LATER_START_S = 1.0
 _SEGMENT_END_S = 0.2
-_TYPICAL_PROBE_S = 4.0
-"""Typical times; a probe ends as soon as it is decided."""
+_TYPICAL_TRUTH_S = 4.0
+"""Typical times."""
+
+_TYPICAL_SEARCH = 0.5
+"""Of the time that a search may take (the median of simulated ones: 0.3 to 0.7)."""
 
 _SESSION_PHASES = ("start", "harness_overhead", "graph", "warm_up")
 
@@ -63,6 +68,7 @@ class TimeEstimate:
 def estimate_time(plan: Plan) -> TimeEstimate:
     """The time that a run of the plan will take."""
     play_s = sum(_play_s(play, play.iterations) for play in plan.plays)
+    probe_s = plan.search.probe_ns / 1e9 if plan.search is not None else PROBE.seconds
     # Data and schedule are ready, and the harness overhead is known.
     later_starts_s = (plan.starts - 1) * (
         _LATER_START_S + _PROCESS_START_S * len(plan.processes) + plan.warm_up_ns / 1e9
@@ -75,8 +81,9 @@ def estimate_time(plan: Plan) -> TimeEstimate:
         "harness_overhead": _HARNESS_OVERHEAD_S if "harness_overhead" in plan.phases else 0.0,
         "graph": _GRAPH_START_S + _PROCESS_START_S * len(plan.processes),
         "warm_up": plan.warm_up_ns / 1e9,
-        "search": _search_s(plan),
-        "sustained": len(plan.sustained_hz) * _TYPICAL_PROBE_S,
+        "search": _TYPICAL_SEARCH * _most_search_s(plan),
+        # Only a play of its whole length shows that a rate is sustained.
+        "sustained": len(plan.sustained_hz) * probe_s,
         "play": play_s + later_starts_s,
         "truth": _truth_s(plan),
         "collect": _COLLECT_S,
@@ -85,9 +92,11 @@ def estimate_time(plan: Plan) -> TimeEstimate:
     longest_play_s = sum(
         _play_s(play, max(play.iterations, play.max_iterations)) for play in plan.plays
     )
+    most_search_s = _most_search_s(plan)
     longest = sum(phases.values()) + longest_play_s - play_s
+    longest += most_search_s - phases.get("search", 0.0)
     if plan.gate.confirm and plan.objectives and not plan.external:
-        measured = longest_play_s + phases.get("search", 0.0) + phases.get("sustained", 0.0)
+        measured = longest_play_s + most_search_s + phases.get("sustained", 0.0)
         session_s = sum(phases.get(play, 0.0) for play in _SESSION_PHASES)
         longest += measured + session_s + later_starts_s
     if plan.gate.time_budget_ns:
@@ -120,21 +129,20 @@ def _truth_s(plan: Plan) -> float:
     rates = [play.rate_hz for play in plan.play] + list(plan.sustained_hz)
     rates += [plan.search.min_hz] if plan.search is not None else []
     rate_hz = min(rates, default=0.0)
-    return plan.buffer / rate_hz if rate_hz and plan.buffer else _TYPICAL_PROBE_S
+    return plan.buffer / rate_hz if rate_hz and plan.buffer else _TYPICAL_TRUTH_S
 
 
 def _play_s(play: PlayPlan, iterations: int) -> float:
     return iterations * (play.duration_ns / 1e9 + _SEGMENT_END_S)
 
 
-def _search_s(plan: Plan) -> float:
-    """Both ends of the range, then halving it (in logarithms) down to the precision."""
+def _most_search_s(plan: Plan) -> float:
+    """After this time a search plays nothing but what its bracket needs."""
     search = plan.search
-    if search is None or search.max_hz <= search.min_hz or search.precision <= 0:
+    if search is None or search.max_hz <= search.min_hz:
         return 0.0
-    span = math.log(search.max_hz / search.min_hz) / math.log1p(search.precision)
-    probes = 2 + math.ceil(math.log2(max(span, 1.0)))
-    return probes * min(search.probe_ns / 1e9, _TYPICAL_PROBE_S)
+    played_ns = SEARCH_PROBES * search.probe_ns + SEARCH_CONFIRMATIONS * search.confirm_ns
+    return played_ns / 1e9
 
 
 def time_text(seconds: float) -> str:

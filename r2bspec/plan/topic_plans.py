@@ -103,7 +103,7 @@ def plan_monitors(spec: Spec, wiring: Wiring) -> tuple[MonitorPlan, ...]:
             answers=_answers(monitor, spec, wiring),
             taps=_taps(monitor, wiring) if monitor.taps else (),
         )
-        for name, monitor in spec.monitors.items()
+        for name, monitor in spec.outputs.items()
     )
 
 

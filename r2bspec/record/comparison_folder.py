@@ -19,7 +19,7 @@ with pauses. Each iteration keeps its samples; the indices are renumbered.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -102,9 +102,9 @@ def merge_runs(
             segments.append(
                 msgspec.structs.replace(
                     one,
-                    id=_prefixed_id(number, one.id),
+                    id=prefixed_id(number, one.id),
                     index=counts[key],
-                    rerun_of=_prefixed_id(number, one.rerun_of) if one.rerun_of else "",
+                    rerun_of=prefixed_id(number, one.rerun_of) if one.rerun_of else "",
                     start=starts + one.start,
                 )
             )
@@ -116,7 +116,7 @@ def merge_runs(
         segments=tuple(segments),
         search=_search(records),
         sustained=tuple(
-            msgspec.structs.replace(each, segment=_prefixed_id(number, each.segment))
+            msgspec.structs.replace(each, segment=prefixed_id(number, each.segment))
             for number, record in enumerate(records, start=1)
             for each in record.sustained
         ),
@@ -135,7 +135,8 @@ def merge_runs(
     return MergedRun(folder=folder, record=merged, plan=plan, runs=tuple(runs), spec=spec)
 
 
-def _prefixed_id(number: int, own: str) -> str:
+def prefixed_id(number: int, own: str) -> str:
+    """The id of a segment in a merged run, from the number of its own run and its id there."""
     return f"{number:03d}{_SEPARATOR}{own}"
 
 
@@ -151,7 +152,7 @@ def _search(records: Sequence[RunRecord]) -> SearchRecord | None:
     order: tuple[Limit, ...] = ("interrupted", "player", "interference", "range", "graph")
     return SearchRecord(
         probes=tuple(
-            msgspec.structs.replace(each, segment=_prefixed_id(number, each.segment))
+            msgspec.structs.replace(each, segment=prefixed_id(number, each.segment))
             for number, record in enumerate(records, start=1)
             for each in (record.search.probes if record.search is not None else ())
         ),
@@ -204,6 +205,10 @@ class PairRecord(msgspec.Struct, frozen=True, kw_only=True):
     unusable: str = ""
     disturbed: str = ""
 
+    def folder(self, side: Side) -> str:
+        """The folder of one of its runs, likewise."""
+        return self.base if side == "base" else self.head
+
 
 class PairsRecord(msgspec.Struct, frozen=True, kw_only=True):
     """A comparison, complete or not.
@@ -252,12 +257,17 @@ class ComparisonFolder(RunFolder):
 
 @dataclass(frozen=True)
 class PairedComparison:
-    """A comparison that has been opened."""
+    """A comparison that has been opened.
+
+    Attributes:
+        opened: its runs that have been opened before, by their folders.
+    """
 
     folder: Path
     record: PairsRecord
     plan: Plan
     base_plan: Plan
+    opened: dict[str, Run] = field(default_factory=dict)
 
     def usable_pairs(self, *, confirms: bool = False) -> tuple[PairRecord, ...]:
         """The pairs that count: of each number the first usable one."""
@@ -292,7 +302,10 @@ class PairedComparison:
         Raises:
             RecordError: its folder is missing or damaged.
         """
-        return open_run(self.folder / (pair.base if side == "base" else pair.head))
+        folder = pair.folder(side)
+        if folder not in self.opened:
+            self.opened[folder] = open_run(self.folder / folder)
+        return self.opened[folder]
 
     def merged(self, pairs: Sequence[PairRecord], side: Side) -> MergedRun:
         """All runs of one side of some pairs as one.
@@ -317,7 +330,7 @@ class PairedComparison:
     def _fallback_runs(self, side: Side) -> list[Run]:
         """A run with machine and versions, if no pair is usable."""
         for pair in self.record.pairs:
-            folder = self.folder / (pair.base if side == "base" else pair.head)
+            folder = self.folder / pair.folder(side)
             if (folder / "record.json").exists():
                 return [open_run(folder)]
         return []
@@ -349,8 +362,12 @@ def is_comparison(path: Path) -> bool:
     return is_regular(path / PAIRS_FILE)
 
 
-def open_comparison(path: Path) -> PairedComparison:
+def open_comparison(path: Path, opened: dict[str, Run] | None = None) -> PairedComparison:
     """Open a comparison.
+
+    Args:
+        path: its folder.
+        opened: its runs that have been opened before; those that are opened are added.
 
     Raises:
         RecordError: a file is missing or damaged, or has an unknown format version.
@@ -367,4 +384,5 @@ def open_comparison(path: Path) -> PairedComparison:
         record=record,
         plan=read_stored_plan(COMPARISON_FILES, folder / "plan.json", record.head_plan),
         base_plan=read_stored_plan(COMPARISON_FILES, folder / BASE_PLAN_FILE, record.base_plan),
+        opened={} if opened is None else opened,
     )

@@ -17,6 +17,7 @@ from typing import Any, BinaryIO, Final, TypeVar
 import msgspec
 
 from r2bspec.errors import ExitStatus, R2bspecError
+from r2bspec.ipc.sample_files import refusal_hint
 from r2bspec.safe_io.limits import MAX_JSON_BYTES
 from r2bspec.safe_io.safe_file import read_bytes
 from r2bspec.safe_io.safe_json import decode_json, read_json
@@ -72,7 +73,7 @@ def write_atomically(path: Path, content: bytes | Callable[[BinaryIO], object]) 
     except OSError as error:
         raise RecordError(
             f"{path} cannot be written: {error.strerror or error}",
-            hint="Choose another folder with --output, or free space on this disk.",
+            hint=refusal_hint(error),
             code=RUN_UNWRITABLE,
         ) from error
     finally:

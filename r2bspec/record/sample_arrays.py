@@ -139,13 +139,10 @@ _LONGEST_NS = 1 << 62
 
 
 def _check_times(rows: Rows, path: Path) -> None:
-    for name in rows.dtype.names or ():
+    names = [name for name in rows.dtype.names or () if name.endswith("_ns")] if rows.size else ()
+    for name in names:
         times = rows[name]
-        if (
-            name.endswith("_ns")
-            and times.size
-            and max(-int(times.min()), int(times.max())) > _LONGEST_NS
-        ):
+        if times.min() < -_LONGEST_NS or times.max() > _LONGEST_NS:
             raise RecordError(f"{path} is damaged: {name} has a time that cannot be", hint=_HINT)
 
 

@@ -14,6 +14,7 @@ from typing import Final
 
 from r2bspec.judge.caveats import WITHOUT_BURST, particular_caveats
 from r2bspec.judge.measure.metrics import RunMetrics
+from r2bspec.judge.measure.own_pace import own_pace_text
 from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import DisturbedIteration, RequirementVerdict
@@ -391,6 +392,10 @@ def _message_anomalies(result: Result) -> Iterator[str]:
                 yield f"{where} received nothing"
             elif seen.unknown_latency:
                 yield f"{where}: the latency is unknown: {seen.unknown_latency}"
+            if seen.own_period_s is not None:
+                hz = rate.offered_hz if len(result.metrics.rates) == 1 and seen.answered else 0.0
+                yield f"{where}: {own_pace_text(seen.own_period_s, 1 / hz if hz else 0.0)}"
+                continue
             if seen.expected != seen.sent:
                 inputs, outputs = show(seen.sent, "count"), show(seen.expected, "count")
                 yield f"{where}: {inputs} inputs, {outputs} outputs expected"

@@ -111,7 +111,7 @@ def _values(report_input: ReportInput) -> tuple[NDArray[np.float64], int | None]
         )
     ((rate, monitor),) = found
     seen = [one.monitors[monitor] for one in samples.iterations[rate]]
-    lost = None if seen[0].live else sum(one.missed for one in seen)
+    lost = None if seen[0].own_pace else sum(one.missed for one in seen)
     return known_latencies(seen), lost
 
 

@@ -20,6 +20,7 @@ from r2bspec.report.result_table import METRICS, measured
 _SUMMARIES = {
     "latency": "Time from publication of the input to reception of the output.",
     "latency_from_due": "Time from the due time of the input to reception of the output.",
+    "age": "Time from publication of the newest input in an output to its reception.",
     "interval": "Time between consecutive outputs.",
     "jitter": "Absolute difference of consecutive intervals.",
 }
@@ -178,9 +179,10 @@ def _of_monitors(metrics: RunMetrics, named: Labels) -> Iterator[_Family]:
         for labels, seen in rows:
             times = getattr(seen, key)
             # In a live run, what was sent is unknown, and so are some times.
-            if times.n or seen.sent is not None:
+            if times is not None and (times.n or seen.sent is not None):
                 _add_summary(family, times, labels)
-        yield family
+        if any(getattr(seen, key) is not None for _, seen in rows):
+            yield family
     for metric, (name, unit, about) in _GAUGES.items():
         gauge = _Family(f"r2bspec_{name}", "gauge", about, unit)
         for labels, seen in rows:

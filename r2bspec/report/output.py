@@ -23,18 +23,22 @@ def echo(
     *,
     err: bool = False,
     nl: bool = True,
+    lines: bool = False,
     styled: bool = False,
     commands: bool = False,
 ) -> None:
-    """Print a text.
+    """Print a line, in which a line break can only be of a name, and is replaced.
 
     Args:
         text: what to print.
         err: to standard error instead of standard output.
-        nl: end the line.
+        nl: end the line; without, the text has all its line breaks.
+        lines: the text has several lines.
         styled: the text has colours, around values that are plain.
         commands: the text is workflow commands that r2bspec made, with escaped values.
     """
+    if nl and not lines:
+        text = text.replace("\n", plain_text.REPLACEMENT)
     shown = plain_text.short_lines(plain_text.harmless(text, styled=styled, commands=commands))
     click.echo(shown, err=err, nl=nl, color=True if styled else None)
 

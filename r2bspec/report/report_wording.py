@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from r2bspec.judge.measure.metrics import RunMetrics
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
-from r2bspec.judge.methods.peak_bracket import peak_doubts
+from r2bspec.judge.methods.peak_bracket import bracket_confidence, peak_doubts
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import OverallOutcome, RequirementVerdict, UncertaintyBudget, Verdict
 from r2bspec.record.graph_identity import revision_text
@@ -142,10 +142,8 @@ def peak_text(search: SearchRecord) -> str:
         first, last = (show(rate_hz, "Hz") for rate_hz in (search.open_hz[0], search.open_hz[-1]))
         several = len(search.open_hz) > 1
         parts.insert(1, f"undecided from {first} to {last}" if several else f"undecided at {first}")
-    if search.shown and search.confidence:
-        recurs = show(search.recurs_s, "s", 2)
-        met = f" for what recurs within {recurs}" if search.recurs_s else ""
-        parts.append(f"{show(search.confidence, 'share', 4)} confidence{met}")
+    if sure := bracket_confidence(search):
+        parts.append(sure)
     parts += [f"{each[:1].lower()}{each[1:]}" for each in peak_doubts(search)]
     return " · ".join([*parts, f"{len(search.probes)} probes"])
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from operator import attrgetter
 from typing import Final, NamedTuple
 
 from r2bspec.judge.measure.distribution import PARTS, part_title, part_value
@@ -116,8 +115,10 @@ class Metric:
 
     def value(self, seen: MonitorMetrics) -> float | None:
         """Its value; None where there is none."""
-        value: float | None = attrgetter(self.path.replace("/", "."))(seen)
-        return value
+        family, _, part = self.path.partition("/")
+        value = getattr(seen, family)
+        found: float | None = getattr(value, part) if part and value is not None else value
+        return found
 
 
 def _metrics() -> Iterator[Metric]:
@@ -125,6 +126,7 @@ def _metrics() -> Iterator[Metric]:
     for family, prefix in (
         ("latency", ""),
         ("latency_from_due", "from due, "),
+        ("age", "age "),
         ("interval", "interval "),
         ("jitter", "jitter "),
     ):

@@ -104,31 +104,37 @@ _MIN_WIDTHS = {
 }
 """The columns of a monitor: each metric, with the width of the report from which it is shown."""
 
-_PLAYED_COLUMNS, _LIVE_COLUMNS = ("sent", "missed"), ("received",)
-"""Columns of a run with playback, and of a live run, in which what was sent is unknown."""
+_ANSWER_COLUMNS, _OWN_PACE_COLUMNS = ("sent", "missed"), ("received",)
+"""Columns of outputs that answer inputs, and of those of which no number is expected."""
 
 
 def monitor_sections(result: Result, width: int) -> Iterator[RenderableType]:
     """A table for each monitor of the run."""
     metrics = result.metrics
-    live = any(rate.pace == "source" for rate in metrics.rates)
-    columns = [
-        metric
-        for metric, min_width in _MIN_WIDTHS.items()
-        if min_width <= width and metric not in (_PLAYED_COLUMNS if live else _LIVE_COLUMNS)
-    ]
     for name in monitor_names(metrics):
-        yield _section(result.monitor_title(name), [*measured(metrics, name)], columns)
+        rows = [*measured(metrics, name)]
+        own_pace = any(row.seen.age is not None for row in rows)
+        hidden = _ANSWER_COLUMNS if own_pace else _OWN_PACE_COLUMNS
+        columns = [
+            metric
+            for metric, min_width in _MIN_WIDTHS.items()
+            if min_width <= width and metric not in hidden
+        ]
+        live = any(row.rate.pace == "source" for row in rows)
+        family = "age" if own_pace and not live else "latency"
+        yield _section(result.monitor_title(name), rows, columns, family)
 
 
-def _section(title: str, rows: list[Measured], columns: list[str]) -> RenderableType:
+def _section(title: str, rows: list[Measured], columns: list[str], family: str) -> RenderableType:
+    """The table of a monitor, with one family of times."""
     made = table(["offered", *(METRICS[metric].title for metric in columns)])
-    aside = "latency"
+    columns = [metric.replace("latency.", f"{family}.") for metric in columns]
+    aside = family
     for row in rows:
         made.add_row(row.offered, *map(row.text, columns))
         count = len(row.rate.iterations)
         if count > 1:
-            aside = "latency; below each line, the range over the iterations"
+            aside = f"{family}; below each line, the range over the iterations"
             ranges = (f"× {count}", *map(row.range_text, columns))
             made.add_row(*(Text(text, style=DIM_STYLE) for text in ranges))
     return Group(heading(title, aside), made)

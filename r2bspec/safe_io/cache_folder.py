@@ -10,18 +10,14 @@ An archive can bring a cache along, too, and nothing tells where it was unpacked
 
 from __future__ import annotations
 
-import functools
 import grp
 import os
 import pwd
 import stat
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from r2bspec.private_files import private_files
-
-if TYPE_CHECKING:
-    import tempfile
 
 FileState = tuple[int, int, int, int]
 """Inode, size, and when content (mtime) and file (ctime) last changed, in nanoseconds.
@@ -98,14 +94,9 @@ def cache_or_temporary_folder(kind: str) -> Path:
         return cache_folder(kind)
     except OSError as error:
         pass_over(kind, error)
-        return Path(_temporary_folder(kind).name)
+        from r2bspec.safe_io.temporary_folder import process_folder
 
-
-@functools.cache
-def _temporary_folder(kind: str) -> tempfile.TemporaryDirectory[str]:
-    import tempfile
-
-    return tempfile.TemporaryDirectory(prefix=f"r2bspec-{kind}-")
+        return process_folder(kind)
 
 
 def pass_over(kind: str, error: OSError) -> None:

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar, cast
 
 from r2bspec.safe_io.limits import (
+    FREE_MESSAGES,
     FREE_PIECE_BYTES,
     FREE_RECORDS,
     FREE_TOTAL_BYTES,
@@ -26,6 +27,7 @@ from r2bspec.safe_io.limits import (
     MAX_ARRAY_HEADER_BYTES,
     MAX_PIECE_BYTES,
     MAX_RATIO,
+    MIN_BYTES_OF_MESSAGE,
     MIN_BYTES_OF_RECORD,
 )
 from r2bspec.safe_io.safe_file import RefusedDataError
@@ -77,17 +79,20 @@ class DecompressionBudget:
 
     Args:
         stored_bytes: the size of the file.
+        messages: how many records of it are messages, as far as that is known.
     """
 
-    def __init__(self, stored_bytes: int) -> None:
+    def __init__(self, stored_bytes: int, messages: int = 0) -> None:
         if _chosen_bytes is None:
             self._left = max(FREE_TOTAL_BYTES, stored_bytes * MAX_RATIO)
             self._limit = f"{MAX_RATIO:,} times its size"
         else:
             self._left = _chosen_bytes
             self._limit = _chosen_text(_chosen_bytes)
-        self._max_records = max(FREE_RECORDS, stored_bytes // MIN_BYTES_OF_RECORD)
+        self._max_records = messages + max(FREE_RECORDS, stored_bytes // MIN_BYTES_OF_RECORD)
         self._records = 0
+        self._max_messages = max(FREE_MESSAGES, stored_bytes // MIN_BYTES_OF_MESSAGE)
+        self._messages = 0
 
     def spend(self, unpacked_bytes: int) -> None:
         """Take in one more piece.
@@ -98,6 +103,19 @@ class DecompressionBudget:
         self._left -= unpacked_bytes
         if self._left < 0:
             raise RefusedDataError(f"it unpacks to more than {self._limit}", hint=_HINT)
+
+    def spend_messages(self, number: int = 1) -> None:
+        """Take in further messages; however small they are, each takes its time.
+
+        Raises:
+            RefusedDataError: a file of this size holds fewer, and the user has chosen no limit.
+        """
+        self._messages += number
+        if self._messages > self._max_messages and _chosen_bytes is None:
+            raise RefusedDataError(
+                f"it has more than {self._max_messages:,} messages, of a few bytes each",
+                hint="record fewer topics or split it; if it is meant, allow it with --max-bytes",
+            )
 
     def spend_record(self) -> None:
         """Take in one more record that is no message.
@@ -165,6 +183,13 @@ def spend_record() -> None:
     budget = _ACTIVE.get()
     if budget is not None:
         budget.spend_record()
+
+
+def spend_message() -> None:
+    """Count one message in the budget that is active; see `DecompressionBudget.spend_messages`."""
+    budget = _ACTIVE.get()
+    if budget is not None:
+        budget.spend_messages()
 
 
 def max_unpacked(stored_bytes: int) -> int:

@@ -133,6 +133,10 @@ FREE_RECORDS: Final = 100_000
 """Of MCAP, that are no messages; a larger file may have one for each `MIN_BYTES_OF_RECORD`."""
 MIN_BYTES_OF_RECORD: Final = 100
 """Stored bytes for each record: an index has one for each chunk and topic."""
+FREE_MESSAGES: Final = 250_000
+"""Of any storage; a larger file may have one for each `MIN_BYTES_OF_MESSAGE`."""
+MIN_BYTES_OF_MESSAGE: Final = 50
+"""Stored bytes for each message: reading the smallest takes some microseconds, too."""
 MAX_FIXED_VALUES: Final = 100_000
 """Of a message without its sequences; an array of numbers counts as one."""
 MAX_BAG_INDEX_BYTES: Final = 64_000_000

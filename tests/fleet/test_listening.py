@@ -15,7 +15,7 @@ import pytest
 
 pytest.importorskip("distributed")
 
-from fleet_hosts import HANG_S, fleet
+from fleet_hosts import HANG_S, Fleet, fleet
 from r2bspec.fleet.client import FleetClient
 from r2bspec.fleet.security import fleet_address
 
@@ -102,3 +102,11 @@ def test_the_scheduler_of_the_docs_listens_on_the_loopback_interface_only(tmp_pa
     finally:
         scheduler.send_signal(signal.SIGTERM)
         scheduler.wait(60)
+
+
+def test_a_worker_that_ends_instead_of_joining_is_named_with_what_it_said(tmp_path: Path) -> None:
+    """The tests of fleets tell why a worker never came, and do not wait for it."""
+    hosts = Fleet(tmp_path / "fleet")
+    program = [sys.executable, "-c", "print('no such thing', flush=True); raise SystemExit(3)"]
+    with pytest.raises(AssertionError, match=r"worker a has ended with 3:\nno such thing"):
+        hosts.start_worker("a", program=program)

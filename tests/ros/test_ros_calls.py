@@ -1,14 +1,72 @@
-"""Requests of service calls, filled from what a spec says."""
+"""Services and actions are called: with what a spec says, and when it is due."""
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
+pytest.importorskip("test_msgs")
 
 from rcl_interfaces.srv import GetParameters, SetParameters
 
 from r2bspec.harness.service_client import ServiceCallError, fill_message, service_class
+from ros_runs import Bench
+from ros_runs import bench as bench
+
+# Every fourth request fails. The service takes longer than its period.
+NODES = """
+import time
+
+from rclpy.action import ActionServer
+from test_msgs.action import Fibonacci
+from test_msgs.srv import BasicTypes
+
+
+class Slow(Node):
+    def __init__(self, **kwargs):
+        super().__init__("slow", **kwargs)
+        self.calls = 0
+        self.create_service(BasicTypes, "slow", self.answer)
+
+    def answer(self, request, response):
+        assert (request.int32_value, request.int64_value) == (7, self.calls % 2)
+        time.sleep(0.15)
+        self.calls += 1
+        response.bool_value = self.calls % 4 != 0
+        return response
+
+
+class Planner(Node):
+    def __init__(self, **kwargs):
+        super().__init__("planner", **kwargs)
+        self.goals = 0
+        self.server = ActionServer(self, Fibonacci, "plan", self.plan)
+
+    def plan(self, goal):
+        assert goal.request.order == 7
+        for number in range(3):
+            goal.publish_feedback(Fibonacci.Feedback(sequence=[number]))
+            time.sleep(0.005)
+        self.goals += 1
+        goal.abort() if self.goals % 4 == 0 else goal.succeed()
+        return Fibonacci.Result()
+"""
+
+SLOW = {"name": "slow", "type": "test_msgs/srv/BasicTypes", "request": {"int32_value": 7}}
+PLAN = {"name": "plan", "type": "test_msgs/action/Fibonacci", "goal": {"order": 7}}
+
+
+def calls_spec(node: str, call: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "r2bspec": 1,
+        "name": "calls",
+        "playback": {"calls": {"it": call}},
+        "graph": {"nodes": {"server": {"python": f"./nodes.py:{node}"}}},
+        "benchmark": {"duration": "2 s", "iterations": 1, "starts": 1, "rates": ["10 Hz"]},
+    }
 
 
 def test_nested_messages_and_sequences_of_them_are_made() -> None:
@@ -45,3 +103,50 @@ def test_a_service_type_that_is_not_installed() -> None:
     for wrong in ("nowhere/srv/Nothing", "rcl_interfaces/srv/Nothing", "nonsense"):
         with pytest.raises(ServiceCallError, match="is not installed"):
             service_class(wrong)
+
+
+def test_a_service_is_called_whether_or_not_it_has_answered(bench: Bench) -> None:
+    spec = calls_spec(
+        "Slow",
+        {"service": SLOW, "each": [{}, {"int64_value": 1}], "success": "bool_value"},
+    )
+    run = bench.run(spec).run()
+    (segment,) = (each for each in run.record.segments if each.kind == "iteration")
+    played, answers = run.playback(segment), run.monitor(segment, "it")
+    assert played.size == 20
+    assert np.allclose(np.diff(played["due_ns"]), 1e8)
+    assert (played["published_ns"] >= played["due_ns"]).all()
+    # A response in which `success` is false does not count, as one that never came.
+    assert 0 < answers.size <= 16
+    at = np.searchsorted(played["stamp_ns"], answers["stamp_ns"])
+    assert (played["stamp_ns"][at] == answers["stamp_ns"]).all()
+    assert (answers["received_ns"] - played["published_ns"][at] >= 150_000_000).all()
+    # The next request does not wait for the answer.
+    later = at < played.size - 1
+    assert (played["published_ns"][at[later] + 1] < answers["received_ns"][later]).any()
+
+
+def test_of_an_action_acceptance_feedback_and_success_are_measured(bench: Bench) -> None:
+    run = bench.run(calls_spec("Planner", {"action": PLAN, "feedback": True})).run()
+    (segment,) = (each for each in run.record.segments if each.kind == "iteration")
+    rows = {name: run.monitor(segment, name) for name in ("it_accepted", "it_feedback", "it")}
+    first = {}
+    for name, each in rows.items():
+        stamps, place = np.unique(each["stamp_ns"], return_index=True)
+        first[name] = dict(zip(stamps.tolist(), each["received_ns"][place].tolist(), strict=True))
+    assert 0 < len(first["it"]) <= 16
+    assert set(first["it"]) <= set(first["it_accepted"])
+    assert all(first["it_accepted"][stamp] < result for stamp, result in first["it"].items())
+    told = first["it"].keys() & first["it_feedback"].keys()
+    assert told
+    assert all(first["it_feedback"][stamp] < first["it"][stamp] for stamp in told)
+    # Each message of the feedback is a row; the first one answers the step.
+    assert rows["it_feedback"].size > len(first["it_feedback"])
+
+
+def test_a_service_that_nobody_offers_is_named(bench: Bench) -> None:
+    spec = calls_spec("Planner", {"service": {**SLOW, "name": "other"}})
+    spec["benchmark"]["start_timeout"] = "3 s"
+    ended = bench.run(spec)
+    assert ended.status == 4
+    assert "error[R2B640 graph-not-connected]: no node offers /r2b/other" in ended.stderr

@@ -27,8 +27,11 @@ from simulated_gates import (
 )
 
 from nightly import size
+from r2bspec.judge.caveats import LONG_BURST
 from r2bspec.judge.decision_policy import DecisionPolicy
+from r2bspec.judge.early_pass import bound_with_unmet, losses_with_unmet, share_with_unmet
 from r2bspec.judge.pipeline import judge
+from r2bspec.judge.statistics.binomial import burst_tolerance, upper_bound
 from r2bspec.judge.statistics.effective_sample_size import SampleDesign, effective_sample
 from r2bspec.judge.statistics.percentile_interval import RankedMessages, percentile_interval
 from r2bspec.judge.statistics.t_interval import (
@@ -306,10 +309,11 @@ def errors(
     return found
 
 
-def planned_looks(shape: Shape, *, looks: bool) -> InterimLooks:
-    """The looks at a run, or the only one at its end."""
+def planned_looks(shape: Shape, *, looks: bool, declared: int = 0) -> InterimLooks:
+    """The looks at a run, or the only one at its end; all iterations are declared by default."""
     if looks:
-        return InterimLooks.planned(shape.pieces, shape.starts)
+        declared = declared or shape.pieces
+        return InterimLooks.planned(declared, declared // shape.iterations, shape.pieces)
     return InterimLooks((shape.pieces,))
 
 
@@ -322,11 +326,43 @@ def _at_looks(
     confidence: float,
 ) -> int:
     """The first decision at a look."""
+    return _decided_at(values, shape, looks, quantity, limit, confidence)[0]
+
+
+def _decided_at(
+    values: Values,
+    shape: Shape,
+    looks: InterimLooks,
+    quantity: str,
+    limit: float,
+    confidence: float,
+) -> tuple[int, int]:
+    """The first decision at a look, and after how many iterations; after all if there is none."""
     for look, end in enumerate(looks.iterations, start=1):
-        at = looks.confidence_at(look, confidence)
-        if found := outcome(values[:end], shape, quantity, limit, at):
-            return found
-    return 0
+        at, played = looks.confidence_at(look, confidence), values[:end]
+        found = outcome(played, shape, quantity, limit, at)
+        early = found > 0 and end < looks.declared
+        if found and not (early and not has_room(played, shape, quantity, limit, at)):
+            return found, end
+    return 0, looks.iterations[-1]
+
+
+def has_room(values: Values, shape: Shape, quantity: str, limit: float, confidence: float) -> bool:
+    """Whether a PASS may end a run before its declared starts, as `early_doubt` has it."""
+    numbers = shape.numbers[: len(values)]
+    starts = len(set(numbers))
+    if quantity == "mean, throughput":
+        found = hierarchical_interval(values.mean(axis=1).tolist(), numbers, confidence)
+        return bound_with_unmet(found.interval.upper, starts, upper=True) < limit
+    allowed = round(1 - QUANTILES.get(quantity, 0.99), 12)
+    over = int(np.count_nonzero(values > limit))
+    if (burst_tolerance(over, values.size, allowed, confidence) or 0) < LONG_BURST:
+        return False
+    if quantity == "drop rate 1 %":
+        sample = effective_sample(list(values > limit), SampleDesign(numbers, allowed, confidence))
+        upper = upper_bound(sample.bad_messages, sample.messages, confidence)
+        return losses_with_unmet(upper, starts) <= allowed
+    return share_with_unmet(list(values), limit, starts) <= allowed
 
 
 @dataclass(frozen=True)
@@ -342,32 +378,39 @@ class TimeToVerdict:
     starts: float
 
 
-def time_to_verdict(distance: float, most: int, *, looks: bool = True, runs: int) -> TimeToVerdict:
+def time_to_verdict(
+    distance: float, starts: int, most: int = 0, *, looks: bool = True, runs: int
+) -> TimeToVerdict:
     """A mean that is so many deviations between starts below its limit.
 
     Args:
         distance: in standard deviations between starts.
-        most: the most starts.
+        starts: that are declared.
+        most: to how many a run that is open is extended; `starts` if that is more.
         looks: whether there are interim looks; all starts are judged at once otherwise.
         runs: how many.
     """
-    world, shape = WORLDS["starts differ by 2.7 %"], Shape(most)
+    world, shape = WORLDS["starts differ by 2.7 %"], Shape(max(starts, most))
     random, limit = np.random.default_rng(1), 1 + world.start * distance
-    planned = planned_looks(shape, looks=looks)
+    quantity = "mean, throughput"
+    planned = planned_looks(shape, looks=looks, declared=starts * shape.iterations)
     played, decided = [], 0
     for _ in range(runs):
         values = world.run(random, shape)
-        for look, end in enumerate(planned.iterations, start=1):
-            at = planned.confidence_at(look)
-            if found := outcome(values[:end], shape, "mean, throughput", limit, at):
-                break
+        found, end = _decided_at(values, shape, planned, quantity, limit, CONFIDENCE)
         played.append(end // shape.iterations)
         decided += found > 0
     return TimeToVerdict(decided / runs, float(np.median(played)))
 
 
 def verdict_on(
-    values: Values, quantity: str, limit: float, shape: Shape = DEFAULT, *, start_s: float = 0.0
+    values: Values,
+    quantity: str,
+    limit: float,
+    shape: Shape = DEFAULT,
+    *,
+    start_s: float = 0.0,
+    looks: InterimLooks | None = None,
 ) -> Verdict:
     """The verdict on a run with these messages, of which one takes 20 ms.
 
@@ -377,6 +420,7 @@ def verdict_on(
         limit: its limit.
         shape: of the run.
         start_s: what a start took; an iteration takes a thirtieth of a second a message.
+        looks: at which the run is judged; once if None.
     """
     latency, metric = values * 0.02, quantity.partition(",")[0]
     text = f"latency.{metric} < {limit * 20:.6f} ms"
@@ -388,7 +432,7 @@ def verdict_on(
         for number in range(1, shape.starts + 1)
     )
     run = replace(run, record=msgspec.structs.replace(run.record, starts=starts))
-    return judge({"slo": objective(text)}, run, DecisionPolicy())
+    return judge({"slo": objective(text)}, run, DecisionPolicy(looks=looks))
 
 
 _ADVICE = re.compile(r"(?P<starts>\d+) starts with (?P<all>\d+)|(?P<only>\d+) iterations in")

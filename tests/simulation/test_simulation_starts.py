@@ -8,6 +8,8 @@ is listed with the largest figure it may reach, and why.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from simulated_gates import RUN_WORLDS, Errors, chance, held, history_errors, pairs_errors
@@ -19,6 +21,7 @@ from simulated_starts import (
     Shape,
     StartWorld,
     errors,
+    has_room,
     limit_of,
     outcome,
     stored_errors,
@@ -27,6 +30,7 @@ from simulated_starts import (
 )
 
 from nightly import noise, size
+from r2bspec.plan.interim_looks import InterimLooks
 
 pytestmark = pytest.mark.simulation
 
@@ -95,7 +99,7 @@ MEMORY = "iterations resemble (0.8), 5 %"
 
 @pytest.mark.parametrize("name", WORLDS)
 def test_errors_on_the_limit(name: str) -> None:
-    for quantity, found in errors(WORLDS[name], runs=RUNS).items():
+    for quantity, found in errors(WORLDS[name], runs=RUNS, looks=True).items():
         passed, failed, confirmed = found.shares
         most_passed, _ = NOT_HELD.get(name, {}).get(quantity, (chance(0.05, RUNS), ""))
         assert passed <= most_passed + NOISE, quantity
@@ -179,9 +183,35 @@ def test_a_clear_run_ends_after_three_starts_and_a_close_one_is_decided_later() 
     runs = size(40, 400)
     clear = time_to_verdict(10, 5, runs=runs)
     assert (clear.decided, clear.starts) == (1, 3)
-    close = time_to_verdict(1, 20, runs=runs)
+    close = time_to_verdict(1, 5, 24, runs=runs)
     assert close.decided >= 0.95 - noise(0.1)
     assert time_to_verdict(1, 5, looks=False, runs=runs).decided < close.decided - 0.2
+
+
+@pytest.mark.parametrize("starts", [5, 20])
+@pytest.mark.parametrize("name", ["1 start in 5 is slow", "stalls of 40 messages"])
+def test_a_run_that_may_end_early_passes_no_oftener_where_something_is_rare(
+    name: str, starts: int
+) -> None:
+    """What three starts cannot have met keeps a PASS waiting for the others."""
+    runs, shape = size(10, 300), Shape(starts, 2, 100)
+    early, whole = (errors(WORLDS[name], shape=shape, runs=runs, looks=on) for on in (True, False))
+    for quantity, found in early.items():
+        assert found.passed <= whole[quantity].passed + 0.02 + noise(0.1)
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_a_verdict_ends_a_run_where_the_simulated_one_does(quantity: str) -> None:
+    world, random = WORLDS["starts differ by 2.7 %"], np.random.default_rng(4)
+    looks = InterimLooks.planned(DEFAULT.pieces, DEFAULT.starts)
+    for at in (1.05, 1.2, 1.5, 2.0):
+        limit = limit_of(world, quantity) * at
+        values = world.run(random, DEFAULT)[: looks.iterations[0]]
+        verdict = verdict_on(values, quantity, limit, replace(DEFAULT, starts=3), looks=looks)
+        (one,) = verdict.requirements
+        if one.outcome == "pass":
+            confidence = looks.confidence_at(1)
+            assert one.early != has_room(values, DEFAULT, quantity, limit, confidence)
 
 
 @pytest.mark.parametrize("name", RUN_WORLDS)

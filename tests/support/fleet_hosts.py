@@ -170,8 +170,15 @@ class Fleet:
         words += [*self.worker_options[name]]
         log = self.folder / f"{name}.log"
         log.write_text("")
-        self.workers[name] = self._start(words, name)
-        wait_until(lambda: "is in the fleet" in log.read_text(), f"the worker {name}")
+        worker = self.workers[name] = self._start(words, name)
+
+        def is_in_the_fleet() -> bool:
+            status = worker.poll()
+            said = log.read_text()
+            assert status is None, f"the worker {name} has ended with {status}:\n{said}"
+            return "is in the fleet" in said
+
+        wait_until(is_in_the_fleet, f"the worker {name}")
 
     def kill_worker(self, name: str) -> None:
         """Without a chance for the worker to say so; its connections are closed."""

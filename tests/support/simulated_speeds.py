@@ -311,10 +311,6 @@ def find(name: str, seed: int, *, about_hz: float = 100.0, confirm_s: float = 30
     )
 
 
-UNMET: Final = "may not have met it"
-"""Words of what a verdict on a peak says that an unmet stop would change."""
-
-
 def required(record: SearchRecord, limit_hz: float) -> RequirementVerdict | None:
     """The verdict on a peak of at least this rate; None if the search has no lower end."""
     if record.holds_hz is None:

@@ -49,7 +49,10 @@ class McapStorage:
         # than a file of this size needs; and nothing that is not asked for.
         storage_mcap.DECOMPRESSORS.update(zstd=budget.unpack_zstd, lz4=budget.unpack_lz4)
         vars(storage_mcap).update(
-            skip_sized=_skip_record, read_sized=_read_record, parse_qos=no_profiles
+            skip_sized=_skip_record,
+            read_sized=_read_record,
+            skip_exact=_skip_message,
+            parse_qos=no_profiles,
         )
         self._stored_bytes = path.stat().st_size
         with ExitStack() as stack, budget.DecompressionBudget(self._stored_bytes).active():
@@ -60,8 +63,10 @@ class McapStorage:
             self._indexed = _is_indexed(file)
             if not self._indexed:
                 stated: Counter[int] = Counter(file.statistics.channel_message_counts)
+                budget.DecompressionBudget(self._stored_bytes).spend_messages(stated.total())
                 if has_summary:  # else its records were counted when it was opened
-                    file.meta_scan()
+                    with budget.DecompressionBudget(self._stored_bytes).active():
+                        file.meta_scan()
                 _check_counts(stated, Counter(file.statistics.channel_message_counts), display_path)
             self._stack = stack.pop_all()
         self._file = file
@@ -84,7 +89,8 @@ class McapStorage:
             Message(topic=connection.topic, time_ns=time_ns, data=decompress_message(data))
             for connection, time_ns, data in stored
         )
-        yield from budget.spend_for_each(messages, budget.DecompressionBudget(self._stored_bytes))
+        limits = budget.DecompressionBudget(self._stored_bytes, self.message_count)
+        yield from budget.spend_for_each(messages, limits)
 
     def close(self) -> None:
         """As `Storage.close`."""
@@ -223,6 +229,14 @@ def _skip_record(stream: BinaryIO) -> None:
     place = stream.tell()
     if stream.seek(place + size) != place + size:
         raise ValueError("it ends inside of a record")
+
+
+def _skip_message(stream: BinaryIO, size: int) -> None:
+    """In place of `rosbags`, which uses it while messages are counted."""
+    budget.spend_message()
+    place = stream.tell()
+    if stream.seek(place + size) != place + size:
+        raise ValueError("it ends inside of a message")
 
 
 def _read_record(stream: BinaryIO) -> bytes:

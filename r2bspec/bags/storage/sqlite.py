@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -15,6 +14,7 @@ from r2bspec.safe_io.decompression_budget import DecompressionBudget
 from r2bspec.safe_io.limits import MAX_DEFINITIONS, MAX_TOPIC_TEXT_BYTES, MAX_VALUE_BYTES
 from r2bspec.safe_io.safe_file import RefusedDataError, is_regular, open_regular
 from r2bspec.safe_io.safe_sqlite import STEPS_BETWEEN_CALLS, open_read_only
+from r2bspec.safe_io.temporary_folder import temporary_folder
 
 _TABLES = ("messages", "topics", "schema", "metadata", "message_definitions")
 _MAGIC = b"SQLite format 3\x00"
@@ -213,7 +213,7 @@ def _uri_safe_path(path: Path, stack: ExitStack) -> Path:
     """A path to the same file without characters that `rosbags` does not escape in its URI."""
     if not _URI_SPECIAL.intersection(str(path)):
         return path
-    folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="r2bspec-"))
-    link = Path(folder) / "bag.db3"
+    folder = stack.enter_context(temporary_folder("link"))
+    link = folder / "bag.db3"
     link.symlink_to(path)
     return link

@@ -10,7 +10,6 @@ import importlib
 import os
 import shutil
 import sys
-import tempfile
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -23,6 +22,7 @@ from r2bspec.bags.metadata import check_not_lfs_pointer, normalise_type
 from r2bspec.safe_io.decompression_budget import DecompressionBudget, unpack_zstd, zstd_size
 from r2bspec.safe_io.limits import MAX_BAG_ENTRIES, MAX_NAME_CHARACTERS
 from r2bspec.safe_io.safe_file import RefusedDataError, open_regular
+from r2bspec.safe_io.temporary_folder import temporary_folder
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -136,6 +136,7 @@ def open_storages(paths: tuple[Path, ...], *, compressed_files: bool) -> Iterato
                 plain = stack.enter_context(unpack(path)) if compressed_files else path
                 storage = _open(plain, path)
                 stack.callback(storage.close)
+                DecompressionBudget(plain.stat().st_size).spend_messages(storage.message_count)
                 names = [name for topic in storage.topics for name in (topic.name, topic.type)]
                 check_topics(len(storage.topics), max(map(len, names), default=0))
             storages.append(storage)
@@ -255,8 +256,8 @@ def unpack(path: Path) -> Iterator[Path]:
         OSError: there is no space in $TMPDIR.
         EOFError, zstd.ZstdError: the file is damaged.
     """
-    with tempfile.TemporaryDirectory(prefix="r2bspec-") as folder:
-        plain = Path(folder) / path.stem
+    with temporary_folder("unpacked") as folder:
+        plain = folder / path.stem
         with open_regular(path) as stored, plain.open("wb") as unpacked:
             _unpack_file(stored, unpacked)
         yield plain

@@ -16,13 +16,23 @@ from r2bspec.judge.measure.metric_catalogue import METRICS
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.benchmark_defaults import MIN_ITERATIONS, default_starts
 from r2bspec.language.quantities import Duration, Rate
-from r2bspec.language.spec import Objective
+from r2bspec.language.spec import Monitor, Objective
 from r2bspec.plan.interim_looks import InterimLooks
 
 
 @rule("R2B408")
 def rate_without_effect(context: Context) -> Findings:
     """Rates and searches in playback modes without a selectable rate."""
+    monitors = context.spec.monitors.values()
+    if context.spec.benchmark.search and monitors and all(each.own_pace for each in monitors):
+        yield Finding(
+            message="'search' has no effect: every monitor has 'match: own_pace', and outputs that "
+            "answer no input have no backlog",
+            path=("benchmark", "search"),
+            key=True,
+            help="remove it, or add a monitor that matches by stamp or by order",
+            suppresses={"rates"},
+        )
     if not context.spec.has_own_rate:
         return
     mode = context.spec.playback.mode
@@ -240,6 +250,9 @@ def too_few_messages(context: Context) -> Findings:
         max_share = max_wrong_share(metric)
         if located.role != "objective" or located.at is None or max_share is None:
             continue
+        if any(each.own_pace for each in _monitors_of(metric, context)):
+            # How many messages come is not known.
+            continue
         needed = min_sample_size(max_share, _last_confidence(context, located.confidence))
         if needed is None:
             yield _unprovable(metric)
@@ -247,6 +260,14 @@ def too_few_messages(context: Context) -> Findings:
             finding = _too_few(context, metric, located.at, needed)
             if finding is not None:
                 yield finding
+
+
+def _monitors_of(metric: KnownMetric, context: Context) -> list[Monitor]:
+    """The monitors of which a metric is required; none if it is of another scope."""
+    if metric.info.scope != "monitor":
+        return []
+    monitors = context.spec.monitors
+    return [monitors[metric.monitor]] if metric.monitor else [*monitors.values()]
 
 
 def _last_confidence(context: Context, confidence: float) -> float:

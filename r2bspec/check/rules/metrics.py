@@ -15,7 +15,13 @@ from r2bspec.bags.message_types import begins_with_header
 from r2bspec.check.check_context import Context, KnownMetric
 from r2bspec.check.rule import Finding, Findings, Pointer, rule
 from r2bspec.diagnostics.quote import quote, quoted_list
-from r2bspec.judge.measure.metric_catalogue import TRUTHS, MetricError, available_live, kind_of
+from r2bspec.judge.measure.metric_catalogue import (
+    TRUTHS,
+    MetricError,
+    available_at_own_pace,
+    available_live,
+    kind_of,
+)
 from r2bspec.judge.measure.units import show
 from r2bspec.record.calibration_file import Calibration, MetricNoise
 
@@ -41,15 +47,16 @@ def metric_unknown(context: Context) -> Findings:
 def _declaration(suggestion: str, written: str, context: Context) -> tuple[Pointer, ...]:
     """The declaration of the suggested monitor."""
     monitor = suggestion.partition(".")[0]
-    if monitor not in context.spec.monitors or written.lstrip().startswith(f"{monitor}."):
+    if monitor not in context.spec.outputs or written.lstrip().startswith(f"{monitor}."):
         return ()
-    return (Pointer(f"{quote(monitor)} is declared here", ("monitors", monitor), key=True),)
+    section = ("playback", "calls") if monitor in context.spec.playback.calls else ("monitors",)
+    return (Pointer(f"{quote(monitor)} is declared here", (*section, monitor), key=True),)
 
 
 @rule("R2B503")
 def metric_without_monitor(context: Context) -> Findings:
     """Metrics without a monitor name, in specs with several monitors."""
-    monitors = context.spec.monitors
+    monitors = context.spec.outputs
     for metric in context.known_metrics:
         if len(monitors) > 1 and metric.info.scope == "monitor" and metric.monitor is None:
             name = metric.info.name
@@ -87,7 +94,7 @@ _NEED_STAMPS = frozenset({"duplicates", "reordered"})
 @rule("R2B525")
 def count_with_order_matching(context: Context) -> Findings:
     """Counts that need stamps, required of a monitor that matches by order."""
-    monitors = context.spec.monitors
+    monitors = context.spec.outputs
     for metric in context.known_metrics:
         if metric.info.name not in _NEED_STAMPS:
             continue
@@ -111,11 +118,11 @@ _PROBE_STATISTICS = ("search", "sequential")
 
 @rule("R2B526")
 def metric_unavailable(context: Context) -> Findings:
-    """Requirements on metrics that the playback mode does not provide."""
-    if not context.spec.has_own_rate:
-        return
+    """Requirements on metrics that the playback mode or the monitor does not provide."""
     for metric in context.known_metrics:
-        problem = _why_unavailable(context, metric)
+        problem = _why_unavailable_at_own_pace(context, metric)
+        if problem is None and context.spec.has_own_rate:
+            problem = _why_unavailable(context, metric)
         if problem is not None:
             message, help_text = problem
             yield Finding(
@@ -124,6 +131,33 @@ def metric_unavailable(context: Context) -> Findings:
                 help=help_text,
                 suppressed_by={metric.located.subject},
             )
+
+
+def _why_unavailable_at_own_pace(context: Context, metric: KnownMetric) -> tuple[str, str] | None:
+    """Message and help; None if no monitor with a pace of its own stands in the way."""
+    name = quote(metric.info.name)
+    paces = {each: monitor.own_pace for each, monitor in context.spec.monitors.items()}
+    if metric.info.scope == "probe" and all(paces.values()):
+        return (
+            f"{name} needs outputs that answer inputs, and every monitor has 'match: own_pace'",
+            "add a monitor that matches by stamp or by order",
+        )
+    named = [metric.monitor] if metric.monitor else paces
+    found = next((each for each in named if paces[each]), None)
+    if metric.info.scope != "monitor" or found is None:
+        return None
+    bound = metric.located.requirement.bound
+    if bound is not None and bound.of_offered:
+        return (
+            f"monitor {found} has a pace of its own: {name} cannot be 'of offered'",
+            "write the bound as a rate",
+        )
+    if not available_at_own_pace(metric.info):
+        return (
+            f"{name} is not available at monitor {found}, whose outputs answer no input",
+            "use throughput, age, interval, jitter or received, or name another monitor",
+        )
+    return None
 
 
 def _why_unavailable(context: Context, metric: KnownMetric) -> tuple[str, str] | None:
@@ -157,7 +191,7 @@ def _why_unavailable(context: Context, metric: KnownMetric) -> tuple[str, str] |
 
 def _headerless_monitor(context: Context, metric: KnownMetric) -> str:
     """A monitor with a latency requirement whose messages are known to have no header."""
-    monitors = context.spec.monitors
+    monitors = context.spec.outputs
     monitor_names = monitors if metric.monitor is None else [metric.monitor]
     return next(
         (name for name in monitor_names if begins_with_header(monitors[name].format) is False), ""
@@ -167,7 +201,7 @@ def _headerless_monitor(context: Context, metric: KnownMetric) -> str:
 @rule("R2B533")
 def accuracy_without_truth(context: Context) -> Findings:
     """Requirements on accuracy where no monitor names what its messages are compared with."""
-    monitors = context.spec.monitors
+    monitors = context.spec.outputs
     for metric in context.known_metrics:
         kind = kind_of(metric.info.name)
         if kind is None:

@@ -15,12 +15,13 @@ from r2bspec.language.spec import Monitor, Truth
 def monitor_unreachable(context: Context) -> Findings:
     """Monitors that no playback input reaches."""
     phase = context.wiring.measure
-    if context.spec.live or phase.possible_subscribers or phase.possible_publishers:
+    if not context.spec.plays_topics or phase.possible_subscribers or phase.possible_publishers:
         return
     reached = phase.downstream_of(played.topic for played in phase.endpoints_of("player"))
     for monitor in phase.endpoints_of("monitor"):
         publishers = phase.publishers(monitor.topic)
-        if publishers and monitor.topic not in reached:
+        own_pace = context.spec.monitors[monitor.monitor].own_pace
+        if publishers and monitor.topic not in reached and not own_pace:
             yield Finding(
                 message="no path from a playback input to "
                 f"{quote(context.relative_name(monitor.topic))}, the topic of monitor "

@@ -10,8 +10,9 @@ from collections.abc import Iterable, Iterator
 from r2bspec.check.check_context import Context
 from r2bspec.check.rule import Finding, Findings, Pointer, rule
 from r2bspec.diagnostics.diagnostic import Path
-from r2bspec.diagnostics.quote import did_you_mean, quote, quoted_list, suggestion
-from r2bspec.language.spec import Container
+from r2bspec.diagnostics.quote import did_you_mean, pluralize, quote, quoted_list, suggestion
+from r2bspec.language.node_kinds import PYTHON
+from r2bspec.language.spec import Container, Node, ProcessSettings
 from r2bspec.language.spec_graph import PROCESS_KEYS
 from r2bspec.plan.plan import ProcessPlan
 from r2bspec.plan.process_plans import Place, find_places, graph_processes, reserved_names
@@ -194,12 +195,15 @@ def container_kind_mismatch(context: Context) -> Findings:
         )
 
 
+_NO_SETTINGS = Node()
+
+
 @rule("R2B221")
 def process_setting_without_effect(context: Context) -> Findings:
     """Process settings of nodes that share a process by their placement."""
     for _, node in context.nodes:
         for name in PROCESS_KEYS if _is_placed_with_others(context, node) else ():
-            if getattr(node.node, name):
+            if getattr(node.node, name) != getattr(_NO_SETTINGS, name):
                 yield Finding(
                     message=f"{quote(name)} of {node.key} has no effect: with 'placement: "
                     f"{context.spec.graph.placement}' the node shares a process",
@@ -220,7 +224,15 @@ def _is_placed_with_others(context: Context, node: NodeWiring) -> bool:
 
 @rule("R2B222")
 def threads_without_effect(context: Context) -> Findings:
-    """Thread counts of containers whose executor does not use them."""
+    """Thread counts whose executor does not use them."""
+    for _, node in context.nodes:
+        if node.node.threads > 1 and node.node.executor == "single_threaded":
+            yield Finding(
+                message=f"{quote(f'threads: {node.node.threads}')} of {node.key} has no effect: "
+                "its executor is single-threaded",
+                path=(*node.path, "threads"),
+                help="set 'executor: multi_threaded'",
+            )
     for name, container in context.spec.containers.items():
         why = _why_unused_threads(container) if container.threads > 1 else ""
         if why:
@@ -240,6 +252,37 @@ def _why_unused_threads(container: Container) -> str:
     if container.executable == "python":
         return "" if container.executor == "multi_threaded" else "its executor is single-threaded"
     return f"{container.executable} has no such setting"
+
+
+@rule("R2B239")
+def executor_of_program(context: Context) -> Findings:
+    """Python nodes whose program makes another executor than the one that spins them here."""
+    for _, node in context.nodes:
+        if node.node.kind is not PYTHON:
+            continue
+        host: ProcessSettings = context.spec.containers.get(node.node.container, node.node)
+        if node.start.style == "main":
+            if host.executor == "multi_threaded" and host is node.node:
+                yield Finding(
+                    message=f"'executor' of {node.key} has no effect: "
+                    f"{node.node.python.rpartition(':')[2]} makes its executor itself",
+                    path=(*node.path, "executor"),
+                    help="name the class instead, or leave out 'executor'",
+                )
+            continue
+        threads = node.start.threads_of_main
+        if threads is None or host.executor == "multi_threaded":
+            continue
+        count = f" with {pluralize(threads, 'thread')}" if threads else ""
+        more = f" and 'threads: {threads}'" if threads else ""
+        where = "the node" if host is node.node else "its container"
+        yield Finding(
+            message=f"a program in the file of {node.key} spins it by a MultiThreadedExecutor"
+            f"{count}; here it has a single-threaded one",
+            path=(*node.path, "python"),
+            help=f"write 'executor: multi_threaded'{more} for {where}, or name the program instead "
+            "of the class",
+        )
 
 
 @rule("R2B615")

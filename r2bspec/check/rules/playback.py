@@ -54,7 +54,8 @@ def _source_finding(context: Context, phase: PhaseWiring, source: Endpoint) -> F
         help=publisher_advice(context, phase, source.topic),
         related=tuple(
             Pointer(
-                f"{quote(context.relative_name(topic))} is published here and has no subscription",
+                f"{quote(context.relative_name(topic))} is published here and has no "
+                f"{'known ' if phase.possible_subscribers else ''}subscription",
                 publisher.path,
             )
             for topic in instead

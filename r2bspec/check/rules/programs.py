@@ -7,6 +7,7 @@ file binds, and its constructor tells whether it can share a process.
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path as FilePath
@@ -34,6 +35,7 @@ from r2bspec.plan.installed_packages import (
 from r2bspec.plan.this_machine import ament_prefixes, find_module
 from r2bspec.plan.wiring import node_interface
 from r2bspec.plan.wiring.companion_files import source_folder
+from r2bspec.plan.wiring.console_scripts import source_script
 from r2bspec.plan.wiring.wiring import NodeWiring
 from r2bspec.safe_io.safe_file import is_regular, names_if_any
 
@@ -122,11 +124,28 @@ def package_not_found(context: Context) -> Findings:
             yield Finding(
                 message=f"ROS package {quote(package)} not found on this machine",
                 path=first,
-                help=_package_help(package, installed),
+                help=_source_help(context, first, package) or _package_help(package, installed),
                 related=tuple(Pointer("also used here", path) for path in others[:_MAX_RELATED]),
                 machine_dependent=True,
                 suppresses={value_key(path) for path in (first, *others)},
             )
+
+
+def _source_help(context: Context, path: Path, package: str) -> str:
+    """How to run a script of a package that is not built from its source; empty without one."""
+    node = next((node.node for _, node in context.nodes if node.path == path[:-1]), None)
+    base_dir = context.loaded.base_dir
+    if node is None or not node.executable:
+        return ""
+    found = source_script(source_folder(base_dir), package, node.executable)
+    if found is None:
+        return ""
+    file, function = found
+    written = os.path.relpath(file, base_dir)
+    return (
+        f"build it and source its workspace; or run it from its source: 'python: "
+        f"{written if written.startswith('.') else f'./{written}'}:{function}'"
+    )
 
 
 def _package_help(package: str, installed: frozenset[str]) -> str:
@@ -284,9 +303,7 @@ def _defined_names(target: PythonTarget) -> frozenset[str] | None:
         )
     source = target.file if target.readable else None
     if target.module:
-        module = find_module(target.module)
-        origin = module.origin if module is not None else None
-        source = FilePath(origin) if origin is not None and origin.endswith(".py") else None
+        source = _module_source(target.module)
     if source is None or not is_regular(source):
         return None
     try:
@@ -309,7 +326,7 @@ def python_import_not_found(context: Context) -> Findings:
     targets = {
         (*node.path, "python"): python_target(node.node.python, base_dir)
         for _, node in context.nodes
-        if ":" in node.node.python
+        if node.node.python and not node.node.python.startswith(_REFERENCE_NODES)
     }
     # Without ROS no node can run here, and what is missing says nothing.
     if not targets or find_module("rclpy") is None:
@@ -317,8 +334,9 @@ def python_import_not_found(context: Context) -> Findings:
     sources = source_folder(base_dir)
     reported: set[tuple[str, str]] = set()
     for path, target in targets.items():
-        for missing in missing_imports(target.file, sources) if target.readable else ():
-            written = target.text.rpartition(":")[0]
+        file, folder = _source_of(target, sources)
+        for missing in missing_imports(file, folder) if file is not None else ():
+            written = target.module or target.text.rpartition(":")[0]
             if (written, missing.module) not in reported:
                 reported.add((written, missing.module))
                 yield Finding(
@@ -330,6 +348,21 @@ def python_import_not_found(context: Context) -> Findings:
                     machine_dependent=True,
                     suppressed_by={value_key(path)},
                 )
+
+
+def _source_of(target: PythonTarget, sources: FilePath) -> tuple[FilePath | None, FilePath]:
+    """The file of a node, if it may be read, and the folder in which it must be."""
+    if not target.module:
+        return (target.file if target.readable else None), sources
+    file = _module_source(target.module)
+    return file, file.parent if file is not None else sources
+
+
+def _module_source(name: str) -> FilePath | None:
+    """The Python file of a module; None if it is not found, or has none."""
+    module = find_module(name)
+    origin = module.origin if module is not None else None
+    return FilePath(origin) if origin is not None and origin.endswith(".py") else None
 
 
 @rule("R2B230")

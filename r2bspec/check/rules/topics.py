@@ -19,6 +19,7 @@ from r2bspec.check.rule import (
     rule,
     topic_key,
     value_key,
+    why_unknown,
     with_record,
 )
 from r2bspec.diagnostics.diagnostic import Path
@@ -188,7 +189,9 @@ class _UnpublishedTopic:
             return ()
         publisher = self.phase.publishers(self.close)[0]
         shown = quote(self.context.relative_name(self.close))
-        return (Pointer(f"{shown} has no subscription", publisher.path, publisher.topic_is_key),)
+        known = "known " if self.phase.possible_subscribers else ""
+        message = f"{shown} has no {known}subscription"
+        return (Pointer(message, publisher.path, publisher.topic_is_key),)
 
     def _consequences(self) -> set[str]:
         """The topic, and those without a subscription because this one is subscribed to instead."""
@@ -209,7 +212,7 @@ def _way_to_state(unknown: tuple[NodeWiring, ...]) -> str:
     names = quoted_list(node.key for node in unknown)
     recorded = any(not node.node.kind.by_others for node in unknown)
     way = ", or record them with 'r2bspec interfaces'" if recorded else ""
-    return f"list the topics of {names} under 'publishes:'{way}"
+    return f"list the topics of {names} under 'publishes:'{way}{why_unknown(unknown)}"
 
 
 @rule("R2B208")

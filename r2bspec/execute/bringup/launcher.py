@@ -424,6 +424,18 @@ class Launcher:
         )
         self._run_helper(name, command, protocol.Called, timeout_s)
 
+    def call_settings(self, plan: Plan, rows_dir: Path) -> protocol.ConfigureCalls:
+        """What a player that calls services is told, with the secrets of its requests."""
+        in_value = self._environment.secrets.in_value
+        calls = tuple(
+            msgspec.structs.replace(
+                call, request={}, each=tuple(in_value(each) for each in call.requests)
+            )
+            for name, call in plan.called.items()
+            if name == call.name
+        )
+        return protocol.ConfigureCalls(calls=calls, rows_dir=str(rows_dir))
+
     def configure(self, child: ManagedProcess, command: Any) -> protocol.Ready:
         """Send a harness process its configuration and wait until it is ready.
 

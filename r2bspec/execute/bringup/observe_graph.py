@@ -360,7 +360,7 @@ def guarded_topics(plan: Plan) -> tuple[str, ...]:
     if plan.external or any(RMW_VARIABLE in each.env for each in plan.processes):
         return ()
     topics = [source.topic for source in plan.inputs]
-    topics += [monitor.topic for monitor in plan.monitors]
+    topics += [monitor.topic for monitor in plan.topic_monitors]
     topics += [tap.topic for tap in all_taps(plan.monitors)]
     return tuple(dict.fromkeys(topics))
 

@@ -274,6 +274,29 @@ def wait_for_probe(
         )
 
 
+def wait_for_services(
+    plan: Plan, supervisor: ProcessSupervisor, player: ManagedProcess, deadline: StartDeadline
+) -> None:
+    """Wait until all services and actions that the player calls are there.
+
+    Raises:
+        NotReadyError: one is not at the deadline.
+    """
+    missing = [call.target for call in plan.called.values()]
+
+    def are_there() -> bool:
+        counts = supervisor.request(player, protocol.CountMatches(), protocol.Matched).counts
+        missing[:] = [name for name, count in counts.items() if not count]
+        return not missing
+
+    if not supervisor.pump_until(are_there, deadline.left_s):
+        raise NotReadyError(
+            f"no node offers {', '.join(missing)} after {deadline.timeout_s:g} s",
+            hint="'ros2 service list -t' and 'ros2 action list -t' show names and types while the "
+            "graph runs. A node that offers one late needs a longer 'benchmark.start_timeout'.",
+        )
+
+
 def _log_condition(
     plan: ProbePlan, folder: RunFolder, supervisor: ProcessSupervisor, deadline: float
 ) -> Callable[[], bool]:

@@ -424,7 +424,7 @@ class PeakSearch:
 
     def _prove(self) -> None:
         """Play the lower end whole, and lower ones if that refutes it."""
-        rate_hz = self._candidate_hz or self._holds_hz
+        rate_hz = self._candidate_hz or self._clearly_held_hz
         if rate_hz is None:
             return
         if self._long.confirm is None:
@@ -449,6 +449,17 @@ class PeakSearch:
                 break
             rate_hz = max(self._below(outcome), self._minimum_hz)
         self._lower = undecided if undecided is not None else self._highest_kept()
+
+    @property
+    def _clearly_held_hz(self) -> float | None:
+        """The lower end by probes, not nearer to the upper one than the precision asks.
+
+        Just above the capacity, no play is long enough to see the backlog grow.
+        """
+        holds_hz, fails_hz = self._holds_hz, self._fails_hz
+        if holds_hz is None or fails_hz is None or self._fails_by_player:
+            return holds_hz
+        return max(min(holds_hz, fails_hz / (1 + self._precision)), self._minimum_hz)
 
     def _try_upper_end(self) -> None:
         """Play the upper end, too, where it follows from overloads, and raise it if it is kept up.

@@ -240,6 +240,7 @@ class RateProber:
                 observation.now_ns,
             )
             for plan in self._plan.monitors
+            if not plan.own_pace
         ]
 
     def _check_conditions(

@@ -10,6 +10,9 @@ be late: it is waited for until nothing has arrived for the whole `drain_timeout
 answer to the last step is most likely a loss, because graphs rarely overtake themselves: it is
 waited for only for a multiple of the longest pause so far, so that a graph that drops messages does
 not cost a time-out in each segment.
+
+Messages that answer nothing prolong no wait: those of a timer never end. Where they carry the stamp
+of the last step, or none that was ever played, no answer is to come either (`UnaskedOutputs`).
 """
 
 from __future__ import annotations
@@ -23,7 +26,13 @@ from numpy.typing import NDArray
 
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import RowReader
-from r2bspec.judge.measure.matching import NO_MATCH, MatchedMonitor, Matching, match_monitor
+from r2bspec.judge.measure.matching import (
+    NO_MATCH,
+    MatchedMonitor,
+    Matching,
+    arrivals,
+    match_monitor,
+)
 from r2bspec.judge.measure.samples import SegmentSamples, monitor_samples, playback_samples
 from r2bspec.judge.measure.times import percentile
 from r2bspec.plan.plan import MonitorPlan, Plan
@@ -36,7 +45,15 @@ _DRAIN_PAUSE_FACTOR = 5
 """A gap is waited for so many times the longest pause between two arrivals."""
 
 _MAX_DRAIN_S = 60.0
-"""For a graph that never stops publishing, unless `drain_timeout` is longer."""
+"""For a graph that never stops answering, unless `drain_timeout` is longer."""
+
+_MIN_UNASKED = {"stamp": 3, "order": 2}
+"""So many messages that answer nothing are no chance."""
+
+_MIN_GOING_ON = 2
+_WATCHED_PERIODS = 3.5
+_MIN_WATCHED = 3
+_MAX_WATCH_S = 1.0
 
 Outstanding = Literal["nothing", "gaps", "tail"]
 """The answers that are missing: none; some, but not the last; the last one, and perhaps more."""
@@ -105,10 +122,76 @@ def outstanding_answers(matched: Iterable[MatchedMonitor]) -> Outstanding:
         answers = each.matching.first_row
         if not answers.size or (answers != NO_MATCH).all():
             continue
-        if answers[-1] == NO_MATCH:
+        if answers[-1] == NO_MATCH and not _contains_last_step(each):
             return "tail"
         found = "gaps"
     return found
+
+
+def _contains_last_step(matched: MatchedMonitor) -> bool:
+    """Whether a message, though no further answer, has the stamp of the last step."""
+    last = matched.steps["stamp_ns"][-1]
+    return not matched.matching.by_order and bool((matched.rows["stamp_ns"] == last).any())
+
+
+def last_answer_s(matched: Iterable[MatchedMonitor]) -> float:
+    """When the last answer of several monitors came, on the monotonic clock; 0 without any."""
+    return max(
+        (
+            float(arrivals(each.rows, each.matching)[-1]) / 1e9
+            for each in matched
+            if each.matching.answered.any()
+        ),
+        default=0.0,
+    )
+
+
+def goes_on(matched: MatchedMonitor) -> bool:
+    """Whether messages that answer nothing have come after the last answer of a monitor."""
+    last_ns = last_answer_s([matched]) * 1e9
+    return int(np.count_nonzero(matched.rows["received_ns"] > last_ns)) >= _MIN_GOING_ON
+
+
+class UnaskedOutputs:
+    """Monitors that receive what nothing asked for, over the segments of a start.
+
+    By stamp, if messages come and none has ever had the stamp of a step; by order, if more come
+    than all steps ask for. Of these, no answer is waited for as if it were late.
+
+    Args:
+        was_played: which of some stamps are those of steps of earlier segments.
+    """
+
+    def __init__(self, was_played: Callable[[NDArray[np.int64]], NDArray[np.bool_]]) -> None:
+        self._was_played = was_played
+        self._unasked: dict[str, int] = {}
+        self._answering: set[str] = set()
+
+    def remember(self, name: str, matched: MatchedMonitor) -> None:
+        """Count the messages of a segment that is over."""
+        self._unasked[name] = self._count(name, matched)
+
+    def are_all(self, name: str, matched: MatchedMonitor) -> bool:
+        """Whether the monitor is one of them, with what it has received in this segment."""
+        least = _MIN_UNASKED["order" if matched.matching.by_order else "stamp"]
+        return self._count(name, matched) >= least and name not in self._answering
+
+    def _count(self, name: str, matched: MatchedMonitor) -> int:
+        before = self._unasked.get(name, 0)
+        if matched.matching.by_order:
+            return before + matched.matching.surplus
+        stamps = matched.rows["stamp_ns"]
+        if matched.matching.answered.any() or (stamps.size and self._was_played(stamps).any()):
+            self._answering.add(name)
+        return before + int(stamps.size)
+
+
+def watch_s(rows: Rows) -> float:
+    """How long is watched for messages that nothing asks for: some periods of those received."""
+    if rows.size < _MIN_WATCHED:
+        return _MIN_DRAIN_QUIET_S
+    period_s = float(np.median(np.diff(np.sort(rows["received_ns"])))) / 1e9
+    return min(max(_MIN_DRAIN_QUIET_S, _WATCHED_PERIODS * period_s), _MAX_WATCH_S)
 
 
 class DrainTimer:
@@ -116,6 +199,8 @@ class DrainTimer:
 
     Attributes:
         outstanding: what was missing when it was last looked at; None once more has arrived.
+
+    A wait begins with the last input, and anew with each answer.
     """
 
     def __init__(self, timeout_s: float, now_s: float) -> None:
@@ -123,9 +208,10 @@ class DrainTimer:
         self.outstanding: Outstanding | None = None
         self._timeout_s = timeout_s
         self._ends_at_s = now_s + max(_MAX_DRAIN_S, timeout_s)
-        self._last_arrival_s = now_s
+        self._last_arrival_s = self._looked_s = self._last_answer_s = now_s
         self._longest_pause_s = 0.0
         self._arrivals = 0
+        self._goes_on = False
 
     def arrived(self, now_s: float) -> None:
         """Something has arrived."""
@@ -137,7 +223,17 @@ class DrainTimer:
 
     def wants_a_look(self, now_s: float) -> bool:
         """Whether it is time to find out what is `outstanding`, which is costly."""
-        return self.outstanding is None and now_s - self._last_arrival_s > _MIN_DRAIN_QUIET_S
+        return self.outstanding is None and now_s - self._looked_s > _MIN_DRAIN_QUIET_S
+
+    def looked(
+        self, now_s: float, outstanding: Outstanding, last_answer_s: float, *, goes_on: bool = False
+    ) -> None:
+        """What is missing was looked at, and when the last answer came.
+
+        `goes_on`: whether messages that answer nothing have come after it.
+        """
+        self._last_answer_s = max(self._last_answer_s, last_answer_s)
+        self._looked_s, self.outstanding, self._goes_on = now_s, outstanding, goes_on
 
     def is_over(self, now_s: float) -> bool:
         """Whether what is still missing counts as lost; never before it was looked at."""
@@ -145,9 +241,9 @@ class DrainTimer:
             return now_s > self._ends_at_s
         limit_s = self._timeout_s
         if self.outstanding != "tail":
-            pause_s = _DRAIN_PAUSE_FACTOR * self._longest_pause_s
+            pause_s = 0.0 if self._goes_on else _DRAIN_PAUSE_FACTOR * self._longest_pause_s
             limit_s = min(max(_MIN_DRAIN_QUIET_S, pause_s), self._timeout_s)
-        return now_s - self._last_arrival_s > limit_s or now_s > self._ends_at_s
+        return now_s - self._last_answer_s > limit_s or now_s > self._ends_at_s
 
 
 class ProgressView:
@@ -162,14 +258,14 @@ class ProgressView:
 
     def __init__(
         self,
-        playback: PlaybackReader,
+        playback: PlaybackReader | RowReader,
         monitors: Mapping[str, tuple[MonitorPlan, RowReader]],
         first: Mapping[str, int],
         use: Callable[[], Mapping[str, float]],
     ) -> None:
         self._playback = _SegmentRows(playback, first[""])
         self._monitors = [
-            (plan.match == "stamp", _SegmentRows(rows, first[name]))
+            (plan.match != "order", _SegmentRows(rows, first[name]))
             for name, (plan, rows) in monitors.items()
         ]
         self._use = use

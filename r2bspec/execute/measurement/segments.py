@@ -23,18 +23,21 @@ from r2bspec.execute.errors import RunError
 from r2bspec.execute.measurement.segment_observation import (
     DRAIN_POLL_S,
     DrainTimer,
-    Outstanding,
     ProgressView,
     SegmentObservation,
+    UnaskedOutputs,
+    goes_on,
+    last_answer_s,
     output_stopped,
     outstanding_answers,
+    watch_s,
 )
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.run_context import RunContext
 from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ArrivalReader, read_clocks
 from r2bspec.ipc.playback_file import PlaybackReader
-from r2bspec.ipc.sample_files import StallLogReader
+from r2bspec.ipc.sample_files import RowReader, StallLogReader
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.judge.measure.matching import StepStamps
 from r2bspec.judge.measure.run_samples import NO_STAMPS, SegmentRows, segment_samples
@@ -103,7 +106,11 @@ class SegmentPlayer:
         self._supervisor = context.supervisor
         self._player = player
         monitors = plan.monitors
-        self._playback = PlaybackReader(rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
+        self._playback: PlaybackReader | RowReader = (
+            RowReader(rows_dir / protocol.CALLED_ROWS, PLAYBACK_FIELDS)
+            if plan.called
+            else PlaybackReader(rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
+        )
         self._stall_log = StallLogReader(rows_dir)
         self._monitors = {
             plan.name: ArrivalReader(rows_dir / f"{plan.name}.rows", MONITOR_FIELDS)
@@ -122,6 +129,7 @@ class SegmentPlayer:
         self.segments: list[Segment] = []
         self.samples: dict[str, SegmentSamples] = {}
         self._stamps: list[NDArray[np.int64]] = []
+        self._unasked = UnaskedOutputs(lambda found: np.isin(found, self._earlier_stamps()))
 
     def play(
         self,
@@ -148,7 +156,7 @@ class SegmentPlayer:
             with self._supervisor.waiting(f"{heading.kind.replace('_', '-')}: playing"):
                 self._play(rate_hz, steps, first, stop_condition)
             with self._supervisor.waiting("answers after the last input"):
-                self._drain(heading.kind, first)
+                self._drain(heading.kind, rate_hz, first)
             complete = True
         finally:
             observation = self._observe(first)
@@ -209,9 +217,11 @@ class SegmentPlayer:
                 continue
             matched = observation.matched(plan.name)
             if plan.name in self._stopped_outputs:
-                if matched.matching.answered.any():
+                if matched.matching.answered.any() or (plan.own_pace and matched.rows.size):
                     self._stopped_outputs.remove(plan.name)
-            elif output_stopped(matched.steps, matched.rows, matched.matching):
+            elif (plan.own_pace and not matched.rows.size) or output_stopped(
+                matched.steps, matched.rows, matched.matching
+            ):
                 self._stopped_outputs.add(plan.name)
                 if plan.name not in self._reported_outputs:
                     self._reported_outputs.add(plan.name)
@@ -329,19 +339,41 @@ class SegmentPlayer:
             span_ns = self._schedule.span_ns(rate_hz, steps)
             self._context.resources.sample_at(int(begun["due_ns"][0]) + span_ns)
 
-    def _drain(self, kind: SegmentKind, first: dict[str, int]) -> None:
-        """Wait for answers; what is missing when this returns counts as lost (see `drain`)."""
+    def _drain(self, kind: SegmentKind, rate_hz: float, first: dict[str, int]) -> None:
+        """Wait for answers; what is missing when this returns counts as lost."""
+        if any(each.own_pace for each in self._plan.monitors):
+            self._await_end(rate_hz, first)
+        self._await_answers(kind, first)
+        if kind == "warm_up":
+            self._watch_unasked(first)
+
+    def _await_end(self, rate_hz: float, first: dict[str, int]) -> None:
+        """Wait until the period of the last step is over: of some outputs, all until then count."""
+        played = self._playback.read(first[""])
+        if played.size:
+            span_ns = self._schedule.span_ns(rate_hz, played.size)
+            left_ns = int(played["due_ns"][0]) + span_ns - time.monotonic_ns()
+            self._supervisor.pump_for(max(0.0, left_ns / 1e9) + DRAIN_POLL_S)
+
+    def _watch_unasked(self, first: dict[str, int]) -> None:
+        """By order, only silence tells an answer from what comes whether inputs do or not."""
+        rows = self._observe(first).monitors
+        waits = [watch_s(rows[each.name]) for each in self._plan.monitors if each.match == "order"]
+        self._supervisor.pump_for(max(waits, default=0.0))
+
+    def _await_answers(self, kind: SegmentKind, first: dict[str, int]) -> None:
         timer = DrainTimer(self._plan.drain_timeout_ns / 1e9, time.monotonic())
         last_counts: dict[str, int] = {}
         while not timer.is_over(now_s := time.monotonic()):
             counts = self._counts()
             if counts != last_counts:
+                if last_counts:
+                    timer.arrived(now_s)
                 last_counts = counts
-                timer.arrived(now_s)
-                if self._enough(first, counts) and self._outstanding(first) == "nothing":
+                if self._enough(first, counts) and not self._look(timer, now_s, first):
                     return
             if timer.wants_a_look(now_s):
-                timer.outstanding = self._outstanding(first)
+                self._look(timer, now_s, first)
                 # While the graph starts, playing on tells more than waiting.
                 if kind == "warm_up" and not all(self.received().values()):
                     return
@@ -358,12 +390,18 @@ class SegmentPlayer:
             for each in self._plan.monitors
         )
 
-    def _outstanding(self, first: dict[str, int]) -> Outstanding:
-        """Which answers are still missing; an output that has stopped is not waited for again."""
+    def _look(self, timer: DrainTimer, now_s: float, first: dict[str, int]) -> bool:
+        """Whether answers are still missing; an output that has stopped is not waited for again."""
         matched = self._observe(first).all_matched()
-        return outstanding_answers(
-            each for name, each in matched.items() if name not in self._stopped_outputs
-        )
+        waited = {name: each for name, each in matched.items() if name not in self._stopped_outputs}
+        asked = [each for name, each in waited.items() if not self._unasked.are_all(name, each)]
+        outstanding = outstanding_answers(asked)
+        if outstanding == "nothing" and len(asked) < len(waited):
+            # The others are heard for a little, so that it can be seen what they are.
+            outstanding = "gaps"
+        lacking = [each for each in asked if each.matching.missed]
+        timer.looked(now_s, outstanding, last_answer_s(asked), goes_on=all(map(goes_on, lacking)))
+        return outstanding != "nothing"
 
     def _store(
         self,
@@ -406,6 +444,9 @@ class SegmentPlayer:
             )
             matched = None if segment.live else observation.all_matched()
             self.samples[segment.id] = segment_samples(self._plan, segment, rows_of, matched)
+        if not segment.live:
+            for name, each in observation.all_matched().items():
+                self._unasked.remember(name, each)
         self._stamps.append(observation.playback["stamp_ns"].copy())
         self.segments.append(segment)
         self._context.on_segment()

@@ -12,6 +12,7 @@ also keeps other users out of its shared memory, which the umask does not do.
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import random
 import re
@@ -234,6 +235,7 @@ _LIMITS = {
     resource.RLIMIT_AS: ("the address space of a process", "B", "-v"),
     resource.RLIMIT_FSIZE: ("the size of a file", "B", "-f"),
     resource.RLIMIT_NPROC: ("the number of threads of this user", "", "-u"),
+    resource.RLIMIT_NOFILE: ("the number of open files of a process", "", "-n"),
 }
 
 
@@ -302,6 +304,11 @@ def limit_error(message: str, output: str = "", hint: str = "") -> errors.Certai
             f"no process or thread can be started: {limit}; {message}",
             hint="End programs of this user, or raise the limit: ulimit -u, TasksMax of a service, "
             f"--pids-limit of a container. {hint}".strip(),
+        )
+    if os.strerror(errno.EMFILE) in text:
+        return errors.ProcessLimitError(
+            f"{limit_text(resource.RLIMIT_NOFILE)}; {message}",
+            hint=f"Raise it: ulimit -n 1024. {hint}".strip(),
         )
     return None
 

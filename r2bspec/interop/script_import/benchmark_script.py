@@ -18,13 +18,16 @@ from typing import Any, Final
 from r2bspec.diagnostics import Span
 from r2bspec.interop.script_import import source_files
 from r2bspec.interop.script_import.evaluator import Evaluator
-from r2bspec.interop.script_import.launch_actions import IncludeAction, LaunchParts, collect_actions
+from r2bspec.interop.script_import.launch_actions import collect_actions
+from r2bspec.interop.script_import.launch_files import LaunchFile, python_launch_file
+from r2bspec.interop.script_import.launch_parts import IncludeAction, LaunchParts
 from r2bspec.interop.script_import.values import (
     Construct,
     Foreign,
     Instance,
     Method,
     Note,
+    Scope,
     ScriptClass,
     ScriptFunction,
     ScriptLimitError,
@@ -92,6 +95,7 @@ class BenchmarkScript:
         hooks: what its hooks do before the benchmark.
         late_hooks: what they do after it.
         notes: what was not followed.
+        calls: the actions whose answers it measures, which a spec cannot say.
         imports: the places of imports, by the name of the module.
         texts: the text of every file that places refer to.
     """
@@ -104,6 +108,7 @@ class BenchmarkScript:
     late_hooks: list[Construct]
     comments: source_files.ScriptComments
     notes: list[Note]
+    calls: list[Note]
     imports: dict[str, Span]
     texts: dict[str, str]
 
@@ -137,6 +142,9 @@ class Settings:
         mode = self.value("benchmark_mode")
         name = mode.name.rpartition(".")[2] if isinstance(mode, Foreign) else mode
         self.mode = name.lower() if isinstance(name, str) else ""
+        if self.script.calls:
+            # It plays nothing: its load are the goals that it sends.
+            self.mode = "live"
         self.is_mode_known = self.mode in _MODES
         if not self.is_mode_known:
             self.lose("benchmark_mode")
@@ -210,7 +218,7 @@ def read_benchmark_script(file: Path, package_paths: Sequence[Path] = ()) -> Ben
         return _ScriptEvaluation(reader, module).benchmark()
     except ScriptLimitError as error:
         message = f"the script needs more than is evaluated: {error}"
-        raise _unusable(message, module, 1, source_files.TOO_COMPLEX) from error
+        raise source_files.unusable(message, module, 1, source_files.TOO_COMPLEX) from error
 
 
 class _ScriptEvaluation:
@@ -227,8 +235,10 @@ class _ScriptEvaluation:
         trace.effects.clear()
         actions = self._actions(self.module.scope.place(kind.node))
         preparation = trace.take_effects()
-        hooks = self._run_hooks(kind, late=False)
-        late_hooks = self._run_hooks(kind, late=True)
+        calls = self._calls(kind)
+        # The test of a script that sends goals does that instead of what ros2_benchmark does.
+        hooks = [] if calls else self._run_hooks(kind, late=False)
+        late_hooks = [] if calls else self._run_hooks(kind, late=True)
         parts = collect_actions(actions, self._expand, self.reader.steps)
         return BenchmarkScript(
             module=self.module,
@@ -239,6 +249,7 @@ class _ScriptEvaluation:
             late_hooks=late_hooks,
             comments=source_files.read_comments(self.module.file, self.module.text),
             notes=[*self.evaluator.notes, *self.notes],
+            calls=calls,
             imports=trace.imports,
             texts=self.reader.texts,
         )
@@ -248,13 +259,13 @@ class _ScriptEvaluation:
             if isinstance(kind, ScriptClass) and any(
                 base.rpartition(".")[2] == _TEST_CLASS for base in kind.foreign_bases()
             ):
-                config = kind.names.get("config")
+                config = kind.find("config")
                 if isinstance(config, Construct):
                     return kind, config
                 message = f"{kind.node.name} has no 'config' that is a ROS2BenchmarkConfig"
-                raise _unusable(message, self.module, kind.node.lineno)
+                raise source_files.unusable(message, self.module, kind.node.lineno)
         message = f"no class of this file is a {_TEST_CLASS} of ros2_benchmark"
-        raise _unusable(message, self.module, 1)
+        raise source_files.unusable(message, self.module, 1)
 
     def _actions(self, place: Span) -> list[Any]:
         """The launch actions: those of the function that the description is made from."""
@@ -277,7 +288,7 @@ class _ScriptEvaluation:
             arguments = [*([_context(place)] if number > 2 else []), "", "5"][:number]
             return _as_list(self.evaluator.call(setup, *arguments, place=place))
         message = "the script has no generate_test_description whose launch actions are known"
-        raise _unusable(message, self.module, place.line)
+        raise source_files.unusable(message, self.module, place.line)
 
     def _run_hooks(self, kind: ScriptClass, *, late: bool) -> list[Construct]:
         """What the hooks do, of those before or after the benchmark."""
@@ -293,65 +304,45 @@ class _ScriptEvaluation:
                 self.evaluator.call(method, place=self.module.scope.place(kind.node))
         return self.evaluator.trace.take_effects()
 
-    def _expand(self, include: IncludeAction) -> list[Any] | None:
-        """The actions of an included file that loads nodes into a container of the script."""
+    def _calls(self, kind: ScriptClass) -> list[Note]:
+        """The clients of actions that the class and its bases make."""
+        notes: dict[str, Note] = {}
+        for each in kind.lineage():
+            if not isinstance(each, ScriptClass):
+                continue
+            functions = [made for made in each.names.values() if isinstance(made, ScriptFunction)]
+            for function in functions:
+                for node in ast.walk(function.node):
+                    if isinstance(node, ast.Call) and _last_name(node.func) == "ActionClient":
+                        note = self._call(node, function.scope)
+                        notes.setdefault(note.reason, note)
+        return list(notes.values())
+
+    def _call(self, node: ast.Call, scope: Scope) -> Note:
+        known = [self.evaluator.value(argument, scope) for argument in node.args[1:3]]
+        types = [value.name.replace(".", "/") for value in known if isinstance(value, Foreign)]
+        names = [value for value in known if isinstance(value, str)]
+        shown = " ".join([*(repr(name) for name in names[:1]), *(f"({x})" for x in types[:1])])
+        reason = (
+            f"the script sends goals to an action {shown} and measures its answers: a spec has no "
+            "calls of actions, so this one only starts the graph"
+        )
+        return Note(reason.replace("  ", " "), scope.place(node))
+
+    def _expand(self, include: IncludeAction, _inherited: Mapping[str, Any]) -> LaunchFile | None:
+        """What is in an included file that loads nodes into a container of the script."""
         file = self.reader.find_share_file(include.package, include.file)
         if file is None or file.suffix != ".py":
             return None
         try:
-            actions, notes = launch_file_actions(self.reader, file, include.arguments)
+            launched = python_launch_file(self.reader, file, include.arguments)
         except source_files.UnusableScriptError as error:
             self.notes.append(Note(error.finding.message, include.source.place))
             return None
-        if not any(
-            isinstance(action, Construct) and action.short_name == _LOADER for action in actions
-        ):
+        if not launched.has(_LOADER):
             return None
-        self.notes += notes
-        return actions
-
-
-def launch_file_actions(
-    reader: source_files.ScriptReader, file: Path, arguments: Mapping[str, Any]
-) -> tuple[list[Any], list[Note]]:
-    """The actions of a launch file in Python, with the arguments given and its defaults.
-
-    Raises:
-        UnusableScriptError: it cannot be read.
-        ScriptLimitError: it exceeds the limits.
-    """
-    values = dict(arguments)
-    for _ in range(2):  # the first time for the defaults of its arguments
-        module = reader.read(file)
-        evaluator = Evaluator(reader, values)
-        evaluator.run_module(module)
-        function = module.scope.names.get("generate_launch_description")
-        if not isinstance(function, ScriptFunction):
-            message = "the launch file has no generate_launch_description"
-            raise _unusable(message, module, 1)
-        place = module.scope.place(function.node)
-        made = evaluator.call(function, place=place)
-        entities = made.get("initial_entities", 0) if isinstance(made, Construct) else made
-        actions = _without_opaque(evaluator, _as_list(entities), place)
-        for action in actions:
-            if isinstance(action, Construct) and action.short_name == "DeclareLaunchArgument":
-                name, default = action.get("name", 0), action.get("default_value")
-                if isinstance(name, str) and default is not None:
-                    values.setdefault(name, default)
-    return actions, evaluator.notes
-
-
-def _without_opaque(evaluator: Evaluator, actions: list[Any], place: Span) -> list[Any]:
-    """Actions with the results of functions that are called at launch in their places."""
-    plain: list[Any] = []
-    for action in actions:
-        function = action.get("function", 0) if isinstance(action, Construct) else None
-        if isinstance(function, ScriptFunction) and action.short_name == "OpaqueFunction":
-            contexts = [_context(place)][: len(function.node.args.args)]
-            plain += _as_list(evaluator.call(function, *contexts, place=action.place))
-        else:
-            plain.append(action)
-    return plain
+        self.notes += launched.notes
+        return launched
 
 
 def _context(place: Span) -> Construct:
@@ -364,10 +355,6 @@ def _as_list(value: Any) -> list[Any]:
     return [value] if isinstance(value, Construct | Unknown | Method) else []
 
 
-def _unusable(
-    message: str, module: ScriptModule, line: int, code: str = source_files.NOT_A_BENCHMARK
-) -> source_files.UnusableScriptError:
-    length = len(module.text.splitlines()[line - 1]) if module.text else 0
-    return source_files.UnusableScriptError(
-        code, message, Span(str(module.file), line, 1, line, length + 1)
-    )
+def _last_name(node: ast.expr) -> str:
+    """The name of what is called, without that of its module."""
+    return node.attr if isinstance(node, ast.Attribute) else getattr(node, "id", "")

@@ -298,7 +298,8 @@ class Evaluator(Expressions):
             if alias.asname:
                 scope.names[alias.asname] = self._module(alias.name)
             else:
-                scope.names[first] = Foreign(first)
+                is_one = first == alias.name
+                scope.names[first] = self._module(first) if is_one else Foreign(first)
             self.trace.imports.setdefault(first, scope.place(node))
 
     def _import_from(self, node: ast.ImportFrom, scope: Scope) -> None:
@@ -306,6 +307,11 @@ class Evaluator(Expressions):
         module = self._relative(base, node.level, scope) if node.level else self._module(base)
         self.trace.imports.setdefault(base.partition(".")[0], scope.place(node))
         for alias in node.names:
+            if alias.name == "*":
+                is_read = isinstance(module, ScriptModule)
+                names = module.scope.names.items() if is_read else [("*", module)]
+                scope.names |= {key: value for key, value in names if not key.startswith("_")}
+                continue
             try:
                 value = self.attribute(module, alias.name)
             except NotKnownError as error:

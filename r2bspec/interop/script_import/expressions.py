@@ -24,6 +24,7 @@ from r2bspec.interop.script_import.values import (
     Foreign,
     ImageSize,
     Instance,
+    LaunchText,
     Method,
     Note,
     NotKnownError,
@@ -44,11 +45,14 @@ _NAMES = frozenset({"print", "super", "isinstance", "open"})
 """Functions of Python that are understood without being called."""
 _UNDEFINED = object()
 _ADDING = frozenset({"append", "extend", "insert", "update"})
+_ADDING_ACTIONS = frozenset({"add_action", "add_entity"})
 
 
 def truth(value: Any) -> bool | None:
     """Whether a value is true; None if that is not known."""
     if isinstance(value, Unknown | Construct | Foreign | Method):
+        return None
+    if isinstance(value, str) and value.startswith("$(env "):
         return None
     if isinstance(value, str | list | dict | tuple | int | float) or value is None:
         return bool(value)
@@ -162,6 +166,9 @@ class Expressions:
         is_builtin = known_functions.has_function(name) or name in _NAMES
         value = scope.find(name, Foreign(f"builtins.{name}") if is_builtin else _UNDEFINED)
         if value is _UNDEFINED:
+            everything = scope.find("*", None)
+            if isinstance(everything, Foreign):
+                return Foreign(f"{everything.name}.{name}")
             raise NotKnownError(f"the name {name!r} is not defined in the script")
         return value
 
@@ -309,7 +316,7 @@ class Expressions:
 
     def _item(self, owner: Any, key: Any) -> Any:
         if isinstance(owner, Foreign) and owner.name == "os.environ" and isinstance(key, str):
-            return f"$(env {key})"
+            return known_functions.environment_variable(key)
         self.steps.count_items(key)
         try:
             if isinstance(owner, ImageSize):
@@ -368,7 +375,11 @@ class Expressions:
             case ast.Attribute(value=owner, attr=name):
                 self._set_attribute(self.value(owner, scope), name, value, scope.place(target))
             case ast.Subscript(value=owner, slice=key):
-                self._set_item(self.value(owner, scope), self.value(key, scope), value)
+                container = self.value(owner, scope)
+                if isinstance(container, Foreign | Construct):
+                    reason = "what is set here belongs to another package"
+                    self.notes.append(Note(reason, scope.place(target)))
+                self._set_item(container, self.value(key, scope), value)
             case _:
                 self.notes.append(Note("an assignment of this kind", scope.place(target)))
 
@@ -403,6 +414,9 @@ class Expressions:
             else:
                 raise NotKnownError("arguments that are not known are passed on")
         self.steps.count_items(keywords)
+        if isinstance(function, Foreign) and function.name.endswith("ThisLaunchFileDir"):
+            here = scope.module.scope.find("__file__", "")
+            return LaunchText(str(here).rpartition("/")[0])
         result = self.call_value(function, arguments, keywords, scope.place(node))
         if isinstance(result, Construct) and not result.keyword_places:
             result.keyword_places = places
@@ -431,6 +445,11 @@ class Expressions:
                 return foreign_call(name, arguments, keywords, place, self.launch_values)
             case Method(owner=ScriptClass() as kind, name=name):
                 return self._test_method(kind, name, arguments, keywords, place)
+            case Method(owner=Construct() as owner, name=name) if name in _ADDING_ACTIONS:
+                self._add_action(owner, arguments)
+                return None
+            case Method(owner=Construct() as owner, name="perform_substitution") if arguments:
+                return arguments[0]
             case Method(owner=Construct() as owner, name=name):
                 return Construct(f"{owner.name}.{name}", arguments, keywords, place, owner=owner)
             case Method(owner=owner, name=name):
@@ -445,6 +464,15 @@ class Expressions:
                 if isinstance(called, BoundFunction):
                     return self.call_value(called, arguments, keywords, place)
         raise NotKnownError("what is called is not known")
+
+    def _add_action(self, owner: Construct, actions: list[Any]) -> None:
+        """``description.add_action(action)``."""
+        key = "initial_entities" if owner.short_name == "LaunchDescription" else "actions"
+        before = owner.get(key, 0, [])
+        self.steps.count_items(actions)
+        before = [*before] if isinstance(before, list | tuple) else [before]
+        self.steps.count_items(before)
+        owner.keywords[key] = [*before, *actions]
 
     @staticmethod
     def _builtin(name: str, arguments: list[Any], keywords: dict[str, Any], place: Span) -> Any:

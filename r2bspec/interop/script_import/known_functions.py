@@ -81,6 +81,9 @@ _COMPARISONS: Final[dict[type, Callable[[Any, Any], bool]]] = {
 _LAUNCH_VALUES: Final = frozenset(
     {"LaunchConfiguration", "LaunchConfigurationEquals", "LaunchConfigurationNotEquals"}
 )
+_DECIDED_BY_MACHINE: Final = "$(env "
+_ENVIRONMENT: Final = {"ROS_DISTRO": "jazzy", "ROS_VERSION": "2"}
+"""What the ROS that runs a benchmark sets itself."""
 _LARGE_WIDTH: Final = re.compile(r"[0-9]{4,}")
 """A field of a format that would be padded to thousands of characters."""
 
@@ -156,6 +159,8 @@ def binary(kind: type, left: Any, right: Any) -> Any:
 
 def compare(kind: type, left: Any, right: Any) -> bool:
     """The result of a comparison; errors as for `binary`."""
+    if any(isinstance(side, str) and _DECIDED_BY_MACHINE in side for side in (left, right)):
+        raise NotKnownError("what is compared depends on an environment variable")
     return bool(_result(lambda: _COMPARISONS[kind](left, right), "what is compared"))
 
 
@@ -245,8 +250,12 @@ def foreign_call(
         NotKnownError: its arguments are not known, or not understood.
     """
     last = name.rpartition(".")[2]
-    if last in _LAUNCH_VALUES and arguments and isinstance(arguments[0], str):
-        value = _launch_value(last, launch_values.get(arguments[0]), arguments[1:])
+    if last in _LAUNCH_VALUES:
+        named = keywords.get("variable_name", keywords.get("launch_configuration_name"))
+        configuration = arguments[0] if arguments else named
+        others = [*arguments[1:], *keywords.values()] if arguments else list(keywords.values())[1:]
+        known = launch_values.get(configuration) if isinstance(configuration, str) else None
+        value = _launch_value(last, known, others)
         if value is not None:
             return value
     function = _CALLS.get(name) or _CALLS_BY_LAST.get(last)
@@ -273,6 +282,9 @@ def join_path(*parts: Any) -> str:
 def _launch_value(kind: str, value: Any, others: list[Any]) -> Any:
     """What a launch configuration is, or whether it equals a text; None if that is not known."""
     if kind == "LaunchConfiguration":
+        value = value if value is not None or not others else others[0]
+        if isinstance(value, list | tuple) and all(isinstance(part, str) for part in value):
+            value = "".join(value)
         return LaunchText(value) if isinstance(value, str) else value
     if not others or not isinstance(value, str | bool | int | float):
         return None
@@ -292,17 +304,40 @@ def _of_text(call: Callable[[str], Any]) -> Callable[..., Any]:
     return result
 
 
-def _environment(name: Any, *_default: Any, **_keywords: Any) -> str:
+def environment_variable(name: Any, *default: Any, **keywords: Any) -> str:
+    """An environment variable, as a reference.
+
+    Raises:
+        NotKnownError: its name is not known, or it has a default, which a reference has not.
+    """
     if not isinstance(name, str):
         raise NotKnownError("no name")
-    return f"$(env {name})"
+    if name in _ENVIRONMENT:
+        return _ENVIRONMENT[name]
+    if any(value is not None for value in (*default, *keywords.values())):
+        raise NotKnownError(f"the environment variable {name} decides it")
+    return LaunchText(f"$(env {name})")
 
 
 def _share(package: Any = None, *, package_name: Any = None, **_others: Any) -> str:
     name = "".join(_flattened((package if package_name is None else package_name,)))
     if not name:
         raise NotKnownError("no package")
-    return f"$(share {name})"
+    return LaunchText(f"$(share {name})")
+
+
+def _copied(value: Any, *_memo: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _copied(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_copied(each) for each in value]
+    return value
+
+
+def _joined_parts(parts: Any) -> str:
+    """A path of parts, each of which may be written in parts, too."""
+    each = ["".join(part) if isinstance(part, list | tuple) else part for part in parts]
+    return LaunchText(join_path(*each))
 
 
 def _size(width: Any, height: Any, name: Any = "") -> ImageSize:
@@ -320,20 +355,22 @@ _CALLS: Final[dict[str, Callable[..., Any]]] = {
     "os.path.normpath": _of_text(posixpath.normpath),
     "os.path.splitext": _of_text(posixpath.splitext),
     "os.path.expandvars": _of_text(str),
-    "os.getenv": _environment,
-    "os.environ.get": _environment,
+    "os.getenv": environment_variable,
+    "os.environ.get": environment_variable,
+    "launch.utilities.perform_substitutions": lambda _context, parts: "".join(_flattened((parts,))),
     "pathlib.Path": join_path,
-    "copy.deepcopy": lambda value: value,
-    "copy.copy": lambda value: value,
+    "copy.deepcopy": _copied,
+    "copy.copy": _copied,
     "ros2_benchmark.ROS2BenchmarkTest.get_assets_root_path": lambda *_: ASSETS,
 }
 _CALLS_BY_LAST: Final[dict[str, Callable[..., Any]]] = {
     "get_package_share_directory": _share,
     "get_package_share_path": _share,
     "FindPackageShare": _share,
-    "PathJoinSubstitution": lambda parts: join_path(*_flattened((parts,))),
-    "TextSubstitution": lambda text: str(text),
-    "EnvironmentVariable": _environment,
+    "PathJoinSubstitution": _joined_parts,
+    "PathSubstitution": lambda path: _joined_parts((path,)),
+    "TextSubstitution": lambda text: LaunchText(text),
+    "EnvironmentVariable": environment_variable,
     "Resolution": _size,
 }
 

@@ -1,211 +1,142 @@
 """The nodes, containers and included launch files of a list of launch actions.
 
-Actions are the constructs that a script or a launch file returns. Groups pass their namespace and
-remappings to what is in them, as `launch_ros` does: remappings that a group sets come first. What
-is started under a condition that is not known is left out with a note, and so is a node whose
-program the file does not tell.
+Actions are the constructs that a script or a launch file returns. Groups pass their namespace,
+remappings, parameters and environment to what is in them, as `launch_ros` does. What is started
+under a condition that is not known is left out with a note, and so is whatever else the file does
+not tell or a spec has no key for; what a run does in another way is noted as a change.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from typing import Any, Final
 
-from r2bspec.diagnostics import Span
-from r2bspec.diagnostics.quote import clip
+from r2bspec.interop.script_import.launch_files import LaunchFile
+from r2bspec.interop.script_import.launch_nodes import (
+    NodeReader,
+    absolute,
+    changed_state,
+    is_quiet,
+    listed,
+)
+from r2bspec.interop.script_import.launch_parts import (
+    ContainerAction,
+    IncludeAction,
+    LaunchParts,
+    Member,
+    NodeAction,
+)
+from r2bspec.interop.script_import.launch_scope import Scope, changed_scope
+from r2bspec.interop.script_import.launch_texts import performed
 from r2bspec.interop.script_import.source_files import missing_module
+from r2bspec.interop.script_import.spec_text import identifier
 from r2bspec.interop.script_import.substitutions import condition_value
 from r2bspec.interop.script_import.values import (
     Construct,
+    Foreign,
     Note,
-    PlacedTuple,
     ScriptLimitError,
     StepCounter,
     Unknown,
-    unknown_in,
 )
 from r2bspec.safe_io.limits import MAX_LAUNCH_INCLUDES, MAX_LAUNCH_LEVELS, MAX_LAUNCH_PARTS
 
-_CONTAINER_EXECUTABLES: Final = frozenset(
-    {"component_container", "component_container_mt", "component_container_isolated"}
-)
 _IGNORED: Final = frozenset(
-    {"DeclareLaunchArgument", "LogInfo", "ReadyToTest", "Shutdown", "EmitEvent"}
+    {"DeclareLaunchArgument", "SetLaunchConfiguration", "LogInfo", "ReadyToTest", "Shutdown"}
 )
+"""Actions that start nothing; launch arguments are evaluated before (`launch_files`)."""
+
+_STATES: Final = {"configure": "inactive", "1": "inactive", "activate": "active", "3": "active"}
+"""What a transition of lifecycle_msgs leads to, by its name or number."""
+
+Expand = Callable[[IncludeAction, Mapping[str, Any]], LaunchFile | None]
+"""What an included launch file does, or None to keep it as one; gets the launch arguments."""
 
 
-@dataclass(frozen=True, slots=True)
-class Remapping:
-    """One remapping: what the node calls it, and the topic to use; `node` limits it to one node."""
-
-    source: str
-    target: str
-    place: Span
-    node: str = ""
-
-
-@dataclass(slots=True)
-class NodeAction:
-    """A node that a script starts or loads.
-
-    Attributes:
-        source: the construct that it comes from.
-        namespace: absolute; empty for none.
-        parameters: maps and paths of files, in order.
-        container: the name of the container that it is loaded into.
-    """
-
-    name: str
-    source: Construct
-    package: str = ""
-    plugin: str = ""
-    executable: str = ""
-    command: list[str] = field(default_factory=list)
-    namespace: str = ""
-    parameters: list[Any] = field(default_factory=list)
-    remappings: list[Remapping] = field(default_factory=list)
-    arguments: list[str] = field(default_factory=list)
-    container: str = ""
-
-    @property
-    def plugin_class(self) -> str:
-        """The last part of the plugin: ``ResizeNode``."""
-        return self.plugin.rpartition("::")[2]
-
-    def parameter(self, name: str) -> Any:
-        """The last value of a parameter in the script; None without one."""
-        values = [
-            source[name]
-            for source in self.parameters
-            if isinstance(source, dict) and name in source
-        ]
-        return values[-1] if values else None
-
-    def remapped(self, source: str) -> str:
-        """What the node calls `source` in the graph; by default itself."""
-        targets = (each.target for each in self.remappings if each.source.lstrip("/") == source)
-        return next(targets, source)
-
-
-@dataclass(slots=True)
-class IncludeAction:
-    """An included launch file.
-
-    Attributes:
-        package: the package of the file; empty with `path`.
-        file: relative to the share folder of the package.
-    """
-
-    source: Construct
-    package: str = ""
-    file: str = ""
-    path: str = ""
-    arguments: dict[str, Any] = field(default_factory=dict)
-    namespace: str = ""
-    remappings: list[Remapping] = field(default_factory=list)
-
-    @property
-    def name(self) -> str:
-        """The name of the file."""
-        return (self.file or self.path).rpartition("/")[2]
-
-
-Member = NodeAction | IncludeAction
-
-
-@dataclass(slots=True)
-class LaunchParts:
-    """Everything that a list of actions starts, and what was not understood.
-
-    Attributes:
-        containers: the executables of component containers, by name.
-        missing: what is left out because a module was not found, by the name of the module.
-    """
-
-    nodes: list[NodeAction] = field(default_factory=list)
-    containers: dict[str, str] = field(default_factory=dict)
-    includes: list[IncludeAction] = field(default_factory=list)
-    ignored: list[Note] = field(default_factory=list)
-    missing: dict[str, list[Construct]] = field(default_factory=dict)
-
-    @property
-    def members(self) -> list[Member]:
-        """Nodes and included files."""
-        return [*self.nodes, *self.includes]
-
-
-@dataclass(frozen=True, slots=True)
-class _Group:
-    """What a group passes on."""
-
-    namespace: str = ""
-    remappings: tuple[Remapping, ...] = ()
-
-
-Expand = Callable[[IncludeAction], list[Any] | None]
-"""The actions of an included launch file, or None to keep it as one."""
-
-
-def collect_actions(actions: Iterable[Any], expand: Expand, steps: StepCounter) -> LaunchParts:
+def collect_actions(
+    actions: Iterable[Any],
+    expand: Expand,
+    steps: StepCounter,
+    arguments: Mapping[str, Any] | None = None,
+) -> LaunchParts:
     """The parts of a list of actions.
 
     Args:
         actions: constructs.
         expand: is called for each included launch file.
         steps: counts actions and conditions.
+        arguments: the values of launch arguments with which the actions were evaluated.
 
     Raises:
         ScriptLimitError: there are too many.
     """
-    collector = _Collector(expand, steps)
-    collector.add_all(list(actions), _Group())
+    collector = _Collector(expand, steps, arguments or {})
+    collector.add_all(list(actions), Scope(arguments=collector.arguments))
+    collector.place_components()
+    collector.change_states()
     return collector.parts
 
 
 class _Collector:
-    def __init__(self, expand: Expand, steps: StepCounter) -> None:
+    def __init__(self, expand: Expand, steps: StepCounter, arguments: Mapping[str, Any]) -> None:
         self.parts = LaunchParts()
+        self.arguments = arguments
         self.expand = expand
         self.steps = steps
+        self.reader = NodeReader(self.parts, steps)
+        self.targets: list[tuple[NodeAction, Any]] = []
+        self.transitions: list[tuple[Construct, Any, str]] = []
         self.level = 0
         self.included = 0
 
-    def add_all(self, actions: list[Any], group: _Group) -> None:
+    def add_all(self, actions: list[Any], scope: Scope) -> Scope:
+        """Add actions in order; returns what applies to the actions after them."""
         self.level += 1
         if self.level > MAX_LAUNCH_LEVELS:
             raise ScriptLimitError(f"actions nested more than {MAX_LAUNCH_LEVELS} times")
         for action in actions:
             self.steps.count()
-            group = self.add(action, group)
+            scope = self.add(action, scope)
         self.level -= 1
+        return scope
 
-    def add(self, action: Any, group: _Group) -> _Group:
+    def add(self, action: Any, scope: Scope) -> Scope:
         """Add an action; returns what applies to the actions after it."""
         if isinstance(action, list | tuple):
-            self.add_all(list(action), group)
-        elif isinstance(action, Unknown):
+            return self.add_all(list(action), scope)
+        if isinstance(action, Unknown):
             self.parts.ignored.append(action)
-        elif isinstance(action, Construct) and self._condition_is_met(action):
-            kind = action.short_name
-            if kind == "SetRemap":
-                return self._with_remapping(action, group)
-            if kind == "PushRosNamespace":
-                name = _text(action.get("namespace", 0), "")
-                return replace(group, namespace=_join(group.namespace, name))
-            add = _ACTIONS.get(kind)
-            if add is not None:
-                add(self, action, group)
-            elif kind not in _IGNORED:
-                self._leave_out(f"{kind} has no form in a spec", action)
-        return group
+        if not isinstance(action, Construct) or action.short_name in _IGNORED:
+            return scope
+        self._check_arguments(action, scope)
+        if not self._condition_is_met(action):
+            return scope
+        changed = changed_scope(action, scope, self.steps)
+        if isinstance(changed, Unknown):
+            reason = f"what {action.short_name} sets is not known: {changed.reason}"
+            self.parts.ignored.append(Note(reason, changed.place))
+        elif changed is not None:
+            return changed
+        elif (add := _ACTIONS.get(action.short_name)) is not None:
+            return add(self, action, scope) or scope
+        else:
+            self._leave_out(f"{action.short_name} has no form in a spec", action)
+        return scope
 
-    def _ignore(self, reason: str, action: Construct) -> None:
-        self.parts.ignored.append(Note(reason, action.place))
+    def _check_arguments(self, action: Construct, scope: Scope) -> None:
+        """Launch arguments of an included file apply to the actions after it, in the same group."""
+        if scope.arguments is self.arguments:
+            return
+        self.steps.count_items(self.arguments)
+        for name, value in self.arguments.items():
+            if scope.arguments.get(name, value) != value:
+                reason = f"the launch argument {name!r} has the value of an included file here"
+                self.reader.lose(reason, action)
 
     def _leave_out(self, reason: str, action: Construct) -> None:
         """Note an action that is not understood, and the module that would tell what it is."""
-        self._ignore(reason, action)
+        self.reader.lose(reason, action)
         module = missing_module(action.name)
         if module:
             self.parts.missing.setdefault(module, []).append(action)
@@ -213,203 +144,218 @@ class _Collector:
     def _condition_is_met(self, action: Construct) -> bool:
         decided = condition_value(action.get("condition"), self.steps)
         if decided is None:
-            reason = f"the condition of {action.short_name} is not known, so it is left out"
-            self._ignore(reason, action)
+            reason = f"the condition of {action.short_name} is not known"
+            self.reader.lose(reason, action)
         return decided is True
 
-    def _with_remapping(self, action: Construct, group: _Group) -> _Group:
-        source, target = action.get("src", 0), action.get("dst", 1)
-        if not isinstance(source, str) or not isinstance(target, str):
-            self._ignore("a remapping that is not known", action)
-            return group
-        node, _, name = source.rpartition(":")
-        remapping = Remapping(name, target, action.place, node)
-        return replace(group, remappings=(*group.remappings, remapping))
+    def group(self, action: Construct, scope: Scope) -> Scope:
+        if action.get("launch_configurations") or action.get("forwarding") is False:
+            self.reader.lose("launch arguments that only a group has", action)
+        inside = self.add_all(listed(action.get("actions", 0)), scope)
+        return inside if action.get("scoped") is False else scope
 
-    def group(self, action: Construct, group: _Group) -> None:
-        self.add_all(_list(action.get("actions", 0)), group)
+    def opaque(self, action: Construct, scope: Scope) -> Scope:
+        """A function that is called at launch; `launch_files` has added what it returns."""
+        if "actions" not in action.keywords:
+            self.reader.lose("what a function makes when the file is launched", action)
+        return self.add_all(listed(action.get("actions")), scope)
 
-    def timer(self, action: Construct, group: _Group) -> None:
-        self._ignore("the delay of a TimerAction is left out: readiness is observed", action)
-        self.add_all(_list(action.get("actions")), group)
+    def timer(self, action: Construct, scope: Scope) -> Scope:
+        self.reader.change("the delay of a TimerAction is left out: readiness is observed", action)
+        return self.add_all(listed(action.get("actions")), scope)
 
-    def handler(self, action: Construct, _group: _Group) -> None:
+    def handler(self, action: Construct, scope: Scope) -> Scope:
         """An event handler: what it starts when another process starts, ends or prints."""
         event = action.get("event_handler", 0)
         if not isinstance(event, Construct):
-            return
-        for value in (*event.keywords.values(), *event.arguments):
-            actions = value if isinstance(value, list | tuple) else [value]
-            if any(isinstance(each, Construct) and each.short_name in _STARTS for each in actions):
-                self._ignore("what an event handler starts is left out", action)
-                return
+            self.reader.lose("an event handler is not known", action)
+            return scope
+        actions = [
+            part
+            for key, value in event.keywords.items()
+            if not key.startswith("target") and key not in {"start_state", "goal_state"}
+            for part in listed(value)
+        ]
+        if event.short_name == "OnStateTransition" and all(
+            is_quiet(part) or changed_state(part) is not None for part in actions
+        ):
+            return self.add_all(actions, scope)
+        if event.short_name == "OnProcessStart" and all(isinstance(x, Construct) for x in actions):
+            self.reader.change(
+                "what an event handler starts after another process is started with it", action
+            )
+            return self.add_all(actions, scope)
+        if all(is_quiet(part) for part in actions):
+            what = "what an event handler does is left out: it starts nothing"
+            self.reader.change(what, action)
+        else:
+            self.reader.lose("what an event handler starts is left out", action)
+        return scope
 
-    def description(self, action: Construct, group: _Group) -> None:
-        self.add_all(_list(action.get("initial_entities", 0)), group)
+    def event(self, action: Construct, _scope: Scope) -> None:
+        change = changed_state(action)
+        if change is not None:
+            matcher = change.get("lifecycle_node_matcher", 0)
+            node = matcher.get("action", 0) if isinstance(matcher, Construct) else None
+            transition = change.get("transition_id", 1)
+            name = transition.name if isinstance(transition, Foreign) else str(transition)
+            self.transitions.append((action, node, name.rpartition("_")[2].lower()))
+        elif not is_quiet(action):
+            self.reader.lose("an event that the launch file sends", action)
 
-    def node(self, action: Construct, group: _Group) -> None:
-        executable = _text(action.get("executable"), "")
-        if executable in _CONTAINER_EXECUTABLES:
-            self.parts.containers[_text(action.get("name"), "container")] = executable
-        elif self._is_known(action, "package", "executable"):
-            node = self._node(action, group)
-            node.executable = executable
-            arguments = _list(action.get("arguments"))
-            node.arguments = _texts(arguments)
-            for _ in range(len(arguments) - len(node.arguments)):
-                self._ignore("an argument is left out: its value is not known", action)
-            self._append(self.parts.nodes, node)
+    def change_states(self) -> None:
+        """Give lifecycle nodes the state into which the file brings them."""
+        for action, target, transition in self.transitions:
+            state = _STATES.get(transition)
+            nodes = [node for node in self.parts.nodes if node.source is target]
+            if state is None or not nodes:
+                self.reader.lose("a transition of a lifecycle node is not known", action)
+            for node in nodes:
+                node.lifecycle = "active" if node.lifecycle == "active" else state or ""
 
-    def process(self, action: Construct, _group: _Group) -> None:
-        command = _texts(_list(action.get("cmd", 0)))
-        name = _text(action.get("name"), command[0].rpartition("/")[2] if command else "process")
-        self._append(self.parts.nodes, NodeAction(name, action, command=command))
+    def description(self, action: Construct, scope: Scope) -> Scope:
+        return self.add_all(listed(action.get("initial_entities", 0)), scope)
 
-    def container(self, action: Construct, group: _Group) -> None:
-        name = _text(action.get("name"), "container")
-        executable = _text(action.get("executable"), "component_container")
-        if executable not in _CONTAINER_EXECUTABLES:
-            self._ignore(f"{clip(executable)!r} is no known container", action)
-            executable = "component_container_mt"
-        self.parts.containers[name] = executable
-        self._components(action.get("composable_node_descriptions"), group, name)
+    def node(self, action: Construct, scope: Scope) -> None:
+        if self.reader.is_container(action):
+            self._container(action, scope)
+        else:
+            self._append(self.parts.nodes, self.reader.executable(action, scope))
 
-    def load(self, action: Construct, group: _Group) -> None:
+    def process(self, action: Construct, scope: Scope) -> None:
+        self._append(self.parts.nodes, self.reader.program(action, scope))
+
+    def container(self, action: Construct, scope: Scope) -> None:
+        container = self._container(action, scope)
+        self._components(
+            action.get("composable_node_descriptions"), scope, container.name, container.source
+        )
+
+    def _container(self, action: Construct, scope: Scope) -> ContainerAction:
+        container = self.reader.container(action, scope)
+        if container.name in self.parts.containers:
+            container.name = identifier(container.full_name)
+        self.parts.containers[container.name] = container
+        return container
+
+    def load(self, action: Construct, scope: Scope) -> None:
         target = action.get("target_container", 1)
-        name = target.get("name") if isinstance(target, Construct) else target
-        container = _text(name, "container").rpartition("/")[2]
-        self._components(action.get("composable_node_descriptions", 0), group, container)
+        if not isinstance(target, Construct) or "executable" not in target.keywords:
+            target = performed(target, action, self.steps)
+            if isinstance(target, Unknown):
+                self.reader.lose(f"the container is not known: {target.reason}", action)
+                target = "container"
+        self._components(action.get("composable_node_descriptions", 0), scope, "", target)
 
-    def _components(self, descriptions: Any, group: _Group, container: str) -> None:
-        for action in _list(descriptions):
+    def _components(self, descriptions: Any, scope: Scope, container: str, target: Any) -> None:
+        for action in listed(descriptions):
             if isinstance(action, Unknown):
                 self.parts.ignored.append(action)
             if not isinstance(action, Construct) or not self._condition_is_met(action):
                 continue
-            if action.short_name != "ComposableNode":
+            if not action.short_name.endswith("ComposableNode"):
                 self._leave_out(f"the node that {action.short_name} makes is not known", action)
-            elif self._is_known(action, "package", "plugin"):
-                node = self._node(action, group)
-                node.plugin, node.container = _text(action.get("plugin"), ""), container
-                self._append(self.parts.nodes, node)
+                continue
+            node = self.reader.component(action, scope, container)
+            self._append(self.parts.nodes, node)
+            if node is not None and not container:
+                self.targets.append((node, target))
 
-    def _append(self, members: list[Any], member: Member) -> None:
+    def place_components(self) -> None:
+        """Give the components that are loaded into another container the name of that one."""
+        containers = self.parts.containers.values()
+        for node, target in self.targets:
+            if isinstance(target, Construct):
+                same = [each for each in containers if each.source is target]
+                last = self.reader.text(target, "name")
+            else:
+                last = target.rpartition("/")[2]
+                full = f"/{target.strip('/')}"
+                same = [each for each in containers if each.full_name == full]
+            alike = [each for each in containers if each.full_name.rpartition("/")[2] == last]
+            if same or len(alike) == 1:
+                node.container = (same or alike)[0].name
+                continue
+            node.container = identifier(last)
+            if node.container not in self.parts.containers:
+                what = f"the container {last!r} is started elsewhere; here it is one of the spec"
+                self.reader.change(what, node.source)
+
+    def _append(self, members: list[Any], member: Member | None) -> None:
+        if member is None:
+            return
         members.append(member)
         if len(self.parts.nodes) + len(self.parts.includes) > MAX_LAUNCH_PARTS:
             raise ScriptLimitError(f"more than {MAX_LAUNCH_PARTS:,} nodes and included files")
 
-    def _is_known(self, action: Construct, *keys: str) -> bool:
-        """Whether a file tells what it starts: a node without that has no form in a spec."""
-        for key in keys:
-            value = action.get(key)
-            if not _text(value, ""):
-                missing = unknown_in(value)
-                why = missing.reason if missing is not None else f"its {key} is not known"
-                self._ignore(f"{action.short_name} is left out: {why}", action)
-                return False
-        for key in ("name", "namespace"):
-            if action.get(key) is not None and not isinstance(action.get(key), str | list):
-                self._ignore(f"the {key} of {action.short_name} is not known", action)
-        return True
-
-    def _node(self, action: Construct, group: _Group) -> NodeAction:
-        default = _text(action.get("plugin"), "").rpartition("::")[2]
-        name = _text(action.get("name"), default or _text(action.get("executable"), "node"))
-        own = []
-        for pair in _list(action.get("remappings")):
-            missing = unknown_in(pair)
-            if missing is not None:
-                reason = f"a remapping: {missing.reason}"
-                self.parts.ignored.append(Note(reason, missing.place))
-            # A text may be written as a list of parts, such as launch substitutions.
-            names = [_text(part, "") for part in pair] if isinstance(pair, list | tuple) else []
-            if len(names) == 2 and all(names):
-                is_placed = isinstance(pair, PlacedTuple)
-                place = pair.place if is_placed else action.place_of("remappings")
-                own.append(Remapping(names[0], names[1], place))
-        return NodeAction(
-            name,
-            action,
-            package=_text(action.get("package"), ""),
-            namespace=_absolute(_join(group.namespace, _text(action.get("namespace"), ""))),
-            parameters=_list(action.get("parameters")),
-            remappings=[*(each for each in group.remappings if each.node in {"", name}), *own],
-        )
-
-    def include(self, action: Construct, group: _Group) -> None:
+    def include(self, action: Construct, scope: Scope) -> Scope:
         source = action.get("launch_description_source", 0)
         if isinstance(source, Construct):
-            source = source.get("location", 0)
-        path = _text(source, "")
-        if not path:
-            self._ignore("the file of an included launch file", action)
-            return
-        given = action.get("launch_arguments", default=[])
-        pairs = list(given.items()) if isinstance(given, dict) else _list(given)
+            source = source.get("location", 0, source.get("launch_file_path"))
+        path = performed(source, action, self.steps)
+        if isinstance(path, Unknown) or not path:
+            self.reader.lose("the file of an included launch file", action)
+            return scope
         include = IncludeAction(
             action,
-            path=path,
-            arguments={
-                str(pair[0]): pair[1]
-                for pair in pairs
-                if isinstance(pair, list | tuple) and len(pair) == 2
-            },
-            namespace=_absolute(group.namespace),
-            remappings=list(group.remappings),
+            path=str(path),
+            arguments=self._launch_arguments(action),
+            namespace=absolute(scope.namespace),
+            remappings=list(scope.remappings),
+            environment=dict(scope.environment),
         )
         if path.startswith("$(share ") and ")/" in path:
             inside = path.removeprefix("$(share ")
             include.path, (include.package, _, include.file) = "", inside.partition(")/")
-        actions = self.expand(include) if self.included < MAX_LAUNCH_INCLUDES else None
-        if actions is None:
+        is_near = self.included < MAX_LAUNCH_INCLUDES
+        launched = self.expand(include, scope.arguments) if is_near else None
+        if launched is None:
+            if scope.parameters:
+                self.reader.lose("parameters that are set for an included launch file", action)
             self._append(self.parts.includes, include)
-            return
+            return replace(scope, arguments={**scope.arguments, **include.arguments})
         self.included += 1
-        self.add_all(actions, group)
+        outside, self.arguments = self.arguments, launched.values
+        scope = self.add_all(launched.actions, replace(scope, arguments=launched.values))
         self.included -= 1
+        self.arguments = outside
+        return scope
+
+    def _launch_arguments(self, action: Construct) -> dict[str, Any]:
+        given = action.get("launch_arguments", default=[])
+        pairs = list(given.items()) if isinstance(given, dict) else listed(given)
+        arguments: dict[str, Any] = {}
+        for pair in pairs:
+            if isinstance(pair, list | tuple) and len(pair) == 2:
+                name, value = performed(pair[0], action, self.steps), pair[1]
+                if not isinstance(value, bool | int | float):
+                    value = performed(value, action, self.steps)
+                # A text stays as it is written: expressions of Python tell True from true.
+                arguments[str(name)] = str(value) if isinstance(value, str) else value
+            else:
+                reason = pair.reason if isinstance(pair, Unknown) else "it is no pair"
+                self.reader.lose(f"an argument of an included file is not known: {reason}", action)
+        return arguments
 
 
-_ACTIONS: Final[dict[str, Callable[[_Collector, Construct, _Group], None]]] = {
+_ACTIONS: Final[dict[str, Callable[[_Collector, Construct, Scope], Scope | None]]] = {
     "GroupAction": _Collector.group,
+    "OpaqueFunction": _Collector.opaque,
     "TimerAction": _Collector.timer,
+    "RosTimer": _Collector.timer,
     "RegisterEventHandler": _Collector.handler,
+    "EmitEvent": _Collector.event,
     "LaunchDescription": _Collector.description,
     "Node": _Collector.node,
     "LifecycleNode": _Collector.node,
     "ExecuteProcess": _Collector.process,
+    "ExecuteLocal": _Collector.process,
     "ComposableNodeContainer": _Collector.container,
     "LoadComposableNodes": _Collector.load,
     "IncludeLaunchDescription": _Collector.include,
 }
-_STARTS: Final = frozenset(_ACTIONS) - {"RegisterEventHandler"}
 
 
 def topic_in(namespace: str, topic: str) -> str:
     """The absolute name of a topic."""
     return topic if topic.startswith("/") else f"{namespace.rstrip('/')}/{topic}"
-
-
-def _text(value: Any, default: str) -> str:
-    if isinstance(value, list | tuple) and all(isinstance(part, str) for part in value):
-        return "".join(value) or default
-    return value if isinstance(value, str) and value else default
-
-
-def _texts(values: list[Any]) -> list[str]:
-    return [str(value) for value in values if isinstance(value, str | int | float)]
-
-
-def _list(value: Any) -> list[Any]:
-    if isinstance(value, Unknown):
-        return [value]
-    return list(value) if isinstance(value, list | tuple) else []
-
-
-def _join(above: str, namespace: str) -> str:
-    if namespace.startswith("/") or not above:
-        return namespace
-    return f"{above.rstrip('/')}/{namespace}" if namespace else above
-
-
-def _absolute(namespace: str) -> str:
-    return f"/{namespace.strip('/')}" if namespace.strip("/") else ""

@@ -7,7 +7,7 @@ document type, with which XML declares entities that expand, is refused by the p
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -17,29 +17,40 @@ import yaml
 
 from r2bspec.diagnostics import Span
 from r2bspec.diagnostics.quote import clip
+from r2bspec.interop.script_import.launch_files import LaunchArgument, LaunchFile
 from r2bspec.interop.script_import.source_files import SYNTAX, ScriptReader, UnusableScriptError
-from r2bspec.interop.script_import.substitutions import split_words, substituted
-from r2bspec.interop.script_import.values import Construct, LaunchText, Note, StepCounter, Unknown
-from r2bspec.language.yaml_document import ScalarError, resolve
+from r2bspec.interop.script_import.substitutions import condition_value, split_words, substituted
+from r2bspec.interop.script_import.values import Construct, LaunchText, Note, Unknown
 from r2bspec.safe_io.limits import MAX_MARKUP_DEPTH
 from r2bspec.safe_io.safe_yaml import load_values
 
 _CHILDREN: Final = frozenset(
     {
         *("param", "remap", "env", "extra_arg", "composable_node"),
-        *("arg", "let", "node", "group", "include"),
+        *("arg", "let", "node", "group", "include", "choice"),
     }
 )
 _ACTIONS: Final = {
     "node": "Node",
+    "lifecycle_node": "LifecycleNode",
     "node_container": "ComposableNodeContainer",
     "load_composable_node": "LoadComposableNodes",
     "executable": "ExecuteProcess",
     "group": "GroupAction",
+    "timer": "TimerAction",
+    "ros_timer": "RosTimer",
     "include": "IncludeLaunchDescription",
     "set_remap": "SetRemap",
+    "set_parameter": "SetParameter",
+    "set_parameters_from_file": "SetParametersFromFile",
+    "set_use_sim_time": "SetUseSimTime",
+    "set_env": "SetEnvironmentVariable",
+    "set_ros_log_dir": "SetROSLogDir",
     "push_ros_namespace": "PushRosNamespace",
     "push_namespace": "PushRosNamespace",
+    "log": "LogInfo",
+    "log_info": "LogInfo",
+    "shutdown": "Shutdown",
 }
 """The actions of Python, by the names of entities."""
 _KEYWORDS: Final = {
@@ -50,12 +61,19 @@ _KEYWORDS: Final = {
     "namespace": "namespace",
     "target": "target_container",
     "file": "launch_description_source",
+    "filename": "filename",
     "from": "src",
     "to": "dst",
+    "launch_prefix": "prefix",
+    "new_log_dir": "new_log_dir",
 }
 """Their arguments, by the names of attributes."""
-_COMMAND_LINES: Final = {"ros_args": "arguments", "args": "arguments", "cmd": "cmd"}
+_RENAMED: Final = {"SetParametersFromFile": {"file": "filename"}}
+_COMMAND_LINES: Final = {"ros_args": "ros_arguments", "args": "arguments", "cmd": "cmd"}
 _CONDITIONS: Final = {"unless": "UnlessCondition", "if": "IfCondition"}
+_FLAGS: Final = frozenset({"shell", "scoped", "forwarding"})
+_VALUES: Final = frozenset({"SetParameter", "SetEnvironmentVariable", "SetUseSimTime"})
+"""Actions whose attribute ``value`` is what they set."""
 
 
 @dataclass(slots=True)
@@ -63,6 +81,7 @@ class _Entity:
     """One entity: its name, attributes and children."""
 
     name: str
+    place: Span
     values: dict[str, Any] = field(default_factory=dict)
     children: list[_Entity] = field(default_factory=list)
 
@@ -77,10 +96,8 @@ class _Entity:
         return ""
 
 
-def markup_launch_actions(
-    reader: ScriptReader, file: Path, arguments: Mapping[str, Any]
-) -> tuple[list[Any], list[Note]]:
-    """The actions of a launch file in XML or YAML.
+def markup_launch_file(reader: ScriptReader, file: Path, given: Mapping[str, Any]) -> LaunchFile:
+    """What a launch file in XML or YAML does, with the launch arguments given and its defaults.
 
     Raises:
         UnusableScriptError: it cannot be read or parsed.
@@ -88,13 +105,14 @@ def markup_launch_actions(
     """
     text = reader.read_text(file)
     root = _xml(file, text) if text.lstrip().startswith("<") else _yaml(file, text)
-    markup = _Markup(file, dict(arguments), reader.steps)
-    return markup.actions(root.children), markup.notes
+    markup = _Markup(reader, file, given)
+    markup.launch.actions = list(markup.actions(root.children))
+    return markup.launch
 
 
 def _xml(file: Path, text: str) -> _Entity:
     parser = expat.ParserCreate(namespace_separator="}")
-    path = [_Entity("")]
+    path = [_Entity("", Span.of_file(str(file)))]
 
     def refused(reason: str) -> UnusableScriptError:
         return _syntax(file, reason, parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
@@ -105,7 +123,10 @@ def _xml(file: Path, text: str) -> _Entity:
     def start(name: str, attributes: dict[str, str]) -> None:
         if len(path) > MAX_MARKUP_DEPTH + 1:
             raise _syntax(file, f"entities are nested more than {MAX_MARKUP_DEPTH} times", 1, 1)
-        entity = _Entity(name.replace("-", "_"), dict(attributes))
+        line, column = parser.CurrentLineNumber, parser.CurrentColumnNumber + 1
+        place = Span(str(file), line, column, line, column + len(name) + 1)
+        values = {key.replace("-", "_"): value for key, value in attributes.items()}
+        entity = _Entity(name.replace("-", "_"), place, values)
         path[-1].children.append(entity)
         path.append(entity)
 
@@ -122,36 +143,67 @@ def _xml(file: Path, text: str) -> _Entity:
 def _yaml(file: Path, text: str) -> _Entity:
     try:
         content = load_values(text)
+        lines = yaml.compose(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line, column = (mark.line + 1, mark.column + 1) if mark is not None else (1, 1)
         raise _syntax(file, f"invalid YAML: {error}".split("\n")[0], line, column) from error
     if not isinstance(content, dict) or not isinstance(content.get("launch"), list):
         raise _syntax(file, "a launch file in YAML has a list under the key 'launch'", 1, 1)
-    return _Entity("launch", {}, _entities(content["launch"], 0))
+    entities = _YamlEntities(str(file))
+    inside = entities.listed(content["launch"], entities.value_at(lines, "launch"), 0)
+    return _Entity("launch", Span.of_file(str(file)), {}, inside)
 
 
-def _entities(items: Any, depth: int) -> list[_Entity]:
-    return [
-        _mapping_entity(str(name), values, depth)
-        for item in (items if isinstance(items, list) and depth < MAX_MARKUP_DEPTH else [])
-        for name, values in (item.items() if isinstance(item, dict) else ())
-    ]
+@dataclass(frozen=True, slots=True)
+class _YamlEntities:
+    """Makes entities of values, with the places of the nodes that they were made from."""
 
+    file: str
 
-def _mapping_entity(name: str, values: Any, depth: int) -> _Entity:
-    name = name.replace("-", "_")
-    if isinstance(values, list):
-        return _Entity(name, {}, _entities(values, depth + 1))
-    values = values if isinstance(values, dict) else {}
-    children: list[_Entity] = []
-    for key, inside in values.items():
-        if isinstance(inside, list):
-            if key in _CHILDREN:
-                children += [_mapping_entity(key, child, depth + 1) for child in inside]
-            elif key == "children":
-                children += _entities(inside, depth + 1)
-    return _Entity(name, values, children)
+    def listed(self, items: Any, node: Any, depth: int) -> list[_Entity]:
+        entities: list[_Entity] = []
+        inside = node.value if isinstance(node, yaml.SequenceNode) else []
+        for number, item in enumerate(items if isinstance(items, list) else ()):
+            at = inside[number] if number < len(inside) else node
+            if depth < MAX_MARKUP_DEPTH and isinstance(item, dict):
+                entities += [
+                    self.entity(str(name), values, self.value_at(at, name), depth)
+                    for name, values in item.items()
+                ]
+        return entities
+
+    def entity(self, name: str, values: Any, node: Any, depth: int) -> _Entity:
+        name, place = name.replace("-", "_"), self.place(node)
+        if isinstance(values, list):
+            return _Entity(name, place, {}, self.listed(values, node, depth + 1))
+        values = values if isinstance(values, dict) else {}
+        children: list[_Entity] = []
+        for key, inside in values.items():
+            if isinstance(inside, list):
+                below = self.value_at(node, key)
+                if key in _CHILDREN:
+                    nodes = below.value if isinstance(below, yaml.SequenceNode) else []
+                    children += [
+                        self.entity(key, each, nodes[at] if at < len(nodes) else node, depth + 1)
+                        for at, each in enumerate(inside)
+                    ]
+                elif key == "children":
+                    children += self.listed(inside, below, depth + 1)
+        attributes = {str(key).replace("-", "_"): value for key, value in values.items()}
+        return _Entity(name, place, attributes, children)
+
+    @staticmethod
+    def value_at(node: Any, key: Any) -> Any:
+        """The node of a value; that of the map where it cannot be told."""
+        pairs = node.value if isinstance(node, yaml.MappingNode) else []
+        return next((value for name, value in pairs if name.value == str(key)), node)
+
+    def place(self, node: Any) -> Span:
+        if node is None:
+            return Span.of_file(self.file)
+        line, column = node.start_mark.line + 1, node.start_mark.column + 1
+        return Span(self.file, line, column, line, column + 1)
 
 
 def _syntax(file: Path, message: str, line: int, column: int) -> UnusableScriptError:
@@ -159,71 +211,141 @@ def _syntax(file: Path, message: str, line: int, column: int) -> UnusableScriptE
 
 
 class _Markup:
-    def __init__(self, file: Path, values: dict[str, Any], steps: StepCounter) -> None:
-        self.place = Span(str(file), 1, 1, 1, 2)
-        self.values = values
-        self.steps = steps
-        self.notes: list[Note] = []
+    """Evaluates the entities of one file, in their order."""
 
-    def actions(self, entities: list[_Entity]) -> list[Construct]:
-        actions = []
+    def __init__(self, reader: ScriptReader, file: Path, given: Mapping[str, Any]) -> None:
+        self.folder = reader.reference(file).rpartition("/")[0]
+        self.steps = reader.steps
+        self.launch = LaunchFile(values=dict(given))
+        self.place = Span.of_file(str(file))
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """The values of arguments and variables at this place of the file."""
+        return self.launch.values
+
+    def actions(self, entities: list[_Entity]) -> Iterator[Construct]:
         for entity in entities:
-            if entity.name in {"arg", "let"}:
+            self.place = entity.place
+            if entity.name in {"arg", "let", "set_launch_configuration"}:
                 self._declare(entity)
             elif entity.name in _ACTIONS:
-                actions.append(self._construct(_ACTIONS[entity.name], entity))
+                yield self._construct(_ACTIONS[entity.name], entity)
             else:
-                reason = f"<{clip(entity.name)}> has no form in a spec"
-                self.notes.append(Note(reason, self.place))
-        return actions
+                self._lose(f"<{clip(entity.name)}> has no form in a spec")
+
+    def _lose(self, reason: str) -> None:
+        self.launch.notes.append(Note(reason, self.place))
 
     def _declare(self, entity: _Entity) -> None:
         name = entity.get("name")
-        is_open = entity.name == "let" or name not in self.values
-        if is_open and entity.values.keys() & {"value", "default"}:
-            self.values[name] = self._text(entity.get("value", "default"))
+        decided = condition_value(self._condition(entity), self.steps)
+        if decided is None:
+            self._lose(f"the condition of <{entity.name}> is not known")
+        if not decided:
+            return
+        is_given = bool(entity.values.keys() & {"value", "default"})
+        value = self._text(entity.get("value", "default")) if is_given else None
+        if entity.name == "arg":
+            choices = tuple(choice.get("value") for choice in entity.all("choice"))
+            default = value if isinstance(value, str) else None
+            self.launch.declare(LaunchArgument(name, default, choices, self.place))
+            if isinstance(value, Unknown):
+                self.values.setdefault(name, value)
+        elif is_given:
+            self.values[name] = value
+
+    def _condition(self, entity: _Entity) -> Construct | None:
+        for name, condition in _CONDITIONS.items():
+            if name in entity.values:
+                text = {"predicate_expression": self._text(entity.get(name))}
+                return Construct(condition, [], text, entity.place)
+        return None
 
     def _construct(self, kind: str, entity: _Entity) -> Construct:
         """The construct of an entity, with its attributes and the entities inside as keywords."""
         self.steps.count(1 + len(entity.children))
-        keywords: dict[str, Any] = {}
-        for name, keyword in _KEYWORDS.items():
-            if name in entity.values:
-                keywords[keyword] = self._text(entity.get(name))
-        for name, keyword in _COMMAND_LINES.items():
-            if name in entity.values:
+        place = self.place = entity.place
+        keywords: dict[str, Any] = {"condition": self._condition(entity)}
+        named = _KEYWORDS | _RENAMED.get(kind, {})
+        for name, value in entity.values.items():
+            if name in named:
+                keywords[named[name]] = self._text(entity.get(name))
+            elif name in _COMMAND_LINES:
                 words = split_words(entity.get(name))
-                keywords[keyword] = [self._text(word) for word in words]
-        for name, condition in _CONDITIONS.items():
-            if name in entity.values:
-                text = {"predicate_expression": self._text(entity.get(name))}
-                keywords["condition"] = Construct(condition, [], text, self.place)
+                keywords[_COMMAND_LINES[name]] = [self._text(word) for word in words]
+            elif name in _FLAGS:
+                keywords[name] = str(self._text(entity.get(name))).lower() not in {"false", "0"}
+            elif name == "value" and kind in _VALUES:
+                keywords["value"] = self._value(entity)
+            elif name not in _CONDITIONS and not isinstance(value, list):
+                keywords[name] = self._text(entity.get(name))
         if kind == "GroupAction":
-            keywords["actions"] = self.actions(entity.children)
+            keywords["actions"] = self._inside_group(entity, keywords)
+        elif kind in {"TimerAction", "RosTimer"}:
+            keywords["actions"] = list(self.actions(entity.children))
         elif kind == "IncludeLaunchDescription":
             given = [*entity.all("arg"), *entity.all("let")]
             keywords["launch_arguments"] = dict(map(self._argument, given))
         else:
+            self._add_children(keywords, entity)
+        return Construct(kind, [], keywords, place)
+
+    def _inside_group(self, entity: _Entity, keywords: dict[str, Any]) -> list[Construct]:
+        """Variables that are set in a group end with it, and are not set if it is left out."""
+        before = dict(self.values)
+        decided = condition_value(keywords["condition"], self.steps)
+        actions = list(self.actions(entity.children)) if decided is not False else []
+        if keywords.get("scoped") is not False:
+            self.launch.values = before
+        return actions
+
+    def _add_children(self, keywords: dict[str, Any], entity: _Entity) -> None:
+        components = entity.all("composable_node")
+        if components:
             keywords["composable_node_descriptions"] = [
-                self._construct("ComposableNode", child) for child in entity.all("composable_node")
+                self._construct("ComposableNode", child) for child in components
             ]
+        if entity.all("remap"):
             keywords["remappings"] = [
                 (self._text(remap.get("from")), self._text(remap.get("to")))
                 for remap in entity.all("remap")
             ]
-            keywords["parameters"] = [
-                self._text(param.get("from"))
-                if "from" in param.values
-                else {self._text(param.get("name")): self._value(param)}
-                for param in entity.all("param")
+        if entity.all("param"):
+            keywords["parameters"] = [self._source(param) for param in entity.all("param")]
+        if entity.all("env"):
+            keywords["additional_env"] = [
+                (self._text(each.get("name")), self._text(each.get("value")))
+                for each in entity.all("env")
             ]
-        return Construct(kind, [], keywords, self.place)
+        if entity.all("extra_arg"):
+            keywords["extra_arguments"] = [
+                {self._text(each.get("name")): self._value(each)}
+                for each in entity.all("extra_arg")
+            ]
+        for child in entity.children:
+            if child.name not in {"remap", "param", "env", "extra_arg", "composable_node"}:
+                self.place = child.place
+                self._lose(f"<{clip(child.name)}> in <{clip(entity.name)}> has no form in a spec")
+
+    def _source(self, entity: _Entity) -> Any:
+        """The parameters of ``<param>``: a file, or a map."""
+        self.place = entity.place
+        if "from" not in entity.values:
+            return {self._text(entity.get("name")): self._value(entity)}
+        file = self._text(entity.get("from"))
+        allowed = self._text(entity.get("allow_substs") or "false")
+        if allowed in {"false", "False", "0"}:
+            return file
+        keywords = {"param_file": file, "allow_substs": True}
+        return Construct("ParameterFile", [], keywords, self.place)
 
     def _argument(self, entity: _Entity) -> tuple[Any, Any]:
         name, value = self._text(entity.get("name")), self._text(entity.get("value"))
         return name, LaunchText(value) if isinstance(value, str) else value
 
     def _value(self, entity: _Entity) -> Any:
+        self.place = entity.place
         if entity.children:
             self.steps.count(len(entity.children))
             return {self._text(each.get("name")): self._value(each) for each in entity.all("param")}
@@ -231,14 +353,13 @@ class _Markup:
         text = self._text(value) if isinstance(value, str) else value
         if not isinstance(text, str):
             return text
-        try:
-            plain = resolve(text)
-        except ScalarError:
-            return text
-        return plain if isinstance(plain, bool | int | float) else text
+        separator = entity.values.get("value_sep")
+        if isinstance(separator, str) and separator:
+            return [[LaunchText(part)] for part in text.split(separator)]
+        return str(text) if entity.get("type") == "str" else LaunchText(text)
 
     def _text(self, text: str) -> Any:
         """A text with its references replaced; unknown if the value of one is not known."""
-        result = substituted(text, self.values, self.steps)
+        result = substituted(text, self.values, self.steps, self.folder)
         reason = f"the value of {clip(text)} is not known"
         return Unknown(reason, self.place) if result is None else result

@@ -12,7 +12,8 @@ import re
 from dataclasses import dataclass, field
 from typing import Final
 
-from r2bspec.interop.script_import.launch_actions import LaunchParts, Member, NodeAction, topic_in
+from r2bspec.interop.script_import.launch_actions import topic_in
+from r2bspec.interop.script_import.launch_parts import LaunchParts, Member, NodeAction
 
 HARNESS_PACKAGES: Final = frozenset({"ros2_benchmark", "isaac_ros_benchmark"})
 _HARNESS: Final = {"DataLoaderNode": "loader", "PlaybackNode": "player", "MonitorNode": "monitor"}

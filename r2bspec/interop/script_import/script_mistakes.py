@@ -16,7 +16,8 @@ from typing import Final
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.diagnostics.code_pages import all_pages
 from r2bspec.interop.script_import.benchmark_script import BenchmarkScript, Settings
-from r2bspec.interop.script_import.launch_actions import NodeAction, Remapping, topic_in
+from r2bspec.interop.script_import.launch_actions import topic_in
+from r2bspec.interop.script_import.launch_parts import NodeAction, Remapping
 from r2bspec.interop.script_import.node_roles import HARNESS_PACKAGES, divide_by_role, played_inputs
 from r2bspec.interop.script_import.values import Construct, PlacedDict
 from r2bspec.plan.wiring.node_interface import catalogue_nodes
@@ -178,7 +179,7 @@ class _Mistakes:
         """The indices in the list of monitors; None if the list is not known."""
         given = self.config.get("monitor_info_list")
         if given is None:
-            return {0: self.config.place}
+            return {} if self.script.calls else {0: self.config.place}
         if not isinstance(given, list | tuple):
             return None
         indices: dict[int, Span] = {}

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ast
 import io
+import os
 import sys
 import tokenize
 import warnings
@@ -54,6 +55,14 @@ class UnusableScriptError(Exception):
         self.finding = Diagnostic(code, Severity.ERROR, message, span, help=_HELP[code])
 
 
+def unusable(
+    message: str, module: ScriptModule, line: int, code: str = NOT_A_BENCHMARK
+) -> UnusableScriptError:
+    """The error for a script, at one of its lines."""
+    length = len(module.text.splitlines()[line - 1]) if module.text else 0
+    return UnusableScriptError(code, message, Span(str(module.file), line, 1, line, length + 1))
+
+
 class ScriptReader:
     """Reads the files of one import, each once, with a limit on all together.
 
@@ -94,7 +103,17 @@ class ScriptReader:
         except (ValueError, RecursionError, MemoryError) as error:
             message = "the file cannot be parsed: it is nested too deeply"
             raise UnusableScriptError(SYNTAX, message, Span.of_file(str(file))) from error
-        return ScriptModule(file, text, tree)
+        module = ScriptModule(file, text, tree)
+        module.scope.names["__file__"] = self.reference(file)
+        return module
+
+    def reference(self, file: Path) -> str:
+        """A file as a reference to the folder of the script, ``$(script)``."""
+        return "$(script)/" + os.path.relpath(safe_file.real_path(file), self._roots[0])
+
+    def referenced(self, path: str) -> Path:
+        """The file of such a reference."""
+        return self._roots[0] / path.removeprefix("$(script)/")
 
     def read_text(self, file: Path) -> str:
         """Read a file.
@@ -128,6 +147,14 @@ class ScriptReader:
         return self._first_module(
             file for file in files if any(file.is_relative_to(root) for root in self._roots)
         )
+
+    def find_package(self, package: str) -> Path | None:
+        """The source folder of a package that is next to the script or above."""
+        for root in self._roots:
+            for folder in (root, root / package):
+                if folder.name == package and safe_file.is_regular(folder / "package.xml"):
+                    return folder
+        return None
 
     def find_share_file(self, package: str, file: str) -> Path | None:
         """A file of a package whose source folder is next to the script or above."""

@@ -18,7 +18,8 @@ from r2bspec.datasets.catalogue import SEQUENCES
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.interop.script_import import node_roles
 from r2bspec.interop.script_import.benchmark_script import BenchmarkScript, Settings
-from r2bspec.interop.script_import.launch_actions import NodeAction, topic_in
+from r2bspec.interop.script_import.launch_actions import topic_in
+from r2bspec.interop.script_import.launch_parts import NodeAction
 from r2bspec.interop.script_import.source_files import MODULE_MISSING
 from r2bspec.interop.script_import.spec_entries import NodeWriter, add_steps
 from r2bspec.interop.script_import.spec_text import (
@@ -98,7 +99,7 @@ class _SpecBuilder:
         stem = self.script.module.file.stem
         name = stem if re.search(NAME.pattern, stem) else identifier(stem)
         top = self._head(name)
-        notes = [*self.script.notes, *self.values.notes]
+        notes = [*self.script.calls, *self.script.notes, *self.values.notes]
         missing = self._missing_modules()
         found = [
             *missing,
@@ -373,6 +374,7 @@ class _SpecBuilder:
     def _note_members(self) -> None:
         """Notes about actions that are not understood, and about roles that are not certain."""
         self.values.notes += self.script.parts.ignored
+        self.values.changes += self.script.parts.changes
         for node in self.graph.further:
             self.values.lose(f"{node.name!r} is a second loader or player", node.source.place)
         for member in self.graph.undecided:

@@ -20,10 +20,12 @@ from typing import Any, Final
 from r2bspec.diagnostics import Span
 from r2bspec.interop.script_import.benchmark_script import BenchmarkScript
 from r2bspec.interop.script_import.known_functions import is_file_test
-from r2bspec.interop.script_import.launch_actions import (
+from r2bspec.interop.script_import.launch_parts import (
+    ContainerAction,
     IncludeAction,
     Member,
     NodeAction,
+    ProcessSettings,
     Remapping,
 )
 from r2bspec.interop.script_import.spec_text import Block, SpecValues, identifier, unique_name
@@ -36,7 +38,8 @@ from r2bspec.interop.script_import.values import (
     check_size,
     unknown_in,
 )
-from r2bspec.language.names import NODE_NAME, PARAMETER, TOPIC
+from r2bspec.language.declaration import NamePattern
+from r2bspec.language.names import ENVIRONMENT, NODE_NAME, PARAMETER, TOPIC
 from r2bspec.safe_io.limits import MAX_REQUEST_MESSAGES, MAX_SCRIPT_NESTING
 
 _PREPROCESSING: Final = "preprocessing"
@@ -75,7 +78,7 @@ class NodeWriter:
     def add_containers(
         self,
         block: Block,
-        kinds: Mapping[str, str],
+        kinds: Mapping[str, ContainerAction],
         graph: list[Member],
         preprocessors: list[Member],
         harness: list[NodeAction],
@@ -84,7 +87,7 @@ class NodeWriter:
 
         Args:
             block: the map of containers.
-            kinds: the executables of all containers, by name.
+            kinds: all containers, by name.
             graph: the nodes of the graph.
             preprocessors: those that run before.
             harness: player and monitors, which are outside of containers here.
@@ -93,12 +96,39 @@ class NodeWriter:
         order = list(kinds).index if used <= set(kinds) else None
         for name in sorted(used, key=order):
             shared = any(node.container == name for node in harness)
-            kind = kinds.get(name, _DEFAULT_CONTAINER)
-            block.add(name, {"executable": kind}, [_HARNESS_OUTSIDE] if shared else [])
+            above = [_HARNESS_OUTSIDE] if shared else []
+            block.add(name, self._container(kinds.get(name)), above)
         for node in _components(preprocessors)[:1]:
-            kind = kinds.get(node.container, _DEFAULT_CONTAINER)
-            block.add(_PREPROCESSING, {"executable": kind})
+            block.add(_PREPROCESSING, self._container(kinds.get(node.container)))
         self.keys |= used
+        for name in kinds.keys() - {node.container for node in (*_components(graph), *harness)}:
+            if not any(node.container == name for node in _components(preprocessors)):
+                what = f"no node is loaded into the container {name!r}, so it is left out"
+                self.values.change(what, kinds[name].source.place)
+
+    def _container(self, container: ContainerAction | None) -> dict[str, Any]:
+        """The keys of a container; with one that is started elsewhere, those of a usual one."""
+        if container is None:
+            return {"executable": _DEFAULT_CONTAINER}
+        keys: dict[str, Any] = {"executable": container.executable}
+        if container.is_multi_threaded:
+            keys["executor"] = "multi_threaded"
+        if container.threads:
+            keys["threads"] = container.threads
+        if container.arguments:
+            keys["arguments"] = [self.values.text(word) for word in container.arguments]
+        return keys | self._process(container.process, container.source.place)
+
+    def _process(self, process: ProcessSettings, place: Span) -> dict[str, Any]:
+        """The keys of a process that an action sets."""
+        keys: dict[str, Any] = {}
+        if process.prefix:
+            keys["prefix"] = [self.values.text(word) for word in process.prefix]
+        lost: list[str] = []
+        environment = self._map(process.environment, place, lost, ENVIRONMENT)
+        if environment:
+            keys["env"] = environment
+        return keys
 
     def _key(self, node: NodeAction) -> str:
         key = node.name if re.search(NODE_NAME.pattern, node.name) else identifier(node.name)
@@ -128,13 +158,20 @@ class NodeWriter:
         block.add("executable", node.executable or None)
         if node.plugin:
             block.add("container", container)
+            block.add("intra_process", node.intra_process or None)
+            place = node.source.place_of("extra_arguments")
+            lost = block.below
+            block.add("extra_arguments", self._map(node.extra_arguments, place, lost))
         namespace = node.namespace or ("/" if not node.command else self.values.namespace)
         if namespace != self.values.namespace:
             block.add("namespace", namespace)
         if node.arguments and not node.command:
             block.add("arguments", [self.values.text(word) for word in node.arguments])
+        block.add("lifecycle", node.lifecycle or None)
         self._parameters(block, node)
         self._remappings(block, node.remappings)
+        for key, value in self._process(node.process, node.source.place).items():
+            block.add(key, value)
         return block
 
     def _include(self, include: IncludeAction) -> Block:
@@ -154,6 +191,10 @@ class NodeWriter:
         if include.namespace and include.namespace != self.values.namespace:
             block.add("namespace", include.namespace)
         self._remappings(block, include.remappings)
+        for key, value in self._process(
+            ProcessSettings(include.environment), include.source.place
+        ).items():
+            block.add(key, value)
         return block
 
     def _parameters(self, block: Block, node: NodeAction) -> None:
@@ -176,13 +217,19 @@ class NodeWriter:
         else:
             block.below += lost
 
-    def _map(self, values: dict[str, Any], place: Span, lost: list[str]) -> dict[str, Any]:
+    def _map(
+        self,
+        values: dict[str, Any],
+        place: Span,
+        lost: list[str],
+        names: NamePattern = PARAMETER,
+    ) -> dict[str, Any]:
         """The values of a map that have a form in a spec; `lost` gets comments about the others."""
         converted: dict[str, Any] = {}
         places = values.places if isinstance(values, PlacedDict) else {}
         for key, value in values.items():
-            if not re.search(PARAMETER.pattern, str(key)):
-                self._lose(f"{key!r}, which is no name of a parameter", value, place, lost)
+            if not re.search(names.pattern, str(key)):
+                self._lose(f"{key!r}, which is no {names.noun}", value, place, lost)
                 continue
             try:
                 converted[key] = self.values.convert(value, places.get(key, place))

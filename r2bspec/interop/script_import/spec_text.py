@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -207,6 +207,7 @@ class SpecValues:
         environment: environment variables that are read.
         notes: what has no form in the spec.
         changes: what the spec says in another way.
+        share_folder: the share folder of a package, as the spec writes it.
     """
 
     script_folder: str
@@ -216,6 +217,7 @@ class SpecValues:
     environment: list[str] = field(default_factory=list)
     notes: list[Note] = field(default_factory=list)
     changes: list[Note] = field(default_factory=list)
+    share_folder: Callable[[str], str] = "/opt/ros/jazzy/share/{}".format
 
     def lose(self, reason: str, place: Span) -> None:
         """Note something that has no form in the spec."""
@@ -274,7 +276,7 @@ class SpecValues:
         elif kind == "script":
             variable, value = "script_folder", self.script_folder
         else:
-            variable, value = f"share_{identifier(name)}", f"/opt/ros/jazzy/share/{name}"
+            variable, value = f"share_{identifier(name)}", self.share_folder(name)
         self.variables.setdefault(variable, value)
         return f"$(var {variable})"
 

@@ -15,12 +15,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from r2bspec.diagnostics import Span
 from r2bspec.interop.script_import.expressions import Expressions, truth
 from r2bspec.interop.script_import.values import (
     Construct,
     ScriptLimitError,
     ScriptModule,
     StepCounter,
+    Unknown,
 )
 from r2bspec.safe_io.limits import MAX_SUBSTITUTION_CHARACTERS, MAX_SUBSTITUTION_DEPTH
 
@@ -71,8 +73,7 @@ def _operation_value(
     """What an operation says of texts or substitutions; None if that is not known."""
     match operation, operands:
         case "eval", [expression, *_]:
-            text = _joined(expression)
-            return None if text is None else _expression_value(text, steps)
+            return truth(_expression_value(_joined(expression), steps))
         case (("equals" | "not-equals"), [_, _]):
             left, right = map(_joined, operands)
             if left is None or right is None or "$(" in left + right:
@@ -88,16 +89,28 @@ def _operation_value(
     return None
 
 
-def _expression_value(text: str, steps: StepCounter) -> bool | None:
-    """Whether an expression of constants is true; None for any other."""
-    if len(text) > MAX_SUBSTITUTION_CHARACTERS:
-        return None
-    try:
-        tree = ast.parse(text.strip(), mode="eval")
-        module = ScriptModule(Path("expression"), text, ast.Module([], []))
-        return truth(Expressions({}, steps).value(tree.body, module.scope))
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return None
+def operation_text(kind: str, operands: list[str], steps: StepCounter) -> str | None:
+    """The text that a substitution of Python makes of texts; None if that is not known."""
+    match kind, operands:
+        case "PythonExpression", [expression, *_]:
+            value = _expression_value(expression, steps)
+            return str(value) if isinstance(value, str | int | float) else None
+        case "IfElseSubstitution", [condition, chosen, other]:
+            decided = _truth_of(condition, steps)
+            return None if decided is None else chosen if decided else other
+    return _word(_operation_value(_OPERATIONS.get(kind, ""), operands, steps))
+
+
+def _expression_value(text: str | None, steps: StepCounter) -> Any:
+    """The value of an expression of constants; unknown for any other."""
+    if text is not None and len(text) <= MAX_SUBSTITUTION_CHARACTERS:
+        try:
+            tree = ast.parse(text.strip(), mode="eval")
+            module = ScriptModule(Path("expression"), text, ast.Module([], []))
+            return Expressions({}, steps).value(tree.body, module.scope)
+        except (SyntaxError, ValueError, RecursionError, MemoryError):
+            pass
+    return Unknown("this expression is not understood", Span.of_file("expression"))
 
 
 def _joined(value: Any) -> str | None:
@@ -108,13 +121,16 @@ def _joined(value: Any) -> str | None:
     return "".join(parts) if all(isinstance(part, str) for part in parts) else None
 
 
-def substituted(text: str, values: Mapping[str, Any], steps: StepCounter) -> str | None:
+def substituted(
+    text: str, values: Mapping[str, Any], steps: StepCounter, folder: str = "$(script)"
+) -> str | None:
     """A text with its references replaced; None if the value of one is not known.
 
     Args:
         text: of a launch file in XML or YAML.
         values: the arguments and variables of the file, by name.
         steps: is charged for the length of the result.
+        folder: what ``$(dirname)`` is.
 
     Raises:
         ScriptLimitError: it is too long, or its references are nested too deeply.
@@ -135,7 +151,8 @@ def substituted(text: str, values: Mapping[str, Any], steps: StepCounter) -> str
             brackets.append(0)
             parts = []
         elif token[0] == ")" and outside and not brackets[-1]:
-            value = _reference("".join(parts), values, steps)
+            inside = "".join(parts)
+            value = folder if inside.strip() == "dirname" else _reference(inside, values, steps)
             if value is None:
                 return None
             steps.count_text(value)
@@ -156,20 +173,18 @@ def _reference(inside: str, values: Mapping[str, Any], steps: StepCounter) -> st
     """The value of ``$(inside)``, which has no references inside any more."""
     kind, _, rest = inside.partition(" ")
     if kind == "eval":
-        return _word(_operation_value(kind, [_unquoted(rest.strip())], steps))
+        return operation_text("PythonExpression", [_unquoted(rest.strip())], steps)
     try:
         words = shlex.split(rest)
     except ValueError:
         return None
     match kind, words:
-        case "dirname", []:
-            return "$(script)"
         case "var", [name, *default]:
             value = values.get(name, default[0] if default else None)
             return str(value) if isinstance(value, str | int | float) else None
         case "find-pkg-share", [package]:
             return f"$(share {package})"
-        case (("env" | "optenv"), [name, *_]):
+        case "env", [name]:
             return f"$(env {name})"
     return _word(_operation_value(kind, words, steps))
 

@@ -15,6 +15,9 @@ hundred is after the reception of its message or more than an hour before it, as
 were never set, or come from a simulation or a recording; and not if the clock was set meanwhile.
 What was sent, missed, duplicated or reordered is unknown, and no metric of it has a value.
 
+The same is true of a monitor with `match: own_pace`, whose messages come whether inputs do or not.
+A stamp that is that of a step tells how old the newest input in a message is.
+
 An output carries the stamp of one of its inputs, whichever the node copies. Where stamps within a
 step differ (`r2bspec.plan.nearest_stamps`), the stamp of an output is therefore replaced by that of
 its step before anything is matched or recorded (`StepStamps`).
@@ -151,7 +154,7 @@ class Matching:
 def match(
     playback: Rows,
     monitor: Rows,
-    by: Literal["stamp", "order"],
+    by: Literal["stamp", "order", "own_pace"],
     ratio: Ratio = ONE_TO_ONE,
 ) -> Matching:
     """Match messages to steps.
@@ -165,12 +168,24 @@ def match(
     of steps expects its outputs, with the stamp of any step of the group. The phase of the timer
     is unknown, so an output of a neighbouring group will do. What exceeds the ratio is a duplicate.
 
+    With a pace of its own, no output is expected: a message has the step with its stamp, and is
+    neither an answer nor a fault.
+
     Args:
         playback: rows of type `PLAYBACK_DTYPE`, one per step, in the order of publication.
         monitor: rows of type `MONITOR_DTYPE`, in the order of arrival.
-        by: by stamp or by order.
+        by: by stamp, by order, or not at all.
         ratio: of outputs to inputs.
     """
+    if by == "own_pace":
+        return Matching(
+            step=_steps_by_stamp(playback["stamp_ns"], monitor["stamp_ns"]),
+            trigger_steps=np.empty(0, np.int64),
+            first_row=np.empty(0, np.int64),
+            duplicates=0,
+            reordered=0,
+            unmatched=0,
+        )
     surplus = 0
     if by == "order":
         trigger_steps = ratio.trigger_steps(playback.size)
@@ -350,12 +365,14 @@ class MatchedMonitor:
         rows: rows of type `MONITOR_DTYPE`: what it received.
         ratio: of outputs to steps.
         matching: how `rows` match `steps`.
+        own_pace: whether no output is expected.
     """
 
     steps: Rows
     rows: Rows
     ratio: Ratio
     matching: Matching
+    own_pace: bool = False
 
 
 def match_monitor(
@@ -376,7 +393,8 @@ def match_monitor(
     """
     steps = select_expected_steps(playback, inputs, plan)
     ratio = ratio_of(plan, played_before)
-    return MatchedMonitor(steps, rows, ratio, match(steps, rows, plan.match, ratio))
+    matching = match(steps, rows, plan.match, ratio)
+    return MatchedMonitor(steps, rows, ratio, matching, own_pace=plan.own_pace)
 
 
 class StepStamps:

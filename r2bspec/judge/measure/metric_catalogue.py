@@ -161,6 +161,7 @@ _UNITS_AND_EXAMPLES: dict[Dimension, tuple[str, str]] = {
 _TIME_FAMILIES = {
     "latency": "time from publication of the input to reception of the output",
     "latency_from_due": "time from the due time of the input to reception of the output",
+    "age": "time from publication of the newest input in an output to its reception",
     "interval": "time between consecutive outputs",
     "jitter": "absolute difference of consecutive intervals",
 }
@@ -254,13 +255,18 @@ METRICS: dict[str, MetricInfo] = {info.name: info for info in _CATALOGUE}
 listed exist (see `r2bspec.judge.measure.distribution.quantile`)."""
 
 
-_LIVE_FAMILIES = ("throughput", "latency", "interval", "jitter", "received", "cpu", "memory")
-"""Families of metrics that do not depend on playback."""
+_OWN_PACE_FAMILIES = ("throughput", "age", "interval", "jitter", "received")
+"""Families of a monitor's metrics that do not depend on what was played."""
 
 
 def available_live(info: MetricInfo) -> bool:
     """Whether a metric is known in a live run, in which the graph has its own source."""
-    return info.family in _LIVE_FAMILIES
+    return info.family in {*_OWN_PACE_FAMILIES, "latency", "cpu", "memory"}
+
+
+def available_at_own_pace(info: MetricInfo) -> bool:
+    """Whether a metric of a monitor is known where no output is expected."""
+    return info.family in _OWN_PACE_FAMILIES
 
 
 def resolve(

@@ -10,8 +10,9 @@ shorter than w is an incomplete window. It is left out, with its messages: a per
 second is another quantity than one of a whole second. No window spans two iterations. A window in
 which no step was due is not counted.
 
-In a live run nothing is due. A message belongs to the window in which it was received, the first
-window begins with the iteration, and a window without messages counts, too.
+In a live run, and of outputs with a pace of their own, nothing is due. A message belongs to the
+window in which it was received, the first window begins with the iteration, and a window without
+messages counts, too.
 """
 
 from __future__ import annotations
@@ -29,7 +30,6 @@ from r2bspec.judge.measure.samples import (
     LOSS_SENSITIVE_FAMILIES,
     MonitorSamples,
     SegmentSamples,
-    StepTimes,
     output_period_ns,
     output_times,
 )
@@ -39,8 +39,8 @@ from r2bspec.judge.measure.times import Seconds, percentile, throughput
 def metric_value(info: MetricInfo, monitor: str | None, samples: SegmentSamples) -> float | None:
     """The value of a metric in one segment, in its SI unit; None if it is unknown.
 
-    In a live run, every metric that depends on what was sent is unknown. So is the latency where
-    outputs are matched by order and one is missing.
+    In a live run, and of outputs with a pace of their own, every metric that depends on what was
+    sent is unknown. So is the latency where outputs are matched by order and one is missing.
 
     Infinity where a percentile or the maximum of the latency falls on a lost message.
 
@@ -67,7 +67,7 @@ def metric_value(info: MetricInfo, monitor: str | None, samples: SegmentSamples)
 
 def monitor_value(info: MetricInfo, seen: MonitorSamples) -> float | None:
     """The value of a metric of scope ``monitor`` for one monitor; see `metric_value`."""
-    if (seen.live and not available_live(info)) or not seen.knows(info.family):
+    if (seen.own_pace and not available_live(info)) or not seen.knows(info.family):
         return None
     if info.family in seen.times:
         lost = seen.missed if info.family in LOSS_SENSITIVE_FAMILIES else 0
@@ -155,8 +155,8 @@ def window_values(
     Raises:
         KeyError: there is no such monitor.
     """
-    if samples.live:
-        return _live_values(info, samples.monitors[monitor], samples, window_ns)
+    if samples.monitors[monitor].own_pace:
+        return _values_at_own_pace(info, samples.monitors[monitor], samples, window_ns)
     found: list[float] = []
     lost: list[float] = []
     without = 0
@@ -177,7 +177,7 @@ def window_values(
     return WindowValues(tuple(found), without, tuple(lost))
 
 
-def _live_values(
+def _values_at_own_pace(
     info: MetricInfo, seen: MonitorSamples, samples: SegmentSamples, window_ns: int
 ) -> WindowValues:
     """The values where nothing is due: windows are cut from the beginning of the iteration on.
@@ -195,7 +195,7 @@ def _live_values(
         if last > first:
             part = _cut_window(seen, slice(first, last), start_ns + window_ns, window_ns)
             in_window = throughput(np.sort(received[first:last]), start_ns, window_ns)
-            value = monitor_value(info, replace(part, live=True, throughput_hz=in_window))
+            value = monitor_value(info, replace(part, own_pace=True, throughput_hz=in_window))
         elif info.family in without_messages:
             value = without_messages[info.family]
         if value is None:
@@ -260,7 +260,7 @@ def _cut_window(
     seen: MonitorSamples, part: slice, ended_ns: int, window_ns: int, period_ns: float = 0.0
 ) -> MonitorSamples:
     steps = seen.steps
-    inside = StepTimes(steps.due_ns[part], steps.published_ns[part], steps.received_ns[part])
+    inside = steps.cut(part)
     number = int(inside.due_ns.size)
     outputs = output_times(inside, ended_ns, number * period_ns or window_ns, period_ns)
     return MonitorSamples(

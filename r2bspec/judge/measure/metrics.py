@@ -31,7 +31,7 @@ from r2bspec.judge.measure.samples import (
     pool_monitor,
     pool_playback,
 )
-from r2bspec.judge.measure.times import Seconds, percentile
+from r2bspec.judge.measure.times import Seconds, percentiles
 from r2bspec.record.run_record import Probe, SearchRecord
 
 
@@ -51,7 +51,7 @@ class HopMetrics(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
-    """What one monitor received. In a live run, None where it depends on what was sent.
+    """What one monitor received. None where it depends on what was sent, and no output is expected.
 
     `sent` counts steps. Each has one expected output, unless the monitor's ratio is another:
     ``expected = answered + missed``, and ``drop_rate = missed / expected``. Messages are counted
@@ -65,6 +65,9 @@ class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
         overdue: of the unmatched, outputs of steps of an earlier segment, which had ended.
         surplus: matched by order, outputs beyond the expected ones; of the unmatched.
         untimed: messages of which the middleware gave no time of reception: that of taking is used.
+        age: of the newest input in each output; only where no output is expected.
+        own_period_s: the period at which outputs come whether inputs do or not, in seconds; None
+            where they follow the inputs (`r2bspec.judge.measure.own_pace`).
         unknown_latency: why there is no latency though there are answers; empty if there is one.
         hops: the path of the messages, where it is tapped.
     """
@@ -89,6 +92,8 @@ class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
     untimed: int = 0
     unknown_latency: str = ""
     hops: tuple[HopMetrics, ...] = ()
+    age: Distribution | None = None
+    own_period_s: float | None = None
 
     @property
     def expected(self) -> int | None:
@@ -266,6 +271,10 @@ def _spread(iterations: Sequence[SegmentMetrics], monitor: str) -> dict[str, Spr
             for part in ("mean", *MAIN_PERCENTILES, "max")
         },
         f"jitter.{TAIL_PERCENTILE}": [part_value(one.jitter, TAIL_PERCENTILE) for one in seen],
+        **{
+            f"age.{part}": [part_value(one.age, part) for one in seen if one.age is not None]
+            for part in (*MAIN_PERCENTILES, "max")
+        },
         "drop_rate": [one.drop_rate for one in seen],
     }
     known = {
@@ -277,15 +286,19 @@ def _spread(iterations: Sequence[SegmentMetrics], monitor: str) -> dict[str, Spr
 
 
 def _monitor(seen: MonitorSamples) -> MonitorMetrics:
-    counts = {name: None if seen.live else getattr(seen, name) for name in (*SENT_COUNTS, "missed")}
+    counts = {
+        name: None if seen.own_pace else getattr(seen, name) for name in (*SENT_COUNTS, "missed")
+    }
     return MonitorMetrics(
-        drop_rate=seen.missed / seen.expected if seen.expected and not seen.live else None,
+        drop_rate=seen.missed / seen.expected if seen.expected and not seen.own_pace else None,
         received=seen.received,
         throughput_hz=seen.throughput_hz,
         latency=distribution(seen.times["latency"]),
         latency_from_due=distribution(seen.times["latency_from_due"]),
         interval=distribution(seen.times["interval"]),
         jitter=distribution(seen.times["jitter"]),
+        age=distribution(seen.times["age"]) if seen.own_pace else None,
+        own_period_s=seen.own_period_s,
         untimed=seen.untimed,
         unknown_latency=seen.unknown_latency,
         hops=tuple(map(_hop, seen.hops)),
@@ -324,10 +337,11 @@ def _use(used: ResourceUse, sent: int = 0) -> UseMetrics:
 
 def distribution(times: Seconds) -> Distribution:
     """Summarise times in seconds; every part is None if there are none."""
+    low, high, *parts = percentiles(times, (0.0, 1.0, *PERCENTILES.values()))
     return Distribution(
         n=int(times.size),
-        min=percentile(times, 0.0),
+        min=low,
         mean=float(times.mean()) if times.size else None,
-        max=percentile(times, 1.0),
-        **{part: percentile(times, q) for part, q in PERCENTILES.items()},
+        max=high,
+        **dict(zip(PERCENTILES, parts, strict=True)),
     )

@@ -12,7 +12,7 @@ successive hops add up to the mean of the whole path, for the same steps; percen
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -49,6 +49,7 @@ from r2bspec.judge.measure.samples import (
 from r2bspec.judge.measure.times import seconds
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.plan.taps import PLAYER, hops_to
+from r2bspec.record.comparison_folder import MergedRun, prefixed_id
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import ProcessRecord, RunRecord, Segment
 from r2bspec.record.sample_arrays import PLAYBACK_DTYPE, Rows
@@ -104,6 +105,41 @@ def read_samples(run: Run) -> RunSamples:
         run.plan,
         lambda segment: segment_samples(run.plan, segment, _read_rows(run, segment, played)),
         HostSamples(ProcessSamples(run.resources()), run.interference()),
+    )
+
+
+def merged_samples(merged: MergedRun, runs: Sequence[RunSamples]) -> RunSamples:
+    """The samples of a merged run, from those of its runs.
+
+    Args:
+        merged: the run.
+        runs: the samples of each of its runs.
+    """
+    segments = {segment.id: segment for segment in merged.record.segments}
+    iterations: dict[float, tuple[SegmentSamples, ...]] = {}
+    sustained: dict[float, SegmentSamples] = {}
+    reruns: dict[str, SegmentSamples] = {}
+    for number, run in enumerate(runs, start=1):
+
+        def of_merged(one: SegmentSamples, number: int = number) -> SegmentSamples:
+            return replace(one, segment=segments[prefixed_id(number, one.segment.id)])
+
+        for rate, played in run.iterations.items():
+            iterations[rate] = (*iterations.get(rate, ()), *map(of_merged, played))
+        sustained |= {rate: of_merged(one) for rate, one in run.sustained.items()}
+        reruns |= {prefixed_id(number, name): of_merged(one) for name, one in run.reruns.items()}
+    search = merged.record.search
+    return RunSamples(
+        record=merged.record,
+        peak_hz=search.holds_hz if search else None,
+        monitors=tuple(monitor.name for monitor in merged.plan.monitors),
+        iterations=iterations,
+        sustained=sustained,
+        incomplete=tuple(
+            each.id for each in segments.values() if each.kind == "iteration" and not each.complete
+        ),
+        reruns=reruns,
+        mode=merged.plan.playback_mode,
     )
 
 

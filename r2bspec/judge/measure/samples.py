@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from r2bspec.judge.measure.matching import (
     count_reordered,
     source_times_ns,
 )
+from r2bspec.judge.measure.own_pace import own_period_s, pooled_period_s
 from r2bspec.judge.measure.times import (
     Seconds,
     edge_gaps,
@@ -63,6 +64,9 @@ def pool_hops(iterations: Sequence[Iterable[HopSamples]]) -> tuple[HopSamples, .
 LOSS_SENSITIVE_FAMILIES = ("latency", "latency_from_due")
 """Families in which a missed output counts as later than every other."""
 
+_FAMILIES_OF_PAIRS = (*LOSS_SENSITIVE_FAMILIES, "age")
+"""Families that are known only if it is known which input an output answers."""
+
 
 @dataclass(frozen=True)
 class StepTimes:
@@ -70,11 +74,31 @@ class StepTimes:
 
     In nanoseconds; shape (expected,) each, in the order of the steps, each with one output unless
     the ratio is another. `received_ns` is `NO_MATCH` for an output that never arrived.
+
+    `newest_ns` is when the newest input in each output was published, `NO_MATCH` where unknown;
+    None stands for `published_ns`.
     """
 
     due_ns: NDArray[np.int64]
     published_ns: NDArray[np.int64]
     received_ns: NDArray[np.int64]
+    newest_ns: NDArray[np.int64] | None = None
+
+    @classmethod
+    def joined(cls, parts: Sequence[StepTimes]) -> StepTimes:
+        """Those of several segments, at least one, one after the other."""
+        newest = [each.newest_ns for each in parts if each.newest_ns is not None]
+        return cls(
+            due_ns=np.concatenate([each.due_ns for each in parts]),
+            published_ns=np.concatenate([each.published_ns for each in parts]),
+            received_ns=np.concatenate([each.received_ns for each in parts]),
+            newest_ns=np.concatenate(newest) if newest else None,
+        )
+
+    def cut(self, part: slice) -> StepTimes:
+        """A part of them."""
+        newest = None if self.newest_ns is None else self.newest_ns[part]
+        return StepTimes(self.due_ns[part], self.published_ns[part], self.received_ns[part], newest)
 
     @property
     def answered(self) -> NDArray[np.bool_]:
@@ -102,6 +126,13 @@ class StepTimes:
         return seconds(self.received_ns[answered] - self.due_ns[answered])
 
     @property
+    def age(self) -> Seconds:
+        """Received - published of the newest input in each output that arrived; shape (known,)."""
+        newest = self.published_ns if self.newest_ns is None else self.newest_ns
+        known = self.answered & (newest != NO_MATCH)
+        return seconds(self.received_ns[known] - newest[known])
+
+    @property
     def reordered(self) -> int:
         """Outputs that arrived after that of a later step (see `Matching`)."""
         return count_reordered(np.argsort(self.received_ns[self.answered], kind="stable"))
@@ -114,7 +145,7 @@ class MonitorSamples:
     Attributes:
         steps: the expected outputs one by one.
         times: for each family of the catalogue that has one value per message (``latency``,
-            ``latency_from_due``, ``interval``, ``jitter``), the values in seconds. A gap
+            ``latency_from_due``, ``age``, ``interval``, ``jitter``), the values in seconds. A gap
             at an end of the segment is among the intervals (see `throughput.edge_gaps`).
         sent: steps played. Each has one expected output, unless the ratio is another;
             ``expected = answered + missed``.
@@ -129,8 +160,10 @@ class MonitorSamples:
         overdue: of the unmatched, outputs of a step of an earlier segment.
         per_step: expected outputs per step, on average.
         hops: the path to the monitor, where it is tapped.
-        live: whether nothing was played. Each message then counts as a step, and what was sent or
-            missed is unknown, whatever the counts say (`r2bspec.judge.measure.matching`).
+        own_pace: whether no output was expected, as in a live run, in which nothing is played, and
+            with `match: own_pace`. Each message then counts as a step, and what was sent or missed
+            is unknown, whatever the counts say (`r2bspec.judge.measure.matching`).
+        own_period_s: see `r2bspec.judge.measure.own_pace`.
     """
 
     steps: StepTimes
@@ -150,7 +183,8 @@ class MonitorSamples:
     untimed: int = 0
     per_step: float = 1.0
     hops: tuple[HopSamples, ...] = ()
-    live: bool = False
+    own_pace: bool = False
+    own_period_s: float | None = None
 
     @property
     def expected(self) -> int:
@@ -168,19 +202,19 @@ class MonitorSamples:
 
         See `Matching.pairs_known`.
         """
+        if not self.by_order:
+            return ""
         faults = {
             f"{self.missed:,} of {self.expected:,} are missing": self.missed,
             f"{self.surplus:,} are more than the {self.expected:,} expected": self.surplus,
             f"{self.early:,} came before their input": self.early,
         }
-        faults = {text: count for text, count in faults.items() if count}
-        if not self.by_order or not faults:
-            return ""
-        return f"outputs are matched by order, and {' and '.join(faults)}"
+        found = " and ".join(text for text, count in faults.items() if count)
+        return f"outputs are matched by order, and {found}" if found else ""
 
     def knows(self, family: str) -> bool:
         """Whether the times of a family are known."""
-        return family not in LOSS_SENSITIVE_FAMILIES or not self.unknown_latency
+        return family not in _FAMILIES_OF_PAIRS or not self.unknown_latency
 
     def in_order(self, family: str, lost: float) -> Seconds:
         """The times of a family in the order of the steps, `lost` for missed outputs.
@@ -323,6 +357,7 @@ def output_times(
     times = {
         "latency": latency,
         "latency_from_due": steps.latency_from_due,
+        "age": steps.age,
         "interval": between,
         "jitter": jitter(arrived),
     }
@@ -332,12 +367,14 @@ def output_times(
 def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> MonitorSamples:
     """The counts and times of one monitor in one segment."""
     playback, monitor = matched_monitor.steps, matched_monitor.rows
+    if matched_monitor.own_pace:
+        return _own_pace_samples(segment, matched_monitor)
     matched = matched_monitor.matching
     steps = step_times(playback, monitor, matched)
     period_ns = output_period_ns(segment, int(playback.size), matched.per_step)
     window_ns = matched.trigger_steps.size * period_ns
     outputs = output_times(steps, segment.began_ns + round(window_ns), window_ns, period_ns)
-    unknown = dict.fromkeys(LOSS_SENSITIVE_FAMILIES, np.empty(0))
+    unknown = dict.fromkeys(_FAMILIES_OF_PAIRS, np.empty(0))
     return MonitorSamples(
         steps=steps,
         times=outputs.by_family if matched.pairs_known else {**outputs.by_family, **unknown},
@@ -354,6 +391,7 @@ def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> Monito
         by_order=matched.by_order,
         untimed=_untimed(monitor),
         per_step=matched.per_step,
+        own_period_s=own_period_s(segment, matched_monitor),
     )
 
 
@@ -394,17 +432,43 @@ def playback_samples(playback: Rows) -> PlaybackSamples:
 
 def live_samples(segment: Segment, monitor: Rows) -> MonitorSamples:
     """What one monitor received from a graph with its own source."""
-    received: NDArray[np.int64] = monitor["received_ns"]
     stamped = source_times_ns(segment, monitor)
-    published = received if stamped is None else stamped
+    newest = np.full(monitor.size, NO_MATCH, np.int64) if stamped is None else stamped
+    seen = _unasked_samples(segment, monitor, newest)
+    return replace(seen, times={**seen.times, "latency": seen.times["age"]})
+
+
+def _own_pace_samples(segment: Segment, matched: MatchedMonitor) -> MonitorSamples:
+    """What one monitor received, while inputs were played, of outputs that answer none."""
+    received = matched.rows["received_ns"]
+    during = (received >= segment.began_ns) & (received < segment.ended_ns)
+    step = matched.matching.step[during]
+    newest = np.full(step.size, NO_MATCH, np.int64)
+    known = step != NO_MATCH
+    newest[known] = matched.steps["published_ns"][step[known]]
+    return _unasked_samples(segment, matched.rows[during], newest)
+
+
+def _unasked_samples(segment: Segment, monitor: Rows, newest: NDArray[np.int64]) -> MonitorSamples:
+    """What one monitor received between the ends of a segment, each message as a step.
+
+    Args:
+        segment: of the messages.
+        monitor: rows of type `MONITOR_DTYPE`.
+        newest: see `StepTimes`.
+    """
+    received: NDArray[np.int64] = monitor["received_ns"]
     arrived = np.sort(received)
     nothing = np.empty(0)
+    # Nothing was due: a message is placed at the time of its reception.
+    published = np.where(newest == NO_MATCH, received, newest)
+    steps = StepTimes(received, published, received, newest)
     return MonitorSamples(
-        # Nothing was due: a message is placed at the time of its reception.
-        steps=StepTimes(due_ns=received, published_ns=published, received_ns=received),
+        steps=steps,
         times={
-            "latency": nothing if stamped is None else seconds(received - stamped),
+            "latency": nothing,
             "latency_from_due": nothing,
+            "age": steps.age,
             "interval": intervals_with_edge_gaps(arrived, segment.began_ns, segment.ended_ns),
             "jitter": jitter(arrived),
         },
@@ -413,7 +477,7 @@ def live_samples(segment: Segment, monitor: Rows) -> MonitorSamples:
         received=int(arrived.size),
         throughput_hz=throughput(arrived, segment.began_ns, segment.ended_ns - segment.began_ns),
         untimed=_untimed(monitor),
-        live=True,
+        own_pace=True,
     )
 
 
@@ -438,11 +502,7 @@ def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
     """
     counts = {name: sum(getattr(one, name) for one in samples) for name in _COUNTS}
     return MonitorSamples(
-        steps=StepTimes(
-            due_ns=np.concatenate([one.steps.due_ns for one in samples]),
-            published_ns=np.concatenate([one.steps.published_ns for one in samples]),
-            received_ns=np.concatenate([one.steps.received_ns for one in samples]),
-        ),
+        steps=StepTimes.joined([one.steps for one in samples]),
         times={
             family: np.concatenate([one.times[family] for one in samples])
             if all(one.knows(family) for one in samples)
@@ -453,7 +513,8 @@ def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
         by_order=samples[0].by_order,
         per_step=samples[0].per_step,
         hops=pool_hops([one.hops for one in samples]),
-        live=samples[0].live,
+        own_pace=samples[0].own_pace,
+        own_period_s=pooled_period_s([one.own_period_s for one in samples]),
         **counts,
     )
 

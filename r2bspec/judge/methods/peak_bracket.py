@@ -64,53 +64,31 @@ def judge_peak(case: RequirementCase, search: SearchRecord | None) -> Decision:
     # Every rate of the bracket, which ends before `upper`, is below the limit.
     below = upper is not None and upper * search.unsteady_ratio <= case.limit
     passes, fails = (below, at_least) if case.is_upper_bound else (at_least, below)
-    outcome = decide(passes=passes, fails=fails)
+    outcome, sure = decide(passes=passes, fails=fails), bracket_confidence(search)
     return Decision(
         outcome=outcome,
         method="search bracket",
         reason=" ".join(
-            [_bracket_text(search, lower, upper), *(f"{doubt}." for doubt in peak_doubts(search))]
+            [
+                f"{_bracket_text(search, lower, upper)}{f', at {sure}' if sure else ''}.",
+                *(f"{doubt}." for doubt in peak_doubts(search)),
+            ]
         ),
         remedy=_remedy(search) if outcome == "inconclusive" else "",
         estimate=lower,
         lower=proven,
         upper=upper,
         n=len(search.probes),
-        notes=_unmet(case, search) if at_least else (),
     )
 
 
-_LONGEST_STOP_S = 5.0
-"""No longer stops are warned of: they would be noticed otherwise."""
-
-_LONGEST_ADVICE_S = 3600.0
-_LEAST_SLOWER = 1e-4
-
-
-def _unmet(case: RequirementCase, search: SearchRecord) -> tuple[str, ...]:
-    """What the search may not have met that would take the peak down to the limit.
-
-    A stop of s seconds every T seconds lowers the peak by s / T, and with T above
-    `SearchRecord.recurs_s` it may not have been met. The limit is out of its reach if s is long.
-    """
-    lower, every_s = search.holds_hz, search.recurs_s
-    if lower is None or not search.shown or not every_s:
-        return ()
-    slower = max(1 - case.limit / lower, _LEAST_SLOWER)
-    stop_s = slower * every_s
-    if stop_s >= _LONGEST_STOP_S:
-        return ()
-    longer_s = search.watched_s * (_LONGEST_STOP_S / stop_s - 1)
-    advice = "only a lower limit is safe from it"
-    if longer_s <= _LONGEST_ADVICE_S:
-        confirm_s = math.ceil((search.proof_s + longer_s) / 10) * 10
-        advice = f"benchmark.search.confirm: {confirm_s} s would"
-    note = (
-        f"A stop of {show(stop_s, 's', 2)} every {show(every_s, 's', 2)}, or "
-        f"{show(slower, 'share', 2)} less speed later on, would take the peak to the limit, and "
-        f"{show(search.watched_s, 's')} of playing may not have met it: {advice}."
-    )
-    return (note,)
+def bracket_confidence(search: SearchRecord) -> str:
+    """Such as ``95 % confidence for what recurs within 28 s``; empty for a bracket without one."""
+    if not search.shown or not search.confidence:
+        return ""
+    recurs = show(search.recurs_s, "s", 2)
+    met = f" for what recurs within {recurs}" if search.recurs_s else ""
+    return f"{show(search.confidence, 'share', 4)} confidence{met}"
 
 
 def _at_least(case: RequirementCase, lower: float | None) -> bool:
@@ -127,7 +105,7 @@ def _bracket_text(search: SearchRecord, lower: float | None, upper: float | None
         lowest = min(probe.rate_hz for probe in search.probes)
         return (
             f"{probes}: even the lowest rate, {show(lowest, 'Hz')}, was not sustained"
-            f"{_undecided_text(search)}."
+            f"{_undecided_text(search)}"
         )
     if upper is not None:
         others = _interference_text(search)
@@ -135,14 +113,14 @@ def _bracket_text(search: SearchRecord, lower: float | None, upper: float | None
         played = any(probe.rate_hz == search.fails_hz for probe in search.probes)
         above = "was not" if played else "is above the capacity"
         return (
-            f"{probes}: {show(lower, 'Hz')} {_kept(search)}, {show(upper, 'Hz')} {above}{between}."
+            f"{probes}: {show(lower, 'Hz')} {_kept(search)}, {show(upper, 'Hz')} {above}{between}"
         )
     why = {
         "range": "the upper end of the search range",
         "player": "the highest rate that the player reached",
         "interference": _interference_text(search),
     }.get(search.limited_by, "then the search was interrupted")
-    return f"{probes}: {show(lower, 'Hz')} {_kept(search)}, {why}."
+    return f"{probes}: {show(lower, 'Hz')} {_kept(search)}, {why}"
 
 
 def _kept(search: SearchRecord) -> str:

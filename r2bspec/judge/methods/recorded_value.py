@@ -145,7 +145,7 @@ def _observation_text(case: RequirementCase, seen: float, n: int) -> str:
             of = f"{n} iteration{'s' if n > 1 else ''}"
         return f"The {extreme} in {of} is {show(seen, info.unit)}"
     if info.name in _COUNT_METRICS:
-        if case.iterations[0].live:
+        if case.monitor_samples[0].own_pace if case.monitor else case.iterations[0].live:
             count = len(case.iterations)
             return f"Observed {show(seen, 'count')} in {count} iteration{'s' if count > 1 else ''}"
         return f"Observed {show(seen, 'count')} in {show(n, 'count')} steps"

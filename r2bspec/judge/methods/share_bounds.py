@@ -70,6 +70,7 @@ from r2bspec.judge.statistics.percentile_interval import (
     PercentileInterval,
     RankedMessages,
     allowed_share,
+    middle_ends,
     middle_half,
     percentile_interval,
 )
@@ -142,7 +143,7 @@ def _percentile_observations(
     return Observations(
         values=[middle_half(piece) for piece, _ in kept],
         starts=[start for _, start in kept],
-        rows=[2 * np.clip(piece, *np.quantile(piece, (0.25, 0.75))) for piece, _ in kept],
+        rows=[2 * np.clip(piece, *middle_ends(piece)) for piece, _ in kept],
     )
 
 
@@ -227,7 +228,7 @@ def judge_percentile(case: RequirementCase, record: RunRecord) -> Decision:
     quantile = case.info.quantile
     if quantile is None:
         raise ValueError(f"{case.info.name} is no percentile")
-    pieces, lost = _values_by_iteration(case)
+    pieces, lost = values_by_iteration(case)
     ranked = RankedMessages(pieces, case.design(allowed_share(quantile)))
     if not ranked.n:
         return undecided("There is no message to judge.")
@@ -290,7 +291,7 @@ def percentile_decision(
     )
 
 
-def _values_by_iteration(case: RequirementCase) -> tuple[list[Seconds], int]:
+def values_by_iteration(case: RequirementCase) -> tuple[list[Seconds], int]:
     """The messages of each iteration, in order, and how many are lost (infinitely off)."""
     family = case.info.family
     if case.info.scope == "playback":

@@ -150,6 +150,12 @@ def middle_half(values: NDArray[np.float64]) -> float:
     return math.fsum(middle) / middle.size if np.isfinite(middle).all() else math.inf
 
 
+def middle_ends(values: NDArray[np.float64]) -> tuple[float, float]:
+    """The smallest and the largest value of the middle half: finite where the level is."""
+    cut, ordered = values.size // 4, np.sort(values)
+    return float(ordered[cut]), float(ordered[values.size - cut - 1])
+
+
 def _deviation_within(values: Sequence[NDArray[np.float64]], levels: Sequence[float]) -> float:
     apart = [np.abs(one - level) for one, level in zip(values, levels, strict=True)]
     return _MAD_TO_DEVIATION * float(np.median(np.concatenate(apart)))

@@ -20,8 +20,10 @@ import msgspec
 from r2bspec.language.spec import Node, Spec
 from r2bspec.plan.this_machine import find_module
 from r2bspec.plan.wiring.ast_reader import read_node_class, read_python_file, unknown_interface
+from r2bspec.plan.wiring.console_scripts import installed_script
 from r2bspec.plan.wiring.node_interface import (
     InterfaceEntry,
+    node_target,
     origin_difference,
     parse_interface_entry,
 )
@@ -43,7 +45,7 @@ class CompanionFiles(msgspec.Struct, frozen=True):
         interfaces: recorded interfaces by the key of the node.
         interface_errors: why an interface file cannot be used, by the key of the node.
         parameter_files: by their paths in the spec.
-        sources: interfaces read from Python files, by the text of ``python:``.
+        sources: interfaces read from Python files, by the node as the spec names it.
         starts: how the nodes in Python files are started, likewise.
     """
 
@@ -91,7 +93,7 @@ class CompanionReader:
         self._yaml = safe_file.ByteBudget(limits.MAX_COMPANION_YAML_BYTES)
         self._python = safe_file.ByteBudget(limits.MAX_SPEC_PYTHON_BYTES)
         self._interface = cache(partial(_read_interface, base_dir, self._yaml))
-        self._source = cache(self._read_source)
+        self._source = cache(lambda target: read_source(target, base_dir, self._python))
         self._parameter_file = cache(
             lambda path: read_parameter_file(base_dir / path, base_dir, self._yaml)
         )
@@ -114,29 +116,14 @@ class CompanionReader:
                 sources[node.python], start = self._source(node.python)
                 if start is not None:
                     starts[node.python] = start
+            elif node.executable and (script := installed_script(node.package, node.executable)):
+                sources[node_target(node)], _ = self._source(script)
             named.update(set(node.parameter_files))
         files = {
             path: self._effort.limited(self._parameter_file(path), number)
             for path, number in named.items()
         }
         return CompanionFiles(interfaces, interface_errors, files, sources, starts)
-
-    def _read_source(self, target: str) -> tuple[InterfaceEntry, NodeStart | None]:
-        """What the source of a Python node says."""
-        place, colon, name = target.rpartition(":")
-        if colon:
-            file = self._base_dir / place
-            tree = read_python_file(file, source_folder(self._base_dir), self._python)
-        else:
-            place, _, name = target.rpartition(".")
-            module = find_module(place)
-            origin = module.origin if module is not None else None
-            if origin is None or not origin.endswith(".py"):
-                return unknown_interface(f"no source of {place} is found on this machine"), None
-            tree = read_python_file(Path(origin), budget=self._python)
-        if tree is None:
-            return unknown_interface(f"{place} cannot be read"), None
-        return _read_class(tree, name)
 
     def _usable_interface(self, key: str, node: Node) -> InterfaceEntry | str | None:
         """The recorded interface, or why it cannot be used, for example for another target."""
@@ -166,6 +153,31 @@ def _read_interface(
         return parse_interface_entry(row, "file", f"{INTERFACES_FOLDER}/{file.name}")
     except Exception as error:
         return str(error).partition("\n")[0] or type(error).__name__
+
+
+def read_source(
+    target: str, base_dir: Path, budget: safe_file.ByteBudget | None = None
+) -> tuple[InterfaceEntry, NodeStart | None]:
+    """What the source of a Python node says: its topics, or why they are unknown, and its start.
+
+    Args:
+        target: as the spec names it.
+        base_dir: the folder of the spec.
+        budget: what this file and others may have together.
+    """
+    place, colon, name = target.rpartition(":")
+    if colon:
+        tree = read_python_file(base_dir / place, source_folder(base_dir), budget)
+    else:
+        place, _, name = target.rpartition(".")
+        module = find_module(place)
+        origin = module.origin if module is not None else None
+        if origin is None or not origin.endswith(".py"):
+            return unknown_interface(f"no source of {place} is found on this machine"), None
+        tree = read_python_file(Path(origin), budget=budget)
+    if tree is None:
+        return unknown_interface(f"{place} cannot be read"), None
+    return _read_class(tree, name)
 
 
 @lru_cache(maxsize=32)  # trees are the same objects as long as a file is the same

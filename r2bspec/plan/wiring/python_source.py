@@ -109,10 +109,13 @@ class NodeStart(msgspec.Struct, frozen=True):
         style: ``keywords`` for keyword arguments of its constructor, ``ros_arguments`` for global
             ROS arguments of its own process, ``main`` for a function that is a program.
         required: parameters without a default, for which r2bspec has no value.
+        threads_of_main: of the multi-threaded executor that a program of the same file makes for
+            the class, 0 for its default; None if no program makes one.
     """
 
     style: StartStyle = "keywords"
     required: tuple[str, ...] = ()
+    threads_of_main: int | None = None
 
     @property
     def needs_own_process(self) -> bool:
@@ -134,7 +137,31 @@ def read_node_start(tree: ast.Module, name: str) -> NodeStart | None:
             return _start(definition.args, 0)
         case ast.ClassDef():
             constructor = _constructor(names, definition)
-            return None if constructor is None else _start(constructor.args, 1)
+            start = None if constructor is None else _start(constructor.args, 1)
+            threads = _threads_of_main(tree, names, name)
+            if threads is None:
+                return start
+            return msgspec.structs.replace(start or KEYWORDS, threads_of_main=threads)
+    return None
+
+
+_MULTI_THREADED = "rclpy.executors.MultiThreadedExecutor"
+
+
+def _threads_of_main(tree: ast.Module, names: SourceNames, name: str) -> int | None:
+    """The threads of the multi-threaded executor that a program of the file makes for a class."""
+    for function in tree.body:
+        if not isinstance(function, ast.FunctionDef) or not _is_program(function):
+            continue
+        calls = [node for node in ast.walk(function) if isinstance(node, ast.Call)]
+        if not any(isinstance(each.func, ast.Name) and each.func.id == name for each in calls):
+            continue
+        for call in calls:
+            if names.full_name(call.func) == _MULTI_THREADED:
+                values = [*call.args, *(k.value for k in call.keywords if k.arg == "num_threads")]
+                given = values[0] if values else None
+                threads = given.value if isinstance(given, ast.Constant) else 0
+                return threads if isinstance(threads, int) else 0
     return None
 
 

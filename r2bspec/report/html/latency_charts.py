@@ -35,7 +35,7 @@ StepLatencies = NDArray[np.float64]
 def step_latencies(seen: MonitorSamples) -> StepLatencies:
     """The latencies of the expected outputs of one segment at one monitor; none if unknown."""
     latencies = seen.times["latency"]
-    if seen.unknown_latency or (seen.live and not latencies.size):
+    if seen.unknown_latency or (seen.own_pace and not latencies.size):
         return np.empty(0)
     return seen.in_order("latency", np.nan)
 
@@ -217,6 +217,9 @@ def percentile_axes(axes: Axes, total: int) -> None:
 _MAX_POINTS = 1_200
 """Messages that are drawn for each rate."""
 
+_MAX_SEPARATORS = 300
+"""Iterations that are drawn apart: more of them would be an area."""
+
 _MESSAGE_RATES = 6
 
 _WORST_FIRST = ("fail", "inconclusive", "pass")
@@ -226,10 +229,11 @@ def messages_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdic
     """A row for each offered rate; iterations follow each other from left to right."""
     rates = sorted(samples.iterations)
     shown = rates[-_MESSAGE_RATES:]
+    apart = max((len(samples.iterations[rate]) for rate in shown), default=0) <= _MAX_SEPARATORS
     description = (
         f"Latency of each message at {monitor}, in the order of playing, a row for each offered "
-        "rate. Bars at the top of a row are missed messages; vertical lines separate the "
-        "iterations."
+        "rate. Bars at the top of a row are missed messages"
+        + ("; vertical lines separate the iterations." if apart else ".")
     )
     thin = False
 
@@ -290,7 +294,7 @@ def _row(
         axes.axhline(limit, color=ink, linewidth=1, linestyle="--")
     ends = np.cumsum([part.size for part in parts])[:-1] + 0.5
     axes.vlines(
-        ends,
+        ends if len(parts) <= _MAX_SEPARATORS else [],
         0,
         1,
         transform=axes.get_xaxis_transform(),

@@ -115,11 +115,20 @@ def test_a_node_alone() -> None:
     assert "# - where /r2b/camera_info, /r2b/hawk_0_left_rgb_image come from" in text
 
 
-def test_a_node_whose_topics_are_computed() -> None:
-    """Its topics come from parameters: what is not known is said, and nothing is made up."""
+def test_a_node_whose_topics_come_from_parameters() -> None:
     Path("node.py").write_text(COMPUTED)
-    text = made("--node", "./node.py:Talker")
+    made("--node", "./node.py:Talker")
+    assert [each.topic for each in spec().monitors.values()] == ["chatter"]
+
+
+def test_a_node_whose_topics_are_computed() -> None:
+    """What is not known is said with the reason, and nothing is made up."""
+    write_scans(Path("scans"), 10, 20)
+    of_parameter = "self.get_parameter('topic').get_parameter_value().string_value"
+    Path("node.py").write_text(COMPUTED.replace(of_parameter, "'-'.join(['a', 'b'])"))
+    text = made("--node", "./node.py:Talker", "--from-bag", "./scans")
     assert list(spec().graph.nodes) == ["talker"]
+    assert "whether talker publishes other topics: line " in text
     assert "what the nodes publish: the monitor is on /rosout until you name an output" in text
 
 

@@ -27,6 +27,16 @@ def test_the_module_is_the_command() -> None:
     assert done.stdout == f"r2bspec {__version__}\n"
 
 
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
+def test_a_stream_that_the_caller_has_closed_is_an_empty_one(closed: str, tmp_path: Path) -> None:
+    """Otherwise a file that is opened gets its number, and all that is printed."""
+    asked = f"'{sys.executable}' -m r2bspec init {closed}"
+    command = ["sh", "-c", asked]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert (done.returncode, "Traceback" in done.stderr) == (0, False)
+    assert "created" not in (tmp_path / "my_benchmark.r2b.yaml").read_text()
+
+
 def test_a_folder_in_place_of_one_spec_is_answered_with_its_specs(
     tmp_path: Path, call: Call
 ) -> None:
@@ -110,7 +120,7 @@ def test_an_error_is_a_line_a_hint_and_a_status(
         assert error.hint in shown
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_any_verb_as_interrupted(
     number: signal.Signals, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import msgspec
 import pytest
@@ -17,8 +20,10 @@ from r2bspec.errors import ExitStatus
 from r2bspec.execute.errors import NotReadyError, ProcessDiedError, RunError, UnwritableRunError
 from r2bspec.execute.progress import NullProgress
 from r2bspec.plan.plan import Plan
+from r2bspec.record import run_folder, sample_arrays
 from r2bspec.record.comparison_folder import PairedComparison, open_comparison
 from r2bspec.record.run_folder import RunFolder
+from r2bspec.record.sample_arrays import Rows
 from run_simulation import Played, Simulation, objective
 
 CALM = {"busy_s": 0.7}
@@ -95,6 +100,20 @@ def test_the_recorded_order_is_the_order_that_was_played(host: Host) -> None:
         for side in (("base", "head") if each.order == "AB" else ("head", "base"))
     ]
     assert host.folders == played
+
+
+@pytest.mark.parametrize("host", [[BUSY]], indirect=True)
+def test_the_samples_of_each_run_are_read_once(host: Host, monkeypatch: pytest.MonkeyPatch) -> None:
+    read: Counter[Path] = Counter()
+
+    def read_rows(path: Path, *others: Any) -> Rows:
+        read[path] += 1
+        return sample_arrays.read_rows(path, *others)
+
+    monkeypatch.setattr(run_folder, "arrays", SimpleNamespace(**vars(sample_arrays) | locals()))
+    host.compare()
+    assert {path.parts[len(host.tmp_path.parts) + 1] for path in read} == {"base", "head"}
+    assert set(read.values()) == {1}
 
 
 @pytest.mark.parametrize("host", [[CALM]], indirect=True)

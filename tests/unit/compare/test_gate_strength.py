@@ -37,6 +37,8 @@ FAST = ("slos", "fast")
 RELAY = ("graph", "nodes", "relay")
 ONE_INPUT = {"image": DOCUMENT["playback"]["inputs"]["image"]}
 
+ENDS = ("accepted", "feedback")
+
 BOTH_WAYS: list[tuple[tuple[str | int, ...], Any, Any, str]] = [
     # path, weaker value, stronger value, name
     ((*BENCHMARK, "duration"), "2 s", "4 s", "duration"),
@@ -191,6 +193,29 @@ def test_the_graph_and_its_words_are_free_to_change(
     assert compare_gates(changed, side(DOCUMENT)).weaker == ()
 
 
+ADD: dict[str, Any] = {"service": {"name": "add", "type": "p/srv/Add", "request": {"a": 1}}}
+PLAN: dict[str, Any] = {"action": {"name": "plan", "type": "p/action/Plan"}, "feedback": True}
+
+
+@pytest.mark.parametrize(
+    ("calls", "weaker"),
+    [
+        ({"add": ADD, "plan": PLAN}, set()),
+        ({"add": ADD}, {"call plan", "monitor plan", *(f"monitor plan_{n}" for n in ENDS)}),
+        ({"add": {"service": {**ADD["service"], "request": {}}}, "plan": PLAN}, {"call add"}),
+        ({"add": {**ADD, "success": "done"}, "plan": PLAN}, {"call add"}),
+        ({"add": ADD, "plan": {"action": PLAN["action"]}}, {"call plan", "monitor plan_feedback"}),
+    ],
+    ids=["same", "gone", "request", "success", "feedback"],
+)
+def test_another_call_is_a_weaker_gate(calls: dict[str, Any], weaker: set[str]) -> None:
+    def calling(called: dict[str, Any]) -> PreparedBenchmark:
+        rest = {key: DOCUMENT[key] for key in ("r2bspec", "name", "graph")}
+        return side({**rest, "playback": {"calls": called}, "benchmark": {"rates": ["10 Hz"]}})
+
+    assert names(calling({"add": ADD, "plan": PLAN}), calling(calls)) == weaker
+
+
 def test_objectives_and_monitors_are_compared_by_content() -> None:
     renamed = with_value(DOCUMENT, ("slos", "fast"), GONE)
     renamed = with_value(renamed, ("slos", "quick"), DOCUMENT["slos"]["fast"])
@@ -242,6 +267,9 @@ def test_a_requirement_without_a_bound_implies_itself_alone(
     assert implies(parse_requirement(stronger), parse_requirement(weaker)) is expected
 
 
+ONE_CALL = plans.CallPlan(name="", target="", type="", request={})
+
+
 class TestNoFieldIsForgotten:
     """A new field of a plan is a decision: of the gate, or free."""
 
@@ -259,6 +287,7 @@ class TestNoFieldIsForgotten:
             (plans.SearchPlan, {*gate_keys.SEARCH_KEYS, "holds"}),
             (plans.DatasetPlan, set(gate_keys.DATA_KEYS)),
             (plans.InputPlan, set(gate_keys.INPUT_KEYS)),
+            (plans.CallPlan, set(gate_keys.call_keys(ONE_CALL))),
             (plans.MonitorPlan, {*gate_keys.MONITOR_KEYS, *gate_keys.FREE_MONITOR_FIELDS}),
             (plans.TimelinePlan, set(gate_keys.TIMELINE_KEYS)),
             (language.Objective, {"at", "level", "when", "confidence", "require", "at_peak"}),

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.execute.measurement.peak_search import PeakSearch, ProbeOutcome
+from r2bspec.execute.measurement.peak_search import LongPlays, PeakSearch, ProbeOutcome
 from r2bspec.record.run_record import Probe, SearchRecord
 from run_simulation import bracket
 
@@ -123,6 +123,18 @@ def test_a_server_that_keeps_working_under_overload_is_found_in_four_probes(
     server = Server(capacity_hz)
     search(server)
     assert len(server.probed) <= 4
+
+
+def test_the_lower_end_is_played_whole_no_nearer_to_the_upper_one_than_the_precision() -> None:
+    """Just above the capacity a backlog grows too slowly to be seen in any play."""
+    server = Server(100.0)
+    plays = LongPlays(confirm=lambda rate_hz, _: server.probe(rate_hz), loss=0.5, conditions=True)
+    record = PeakSearch(10.0, 1000.0, 0.02, server.probe, long_plays=plays).run()
+    *probed, last_hz = (probe.rate_hz for probe in record.probes)
+    assert record.fails_hz is not None
+    assert last_hz == record.holds_hz
+    assert last_hz < max(rate for rate in probed if rate < 100)
+    assert record.fails_hz / last_hz == pytest.approx(1.02)
 
 
 def test_every_rate_lies_in_the_range_and_is_probed_once_the_ends_first() -> None:

@@ -16,8 +16,10 @@ from r2bspec.execute.measurement.segment_observation import (
     DrainTimer,
     Outstanding,
     ProgressView,
+    UnaskedOutputs,
     output_stopped,
     outstanding_answers,
+    watch_s,
 )
 from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, ArrivalReader
 from r2bspec.ipc.playback_file import PlaybackReader
@@ -57,7 +59,7 @@ def test_what_is_missing(latencies: list[tuple[float, ...]], outstanding: Outsta
     ("timeout_s", "arrivals_s", "outstanding", "over_after_s"),
     [
         (5.0, (100.0,), "tail", 105.0),
-        # Every arrival begins the wait anew.
+        # Every answer begins the wait anew.
         (5.0, (100.0, 104.0, 108.0), "tail", 113.0),
         # A gap is waited for a multiple of the longest pause, and never longer than the spec says.
         (5.0, (100.0, 100.2, 100.4), "gaps", 101.4),
@@ -73,7 +75,7 @@ def test_how_long_is_waited(
     timer = DrainTimer(timeout_s, 100.0)
     for now_s in arrivals_s:
         timer.arrived(now_s)
-    timer.outstanding = outstanding
+    timer.looked(arrivals_s[-1], outstanding, arrivals_s[-1])
     assert not timer.is_over(over_after_s - 0.1)
     assert timer.is_over(over_after_s + 0.1)
 
@@ -83,18 +85,41 @@ def test_what_is_missing_is_looked_up_once_after_each_arrival() -> None:
     timer.arrived(100.0)
     assert not timer.wants_a_look(100.1)
     assert timer.wants_a_look(100.4)
-    timer.outstanding = "gaps"
+    timer.looked(100.4, "gaps", 100.0)
     assert not timer.wants_a_look(100.5)
     timer.arrived(100.6)
     assert timer.wants_a_look(101.0)
 
 
-def test_a_graph_that_never_stops_publishing_is_left_after_a_minute_or_the_timeout() -> None:
+def test_messages_that_answer_nothing_prolong_no_wait() -> None:
+    timer = DrainTimer(5.0, 100.0)
+    over = []
+    for tick in range(1, 100):
+        now_s = 100.0 + tick / 10
+        timer.arrived(now_s)
+        if timer.wants_a_look(now_s):
+            # The first one answered the last step; the others repeat its stamp.
+            timer.looked(now_s, "gaps", 100.1, goes_on=tick > 2)
+        if timer.is_over(now_s):
+            over.append(now_s)
+    assert min(over) < 101.0
+    assert not timer.is_over(100.2)
+
+
+def test_what_goes_on_after_the_last_answer_ends_only_the_wait_for_gaps() -> None:
+    timer = DrainTimer(5.0, 100.0)
+    timer.arrived(100.1)
+    timer.looked(100.4, "tail", 100.1, goes_on=True)
+    assert not timer.is_over(105.0)
+    assert timer.is_over(105.2)
+
+
+def test_a_graph_that_never_stops_answering_is_left_after_a_minute_or_the_timeout() -> None:
     for timeout_s, end_s in ((5.0, 160.0), (90.0, 190.0)):
         timer = DrainTimer(timeout_s, 100.0)
         for now_s in range(100, 200):
             timer.arrived(float(now_s))
-            timer.outstanding = "tail"
+            timer.looked(float(now_s), "tail", float(now_s))
             assert timer.is_over(now_s + 0.01) == (now_s >= end_s)
 
 
@@ -103,8 +128,52 @@ def test_nothing_counts_as_lost_before_it_was_looked_up() -> None:
     timer.arrived(100.0)
     assert timer.wants_a_look(104.0)
     assert not timer.is_over(104.0)
-    timer.outstanding = "gaps"
+    timer.looked(104.0, "gaps", 100.0)
     assert timer.is_over(104.0)
+
+
+def timer_messages(steps: int, stamps: list[int], period_s: float = 0.04) -> MatchedMonitor:
+    """A monitor of a timer of 25 Hz, while steps were played at 10 Hz; stamps are of steps."""
+    playback = playback_rows(Played(10.0, [LOST] * steps))
+    rows = np.zeros(len(stamps), MONITOR_DTYPE)
+    ticks = playback["published_ns"][0] + np.arange(len(stamps)) * round(period_s * 1e9)
+    rows["received_ns"] = rows["taken_ns"] = ticks
+    known = np.concatenate((playback["stamp_ns"], [7]))
+    rows["stamp_ns"] = known[stamps]
+    return match_monitor(playback, rows, MONITOR_PLAN)
+
+
+def test_a_message_with_the_stamp_of_the_last_step_is_the_last_to_wait_for() -> None:
+    """Three inputs to one output, say, of which a phase decides which step is answered."""
+    playback = playback_rows(Played(10.0, [LOST] * 4))
+    rows = np.zeros(3, MONITOR_DTYPE)
+    rows["received_ns"] = playback["published_ns"][-1] + 1_000_000
+    rows["stamp_ns"] = playback["stamp_ns"][[3, 3, 3]]
+    plan = msgspec.structs.replace(MONITOR_PLAN, ratio_inputs=2)
+    assert outstanding_answers([match_monitor(playback, rows, plan)]) == "gaps"
+
+
+NO_STAMP_OF_ALL = -1
+
+
+def test_a_monitor_without_any_stamp_of_a_step_is_unasked_until_one_comes() -> None:
+    unasked = UnaskedOutputs(lambda stamps: np.zeros(stamps.size, np.bool_))
+    foreign = timer_messages(20, [NO_STAMP_OF_ALL] * 2)
+    assert not unasked.are_all("odom", foreign)
+    unasked.remember("odom", foreign)
+    assert unasked.are_all("odom", foreign)
+    assert not unasked.are_all("odom", timer_messages(20, [NO_STAMP_OF_ALL, 0]))
+    assert not unasked.are_all("odom", foreign)
+
+
+def test_late_answers_of_earlier_segments_are_answers() -> None:
+    unasked = UnaskedOutputs(lambda stamps: np.ones(stamps.size, np.bool_))
+    assert not unasked.are_all("odom", timer_messages(20, [NO_STAMP_OF_ALL] * 9))
+
+
+@pytest.mark.parametrize(("period_s", "watched_s"), [(0.01, 0.3), (0.2, 0.7), (3.0, 1.0)])
+def test_silence_is_watched_for_some_periods(period_s: float, watched_s: float) -> None:
+    assert watch_s(timer_messages(3, [0, 1, 2, 2], period_s).rows) == pytest.approx(watched_s)
 
 
 NAN = float("nan")

@@ -243,3 +243,15 @@ class TestWhatHalvesIt:
         found = requirement(messages(), "drop_rate <= 5 %").budget
         assert found is not None
         assert "2 times as long" in found.halve or "20 iterations" in found.halve
+
+
+@pytest.mark.filterwarnings("error")
+def test_lost_messages_beside_the_middle_half_leave_its_components_finite() -> None:
+    """A quarter is lost: every level is known, and no interpolation reaches what is lost."""
+    random = np.random.default_rng(1)
+    latency = 0.02 + 0.01 * random.standard_normal((3, 1))
+    latency = latency + 0.001 * random.standard_normal((3, 300))
+    latency[:, ::4] = np.nan
+    found = requirement(latency, "latency.p50 < 20.5 ms", (1, 2, 3)).budget
+    assert found is not None
+    assert all(part.share is None or np.isfinite(part.share) for part in found.parts)

@@ -15,7 +15,8 @@ from r2bspec.compare.report_input import judge_comparison_folder, read_pair_set
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_run import to_json
 from r2bspec.judge.measure.host_usage import HostInterference
-from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.metrics import summarise
+from r2bspec.judge.measure.run_samples import merged_samples, read_samples
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pair_comparison import (
     InterleavedRuns,
@@ -183,7 +184,7 @@ def test_under_strict_only_unaffected_pairs_pass(
     for name, head, outcome in (("same", SAME, same), ("slower", SLOWER, slower)):
         pairs = Comparison(BASE, head, disturbed=EVERYWHERE).write(tmp_path / name)
         found = judge_pair_set(
-            pairs.plan.objectives, read_pair_set(pairs), DecisionPolicy(interference=policy)
+            pairs.plan.objectives, read_pair_set(pairs, {}), DecisionPolicy(interference=policy)
         )
         assert ratio(found).outcome == outcome
 
@@ -230,7 +231,7 @@ def test_pairs_are_played_again_only_where_the_outcome_could_change(
 ) -> None:
     only = {"no_regression": objective("latency.p50 <= 105 % of baseline")}
     comparison = Comparison(BASE, head, only, disturbed=EVERYWHERE, load=load)
-    pair_set = read_pair_set(comparison.write(tmp_path / "pairs"))
+    pair_set = read_pair_set(comparison.write(tmp_path / "pairs"), {})
     policy = DecisionPolicy(inconclusive=inconclusive, interference=interference)
     verdict = judge_pair_set(only, pair_set, policy)
     assert reruns_can_decide(verdict, only, pair_set, policy) == decides
@@ -243,7 +244,7 @@ def test_no_pair_is_played_again_for_what_has_failed_anyway(tmp_path: Path) -> N
     }
     load = ({"busy_s": 0.7}, {"busy_s": 1.0, "stolen_s": 0.1})
     comparison = Comparison(BASE, SLOWER, both, disturbed=EVERYWHERE, load=load)
-    pair_set = read_pair_set(comparison.write(tmp_path / "pairs"))
+    pair_set = read_pair_set(comparison.write(tmp_path / "pairs"), {})
     verdict = judge_pair_set(both, pair_set, DecisionPolicy())
     assert [one.outcome for one in verdict.requirements] == ["inconclusive", "fail"]
     assert not reruns_can_decide(verdict, both, pair_set, DecisionPolicy())
@@ -332,6 +333,9 @@ def test_runs_read_as_one_keep_every_sample(tmp_path: Path) -> None:
             own.monitors["detections"].times["latency"],
         )
         assert one.processes.keys() == own.processes.keys()
+    together = merged_samples(merged, alone)
+    assert summarise(together) == summarise(samples)
+    assert together.incomplete == samples.incomplete
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"r2bspec_pairs": 1}', "\udcff"])

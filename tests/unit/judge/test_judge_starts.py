@@ -263,10 +263,18 @@ class TestWhatItSays:
         assert not one(run(*alike, starts=STARTS), asked).notes
         (note,) = one(run(*differ, starts=STARTS), asked).notes
         assert note == (
-            "The 5 starts differ by 6.9 % in latency (standard deviation), and that none was lost "
-            "does not show whether slower ones lose more: one that is slower than these may. More "
-            "starts would show it."
+            "The 5 starts differ by 1.6 ms in latency (standard deviation; their messages by 0 s), "
+            "and that none was lost does not show whether slower ones lose more. More starts would "
+            "show it."
         )
+
+    @pytest.mark.parametrize(("scatter", "said"), [(0.001, True), (0.01, False)])
+    def test_starts_that_differ_by_less_than_their_messages_need_no_word(
+        self, scatter: float, said: bool
+    ) -> None:
+        around = scatter * np.random.default_rng(1).standard_normal(300)
+        differ = [Played(30, 0.04 + 0.001 * start + around) for start in STARTS]
+        assert bool(one(run(*differ, starts=STARTS), "drop_rate <= 1 %").notes) == said
 
     def test_one_iteration_is_no_sample_of_iterations(self) -> None:
         found = one(run(Played(30, np.full(600, 0.02))), "latency.p50 < 60 ms")

@@ -229,6 +229,17 @@ async def test_a_safe_fix_and_a_waiver_are_offered(document: OpenDocument) -> No
     assert document.worse() == []
 
 
+async def test_the_name_that_was_meant_is_offered_before_a_waiver(document: OpenDocument) -> None:
+    await document.write(changed("output: copied", "output: copid"))
+    wrong = document.found()["R2B207"]
+    assert wrong.message.startswith("no publisher on 'copied'")
+    offered = await document.actions(wrong.range)
+    titles = [each for each in offered if each.startswith(("Replace", "Waive"))]
+    assert titles == ["Replace with 'copid'", "Waive R2B207 here, with a reason"]
+    await document.apply(offered["Replace with 'copid'"].edit)
+    assert document.worse() == []
+
+
 async def test_all_safe_fixes_at_once(document: OpenDocument) -> None:
     text = changed("duration: 2 s", "duration: 2 sec")
     await document.write(text.replace("mode: looping", "mode: Looping"))

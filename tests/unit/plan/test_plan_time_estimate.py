@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from plan_specs import plan
 
-from r2bspec.plan.plan import GatePlan, PlayPlan
+from r2bspec.plan.plan import GatePlan, PlayPlan, SearchPlan
 from r2bspec.plan.time_estimate import estimate_time, time_text
 
 
@@ -51,6 +51,33 @@ def test_every_start_takes_time() -> None:
     assert later_s > base.warm_up_ns / 1e9
     assert later_s < one.seconds - one.phases["play"]
     assert five.at_most_s - one.at_most_s == pytest.approx(2 * 4 * later_s)
+
+
+def test_a_search_takes_its_probes_and_its_whole_plays_at_most() -> None:
+    base = msgspec.structs.replace(plan(), play=(), sustained_hz=(), gate=GatePlan(confirm=False))
+    without = estimate_time(msgspec.structs.replace(base, search=None))
+
+    def added(probe_s: int, confirm_s: int) -> tuple[float, float]:
+        search = SearchPlan(
+            min_hz=10,
+            max_hz=100,
+            precision=0.02,
+            probe_ns=probe_s * 10**9,
+            holds=(),
+            confirm_ns=confirm_s * 10**9,
+        )
+        found = estimate_time(msgspec.structs.replace(base, search=search))
+        return found.seconds - without.seconds, found.at_most_s - without.at_most_s
+
+    assert added(10, 30) == pytest.approx((105, 210))
+    assert added(10, 0) == pytest.approx((60, 120))
+    assert added(5, 10) == pytest.approx((45, 90))
+
+
+def test_a_rate_that_must_be_sustained_is_played_whole() -> None:
+    base = msgspec.structs.replace(plan(), search=None, sustained_hz=())
+    asked = msgspec.structs.replace(base, sustained_hz=(10.0, 20.0))
+    assert estimate_time(asked).seconds - estimate_time(base).seconds == pytest.approx(20)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,319 @@
+"""The player that calls services and actions: each in every step, at the time when it is due.
+
+The load is open: a request is sent whether or not earlier ones are answered. A step is written as a
+step of a playback, and an answer as a message of a monitor with the stamp of its step, so that what
+is computed of them is what is computed of topics: latencies from the request and from its due time,
+and answers that never came.
+
+Answers are read without an executor, which would take a multiple of the time. Their times are those
+at which the middleware received them.
+"""
+
+from __future__ import annotations
+
+import itertools
+import sys
+import time
+import uuid
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rclpy.impl.implementation_singleton import rclpy_implementation as _implementation
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from r2bspec.harness import rclpy_tools
+from r2bspec.harness.control_channel import Channel
+from r2bspec.harness.service_client import ServiceCallError, fill_message, service_class
+from r2bspec.ipc import protocol
+from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, read_clocks
+from r2bspec.ipc.sample_files import RowWriter
+from r2bspec.ipc.schedule import ALL_INPUTS
+from r2bspec.plan.plan import CallPlan
+from r2bspec.record.sample_arrays import PLAYBACK_FIELDS
+
+_LEAD_NS = 20_000_000
+"""From the command to the first request."""
+
+_IDLE_S = 0.01
+"""Between two looks for a command while nothing is played."""
+
+_EXACT_S = 0.0005
+"""Waiting for answers ends so long before a request is due: it may take longer than it is told."""
+
+_CALLS = QoSProfile(depth=1000)
+"""Of the client: requests that wait for a busy service are not overwritten on this side."""
+
+_SUCCEEDED = 4
+"""action_msgs/msg/GoalStatus.STATUS_SUCCEEDED."""
+
+
+class _Answers:
+    """The rows of one monitor: answers, each with the stamp of its step."""
+
+    def __init__(self, rows_dir: Path, monitor: str) -> None:
+        self._rows = RowWriter(rows_dir / f"{monitor}.rows", len(ARRIVAL_FIELDS))
+
+    def add(self, stamp_ns: int, received_ns: int) -> None:
+        """Write an answer that the middleware received at this system time."""
+        taken_ns, difference_ns = read_clocks()
+        self._rows.append(stamp_ns, received_ns, taken_ns, 0, difference_ns)
+
+
+class _Exchange:
+    """Sends requests to one service, and takes what it answers."""
+
+    def __init__(
+        self, node: Node, kind: Any, service: str, on_answer: Callable[[Any, int, Any], None]
+    ) -> None:
+        """Create the client.
+
+        Args:
+            node: of the player.
+            kind: the class of the service.
+            service: its full name.
+            on_answer: gets what the request was sent with, the time of reception on the system
+                clock in ns, and the response.
+        """
+        self._kind = kind
+        self._on_answer = on_answer
+        self._client = node.create_client(kind, service, qos_profile=_CALLS)
+        self._waiting: dict[int, Any] = {}
+        self.handle: Any = self._client.handle
+
+    def is_there(self) -> bool:
+        """Whether a node offers the service."""
+        return bool(self._client.service_is_ready())
+
+    def send(self, request: Any, sent_with: Any) -> None:
+        """Send a request; its answer comes with `sent_with`."""
+        self._waiting[self.handle.send_request(request)] = sent_with
+
+    def take(self) -> bool:
+        """Take the next answer; False if there is none."""
+        info, response = self.handle.take_response(self._kind.Response)
+        if info is None:
+            return False
+        sent_with = self._waiting.pop(info.request_id.sequence_number, None)
+        if sent_with is not None:
+            self._on_answer(sent_with, info.received_timestamp, response)
+        return True
+
+
+class _Feedback:
+    """Takes the feedback of an action."""
+
+    def __init__(
+        self, node: Node, kind: Any, topic: str, on_feedback: Callable[[bytes, int], None]
+    ) -> None:
+        self._kind = kind
+        self._on_feedback = on_feedback
+        # The callback is never called, because no executor has this node.
+        subscription = node.create_subscription(kind, topic, lambda _message: None, _CALLS)
+        self.handle: Any = subscription.handle
+
+    def take(self) -> bool:
+        """Take the next message; False if there is none."""
+        taken = self.handle.take_message(self._kind, False)
+        if taken is None:
+            return False
+        message, info = taken
+        self._on_feedback(bytes(message.goal_id.uuid), int(info["received_timestamp"]))
+        return True
+
+
+class _Call:
+    """What a service and an action have in common."""
+
+    exchanges: tuple[_Exchange, ...]
+    feedback: tuple[_Feedback, ...] = ()
+
+    def __init__(self, plan: CallPlan) -> None:
+        self.target = plan.target
+        self._has_failed = False
+
+    def is_there(self) -> bool:
+        """Whether a node offers all of it."""
+        return all(each.is_there() for each in self.exchanges)
+
+    def send(self, stamp_ns: int) -> None:
+        """Send the request of the step with this stamp."""
+        raise NotImplementedError
+
+    def _say_failed(self, response: Any) -> None:
+        """Write the first answer that does not count to the log."""
+        if not self._has_failed:
+            self._has_failed = True
+            sys.stderr.write(f"{self.target}: the first call that failed got {response}\n")
+
+
+class _ServiceCall(_Call):
+    def __init__(self, node: Node, plan: CallPlan, rows_dir: Path) -> None:
+        """Create the client.
+
+        Raises:
+            ServiceCallError: the type is not installed, or has no such fields.
+        """
+        super().__init__(plan)
+        kind = service_class(plan.type)
+        self._requests = itertools.cycle(
+            [fill_message(kind.Request(), fields) for fields in plan.requests]
+        )
+        self._success = plan.success
+        success = kind.Response.get_fields_and_field_types().get(plan.success)
+        if plan.success and success != "boolean":
+            what = f"is of type {success}" if success else "does not exist"
+            raise ServiceCallError(
+                f"playback.calls.{plan.name}: field {plan.success!r} of the response {what}, and "
+                "'success' needs a boolean"
+            )
+        self._answers = _Answers(rows_dir, plan.name)
+        self.exchanges = (_Exchange(node, kind, plan.target, self._on_answer),)
+
+    def send(self, stamp_ns: int) -> None:
+        self.exchanges[0].send(next(self._requests), stamp_ns)
+
+    def _on_answer(self, stamp_ns: int, received_ns: int, response: Any) -> None:
+        if self._success and not getattr(response, self._success):
+            self._say_failed(response)
+        else:
+            self._answers.add(stamp_ns, received_ns)
+
+
+class _ActionCall(_Call):
+    """A goal, its acceptance, its result, which is asked for at once, and its feedback."""
+
+    def __init__(self, node: Node, plan: CallPlan, rows_dir: Path) -> None:
+        """Create the clients.
+
+        Raises:
+            ServiceCallError: the type is not installed, or has no such fields.
+        """
+        super().__init__(plan)
+        self._kind = service_class(plan.type)
+        self._goals = itertools.cycle(
+            [fill_message(self._kind.Goal(), fields) for fields in plan.requests]
+        )
+        self._accepted = _Answers(rows_dir, plan.accepted)
+        self._results = _Answers(rows_dir, plan.name)
+        inner = self._kind.Impl
+        name = f"{plan.target}/_action"
+        self.exchanges = (
+            _Exchange(node, inner.SendGoalService, f"{name}/send_goal", self._on_accepted),
+            _Exchange(node, inner.GetResultService, f"{name}/get_result", self._on_result),
+        )
+        self._stamps: dict[bytes, int] = {}
+        if plan.feedback:
+            self._feedback = _Answers(rows_dir, plan.feedback)
+            topic = f"{name}/feedback"
+            self.feedback = (_Feedback(node, inner.FeedbackMessage, topic, self._on_feedback),)
+
+    def send(self, stamp_ns: int) -> None:
+        goal_id = uuid.uuid4().bytes
+        request = self._kind.Impl.SendGoalService.Request(goal=next(self._goals))
+        request.goal_id.uuid = list(goal_id)
+        self._stamps[goal_id] = stamp_ns
+        self.exchanges[0].send(request, goal_id)
+
+    def _on_accepted(self, goal_id: bytes, received_ns: int, response: Any) -> None:
+        if not response.accepted:
+            self._say_failed(response)
+            return
+        request = self._kind.Impl.GetResultService.Request()
+        request.goal_id.uuid = list(goal_id)
+        self.exchanges[1].send(request, goal_id)
+        self._accepted.add(self._stamps[goal_id], received_ns)
+
+    def _on_result(self, goal_id: bytes, received_ns: int, response: Any) -> None:
+        stamp_ns = self._stamps.pop(goal_id)
+        if response.status == _SUCCEEDED:
+            self._results.add(stamp_ns, received_ns)
+        else:
+            self._say_failed(response)
+
+    def _on_feedback(self, goal_id: bytes, received_ns: int) -> None:
+        # What comes after the result, or to others, is not waited for.
+        if goal_id in self._stamps:
+            self._feedback.add(self._stamps[goal_id], received_ns)
+
+
+class CallPlayer:
+    """Calls services and actions in steps."""
+
+    def __init__(self, channel: Channel, settings: protocol.ConfigureCalls) -> None:
+        self._channel = channel
+        self._node = rclpy_tools.start_node("player")
+        folder = Path(settings.rows_dir)
+        self._calls = [
+            (_ActionCall if plan.accepted else _ServiceCall)(self._node, plan, folder)
+            for plan in settings.calls
+        ]
+        self._exchanges = [each for call in self._calls for each in call.exchanges]
+        self._feedback = [each for call in self._calls for each in call.feedback]
+        self._playback = RowWriter(folder / protocol.CALLED_ROWS, len(PLAYBACK_FIELDS))
+        self._last_stamp_ns = 0
+        handle = self._node.context.handle
+        self._set = _implementation.WaitSet(
+            len(self._feedback), 0, 0, len(self._exchanges), 0, 0, handle
+        )
+
+    def serve(self) -> None:
+        """Play, and read answers all the time, until told to shut down.
+
+        Raises:
+            ChannelClosedError: the controller has exited.
+        """
+        self._channel.send(protocol.Ready(rmw=rclpy_tools.loaded_rmw()))
+        while True:
+            self._read_answers(_IDLE_S)
+            if not self._channel.wait(0.0):
+                continue
+            match self._channel.receive():
+                case protocol.Play() as play:
+                    self._channel.send(protocol.Played(steps=self._play(play)))
+                case protocol.CountMatches():
+                    counts = {each.target: int(each.is_there()) for each in self._calls}
+                    self._channel.send(protocol.Matched(counts=counts))
+                case protocol.Shutdown():
+                    return
+
+    def _play(self, play: protocol.Play) -> int:
+        """Play steps; returns their number, which is smaller if it was stopped."""
+        begin_ns = time.monotonic_ns() + _LEAD_NS
+        for step in range(play.steps):
+            due_ns = begin_ns + round(step * 1e9 / play.rate_hz)
+            while (left_s := (due_ns - time.monotonic_ns()) / 1e9) > _EXACT_S:
+                self._read_answers(left_s - _EXACT_S)
+            time.sleep(max(0.0, left_s))
+            # Only `Stop` comes while steps are played.
+            if self._channel.wait(0.0) and isinstance(self._channel.receive(), protocol.Stop):
+                return step
+            self._call_all(due_ns)
+        return play.steps
+
+    def _call_all(self, due_ns: int) -> None:
+        stamp_ns = self._last_stamp_ns = max(time.time_ns(), self._last_stamp_ns + 1)
+        published_ns = time.monotonic_ns()
+        for each in self._calls:
+            each.send(stamp_ns)
+        done_ns = time.monotonic_ns()
+        # Before any answer: a step that is answered has been written.
+        self._playback.append(stamp_ns, due_ns, published_ns, done_ns, ALL_INPUTS)
+
+    def _read_answers(self, timeout_s: float) -> None:
+        """Wait for an answer, and write all that are there."""
+        self._set.clear_entities()
+        for exchange in self._exchanges:
+            self._set.add_client(exchange.handle)
+        for feedback in self._feedback:
+            self._set.add_subscription(feedback.handle)
+        self._set.wait(int(timeout_s * 1e9))
+        # Feedback first: with the result, its goal is forgotten.
+        ready: list[_Exchange | _Feedback] = [
+            *(e for n, e in enumerate(self._feedback) if self._set.is_ready("subscription", n)),
+            *(e for n, e in enumerate(self._exchanges) if self._set.is_ready("client", n)),
+        ]
+        for each in ready:
+            while each.take():
+                pass

@@ -1,0 +1,110 @@
+"""Folders for as long as a process needs them, of which not even a killed process leaves one.
+
+Each is locked by the process that has made it, and the lock ends with the process, however that
+ends. The next process that needs a folder removes those of this user that nobody holds.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import errno
+import fcntl
+import functools
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+_SUFFIX: Final = ".held"
+"""Of no folder of others, and of none that is removed in another way."""
+
+
+@contextlib.contextmanager
+def temporary_folder(kind: str) -> Iterator[Path]:
+    """A folder in ``$TMPDIR`` that no other user may read, for as long as the block lasts.
+
+    Args:
+        kind: what it is for, a part of its name.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    _remove_abandoned()
+    folder, held = _made(kind)
+    try:
+        yield folder
+    finally:
+        _remove(folder)
+        os.close(held)
+
+
+@functools.cache
+def process_folder(kind: str) -> Path:
+    """The same, for as long as this process lasts.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    stack = contextlib.ExitStack()
+    folder = stack.enter_context(temporary_folder(kind))
+    maker = os.getpid()
+    # What is forked ends with the same functions.
+    atexit.register(lambda: stack.close() if os.getpid() == maker else None)
+    return folder
+
+
+def _made(kind: str) -> tuple[Path, int]:
+    """A new folder, and the descriptor by which it is locked.
+
+    Another process may remove it before it is locked: then the next one is made.
+    """
+    while True:
+        folder = Path(tempfile.mkdtemp(prefix=f"r2bspec-{kind}-", suffix=_SUFFIX))
+        try:
+            return folder, _locked(folder, fcntl.LOCK_EX)
+        except FileNotFoundError:
+            continue
+        except OSError:
+            _remove(folder)
+            raise
+
+
+def _locked(folder: Path, operation: int) -> int:
+    """The descriptor by which a folder of this user is locked.
+
+    Raises:
+        FileNotFoundError: it was removed meanwhile.
+        OSError: it is locked by another process, of another user, or none.
+    """
+    # Another user may have put a link here: what is opened is what is looked at.
+    held = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
+        if os.fstat(held).st_uid != os.geteuid():
+            raise PermissionError(errno.EPERM, "it belongs to another user", str(folder))
+        fcntl.flock(held, operation)
+        folder.stat()
+    except OSError:
+        os.close(held)
+        raise
+    return held
+
+
+def _remove_abandoned() -> None:
+    """Remove the folders of processes that were killed."""
+    for folder in Path(tempfile.gettempdir()).glob(f"r2bspec-*{_SUFFIX}"):
+        with contextlib.suppress(OSError):
+            held = _locked(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _remove(folder)
+            os.close(held)
+
+
+def _remove(folder: Path) -> None:
+    """Remove a folder; a build may have left folders that are not writable."""
+    shutil.rmtree(folder, ignore_errors=True)
+    if folder.exists():
+        for below, _, _ in os.walk(folder):
+            Path(below).chmod(0o700)
+        shutil.rmtree(folder, ignore_errors=True)

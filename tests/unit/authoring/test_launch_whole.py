@@ -1,0 +1,165 @@
+"""Launch files of which something is not known: one node of the whole file, and nothing is lost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from command_line import Call
+from r2bspec.api import load, validate
+from r2bspec.cli.main import main
+
+HEAD = """
+from launch import LaunchDescription
+from launch.actions import *
+from launch.conditions import IfCondition
+from launch.event_handlers import OnProcessExit
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.substitutions import *
+from launch_ros.actions import *
+from launch_ros.descriptions import *
+from moveit_configs_utils import MoveItConfigsBuilder
+from nav2_common.launch import RewrittenYaml
+import os
+
+
+def node(name='eye', **more):
+    return Node(package='cell', executable='eye', name=name, **more)
+
+
+def launch(actions):
+    return LaunchDescription([
+        DeclareLaunchArgument('side', default_value='left', choices=['left', 'right']),
+        DeclareLaunchArgument('map'), *actions])
+"""
+
+UNKNOWN = {
+    "a condition": "node(condition=IfCondition(EnvironmentVariable('CELL_MODE')))",
+    "an argument": "node(arguments=['--map', LaunchConfiguration('map')])",
+    "a remapping": "node(remappings=[('image', LaunchConfiguration('map'))])",
+    "a parameter": "node(parameters=[{'robot_description': Command(['xacro ', 'a.xacro'])}])",
+    "a parameter file": "node(parameters=[RewrittenYaml(source_file='a.yaml')])",
+    "a rewritten file": "node(parameters=[ParameterFile('a.yaml', allow_substs=True)])",
+    "parameters of a class": "node(parameters=[MoveItConfigsBuilder('arm').to_dict()])",
+    "a name": "node(name=LaunchConfiguration('map'))",
+    "a program": "Node(package='cell', executable=LaunchConfiguration('map'))",
+    "an environment variable": "node(additional_env={'A': LaunchConfiguration('map')})",
+    "a default": "node(parameters=[{'a': EnvironmentVariable('A', default_value='3')}])",
+    "a working directory": "ExecuteProcess(cmd=['./eye'], cwd='/tmp')",
+    "an action of a package": "MoveItConfigsBuilder('arm')",
+    "a function": "OpaqueFunction(function=lambda context: open('a').read())",
+    "what follows another": "RegisterEventHandler(OnProcessExit(target_action=node(), "
+    "on_exit=[node('next')]))",
+    "a container of a package": "ComposableNodeContainer(name='c', namespace='', package='cell', "
+    "executable='own_container', composable_node_descriptions=[])",
+    "an effect": "node(name=os.system('make') or 'eye')",
+    "nothing": "LogInfo(msg='hello')",
+}
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def made(content: str, *arguments: str, name: str = "cell.launch.py") -> tuple[Any, str]:
+    """The spec of a launch file, which has no errors, and its text."""
+    Path(name).write_text(content)
+    assert main(["init", "made", "--from-launch", name, *arguments]) == 0
+    file = Path("made.r2b.yaml")
+    assert [each.message for each in validate(file) if each.severity == "error"] == []
+    return load(file), file.read_text()
+
+
+@pytest.mark.parametrize("action", UNKNOWN.values(), ids=UNKNOWN)
+def test_what_is_not_known_makes_one_node_of_the_file(action: str) -> None:
+    content = f"{HEAD}\ndef generate_launch_description():\n    return launch([{action}])\n"
+    spec, text = made(content)
+    (whole,) = spec.graph.nodes.values()
+    assert whole.launch.path == "./cell.launch.py"
+    assert "cell.launch.py is one launch node, because of this: " in text
+    assert "#   side: left" in text
+    assert "#   map: '?'" in text or "#   map: ?" in text
+
+
+def test_arguments_that_are_given_decide() -> None:
+    action = "node(name=LaunchConfiguration('map'), namespace=LaunchConfiguration('side'))"
+    content = f"{HEAD}\ndef generate_launch_description():\n    return launch([{action}])\n"
+    spec, _ = made(content, "--launch-arg", "map:=hall", "--launch-arg", "side:=right")
+    assert spec.graph.nodes["hall"].namespace == "/right"
+
+
+def test_arguments_that_are_given_are_those_of_the_whole_file() -> None:
+    action = "node(name=LaunchConfiguration('map'), cwd='/tmp')"
+    content = f"{HEAD}\ndef generate_launch_description():\n    return launch([{action}])\n"
+    spec, _ = made(content, "--launch-arg", "map:=0012", "--launch-arg", "fast:=True")
+    assert spec.graph.nodes["cell"].launch.arguments == {"map": "0012", "fast": "True"}
+
+
+def test_a_value_that_is_no_choice_is_told() -> None:
+    content = f"{HEAD}\ndef generate_launch_description():\n    return launch([node()])\n"
+    _, text = made(content, "--launch-arg", "side:=up")
+    assert "'up' is no choice of the launch argument 'side': left, right" in text
+
+
+def test_only_the_included_file_is_kept_whole() -> None:
+    """It gets the arguments of the file above it, too, as it does from launch."""
+    Path("robot.launch.xml").write_text(
+        '<launch><arg name="model"/><node pkg="robot" exec="state" name="state">'
+        '<param name="robot_description" value="$(command \'xacro a\')"/></node></launch>'
+    )
+    content = """<launch>
+      <arg name="sim" default="True"/>
+      <set_env name="CELL" value="3"/>
+      <include file="$(dirname)/robot.launch.xml"><arg name="model" value="007"/></include>
+      <node pkg="cell" exec="eye" name="eye"/>
+    </launch>"""
+    spec, text = made(content, name="cell.launch.xml")
+    whole = spec.graph.nodes["robot"]
+    assert list(spec.graph.nodes) == ["eye", "robot"]
+    assert whole.launch.path == "./robot.launch.xml"
+    assert whole.launch.arguments == {"model": "007", "sim": "True"}
+    assert whole.env == {"CELL": "3"}
+    assert "robot.launch.xml:1:71" not in text
+    assert "# - robot.launch.xml:1: robot.launch.xml is one launch node" in text
+
+
+def test_places_in_markup_are_those_of_the_entity(call: Call) -> None:
+    Path("a.launch.yaml").write_text("launch:\n- log: {message: hi}\n- fly: {to: moon}\n")
+    error = call("init", "made", "--from-launch", "a.launch.yaml", status=0).err
+    assert "a.launch.yaml:3:8: info[R2B711" in error
+    assert "<fly> has no form in a spec" in error
+
+
+@pytest.mark.parametrize("written", ["map", ":=3"])
+def test_what_is_no_launch_argument_is_refused(written: str, call: Call) -> None:
+    Path("a.launch.xml").write_text("<launch/>")
+    error = call("init", "made", "--from-launch", "a.launch.xml", "--launch-arg", written, status=2)
+    assert "NAME:=VALUE" in error.err
+    assert not Path("made.r2b.yaml").exists()
+
+
+def test_arguments_of_an_included_file_apply_after_it() -> None:
+    """Without a group, launch keeps them: later files get them, and later actions of the file."""
+    Path("low.launch.xml").write_text(
+        '<launch><arg name="speed"/><arg name="lens" default="3"/>'
+        '<node pkg="cell" exec="eye" name="eye_$(var speed)_$(var lens)"/></launch>'
+    )
+    include = '<include file="$(dirname)/low.launch.xml"><arg name="speed" value="{}"/>{}</include>'
+    two = include.format("1", "") + include.format("2", '<arg name="lens" value="7"/>')
+    spec, _ = made(f"<launch>{two}{include.format('3', '')}</launch>", name="cell.launch.xml")
+    assert list(spec.graph.nodes) == ["eye_1_3", "eye_2_7", "eye_3_7"]
+    Path("made.r2b.yaml").unlink()
+    after = '<node pkg="cell" exec="eye" name="$(var speed)"/>'
+    declared = f'<launch><arg name="speed" default="9"/>{include.format("1", "")}'
+    _, text = made(f"{declared}{after}</launch>", name="cell.launch.xml")
+    assert "the launch argument 'speed' has the value of an included file here" in text
+    Path("made.r2b.yaml").unlink()
+    spec, _ = made(
+        f'<launch><arg name="speed" default="n9"/><group>{include.format("1", "")}</group>'
+        f"{after}</launch>",
+        name="cell.launch.xml",
+    )
+    assert list(spec.graph.nodes) == ["eye_1_3", "n9"]

@@ -1,0 +1,137 @@
+"""Outputs that come whether inputs do or not: what is known of them, and how one sees it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import msgspec
+import numpy as np
+import pytest
+
+from r2bspec.judge.measure.matching import NO_MATCH, match_monitor
+from r2bspec.judge.measure.own_pace import own_pace_text, own_period_s, pooled_period_s
+from r2bspec.judge.measure.samples import MonitorSamples, monitor_samples
+from r2bspec.record.run_record import Segment
+from r2bspec.record.sample_arrays import MONITOR_DTYPE
+from run_simulation import MONITOR_PLAN, Played, playback_rows
+
+INPUT_HZ = 30.0
+STEPS = 60
+FOREIGN = 5
+
+
+def received(
+    times_s: Sequence[float],
+    stamps: Literal["newest", "own"] = "newest",
+    by: Literal["stamp", "order", "own_pace"] = "stamp",
+) -> tuple[float | None, MonitorSamples]:
+    """Messages at times after the first step; with the newest step's stamp, or another."""
+    playback = playback_rows(Played(INPUT_HZ, [float("nan")] * STEPS))
+    began_ns = int(playback["published_ns"][0])
+    rows = np.zeros(len(times_s), MONITOR_DTYPE)
+    rows["received_ns"] = rows["taken_ns"] = began_ns + np.round(np.array(times_s) * 1e9)
+    newest = np.searchsorted(playback["published_ns"], rows["received_ns"], side="right") - 1
+    rows["stamp_ns"] = np.where(newest < 0, FOREIGN, playback["stamp_ns"][newest])
+    if stamps == "own":
+        rows["stamp_ns"] = FOREIGN + np.arange(rows.size)
+    segment = Segment(
+        id="rate-30Hz-001",
+        kind="iteration",
+        index=1,
+        rate_hz=INPUT_HZ,
+        steps=STEPS,
+        began_ns=began_ns,
+        ended_ns=began_ns + round(STEPS / INPUT_HZ * 1e9),
+        complete=True,
+    )
+    plan = msgspec.structs.replace(MONITOR_PLAN, match=by)
+    matched = match_monitor(playback, rows, plan)
+    return own_period_s(segment, matched), monitor_samples(segment, matched)
+
+
+def ticks(hz: float, until_s: float = 2.4) -> list[float]:
+    return [0.01 + number / hz for number in range(int((until_s - 0.01) * hz) + 1)]
+
+
+@pytest.mark.parametrize("stamps", ["newest", "own"])
+@pytest.mark.parametrize("hz", [10.0, 100.0])
+def test_a_timer_is_recognised_slower_and_faster_than_the_inputs(
+    hz: float, stamps: Literal["newest", "own"]
+) -> None:
+    period_s, seen = received(ticks(hz), stamps)
+    assert period_s == pytest.approx(1 / hz)
+    assert seen.own_period_s == period_s
+
+
+def test_by_order_one_message_before_the_inputs_is_enough() -> None:
+    assert received([-0.09, *ticks(10.0)], by="order")[0] == pytest.approx(0.1)
+    assert received(ticks(10.0, 2.0), by="order")[0] is None
+
+
+@pytest.mark.parametrize(
+    "times_s",
+    [
+        [0.01 + step / INPUT_HZ for step in range(STEPS)],
+        # Overloaded: each message answers a step of its own, and none comes unasked.
+        ticks(10.0, 2.0),
+        # Three outputs at once for each input.
+        [0.001 * output + step / INPUT_HZ for step in range(STEPS) for output in range(3)],
+        ticks(10.0, 0.3),
+        [],
+    ],
+    ids=["follows", "overloaded", "bursts", "few", "none"],
+)
+def test_what_follows_the_inputs_is_no_timer(times_s: list[float]) -> None:
+    assert received(times_s)[0] is None
+
+
+def test_the_inputs_period_is_nothing_of_its_own() -> None:
+    assert received([0.01 + step / INPUT_HZ for step in range(STEPS)], "own")[0] is None
+
+
+def test_half_of_the_segments_are_enough() -> None:
+    assert pooled_period_s([0.1, None, 0.3]) == pytest.approx(0.2)
+    assert pooled_period_s([0.1, None, None]) is None
+    assert pooled_period_s([]) is None
+
+
+def test_what_is_played_decides_the_age_and_no_message_is_missed() -> None:
+    _, seen = received(ticks(10.0), by="own_pace")
+    # Those after the window, and what the drain heard, do not count.
+    assert seen.received == 20
+    assert seen.throughput_hz == pytest.approx(10.0)
+    assert seen.own_pace
+    assert seen.missed == seen.duplicates == seen.unmatched == 0
+    assert seen.times["age"].size == 20
+    assert seen.times["age"].min() >= 0
+    assert seen.times["age"].max() < 1 / INPUT_HZ
+    assert seen.times["jitter"].max() < 1e-6
+    assert not seen.times["latency"].size
+
+
+def test_a_repeated_stamp_grows_older() -> None:
+    _, seen = received([1.0 + number / 100 for number in range(4)], by="own_pace")
+    assert np.diff(seen.times["age"]) == pytest.approx([0.01] * 3, abs=1e-6)
+
+
+def test_the_age_is_unknown_where_stamps_are_of_no_input() -> None:
+    _, seen = received(ticks(10.0), "own", by="own_pace")
+    assert seen.received == 20
+    assert not seen.times["age"].size
+    newest = seen.steps.newest_ns
+    assert newest is not None
+    assert (newest == NO_MATCH).all()
+
+
+@pytest.mark.parametrize(
+    ("period_s", "ratio"),
+    [
+        (0.1, "'ratio: {inputs: 3}'"),
+        (1 / 90, "'ratio: {outputs: 3}'"),
+        (0.08, "interval or jitter."),
+    ],
+)
+def test_a_ratio_is_proposed_where_one_fits(period_s: float, ratio: str) -> None:
+    assert ratio in own_pace_text(period_s, 1 / INPUT_HZ)
+    assert "ratio" not in own_pace_text(period_s)

@@ -1,0 +1,147 @@
+"""Nodes of different styles are known from their source, and `init` writes specs of them."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from node_styles import TARGETS, write_workspace
+from r2bspec.check import check
+from r2bspec.cli.main import main
+from r2bspec.language.load_spec import load_spec
+from r2bspec.plan.wiring.build_wiring import build_wiring
+from r2bspec.plan.wiring.companion_files import read_companion_files, read_source
+from r2bspec.plan.wiring.wiring import NodeWiring
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A repository as colcon has it."""
+    top = tmp_path_factory.mktemp("workspace")
+    (top / ".git").mkdir()
+    return write_workspace(top)
+
+
+def wired(file: Path) -> NodeWiring:
+    """The node of a spec."""
+    spec = load_spec(file).spec
+    assert spec is not None
+    files = read_companion_files(spec, file.parent)
+    nodes = build_wiring(spec, companion_files=files).measure.nodes
+    return next(node for node in nodes if node.node.python)
+
+
+@pytest.mark.parametrize("style", TARGETS)
+def test_init_writes_a_valid_spec_that_knows_the_topics(
+    style: str, bench: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target, subscribed, published = TARGETS[style]
+    file = bench / f"{style}.r2b.yaml"
+    assert main(["init", str(bench / style), "--node", target]) == 0
+    node = wired(file)
+    assert node.interface.subscribes is not None
+    assert node.interface.publishes is not None
+    assert (set(node.interface.subscribes), set(node.interface.publishes)) == (
+        subscribed,
+        published,
+    )
+    monitored = {each["topic"] for each in yaml.safe_load(file.read_text())["monitors"].values()}
+    assert monitored == published
+    assert [each for each in check(load_spec(file)) if each.severity == "error"] == []
+    capsys.readouterr()
+
+
+def test_what_a_file_says_of_executor_and_state_is_written(bench: Path) -> None:
+    for name, node, keys in (
+        ("executor", "./detector.py:Detector", {"executor": "multi_threaded", "threads": 4}),
+        ("state", "./lidar_filter.py:LidarFilter", {"lifecycle": "active"}),
+    ):
+        assert main(["init", str(bench / name), "--node", node]) == 0
+        nodes = yaml.safe_load((bench / f"{name}.r2b.yaml").read_text())["graph"]["nodes"]
+        entry = next(each for each in nodes.values() if "python" in each)
+        assert entry == {"python": node, **keys}
+
+
+def test_another_executor_than_that_of_the_program_is_said(bench: Path) -> None:
+    assert main(["init", str(bench / "single"), "--node", "./detector.py:Detector"]) == 0
+    file = bench / "single.r2b.yaml"
+    text = file.read_text()
+    assert "R2B239" not in {each.code for each in check(load_spec(file))}
+    file.write_text(
+        "".join(
+            line
+            for line in text.splitlines(keepends=True)
+            if "executor:" not in line and "threads:" not in line
+        )
+    )
+    [found] = [each for each in check(load_spec(file)) if each.code == "R2B239"]
+    assert "MultiThreadedExecutor with 4 threads" in found.message
+    assert "'executor: multi_threaded' and 'threads: 4'" in found.help
+
+
+def test_what_is_inherited_from_another_file_is_a_reason_for_doubt(bench: Path) -> None:
+    interface, start = read_source("../src/drive_pkg/drive_pkg/driver_node.py:main", bench)
+    assert interface.may_publish_more == "Driver inherits from BaseNode, whose topics are not read"
+    assert start is not None
+    assert start.style == "main"
+
+
+def test_a_package_that_is_not_built_can_run_from_its_source(bench: Path) -> None:
+    assert main(["init", str(bench / "package"), "--node", "drive_pkg:driver"]) == 0
+    file = bench / "package.r2b.yaml"
+    written = "../src/drive_pkg/drive_pkg/driver_node.py:main"
+    text = file.read_text()
+    assert f"python: {written}" in text
+    file.write_text(
+        text.replace(f"python: {written}", "package: drive_pkg\n      executable: driver")
+    )
+    [found] = [each for each in check(load_spec(file)) if each.code == "R2B622"]
+    assert f"'python: {written}'" in found.help
+
+
+def test_the_function_of_an_installed_script_is_known(tmp_path: Path) -> None:
+    source = write_workspace(tmp_path).parent / "src" / "drive_pkg"
+    metadata = source / "drive_pkg-0.1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: drive-pkg\nVersion: 0.1.0\n")
+    (metadata / "entry_points.txt").write_text(
+        "[console_scripts]\ndriver = drive_pkg.driver_node:main\n"
+    )
+    program = (
+        "from r2bspec.plan.wiring.console_scripts import installed_script\n"
+        "print([installed_script('drive_pkg', name) for name in ('driver', 'other')])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env={"PYTHONPATH": str(source)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.strip() == "['drive_pkg.driver_node.main', '']"
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("setup.py", 'setup(entry_points={"console_scripts": [f"{name}_x = {name}.node:main"]})'),
+        ("setup.cfg", "[options.entry_points]\nconsole_scripts =\n  pkg_x = pkg.node:main\n"),
+        ("pyproject.toml", '[project]\nname = "pkg"\n[project.scripts]\npkg_x = "pkg.node:main"\n'),
+    ],
+)
+def test_every_way_to_declare_a_script_is_read(name: str, text: str, tmp_path: Path) -> None:
+    package = tmp_path / "src" / "robot" / "pkg"
+    (package / "pkg").mkdir(parents=True)
+    (package / "package.xml").write_text("<package><name>pkg</name></package>")
+    (package / "pkg" / "node.py").write_text("def main(): ...\n")
+    (package / name).write_text(text)
+    bench = tmp_path / "bench"
+    bench.mkdir()
+    (tmp_path / ".git").mkdir()
+    assert main(["init", str(bench / "x"), "--node", "pkg:pkg_x"]) == 0
+    text = (bench / "x.r2b.yaml").read_text()
+    assert "../src/robot/pkg/pkg/node.py:main" in text
