@@ -21,6 +21,7 @@ from r2bspec.diagnostics.diagnostic import (
     Span,
 )
 from r2bspec.language.located_tree import ScalarNode, lookup
+from r2bspec.plan.wiring.name_resolution import expand
 from r2bspec.plan.wiring.wiring import NodeWiring
 from r2bspec.record.run_record import Difference
 
@@ -124,7 +125,18 @@ def _path(difference: Difference, context: Context) -> tuple[Path, bool]:
 def _endpoint(
     difference: Difference, context: Context, node: NodeWiring | None
 ) -> tuple[Path, bool]:
-    """The place of the spec from which a node, the player or a monitor has this topic."""
+    """The place of the spec from which a node, the player or a monitor has this topic.
+
+    If a node has another one instead because of a remapping, this is what is misspelt.
+    """
+    rules = [
+        (*each.path, "remappings", before)
+        for _, each in context.nodes
+        for before, after in each.node.remappings.items()
+        if difference.topic and expand(after, each.key, each.namespace) == difference.topic
+    ]
+    if len(rules) == 1:
+        return rules[0], False
     ends = [
         endpoint
         for phase in context.wiring.phases

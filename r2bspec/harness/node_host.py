@@ -69,16 +69,7 @@ def _unmatched(plan: NodePlan, node: Node) -> Iterator[tuple[str, str, str]]:
     The names of an action or an image transport begin with the target.
     """
     name, namespace = node.get_name(), node.get_namespace()
-    found = [
-        each
-        for ask in (
-            node.get_publisher_names_and_types_by_node,
-            node.get_subscriber_names_and_types_by_node,
-            node.get_service_names_and_types_by_node,
-            node.get_client_names_and_types_by_node,
-        )
-        for each, _ in ask(name, namespace)
-    ]
+    found = [*rclpy_tools.names_of(node, name, namespace)]
     found += [each.topic_name for each in node.publishers]
     found += [each.topic_name for each in node.subscriptions]
     for before, after in plan.remappings.items():

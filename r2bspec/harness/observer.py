@@ -79,6 +79,16 @@ def list_graph(node: Node) -> protocol.GraphSnapshot:
     )
 
 
+def list_names(node: Node) -> protocol.NodeNames:
+    """The names of each node that discovery shows."""
+    return protocol.NodeNames(
+        names={
+            f"{namespace.rstrip('/')}/{name}": rclpy_tools.names_of(node, name, namespace)
+            for name, namespace in node.get_node_names_and_namespaces()
+        }
+    )
+
+
 _LIST = "/list_parameters"
 _LIFECYCLE = "/change_state"
 _LIFECYCLE_TYPE = "lifecycle_msgs/srv/ChangeState"
@@ -395,6 +405,8 @@ class GraphParticipant:
                 self._channel.send(discover(self._node, topics))
             case protocol.ListGraph():
                 self._channel.send(list_graph(self._node))
+            case protocol.ListNames():
+                self._channel.send(list_names(self._node))
             case protocol.ListParameters() as question:
                 self._channel.send(list_parameters(question))
             case protocol.ListLifecycle() as question:

@@ -11,7 +11,7 @@ from typing import Any
 import rclpy
 from rclpy.duration import Duration
 from rclpy.impl.implementation_singleton import rclpy_implementation as _implementation
-from rclpy.node import Node
+from rclpy.node import Node, NodeNameNonExistentError
 from rclpy.qos import (
     DurabilityPolicy,
     HistoryPolicy,
@@ -259,3 +259,17 @@ def finish() -> None:
     _to_destroy.clear()
     with contextlib.suppress(Exception):
         try_shutdown()
+
+
+def names_of(node: Node, name: str, namespace: str) -> tuple[str, ...]:
+    """The topics and services of a node, as another one knows them; none if it has ended."""
+    asks = (
+        node.get_publisher_names_and_types_by_node,
+        node.get_subscriber_names_and_types_by_node,
+        node.get_service_names_and_types_by_node,
+        node.get_client_names_and_types_by_node,
+    )
+    try:
+        return tuple(sorted({each for ask in asks for each, _ in ask(name, namespace)}))
+    except NodeNameNonExistentError:
+        return ()

@@ -237,6 +237,10 @@ class ListGraph(Command, frozen=True, kw_only=True, tag=True):
     """Query the nodes, services and topics."""
 
 
+class ListNames(Command, frozen=True, kw_only=True, tag=True):
+    """Query the topics and services of each node."""
+
+
 class ListParameters(Command, frozen=True, kw_only=True, tag=True):
     """Ask all nodes for the names of their parameters, except for these."""
 
@@ -403,6 +407,12 @@ class GraphSnapshot(Reply, frozen=True, kw_only=True, tag=True):
     nodes: tuple[str, ...]
     services: tuple[str, ...]
     topics: tuple[str, ...] = ()
+
+
+class NodeNames(Reply, frozen=True, kw_only=True, tag=True):
+    """The topics and services that each node serves or uses, by full names."""
+
+    names: dict[str, tuple[str, ...]]
 
 
 class ParameterLists(Reply, frozen=True, kw_only=True, tag=True):

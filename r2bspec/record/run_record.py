@@ -384,7 +384,8 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
         owner: the full name of the node, or the part of the harness.
         name: the parameter, the left side of the remapping, the full name of the topic, or the
             transition.
-        topic: the full name that is the target of the remapping.
+        topic: the full name that is the target of the remapping; of an endpoint, the topic that has
+            one instead.
         harmless: whether the run could continue nevertheless.
     """
 

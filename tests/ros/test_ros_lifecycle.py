@@ -1,14 +1,23 @@
-"""Lifecycle nodes: configured and activated by the run, by a manager, by nobody."""
+"""Lifecycle nodes: configured and activated by the run, by a manager, by nobody.
+
+States are changed by services, which are the same in C++. No C++ node is built here: that of the
+demos of ROS runs where it is installed.
+"""
 
 from __future__ import annotations
 
+import os
+import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 pytest.importorskip("rclpy")
 
-from ros_runs import IMAGE, Bench, relay_spec
+from r2bspec.errors import R2bspecError
+from r2bspec.execute.processes.prerequisites import find_executable
+from ros_runs import IMAGE, STRING, Bench, relay_spec
 from ros_runs import bench as bench
 
 # The first has no topics and no gain before it is configured, the second publishes when active.
@@ -140,3 +149,85 @@ def test_a_node_without_states_is_named(bench: Bench) -> None:
     done = bench.run(spec)
     assert done.status == 2
     assert "R2B238 no-lifecycle-node]: /r2b/relay is no lifecycle node" in done.error
+
+
+PROGRAM = """#!{python}
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.lifecycle import LifecycleNode
+from sensor_msgs.msg import Image
+
+
+class Late(LifecycleNode):
+    def __init__(self):
+        super().__init__("late")
+        self.declare_parameter("fails", False)
+
+    def on_configure(self, state):
+        assert not self.get_parameter("fails").value
+        self.output = self.create_lifecycle_publisher(Image, "output", 10)
+        self.input = self.create_subscription(Image, "input", self.output.publish, 10)
+        return super().on_configure(state)
+
+
+rclpy.init()
+try:
+    rclpy.spin(Late())
+except (KeyboardInterrupt, ExternalShutdownException):
+    pass
+"""
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_an_executable_is_brought_up_by_the_services_that_it_has(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, fails: bool
+) -> None:
+    program = tmp_path / "prefix/lib/mine/late"
+    index = tmp_path / "prefix/share/ament_index/resource_index/packages"
+    for folder in (program.parent, index):
+        folder.mkdir(parents=True)
+    (index / "mine").touch()
+    program.write_text(PROGRAM.format(python=sys.executable))
+    program.chmod(0o755)
+    known = os.environ.get("AMENT_PREFIX_PATH", "")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path / 'prefix'}:{known}")
+    node = {
+        "package": "mine",
+        "executable": "late",
+        "lifecycle": "active",
+        "parameters": {"fails": fails},
+        "publishes": {"output": IMAGE},
+        "subscribes": {"input": IMAGE},
+    }
+    done = bench.run(relay_spec(graph={"nodes": {"relay": node}}))
+    if fails:
+        assert done.status == 2
+        cause = "on_configure returned ERROR, or raised an exception"
+        assert f"/r2b/relay could not configure: {cause}" in done.error
+    else:
+        done.assert_counts(20)
+
+
+def has_lifecycle_talker() -> bool:
+    try:
+        find_executable("lifecycle", "lifecycle_talker")
+    except R2bspecError:
+        return False
+    return True
+
+
+@pytest.mark.skipif(
+    not has_lifecycle_talker(), reason="needs the package 'lifecycle' of the demos, in C++"
+)
+def test_a_node_in_cpp_is_brought_up_in_the_same_way(bench: Bench) -> None:
+    spec = relay_spec()
+    spec["graph"]["nodes"]["talker"] = {
+        "package": "lifecycle",
+        "executable": "lifecycle_talker",
+        "lifecycle": "active",
+        "publishes": {"lifecycle_chatter": STRING},
+    }
+    done = bench.run(spec)
+    done.assert_complete()
+    (phase,) = (phase for phase in done.run().record.phases if phase.name == "activate")
+    assert [wait.what for wait in phase.waits] == ["/r2b/talker: activate"]

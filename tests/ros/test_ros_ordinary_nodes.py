@@ -105,7 +105,7 @@ def chain(placement: str) -> dict[str, Any]:
                     "python": "./nodes.py:main",
                     "publishes": {"out": IMAGE},
                     "subscribes": {"in": IMAGE},
-                    "remappings": {"in": "second", "out": "output"},
+                    "remappings": {"in": "second", "out": "output", "lost": "nowhere"},
                 },
                 "clocked": {
                     "python": "./nodes.py:Clocked",
@@ -133,6 +133,8 @@ def test_nodes_without_keyword_arguments_run_as_they_are(bench: Bench, placement
             break
     assert {"bright", "middle", "last"} <= {each.name for each in done.run().record.processes}
     assert "R2B233" not in done.stderr
+    # It spins its nodes itself, and is asked from outside.
+    assert "/r2b/last has no topic 'lost' to remap to /r2b/nowhere" in done.stderr
     for monitor in ("out", "timed"):
         done.assert_counts(20, monitor)
 

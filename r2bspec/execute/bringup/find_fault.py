@@ -38,13 +38,15 @@ FAULT_CODES: dict[FaultKind, str] = {
 class Fault:
     """What is wrong on which topic, and with whose endpoint.
 
-    `owner` is a node or a part of the harness; empty if unknown.
+    `owner` is a node or a part of the harness; empty if unknown. `instead` is the topic that has an
+    endpoint which was probably meant for this one; empty without one.
     """
 
     kind: FaultKind
     topic: str
     owner: str
     sentence: str
+    instead: str = ""
 
     @property
     def code(self) -> str:
@@ -151,7 +153,7 @@ def _no_publisher(facts: GraphFacts, topic: TopicFacts) -> Fault:
     elif unused:
         by = _names(facts.topics[unused[0]].publisher_nodes)
         sentence += f"; {unused[0]}, published by {by}, has no subscription"
-    return Fault("no publisher", topic.name, owner, sentence)
+    return Fault("no publisher", topic.name, owner, sentence, close)
 
 
 def _type_mismatch(topic: TopicFacts, readers: Collection[str]) -> Fault | None:
@@ -249,7 +251,7 @@ def _no_subscription(facts: GraphFacts, topic: TopicFacts, readers: list[str]) -
     elif unused:
         who = _who(others[unused[0]].subscriber_nodes, "subscribe")
         sentence += f"; {unused[0]}, to which {who}, has no publisher"
-    return Fault("no subscription", topic.name, owner, sentence)
+    return Fault("no subscription", topic.name, owner, sentence, close)
 
 
 def _closest_name(wrong: str, names: Iterable[str]) -> str:

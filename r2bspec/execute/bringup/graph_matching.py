@@ -25,7 +25,12 @@ from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.bringup.lifecycle import LifecycleNodes
 from r2bspec.execute.bringup.observe_graph import HARNESS, GraphFacts, GraphObserver
 from r2bspec.execute.bringup.readiness import IdleNodes, StartDeadline, patience_s
-from r2bspec.execute.bringup.spec_mismatches import find_undeclared, unmatched_remapping
+from r2bspec.execute.bringup.spec_mismatches import (
+    find_undeclared,
+    find_unmatched,
+    spins_nodes,
+    unmatched_remapping,
+)
 from r2bspec.execute.errors import GraphMismatchError, NotReadyError, RunError
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
@@ -283,6 +288,23 @@ class PhaseGraph:
         for difference in differences:
             self.note(f"{difference.message}; ROS ignores it")
         self.launcher.differences += differences
+        self._check_remappings(observer)
+
+    def _check_remappings(self, observer: ManagedProcess) -> None:
+        """Record the remappings without effect of nodes that no Python host has asked."""
+        known = {(each.owner, each.name) for each in self.launcher.differences}
+        opaque = {
+            node.name
+            for process in self.plan.processes
+            if not spins_nodes(process, self.launcher.programs)
+            for node in process.nodes
+        }
+        rules = [
+            rule
+            for rule in self.remapped_topics()
+            if rule.own_node_name and rule.node in opaque and (rule.node, rule.before) not in known
+        ]
+        self.launcher.differences += find_unmatched(rules, self.supervisor, observer)
 
     def remapped_topics(self) -> tuple[find_fault.RemappedTopic, ...]:
         """The topics to which the plan remaps the names of nodes."""
@@ -400,6 +422,7 @@ def graph_mismatches(
             part="endpoint",
             owner=fault.owner,
             name=fault.topic,
+            topic=fault.instead,
         )
         for fault in faults
         if fault.topic not in explained and is_permanent(fault)

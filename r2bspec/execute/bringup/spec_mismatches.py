@@ -8,12 +8,13 @@ parameter that is not declared, so that a graph with a misspelt one runs, with a
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import msgspec
 
 from r2bspec.diagnostics import did_you_mean
+from r2bspec.execute.bringup.find_fault import RemappedTopic
 from r2bspec.execute.errors import GraphMismatchError
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
@@ -103,6 +104,49 @@ def unmatched_remapping(node: str, before: str, after: str, own: Iterable[str]) 
     )
 
 
+def find_unmatched(
+    rules: Sequence[RemappedTopic], supervisor: ProcessSupervisor, observer: ManagedProcess
+) -> tuple[Difference, ...]:
+    """Remappings of nodes outside of Python hosts that changed no name of theirs.
+
+    A node that discovery does not show is left out.
+
+    Args:
+        rules: the remappings.
+        supervisor: all processes.
+        observer: a monitor or a loader.
+
+    Raises:
+        RunError: the observer does not respond.
+    """
+    deadline = time.monotonic() + _PATIENCE_S
+    while rules:
+        found = supervisor.request(observer, protocol.ListNames(), protocol.NodeNames).names
+        rules = [rule for rule in rules if not _matches(rule, found)]
+        if time.monotonic() > deadline:
+            break
+        supervisor.pump(_POLL_S)
+    return tuple(
+        unmatched_remapping(
+            rule.node,
+            rule.before,
+            rule.topic,
+            # Without what every node has.
+            {each for each in found[rule.node] if not each.startswith(f"{rule.node}/")}
+            - {"/rosout", "/parameter_events"},
+        )
+        for rule in rules
+        if rule.node in found
+    )
+
+
+def _matches(rule: RemappedTopic, found: Mapping[str, Collection[str]]) -> bool:
+    """Whether a node has a name that a rule has made; those of an action begin with the target."""
+    return any(
+        name == rule.topic or name.startswith(f"{rule.topic}/") for name in found.get(rule.node, ())
+    )
+
+
 @dataclass(frozen=True)
 class ExpectedParameters:
     """The parameters that a plan sets for a node.
@@ -124,14 +168,14 @@ def expected_parameters(
 ) -> Iterator[ExpectedParameters]:
     """The parameters of nodes that are not spun by Python hosts."""
     for process in plan.processes:
-        if process.phase == phase and not _spins_nodes(process, programs):
+        if process.phase == phase and not spins_nodes(process, programs):
             for node in process.nodes:
                 names = tuple(name for name in node.parameters if not _is_common(name))
                 if names:
                     yield ExpectedParameters(node.name, names, has_planned_name(process, node))
 
 
-def _spins_nodes(process: ProcessPlan, programs: Collection[str]) -> bool:
+def spins_nodes(process: ProcessPlan, programs: Collection[str]) -> bool:
     """Whether a process of r2bspec spins its nodes, and has asked them itself."""
     return process.role not in {"container", "command"} and process.name not in programs
 
@@ -166,7 +210,7 @@ def find_undeclared(
     expected = tuple(expected_parameters(plan, phase, programs))
     if not expected:
         return ()
-    hosts = (process for process in plan.processes if _spins_nodes(process, programs))
+    hosts = (process for process in plan.processes if spins_nodes(process, programs))
     hosted = sorted({node.name for process in hosts for node in process.nodes})
     command = protocol.ListParameters(exclude=tuple(hosted), timeout_ns=_CALL_NS)
     deadline = time.monotonic() + _PATIENCE_S

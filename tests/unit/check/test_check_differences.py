@@ -16,7 +16,7 @@ SPEC = Path(__file__).with_name("differences.r2b.yaml").read_text(encoding="utf-
 
 
 def difference(
-    code: str, part: str, owner: str, name: str, *, harmless: bool = False
+    code: str, part: str, owner: str, name: str, topic: str = "", *, harmless: bool = False
 ) -> Difference:
     return Difference(
         code=code,
@@ -24,6 +24,7 @@ def difference(
         part=part,  # type: ignore[arg-type]
         owner=owner,
         name=name,
+        topic=topic,
         harmless=harmless,
     )
 
@@ -37,6 +38,12 @@ def difference(
         (difference("R2B207", "endpoint", "", "/r2b/last"), 20, "last"),
         (difference("R2B210", "endpoint", "monitor", "/r2b/last"), 20, "last"),
         (difference("R2B216", "endpoint", "/r2b/second", "/r2b/between"), 18, "between"),
+        # What the component has instead, because its remapping is misspelt.
+        (difference("R2B208", "endpoint", "", "/r2b/last", "/r2b/image"), 14, "image"),
+        (difference("R2B665", "parameter", "/r2b/first", "rtae"), 13, "rtae"),
+        (difference("R2B665", "parameter", "/r2b/second", "required"), 15, "second"),
+        (difference("R2B665", "node", "/r2b/second", ""), 15, "second"),
+        (difference("R2B605", "lifecycle", "/r2b/second", "configure"), 15, "second"),
         # A topic that is nowhere in the spec: the node that has it.
         (difference("R2B207", "endpoint", "/r2b/first", "/r2b/unheard_of"), 9, "first"),
     ],

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import pytest
 
-from r2bspec.execute.bringup.find_fault import Fault
+from r2bspec.execute.bringup import spec_mismatches
+from r2bspec.execute.bringup.find_fault import Fault, RemappedTopic
 from r2bspec.execute.bringup.graph_matching import graph_mismatches, related_differences
 from r2bspec.execute.bringup.spec_mismatches import (
     ExpectedParameters,
+    find_unmatched,
     is_typing_error,
     require_declared_parameters,
     undeclared,
     unmatched_remappings,
 )
 from r2bspec.execute.errors import GraphMismatchError
+from r2bspec.ipc import protocol
 from r2bspec.ipc.protocol import ParameterLists, Ready
 
 READY = Ready(
@@ -49,6 +53,46 @@ def test_a_remapping_that_changed_nothing_ends_no_run_by_itself() -> None:
     assert first.harmless
     assert first.help == "its topics: /r2b/output"
     assert graph_mismatches([], [first]) == ()
+
+
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Names may come later; here, all come at once."""
+    monkeypatch.setattr(spec_mismatches, "_PATIENCE_S", 0.05)
+
+
+class Answers:
+    """In place of the supervisor: gives the names of nodes as discovery shows them in turn."""
+
+    def __init__(self, *found: dict[str, tuple[str, ...]]) -> None:
+        self._found = list(found)
+
+    def request(self, *_: Any) -> protocol.NodeNames:
+        """The next answer; the last one again and again."""
+        return protocol.NodeNames(names=self._found.pop(0) if self._found[1:] else self._found[0])
+
+    def pump(self, _seconds: float) -> None:
+        """No time passes."""
+
+
+def unmatched_of(*found: dict[str, tuple[str, ...]]) -> list[str]:
+    rules = [RemappedTopic("/r2b/a", before, f"/r2b/{before}_new", True) for before in ("x", "y")]
+    answers: Any = Answers(*found)
+    return [each.name for each in find_unmatched(rules, answers, answers)]
+
+
+def test_remappings_of_other_nodes_are_looked_up_in_what_discovery_shows() -> None:
+    assert unmatched_of({}, {"/r2b/a": ("/r2b/x_new", "/r2b/y_new/compressed")}) == []
+    (found,) = find_unmatched(
+        [RemappedTopic("/r2b/a", "x", "/r2b/z", True)],
+        *[Answers({"/r2b/a": ("/rosout", "/r2b/a/get_parameters", "/r2b/x")})] * 2,  # type: ignore[arg-type]
+    )
+    assert found.message == "/r2b/a has no topic 'x' to remap to /r2b/z"
+    assert (found.code, found.help, found.harmless) == ("R2B204", "its topics: /r2b/x", True)
+
+
+def test_nothing_is_said_of_the_remappings_of_a_node_that_is_not_found() -> None:
+    assert unmatched_of({"/r2b/b": ()}) == []
 
 
 def test_a_remapping_is_the_cause_of_the_topic_that_it_did_not_make() -> None:
