@@ -136,6 +136,13 @@ def test_an_argument_that_is_not_known_is_not_passed_on_in_silence() -> None:
     assert "cell.launch.xml:3: far.launch.xml gets no launch argument 'vehicle'" in text
 
 
+def test_names_that_a_run_needs_itself_are_not_taken() -> None:
+    content = '<launch><node pkg="cell" exec="system" name="system"/></launch>'
+    spec, text = made(content, name="system.launch.xml")
+    assert list(spec.graph.nodes) == ["system_2"]
+    assert "here it is 'system_2'" in text
+
+
 def test_programs_that_end_are_told() -> None:
     content = '<launch><node pkg="controller_manager" exec="spawner" name="arm"/></launch>'
     _, text = made(content, name="cell.launch.xml")
