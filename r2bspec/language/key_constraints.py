@@ -56,6 +56,10 @@ def key_constraint_errors(
         for path, node in document.entries(section):
             yield from _node(document, node, path)
             yield from _launch(document, (*path, "launch"))
+    for path, _ in document.entries(("containers",)):
+        if document.word(*path, "executable") == "python":
+            why = ": a container of Python nodes has no arguments"
+            yield from document.without_effect([(*path, "arguments")], why, "remove '{key}'")
     yield from _bags(document)
     for name, keys in _PROBES.items():
         listed = ", ".join(f"'{key}'" for key in keys[:-1]) + f" or '{keys[-1]}'"
