@@ -53,8 +53,11 @@ def key_constraint_errors(
     for section in _NODE_MAPS:
         for path, node in document.entries(section):
             yield from _node(document, node, path)
+            yield from _policies(document, path)
             yield from _launch(document, (*path, "launch"))
     yield from _bags(document)
+    for path, _ in document.entries(("containers",)):
+        yield from _policies(document, path)
     for name, keys in _PROBES.items():
         listed = ", ".join(f"'{key}'" for key in keys[:-1]) + f" or '{keys[-1]}'"
         for path, _ in document.entries((name,)):
@@ -198,6 +201,22 @@ def _node(document: _Document, node: MapNode, path: Path) -> Iterator[Diagnostic
     for key, (why, help_text) in refused.items():
         if key in node.entries:
             yield document.error((*path, key), f"{name} cannot have '{key}': {why}", help_text)
+
+
+def _policies(document: _Document, path: Path) -> Iterator[Diagnostic]:
+    """Policies of real time have a priority, and others have none."""
+    scheduling = (*path, "scheduling")
+    threads = lookup(document.root, (*scheduling, "threads"))
+    number = len(threads.items) if isinstance(threads, ListNode) else 0
+    for place in (scheduling, *((*scheduling, "threads", index) for index in range(number))):
+        policy, priority = document.word(*place, "policy"), document.number((*place, "priority"), 0)
+        if policy in {"fifo", "rr"}:
+            if priority == 0:
+                message = f"the policy {policy} needs a priority"
+                yield document.error((*place, "policy"), message, "add 'priority', from 1 to 99")
+        elif priority:
+            message = f"'{format_path((*place, 'priority'))}' has no effect without real time"
+            yield document.error((*place, "priority"), message, "use 'nice', or 'policy: fifo'")
 
 
 def _incomplete(document: _Document, path: Path, given: str, group: str) -> Diagnostic:
