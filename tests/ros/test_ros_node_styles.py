@@ -109,4 +109,4 @@ def test_a_program_that_fails_says_why(workspace: Bench) -> None:
     workspace.write_node("failing.py", FAILING)
     nodes = {"relay": {"python": "./failing.py:main"}}
     done = workspace.run(spec(nodes, {"out": "output"}, ["input"]))
-    assert "node /r2b/relay ended with KeyError: 'calibration'" in done.error
+    assert "node /r2b/relay cannot be created: KeyError: 'calibration'" in done.error
