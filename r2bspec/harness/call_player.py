@@ -253,6 +253,7 @@ class CallPlayer:
         self._feedback = [each for call in self._calls for each in call.feedback]
         self._playback = RowWriter(folder / protocol.CALLED_ROWS, len(PLAYBACK_FIELDS))
         self._last_stamp_ns = 0
+        self._is_over = False
         handle = self._node.context.handle
         self._set = _implementation.WaitSet(
             len(self._feedback), 0, 0, len(self._exchanges), 0, 0, handle
@@ -265,7 +266,7 @@ class CallPlayer:
             ChannelClosedError: the controller has exited.
         """
         self._channel.send(protocol.Ready(rmw=rclpy_tools.loaded_rmw()))
-        while True:
+        while not self._is_over:
             self._read_answers(_IDLE_S)
             if not self._channel.wait(0.0):
                 continue
@@ -276,7 +277,7 @@ class CallPlayer:
                     counts = {each.target: int(each.is_there()) for each in self._calls}
                     self._channel.send(protocol.Matched(counts=counts))
                 case protocol.Shutdown():
-                    return
+                    self._is_over = True
 
     def _play(self, play: protocol.Play) -> int:
         """Play steps; returns their number, which is smaller if it was stopped."""
@@ -286,8 +287,9 @@ class CallPlayer:
             while (left_s := (due_ns - time.monotonic_ns()) / 1e9) > _EXACT_S:
                 self._read_answers(left_s - _EXACT_S)
             time.sleep(max(0.0, left_s))
-            # Only `Stop` comes while steps are played.
-            if self._channel.wait(0.0) and isinstance(self._channel.receive(), protocol.Stop):
+            if self._channel.wait(0.0):
+                # Only `Stop` comes while steps are played, or the end of the run.
+                self._is_over = isinstance(self._channel.receive(), protocol.Shutdown)
                 return step
             self._call_all(due_ns)
         return play.steps
