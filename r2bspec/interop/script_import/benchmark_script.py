@@ -61,7 +61,7 @@ _TOOL_KEYS: Final = frozenset(
     }
 )
 """Keys of the configuration that tune the tool itself: its timeouts, waits, search and files."""
-CLIENTS: Final = {"ActionClient": ("action", 1), "create_client": ("service", 0)}
+_CLIENTS: Final = {"ActionClient": ("action", 1), "create_client": ("service", 0)}
 """What makes clients: what they call, and at which position the type is, before the name."""
 
 _DEFAULTS: Final[dict[str, Any]] = {
@@ -88,6 +88,22 @@ _DEFAULTS: Final[dict[str, Any]] = {
 """Keys with a counterpart in a spec, with the defaults of ros2_benchmark."""
 
 
+@dataclass(frozen=True, slots=True)
+class ScriptClient:
+    """A client of a service or an action that a script makes.
+
+    Attributes:
+        kind: ``action`` or ``service``.
+        type: such as ``test_msgs/action/Fibonacci``; empty if it is not known.
+        name: of the service or the action; empty if it is not known.
+    """
+
+    kind: str
+    type: str
+    name: str
+    place: Span
+
+
 @dataclass(slots=True)
 class BenchmarkScript:
     """What a script says.
@@ -97,9 +113,8 @@ class BenchmarkScript:
         preparation: what it does before the launch, such as building a model.
         hooks: what its hooks do before the benchmark.
         late_hooks: what they do after it.
-        clients: the clients of services and actions that it calls, as it makes them.
+        clients: of services and actions that its class makes.
         notes: what was not followed.
-        calls: the actions whose answers it measures, which a spec cannot say.
         imports: the places of imports, by the name of the module.
         texts: the text of every file that places refer to.
     """
@@ -110,12 +125,16 @@ class BenchmarkScript:
     preparation: list[Construct]
     hooks: list[Construct]
     late_hooks: list[Construct]
-    clients: list[Construct]
+    clients: list[ScriptClient]
     comments: source_files.ScriptComments
     notes: list[Note]
-    calls: list[Note]
     imports: dict[str, Span]
     texts: dict[str, str]
+
+    @property
+    def sends_goals(self) -> bool:
+        """Whether it calls actions, and measures that instead of what ros2_benchmark measures."""
+        return any(client.kind == "action" for client in self.clients)
 
     @property
     def docstring(self) -> str:
@@ -147,9 +166,6 @@ class Settings:
         mode = self.value("benchmark_mode")
         name = mode.name.rpartition(".")[2] if isinstance(mode, Foreign) else mode
         self.mode = name.lower() if isinstance(name, str) else ""
-        if self.script.calls:
-            # It plays nothing: its load are the goals that it sends.
-            self.mode = "live"
         self.is_mode_known = self.mode in _MODES
         if not self.is_mode_known:
             self.lose("benchmark_mode")
@@ -232,7 +248,6 @@ class _ScriptEvaluation:
         self.module = module
         self.evaluator = Evaluator(reader)
         self.notes: list[Note] = []
-        self.clients: list[Construct] = []
 
     def benchmark(self) -> BenchmarkScript:
         self.evaluator.run_module(self.module)
@@ -241,10 +256,11 @@ class _ScriptEvaluation:
         trace.effects.clear()
         actions = self._actions(self.module.scope.place(kind.node))
         preparation = trace.take_effects()
-        calls = self._calls(kind)
+        clients = self._clients(kind)
         # The test of a script that sends goals does that instead of what ros2_benchmark does.
-        hooks = [] if calls else self._run_hooks(kind, late=False)
-        late_hooks = [] if calls else self._run_hooks(kind, late=True)
+        runs_hooks = all(client.kind != "action" for client in clients)
+        hooks = self._run_hooks(kind, late=False) if runs_hooks else []
+        late_hooks = self._run_hooks(kind, late=True) if runs_hooks else []
         parts = collect_actions(actions, self._expand, self.reader.steps)
         return BenchmarkScript(
             module=self.module,
@@ -253,10 +269,9 @@ class _ScriptEvaluation:
             preparation=preparation,
             hooks=hooks,
             late_hooks=late_hooks,
-            clients=self.clients,
+            clients=clients,
             comments=source_files.read_comments(self.module.file, self.module.text),
             notes=[*self.evaluator.notes, *self.notes],
-            calls=calls,
             imports=trace.imports,
             texts=self.reader.texts,
         )
@@ -309,35 +324,27 @@ class _ScriptEvaluation:
             ):
                 method = self.evaluator.attribute(instance, name)
                 self.evaluator.call(method, place=self.module.scope.place(kind.node))
-        kept = instance.names.values()
-        made = [each for each in kept if isinstance(each, Construct)]
-        self.clients += [each for each in made if each.short_name in CLIENTS]
         return self.evaluator.trace.take_effects()
 
-    def _calls(self, kind: ScriptClass) -> list[Note]:
-        """The clients of actions that the class and its bases make."""
-        notes: dict[str, Note] = {}
-        for each in kind.lineage():
-            if not isinstance(each, ScriptClass):
-                continue
-            functions = [made for made in each.names.values() if isinstance(made, ScriptFunction)]
-            for function in functions:
-                for node in ast.walk(function.node):
-                    if isinstance(node, ast.Call) and _last_name(node.func) == "ActionClient":
-                        note = self._call(node, function.scope)
-                        notes.setdefault(note.reason, note)
-        return list(notes.values())
+    def _clients(self, kind: ScriptClass) -> list[ScriptClient]:
+        """The clients that the class and its bases make, each once."""
+        clients = [
+            self._client(node, function.scope)
+            for base in kind.lineage()
+            if isinstance(base, ScriptClass)
+            for function in base.names.values()
+            if isinstance(function, ScriptFunction)
+            for node in ast.walk(function.node)
+            if isinstance(node, ast.Call) and _last_name(node.func) in _CLIENTS
+        ]
+        return [*{(client.kind, client.name): client for client in clients}.values()]
 
-    def _call(self, node: ast.Call, scope: Scope) -> Note:
-        known = [self.evaluator.value(argument, scope) for argument in node.args[1:3]]
-        types = [value.name.replace(".", "/") for value in known if isinstance(value, Foreign)]
-        names = [value for value in known if isinstance(value, str)]
-        shown = " ".join([*(repr(name) for name in names[:1]), *(f"({x})" for x in types[:1])])
-        reason = (
-            f"the script sends goals to an action {shown} and measures its answers: a spec has no "
-            "calls of actions, so this one only starts the graph"
-        )
-        return Note(reason.replace("  ", " "), scope.place(node))
+    def _client(self, node: ast.Call, scope: Scope) -> ScriptClient:
+        kind, position = _CLIENTS[_last_name(node.func)]
+        values = [self.evaluator.value(each, scope) for each in node.args[position : position + 2]]
+        types = [value.name.replace(".", "/") for value in values[:1] if isinstance(value, Foreign)]
+        names = [value for value in values[1:] if isinstance(value, str)]
+        return ScriptClient(kind, "".join(types), "".join(names), scope.place(node))
 
     def _expand(self, include: IncludeAction, _inherited: Mapping[str, Any]) -> LaunchFile | None:
         """What is in an included file that loads nodes into a container of the script."""

@@ -182,7 +182,7 @@ class _Mistakes:
         """The indices in the list of monitors; None if the list is not known."""
         given = self.config.get("monitor_info_list")
         if given is None:
-            return {} if self.script.calls else {0: self.config.place}
+            return {} if self.script.sends_goals else {0: self.config.place}
         if not isinstance(given, list | tuple):
             return None
         indices: dict[int, Span] = {}

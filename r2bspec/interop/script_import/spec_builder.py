@@ -17,7 +17,7 @@ from typing import Any, Final
 from r2bspec.datasets.catalogue import SEQUENCES
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.interop.script_import import node_roles
-from r2bspec.interop.script_import.benchmark_script import CLIENTS, BenchmarkScript, Settings
+from r2bspec.interop.script_import.benchmark_script import BenchmarkScript, Settings
 from r2bspec.interop.script_import.launch_actions import topic_in
 from r2bspec.interop.script_import.launch_parts import NodeAction
 from r2bspec.interop.script_import.source_files import MODULE_MISSING
@@ -30,7 +30,7 @@ from r2bspec.interop.script_import.spec_text import (
     relative_folder,
     unique_name,
 )
-from r2bspec.interop.script_import.values import Foreign, ImageSize, Note
+from r2bspec.interop.script_import.values import ImageSize, Note
 from r2bspec.language.names import MESSAGE_TYPE, MONITOR_NAME, NAME
 
 _NOT_IMPORTED: Final = "R2B710"
@@ -101,7 +101,7 @@ class _SpecBuilder:
         stem = self.script.module.file.stem
         name = stem if re.search(NAME.pattern, stem) else identifier(stem)
         top = self._head(name)
-        notes = [*self.script.calls, *self.script.notes, *self.values.notes]
+        notes = [*self.script.notes, *self.values.notes]
         missing = self._missing_modules()
         found = [
             *missing,
@@ -286,16 +286,16 @@ class _SpecBuilder:
         block = Block()
         used: set[str] = set()
         for client in self.called:
-            kind, position = CLIENTS[client.short_name]
-            given, name = (client.get("", each) for each in (position, position + 1))
-            if not isinstance(given, Foreign) or not isinstance(name, str):
-                self.values.lose(f"what {client.short_name} calls is not known", client.place)
+            if not client.type or not client.name:
+                self.values.lose(f"the {client.kind} of a client is not known", client.place)
                 continue
-            request = "goal" if kind == "action" else "request"
-            self.values.lose(f"the {request} of {name!r} is what the script computes", client.place)
-            call = {"name": name, "type": given.name.replace(".", "/"), request: {}}
-            key = unique_name(identifier(name.strip("/")), used)
-            block.add(key, {kind: call}, [f"Write the fields of the {request}."])
+            request = "goal" if client.kind == "action" else "request"
+            self.values.lose(
+                f"the {request} of {client.name!r} is what the script computes", client.place
+            )
+            call = {"name": client.name, "type": client.type, request: {}}
+            key = unique_name(identifier(client.name.strip("/")), used)
+            block.add(key, {client.kind: call}, [f"Write the fields of the {request}."])
         return block
 
     def _add_input(self, block: Block, each: node_roles.PlayedInput) -> None:
