@@ -440,14 +440,15 @@ def _benchmark(document: _Document) -> Iterator[Diagnostic]:
 
 
 def _number_of_rates(document: _Document) -> int:
-    """How many rates are listed, or are in the range; 1 where that is not known."""
+    """How many rates are listed, or are in a valid range; 1 where that is not known."""
     path: Path = ("benchmark", "rates")
     listed = lookup(document.root, path)
     if isinstance(listed, ListNode):
         return len(listed.items)
     first, last, step = (document.rate(*path, key) for key in ("from", "to", "step"))
     if first is not None and last is not None and step is not None and step.is_positive:
-        return int(min((last.hz - first.hz) / step.hz, MAX_RANGE_RATES)) + 1
+        number = (last.hz - first.hz) / step.hz
+        return int(number) + 1 if 0 < number < MAX_RANGE_RATES else 1
     return document.number((*path, "count"), 1) or 1
 
 

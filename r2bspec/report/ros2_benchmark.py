@@ -10,6 +10,7 @@ the run does not have are absent. ``docs/reports.md`` lists every key.
 from __future__ import annotations
 
 import json
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics.plain_text import escaped_json
-from r2bspec.judge.measure.host_usage import MACHINE_INDEX
+from r2bspec.judge.measure.host_usage import MACHINE_INDEX, ProcessSamples
 from r2bspec.judge.measure.matching import arrivals
 from r2bspec.judge.measure.run_samples import match_segment
 from r2bspec.plan.plan import MonitorPlan
@@ -169,8 +170,7 @@ class _MachineLoad:
     """The load of the whole machine, in percent of all cores and of all memory."""
 
     def __init__(self, run: Run) -> None:
-        rows = run.resources()
-        rows = rows[rows["process"] == MACHINE_INDEX]
+        rows = ProcessSamples(run.resources()).rows(MACHINE_INDEX)
         self._times = rows["time_ns"]
         self._cores = float(run.record.machine.get("cores") or 0)
         total = float(run.record.machine.get("memory_bytes") or 0)
@@ -184,7 +184,8 @@ class _MachineLoad:
         """Only while messages were played; idle time would lower the load."""
         inside = np.zeros(self._times.size, dtype=np.bool_)
         for each in segments:
-            inside |= (self._times >= each.began_ns) & (self._times <= each.ended_ns)
+            first = bisect_left(self._times, each.began_ns)
+            inside[first : bisect_right(self._times, each.ended_ns)] = True
         found: dict[str, float] = {}
         if self._cpu.size:
             found |= _summary("OVERALL_CPU", self._cpu[inside[:-1] & inside[1:]])

@@ -28,7 +28,7 @@ import numpy as np
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import to_json
-from r2bspec.judge.measure.host_usage import MACHINE_INDEX, spaced_indices
+from r2bspec.judge.measure.host_usage import MACHINE_INDEX, ProcessSamples, spaced_indices
 from r2bspec.judge.measure.metrics import pace_of
 from r2bspec.judge.measure.run_samples import match_segment
 from r2bspec.judge.measure.units import show_rate
@@ -101,11 +101,10 @@ def expected_answers(run: Run, monitor: str) -> Iterator[ExpectedAnswer]:
 
 def load_samples(run: Run) -> Iterator[LoadSample]:
     """Every sample except the first of each process, by process."""
-    rows = run.resources()
+    samples = ProcessSamples(run.resources())
     names = {number: each.name for number, each in enumerate(run.record.processes)}
     for index, name in {**names, MACHINE_INDEX: WHOLE_MACHINE}.items():
-        of_one = rows[rows["process"] == index]
-        of_one = of_one[np.argsort(of_one["time_ns"], kind="stable")]
+        of_one = samples.rows(index)
         of_one = of_one[spaced_indices(of_one["time_ns"])]
         spans = np.diff(of_one["time_ns"])
         used = np.diff(of_one["cpu_s"])

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.record.run_record import HarnessOverheadRecord
-from r2bspec.record.sample_arrays import Rows
+from r2bspec.record.sample_arrays import RESOURCE_DTYPE, Rows
 
 
 @dataclass(frozen=True)
@@ -76,9 +76,15 @@ class ProcessSamples:
         ordered = resources[np.lexsort((resources["time_ns"], resources["process"]))]
         self._indices, starts = np.unique(ordered["process"], return_index=True)
         self._rows = np.split(ordered, starts[1:])
+        self._places = {index: place for place, index in enumerate(self._indices.tolist())}
         ends = np.append(starts, ordered.size)[1:]
         self._first_ns = ordered["time_ns"][starts]
         self._last_ns = ordered["time_ns"][ends - 1]
+
+    def rows(self, index: int) -> Rows:
+        """The rows of one process in the order of time; none if it was not sampled."""
+        place = self._places.get(index)
+        return np.empty(0, RESOURCE_DTYPE) if place is None else self._rows[place]
 
     def used(self, began_ns: int, ended_ns: int) -> dict[int, ResourceUse]:
         """What each process used between two times, by its index, ascending.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.diagnostics.quote import printable
-from r2bspec.judge.measure.host_usage import MACHINE_INDEX, spaced_indices
+from r2bspec.judge.measure.host_usage import MACHINE_INDEX, ProcessSamples, spaced_indices
 from r2bspec.record.run_folder import Run
 from r2bspec.record.sample_arrays import Rows
 from r2bspec.report.html.chart import PALETTE, Chart, ChartBuilder, colour, draw, line_style, write
@@ -58,8 +58,9 @@ def loads_chart(name: str, run: Run) -> Chart | None:
         }
         places["whole machine"] = len(places)
         shown: set[str] = set()
+        samples = ProcessSamples(rows)
         for index, process in [*names, (MACHINE_INDEX, "whole machine")]:
-            of_one = rows[rows["process"] == index]
+            of_one = samples.rows(index)
             if of_one.size > 2:
                 again = process in shown
                 shown.add(process)
@@ -103,7 +104,6 @@ def _process(
 
     `again` leaves it out of the legend, which has another process of its name.
     """
-    rows = rows[np.argsort(rows["time_ns"], kind="stable")]
     rows, ends, group = _grouped(rows)
     times = (rows["time_ns"][ends] - start_ns) / 1e9
     cpu = _percent(rows["cpu_s"][ends], times)
