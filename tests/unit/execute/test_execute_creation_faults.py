@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from plans import node_plan
-from r2bspec.execute.bringup.creation_faults import not_created, not_loaded
-from r2bspec.execute.errors import GraphMismatchError, ProcessDiedError
+from r2bspec.execute.bringup.creation_faults import not_created, not_loaded, not_made
+from r2bspec.execute.errors import GraphMismatchError, ProcessDiedError, ProcessFailedError
 
 NODE = node_plan("rectify", namespace="/r2b", package="camera", plugin="camera::Rectify")
 THREW = "Component constructor threw an exception: "
@@ -172,3 +172,43 @@ def test_of_a_process_with_several_nodes_none_is_blamed(nodes: list[object]) -> 
 
 def test_a_crash_is_no_exception() -> None:
     assert not_created(died("Segmentation fault"), [NODE]) is None
+
+
+# What rclpy 7.1 raises.
+@pytest.mark.parametrize(
+    ("what", "said", "name"),
+    [
+        (
+            (
+                "InvalidParameterTypeException: Trying to set parameter 'gain' to '2' of type "
+                "'INTEGER', expecting type 'DOUBLE': gain"
+            ),
+            "parameter 'gain' is of type double, and cannot be of type integer",
+            "gain",
+        ),
+        (
+            "ParameterUninitializedException: The parameter 'model' is not initialized: model",
+            "parameter 'model' is required, and is not set",
+            "model",
+        ),
+        (
+            (
+                "InvalidParameterValueException: Invalid parameter value (99) for parameter. "
+                "Reason: Parameter rate out of range. Min: 1, Max: 10, value: 99: rate"
+            ),
+            "parameter 'rate' is out of its range",
+            "rate",
+        ),
+        ("ValueError: no camera", "ValueError: no camera", ""),
+    ],
+)
+def test_a_python_node_with_the_same_mistake_has_the_same_words_and_place(
+    what: str, said: str, name: str
+) -> None:
+    text = f"rectify: node /r2b/rectify cannot be created: {what}"
+    error = not_made(ProcessFailedError(text, code="R2B633"), [NODE])
+    assert error is not None
+    (difference,) = error.differences
+    assert difference.message == f"node /r2b/rectify cannot be created: {said}"
+    assert (difference.code, difference.name, error.exit_code) == ("R2B633", name, 2)
+    assert not_made(ProcessFailedError(text, code="R2B634"), [NODE]) is None
