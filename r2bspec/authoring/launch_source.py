@@ -231,8 +231,12 @@ class _Reading:
         inherited = {name: value for name, value in arguments.items() if isinstance(value, str)}
         file = self._included(include)
         if file is None or file in self.kept or not is_regular(file):
-            for name, value in inherited.items():
-                include.arguments.setdefault(name, value)
+            for name, value in arguments.items():
+                if name in inherited:
+                    include.arguments.setdefault(name, value)
+                elif name not in include.arguments:
+                    what = f"{include.name} gets no launch argument {name!r}, which is not known"
+                    self.changes.append(Note(what, place))
             return None
         try:
             launched = self._launch_file(file, inherited | include.arguments)

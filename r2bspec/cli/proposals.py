@@ -15,6 +15,7 @@ from r2bspec.cli.text_output import print_table
 from r2bspec.errors import ExitStatus, UsageError
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
+from r2bspec.safe_io.limits import MAX_PLANNED_ITERATIONS
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 @options.spec_argument
 @click.option(
     "--pairs",
-    type=click.IntRange(min=3),
+    type=click.IntRange(min=3, max=MAX_PLANNED_ITERATIONS),
     help="The number of pairs of runs.  [default: 10]",
 )
 @click.option(

@@ -29,6 +29,7 @@ from r2bspec.cli.shared_options import (
 from r2bspec.cli.spec_selection import ALL_CASES, SpecSelection
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
+from r2bspec.safe_io.limits import MAX_PLANNED_ITERATIONS
 
 if TYPE_CHECKING:
     from r2bspec.report.write_reports import ReportRequest
@@ -316,7 +317,7 @@ def _refuse(options: Mapping[str, object], why: str) -> None:
 @click.option("--control", is_flag=True, help="Compare SPEC with itself to see the noise.")
 @click.option(
     "--pairs",
-    type=click.IntRange(min=1),
+    type=click.IntRange(min=1, max=MAX_PLANNED_ITERATIONS),
     help="The number of pairs of runs to compare.  [default: benchmark.iterations]",
 )
 @click.option(

@@ -26,6 +26,7 @@ _STYLE = re.compile(r"(\x1b\[[0-9;]*m)")
 # The runner ignores space before a command; our own styles may be there, too.
 _LINE_COMMAND = re.compile(r"(?m)^((?:\x1b\[[0-9;]*m|[^\S\n])*):(?=:)")
 _MARK_COMMAND = re.compile(r"#(?=#\w*\[)")
+_MARK_COMMAND_OF_JSON = re.compile(rb"#(?=#\w*\[)")
 
 
 def plain(text: str) -> str:
@@ -36,11 +37,12 @@ def plain(text: str) -> str:
 
 
 def escaped_json(content: bytes) -> bytes:
-    """A JSON document in which every character that controls a terminal is an escape.
+    """A JSON document in which what controls a terminal or the runner of a workflow is an escape.
 
     Its values are the same. Encoders escape the characters below U+0020 only, and outside of texts
-    JSON has none of these.
+    JSON has none of these, and no number sign.
     """
+    content = _MARK_COMMAND_OF_JSON.sub(rb"\\u0023", content)
     if content.isascii() and b"\x7f" not in content:
         return content
     text = content.decode("utf-8", "surrogatepass")

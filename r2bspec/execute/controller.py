@@ -36,6 +36,7 @@ from r2bspec.execute.processes import prerequisites
 from r2bspec.execute.processes.elf import require_joinable
 from r2bspec.execute.processes.machine import describe_machine, describe_versions, unwritable_log
 from r2bspec.execute.processes.resources import ResourceSampler
+from r2bspec.execute.processes.scheduling import require_permitted
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.execute.profiled_iteration import (
     ProfiledIteration,
@@ -233,6 +234,7 @@ class _Run:
     def _prepare(self) -> None:
         _require_rclpy()
         prerequisites.require_address_space()
+        require_permitted(self._plan.processes)
         if self._options.profile:
             profiled_processes(self._plan, self._options.profile_node)
             require_usable(find_profiler(self._options.profile))

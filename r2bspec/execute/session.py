@@ -45,6 +45,7 @@ from r2bspec.execute.measurement.segments import (
     SegmentHeading,
     SegmentPlayer,
 )
+from r2bspec.execute.processes.scheduling import schedule_threads
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.run_context import MEASURE_PHASE, RunContext
 from r2bspec.execute.silent_outputs import SilentOutputs
@@ -193,6 +194,7 @@ class Session:
         )
         with deadline.paused():
             self._wait_until_ready(observer)
+        self._schedule_threads()
         if scipy is not None:
             with self._supervisor.waiting("SciPy: imported"):
                 scipy.join()
@@ -457,6 +459,13 @@ class Session:
             confirms=self.confirms,
             start=self.start,
         )
+
+    def _schedule_threads(self) -> None:
+        """Schedule threads by their names, now that there are any, and note what all have."""
+        plans = {each.name: each for each in self._plan.processes}
+        for child in self._supervisor:
+            if child.name in plans:
+                child.scheduling = schedule_threads(plans[child.name], child.pid)
 
     def _wait_until_ready(self, observer: ManagedProcess) -> None:
         """Wait for the readiness probes, run the `after_ready` steps, and check parameters."""

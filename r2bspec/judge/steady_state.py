@@ -42,6 +42,7 @@ from r2bspec.judge.measure.metric_values import later_part, metric_value
 from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, RunSamples, SegmentSamples
 from r2bspec.judge.measure.times import seconds
 from r2bspec.judge.measure.units import show
+from r2bspec.judge.statistics.autocorrelation import serial_inflation
 from r2bspec.judge.statistics.t_interval import t_quantile
 from r2bspec.record.run_record import Segment
 
@@ -305,6 +306,10 @@ def _drift(played: Sequence[IterationTimes], levels: NDArray[np.float64]) -> Ite
     at_s = np.array([times[places].mean() for places in pieces])
     means = np.array([levels[places].mean() for places in pieces])
     slope, error = _line(at_s, means)
+    if len(starts) == 1:
+        # Iterations of one start may resemble each other, which looks like a slope.
+        residuals = means - means.mean() - slope * (at_s - at_s.mean())
+        error *= math.sqrt(serial_inflation(residuals.tolist()))
     p = float(stdtr(len(pieces) - 2, -abs(slope) / error))
     within = [_line(times[at], levels[at])[0] for at in pieces if len(at) > 1]
     if len(within) == len(pieces):
@@ -321,6 +326,8 @@ def _line(at: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, 
     """The slope of least squares and its standard error, which two points do not show."""
     t = at - at.mean()
     spread = float(t @ t)
+    if not spread:
+        return 0.0, math.inf
     slope = float(t @ values) / spread
     residuals = values - values.mean() - slope * t
     deviation = math.sqrt(float(residuals @ residuals) / max(at.size - 2, 1))

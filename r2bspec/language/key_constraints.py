@@ -26,7 +26,7 @@ from r2bspec.language.quantities import QuantityError, Rate
 from r2bspec.language.spec_benchmark import ACCEPTED, FEEDBACK
 from r2bspec.language.spec_graph import PROCESS_KEYS
 from r2bspec.language.variables import declared_variables_help
-from r2bspec.safe_io.limits import MAX_RANGE_RATES, MAX_REQUIREMENTS
+from r2bspec.safe_io.limits import MAX_PLANNED_ITERATIONS, MAX_RANGE_RATES, MAX_REQUIREMENTS
 
 _PROBES: Final = {
     "ready": ("file", "service", "log", "topic"),
@@ -55,8 +55,15 @@ def key_constraint_errors(
     for section in _NODE_MAPS:
         for path, node in document.entries(section):
             yield from _node(document, node, path)
+            yield from _policies(document, path)
             yield from _launch(document, (*path, "launch"))
+    for path, _ in document.entries(("containers",)):
+        if document.word(*path, "executable") == "python":
+            why = ": a container of Python nodes has no arguments"
+            yield from document.without_effect([(*path, "arguments")], why, "remove '{key}'")
     yield from _bags(document)
+    for path, _ in document.entries(("containers",)):
+        yield from _policies(document, path)
     for name, keys in _PROBES.items():
         listed = ", ".join(f"'{key}'" for key in keys[:-1]) + f" or '{keys[-1]}'"
         for path, _ in document.entries((name,)):
@@ -204,6 +211,22 @@ def _node(document: _Document, node: MapNode, path: Path) -> Iterator[Diagnostic
         message = f"'{_INTRA_PROCESS}' of {name} has a key of its own"
         help_text = "write 'intra_process' in the node instead"
         yield document.error((*path, "extra_arguments", _INTRA_PROCESS), message, help_text)
+
+
+def _policies(document: _Document, path: Path) -> Iterator[Diagnostic]:
+    """Policies of real time have a priority, and others have none."""
+    scheduling = (*path, "scheduling")
+    threads = lookup(document.root, (*scheduling, "threads"))
+    number = len(threads.items) if isinstance(threads, ListNode) else 0
+    for place in (scheduling, *((*scheduling, "threads", index) for index in range(number))):
+        policy, priority = document.word(*place, "policy"), document.number((*place, "priority"), 0)
+        if policy in {"fifo", "rr"}:
+            if priority == 0:
+                message = f"the policy {policy} needs a priority"
+                yield document.error((*place, "policy"), message, "add 'priority', from 1 to 99")
+        elif priority:
+            message = f"'{format_path((*place, 'priority'))}' has no effect without real time"
+            yield document.error((*place, "priority"), message, "use 'nice', or 'policy: fifo'")
 
 
 def _incomplete(document: _Document, path: Path, given: str, group: str) -> Diagnostic:
@@ -408,6 +431,24 @@ def _benchmark(document: _Document) -> Iterator[Diagnostic]:
         yield document.error(path, message, f"use at least {iterations}")
     if document.map_at("benchmark", "rates") is not None:
         yield from _range(document)
+    planned = max(iterations or 0, max_iterations or 0) * _number_of_rates(document)
+    if planned > MAX_PLANNED_ITERATIONS:
+        message = (
+            f"{planned:,} iterations at all rates together; the limit is {MAX_PLANNED_ITERATIONS:,}"
+        )
+        yield document.error(("benchmark",), message, "use fewer, or split the spec", "R2B129")
+
+
+def _number_of_rates(document: _Document) -> int:
+    """How many rates are listed, or are in the range; 1 where that is not known."""
+    path: Path = ("benchmark", "rates")
+    listed = lookup(document.root, path)
+    if isinstance(listed, ListNode):
+        return len(listed.items)
+    first, last, step = (document.rate(*path, key) for key in ("from", "to", "step"))
+    if first is not None and last is not None and step is not None and step.is_positive:
+        return int(min((last.hz - first.hz) / step.hz, MAX_RANGE_RATES)) + 1
+    return document.number((*path, "count"), 1) or 1
 
 
 def _range(document: _Document) -> Iterator[Diagnostic]:

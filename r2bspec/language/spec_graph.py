@@ -66,6 +66,60 @@ Environment = Annotated[
 ]
 
 
+_Cpus = Annotated[
+    tuple[
+        Annotated[int, key(0, 2, description="The number of a CPU, counted from 0.", minimum=0)],
+        ...,
+    ],
+    key([2, 3]),
+]
+_Nice = Annotated[int, key(-5, minimum=-20, maximum=19)]
+
+
+class PolicySettings(Record, frozen=True, kw_only=True):
+    """A policy of the kernel's scheduler.
+
+    Attributes:
+        policy: The policy: other is the usual one, batch and idle yield to it, fifo and rr are of
+            real time. Default: that of the process which starts it.
+        priority: The priority among threads of real time, from 1 to 99; with fifo and rr only.
+    """
+
+    policy: Literal["other", "batch", "idle", "fifo", "rr"] | None = None
+    priority: Annotated[int, key(40, minimum=0, maximum=99)] = 0
+
+
+class ThreadScheduling(PolicySettings, frozen=True, kw_only=True):
+    """How the threads of a process with a name are scheduled, from when the graph is ready.
+
+    Attributes:
+        name: The name of the threads, as 'ps -L -o comm' shows it; * stands for any characters.
+        cpus: The CPUs on which they may run; empty means those of the process.
+        nice: Their niceness.
+    """
+
+    about = key({"name": "dds.*", "policy": "rr", "priority": 60})
+
+    name: Annotated[names.SomeText, key("dds.*")]
+    cpus: _Cpus = ()
+    nice: _Nice = 0
+
+
+class Scheduling(PolicySettings, frozen=True, kw_only=True):
+    """How the process is scheduled, with all its threads. What the system does not permit is
+    refused before the run.
+
+    Attributes:
+        threads: Other settings for threads by their names; of several, the last one counts.
+    """
+
+    about = key({"policy": "fifo", "priority": 40})
+
+    threads: Annotated[
+        tuple[ThreadScheduling, ...], key([{"name": "dds.*", "policy": "rr", "priority": 60}])
+    ] = ()
+
+
 class ProcessSettings(Record, frozen=True, kw_only=True):
     """How a process is started: keys of nodes and containers that the plan has as they are.
 
@@ -81,16 +135,9 @@ class ProcessSettings(Record, frozen=True, kw_only=True):
         threads: The number of threads of the executor; 0 means its default.
     """
 
-    cpus: Annotated[
-        tuple[
-            Annotated[
-                int, key(0, 2, description="The number of a CPU, counted from 0.", minimum=0)
-            ],
-            ...,
-        ],
-        key([2, 3]),
-    ] = ()
-    nice: Annotated[int, key(-5, minimum=-20, maximum=19)] = 0
+    cpus: _Cpus = ()
+    nice: _Nice = 0
+    scheduling: Scheduling | None = None
     executor: Literal["single_threaded", "multi_threaded"] = "single_threaded"
     threads: Annotated[int, key(4, minimum=0)] = 0
 

@@ -18,6 +18,7 @@ with pauses. Each iteration keeps its samples; the indices are renumbered.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,11 +29,12 @@ import numpy as np
 
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
-from r2bspec.record.files import FolderReader, to_json, write_atomically
+from r2bspec.record.files import FolderReader, RecordError, to_json, write_atomically
 from r2bspec.record.graph_identity import common_identity
 from r2bspec.record.run_folder import Run, RunFolder, open_run, read_spec_text, read_stored_plan
 from r2bspec.record.run_record import Limit, RunRecord, SearchRecord, Segment
 from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
+from r2bspec.safe_io.limits import MAX_SEGMENTS
 from r2bspec.safe_io.safe_file import is_regular
 
 _SEPARATOR = "."
@@ -379,6 +381,7 @@ def open_comparison(path: Path, opened: dict[str, Run] | None = None) -> PairedC
         "r2bspec_pairs",
         missing="Give the folder of a comparison, which contains pairs.json.",
     )
+    _check_pairs(folder / PAIRS_FILE, record)
     return PairedComparison(
         folder=folder,
         record=record,
@@ -386,3 +389,24 @@ def open_comparison(path: Path, opened: dict[str, Run] | None = None) -> PairedC
         base_plan=read_stored_plan(COMPARISON_FILES, folder / BASE_PLAN_FILE, record.base_plan),
         opened={} if opened is None else opened,
     )
+
+
+def _check_pairs(path: Path, record: PairsRecord) -> None:
+    """Check that each run belongs to one pair, and that there are not too many.
+
+    Raises:
+        RecordError: they do not, or are.
+    """
+    most = max(len(record.pairs), record.planned)
+    if most > MAX_SEGMENTS:
+        raise RecordError(
+            f"{path} has {most:,} pairs; the limit is {MAX_SEGMENTS:,}",
+            hint=COMPARISON_FILES.changed,
+        )
+    runs = Counter(folder for pair in record.pairs for folder in (pair.base, pair.head))
+    twice = next((folder for folder, count in runs.items() if count > 1), None)
+    if twice is not None:
+        raise RecordError(
+            f"{path} is damaged: it lists the run {twice!r} {runs[twice]:,} times",
+            hint=COMPARISON_FILES.changed,
+        )

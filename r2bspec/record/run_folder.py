@@ -39,7 +39,7 @@ from r2bspec.record.files import (
     write_atomically,
 )
 from r2bspec.record.run_record import RunRecord, Segment
-from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES, MAX_STACKS_BYTES
+from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES, MAX_SEGMENTS, MAX_STACKS_BYTES
 from r2bspec.safe_io.safe_file import is_folder, is_there, read_bytes, read_text
 from r2bspec.safe_io.safe_yaml import RefusedYamlError, check_document
 
@@ -342,6 +342,11 @@ def open_run(path: Path) -> Run:
         )
     path = folder / "record.json"
     record = RUN_FILES.versioned(path, RunRecord, "r2bspec_record")
+    if len(record.segments) > MAX_SEGMENTS:
+        raise RecordError(
+            f"{path} lists {len(record.segments):,} segments; the limit is {MAX_SEGMENTS:,}",
+            hint="Play fewer iterations or rates in one run: split the spec.",
+        )
     # Each segment has samples of its own: a short record must not have a few read many times.
     names = Counter(segment.id for segment in record.segments)
     twice = next((name for name, count in names.items() if count > 1), None)

@@ -233,6 +233,17 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
         return tuple(sorted(rate for rate in found if lower < rate < upper))
 
 
+class ThreadSchedulingRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """How threads of one name are scheduled, as the kernel says; `count` of them are alike."""
+
+    thread: str
+    policy: str
+    priority: int
+    nice: int
+    cpus: tuple[int, ...]
+    count: int = 1
+
+
 class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
     """A process of the run.
 
@@ -240,6 +251,7 @@ class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
         exit_code: negative for a signal, None if it is unknown.
         signals: those that the run has sent to it, in order.
         parts: of the harness, if it is a process of the graph that contains some.
+        scheduling: what its threads had when the graph was ready, if the plan asks for something.
     """
 
     name: str
@@ -248,6 +260,7 @@ class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
     exit_code: int | None
     signals: tuple[int, ...] = ()
     parts: tuple[str, ...] = ()
+    scheduling: tuple[ThreadSchedulingRecord, ...] = ()
 
     @property
     def ended_as_told(self) -> bool:

@@ -200,11 +200,16 @@ def budget_section(verdict: Verdict) -> RenderableType | None:
     if not rows:
         return None
     made = table(["requirement", "interval", *get_args(VarianceSource)])
-    lines: list[RenderableType] = []
+    titles: dict[str, list[str]] = {}
     for row, budget in rows:
         shares = (share_text(part.share) for part in budget.parts)
         made.add_row(row.title, f"± {show(budget.half_width, row.verdict.unit)}", *shares)
-        text = f"{row.title}: {' '.join(budget_sentences(budget))}"
+        for sentence in budget_sentences(budget):
+            titles.setdefault(sentence, []).append(row.title)
+    lines: list[RenderableType] = []
+    for sentence, (first, *others) in titles.items():
+        more = f" and {len(others)} more" if others else ""
+        text = sentence if len(others) + 1 == len(rows) else f"{first}{more}: {sentence}"
         lines.append(Padding(Text(text, style=DIM_STYLE), (0, 0, 0, 2), expand=False))
     return Group(heading("uncertainty", BUDGET_CAPTION), made, *lines[:MAX_TABLE_ROWS])
 

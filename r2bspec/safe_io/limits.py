@@ -166,6 +166,11 @@ MAX_SCHEMA_OBJECTS: Final = 1_000
 
 MAX_JSON_BYTES: Final = 256_000_000
 """The record of a day of segments has a tenth."""
+MAX_SEGMENTS: Final = 5_000
+"""Of one run, and pairs of a comparison: half a day at ten seconds each. A thousand take a second
+to judge."""
+MAX_PLANNED_ITERATIONS: Final = 2_000
+"""At all rates together: confirmed, and played again, they stay below `MAX_SEGMENTS`."""
 MAX_TEXT_CHARACTERS: Final = 200_000
 """One text of JSON: the longest argument of a program that Linux takes has 131,072."""
 MAX_REPORT_BYTES: Final = 10_000_000

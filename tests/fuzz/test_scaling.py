@@ -278,6 +278,11 @@ LIMITS: dict[str, tuple[str, str, str]] = {
     "nodes": (_nodes(RELAY)(5001), "R2B129", "5,001 nodes; the limit is 5,000"),
     "monitors": (FAMILIES["monitors"][0](5001), "R2B129", "the limit is 5,000"),
     "requirements": (FAMILIES["requirements"][0](10_001), "R2B129", "the limit is 10,000"),
+    "iterations": (
+        MINIMAL.replace("benchmark: {", "benchmark: {max_iterations: 2001, "),
+        "R2B129",
+        "2,001 iterations at all rates together; the limit is 2,000",
+    ),
     "nodes x cases": (
         _nodes(RELAY)(500)
         + f"variables: {{a: 1}}\nmatrix: {{axes: {{a: [{', '.join(map(str, range(900)))}]}}}}\n",

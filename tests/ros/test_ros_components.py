@@ -97,12 +97,14 @@ def test_a_component_that_is_none_is_named_with_what_its_container_says(bench: B
 def with_talker() -> dict[str, Any]:
     """A component, remapped, in a container of several threads beside a relay that is measured."""
     spec = relay_spec()
-    spec["containers"] = {"cpp": {"executable": "component_container_mt"}}
+    quiet = ["--ros-args", "--log-level", "warn"]
+    spec["containers"] = {"cpp": {"executable": "component_container_mt", "arguments": quiet}}
     spec["graph"]["nodes"]["talker"] = {
         "package": "demo_nodes_cpp",
         "plugin": "demo_nodes_cpp::Talker",
         "remappings": {"chatter": "said"},
         "container": "cpp",
+        "intra_process": True,
     }
     # A service of the node itself, which is there only once it has been loaded by this name.
     spec["ready"] = {"it_is_there": {"service": "talker/list_parameters"}}

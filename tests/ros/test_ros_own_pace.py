@@ -36,7 +36,14 @@ class Ticks(Node):
 @pytest.fixture(scope="module")
 def done(bench: Bench) -> Finished:
     spec = relay_spec(
-        graph={"nodes": {"ticks": {"python": "./nodes.py:Ticks"}}},
+        graph={
+            "nodes": {
+                "ticks": {
+                    "python": "./nodes.py:Ticks",
+                    "scheduling": {"threads": [{"name": "*", "policy": "batch"}]},
+                }
+            }
+        },
         monitors={
             "aged": {"topic": "repeats", "format": IMAGE, "match": "own_pace"},
             "repeated": {"topic": "repeats", "format": IMAGE},
@@ -78,3 +85,10 @@ def test_nothing_is_missed_where_nothing_is_expected(done: Finished) -> None:
     repeated = rate["pooled"]["monitors"]["repeated"]
     assert repeated["sent"] == 20
     assert repeated["age"] is None
+
+
+def test_what_the_threads_of_the_node_were_given_is_in_the_record(done: Finished) -> None:
+    threads = {each.name: each.scheduling for each in done.run().record.processes}
+    assert sum(each.count for each in threads["ticks"]) > 1
+    assert {each.policy for each in threads["ticks"]} == {"batch"}
+    assert threads["monitor"] == ()

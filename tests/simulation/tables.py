@@ -230,9 +230,7 @@ def shapes() -> None:
         shape, quantity = case
         if quantity == "mean, throughput" and shape.pieces == 1:
             return "open"
-        looks = shape.starts > 1
-        found = errors(START_WORLDS[name], (quantity,), shape=shape, runs=500, looks=looks)
-        return bold(found[quantity])
+        return bold(errors(START_WORLDS[name], (quantity,), shape=shape, runs=500)[quantity])
 
     sizes = ((1, 1), (1, 3), (1, 5), (1, 10), (2, 2), (3, 2), (5, 2), (10, 2), (20, 2))
     names = (
@@ -242,7 +240,7 @@ def shapes() -> None:
         "starts differ by 2.7 %",
     )
     grid(
-        "Starts x iterations, 3,000 messages in all: the same",
+        "Starts x iterations, 3,000 messages in all, judged once: the same",
         "starts x iterations",
         {
             f"{number} x {each}, {quantity}": (
@@ -276,7 +274,7 @@ def looks() -> None:
 
     def cell(design: tuple[int, int, bool], distance: float) -> str:
         starts, most, looks = design
-        found = time_to_verdict(distance, starts, most, looks=looks, runs=RUNS)
+        found = time_to_verdict(distance, starts, most, looks=looks, runs=500)
         return f"{100 * found.decided:.0f} %, {found.starts:g}"
 
     grid(

@@ -263,11 +263,11 @@ def too_few_messages(context: Context) -> Findings:
 
 
 def _monitors_of(metric: KnownMetric, context: Context) -> list[Monitor]:
-    """The monitors of which a metric is required; none if it is of another scope."""
+    """The monitors of which a metric is required; none if it is of a call, or of another scope."""
     if metric.info.scope != "monitor":
         return []
     monitors = context.spec.monitors
-    return [monitors[metric.monitor]] if metric.monitor else [*monitors.values()]
+    return [monitors[name] for name in monitors if metric.monitor in (None, "", name)]
 
 
 def _last_confidence(context: Context, confidence: float) -> float:

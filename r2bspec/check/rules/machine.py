@@ -14,7 +14,7 @@ from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, quote
 from r2bspec.language.located_tree import ListNode
 from r2bspec.language.quantities import Size
-from r2bspec.language.spec import Requires
+from r2bspec.language.spec import ProcessSettings, Requires
 from r2bspec.middleware.middleware import RMW_VARIABLE, refuse_transport, selected_rmw
 from r2bspec.plan import this_machine as machine
 from r2bspec.plan.topic_plans import direct_bag_topic
@@ -50,9 +50,15 @@ def cpus_not_available(context: Context) -> Findings:
 
 def _pinned_cpus(context: Context) -> Iterator[tuple[Path, tuple[int, ...]]]:
     for name, container in context.spec.containers.items():
-        yield ("containers", name, "cpus"), container.cpus
+        yield from _cpus_of(("containers", name), container)
     for _, node in context.nodes:
-        yield (*node.path, "cpus"), node.node.cpus
+        yield from _cpus_of(node.path, node.node)
+
+
+def _cpus_of(path: Path, process: ProcessSettings) -> Iterator[tuple[Path, tuple[int, ...]]]:
+    yield (*path, "cpus"), process.cpus
+    for index, each in enumerate(process.scheduling.threads if process.scheduling else ()):
+        yield (*path, "scheduling", "threads", index, "cpus"), each.cpus
 
 
 _OTHER_NAMES: Final = {"arm64": "aarch64", "amd64": "x86_64", "x64": "x86_64", "x86-64": "x86_64"}

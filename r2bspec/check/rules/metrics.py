@@ -137,13 +137,14 @@ def _why_unavailable_at_own_pace(context: Context, metric: KnownMetric) -> tuple
     """Message and help; None if no monitor with a pace of its own stands in the way."""
     name = quote(metric.info.name)
     paces = {each: monitor.own_pace for each, monitor in context.spec.monitors.items()}
-    if metric.info.scope == "probe" and all(paces.values()):
+    if metric.info.scope == "probe" and paces and all(paces.values()):
         return (
             f"{name} needs outputs that answer inputs, and every monitor has 'match: own_pace'",
             "add a monitor that matches by stamp or by order",
         )
     named = [metric.monitor] if metric.monitor else paces
-    found = next((each for each in named if paces[each]), None)
+    # Answers of calls have no pace.
+    found = next((each for each in named if paces.get(each)), None)
     if metric.info.scope != "monitor" or found is None:
         return None
     bound = metric.located.requirement.bound

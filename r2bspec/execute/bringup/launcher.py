@@ -23,7 +23,8 @@ from r2bspec.execute.bringup.spec_mismatches import (
 from r2bspec.execute.errors import ProcessDiedError
 from r2bspec.execute.processes import prerequisites
 from r2bspec.execute.processes.environment import RunEnvironment
-from r2bspec.execute.processes.process import apply_affinity, shorten_slice
+from r2bspec.execute.processes.process import shorten_slice
+from r2bspec.execute.processes.scheduling import apply_to_process
 from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import NATIVE_ARGV, container_node_name
@@ -124,7 +125,7 @@ class Launcher:
             parts=parts,
             native=("", *parts) if plan.argv == NATIVE_ARGV else parts,
         )
-        apply_affinity(plan, child.pid)
+        apply_to_process(plan, child.pid)
         if plan.argv == NATIVE_ARGV:
             # Player and monitor alone: the graph runs as it would without the harness.
             shorten_slice(child.pid)

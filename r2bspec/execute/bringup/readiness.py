@@ -292,8 +292,10 @@ def wait_for_services(
     if not supervisor.pump_until(are_there, deadline.left_s):
         raise NotReadyError(
             f"no node offers {', '.join(missing)} after {deadline.timeout_s:g} s",
-            hint="'ros2 service list -t' and 'ros2 action list -t' show names and types while the "
-            "graph runs. A node that offers one late needs a longer 'benchmark.start_timeout'.",
+            hint="A name without '/' at its beginning is in the namespace of the graph, as "
+            "its nodes are. 'ros2 service list -t' and 'ros2 action list -t' show names and types "
+            "while the graph runs. A node that offers one late needs a longer "
+            "'benchmark.start_timeout'.",
         )
 
 

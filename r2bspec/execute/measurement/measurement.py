@@ -216,7 +216,12 @@ class Measurement:
             more_s = (self._budget.spent_s() - began_s) / played * (looks.iterations[look] - played)
             if not self._budget.allows(f"no more than {played} iterations", more_s):
                 break
-            still_open = [one.text for one in counted if one.outcome == "inconclusive" or one.early]
+            still_open = [
+                one.text
+                for one in counted
+                if (one.outcome == "inconclusive" or one.early)
+                and METHODS[one.method].rests_on == "iterations"
+            ]
             if still_open:
                 self._context.note(f"open after {played} iterations: {', '.join(still_open)}")
         return self._with_reruns(verdict or self._judge_so_far()), played

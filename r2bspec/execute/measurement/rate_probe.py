@@ -207,7 +207,8 @@ class RateProber:
         judgement = interim.conclude(estimates)
         if judgement.holds or judgement.keeps_up:
             judgement = self._check_conditions(judgement, observation, rate_hz)
-        self._note(f"{rate_hz:.4g} Hz {_state_text(judgement)}: {judgement.reason}")
+        why = judgement.reason.removeprefix("undecided: ")
+        self._note(f"{rate_hz:.4g} Hz {_state_text(judgement)}: {why}")
         worst = min(estimates, key=lambda each: each.overall.delivered_hz, default=None)
         return ProbeOutcome(
             Probe(

@@ -23,11 +23,10 @@ from typing import Any, BinaryIO, Final
 
 import msgspec
 
-from r2bspec.execute.errors import RunError
 from r2bspec.ipc import protocol
 from r2bspec.ipc.native_protocol import NativeCodec
 from r2bspec.ipc.process_cleanup import Session, SessionLeader, kill_process_groups
-from r2bspec.plan.plan import ProcessPlan
+from r2bspec.record.run_record import ThreadSchedulingRecord
 
 MAX_LOG_BYTES = 32 << 20
 """Larger logs are truncated."""
@@ -121,39 +120,6 @@ longer than most of what player and monitor do for one message."""
 _SCHED_OTHER: Final = 0
 _SYSCALLS: Final = {"x86_64": (314, 315), "aarch64": (274, 275)}
 """sched_setattr and sched_getattr, which neither Python nor glibc before 2.41 can call."""
-
-
-def apply_affinity(plan: ProcessPlan, pid: int) -> None:
-    """Bind a process that has just been started to its CPUs, and set its priority.
-
-    This is done before the program starts its first thread; threads and descendants inherit both.
-
-    Raises:
-        RunError: the machine has no such CPU, or does not permit the priority.
-    """
-    with contextlib.suppress(ProcessLookupError):
-        if plan.cpus:
-            try:
-                os.sched_setaffinity(pid, plan.cpus)
-            except ProcessLookupError:
-                raise
-            except (OSError, ValueError) as error:
-                available = ", ".join(map(str, sorted(os.sched_getaffinity(0))))
-                raise RunError(
-                    f"process {plan.name} cannot run on CPUs "
-                    f"{', '.join(map(str, plan.cpus))}; available: {available}",
-                    hint="Correct 'cpus', or use a machine that has these CPUs.",
-                    code="R2B636",
-                ) from error
-        if plan.nice:
-            try:
-                os.setpriority(os.PRIO_PROCESS, pid, plan.nice)
-            except PermissionError as error:
-                raise RunError(
-                    f"process {plan.name}: a nice value of {plan.nice} is not permitted",
-                    hint="Only a privileged user may set values below 0.",
-                    code="R2B637",
-                ) from error
 
 
 class _SchedAttr(ctypes.Structure):
@@ -273,6 +239,7 @@ class ManagedProcess:
         self.log_start = 0
         self.parts: dict[str, ManagedProcess] = {}
         self.signals: list[int] = []
+        self.scheduling: tuple[ThreadSchedulingRecord, ...] = ()
         codec = NativeCodec()
         self._encode: Callable[[Any], bytes] = codec.encode if native else protocol.encode
         self._decode: Callable[[bytes], Any] = codec.decode if native else protocol.decode_reply

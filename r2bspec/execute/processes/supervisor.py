@@ -378,6 +378,7 @@ class ProcessSupervisor:
                 exit_code=child.process.poll(),
                 signals=tuple(child.signals),
                 parts=tuple(child.parts) if child.has_joined_parts else (),
+                scheduling=child.scheduling,
             )
             for child in self._all
         )

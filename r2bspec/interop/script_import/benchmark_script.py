@@ -61,6 +61,9 @@ _TOOL_KEYS: Final = frozenset(
     }
 )
 """Keys of the configuration that tune the tool itself: its timeouts, waits, search and files."""
+CLIENTS: Final = {"ActionClient": ("action", 1), "create_client": ("service", 0)}
+"""What makes clients: what they call, and at which position the type is, before the name."""
+
 _DEFAULTS: Final[dict[str, Any]] = {
     "benchmark_name": "",
     "benchmark_namespace": "r2b",
@@ -94,6 +97,7 @@ class BenchmarkScript:
         preparation: what it does before the launch, such as building a model.
         hooks: what its hooks do before the benchmark.
         late_hooks: what they do after it.
+        clients: the clients of services and actions that it calls, as it makes them.
         notes: what was not followed.
         calls: the actions whose answers it measures, which a spec cannot say.
         imports: the places of imports, by the name of the module.
@@ -106,6 +110,7 @@ class BenchmarkScript:
     preparation: list[Construct]
     hooks: list[Construct]
     late_hooks: list[Construct]
+    clients: list[Construct]
     comments: source_files.ScriptComments
     notes: list[Note]
     calls: list[Note]
@@ -227,6 +232,7 @@ class _ScriptEvaluation:
         self.module = module
         self.evaluator = Evaluator(reader)
         self.notes: list[Note] = []
+        self.clients: list[Construct] = []
 
     def benchmark(self) -> BenchmarkScript:
         self.evaluator.run_module(self.module)
@@ -247,6 +253,7 @@ class _ScriptEvaluation:
             preparation=preparation,
             hooks=hooks,
             late_hooks=late_hooks,
+            clients=self.clients,
             comments=source_files.read_comments(self.module.file, self.module.text),
             notes=[*self.evaluator.notes, *self.notes],
             calls=calls,
@@ -302,6 +309,9 @@ class _ScriptEvaluation:
             ):
                 method = self.evaluator.attribute(instance, name)
                 self.evaluator.call(method, place=self.module.scope.place(kind.node))
+        kept = instance.names.values()
+        made = [each for each in kept if isinstance(each, Construct)]
+        self.clients += [each for each in made if each.short_name in CLIENTS]
         return self.evaluator.trace.take_effects()
 
     def _calls(self, kind: ScriptClass) -> list[Note]:

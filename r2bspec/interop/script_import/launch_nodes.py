@@ -29,6 +29,9 @@ _CONTAINER_PACKAGE: Final = "rclcpp_components"
 _ROS_ARGUMENTS: Final = "--ros-args"
 _THREADS: Final = "thread_num"
 
+_ENDING: Final = frozenset({"spawner", "unspawner", "spawn_entity.py", "create"})
+"""Programs of ros2_control and Gazebo that prepare a simulation and end."""
+
 _OUTPUT: Final = frozenset(
     {
         *("output", "output_format", "emulate_tty", "log_cmd", "cached_output", "exec_name"),
@@ -104,6 +107,12 @@ class NodeReader:
             self.change(
                 f"the file gives {node.executable!r} no name, so its nodes keep those of their "
                 "code; here it is the key of the node, by which parameter files must name it",
+                action,
+            )
+        if node.executable in _ENDING:
+            self.change(
+                f"{node.executable!r} ends when it has done its work, and a run fails when a "
+                "process ends: write it as a step of 'after_ready'",
                 action,
             )
         node.lifecycle = "active" if self._is_set(action, "autostart") else ""

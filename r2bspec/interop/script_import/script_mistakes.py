@@ -45,15 +45,18 @@ class _Mistakes:
         yield from self.names_used_twice()
         yield from self.remappings_without_effect()
         yield from self.unknown_parameters()
+        yield from self.number_of_formats()
+        yield from self.sleeps()
+        if self.script.clients and self.graph.player is None:
+            # It calls and measures by itself, and uses no monitor and no search of the tool.
+            return
         yield from self.monitors_without_results()
         yield from self.shared_prefixes()
-        yield from self.number_of_formats()
         yield from self.buffers_without_source()
         yield from self.monitored_inputs()
         yield from self.one_message()
         yield from self.latency_of_two_messages()
         yield from self.tolerant_search()
-        yield from self.sleeps()
         yield from self.counted_transforms()
 
     def crossed_sides(self) -> Iterator[Diagnostic]:

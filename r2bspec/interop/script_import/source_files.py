@@ -42,7 +42,8 @@ _KNOWN_PACKAGES: Final = frozenset(
 _HELP: Final = {
     UNREADABLE: "give a regular file in UTF-8 that you may read",
     SYNTAX: "correct it there; Python ('python3 -m py_compile') or 'ros2 launch' must accept it",
-    NOT_A_BENCHMARK: "give a script as ros2_benchmark has them, or a launch file as ROS 2 has them",
+    NOT_A_BENCHMARK: "give a script as ros2_benchmark has them; 'r2bspec init NAME --from-launch "
+    "FILE' reads a launch file as ROS 2 has them",
     TOO_COMPLEX: "import a simpler file, or write the spec: 'r2bspec init'",
 }
 

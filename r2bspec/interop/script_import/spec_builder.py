@@ -17,7 +17,7 @@ from typing import Any, Final
 from r2bspec.datasets.catalogue import SEQUENCES
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.interop.script_import import node_roles
-from r2bspec.interop.script_import.benchmark_script import BenchmarkScript, Settings
+from r2bspec.interop.script_import.benchmark_script import CLIENTS, BenchmarkScript, Settings
 from r2bspec.interop.script_import.launch_actions import topic_in
 from r2bspec.interop.script_import.launch_parts import NodeAction
 from r2bspec.interop.script_import.source_files import MODULE_MISSING
@@ -30,7 +30,7 @@ from r2bspec.interop.script_import.spec_text import (
     relative_folder,
     unique_name,
 )
-from r2bspec.interop.script_import.values import ImageSize, Note
+from r2bspec.interop.script_import.values import Foreign, ImageSize, Note
 from r2bspec.language.names import MESSAGE_TYPE, MONITOR_NAME, NAME
 
 _NOT_IMPORTED: Final = "R2B710"
@@ -84,11 +84,13 @@ class _SpecBuilder:
         self.values = SpecValues(script_folder, self.namespace, script.comments, notes=notes)
         self.graph = node_roles.divide_by_role(script.parts, script.docstring, self.namespace)
         self.inputs = node_roles.played_inputs(self.graph.player)
+        plays = self.graph.player is not None or self.settings.mode == "live"
+        self.called = [] if plays else script.clients
         self.adapted: set[str] = set()
 
     def build(self) -> ImportedSpec:
         body = Block()
-        if self.settings.mode != "live":
+        if self.settings.mode != "live" and not self.called:
             body.add("data_loader", self._data_loader())
         monitors = self._monitors()
         self._add_nodes(body)
@@ -260,6 +262,9 @@ class _SpecBuilder:
 
     def _playback(self) -> Block:
         block = Block()
+        if self.called:
+            block.add("calls", self._calls())
+            return block
         mode = self.settings.mode
         block.add("mode", mode, self.settings.comments("benchmark_mode"))
         if mode == "live":
@@ -274,6 +279,23 @@ class _SpecBuilder:
         for each in self.inputs:
             self._add_input(inputs, each)
         block.add("inputs", inputs)
+        return block
+
+    def _calls(self) -> Block:
+        """The services and actions that the script calls itself; what it asks them is its code."""
+        block = Block()
+        used: set[str] = set()
+        for client in self.called:
+            kind, position = CLIENTS[client.short_name]
+            given, name = (client.get("", each) for each in (position, position + 1))
+            if not isinstance(given, Foreign) or not isinstance(name, str):
+                self.values.lose(f"what {client.short_name} calls is not known", client.place)
+                continue
+            request = "goal" if kind == "action" else "request"
+            self.values.lose(f"the {request} of {name!r} is what the script computes", client.place)
+            call = {"name": name, "type": given.name.replace(".", "/"), request: {}}
+            key = unique_name(identifier(name.strip("/")), used)
+            block.add(key, {kind: call}, [f"Write the fields of the {request}."])
         return block
 
     def _add_input(self, block: Block, each: node_roles.PlayedInput) -> None:
@@ -327,7 +349,7 @@ class _SpecBuilder:
             entry.add("format", kind, after=f"{name} in the script" if name != kind else "")
             entry.add("label", prefix if prefix and prefix != key else None)
             block.add(unique_name(key, used), entry, self.script.comments.at(node.source.place))
-        if not block.entries:
+        if not block.entries and not self.called:
             log = {"topic": "/rosout", "format": "rcl_interfaces/msg/Log", "match": "order"}
             block.add("rosout", log, [_NO_MONITOR])
         return block
@@ -345,7 +367,9 @@ class _SpecBuilder:
         duration, iterations = number("benchmark_duration"), number("test_iterations")
         block.add("duration", f"{duration:g} s", comments("benchmark_duration"))
         block.add("iterations", int(iterations), comments("test_iterations"))
-        if self.settings.mode in {"timeline", "live"}:
+        if self.called:
+            block.add("rates", ["1 Hz"], ["The script calls again when it is answered."])
+        if self.called or self.settings.mode in {"timeline", "live"}:
             return block
         lower, upper = number("publisher_lower_frequency"), number("publisher_upper_frequency")
         key = "additional_fixed_publisher_rate_tests"

@@ -40,6 +40,7 @@ from r2bspec.interop.script_import.values import (
 )
 from r2bspec.language.declaration import NamePattern
 from r2bspec.language.names import ENVIRONMENT, NODE_NAME, PARAMETER, TOPIC
+from r2bspec.plan.process_plans import HARNESS_PROCESS_NAMES
 from r2bspec.safe_io.limits import MAX_REQUEST_MESSAGES, MAX_SCRIPT_NESTING
 
 _PREPROCESSING: Final = "preprocessing"
@@ -59,6 +60,9 @@ class NodeWriter:
 
     values: SpecValues
     keys: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self.keys |= {*HARNESS_PROCESS_NAMES, "system"}
 
     def add_all(
         self, block: Block, members: list[Member], *, preprocessors: bool = False

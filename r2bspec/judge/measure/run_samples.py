@@ -116,7 +116,7 @@ def merged_samples(merged: MergedRun, runs: Sequence[RunSamples]) -> RunSamples:
         runs: the samples of each of its runs.
     """
     segments = {segment.id: segment for segment in merged.record.segments}
-    iterations: dict[float, tuple[SegmentSamples, ...]] = {}
+    iterations: dict[float, list[SegmentSamples]] = {}
     sustained: dict[float, SegmentSamples] = {}
     reruns: dict[str, SegmentSamples] = {}
     for number, run in enumerate(runs, start=1):
@@ -125,7 +125,7 @@ def merged_samples(merged: MergedRun, runs: Sequence[RunSamples]) -> RunSamples:
             return replace(one, segment=segments[prefixed_id(number, one.segment.id)])
 
         for rate, played in run.iterations.items():
-            iterations[rate] = (*iterations.get(rate, ()), *map(of_merged, played))
+            iterations.setdefault(rate, []).extend(map(of_merged, played))
         sustained |= {rate: of_merged(one) for rate, one in run.sustained.items()}
         reruns |= {prefixed_id(number, name): of_merged(one) for name, one in run.reruns.items()}
     search = merged.record.search
@@ -133,7 +133,7 @@ def merged_samples(merged: MergedRun, runs: Sequence[RunSamples]) -> RunSamples:
         record=merged.record,
         peak_hz=search.holds_hz if search else None,
         monitors=tuple(monitor.name for monitor in merged.plan.monitors),
-        iterations=iterations,
+        iterations={rate: tuple(played) for rate, played in iterations.items()},
         sustained=sustained,
         incomplete=tuple(
             each.id for each in segments.values() if each.kind == "iteration" and not each.complete

@@ -70,7 +70,8 @@ def judge_peak(case: RequirementCase, search: SearchRecord | None) -> Decision:
         method="search bracket",
         reason=" ".join(
             [
-                f"{_bracket_text(search, lower, upper)}{f', at {sure}' if sure else ''}.",
+                _bracket_text(search, lower, upper),
+                *([f"It has {sure}."] if sure else ()),
                 *(f"{doubt}." for doubt in peak_doubts(search)),
             ]
         ),
@@ -83,11 +84,14 @@ def judge_peak(case: RequirementCase, search: SearchRecord | None) -> Decision:
 
 
 def bracket_confidence(search: SearchRecord) -> str:
-    """Such as ``95 % confidence for what recurs within 28 s``; empty for a bracket without one."""
+    """Such as ``95 % confidence for what recurs within 28 s``; empty for a bracket without one.
+
+    No stop can have been met where others took a part of the time of every play.
+    """
     if not search.shown or not search.confidence:
         return ""
     recurs = show(search.recurs_s, "s", 2)
-    met = f" for what recurs within {recurs}" if search.recurs_s else ""
+    met = f" for what recurs within {recurs}" if search.recurs_s else ", stops apart"
     return f"{show(search.confidence, 'share', 4)} confidence{met}"
 
 
@@ -105,7 +109,7 @@ def _bracket_text(search: SearchRecord, lower: float | None, upper: float | None
         lowest = min(probe.rate_hz for probe in search.probes)
         return (
             f"{probes}: even the lowest rate, {show(lowest, 'Hz')}, was not sustained"
-            f"{_undecided_text(search)}"
+            f"{_undecided_text(search)}."
         )
     if upper is not None:
         others = _interference_text(search)
@@ -113,14 +117,14 @@ def _bracket_text(search: SearchRecord, lower: float | None, upper: float | None
         played = any(probe.rate_hz == search.fails_hz for probe in search.probes)
         above = "was not" if played else "is above the capacity"
         return (
-            f"{probes}: {show(lower, 'Hz')} {_kept(search)}, {show(upper, 'Hz')} {above}{between}"
+            f"{probes}: {show(lower, 'Hz')} {_kept(search)}, {show(upper, 'Hz')} {above}{between}."
         )
     why = {
         "range": "the upper end of the search range",
         "player": "the highest rate that the player reached",
         "interference": _interference_text(search),
     }.get(search.limited_by, "then the search was interrupted")
-    return f"{probes}: {show(lower, 'Hz')} {_kept(search)}, {why}"
+    return f"{probes}: {show(lower, 'Hz')} {_kept(search)}, {why}."
 
 
 def _kept(search: SearchRecord) -> str:

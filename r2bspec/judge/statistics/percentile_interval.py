@@ -336,7 +336,8 @@ def percentile_interval(
     lower = -math.inf if failing is None else float(ordered[n - failing])
     upper = math.inf if passing is None or passing >= n else float(ordered[n - 1 - passing])
     # No time is shorter than nothing, however much levels differ.
-    least = 0.0 if n and ordered[0] >= 0 else -math.inf
+    finite = ordered[np.isfinite(ordered)]
+    least = 0.0 if finite.size and finite[0] >= 0 else -math.inf
     return PercentileInterval(
         estimate=estimate,
         lower=min(lower, max(estimate - below, least)),

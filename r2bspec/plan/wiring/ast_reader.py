@@ -12,6 +12,7 @@ makes one node of such a class, and spins it, has the interface of that node.
 from __future__ import annotations
 
 import ast
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -39,8 +40,15 @@ from r2bspec.plan.wiring.self_references import (
     method_of_self,
     replaces_methods,
 )
+from r2bspec.plan.wiring.source_files import (
+    Definition,
+    ReadSource,
+    SourceFile,
+    find_definition,
+    source_file,
+)
 from r2bspec.plan.wiring.topic_names import TopicNames
-from r2bspec.safe_io.limits import MAX_PYTHON_BYTES
+from r2bspec.safe_io.limits import MAX_BASE_CLASSES, MAX_PYTHON_BYTES
 from r2bspec.safe_io.safe_file import ByteBudget, read_bytes
 
 _MAX_KEPT_BYTES = 10_000
@@ -201,41 +209,90 @@ def unknown_interface(why: str) -> InterfaceEntry:
     )
 
 
-def read_node_class(tree: ast.Module, name: str) -> InterfaceEntry:
+def read_node_class(
+    tree: ast.Module,
+    name: str,
+    path: Path | None = None,
+    read: ReadSource = lambda _: None,
+) -> InterfaceEntry:
     """The interface of a class of a file, or of the function that runs one.
 
     Args:
         tree: of the file.
         name: of the class, or of a function such as ``main`` (`program_class`).
+        path: of the file, absolute; without one, its imports are not followed.
+        read: reads other files of its package.
     """
-    names = SourceNames(tree)
-    node_class = names.definition(name)
+    found = find_definition(source_file(tree, path, read), name)
     more = ""
-    if isinstance(node_class, ast.FunctionDef):
-        node_class, more = program_class(node_class, names)
-    if not isinstance(node_class, ast.ClassDef):
+    if found is not None and isinstance(found.node, ast.FunctionDef):
+        file = found.file
+        made, more = program_class(
+            found.node, file.names, lambda each: _class_named(file, each) is not None
+        )
+        found = _class_named(file, made) if made else None
+    if found is None or not isinstance(found.node, ast.ClassDef):
         return unknown_interface(more or f"{name} is not a class of its file")
-    if replaces_methods(tree, node_class):
-        return unknown_interface(f"{node_class.name} makes its topics by methods of its own")
-    result = _PartialInterface(names)
+    if replaces_methods(found.file.tree, found.node):
+        return unknown_interface(f"{name} makes its topics by methods of its own")
+    result = _PartialInterface(found.file.names)
     if more:
         result.forget_all(more)
-    lifecycle = _base_name(node_class, names) in _LIFECYCLE_NODES
-    _add_class(result, tree, node_class, names, lifecycle=lifecycle)
+    lifecycle = _is_lifecycle(found)
+    _add_class(result, found.file, found.node, lifecycle=lifecycle)
+    for base in _bases(found):
+        _add_inherited(result, base, lifecycle=lifecycle)
     return result.entry(lifecycle=lifecycle)
 
 
+def _class_named(file: SourceFile, name: str) -> Definition | None:
+    found = find_definition(file, name)
+    return found if found is not None and isinstance(found.node, ast.ClassDef) else None
+
+
+def _bases(found: Definition) -> Iterator[Definition]:
+    """The base classes that can be read, the nearest first."""
+    for _ in range(MAX_BASE_CLASSES):
+        bases = found.node.bases if isinstance(found.node, ast.ClassDef) else []
+        above = (
+            _class_named(found.file, bases[0].id)
+            if len(bases) == 1 and isinstance(bases[0], ast.Name)
+            else None
+        )
+        if above is None or above.node is found.node:
+            return
+        yield above
+        found = above
+
+
+def _is_lifecycle(found: Definition) -> bool:
+    return any(
+        isinstance(each.node, ast.ClassDef)
+        and _base_name(each.node, each.file.names) in _LIFECYCLE_NODES
+        for each in (found, *_bases(found))
+    )
+
+
+def _add_inherited(result: _PartialInterface, base: Definition, *, lifecycle: bool) -> None:
+    """The literal topics of a base class; that there may be others has been noted."""
+    if not isinstance(base.node, ast.ClassDef) or replaces_methods(base.file.tree, base.node):
+        return
+    inherited = _PartialInterface(base.file.names)
+    _add_class(inherited, base.file, base.node, lifecycle=lifecycle)
+    inherited.settle_parameters_in_topics()
+    for side, topics in inherited.topics.items():
+        for topic, kind in topics.items():
+            if "$(" not in topic:
+                result.topics[side].setdefault(topic, kind)
+
+
 def _add_class(
-    result: _PartialInterface,
-    tree: ast.Module,
-    node_class: ast.ClassDef,
-    names: SourceNames,
-    *,
-    lifecycle: bool,
+    result: _PartialInterface, file: SourceFile, node_class: ast.ClassDef, *, lifecycle: bool
 ) -> None:
+    names = file.names
     if why := _unusual_base(node_class, names):
         result.forget_all(why)
-    uses = SelfReferences(tree, node_class, names)
+    uses = SelfReferences(file.tree, node_class, names)
     if uses.escape:
         result.forget_all(uses.escape)
     for method, why in uses.escaped_methods.items():
@@ -255,7 +312,7 @@ def _unusual_base(found: ast.ClassDef, names: SourceNames) -> str:
     """Why a class may have topics of others; empty if it is a plain class of a node."""
     if _base_name(found, names) not in {"rclpy.node.Node", *_LIFECYCLE_NODES}:
         bases = ", ".join(map(ast.unparse, found.bases)) or "nothing"
-        return f"{found.name} inherits from {bases}, whose topics are not read"
+        return f"{found.name} inherits from {bases}, which may have others"
     if found.decorator_list or found.keywords:
         return f"{found.name} has a decorator or a metaclass"
     return ""
@@ -357,15 +414,16 @@ def _calls(
     """Each call that may make topics, its method, and whether it is certainly made exactly once."""
     methods = {part.name: part for part in found.body if isinstance(part, ast.FunctionDef)}
     first = [methods[name] for name in _first_methods(lifecycle=lifecycle) if name in methods]
-    once, waiting = list(first), list(first)
+    waiting, once = list(first), {each.name for each in first}
+    mentioned = _mentioned(found)
     while waiting:
         for call, certain in _calls_in(waiting.pop(), names):
             called = methods.get(method_of_self(call)) if certain else None
-            if called is not None and called not in once and _references(found, called.name) == 1:
-                once.append(called)
+            if called is not None and called.name not in once and mentioned[called.name] == 1:
+                once.add(called.name)
                 waiting.append(called)
     for part in found.body:
-        if part in once and isinstance(part, ast.FunctionDef):
+        if isinstance(part, ast.FunctionDef) and methods[part.name] is part and part.name in once:
             yield from ((call, part, certain) for call, certain in _calls_in(part, names))
         else:
             yield from ((call, part, False) for call, _ in _calls_below(part, names, certain=False))
@@ -375,11 +433,12 @@ def _first_methods(*, lifecycle: bool) -> tuple[str, ...]:
     return ("__init__", "on_configure") if lifecycle else ("__init__",)
 
 
-def _references(found: ast.ClassDef, method: str) -> int:
-    """How often a class mentions a method of its node."""
-    return sum(
-        isinstance(node, ast.Attribute) and node.attr == method and is_self(node.value)
+def _mentioned(found: ast.ClassDef) -> Counter[str]:
+    """How often a class mentions each attribute of its node."""
+    return Counter(
+        node.attr
         for node in ast.walk(found)
+        if isinstance(node, ast.Attribute) and is_self(node.value)
     )
 
 

@@ -9,10 +9,9 @@ followed. All files of a kind have a limit together, over all cases of a spec.
 
 from __future__ import annotations
 
-import ast
 from collections import Counter
 from collections.abc import Mapping
-from functools import cache, lru_cache, partial
+from functools import cache, partial
 from pathlib import Path
 
 import msgspec
@@ -28,6 +27,7 @@ from r2bspec.plan.wiring.node_interface import (
     parse_interface_entry,
 )
 from r2bspec.plan.wiring.parameter_files import ParameterEffort, ParameterFile, read_parameter_file
+from r2bspec.plan.wiring.python_package import module_of
 from r2bspec.plan.wiring.python_source import NodeStart, read_node_start
 from r2bspec.safe_io import limits, safe_file
 from r2bspec.safe_io.git import find_work_tree
@@ -167,22 +167,22 @@ def read_source(
     """
     place, colon, name = target.rpartition(":")
     if colon:
-        tree = read_python_file(base_dir / place, source_folder(base_dir), budget)
+        file, folder = base_dir / place, source_folder(base_dir)
     else:
         place, _, name = target.rpartition(".")
         module = find_module(place)
         origin = module.origin if module is not None else None
         if origin is None or not origin.endswith(".py"):
             return unknown_interface(f"no source of {place} is found on this machine"), None
-        tree = read_python_file(Path(origin), budget=budget)
+        # A workspace that is built with links leads to its sources.
+        file = safe_file.real_path(Path(origin))
+        folder = module_of(file).folder
+    tree = read_python_file(file, folder, budget)
     if tree is None:
         return unknown_interface(f"{place} cannot be read"), None
-    return _read_class(tree, name)
-
-
-@lru_cache(maxsize=32)  # trees are the same objects as long as a file is the same
-def _read_class(tree: ast.Module, name: str) -> tuple[InterfaceEntry, NodeStart | None]:
+    path = safe_file.real_path(file)
     try:
-        return read_node_class(tree, name), read_node_start(tree, name)
+        read = partial(read_python_file, folder=folder, budget=budget)
+        return read_node_class(tree, name, path, read), read_node_start(tree, name)
     except RecursionError:
         return unknown_interface("its source is nested too deeply"), None

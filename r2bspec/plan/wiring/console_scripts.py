@@ -7,10 +7,7 @@ An installed package says it in its metadata; the source of one, as colcon build
 from __future__ import annotations
 
 import ast
-import configparser
-import importlib.metadata
 import re
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -30,6 +27,8 @@ _NAME: Final = re.compile(r"<name>\s*([\w.-]+)\s*</name>")
 @shared_lookup
 def installed_script(package: str, executable: str) -> str:
     """The ``module.function`` that a script of an installed package calls; empty if unknown."""
+    import importlib.metadata
+
     try:
         entries = importlib.metadata.distribution(package).entry_points
     except (importlib.metadata.PackageNotFoundError, ValueError, OSError):
@@ -90,6 +89,9 @@ def _text(folder: Path, name: str) -> str:
 
 def _script_lines(folder: Path, package: str) -> Iterator[str]:
     """The lines ``name = module:function`` of the source of a package."""
+    import configparser
+    import tomllib
+
     yield from _lines_of_setup(_text(folder, "setup.py"), package)
     reader = configparser.ConfigParser(interpolation=None)
     try:
@@ -117,15 +119,15 @@ def _lines_of_setup(text: str, package: str) -> Iterator[str]:
                     yield from (_line(each, package) for each in getattr(value, "elts", ()))
 
 
-def _line(node: ast.expr, package: str) -> str:
+def _line(node: ast.expr, package: str, depth: int = 0) -> str:
     match node:
         case ast.Constant(value=str(line)):
             return line
         case ast.JoinedStr(values=values):
             parts = (part.value if isinstance(part, ast.Constant) else package for part in values)
             return "".join(map(str, parts))
-        case ast.BinOp(left=left, op=ast.Add(), right=right):
-            return _line(left, package) + _line(right, package)
+        case ast.BinOp(left=left, op=ast.Add(), right=right) if depth < _MAX_DEPTH:
+            return _line(left, package, depth + 1) + _line(right, package, depth + 1)
         case ast.Name():
             return package
     return ""

@@ -10,8 +10,8 @@ its process can hold no other node. A function that calls ``rclpy.init`` itself,
 from __future__ import annotations
 
 import ast
-from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Iterable, Iterator
 from typing import Literal
 
 import msgspec
@@ -30,6 +30,7 @@ class SourceNames:
         self._imported: dict[str, set[str]] = defaultdict(set)
         self._bound: dict[str, list[ast.AST]] = defaultdict(list)
         self._has_star_import = False
+        self._origins: dict[str, set[tuple[int, str, str]]] = defaultdict(set)
         for node in ast.walk(tree):
             for name in _bound_names(node):
                 self._bound[name].append(node)
@@ -45,7 +46,9 @@ class SourceNames:
                 self._has_star_import = True
             else:
                 module = "" if node.level or not node.module else node.module
-                self._imported[alias.asname or alias.name].add(f"{module}.{alias.name}")
+                name = alias.asname or alias.name
+                self._imported[name].add(f"{module}.{alias.name}")
+                self._origins[name].add((node.level, node.module or "", alias.name))
 
     def definition(self, name: str) -> ast.FunctionDef | ast.ClassDef | None:
         """The function or class at the top level, if nothing else in the file binds its name."""
@@ -55,6 +58,13 @@ class SourceNames:
             case [ast.FunctionDef() | ast.ClassDef() as only] if only in self._tree.body:
                 return only
         return None
+
+    def imported_from(self, name: str) -> tuple[int, str, str] | None:
+        """The level, the module and the name of the only ``from`` import that binds a name."""
+        if name in self._bound or self._has_star_import or len(self._imported.get(name, ())) != 1:
+            return None
+        origins = self._origins.get(name, set())
+        return next(iter(origins)) if len(origins) == 1 else None
 
     def constant(self, name: str) -> ast.expr | None:
         """The value of a variable at the top level, if nothing else in the file binds its name."""
@@ -255,37 +265,44 @@ _REPEATED = (ast.If, ast.For, ast.While, ast.Match, ast.IfExp, ast.BoolOp, ast.E
 """What is in them may be executed never, or several times."""
 
 
-def program_class(function: ast.FunctionDef, names: SourceNames) -> tuple[ast.ClassDef | None, str]:
-    """The class of the file that a program such as ``main`` makes its only node of.
+def program_class(
+    function: ast.FunctionDef, names: SourceNames, is_class: Callable[[str], bool]
+) -> tuple[str, str]:
+    """The name of the class that a program such as ``main`` makes its only node of.
+
+    Args:
+        function: the program.
+        names: of its file.
+        is_class: whether a name is that of a class that can be read.
 
     Returns:
-        The class, or None if it is not in the file or there are several; and why the program may
+        The name, empty if there is none or there are several; and why the program may
         make other topics, too: because it does anything else than to initialise ROS, to make the
         node once, to spin it and to tidy up. Empty if it does not.
     """
     if function.decorator_list or not _is_program(function):
-        return None, f"{function.name} is a function that returns a node"
-    classes: list[ast.ClassDef] = []
+        return "", f"{function.name} is a function that returns a node"
+    classes: list[str] = []
     more = ""
     created = _created_locals(function)
-    waiting: list[tuple[ast.AST, bool]] = [(statement, True) for statement in function.body]
+    waiting = deque[tuple[ast.AST, bool]]((statement, True) for statement in function.body)
     while waiting:
-        node, once = waiting.pop(0)
+        node, once = waiting.popleft()
         if isinstance(node, _NESTED_SCOPES):
             more = more or f"line {node.lineno} is a function inside of {function.name}"
         if isinstance(node, ast.Call):
-            of_file = names.definition(node.func.id) if isinstance(node.func, ast.Name) else None
-            if isinstance(of_file, ast.ClassDef):
-                classes.append(of_file)
+            called = node.func.id if isinstance(node.func, ast.Name) else ""
+            if called and is_class(called):
+                classes.append(called)
                 if not once or node.args or node.keywords:
-                    more = more or f"line {node.lineno} makes {of_file.name} in its own way"
+                    more = more or f"line {node.lineno} makes {called} in its own way"
             elif not _is_program_call(node.func, names, created):
                 more = more or f"line {node.lineno} calls {ast.unparse(node.func)}()"
         once = once and not isinstance(node, _REPEATED)
         waiting.extend((child, once) for child in ast.iter_child_nodes(node))
     if len(classes) == 1:
         return classes[0], more
-    return None, f"{function.name} makes {len(classes) or 'no'} nodes of classes of its file"
+    return "", f"{function.name} makes {len(classes) or 'no'} nodes of classes that are read"
 
 
 def _created_locals(function: ast.FunctionDef) -> frozenset[str]:
@@ -297,12 +314,12 @@ def _created_locals(function: ast.FunctionDef) -> frozenset[str]:
         for target in node.targets
         if isinstance(target, ast.Name)
     }
-    stored = [
+    stored = Counter(
         node.id
         for node in ast.walk(function)
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
-    ]
-    return frozenset(name for name in called if stored.count(name) == 1)
+    )
+    return frozenset(name for name in called if stored[name] == 1)
 
 
 def _is_program_call(called: ast.expr, names: SourceNames, created: frozenset[str]) -> bool:

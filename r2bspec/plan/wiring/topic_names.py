@@ -51,18 +51,20 @@ class TopicNames:
                     return None
         return None
 
-    def _parameter(self, node: ast.expr, method: ast.AST) -> str | None:
+    def _parameter(self, node: ast.expr | None, method: ast.AST) -> str | None:
         """The reference to a parameter that an expression is, or whose value it is."""
-        match node:
-            case ast.Name(id=name):
-                value = self._locals.get(id(method), {}).get(name)
-                return None if value is None else self._parameter(value, method)
-            case ast.Call(func=ast.Attribute(value=inner, attr="get_parameter_value")):
-                return self._parameter(inner, method)
-            case ast.Call(args=[ast.Constant(value=str(name)), *_]) if (
-                method_of_self(node) in _PARAMETER_SOURCES
-            ):
-                return f"$(parameter {name})"
+        for _ in range(_MAX_STEPS):
+            match node:
+                case ast.Name(id=name):
+                    node = self._locals.get(id(method), {}).get(name)
+                case ast.Call(func=ast.Attribute(value=inner, attr="get_parameter_value")):
+                    node = inner
+                case ast.Call(args=[ast.Constant(value=str(name)), *_]) if (
+                    method_of_self(node) in _PARAMETER_SOURCES
+                ):
+                    return f"$(parameter {name})"
+                case _:
+                    return None
         return None
 
 

@@ -126,6 +126,29 @@ def test_only_the_included_file_is_kept_whole() -> None:
     assert "# - robot.launch.xml:1: robot.launch.xml is one launch node" in text
 
 
+def test_an_argument_that_is_not_known_is_not_passed_on_in_silence() -> None:
+    content = """<launch>
+      <arg name="vehicle" default="$(env CELL_VEHICLE truck)"/>
+      <include file="$(find-pkg-share far_away)/launch/far.launch.xml"/>
+    </launch>"""
+    spec, text = made(content, name="cell.launch.xml")
+    assert spec.graph.nodes["far"].launch.package == "far_away"
+    assert "cell.launch.xml:3: far.launch.xml gets no launch argument 'vehicle'" in text
+
+
+def test_names_that_a_run_needs_itself_are_not_taken() -> None:
+    content = '<launch><node pkg="cell" exec="system" name="system"/></launch>'
+    spec, text = made(content, name="system.launch.xml")
+    assert list(spec.graph.nodes) == ["system_2"]
+    assert "here it is 'system_2'" in text
+
+
+def test_programs_that_end_are_told() -> None:
+    content = '<launch><node pkg="controller_manager" exec="spawner" name="arm"/></launch>'
+    _, text = made(content, name="cell.launch.xml")
+    assert "'spawner' ends when it has done its work" in text
+
+
 def test_places_in_markup_are_those_of_the_entity(call: Call) -> None:
     Path("a.launch.yaml").write_text("launch:\n- log: {message: hi}\n- fly: {to: moon}\n")
     error = call("init", "made", "--from-launch", "a.launch.yaml", status=0).err

@@ -89,7 +89,17 @@ def test_a_record_that_lists_a_segment_twice_is_refused(tmp_path: Path) -> None:
     Simulation(segments=[Played(rate_hz=30.0, latency=np.full(9, 0.01))]).write(tmp_path / "run")
     file = tmp_path / "run" / "record.json"
     record = json.loads(file.read_text())
-    record["segments"] *= 30_000
+    record["segments"] *= 5
     file.write_text(json.dumps(record))
-    with pytest.raises(RecordError, match="30,000 times"):
+    with pytest.raises(RecordError, match="5 times"):
+        open_run(tmp_path / "run")
+
+
+def test_a_record_of_more_segments_than_can_be_judged_is_refused(tmp_path: Path) -> None:
+    Simulation(segments=[Played(rate_hz=30.0, latency=np.full(9, 0.01))]).write(tmp_path / "run")
+    file = tmp_path / "run" / "record.json"
+    record = json.loads(file.read_text())
+    record["segments"] = [{**record["segments"][0], "id": f"s{n}"} for n in range(5_001)]
+    file.write_text(json.dumps(record))
+    with pytest.raises(RecordError, match="lists 5,001 segments; the limit is 5,000"):
         open_run(tmp_path / "run")

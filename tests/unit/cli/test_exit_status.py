@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import re
+import shlex
+import subprocess
+import sys
 from pathlib import Path
 from typing import get_args
 
@@ -51,3 +54,19 @@ def test_every_outcome_has_a_status_and_is_stored_as_a_number() -> None:
             outcome=outcome, exit_code=status, reason="", requirements=(), unusable=()
         )
         assert f'"exit_code":{status.value},'.encode() in msgspec.json.encode(verdict)
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&- <&-"])
+@pytest.mark.parametrize(("words", "status"), [("explain", 0), ("validate none.r2b.yaml", 2)])
+def test_a_stream_that_is_closed_changes_no_status(
+    words: str, status: int, closed: str, tmp_path: Path
+) -> None:
+    program = shlex.quote(sys.executable)
+    ended = subprocess.run(
+        ["/bin/sh", "-c", f"{program} -m r2bspec {words} {closed}"],
+        cwd=tmp_path,
+        capture_output=True,
+        check=False,
+    )
+    assert ended.returncode == status, ended.stderr
+    assert list(tmp_path.iterdir()) == []

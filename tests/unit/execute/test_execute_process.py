@@ -11,13 +11,10 @@ from typing import Any
 
 import pytest
 
-from plans import process_plan
-from r2bspec.execute.errors import RunError
 from r2bspec.execute.processes import process
 from r2bspec.execute.processes.process import (
     SLICE_NS,
     LogLimiter,
-    apply_affinity,
     open_log,
     shorten_slice,
     slice_of,
@@ -161,27 +158,6 @@ def sleeper() -> Iterator[subprocess.Popen[bytes]]:
     with subprocess.Popen(["/bin/sleep", "60"]) as process:
         yield process
         process.kill()
-
-
-def test_processors_and_priority(sleeper: subprocess.Popen[bytes]) -> None:
-    first = min(os.sched_getaffinity(0))
-    apply_affinity(process_plan("detector", cpus=(first,), nice=5), sleeper.pid)
-    assert os.sched_getaffinity(sleeper.pid) == {first}
-    assert os.getpriority(os.PRIO_PROCESS, sleeper.pid) == os.getpriority(os.PRIO_PROCESS, 0) + 5
-
-
-def test_a_processor_that_is_not_there_is_named(sleeper: subprocess.Popen[bytes]) -> None:
-    with pytest.raises(RunError, match="detector cannot run on CPUs 4095") as caught:
-        apply_affinity(process_plan("detector", cpus=(4095,)), sleeper.pid)
-    assert caught.value.code == "R2B636"
-
-
-def test_a_process_that_has_ended_already_is_left_to_its_watcher() -> None:
-    process = subprocess.Popen(["/bin/true"])
-    process.wait()
-    apply_affinity(
-        process_plan("detector", nice=1, cpus=(min(os.sched_getaffinity(0)),)), process.pid
-    )
 
 
 @pytest.mark.skipif(slice_of(0) == 0, reason="this kernel has no time slices for each process")

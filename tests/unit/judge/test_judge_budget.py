@@ -255,3 +255,11 @@ def test_lost_messages_beside_the_middle_half_leave_its_components_finite() -> N
     found = requirement(latency, "latency.p50 < 20.5 ms", (1, 2, 3)).budget
     assert found is not None
     assert all(part.share is None or np.isfinite(part.share) for part in found.parts)
+
+
+def test_no_latency_is_below_nothing_where_some_are_lost() -> None:
+    """Lost outputs count as the worst, which of a lower limit is minus infinity."""
+    latency = messages(inside=0.0001) * np.array([[1, 1, 1, 1, 1, 1, 15, 15, 25, 25]]).T
+    latency[0, :3] = np.nan
+    found = requirement(latency, "latency.p50 >= 10 ms")
+    assert found.lower == 0

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -357,3 +359,22 @@ def test_a_newer_folder_and_an_exchanged_plan_are_said(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="version 2") as caught:
         open_comparison(pairs.folder)
     assert caught.value.hint
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda found: {"pairs": found["pairs"] * 2}, "lists the run 'base/001' 2 times"),
+        (lambda found: {"pairs": found["pairs"] * 900}, "5,400 pairs; the limit is 5,000"),
+        (lambda _: {"planned": 10**12}, "1,000,000,000,000 pairs; the limit is 5,000"),
+    ],
+)
+def test_a_comparison_of_more_runs_than_were_played_is_refused(
+    change: Callable[[dict[str, Any]], dict[str, Any]], said: str, tmp_path: Path
+) -> None:
+    pairs = Comparison(BASE, SLOWER).write(tmp_path / "pairs")
+    file = pairs.folder / "pairs.json"
+    found = json.loads(file.read_text())
+    file.write_text(json.dumps(found | change(found)))
+    with pytest.raises(RecordError, match=re.escape(said)):
+        open_comparison(pairs.folder)

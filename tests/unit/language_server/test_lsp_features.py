@@ -302,3 +302,8 @@ async def test_hints(document: OpenDocument) -> None:
     said = [str(hint.label) for hint in hints or ()]
     assert {"20 steps x 10", "= 10 Hz"} <= set(said)
     assert any(text.startswith("a run takes about") for text in said)
+
+
+async def test_parameters_are_proposed_beside_a_file(document: OpenDocument) -> None:
+    written = changed("parameters: {gain: 2.0}", "parameters: [./p.yaml, {¦}]")
+    assert "gain" in await document.labels(written)

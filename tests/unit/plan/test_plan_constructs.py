@@ -49,6 +49,14 @@ def test_extra_arguments_of_a_component_are_in_the_plan_and_change_the_graph() -
     assert sorted(map(str, changed)) == ["extra_arguments", "intra_process"]
 
 
+def test_arguments_of_a_container_come_before_its_name() -> None:
+    quiet = ["--ros-args", "--log-level", "warn"]
+    containers = {"c": {"executable": "component_container_mt", "arguments": quiet}}
+    made = plan(STRAIGHT, graph=graph(a={**RECTIFY, "container": "c"}), containers=containers)
+    words = ["$(executable rclcpp_components component_container_mt)", *quiet, "--ros-args"]
+    assert list(process(made, "c").argv[:5]) == words
+
+
 def test_placement_harness_puts_python_nodes_beside_player_and_monitor() -> None:
     made = plan(STRAIGHT, graph=graph("harness", a=RECTIFY, b=RELAY))
     assert [(each.name, each.role) for each in made.processes] == [

@@ -85,10 +85,15 @@ def test_the_compiler_reads_every_key_of_the_language() -> None:
 
 
 def fields_of_whole_structs() -> set[str]:
-    """The keys of structs of the language that a plan holds as they are, or is itself."""
-    hints = [
-        str(hint) for struct in structs(plan) for hint in inspect.get_annotations(struct).values()
+    """The keys of structs of the language that a plan holds as they are, is itself, or inherits."""
+    own = [hint for struct in structs(plan) for hint in inspect.get_annotations(struct).values()]
+    inherited = [
+        hint
+        for record in structs(*LANGUAGE)
+        if any(issubclass(each, record) for each in structs(plan) if each is not plan.Plan)
+        for hint in inspect.get_annotations(record).values()
     ]
+    hints = [str(hint) for hint in (*own, *inherited)]
     return {
         name
         for record in structs(*LANGUAGE)

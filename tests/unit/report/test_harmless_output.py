@@ -325,3 +325,11 @@ def test_an_error_about_a_long_name_keeps_its_reason(
     shown = call(*arguments, "x" * 100_000, status=ExitStatus.USAGE)
     assert len(shown.out + shown.err) < 2_000
     assert any(reason in shown.err for reason in reasons)
+
+
+@pytest.mark.parametrize("text", ["##[group]", "a ##vso[task.x]", "####[x", "# [x", "##"])
+def test_json_in_a_log_is_no_command_of_its_runner(text: str) -> None:
+    document = msgspec.json.encode({text: [text]})
+    shown = escaped_json(document)
+    assert not re.search(rb"##\w*\[", shown)
+    assert msgspec.json.decode(shown) == {text: [text]}

@@ -85,9 +85,33 @@ def test_another_executor_than_that_of_the_program_is_said(bench: Path) -> None:
 
 def test_what_is_inherited_from_another_file_is_a_reason_for_doubt(bench: Path) -> None:
     interface, start = read_source("../src/drive_pkg/drive_pkg/driver_node.py:main", bench)
-    assert interface.may_publish_more == "Driver inherits from BaseNode, whose topics are not read"
+    assert interface.may_publish_more == "Driver inherits from BaseNode, which may have others"
     assert start is not None
     assert start.style == "main"
+
+
+def test_classes_are_followed_through_the_files_of_a_package(tmp_path: Path) -> None:
+    bench = write_workspace(tmp_path)
+    (tmp_path / ".git").mkdir()
+    package = tmp_path / "src/drive_pkg/drive_pkg"
+    (package / "base.py").write_text(
+        "from rclpy.node import Node\nfrom std_msgs.msg import Bool\n"
+        "class BaseNode(Node):\n    def __init__(self, name):\n        super().__init__(name)\n"
+        "        self.ready = self.create_publisher(Bool, 'ready', 1)\n"
+    )
+    (package / "entry.py").write_text(
+        "import rclpy\nfrom drive_pkg.driver_node import Driver\n"
+        "def main():\n    rclpy.init()\n    rclpy.spin(Driver())\n"
+    )
+    (package / "loop.py").write_text("from .loop import main\n")
+    interface, _ = read_source("../src/drive_pkg/drive_pkg/entry.py:main", bench)
+    assert set(interface.publishes or ()) == {"cmd", "ready"}
+    assert set(interface.subscribes or ()) == {"goal"}
+    interface, _ = read_source("../src/drive_pkg/drive_pkg/loop.py:main", bench)
+    assert interface.publishes is None
+    (tmp_path / ".git").rmdir()
+    interface, _ = read_source("../src/drive_pkg/drive_pkg/entry.py:main", bench)
+    assert interface.may_publish_more == "../src/drive_pkg/drive_pkg/entry.py cannot be read"
 
 
 def test_a_package_that_is_not_built_can_run_from_its_source(bench: Path) -> None:

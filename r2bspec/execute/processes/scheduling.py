@@ -1,0 +1,208 @@
+"""How the processes of the graph, and threads of them, are scheduled: tried, set, and read back.
+
+What the system forbids is found out before anything is started, by trying it on a thread that ends:
+a capability may be there and the control group still refuse. Which limit forbids it is worked out
+only then. Threads and descendants inherit what a process gets before it starts any; threads with a
+name get theirs when the graph is ready, because they do not exist before.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import resource
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Final
+
+import psutil
+
+from r2bspec.execute.errors import RunError
+from r2bspec.language.spec import ThreadScheduling
+from r2bspec.plan.plan import ProcessPlan
+from r2bspec.record.run_record import ThreadSchedulingRecord
+
+_POLICIES: Final = {
+    "other": os.SCHED_OTHER,
+    "batch": os.SCHED_BATCH,
+    "idle": os.SCHED_IDLE,
+    "fifo": os.SCHED_FIFO,
+    "rr": os.SCHED_RR,
+}
+_NAMES: Final = {number: name for name, number in _POLICIES.items()}
+_CAP_SYS_NICE: Final = 23
+
+
+def require_permitted(processes: Sequence[ProcessPlan]) -> None:
+    """Try what the processes of a plan ask for, without a process.
+
+    Raises:
+        RunError: the machine has no such CPU, or does not permit the policy or the niceness; with
+            the limit that forbids it.
+    """
+    for plan in processes:
+        _try(plan, plan)
+        for wanted in plan.scheduling.threads if plan.scheduling else ():
+            _try(plan, wanted)
+
+
+def _try(plan: ProcessPlan, wanted: ProcessPlan | ThreadScheduling) -> None:
+    # Linux applies all of it to the calling thread alone, which then ends.
+    with ThreadPoolExecutor(1) as alone:
+        alone.submit(_apply, plan.name, wanted, 0).result()
+
+
+def apply_to_process(plan: ProcessPlan, pid: int) -> None:
+    """Schedule a process that has just been started, before its program starts a thread.
+
+    Raises:
+        RunError: as for `require_permitted`.
+    """
+    with contextlib.suppress(ProcessLookupError):
+        _apply(plan.name, plan, pid)
+
+
+def _apply(name: str, wanted: ProcessPlan | ThreadScheduling, task: int) -> None:
+    """Schedule a task: a process that has one thread yet, or a thread; 0 is the calling one."""
+    settings = wanted.scheduling if isinstance(wanted, ProcessPlan) else wanted
+    if wanted.cpus:
+        try:
+            os.sched_setaffinity(task, wanted.cpus)
+        except ProcessLookupError:
+            raise
+        except (OSError, ValueError) as error:
+            raise _no_such_cpus(name, wanted.cpus) from error
+    if wanted.nice:
+        with _refused(name, f"a nice value of {wanted.nice}", lambda: _nice_limit(wanted.nice)):
+            os.setpriority(os.PRIO_PROCESS, task, wanted.nice)
+    if settings is not None and settings.policy is not None:
+        priority = settings.priority
+        what = f"the policy {settings.policy}" + (f" with priority {priority}" if priority else "")
+        with _refused(name, what, lambda: _policy_limit(priority)):
+            os.sched_setscheduler(task, _POLICIES[settings.policy], os.sched_param(priority))
+
+
+def _no_such_cpus(name: str, cpus: Sequence[int]) -> RunError:
+    allowed = ", ".join(map(str, sorted(os.sched_getaffinity(0))))
+    online = os.cpu_count() or 1
+    hint = "Correct 'cpus', or use a machine that has these CPUs."
+    if max(cpus) < online:
+        hint = (
+            "The machine has them, but the control group (cpuset) of r2bspec does not grant them: "
+            "start it with more, as with 'docker run --cpuset-cpus'."
+        )
+    return RunError(
+        f"process {name} cannot run on CPUs {', '.join(map(str, cpus))}; available: {allowed}",
+        hint=hint,
+        code="R2B636",
+    )
+
+
+@contextlib.contextmanager
+def _refused(name: str, what: str, why: Callable[[], str]) -> Iterator[None]:
+    try:
+        yield
+    except ProcessLookupError:
+        raise
+    except OSError as error:
+        reason = why() if error.errno in {errno.EPERM, errno.EACCES} else str(error)
+        raise RunError(
+            f"process {name}: {what} is not permitted: {reason}",
+            hint="Raise the limit for this user in /etc/security/limits.d, with LimitRTPRIO= and "
+            "LimitNICE= of a systemd unit, or with 'docker run --ulimit rtprio=99 --cap-add "
+            "SYS_NICE', and log in again.",
+            code="R2B637",
+        ) from error
+
+
+def _nice_limit(nice: int) -> str:
+    soft = resource.getrlimit(resource.RLIMIT_NICE)[0]
+    return f"RLIMIT_NICE is {soft}, and {20 - nice} is needed{_capability()}"
+
+
+def _policy_limit(priority: int) -> str:
+    soft = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
+    if priority and (soft == resource.RLIM_INFINITY or soft >= priority):
+        return f"RLIMIT_RTPRIO is enough, but the control group grants no real time{_capability()}"
+    return f"RLIMIT_RTPRIO is {soft}, and {priority} is needed{_capability()}"
+
+
+def _capability() -> str:
+    return "" if _has_capability() else ", or the capability CAP_SYS_NICE"
+
+
+def _has_capability() -> bool:
+    status = Path("/proc/self/status").read_text(encoding="utf-8", errors="replace")
+    bits = next((line.split()[1] for line in status.splitlines() if line.startswith("CapEff")), "0")
+    return bool(int(bits, 16) >> _CAP_SYS_NICE & 1)
+
+
+def schedule_threads(plan: ProcessPlan, pid: int) -> tuple[ThreadSchedulingRecord, ...]:
+    """Schedule the threads with a name, of a process and its descendants; what all then have.
+
+    Returns:
+        As read back from the kernel; empty if the plan asks for nothing.
+
+    Raises:
+        RunError: no thread has a name of the plan, or as for `require_permitted`.
+    """
+    scheduling = plan.scheduling
+    if scheduling is None and not plan.cpus and not plan.nice:
+        return ()
+    for wanted in scheduling.threads if scheduling else ():
+        named = [task for task, name in _threads(pid) if fnmatchcase(name, wanted.name)]
+        for task in named:
+            with contextlib.suppress(ProcessLookupError):
+                _apply(plan.name, wanted, task)
+        if not named:
+            known = ", ".join(sorted({name for _, name in _threads(pid)})) or "none"
+            raise RunError(
+                f"process {plan.name} has no thread {wanted.name!r} when the graph is ready",
+                hint=f"Its threads: {known}.",
+                code="R2B653",
+            )
+    return read_scheduling(pid)
+
+
+def read_scheduling(pid: int) -> tuple[ThreadSchedulingRecord, ...]:
+    """What the kernel says of the threads of a process and its descendants, those alike as one."""
+    found: Counter[ThreadSchedulingRecord] = Counter()
+    for task, name in _threads(pid):
+        with contextlib.suppress(OSError):
+            record = ThreadSchedulingRecord(
+                thread=name,
+                policy=_NAMES.get(os.sched_getscheduler(task) & ~os.SCHED_RESET_ON_FORK, "unknown"),
+                priority=os.sched_getparam(task).sched_priority,
+                nice=os.getpriority(os.PRIO_PROCESS, task),
+                cpus=tuple(sorted(os.sched_getaffinity(task))),
+            )
+            found[record] += 1
+    ordered = sorted(found, key=lambda each: (each.thread, each.policy, each.priority))
+    return tuple(
+        ThreadSchedulingRecord(
+            thread=each.thread,
+            policy=each.policy,
+            priority=each.priority,
+            nice=each.nice,
+            cpus=each.cpus,
+            count=found[each],
+        )
+        for each in ordered
+    )
+
+
+def _threads(pid: int) -> list[tuple[int, str]]:
+    """The threads of a process and its descendants, with their names; not those that have ended."""
+    found = []
+    with contextlib.suppress(psutil.Error):
+        process = psutil.Process(pid)
+        for each in (process, *process.children(recursive=True)):
+            for task in Path(f"/proc/{each.pid}/task").glob("*"):
+                with contextlib.suppress(OSError):
+                    name = (task / "comm").read_text(encoding="utf-8", errors="replace").rstrip()
+                    found.append((int(task.name), name))
+    return found

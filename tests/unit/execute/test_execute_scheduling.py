@@ -1,0 +1,168 @@
+"""Processes and threads on real CPUs with real priorities, and what the system forbids."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import textwrap
+from collections.abc import Iterator
+
+import pytest
+
+from plans import process_plan
+from r2bspec.execute.errors import RunError
+from r2bspec.execute.processes.scheduling import (
+    apply_to_process,
+    read_scheduling,
+    require_permitted,
+    schedule_threads,
+)
+from r2bspec.language.spec import Scheduling, ThreadScheduling
+
+FIRST = min(os.sched_getaffinity(0))
+
+NAMED_THREADS = """
+import ctypes, threading, time
+def named(name):
+    ctypes.CDLL(None).prctl(15, name.encode(), 0, 0, 0)
+    ready.wait()
+    time.sleep(60)
+ready = threading.Barrier(4)
+for name in ("dds.ev", "dds.shm", "executor"):
+    threading.Thread(target=named, args=(name,), daemon=True).start()
+ready.wait()
+print(flush=True)
+time.sleep(60)
+"""
+
+
+def permits(policy: int, priority: int) -> bool:
+    code = f"import os; os.sched_setscheduler(0, {policy}, os.sched_param({priority}))"
+    return not subprocess.run([sys.executable, "-c", code], capture_output=True).returncode
+
+
+real_time = pytest.mark.skipif(not permits(os.SCHED_FIFO, 5), reason="real time is not permitted")
+
+
+@pytest.fixture
+def sleeper() -> Iterator[subprocess.Popen[bytes]]:
+    with subprocess.Popen(["/bin/sleep", "60"]) as process:
+        yield process
+        process.kill()
+
+
+@pytest.fixture
+def threads() -> Iterator[subprocess.Popen[bytes]]:
+    command = [sys.executable, "-c", NAMED_THREADS]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        yield process
+        process.kill()
+
+
+def test_processors_and_niceness(sleeper: subprocess.Popen[bytes]) -> None:
+    nice = min(19, os.getpriority(os.PRIO_PROCESS, 0) + 5)
+    apply_to_process(process_plan("detector", cpus=(FIRST,), nice=nice), sleeper.pid)
+    (seen,) = read_scheduling(sleeper.pid)
+    assert (seen.cpus, seen.nice, seen.policy, seen.count) == ((FIRST,), nice, "other", 1)
+
+
+@pytest.mark.parametrize("policy", ["batch", "idle"])
+def test_a_policy_that_needs_no_permission(sleeper: subprocess.Popen[bytes], policy: str) -> None:
+    plan = process_plan("detector", scheduling=Scheduling(policy=policy))  # type: ignore[arg-type]
+    require_permitted([plan])
+    apply_to_process(plan, sleeper.pid)
+    assert read_scheduling(sleeper.pid)[0].policy == policy
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER
+
+
+@real_time
+def test_real_time_for_the_process_and_threads_by_name(threads: subprocess.Popen[bytes]) -> None:
+    plan = process_plan(
+        "detector",
+        scheduling=Scheduling(
+            threads=(
+                ThreadScheduling(name="dds.*", policy="rr", priority=7),
+                ThreadScheduling(name="dds.shm", policy="fifo", priority=9, cpus=(FIRST,)),
+            )
+        ),
+    )
+    require_permitted([plan])
+    seen = {each.thread: each for each in schedule_threads(plan, threads.pid)}
+    assert (seen["dds.ev"].policy, seen["dds.ev"].priority) == ("rr", 7)
+    assert (seen["dds.shm"].policy, seen["dds.shm"].priority) == ("fifo", 9)
+    assert seen["dds.shm"].cpus == (FIRST,)
+    assert (seen["executor"].policy, seen["executor"].priority) == ("other", 0)
+
+
+def test_a_name_that_no_thread_has_is_answered_with_those_there_are(
+    threads: subprocess.Popen[bytes],
+) -> None:
+    wanted = Scheduling(threads=(ThreadScheduling(name="zenoh*", policy="batch"),))
+    with pytest.raises(RunError, match=r"detector has no thread 'zenoh\*'") as caught:
+        schedule_threads(process_plan("detector", scheduling=wanted), threads.pid)
+    assert caught.value.code == "R2B653"
+    assert "dds.ev, dds.shm, executor" in caught.value.hint
+
+
+def test_nothing_is_read_back_where_nothing_is_asked_for(threads: subprocess.Popen[bytes]) -> None:
+    assert schedule_threads(process_plan("detector"), threads.pid) == ()
+
+
+def test_a_processor_that_is_not_there_is_named(sleeper: subprocess.Popen[bytes]) -> None:
+    plan = process_plan("detector", cpus=(4095,))
+    with pytest.raises(RunError, match="detector cannot run on CPUs 4095"):
+        require_permitted([plan])
+    with pytest.raises(RunError, match="detector cannot run on CPUs 4095") as caught:
+        apply_to_process(plan, sleeper.pid)
+    assert caught.value.code == "R2B636"
+
+
+def test_a_process_that_has_ended_already_is_left_to_its_watcher() -> None:
+    process = subprocess.Popen(["/bin/true"])
+    process.wait()
+    apply_to_process(process_plan("detector", nice=1, cpus=(FIRST,)), process.pid)
+    assert read_scheduling(process.pid) == ()
+
+
+@pytest.mark.parametrize(
+    ("settings", "limit"),
+    [
+        ("scheduling=Scheduling(policy='fifo', priority=40)", "RLIMIT_RTPRIO is 0, and 40 is"),
+        (
+            "scheduling=Scheduling(threads=(ThreadScheduling(name='x', policy='rr', priority=4),))",
+            "RLIMIT_RTPRIO is 0, and 4 is",
+        ),
+        ("nice=-5", "RLIMIT_NICE is 0, and 25 is"),
+    ],
+)
+def test_what_a_limit_forbids_is_refused_with_the_limit(settings: str, limit: str) -> None:
+    """In a process without the capability, whose limits are low; real, as root and as a user."""
+    code = f"""
+    import os, resource
+    from plans import process_plan
+    from r2bspec.execute.errors import RunError
+    from r2bspec.execute.processes.scheduling import require_permitted
+    from r2bspec.language.spec import Scheduling, ThreadScheduling
+    for which in (resource.RLIMIT_RTPRIO, resource.RLIMIT_NICE):
+        resource.setrlimit(which, (0, 0))
+    if os.getuid() == 0:
+        os.setresuid(65534, 65534, 65534)
+    try:
+        require_permitted([process_plan("detector", {settings})])
+    except RunError as error:
+        print(error.code, error, error.hint)
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code)],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("R2B637 process detector: ")
+    assert limit in done.stdout
+    assert "CAP_SYS_NICE" in done.stdout
+    assert "--ulimit rtprio=99" in done.stdout
