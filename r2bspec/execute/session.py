@@ -33,7 +33,7 @@ from typing import Any
 
 from r2bspec.execute import errors
 from r2bspec.execute.bringup import harness_processes, readiness
-from r2bspec.execute.bringup.creation_faults import not_created
+from r2bspec.execute.bringup.creation_faults import not_created, not_made
 from r2bspec.execute.bringup.graph_matching import MonitorSubscriptions, PhaseGraph
 from r2bspec.execute.bringup.launcher import NODE_ROLES, Launcher, message_packages
 from r2bspec.execute.bringup.observe_graph import foreign_publishers, guarded_topics
@@ -216,6 +216,11 @@ class Session:
             nodes = (each.nodes for each in self._plan.processes if each.name == died.process)
             if error := not_created(died, next(nodes, ())):
                 raise error from died
+            raise
+        except errors.ProcessFailedError as failed:
+            made = [node for each in self._plan.processes for node in each.nodes]
+            if error := not_made(failed, made):
+                raise error from failed
             raise
 
     def _enter(self, state: RunState, text: str) -> None:

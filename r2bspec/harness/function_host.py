@@ -81,8 +81,7 @@ class FunctionHost:
             if isinstance(error, SystemExit):
                 raise
             # The constructor of a node fails alike, whoever calls it.
-            frames = traceback.extract_tb(error.__traceback__)
-            is_running = self._is_program and all(each.name != "__init__" for each in frames)
+            is_running = self._is_program and not _is_of_constructor(error)
             does = "ended with" if is_running else "cannot be created:"
             raise node_main.NodeError(
                 "R2B634" if is_running else "R2B633",
@@ -129,3 +128,12 @@ class FunctionHost:
                     self._channel.send(protocol.Modules(files=node_main.module_files()))
         self._ending.set()
         os.kill(os.getpid(), signal.SIGINT)
+
+
+def _is_of_constructor(error: BaseException) -> bool:
+    """Whether the constructor of a node has raised an exception."""
+    frames = (frame for frame, _ in traceback.walk_tb(error.__traceback__))
+    return any(
+        frame.f_code.co_name == "__init__" and isinstance(frame.f_locals.get("self"), Node)
+        for frame in frames
+    )

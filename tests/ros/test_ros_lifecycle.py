@@ -22,6 +22,8 @@ from ros_runs import bench as bench
 
 # The first has no topics and no gain before it is configured, the second publishes when active.
 NODES = """
+import os
+
 from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
@@ -39,6 +41,8 @@ class Late(LifecycleNode):
             return TransitionCallbackReturn.FAILURE
         if self.fails == "returns":
             return None
+        if self.fails == "dies":
+            os._exit(3)
         self.declare_parameter("gain", 1.0)
         self.output = self.create_lifecycle_publisher(Image, "between", 10)
         self.input = self.create_subscription(Image, "input", self.output.publish, 10)
@@ -131,6 +135,14 @@ def test_a_transition_that_fails_is_named_with_its_cause(
     )
     assert "lifecycle: active" in done.error
     assert "there is no camera" in done.error or fails != "refuses"
+
+
+def test_a_process_that_ends_meanwhile_is_named_and_nobody_waits_for_its_answer(chain: Any) -> None:
+    done = chain(lifecycle="active", late={"parameters": {"fails": "dies"}})
+    assert done.status == 4
+    assert "/r2b/late could not configure: process late exited with status 3" in done.error
+    (observer,) = (each for each in done.run().record.processes if each.name == "harness.observer")
+    assert (observer.exit_code, observer.signals) == (0, ())
 
 
 def test_a_node_that_nothing_activates_is_said_and_not_waited_for(chain: Any) -> None:

@@ -14,7 +14,7 @@ from typing import Final, Literal
 import msgspec
 
 from r2bspec.diagnostics import did_you_mean
-from r2bspec.execute.errors import GraphMismatchError, ProcessDiedError
+from r2bspec.execute.errors import GraphMismatchError, ProcessDiedError, ProcessFailedError
 from r2bspec.plan.installed_packages import ament_packages, package_plugins, ros_package_advice
 from r2bspec.plan.plan import NodePlan
 from r2bspec.record.run_record import Difference
@@ -31,11 +31,18 @@ _EXTRA = re.compile(r"Extra component argument '([^']*)'")
 
 _WRONG_TYPE = re.compile(r"parameter '([^']+)' has invalid type: (.*)", re.DOTALL)
 _TYPES = re.compile(r"is of type \{(.+?)\}, setting it to \{(.+?)\} is not allowed")
+_WRONG_TYPE_PYTHON = re.compile(
+    r"Trying to set parameter '([^']+)' to .* of type '(\w+)', expecting type '(\w+)'", re.DOTALL
+)
 _REFUSED = re.compile(r"parameter '([^']+)' could not be set: (.*)", re.DOTALL)
+_REFUSED_PYTHON = re.compile(
+    r"Invalid parameter value \(.*\) for parameter\. Reason: (.*): (\S+)\Z", re.DOTALL
+)
 _UNSET = re.compile(
     r"(?:Statically typed parameter '([^']+)' must be initialized|"
     r"parameter '([^']+)' is not initialized)"
 )
+_OUT_OF_RANGE = re.compile(r"doesn't comply with|out of range")
 
 _UNCAUGHT_CPP = re.compile(
     r"terminate called after throwing an instance of '([^']+)'\s+what\(\): +(.*?)\s*\Z", re.DOTALL
@@ -103,16 +110,9 @@ def exception_fault(what: str, otherwise: str) -> Fault:
     """
     if (wrong := _WRONG_TYPE.search(what)) is not None:
         types = _TYPES.search(wrong[2])
-        return Fault(
-            f"parameter {wrong[1]!r} is of type {types[1]}, and cannot be of type {types[2]}"
-            if types
-            else f"parameter {wrong[1]!r} has the wrong type: {wrong[2].strip()}",
-            "parameter",
-            wrong[1],
-            "write 1.0 for a double: ROS does not convert integers"
-            if types and types.groups() == ("double", "integer")
-            else "write a value of its type",
-        )
+        return _wrong_type(wrong[1], *types.groups()) if types else _refused(wrong[1], wrong[2])
+    if (wrong := _WRONG_TYPE_PYTHON.search(what)) is not None:
+        return _wrong_type(wrong[1], wrong[3].lower(), wrong[2].lower())
     if (unset := _UNSET.search(what)) is not None:
         name = unset[1] or unset[2]
         return Fault(
@@ -122,16 +122,28 @@ def exception_fault(what: str, otherwise: str) -> Fault:
             f"set {name!r} under 'parameters'",
         )
     if (refused := _REFUSED.search(what)) is not None:
-        out = "doesn't comply with" in refused[2]
-        return Fault(
-            f"parameter {refused[1]!r} is out of its range"
-            if out
-            else f"parameter {refused[1]!r} was refused: {refused[2].strip()}",
-            "parameter",
-            refused[1],
-            "'ros2 param describe' shows the range" if out else "",
-        )
+        return _refused(refused[1], refused[2])
+    if (refused := _REFUSED_PYTHON.search(what)) is not None:
+        return _refused(refused[2], refused[1])
     return Fault(f"{otherwise}: {what.strip()}" if what.strip() else otherwise)
+
+
+def _wrong_type(name: str, declared: str, given: str) -> Fault:
+    return Fault(
+        f"parameter {name!r} is of type {declared}, and cannot be of type {given}",
+        "parameter",
+        name,
+        "write 1.0 for a double: ROS does not convert integers"
+        if (declared, given) == ("double", "integer")
+        else "write a value of its type",
+    )
+
+
+def _refused(name: str, reason: str) -> Fault:
+    if _OUT_OF_RANGE.search(reason):
+        why = f"parameter {name!r} is out of its range"
+        return Fault(why, "parameter", name, "'ros2 param describe' shows the range")
+    return Fault(f"parameter {name!r} was refused: {reason.strip()}", "parameter", name)
 
 
 def not_loaded(node: NodePlan, container: str, reason: str, output: str) -> GraphMismatchError:
@@ -169,8 +181,26 @@ def not_created(died: ProcessDiedError, nodes: Iterable[NodePlan]) -> GraphMisma
         fault = Fault(f"it raised {what} ({file.rpartition('/')[2]}, line {line})")
     else:
         return None
-    message = f"node {only[0].name} could not be created: {fault.why}"
+    message = f"node {only[0].name} cannot be created: {fault.why}"
     return _error(NOT_CREATED, only[0], fault, message, "" if uncaught is None else str(died))
+
+
+def not_made(failed: ProcessFailedError, nodes: Iterable[NodePlan]) -> GraphMismatchError | None:
+    """The error for a Python node whose host says that it could not be created; else None.
+
+    Args:
+        failed: what the host says.
+        nodes: of its process.
+    """
+    begins = {f"node {node.name} cannot be created: ": node for node in nodes}
+    for begin, node in begins.items():
+        _, found, what = str(failed).partition(begin)
+        if found and failed.code == NOT_CREATED:
+            fault = exception_fault(what, "")
+            fault = msgspec.structs.replace(fault, help=fault.help or failed.hint)
+            message = f"node {node.name} cannot be created: {fault.why.removeprefix(': ')}"
+            return _error(NOT_CREATED, node, fault, message, "")
+    return None
 
 
 def _error(

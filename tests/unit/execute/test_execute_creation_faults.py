@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from plans import node_plan
-from r2bspec.execute.bringup.creation_faults import not_created, not_loaded
-from r2bspec.execute.errors import GraphMismatchError, ProcessDiedError
+from plans import node_plan, process_plan
+from r2bspec.execute.bringup.creation_faults import not_created, not_loaded, not_made
+from r2bspec.execute.bringup.launcher import Launcher
+from r2bspec.execute.bringup.readiness import StartDeadline
+from r2bspec.execute.errors import GraphMismatchError, ProcessDiedError, ProcessFailedError
+from r2bspec.language.spec import Container
+from r2bspec.plan.command_lines import container_argv
+from r2bspec.record.run_folder import RunFolder
 
 NODE = node_plan("rectify", namespace="/r2b", package="camera", plugin="camera::Rectify")
 THREW = "Component constructor threw an exception: "
@@ -172,3 +179,65 @@ def test_of_a_process_with_several_nodes_none_is_blamed(nodes: list[object]) -> 
 
 def test_a_crash_is_no_exception() -> None:
     assert not_created(died("Segmentation fault"), [NODE]) is None
+
+
+# What rclpy 7.1 raises.
+@pytest.mark.parametrize(
+    ("what", "said", "name"),
+    [
+        (
+            (
+                "InvalidParameterTypeException: Trying to set parameter 'gain' to '2' of type "
+                "'INTEGER', expecting type 'DOUBLE': gain"
+            ),
+            "parameter 'gain' is of type double, and cannot be of type integer",
+            "gain",
+        ),
+        (
+            "ParameterUninitializedException: The parameter 'model' is not initialized: model",
+            "parameter 'model' is required, and is not set",
+            "model",
+        ),
+        (
+            (
+                "InvalidParameterValueException: Invalid parameter value (99) for parameter. "
+                "Reason: Parameter rate out of range. Min: 1, Max: 10, value: 99: rate"
+            ),
+            "parameter 'rate' is out of its range",
+            "rate",
+        ),
+        ("ValueError: no camera", "ValueError: no camera", ""),
+    ],
+)
+def test_a_python_node_with_the_same_mistake_has_the_same_words_and_place(
+    what: str, said: str, name: str
+) -> None:
+    text = f"rectify: node /r2b/rectify cannot be created: {what}"
+    error = not_made(ProcessFailedError(text, code="R2B633"), [NODE])
+    assert error is not None
+    (difference,) = error.differences
+    assert difference.message == f"node /r2b/rectify cannot be created: {said}"
+    assert (difference.code, difference.name, error.exit_code) == ("R2B633", name, 2)
+    assert not_made(ProcessFailedError(text, code="R2B634"), [NODE]) is None
+
+
+def test_a_container_that_ends_is_named_with_what_it_loaded(tmp_path: Path) -> None:
+    class Dying:
+        """In place of the supervisor: the container is dead when the component is asked for."""
+
+        def waiting(self, _what: str) -> contextlib.nullcontext[None]:
+            return contextlib.nullcontext()
+
+        def request(self, *_: object) -> None:
+            raise died("Segmentation fault")
+
+    supervisor: Any = Dying()
+    launcher = Launcher(supervisor, supervisor, RunFolder(tmp_path / "run"), tmp_path)
+    argv = container_argv("cpp", Container(), "/r2b")
+    plan = process_plan("cpp", "container", argv=argv)
+    with pytest.raises(ProcessDiedError) as raised:
+        launcher._load_component(supervisor, plan, NODE, StartDeadline(10**9))
+    assert str(raised.value).startswith(
+        "while /r2b/rectify (camera::Rectify) was loaded: process rectify was killed by SIGABRT"
+    )
+    assert raised.value.exit_code == 4
