@@ -12,6 +12,7 @@ pytest.importorskip("test_msgs")
 
 from rcl_interfaces.srv import GetParameters, SetParameters
 
+from c_nodes import c_node
 from r2bspec.harness.service_client import ServiceCallError, fill_message, service_class
 from ros_runs import Bench
 from ros_runs import bench as bench
@@ -124,6 +125,19 @@ def test_a_service_is_called_whether_or_not_it_has_answered(bench: Bench) -> Non
     # The next request does not wait for the answer.
     later = at < played.size - 1
     assert (played["published_ns"][at[later] + 1] < answers["received_ns"][later]).any()
+
+
+def test_a_service_in_c_is_called(bench: Bench) -> None:
+    # A command without settings of ROS runs as it is written: in no namespace.
+    called = {**SLOW, "name": "/double"}
+    spec = calls_spec("Slow", {"service": called, "success": "bool_value"})
+    spec["graph"]["nodes"] = {"doubler": {"command": [str(c_node("doubler", "test_msgs"))]}}
+    run = bench.run(spec).run()
+    (segment,) = (each for each in run.record.segments if each.kind == "iteration")
+    played, answers = run.playback(segment), run.monitor(segment, "it")
+    assert played.size == 20
+    assert 0 < answers.size <= 15
+    assert np.isin(answers["stamp_ns"], played["stamp_ns"]).all()
 
 
 def test_of_an_action_acceptance_feedback_and_success_are_measured(bench: Bench) -> None:

@@ -12,27 +12,33 @@ from r2bspec.native.build import BuildError, build, find_compiler, find_ros
 from ros_runs import IMAGE
 
 _SOURCES = Path(__file__).parents[1] / "ros/nodes_c"
-_LIBRARIES = (
-    *("-lrcl", "-lrcutils", "-lrcl_yaml_param_parser", "-pthread"),
-    *("-lsensor_msgs__rosidl_typesupport_c", "-lsensor_msgs__rosidl_generator_c"),
-)
+_SHARED = {"sensor_msgs": ("image_node",)}
+"""What nodes of these messages have in common."""
+
+_LIBRARIES = ("-lrcl", "-lrcutils", "-lrcl_yaml_param_parser", "-pthread")
 
 
 @cache
-def c_node(name: str) -> Path:
-    """The program of a node, built once; skips the test where no C can be compiled."""
+def c_node(name: str, messages: str = "sensor_msgs") -> Path:
+    """The program of a node, built once; skips the test where no C can be compiled.
+
+    With messages of another package it is no node of images, and has one file.
+    """
     try:
         compiler, ros = find_compiler(), find_ros()
     except BuildError as missing:
         pytest.skip(f"{missing}")
     return build(
         name,
-        [_SOURCES / f"{name}.c", _SOURCES / "image_node.c"],
+        [_SOURCES / f"{each}.c" for each in (name, *_SHARED.get(messages, ()))],
         ros,
         kind="program",
         compiler=compiler,
-        packages=("sensor_msgs", "std_msgs"),
-        libraries=_LIBRARIES,
+        packages=(messages, "std_msgs"),
+        libraries=(
+            *_LIBRARIES,
+            *(f"-l{messages}__rosidl_{each}_c" for each in ("typesupport", "generator")),
+        ),
     )
 
 
