@@ -43,7 +43,9 @@ def stopped(late: int = 0, **inputs: int) -> SilentOutputs:
     )
     observer = SimpleNamespace(trace=lambda _, play: (play(), facts)[1])
     graph: Any = SimpleNamespace(
-        plan=SimpleNamespace(inputs=("in",)), observer=lambda _: observer, supervisor=None
+        plan=SimpleNamespace(inputs=("in",), called={}),
+        observer=lambda _: observer,
+        supervisor=None,
     )
     player: Any = SimpleNamespace(
         play_unrecorded=lambda *_: None, discard_new_rows=lambda: {"out": late}
