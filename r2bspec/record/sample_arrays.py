@@ -14,7 +14,7 @@ from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from r2bspec.record.files import RecordError, write_atomically
-from r2bspec.safe_io.limits import MAX_SAMPLES_BYTES
+from r2bspec.safe_io.limits import MAX_NUMBER, MAX_SAMPLES_BYTES
 from r2bspec.safe_io.safe_file import TooLargeError, open_regular
 
 Rows = NDArray[Any]
@@ -130,7 +130,7 @@ def read_rows(path: Path, dtype: np.dtype[np.void], sha256: str = "") -> Rows:
         raise RecordError(f"{path} is damaged: {error}", hint=_HINT) from error
     if rows.ndim != 1 or rows.dtype != dtype:
         raise RecordError(f"{path} is damaged: it has no {path.stem} rows", hint=_HINT)
-    _check_times(rows, path)
+    _check_values(rows, path)
     return rows
 
 
@@ -138,12 +138,17 @@ _LONGEST_NS = 1 << 62
 """Differences of times within this (146 years) are 64-bit integers, too."""
 
 
-def _check_times(rows: Rows, path: Path) -> None:
+def _check_values(rows: Rows, path: Path) -> None:
     names = [name for name in rows.dtype.names or () if name.endswith("_ns")] if rows.size else ()
     for name in names:
         times = rows[name]
         if times.min() < -_LONGEST_NS or times.max() > _LONGEST_NS:
             raise RecordError(f"{path} is damaged: {name} has a time that cannot be", hint=_HINT)
+    for name in rows.dtype.names or ():
+        # NaN is what the system does not count; it counts processor time.
+        size = np.abs(rows[name]) if rows.dtype[name].kind == "f" else np.zeros(0)
+        if np.any(~(size <= MAX_NUMBER) if name == "cpu_s" else size > MAX_NUMBER):
+            raise RecordError(f"{path} is damaged: {name} has a value that cannot be", hint=_HINT)
 
 
 _LENGTH_AT = npy_format.MAGIC_LEN

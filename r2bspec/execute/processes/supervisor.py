@@ -45,6 +45,9 @@ _POLL_S = 0.05
 REPLY_TIMEOUT_S = 10.0
 """For what a process answers at once; it may be in a callback."""
 
+_WATCHDOG_EXIT_S = 5.0
+"""It has little to do at the end; but somebody may have stopped it."""
+
 _NOT_INSTALLED_PREFIX = "R2B62"
 """The codes for missing software: another attempt would not help."""
 
@@ -351,8 +354,11 @@ class ProcessSupervisor:
         with contextlib.suppress(OSError):
             if self._watchdog.stdin is not None:
                 self._watchdog.stdin.close()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._watchdog.wait(5.0)
+        try:
+            self._watchdog.wait(_WATCHDOG_EXIT_S)
+        except subprocess.TimeoutExpired:
+            self._watchdog.kill()
+            self._watchdog.wait()
         self._selector.close()
         self._logs.truncate_large(now=True)
         return self._killed

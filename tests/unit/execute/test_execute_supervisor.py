@@ -108,6 +108,7 @@ def make_impatient(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(process, constant, seconds)
     monkeypatch.setattr(middleware_of({}), "exit_in_turn_s", 0.1)
     monkeypatch.setattr(supervisor, "MAX_SIGTERM_S", 0.3)
+    monkeypatch.setattr(supervisor, "_WATCHDOG_EXIT_S", 2.0)
 
 
 @pytest.fixture
@@ -521,3 +522,12 @@ def test_an_interrupt_is_seen_while_an_answer_is_awaited(stage: Stage) -> None:
 
 def test_a_signal_without_a_name_has_its_number() -> None:
     assert describe_exit(-250) == "was killed by signal 250"
+
+
+def test_a_watchdog_that_was_stopped_does_not_outlive_the_run(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_impatient(monkeypatch)
+    stage.children._watchdog.send_signal(signal.SIGSTOP)
+    stage.children.close()
+    assert stage.children._watchdog.poll() == -signal.SIGKILL

@@ -306,3 +306,16 @@ def test_times_that_cannot_be_are_damage(
     renew_digests(tmp_path)
     with pytest.raises(RecordError, match=f"{field} has a time that cannot be"):
         open_run(tmp_path).playback(segment)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("cpu_s", np.inf), ("cpu_s", np.nan), ("cpu_s", 1e300), ("waited_s", -np.inf)],
+)
+def test_sums_that_cannot_be_are_damage(field: str, value: float, tmp_path: Path) -> None:
+    rows = Simulation(segments=[Played(30, [0.01, 0.01])]).write(tmp_path).resources()
+    rows[field][1] = value
+    RunFolder(tmp_path).write_resources(rows)
+    renew_digests(tmp_path)
+    with pytest.raises(RecordError, match=f"{field} has a value that cannot be"):
+        open_run(tmp_path).resources()
