@@ -377,15 +377,16 @@ def _effort(draft: _Draft) -> tuple[float, int | None]:
 
     None where no share can be confirmed: the messages of a timeline are too few.
     """
-    messages_per_s = _rate_hz(draft) * _ITERATIONS
+    rate_hz = _rate_hz(draft)
     longest = _window_s(draft) if _is_timeline(draft) else _LONGEST_ITERATION_S
     seconds = _SHORTEST_ITERATION_S
     looks = InterimLooks.planned(_ITERATIONS, default_starts(_ITERATIONS))
     confidence = looks.confidence_at(len(looks))
     for percent in _LOST_PERCENT:
-        # In steps of half a second.
         needed = min_sample_size(percent / 100, confidence) or 1
-        seconds = max(_SHORTEST_ITERATION_S, math.ceil(2 * needed / messages_per_s) / 2)
+        # Whole messages in each iteration, in steps of half a second.
+        in_each = math.ceil(needed / _ITERATIONS)
+        seconds = max(_SHORTEST_ITERATION_S, math.ceil(2 * in_each / rate_hz) / 2)
         if seconds <= longest:
             return seconds, percent
     return (seconds, None) if _is_timeline(draft) else (seconds, _LOST_PERCENT[-1])
