@@ -142,11 +142,11 @@ def _of_r2bspec(
     bag: Path, start_ns: int | None = None, stop_ns: int | None = None
 ) -> Iterator[bytes]:
     from r2bspec.bags.bag_reader import read_messages
-    from r2bspec.bags.recording import Window
+    from r2bspec.bags.recording import TimeWindow
 
     window = None
     if start_ns is not None and stop_ns is not None:
-        window = Window(start_ns=start_ns - START_NS, end_ns=stop_ns - START_NS)
+        window = TimeWindow(start_ns=start_ns - START_NS, end_ns=stop_ns - START_NS)
     for message in read_messages(bag, [TOPIC], window):
         yield message.data
 

@@ -12,7 +12,7 @@ import sys
 if (
     not sys.flags.safe_path
     and sys.argv[:1] == ["-m"]  # while Python looks for the module that it is to execute
-    and any(each.removeprefix("-m").split(".")[0] == "r2bspec" for each in sys.orig_argv)
+    and any(orig_word.removeprefix("-m").split(".")[0] == "r2bspec" for orig_word in sys.orig_argv)
 ):
     del sys.path[0]
 

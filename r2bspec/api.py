@@ -68,7 +68,7 @@ class InvalidSpecError(R2bspecError):
     exit_code = ExitStatus.USAGE
 
     def __init__(self, loaded: LoadedSpec, diagnostics: Sequence[Diagnostic]) -> None:
-        errors = sum(each.severity == "error" for each in diagnostics)
+        errors = sum(diagnostic.severity == "error" for diagnostic in diagnostics)
         noun = "error" if errors == 1 else "errors"
         super().__init__(
             f"{loaded.file} is not valid: {errors} {noun}",
@@ -152,8 +152,10 @@ def prepare(
     diagnostics = check(loaded, context=context)
     if smoke:
         # Nothing is judged: how many messages a verdict needs does not matter.
-        diagnostics = [each for each in diagnostics if not each.code.startswith("R2B5")]
-    if context is None or any(each.severity == "error" for each in diagnostics):
+        diagnostics = [
+            diagnostic for diagnostic in diagnostics if not diagnostic.code.startswith("R2B5")
+        ]
+    if context is None or any(diagnostic.severity == "error" for diagnostic in diagnostics):
         raise InvalidSpecError(loaded, diagnostics)
     plan = compile_plan(
         context.spec,
@@ -296,7 +298,7 @@ def _run_in_folder(
 ) -> Result:
     from r2bspec.check.finding_location import differences_to_diagnostics
     from r2bspec.execute.controller import run_plan
-    from r2bspec.execute.errors import GraphMismatchError as Differs
+    from r2bspec.execute.errors import GraphDifferencesError as Differs
 
     try:
         run_plan(
@@ -391,8 +393,8 @@ def run_pairs(
         with applied_environment(environment):
             base = prepare_base(reference)
     sides = [
-        ComparisonSide(each.plan, each.base_dir, each.spec_text, overrides)
-        for each, overrides in ((base, environment), (head, {}))
+        ComparisonSide(side.plan, side.base_dir, side.spec_text, overrides)
+        for side, overrides in ((base, environment), (head, {}))
     ]
     comparison = prepare_comparison(
         *sides, against=reference.text, pairs=pairs, control=control, force=force
@@ -461,7 +463,7 @@ def run_gated(
         RunError: the head failed; the folder has the pairs finished until then.
         RecordError: the folder cannot be created.
     """
-    from r2bspec.compare.interleaved_comparison import BaseFailsError, Gate, prepare_comparison
+    from r2bspec.compare.interleaved_comparison import BaseFailsError, GateCheck, prepare_comparison
     from r2bspec.compare.interleaved_runs import compare
     from r2bspec.compare.merge_gate import ALLOW_BASE
 
@@ -475,7 +477,7 @@ def run_gated(
             against=gate.tree.name,
             pairs=pairs,
             force=gate.settings.force,
-            gate=Gate(sides.sentences, gate.check_loaded_files),
+            gate=GateCheck(sides.sentences, gate.check_loaded_files),
         )
         try:
             with _locked(name, lock, progress):

@@ -91,10 +91,10 @@ def record_interfaces(
         on_node(node.key)
         with Interrupts() as interrupts, temporary_folder("node") as scratch:
             try:
-                found = _inspect(
+                interfaces = _inspect(
                     plan, node, base_dir.absolute(), scratch, timeout_s, interrupts.check
                 )
-                yield InterfaceResult(node.key, _interface_entry(found, node, base_dir))
+                yield InterfaceResult(node.key, _interface_entry(interfaces, node, base_dir))
             except R2bspecError as error:
                 if error.exit_code == ExitStatus.INTERRUPTED:
                     raise
@@ -151,15 +151,15 @@ def _inspect(
             )
             supervisor.request(inspector, inspect, protocol.Ready, timeout_s + _REPLY_SLACK_S)
             # A default value may come from the environment.
-            found = replaced_texts(json.loads(target.read_text("utf-8")), redact)
-            if not found:
+            interfaces = replaced_texts(json.loads(target.read_text("utf-8")), redact)
+            if not interfaces:
                 raise NotReadyError(
                     f"{node.key} did not appear within {timeout_s:g} s",
                     hint="It may not be a ROS node, or not ready yet; --timeout allows more time.",
                 )
             supervisor.end(list(supervisor))
             return {
-                key: {name: value for entry in found for name, value in entry[key].items()}
+                key: {name: value for entry in interfaces for name, value in entry[key].items()}
                 for key in (*_LISTS, "parameters")
             }
     finally:
@@ -212,10 +212,10 @@ def _interface_entry(found: dict[str, Any], node: NodeWiring, base_dir: Path) ->
         version=package_version(node.node.package),
     )
     parameters = {
-        name: {key: value for key, value in each.items() if key == "type"}
+        name: {key: value for key, value in parameter.items() if key == "type"}
         if name in node.parameters
-        else each
-        for name, each in found["parameters"].items()
+        else parameter
+        for name, parameter in found["parameters"].items()
     }
     rows = {key: found[key] for key in _LISTS} | {"parameters": parameters}
     return {

@@ -124,7 +124,7 @@ def pytest_configure(config: pytest.Config) -> None:
             config.add_cleanup(limit.close)
     except (R2bspecError, ValueError) as error:
         raise pytest.UsageError(plain(f"r2bspec: {error}")) from None
-    allowed = [config.invocation_params.dir / each for each in config.getoption(_ALLOW_PATH)]
+    allowed = [config.invocation_params.dir / path for path in config.getoption(_ALLOW_PATH)]
     config.stash[_ACCESS] = {"allow_paths": allowed, "untrusted": untrusted}
 
 
@@ -255,9 +255,9 @@ class _Validation(_SpecTest):
         from r2bspec.report.findings_text import render_text
 
         offline = self.config.getoption("--r2bspec-runs") is not None
-        found = check(self._loaded, offline=offline)
-        if any(each.severity == "error" for each in found):
-            raise BenchmarkError(render_text(found, self._loaded.texts))
+        findings = check(self._loaded, offline=offline)
+        if any(finding.severity == "error" for finding in findings):
+            raise BenchmarkError(render_text(findings, self._loaded.texts))
 
     def reportinfo(self) -> tuple[Path, int | None, str]:
         """The first line of the spec."""
@@ -283,24 +283,28 @@ class _Requirement(_SpecTest):
         result = self.parent.result(self._loaded)
         if result.verdict.outcome in {"invalid", "incomplete"}:
             raise BenchmarkError(f"{result.verdict.outcome}: {result.verdict.reason}")
-        found = [
-            one
-            for one in result.verdict.requirements
-            if (one.objective, one.text) == (self._objective, self._text)
+        verdicts = [
+            requirement
+            for requirement in result.verdict.requirements
+            if (requirement.objective, requirement.text) == (self._objective, self._text)
         ]
-        if not found:
+        if not verdicts:
             raise BenchmarkError(
                 "the run has no verdict on this requirement: it is from another version of the spec"
             )
-        for one in found:
-            section = harmless("\n".join(_verdict_lines(one)))
+        for verdict in verdicts:
+            section = harmless("\n".join(_verdict_lines(verdict)))
             self.add_report_section("call", "verdict", section)
         self.add_report_section("call", "run", harmless(result.verdict.reason))
-        counted = [one for one in found if one.level == "error"]
-        failed = [one for one in counted if one.outcome == "fail"]
-        shown = failed or [one for one in counted if one.outcome == "inconclusive"]
+        counted = [run_verdict for run_verdict in verdicts if run_verdict.level == "error"]
+        failed = [run_verdict for run_verdict in counted if run_verdict.outcome == "fail"]
+        shown = failed or [
+            run_verdict for run_verdict in counted if run_verdict.outcome == "inconclusive"
+        ]
         if shown:
-            explanation = "\n".join(line for one in shown for line in _verdict_lines(one))
+            explanation = "\n".join(
+                line for run_verdict in shown for line in _verdict_lines(run_verdict)
+            )
             if not failed and self.config.getoption("--r2bspec-inconclusive") == "skip":
                 pytest.skip(harmless(explanation))
             raise BenchmarkError(explanation)
@@ -315,4 +319,4 @@ def _verdict_lines(one: RequirementVerdict) -> Iterator[str]:
 
     cells = (verdict_word(one), one.text.strip(), estimate_text(one), bounds_text(one))
     yield "  ".join(cells).strip()
-    yield from (f"  {each}" for each in sentences(one))
+    yield from (f"  {sentence}" for sentence in sentences(one))

@@ -66,7 +66,7 @@ class DraftNodes:
 
 
 @dataclass(frozen=True, slots=True)
-class Recording:
+class DraftRecording:
     """A recording for a first spec: how the spec names it, and its index."""
 
     written: str
@@ -85,7 +85,7 @@ class _Draft:
 
     name: str
     nodes: DraftNodes
-    recording: Recording | None
+    recording: DraftRecording | None
     base_dir: Path
     namespace: str = ""
     inputs: dict[str, TopicInfo] = field(default_factory=dict)
@@ -95,7 +95,11 @@ class _Draft:
 
 
 def draft_text(
-    name: str, sources: list[str], nodes: DraftNodes, recording: Recording | None, base_dir: Path
+    name: str,
+    sources: list[str],
+    nodes: DraftNodes,
+    recording: DraftRecording | None,
+    base_dir: Path,
 ) -> str:
     """A spec with what is known, and comments about what is not.
 
@@ -135,8 +139,8 @@ def _add_placeholder(draft: _Draft) -> None:
 
 def _add_missing_source(draft: _Draft, measured: PhaseWiring | None) -> None:
     """What nodes subscribe to and nothing publishes has to come from outside of the benchmark."""
-    wanted = _open_subscriptions(measured)
-    missing = {topic: kind for topic, kind in wanted.items() if kind and topic not in draft.inputs}
+    needs = _open_subscriptions(measured)
+    missing = {topic: kind for topic, kind in needs.items() if kind and topic not in draft.inputs}
     if not missing or (measured is not None and measured.possible_publishers):
         return
     entry = Block.of({"external": True, "publishes": Block.of(dict(sorted(missing.items())))})
@@ -175,25 +179,28 @@ def _doubts(measured: PhaseWiring | None) -> list[str]:
     ]
 
 
-def _data_topics(recording: Recording | None) -> list[TopicInfo]:
+def _data_topics(recording: DraftRecording | None) -> list[TopicInfo]:
     return [
-        each
-        for name, each in (recording.index.topics.items() if recording else ())
+        data_topic
+        for name, data_topic in (recording.index.topics.items() if recording else ())
         if f"/{name.lstrip('/')}" not in _COMMON
-        and each.count
-        and re.search(MESSAGE_TYPE.pattern, each.type)
-        and re.search(TOPIC.pattern, each.name)
+        and data_topic.count
+        and re.search(MESSAGE_TYPE.pattern, data_topic.type)
+        and re.search(TOPIC.pattern, data_topic.name)
     ]
 
 
 def _select_inputs(draft: _Draft, measured: PhaseWiring | None) -> None:
-    recorded = {f"/{each.name.lstrip('/')}": each for each in _data_topics(draft.recording)}
-    wanted = _open_subscriptions(measured)
-    for topic, kind in wanted.items():
+    recorded = {
+        f"/{data_topic.name.lstrip('/')}": data_topic
+        for data_topic in _data_topics(draft.recording)
+    }
+    needs = _open_subscriptions(measured)
+    for topic, kind in needs.items():
         match = recorded.get(topic) or recorded.get(topic.removeprefix(draft.namespace))
         if match is not None and kind in {"", match.type}:
             draft.inputs[topic] = match
-    for topic, kind in wanted.items():
+    for topic, kind in needs.items():
         if topic not in draft.inputs:
             _match_by_type(draft, topic, kind, list(recorded.values()))
     uncertain = measured is None or bool(measured.possible_subscribers)
@@ -209,7 +216,9 @@ def _select_inputs(draft: _Draft, measured: PhaseWiring | None) -> None:
                 "recording has them"
             )
     if not draft.inputs and recorded:
-        draft.inputs = {f"{draft.namespace}{name}": each for name, each in recorded.items()}
+        draft.inputs = {
+            f"{draft.namespace}{name}": planned_topic for name, planned_topic in recorded.items()
+        }
         draft.unknown.append(
             "which topics the nodes subscribe to: all of the recording are inputs; remove those "
             "that the graph publishes itself"
@@ -217,21 +226,23 @@ def _select_inputs(draft: _Draft, measured: PhaseWiring | None) -> None:
 
 
 def _match_by_type(draft: _Draft, topic: str, kind: str, recorded: list[TopicInfo]) -> None:
-    used = {each.name for each in draft.inputs.values()}
-    same = [each for each in recorded if each.type == kind and each.name not in used]
+    used = {input_.name for input_ in draft.inputs.values()}
+    same = [
+        candidate for candidate in recorded if candidate.type == kind and candidate.name not in used
+    ]
     words = set(topic.split("/"))
-    common = [len(words.intersection(each.name.split("/"))) for each in same]
+    common = [len(words.intersection(candidate.name.split("/"))) for candidate in same]
     most = max(common, default=0)
     close = [each for each, number in zip(same, common, strict=True) if number == most] or same
     if not most:
         last = topic.rpartition("/")[2]
-        close = [each for each in same if last in each.name] or same
+        close = [candidate for candidate in same if last in candidate.name] or same
     if not close:
         draft.unknown.append(f"what {topic} gets: the recording has no {kind or 'such topic'}")
         return
     draft.inputs[topic] = close[0]
     if len(close) > 1:
-        others = ", ".join(each.name for each in close[1:5])
+        others = ", ".join(candidate.name for candidate in close[1:5])
         draft.unknown.append(f"whether {topic} is {close[0].name}; as well possible: {others}")
 
 
@@ -240,12 +251,12 @@ def _open_subscriptions(measured: PhaseWiring | None) -> dict[str, str]:
     if measured is None:
         return {}
     return {
-        each.topic: each.type
-        for each in measured.endpoints
-        if each.is_node
-        and not each.is_publisher
-        and each.topic not in _COMMON
-        and not any(one.is_node for one in measured.publishers(each.topic))
+        endpoint.topic: endpoint.type
+        for endpoint in measured.endpoints
+        if endpoint.is_node
+        and not endpoint.is_publisher
+        and endpoint.topic not in _COMMON
+        and not any(publisher.is_node for publisher in measured.publishers(endpoint.topic))
     }
 
 
@@ -265,7 +276,8 @@ def _select_outputs(draft: _Draft, measured: PhaseWiring | None) -> None:
     last = {
         topic: kind
         for topic, kind in published.items()
-        if measured is not None and not any(each.is_node for each in measured.subscriptions(topic))
+        if measured is not None
+        and not any(subscription.is_node for subscription in measured.subscriptions(topic))
     }
     draft.outputs = dict(list((last or published).items())[:_MOST_MONITORS])
     left_out = len(last or published) - len(draft.outputs)
@@ -311,27 +323,29 @@ def _text(draft: _Draft, sources: list[str]) -> str:
         monitors.add(name if name[0].isalpha() else f"m{name}", entry)
     top.add("monitors", monitors)
     top.add("benchmark", _benchmark(draft))
-    top.add("slos", _objectives(draft, [each.key for each in monitors.entries]))
+    top.add("slos", _objectives(draft, [monitor_entry.key for monitor_entry in monitors.entries]))
     if draft.recording is not None and draft.outputs:
         top.below.append("After a run, 'r2bspec suggest SPEC RUN' proposes limits for latency.")
     head = [f"Written by 'r2bspec init' from {', '.join(sources)}."]
     if draft.unknown:
-        head += ["", "Not known:", *(f"- {each}" for each in dict.fromkeys(draft.unknown))]
+        head += ["", "Not known:", *(f"- {sentence}" for sentence in dict.fromkeys(draft.unknown))]
     return document(top, head)
 
 
-def _data_loader(draft: _Draft, recording: Recording) -> Block:
+def _data_loader(draft: _Draft, recording: DraftRecording) -> Block:
     block = Block.of({"bag": recording.written})
     seconds = recording.index.duration_ns / 1e9
     if seconds > _LONGEST_WINDOW_S:
         above = [f"The recording has {seconds:.1f} s; messages of the window are in memory."]
         block.add("window", {"start": "0 s", "end": f"{_LONGEST_WINDOW_S} s"}, above)
     topics = Block()
-    for each in dict.fromkeys(draft.inputs.values()):
-        topics.add(f"/{each.name.lstrip('/')}", _loaded(each), after=_described(each))
-    used = {each.name for each in draft.inputs.values()}
-    others = [each for each in recording.index.topics.values() if each.name not in used]
-    above = ["Also recorded:", *(f"  {each.name} ({each.type})" for each in others)]
+    for data_topic in dict.fromkeys(draft.inputs.values()):
+        topics.add(
+            f"/{data_topic.name.lstrip('/')}", _loaded(data_topic), after=_described(data_topic)
+        )
+    used = {input_.name for input_ in draft.inputs.values()}
+    others = [topic for topic in recording.index.topics.values() if topic.name not in used]
+    above = ["Also recorded:", *(f"  {other.name} ({other.type})" for other in others)]
     block.add("topics", topics, above if others else [])
     return block
 
@@ -347,9 +361,11 @@ def _described(topic: TopicInfo) -> str:
 
 
 def _is_timeline(draft: _Draft) -> bool:
-    rates = [each.rate_hz for each in draft.inputs.values()]
-    known = [each for each in rates if each > 0]
-    return len(known) < len(rates) or (bool(known) and max(known) > _SAME_RATE * min(known))
+    rates = [input_.rate_hz for input_ in draft.inputs.values()]
+    positive_rates = [rate for rate in rates if rate > 0]
+    return len(positive_rates) < len(rates) or (
+        bool(positive_rates) and max(positive_rates) > _SAME_RATE * min(positive_rates)
+    )
 
 
 def _playback(draft: _Draft) -> Block:
@@ -368,7 +384,7 @@ def _playback(draft: _Draft) -> Block:
 
 
 def _rate_hz(draft: _Draft) -> float:
-    rates = [each.rate_hz for each in draft.inputs.values() if each.rate_hz > 0]
+    rates = [input_.rate_hz for input_ in draft.inputs.values() if input_.rate_hz > 0]
     return float(f"{min(rates):.3g}") if rates else 10.0
 
 

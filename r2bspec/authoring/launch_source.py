@@ -24,7 +24,7 @@ from r2bspec.interop.script_import.launch_parts import IncludeAction, NodeAction
 from r2bspec.interop.script_import.markup_launch import markup_launch_file
 from r2bspec.interop.script_import.spec_entries import NodeWriter
 from r2bspec.interop.script_import.spec_text import Block, SpecValues, flow, relative_folder
-from r2bspec.interop.script_import.values import Construct, Note, ScriptLimitError
+from r2bspec.interop.script_import.values import Construct, ImportNote, ScriptLimitError
 from r2bspec.plan.installed_packages import package_share
 from r2bspec.plan.this_machine import ament_prefixes
 from r2bspec.plan.wiring.ast_reader import read_node_class, read_python_file
@@ -108,7 +108,7 @@ def add_launch_nodes(
 
 def _whole_files(source: LaunchSource, spec_folder: Path, keys: set[str]) -> _Reading:
     """The reading of a file in which nothing is lost: each file with a loss is kept as it is."""
-    kept: dict[Path, list[Note]] = {}
+    kept: dict[Path, list[ImportNote]] = {}
     while True:
         reading = _Reading(source, spec_folder, set(keys), kept)
         lost = reading.read()
@@ -133,14 +133,14 @@ class _Reading:
         source: LaunchSource,
         spec_folder: Path,
         keys: set[str],
-        kept: Mapping[Path, list[Note]],
+        kept: Mapping[Path, list[ImportNote]],
     ) -> None:
         self.source = source
         self.kept = kept
         self.reader = source_files.ScriptReader(source.file)
         self.launched: dict[Path, LaunchFile] = {}
-        self.notes: list[Note] = []
-        self.changes: list[Note] = []
+        self.notes: list[ImportNote] = []
+        self.changes: list[ImportNote] = []
         self.nodes, self.containers, self.topics = Block(), Block(), list[str]()
         folder = relative_folder(source.file.parent, spec_folder)
         self.spec_folder = spec_folder
@@ -148,7 +148,7 @@ class _Reading:
         self.values.share_folder = self._share_folder
         self.writer = NodeWriter(self.values, keys)
 
-    def read(self) -> list[Note]:
+    def read(self) -> list[ImportNote]:
         """Read the file; returns what is lost."""
         file = self.source.file
         launched = self._launch_file(file, dict(self.source.arguments))
@@ -174,7 +174,7 @@ class _Reading:
         self.changes += parts.changes
         if not self.nodes:
             place = Span(str(file), 1, 1, 1, 2)
-            self.notes.append(Note("with these arguments, the file starts nothing", place))
+            self.notes.append(ImportNote("with these arguments, the file starts nothing", place))
         return self.notes
 
     def add_to(self, draft: DraftNodes) -> None:
@@ -186,7 +186,7 @@ class _Reading:
         draft.environment += [x for x in self.values.environment if x not in draft.environment]
         draft.topics += self.topics
 
-    def told(self) -> list[Note]:
+    def told(self) -> list[ImportNote]:
         """What the spec says in another way than the file, in the order of the lines."""
         notes = [*self.changes, *self.values.changes]
         for file, reasons in self.kept.items():
@@ -194,8 +194,8 @@ class _Reading:
             also = f", and {more} more reasons" if more > 1 else ""
             first = reasons[0].reason.partition(", so ")[0]
             what = f"{file.name} is one launch node, because of this: {first}{also}"
-            notes.append(Note(what, reasons[0].place))
-        grouped: dict[tuple[str, str], Note] = {}
+            notes.append(ImportNote(what, reasons[0].place))
+        grouped: dict[tuple[str, str], ImportNote] = {}
         for note in notes:
             grouped.setdefault((note.place.file, note.reason), note)
         return sorted(grouped.values(), key=lambda note: (note.place.file, note.place.line))
@@ -236,12 +236,12 @@ class _Reading:
                     include.arguments.setdefault(name, value)
                 elif name not in include.arguments:
                     what = f"{include.name} gets no launch argument {name!r}, which is not known"
-                    self.changes.append(Note(what, place))
+                    self.changes.append(ImportNote(what, place))
             return None
         try:
             launched = self._launch_file(file, inherited | include.arguments)
         except source_files.UnusableScriptError as error:
-            self.changes.append(Note(f"{file.name} is not expanded: {error}", place))
+            self.changes.append(ImportNote(f"{file.name} is not expanded: {error}", place))
             return None
         self.notes += launched.notes
         return launched
@@ -279,8 +279,11 @@ def _add_interface(block: Block, node: NodeAction, folder: Path) -> None:
 def _program(node: NodeAction, folder: Path) -> Path | None:
     """The file of a program, if it can be found and may be Python."""
     if node.executable and node.package:
-        files = [each / "lib" / node.package / node.executable for each in ament_prefixes()]
+        files = [
+            ament_prefix / "lib" / node.package / node.executable
+            for ament_prefix in ament_prefixes()
+        ]
     else:
         words = [each.replace("$(script)", str(folder)) for each in node.command[:2]]
-        files = [Path(each) for each in words if each.endswith(".py")]
-    return next((each for each in files if is_regular(each)), None)
+        files = [Path(word) for word in words if word.endswith(".py")]
+    return next((file for file in files if is_regular(file)), None)

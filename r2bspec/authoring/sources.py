@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from r2bspec.authoring.draft_spec import DraftNodes, Recording, draft_text
+from r2bspec.authoring.draft_spec import DraftNodes, DraftRecording, draft_text
 from r2bspec.authoring.launch_source import add_launch_nodes, find_launch_file
 from r2bspec.datasets.catalogue import index, locate
 from r2bspec.diagnostics import Diagnostic
@@ -174,13 +174,13 @@ def is_readable_node(target: str, folder: Path) -> bool:
     return bool(interface.publishes or interface.subscribes)
 
 
-def _recording(bag: str, folder: Path) -> Recording:
+def _recording(bag: str, folder: Path) -> DraftRecording:
     location = locate(bag, Path())
     written = location.dataset
     if written is None:
         relative = os.path.relpath(Path(bag).expanduser().absolute(), folder.absolute())
         written = relative if relative.startswith(".") else f"./{relative}"
-    return Recording(written, index(location))
+    return DraftRecording(written, index(location))
 
 
 class NoGraphError(R2bspecError):

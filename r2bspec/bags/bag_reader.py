@@ -9,13 +9,20 @@ from pathlib import Path
 
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.metadata import FileSpan, read_metadata
-from r2bspec.bags.recording import BagIndex, DataError, Message, Selection, Window, topic_not_found
+from r2bspec.bags.recording import (
+    BagIndex,
+    DataError,
+    RecordedMessage,
+    Selection,
+    TimeWindow,
+    topic_not_found,
+)
 from r2bspec.bags.storage.storage import Storage, open_storages, storage_errors, storage_paths
 
 
 def read_messages(
-    path: Path, topics: Collection[str], window: Window | None = None
-) -> Iterator[Message]:
+    path: Path, topics: Collection[str], window: TimeWindow | None = None
+) -> Iterator[RecordedMessage]:
     """Yield the messages of the named topics in time order; equal times in stored order.
 
     Memory is bounded by a few messages (sqlite3) or chunks (MCAP). Only the named topics are read:
@@ -61,7 +68,7 @@ def _resolve_topics(path: Path, index: BagIndex, topics: Collection[str]) -> fro
     return frozenset(names)
 
 
-def _check_window(path: Path, index: BagIndex, window: Window | None) -> None:
+def _check_window(path: Path, index: BagIndex, window: TimeWindow | None) -> None:
     """Check that a window is not empty and does not begin after the last message.
 
     Raises:
@@ -86,8 +93,8 @@ def _check_window(path: Path, index: BagIndex, window: Window | None) -> None:
 
 
 def _read(
-    path: Path, index: BagIndex, names: frozenset[str], window: Window | None
-) -> Iterator[Message]:
+    path: Path, index: BagIndex, names: frozenset[str], window: TimeWindow | None
+) -> Iterator[RecordedMessage]:
     if not names or not index.message_count:
         return
     selection = Selection(names=names)
@@ -122,7 +129,7 @@ def _read(
         )
 
 
-def _read_groups(path: Path, index: BagIndex, selection: Selection) -> Iterator[Message]:
+def _read_groups(path: Path, index: BagIndex, selection: Selection) -> Iterator[RecordedMessage]:
     packed = index.compression == "file"
     paths = storage_paths(path, index.files)
     # Unpacked files take space, so only those needed at the same time are unpacked together.
@@ -188,7 +195,7 @@ def _check_span(file: Path, storage: Storage, span: FileSpan | None) -> None:
         )
 
 
-def _read_file(file: Path, storage: Storage, selection: Selection) -> Iterator[Message]:
+def _read_file(file: Path, storage: Storage, selection: Selection) -> Iterator[RecordedMessage]:
     types: dict[str, str] = {}
     for topic in storage.topics:
         if topic.name in selection.names and types.setdefault(topic.name, topic.type) != topic.type:

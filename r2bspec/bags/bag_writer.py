@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Final
 
 from r2bspec.bags.message_types import typestore
-from r2bspec.bags.recording import Message, WritableStorage
+from r2bspec.bags.recording import RecordedMessage, WritableStorage
 
 LATENCY_TYPE: Final = "std_msgs/msg/Float64"
 """The type of the messages with a latency, in milliseconds."""
 
 
 def write_output_bag(
-    folder: Path, types: dict[str, str], messages: Iterable[Message]
+    folder: Path, types: dict[str, str], messages: Iterable[RecordedMessage]
 ) -> dict[str, int]:
     """Write a bag; returns the number of messages by topic.
 
@@ -67,7 +67,10 @@ _DATASET_VERSION: Final = 8
 
 
 def write_bag(
-    folder: Path, types: dict[str, str], messages: Iterable[Message], storage: WritableStorage
+    folder: Path,
+    types: dict[str, str],
+    messages: Iterable[RecordedMessage],
+    storage: WritableStorage,
 ) -> None:
     """Write a new bag folder.
 

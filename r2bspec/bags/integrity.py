@@ -35,7 +35,7 @@ class ContentHash:
                 encoded = text.encode()
                 self._topics[name].update(_encode_int(len(encoded)) + encoded)
 
-    def add(self, message: recording.Message) -> None:
+    def add(self, message: recording.RecordedMessage) -> None:
         """Add one message; those of one topic must be in order of time."""
         topic = self._topics[message.topic]
         topic.update(_encode_int(message.time_ns - self._start_ns) + _encode_int(len(message.data)))
@@ -57,15 +57,15 @@ def hash_files(path: Path) -> str:
     """
     path = Path(path)
     paths = (
-        sorted(each for each in path.rglob("*") if each.is_file())
+        sorted(path_in_root for path_in_root in path.rglob("*") if path_in_root.is_file())
         if path.is_dir()
         else storage_paths(path, ())
     )
     whole = hashlib.sha256()
-    for each in paths:
-        name = each.relative_to(path if path.is_dir() else path.parent).as_posix().encode()
-        with storage_errors(each), open_regular(each) as stream:
-            whole.update(_encode_int(len(name)) + name + _encode_int(each.stat().st_size))
+    for root in paths:
+        name = root.relative_to(path if path.is_dir() else path.parent).as_posix().encode()
+        with storage_errors(root), open_regular(root) as stream:
+            whole.update(_encode_int(len(name)) + name + _encode_int(root.stat().st_size))
             while block := stream.read(_BLOCK_BYTES):
                 whole.update(block)
     return whole.hexdigest()

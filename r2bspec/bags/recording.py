@@ -112,10 +112,10 @@ BAG_FORMATS: Final = (
 
 def format_of_suffix(suffix: str) -> BagFormat | None:
     """The format of the files with a suffix, or None."""
-    return next((known for known in BAG_FORMATS if known.suffix == suffix), None)
+    return next((bag_format for bag_format in BAG_FORMATS if bag_format.suffix == suffix), None)
 
 
-_SUFFIXES: Final = [known.suffix for known in BAG_FORMATS]
+_SUFFIXES: Final = [bag_format.suffix for bag_format in BAG_FORMATS]
 SUFFIXES_TEXT: Final = f"{', '.join(_SUFFIXES[:-1])} or {_SUFFIXES[-1]}"
 """The suffixes in words, such as ``.a, .b or .c``."""
 
@@ -195,7 +195,7 @@ class BagIndex(msgspec.Struct, frozen=True, kw_only=True):
         return {topic: info.type for topic in topics if (info := self.find(topic)) is not None}
 
 
-class Window(msgspec.Struct, frozen=True, kw_only=True):
+class TimeWindow(msgspec.Struct, frozen=True, kw_only=True):
     """A half-open interval of time, in ns after the start of the bag.
 
     Attributes:
@@ -219,7 +219,7 @@ class Selection(msgspec.Struct, frozen=True, kw_only=True):
     stop_ns: int | None = None
 
 
-class Message(msgspec.Struct, frozen=True, kw_only=True):
+class RecordedMessage(msgspec.Struct, frozen=True, kw_only=True):
     """One recorded message: the CDR bytes as a publisher sent them, 4 bytes of header first.
 
     Attributes:
@@ -295,7 +295,7 @@ class DatasetRecord(msgspec.Struct, frozen=True, kw_only=True):
     format: Literal["r2bspec-dataset-v1"] = "r2bspec-dataset-v1"
     generator: int
     dataset: str
-    window: Window
+    window: TimeWindow
     storage: WritableStorage
     start_ns: int
     topics: dict[str, TopicRecord]

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from r2bspec.bags.recording import BagIndex, BagLocation, DataError, Message, Window
+from r2bspec.bags.recording import BagIndex, BagLocation, DataError, RecordedMessage, TimeWindow
 from r2bspec.datasets.catalogue import describe
 from r2bspec.datasets.catalogue import index as index_location
 from r2bspec.private_files import private_files
@@ -131,7 +131,7 @@ def window_message_counts(context: Context) -> dict[str, MessageCount]:
 @cache  # of a pure function: the catalogue and its datasets do not change
 def _count_rendered(name: str, topic: str, start_ns: int, end_ns: int) -> int:
     try:
-        index = describe(name, {topic}, Window(start_ns=start_ns, end_ns=end_ns))
+        index = describe(name, {topic}, TimeWindow(start_ns=start_ns, end_ns=end_ns))
     except DataError:
         return 0
     return index.message_count
@@ -172,12 +172,12 @@ def window_stamps(context: Context, topics: set[str]) -> dict[str, list[int]] | 
     return stamps
 
 
-def _messages_in_window(context: Context, bag: Path, topics: set[str]) -> Iterator[Message]:
+def _messages_in_window(context: Context, bag: Path, topics: set[str]) -> Iterator[RecordedMessage]:
     from r2bspec.bags.bag_reader import read_messages
 
     window = context.spec.data_loader.window
     end_ns = window.end.ns if window.end else None
-    return read_messages(bag, topics, Window(start_ns=window.start.ns, end_ns=end_ns))
+    return read_messages(bag, topics, TimeWindow(start_ns=window.start.ns, end_ns=end_ns))
 
 
 def _size(path: Path) -> int:

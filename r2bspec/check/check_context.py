@@ -298,11 +298,11 @@ class Context:
     @cached_property
     def known_metrics(self) -> list[KnownMetric]:
         """The requirements whose metric and monitor exist."""
-        known = []
+        names = []
         for located in self.requirements:
             with suppress(MetricError):
-                known.append(self.resolve(located))
-        return known
+                names.append(self.resolve(located))
+        return names
 
     @cached_property
     def processes(self) -> tuple[str, ...]:

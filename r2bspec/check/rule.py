@@ -27,7 +27,7 @@ from r2bspec.diagnostics.code_pages import Page, find_page
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import quoted_list, suggestion
 from r2bspec.plan.wiring.node_interface import Interface, InterfaceSource
-from r2bspec.plan.wiring.wiring import Endpoint, NodeWiring, PhaseWiring
+from r2bspec.plan.wiring.wiring import NodeWiring, PhaseWiring, WiredEndpoint
 
 SeverityName = Literal["error", "warning", "info"]
 """A `r2bspec.diagnostics.diagnostic.Severity`, as rules write it."""
@@ -198,7 +198,7 @@ def with_record(
 
 
 def with_endpoint_records(
-    context: Context, phase: PhaseWiring, finding: Finding, *endpoints: Endpoint
+    context: Context, phase: PhaseWiring, finding: Finding, *endpoints: WiredEndpoint
 ) -> Finding:
     """The same for a finding that follows from what is known of endpoints."""
     rests_on = [

@@ -34,8 +34,8 @@ class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 
         if value not in templates():
             close = did_you_mean(value, templates())
-            known = f"templates: {', '.join(templates())}"
-            hint = f"did you mean {close!r}? {known}" if close else known
+            choices = f"templates: {', '.join(templates())}"
+            hint = f"did you mean {close!r}? {choices}" if close else choices
             self.fail(f"unknown template {value!r}; {hint}", param, ctx)
         return value
 
@@ -117,8 +117,8 @@ def init_command(
     from r2bspec.language.templates import filled, purpose, templates, with_node
 
     if show_list:
-        for known, text in templates().items():
-            echo(f"{known:<14}{purpose(text)}")
+        for metric_name, text in templates().items():
+            echo(f"{metric_name:<14}{purpose(text)}")
         return ExitStatus.OK
     spec_file = Path(name.removesuffix(".r2b.yaml") + ".r2b.yaml")
     benchmark = _benchmark_name(spec_file.name.removesuffix(".r2b.yaml"))
@@ -226,10 +226,10 @@ def _check_node(node: str, template: str) -> None:
     if node and (node.endswith(".py") or not re.search(PYTHON_NODE.pattern, node)):
         raise UsageError(f"{node!r} is not a Python node", hint=PYTHON_NODE.message)
     if node and not has_node(templates()[template]):
-        known = ", ".join(name for name, text in templates().items() if has_node(text))
+        names = ", ".join(name for name, text in templates().items() if has_node(text))
         raise UsageError(
             f"template {template!r} has no Python node of its own",
-            hint=f"Use --node with one of these: {known}.",
+            hint=f"Use --node with one of these: {names}.",
         )
 
 
@@ -290,28 +290,28 @@ def interfaces_command(
     except InvalidSpecError as error:
         show_findings(error.diagnostics, error.loaded)
         raise
-    known = {**loaded.preprocessors, **loaded.graph.nodes}
-    for each in only:
-        if each not in known:
-            close = did_you_mean(each, known)
-            hint = f"; did you mean {close!r}?" if close else f"; nodes: {', '.join(known)}"
-            raise click.UsageError(f"the spec has no node {each!r}{hint}")
+    nodes = {**loaded.preprocessors, **loaded.graph.nodes}
+    for package in only:
+        if package not in nodes:
+            close = did_you_mean(package, nodes)
+            hint = f"; did you mean {close!r}?" if close else f"; nodes: {', '.join(nodes)}"
+            raise click.UsageError(f"the spec has no node {package!r}{hint}")
     failed = 0
-    for found in record_interfaces(
+    for record_interface in record_interfaces(
         loaded,
         spec.parent,
         only=only,
         timeout_s=timeout.seconds,
         on_node=lambda name: echo(f"starting {name}", err=True),
     ):
-        if found.interface is None:
+        if record_interface.interface is None:
             failed += 1
-            problem = message_text(f"{found.node}: {found.problem}")
+            problem = message_text(f"{record_interface.node}: {record_interface.problem}")
             echo(f"error: {problem}", err=True, lines=True)
-            if found.hint:
-                echo(f"  help: {found.hint}", err=True)
+            if record_interface.hint:
+                echo(f"  help: {record_interface.hint}", err=True)
             continue
-        echo(_write_interface(spec.parent, found.node, found.interface))
+        echo(_write_interface(spec.parent, record_interface.node, record_interface.interface))
     return ExitStatus.RUN_FAILED if failed else ExitStatus.OK
 
 

@@ -67,7 +67,7 @@ def _expand_path(path: str) -> list[str]:
     if glob.has_magic(path):
         # Path.glob refuses absolute patterns.
         matches = glob.glob(path, recursive=True)  # noqa: PTH207
-        files = sorted(each for each in matches if is_regular(Path(each)))
+        files = sorted(match for match in matches if is_regular(Path(match)))
         return _require_files(files, f"no file matches {path!r}")
     raise click.UsageError(f"{path!r} does not exist")
 
@@ -178,16 +178,18 @@ def naming_the_file(check: Callable[[str], T], file: str) -> T:
 def check_file(file: str, options: CheckOptions) -> FileReport:
     """Check one file; ``-`` is standard input."""
     cases = _load(Path(file), file, options)
-    found = _findings(cases, options)
+    findings = _findings(cases, options)
     if options.require_slos:
-        found = [*_missing_objectives(cases), *found]
+        findings = [*_missing_objectives(cases), *findings]
     return FileReport(
         file=cases[0].file,
         cases=len(cases),
-        complete=all(each.spec is not None for each in cases),
-        findings=tuple(found),
-        texts={name: text for each in cases for name, text in each.texts.items()} if found else {},
-        resolved={_title(each): each.resolved_yaml() for each in cases} if options.resolved else {},
+        complete=all(case.spec is not None for case in cases),
+        findings=tuple(findings),
+        texts={name: text for case in cases for name, text in case.texts.items()}
+        if findings
+        else {},
+        resolved={_title(case): case.resolved_yaml() for case in cases} if options.resolved else {},
     )
 
 
@@ -205,11 +207,11 @@ def _load(source: Path | str, file: str, options: CheckOptions) -> tuple[LoadedS
 def _findings(cases: tuple[LoadedSpec, ...], options: CheckOptions) -> list[Diagnostic]:
     """All findings; rules are imported only where they apply."""
     # All cases have the same texts.
-    waived = any(map(may_contain_waiver, {text for one in cases for text in one.texts.values()}))
-    if not waived and all(each.spec is None for each in cases):
+    waived = any(map(may_contain_waiver, {text for case in cases for text in case.texts.values()}))
+    if not waived and all(case.spec is None for case in cases):
         from r2bspec.language.matrix import merge_case_findings
 
-        return merge_case_findings(cases, [each.diagnostics for each in cases])
+        return merge_case_findings(cases, [case.diagnostics for case in cases])
     from r2bspec.check.engine import check_cases
 
     return check_cases(cases, offline=options.offline)
@@ -221,11 +223,11 @@ def _missing_objectives(cases: tuple[LoadedSpec, ...]) -> list[Diagnostic]:
     from r2bspec.plan.compile_plan import active_objectives
 
     lacking = [
-        each
-        for each in cases
-        if each.spec is not None and not can_fail(active_objectives(each.spec))
+        case
+        for case in cases
+        if case.spec is not None and not can_fail(active_objectives(case.spec))
     ]
-    names = [each.case for each in lacking if each.case]
+    names = [objective.case for objective in lacking if objective.case]
     return [missing_objectives(cases[0].file, names)] if lacking else []
 
 

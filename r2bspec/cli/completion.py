@@ -32,7 +32,7 @@ def _proposals(values: Callable[[click.Context], Iterable[str]]) -> Complete:
         try:
             from click.shell_completion import CompletionItem
 
-            return [CompletionItem(each) for each in values(ctx) if each.startswith(incomplete)]
+            return [CompletionItem(value) for value in values(ctx) if value.startswith(incomplete)]
         except Exception:  # a traceback in the middle of a command line helps no user
             return []
 
@@ -56,7 +56,7 @@ def complete_case(ctx: click.Context) -> Iterable[str]:
     """The cases of the spec, and ``all``."""
     from r2bspec.language.load_spec import load_cases
 
-    return [*(each.case for each in load_cases(_spec_of(ctx)) if each.case), "all"]
+    return [*(case.case for case in load_cases(_spec_of(ctx)) if case.case), "all"]
 
 
 @_proposals
@@ -125,9 +125,9 @@ def command(shell: str) -> int:
 
     from r2bspec.cli.main import command as r2bspec
 
-    made = get_completion_class(shell)
-    assert made is not None  # noqa: S101 - click has all of these shells
+    completion_class = get_completion_class(shell)
+    assert completion_class is not None  # noqa: S101 - click has all of these shells
     # Its constructor looks for no shell; only bash's checks the version, and that of the user.
-    script = made(r2bspec, {}, "r2bspec", _VARIABLE)
+    script = completion_class(r2bspec, {}, "r2bspec", _VARIABLE)
     echo_document(script.source_template % script.source_vars())
     return ExitStatus.OK

@@ -19,7 +19,7 @@ from r2bspec.errors import ExitStatus, UsageError
 from r2bspec.report.output import console, echo, echo_json
 
 if TYPE_CHECKING:
-    from r2bspec.bags.recording import BagIndex, BagLocation, Window
+    from r2bspec.bags.recording import BagIndex, BagLocation, TimeWindow
     from r2bspec.datasets.synthesis import Progress
 
 
@@ -53,7 +53,7 @@ def list_datasets(output_format: str) -> None:
     """
     from r2bspec.datasets.catalogue import SEQUENCES, index, known_datasets, locate_dataset
 
-    found = {name: locate_dataset(name) for name in known_datasets()}
+    folders = {name: locate_dataset(name) for name in known_datasets()}
     if output_format == "json":
         echo_json(
             [
@@ -65,7 +65,7 @@ def list_datasets(output_format: str) -> None:
                     if location.kind == "synthetic"
                     else None,
                 }
-                for name, location in found.items()
+                for name, location in folders.items()
             ]
         )
         return
@@ -75,7 +75,7 @@ def list_datasets(output_format: str) -> None:
             str(location.path or "synthetic"),
             SEQUENCES[name].description if name in SEQUENCES else "",
         )
-        for name, location in found.items()
+        for name, location in folders.items()
     ]
     print_table(("dataset", "source", "content"), rows)
 
@@ -191,9 +191,9 @@ def _bag_on_disk(bag: str) -> Path:
         return make_dataset(bag, progress=progress).path
 
 
-def _window(text: str | None, start_ns: int | None, end_ns: int | None) -> Window | None:
+def _window(text: str | None, start_ns: int | None, end_ns: int | None) -> TimeWindow | None:
     """The window of the options; None for everything."""
-    from r2bspec.bags.recording import Window
+    from r2bspec.bags.recording import TimeWindow
 
     if text is not None:
         if start_ns is not None or end_ns is not None:
@@ -210,7 +210,7 @@ def _window(text: str | None, start_ns: int | None, end_ns: int | None) -> Windo
             raise UsageError(f"--window: {error.message}") from error
     if start_ns is None and end_ns is None:
         return None
-    return Window(start_ns=start_ns or 0, end_ns=end_ns)
+    return TimeWindow(start_ns=start_ns or 0, end_ns=end_ns)
 
 
 def _origin(location: BagLocation) -> str:

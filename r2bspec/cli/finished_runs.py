@@ -65,23 +65,23 @@ def judge_command(
     if is_regular(run):
         return _judge_report(run, spec, output_format, plain=not (write or reports or junit))
     if spec is None:
-        found = read_folder(run)
+        result = read_folder(run)
     else:
         other = _load_objectives(spec)
-        found = read_folder(
+        result = read_folder(
             run,
             spec_file=spec,
             objectives=other.slos,
             judged_by=other.name,
             gate=gate_plan(other),
         )
-    _say_what_is_not_judged(found)
+    _say_what_is_not_judged(result)
     if write:
-        RunFolder(run.absolute()).write_result(to_json(found.result))
+        RunFolder(run.absolute()).write_result(to_json(result.result))
     if not takes_stdout(reports + junit):
-        show_result(found.result, output_format, run, verbose=verbose)
-    write_reports(reports + junit, replace(found, verbose=verbose))
-    return found.result.verdict.exit_code
+        show_result(result.result, output_format, run, verbose=verbose)
+    write_reports(reports + junit, replace(result, verbose=verbose))
+    return result.result.verdict.exit_code
 
 
 def _say_what_is_not_judged(found: ReportInput) -> None:
@@ -101,14 +101,14 @@ def _judge_report(report: Path, spec: Path | None, output_format: str, *, plain:
     from r2bspec.plan.compile_plan import gate_plan
     from r2bspec.report.terminal import show_verdict
 
-    found = read_report(report)
+    figures = read_report(report)
     if spec is None:
         raise click.UsageError(f"{report} has no SLOs: give a spec with --spec")
     if not plain:
         raise click.UsageError("--write, --report and --junit-xml need a run folder")
     other = _load_objectives(spec)
-    verdict = judge_report(found, other.slos, gate_plan(other))
-    show_verdict(found.name or str(report), verdict, output_format)
+    verdict = judge_report(figures, other.slos, gate_plan(other))
+    show_verdict(figures.name or str(report), verdict, output_format)
     return verdict.exit_code
 
 
@@ -144,8 +144,8 @@ def _list_formats(ctx: click.Context, _param: click.Parameter, list_formats: boo
     from r2bspec.report.format_registry import FORMATS
 
     width = max(map(len, FORMATS))
-    for name, each in FORMATS.items():
-        echo(f"{name:{width}}  {each.what}")
+    for name, format_ in FORMATS.items():
+        echo(f"{name:{width}}  {format_.what}")
     ctx.exit()
 
 
@@ -198,9 +198,9 @@ def report_command(
             "no report was requested", hint="Name a format and a file: --report html=report.html"
         )
     baseline = open_run(against) if against is not None else None
-    found = read_report_input(run, spec_file=spec, baseline=baseline)
-    _say_what_is_not_judged(found)
-    write_reports(requests, replace(found, verbose=verbose))
+    report_input = read_report_input(run, spec_file=spec, baseline=baseline)
+    _say_what_is_not_judged(report_input)
+    write_reports(requests, replace(report_input, verbose=verbose))
     return ExitStatus.OK
 
 
@@ -232,12 +232,12 @@ def compare_command(
     from r2bspec.report.comparison_formats import render
 
     first = read_compared_result(base)
-    found = [
+    comparisons = [
         compare(first, read_compared_result(head), margin=margin.fraction, force=force)
         for head in heads
     ]
     width = shutil.get_terminal_size((100, 24)).columns
-    content = render(found, output_format, width)
+    content = render(comparisons, output_format, width)
     echo_document(content, nl=False)
     return ExitStatus.OK
 
@@ -329,15 +329,15 @@ def prune(
     since = parse_time(before) if before is not None else None
     with open_history(options.history_file(file)) as history:
         groups: dict[tuple[str, str, str], list[HistoryEntry]] = {}
-        for one in history.runs(name=name):
-            groups.setdefault((one.plan, one.host, one.dataset), []).append(one)
+        for run in history.runs(name=name):
+            groups.setdefault((run.plan, run.host, run.dataset), []).append(run)
         removed_ids = set(run_ids)
         for runs in groups.values():
-            kept = [one for one in runs if one.run_id not in removed_ids]
+            kept = [candidate for candidate in runs if candidate.run_id not in removed_ids]
             if since is not None:
-                removed_ids |= {one.run_id for one in kept if parse_time(one.started_at) < since}
+                removed_ids |= {run_.run_id for run_ in kept if parse_time(run_.started_at) < since}
             if keep is not None:
-                removed_ids |= {one.run_id for one in kept[: max(len(kept) - keep, 0)]}
+                removed_ids |= {run_.run_id for run_ in kept[: max(len(kept) - keep, 0)]}
         number = history.remove(sorted(removed_ids))
     echo(f"{counted(number, 'run')} deleted", err=True)
     return ExitStatus.OK
@@ -350,7 +350,7 @@ def parse_time(text: str) -> datetime.datetime:
         click.UsageError: it is neither.
     """
     try:
-        found = datetime.datetime.fromisoformat(text)
+        time = datetime.datetime.fromisoformat(text)
     except ValueError as error:
         raise click.UsageError(f"{text!r} is not a date; write it like 2026-01-31") from error
-    return found.astimezone() if found.tzinfo is None else found
+    return time.astimezone() if time.tzinfo is None else time

@@ -214,8 +214,8 @@ def certificates(folder: Path, names: tuple[str, ...]) -> int:
     """Make an authority in FOLDER, and certificates for scheduler, workers and clients."""
     from r2bspec.fleet.security import make_certificates
 
-    for each in make_certificates(folder, names):
-        echo(str(each))
+    for certificate in make_certificates(folder, names):
+        echo(str(certificate))
     return ExitStatus.OK
 
 
@@ -224,4 +224,4 @@ def _hosts_of(scheduler: str, connection: dict[str, Any]) -> list[Host]:
     from r2bspec.fleet.security import fleet_address
 
     with FleetClient(fleet_address(scheduler, **connection)) as client:
-        return [each for _, each in sorted(client.hosts.items())]
+        return [host for _, host in sorted(client.hosts.items())]

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.live import Live
 
-    from r2bspec.cli.run import RunOptions
+    from r2bspec.cli.run import RunArguments
     from r2bspec.cli.run_suite import Suite
     from r2bspec.report.suite import SuiteRun
 
@@ -44,7 +44,7 @@ _JOIN_S: Final = 30.0
 
 
 @contextlib.contextmanager
-def fleet_executor(suite: Suite, root: Path, options: RunOptions) -> Iterator[FleetExecutor]:
+def fleet_executor(suite: Suite, root: Path, options: RunArguments) -> Iterator[FleetExecutor]:
     """Connect to the fleet of ``--on`` for as long as the context lasts.
 
     Raises:
@@ -63,24 +63,24 @@ class FleetExecutor:
 
     suite: Suite
     root: Path
-    options: RunOptions
+    options: RunArguments
     client: FleetClient
     journal: Journal
 
     def place(self, entries: Sequence[SuiteEntry]) -> list[SuiteEntry]:
         """An entry for each run: with ``--hosts all`` one on every host that fits."""
         self._wait_for_hosts()
-        facts = {name: each.facts for name, each in self.client.hosts.items()}
+        facts = {name: host.facts for name, host in self.client.hosts.items()}
         placed = []
         for entry in entries:
             if entry.prepared is None:
                 placed.append(entry)
                 continue
             expected = self.journal.hosts if self.options.resume else ()
-            for found in place(entry.prepared.plan, facts, self.options.hosts, expected):
-                if found.error is not None:
-                    show_error(found.error)
-                placed.append(replace(entry, **found._asdict()))
+            for assignment in place(entry.prepared.plan, facts, self.options.hosts, expected):
+                if assignment.error is not None:
+                    show_error(assignment.error)
+                placed.append(replace(entry, **assignment._asdict()))
         return placed
 
     def _wait_for_hosts(self) -> None:
@@ -135,7 +135,7 @@ class FleetExecutor:
                     lines.ended(entry.name, ended.host, run.outcome)
                     yield entry, run
 
-    def _row(self, entry: SuiteEntry, ended: fleet_runs.Ended) -> SuiteRun:
+    def _row(self, entry: SuiteEntry, ended: fleet_runs.EndedRun) -> SuiteRun:
         try:
             if ended.error is not None:
                 raise ended.error
@@ -204,8 +204,8 @@ class FleetLines:
         """What the runs do that have not ended."""
         if not self._quiet and time.monotonic() >= self._next:
             self._next = time.monotonic() + _LINE_S
-            playing = [each for each in rows if each.host]
-            shown = ", ".join(f"{each.name} on {each.host}" for each in playing[:3])
+            playing = [row for row in rows if row.host]
+            shown = ", ".join(f"{entry.name} on {entry.host}" for entry in playing[:3])
             more = f" and {len(playing) - 3} more" if len(playing) > 3 else ""
             text = f"{self._done} of {self._total} runs on {len(hosts)} hosts"
             self._write(text + (f"; now {shown}{more}" if shown else ""))
@@ -249,8 +249,8 @@ def _table(
     made = table(("benchmark", "host", "state", "left", "p99"))
     made.title = f"{done} of {total} runs, {len(hosts)} hosts"
     ordered = sorted(rows, key=lambda each: not each.host)
-    for each in ordered[:_MAX_ROWS]:
-        made.add_row(*(Text(plain(cell)) for cell in _row_cells(each, hosts)))
+    for row in ordered[:_MAX_ROWS]:
+        made.add_row(*(Text(plain(cell)) for cell in _row_cells(row, hosts)))
     if len(ordered) > _MAX_ROWS:
         made.add_row(Text(f"… {len(ordered) - _MAX_ROWS} more"), *[Text("")] * 4)
     return made

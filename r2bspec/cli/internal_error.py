@@ -105,12 +105,12 @@ def _formatted(error: BaseException) -> list[str]:
 def _place(error: BaseException) -> str:
     import traceback
 
-    found = ""
+    module_path = ""
     for frame, line in traceback.walk_tb(error.__traceback__):
         file = Path(frame.f_code.co_filename)
         if file.is_relative_to(_PACKAGE):
-            found = f"{file.relative_to(_PACKAGE)}:{line}"
-    return found or "before its first line"
+            module_path = f"{file.relative_to(_PACKAGE)}:{line}"
+    return module_path or "before its first line"
 
 
 def _issue_tracker() -> str:
@@ -125,8 +125,8 @@ def _issue_tracker() -> str:
         label.strip().lower(): url.strip()
         for label, _, url in (str(entry).partition(",") for entry in entries)
     }
-    found = next((labelled[label] for label in _ISSUE_LABELS if label in labelled), "")
-    return found or "the issue tracker of r2bspec"
+    tracker = next((labelled[label] for label in _ISSUE_LABELS if label in labelled), "")
+    return tracker or "the issue tracker of r2bspec"
 
 
 def _keep(crash: Crash) -> str:

@@ -36,13 +36,13 @@ def command() -> int:
 
 def defects_in_files() -> Callable[[BaseException], str]:
     """What says in a line what no code foresaw; of one defect there is one file, however often."""
-    known: dict[str, str] = {}
+    defects: dict[str, str] = {}
 
     def told(error: BaseException) -> str:
         crash = Crash.of(error, "in the language server")
         name = f"{crash.kind} {crash.place}"
-        if name not in known:
-            known[name] = str(InternalError(crash))
-        return known[name]
+        if name not in defects:
+            defects[name] = str(InternalError(crash))
+        return defects[name]
 
     return told

@@ -90,8 +90,8 @@ class _Verbs(click.Group):
             return None
         place, _, name = _PLACES.get(cmd_name, f"{cmd_name}:command").partition(":")
         module = importlib.import_module(f"r2bspec.cli.{place}")
-        found: click.Command = getattr(module, name)
-        return found
+        loaded_command: click.Command = getattr(module, name)
+        return loaded_command
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]

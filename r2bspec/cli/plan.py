@@ -62,7 +62,7 @@ def command(
     SPEC is a spec, or a plan written by this command. The same spec and the same data give the same
     bytes on every machine. Nothing is started.
     """
-    if sum(each is not None for each in (graph, other, explain_path)) > 1:
+    if sum(choice is not None for choice in (graph, other, explain_path)) > 1:
         raise click.UsageError("--graph, --diff and --explain cannot be combined")
     if explain_path is not None:
         from r2bspec.language.load_spec import load_spec
@@ -79,7 +79,7 @@ def command(
         )
         other_plan = prepare_and_report(other_selection).plan
         differences = diff_plans(other_plan, plan)
-        _write("".join(f"{each}\n" for each in differences).encode(), output)
+        _write("".join(f"{difference}\n" for difference in differences).encode(), output)
         return ExitStatus.FINDINGS_OR_FAILED if differences else ExitStatus.OK
     _write(_render(plan, graph), output, is_json=graph is None)
     from r2bspec.plan.time_estimate import estimate_time

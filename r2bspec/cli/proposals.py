@@ -80,11 +80,11 @@ def calibrate_command(
     _require_same_graph(
         prepared, compared.plan, f"the runs in {folder} are", "Run again without --from."
     )
-    found = compute_calibration(compared)
-    path = store_calibration(spec, compared, found)
-    _show_noise(found, prepared.plan.name, compared)
+    calibration = compute_calibration(compared)
+    path = store_calibration(spec, compared, calibration)
+    _show_noise(calibration, prepared.plan.name, compared)
     echo(f"stored in {path}", err=True)
-    _propose_limits(selection, prepared, found, write=write)
+    _propose_limits(selection, prepared, calibration, write=write)
     return ExitStatus.OK
 
 
@@ -118,7 +118,8 @@ def _require_same_graph(prepared: PreparedBenchmark, measured: Plan, what: str, 
     if measured_hash(prepared.plan) != measured_hash(measured):
         differences = difference_lines(graph_differences(measured, prepared.plan))
         raise IncomparableError(
-            f"{what} not of this spec:\n" + "\n".join(f"  {each}" for each in differences),
+            f"{what} not of this spec:\n"
+            + "\n".join(f"  {difference}" for difference in differences),
             hint=hint,
         )
 
@@ -136,19 +137,19 @@ def _show_noise(found: Calibration, name: str, pairs: PairedComparison) -> None:
     numbers = list(found.metrics[0].margins) if found.metrics else []
     header = ("metric", "noise", "at most", *(f"{n} pairs" for n in numbers))
     rows = []
-    for one in found.metrics:
-        metric = f"{one.monitor}.{one.metric}" if one.monitor else one.metric
-        at = f" at {show(one.at_hz, 'Hz')}" if one.at_hz is not None else ""
+    for noise in found.metrics:
+        metric = f"{noise.monitor}.{noise.metric}" if noise.monitor else noise.metric
+        at = f" at {show(noise.at_hz, 'Hz')}" if noise.at_hz is not None else ""
         rows.append(
             (
-                f"{metric}{at}{' (biased)' if one.biased else ''}",
-                show(one.deviation, "share"),
-                show(one.upper, "share"),
-                *(_change_text(one.margins[n]) for n in numbers),
+                f"{metric}{at}{' (biased)' if noise.biased else ''}",
+                show(noise.deviation, "share"),
+                show(noise.upper, "share"),
+                *(_change_text(noise.margins[n]) for n in numbers),
             )
         )
     print_table(header, rows, right_columns=range(1, len(header)))
-    if any(one.biased for one in found.metrics):
+    if any(metric_noise.biased for metric_noise in found.metrics):
         echo(
             "biased: the second run of a pair differs from the first; noise alone causes this in "
             "one of ten metrics",
@@ -260,7 +261,7 @@ def _calibrations(spec: Path, prepared: PreparedBenchmark) -> list[Calibration]:
     file = calibration_path(spec)
     if not is_regular(file) or prepared.loaded is None:
         return []
-    found = read_calibration_file(file)
-    if found is None:
+    calibration = read_calibration_file(file)
+    if calibration is None:
         return []
-    return list(found.benchmarks.get(prepared.loaded.id, {}).values())
+    return list(calibration.benchmarks.get(prepared.loaded.id, {}).values())

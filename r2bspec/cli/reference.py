@@ -74,7 +74,7 @@ def _near_code(number: str, pages: Mapping[str, Page]) -> str:
         for place in range(3, len(number) - 1)
     ]
     longer = [number[:place] + number[place + 1 :] for place in range(3, len(number))]
-    return next((each for each in (*swapped, *longer) if each in pages), "")
+    return next((candidate for candidate in (*swapped, *longer) if candidate in pages), "")
 
 
 def _list_codes(pages: Mapping[str, Page]) -> Iterator[str]:
@@ -114,8 +114,8 @@ def _example_findings(page: Page) -> str:
     from r2bspec.report.findings_text import render_text
 
     loaded = load_spec(page.failing, file=_FILE)
-    found = [each for each in check(loaded) if each.code == page.code]
-    return render_text(found, loaded.texts)
+    findings = [finding for finding in check(loaded) if finding.code == page.code]
+    return render_text(findings, loaded.texts)
 
 
 def _indent(block: str) -> Iterator[str]:

@@ -1,6 +1,6 @@
 """``r2bspec run``: run benchmarks on real ROS 2 and judge them by their SLOs.
 
-`RunOptions` says which of its options go together.
+`RunArguments` says which of its options go together.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunOptions:
+class RunArguments:
     """The options as they were given; the names are those of the command line.
 
     Attributes:
@@ -365,8 +365,8 @@ def command(
     --against REVISION is the gate of a pull request: the same spec with the code of the base and of
     this work tree. What the base demands must still be demanded ('r2bspec docs gate').
     """
-    hosts = tuple(dict.fromkeys(each for each in others.pop("hosts").split(",") if each))
-    options = RunOptions(reports=reports + junit, hosts=hosts or ("all",), **others)
+    hosts = tuple(dict.fromkeys(host for host in others.pop("hosts").split(",") if host))
+    options = RunArguments(reports=reports + junit, hosts=hosts or ("all",), **others)
     options.check()
     from r2bspec.cli.check_files import present_spec_files, spec_files
     from r2bspec.cli.run_single import run_single

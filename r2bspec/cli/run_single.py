@@ -16,7 +16,7 @@ from r2bspec.report.output import echo, echo_json
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
-    from r2bspec.cli.run import RunOptions
+    from r2bspec.cli.run import RunArguments
     from r2bspec.compare.gate_strength import WeakerGateError
     from r2bspec.compare.merge_gate import MergeGate
     from r2bspec.judge.result import Result
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from r2bspec.report.write_reports import ReportRequest
 
 
-def run_single(selection: SpecSelection, options: RunOptions) -> int:
+def run_single(selection: SpecSelection, options: RunArguments) -> int:
     """Run a spec, or compare it; returns the exit status of the verdict.
 
     Raises:
@@ -35,7 +35,7 @@ def run_single(selection: SpecSelection, options: RunOptions) -> int:
         return _run(selection, options, folder)
 
 
-def _run(selection: SpecSelection, options: RunOptions, folder: OutputFolder) -> int:
+def _run(selection: SpecSelection, options: RunArguments, folder: OutputFolder) -> int:
     from r2bspec import api
     from r2bspec.report.progress import RemainingTime
     from r2bspec.report.terminal import show_result
@@ -97,7 +97,7 @@ def folder_line(folder: Path) -> str:
 def estimate_of(
     prepared: PreparedBenchmark,
     selection: SpecSelection,
-    options: RunOptions,
+    options: RunArguments,
     gate: MergeGate | None = None,
 ) -> TimeEstimate:
     """How long the run of a spec will take, or its comparison with a base.
@@ -117,7 +117,7 @@ def estimate_of(
 
 
 @contextlib.contextmanager
-def gate_of(options: RunOptions, spec: Path) -> Iterator[MergeGate | None]:
+def gate_of(options: RunArguments, spec: Path) -> Iterator[MergeGate | None]:
     """The merge gate, if the base has a work tree of its own.
 
     Args:
@@ -150,7 +150,7 @@ def gate_of(options: RunOptions, spec: Path) -> Iterator[MergeGate | None]:
 
 
 def compare_with_base(
-    gate: MergeGate, selection: SpecSelection, prepared: PreparedBenchmark, options: RunOptions
+    gate: MergeGate, selection: SpecSelection, prepared: PreparedBenchmark, options: RunArguments
 ) -> None:
     """Compare a spec with that of the base, and print what is weaker; nothing is played.
 
@@ -180,7 +180,7 @@ def _show_weakening(error: WeakerGateError, prepared: PreparedBenchmark) -> None
 def execute(
     prepared: PreparedBenchmark,
     selection: SpecSelection,
-    options: RunOptions,
+    options: RunArguments,
     folder: Path,
     remaining: RemainingTime | None,
     gate: MergeGate | None = None,
@@ -242,7 +242,7 @@ def execute(
         raise
 
 
-def _ways(prepared: PreparedBenchmark, options: RunOptions) -> dict[str, Any]:
+def _ways(prepared: PreparedBenchmark, options: RunArguments) -> dict[str, Any]:
     """The history and the stored run by which a single run is judged, too."""
     from r2bspec import api
     from r2bspec.cli.shared_options import history_file
@@ -271,7 +271,7 @@ def show_differences(result: Result, prepared: PreparedBenchmark) -> None:
         )
 
 
-def write_reports_of(options: RunOptions, folder: Path, spec: Path) -> None:
+def write_reports_of(options: RunArguments, folder: Path, spec: Path) -> None:
     """Write the requested reports of a run folder."""
     from r2bspec.report.write_reports import write_folder_reports
 
@@ -285,7 +285,7 @@ def write_reports_of(options: RunOptions, folder: Path, spec: Path) -> None:
 
 
 @contextlib.contextmanager
-def reported_failures(options: RunOptions, folder: OutputFolder, spec: Path) -> Iterator[None]:
+def reported_failures(options: RunArguments, folder: OutputFolder, spec: Path) -> Iterator[None]:
     """The requested reports and ``--format json`` say why there is no run.
 
     The reports do if not even the folder of the run was made. The JSON has what was measured, or

@@ -44,7 +44,7 @@ from r2bspec.report.write_reports import STDOUT, ReportRequest, takes_stdout, wr
 from r2bspec.safe_io.safe_file import is_regular
 
 if TYPE_CHECKING:
-    from r2bspec.cli.run import RunOptions
+    from r2bspec.cli.run import RunArguments
     from r2bspec.compare.merge_gate import MergeGate
     from r2bspec.judge.result import Result
 SUMMARY_FILE = "suite.json"
@@ -61,7 +61,7 @@ _NAME_FIELD = "{name}"
 """In the path of a report: one file for each run."""
 
 
-def run_suite(items: Sequence[RunItem], options: RunOptions, paths: Sequence[str]) -> int:
+def run_suite(items: Sequence[RunItem], options: RunArguments, paths: Sequence[str]) -> int:
     """Make all runs; returns the worst exit status.
 
     Args:
@@ -97,7 +97,7 @@ def run_suite(items: Sequence[RunItem], options: RunOptions, paths: Sequence[str
 
 
 def _run_here(
-    suite: Suite, entries: Sequence[SuiteEntry], options: RunOptions, paths: Sequence[str]
+    suite: Suite, entries: Sequence[SuiteEntry], options: RunArguments, paths: Sequence[str]
 ) -> int:
     """Make all runs on this host; its lock is taken once nothing more can be told without it.
 
@@ -154,7 +154,7 @@ def _run_here(
         return suite.run(announcement, LocalExecutor(suite, options, gate).play(entries))
 
 
-def _compare_with_base(gate: MergeGate, entry: SuiteEntry, options: RunOptions) -> None:
+def _compare_with_base(gate: MergeGate, entry: SuiteEntry, options: RunArguments) -> None:
     """Compare the spec of a run with that of the base; what the gate refuses is its error."""
     try:
         run_single.compare_with_base(gate, entry.item.selection, entry.benchmark, options)
@@ -166,7 +166,7 @@ def _compare_with_base(gate: MergeGate, entry: SuiteEntry, options: RunOptions) 
 
 
 def _check_allowed(
-    gate: MergeGate, options: RunOptions, prepared: Sequence[PreparedBenchmark]
+    gate: MergeGate, options: RunArguments, prepared: Sequence[PreparedBenchmark]
 ) -> None:
     """Check that each name of ``--allow`` is known to one of the specs, in the head or the base.
 
@@ -201,23 +201,23 @@ def _compare_spec_sets(
     return gate.require_specs(map(Path, selected_files(base, select)), head)
 
 
-def _with_summaries_only(options: RunOptions) -> RunOptions:
+def _with_summaries_only(options: RunArguments) -> RunArguments:
     """The options without reports that only a run could have: there is none."""
     reports = (request for request in options.reports if request.format in suites.SUITE_FORMATS)
     return replace(options, reports=tuple(reports))
 
 
-def _check_reports(options: RunOptions) -> None:
-    for each in options.reports:
-        if each.format not in suites.SUITE_FORMATS and _NAME_FIELD not in each.path:
+def _check_reports(options: RunArguments) -> None:
+    for report in options.reports:
+        if report.format not in suites.SUITE_FORMATS and _NAME_FIELD not in report.path:
             raise click.UsageError(
-                f"the summary of several runs has no format {each.format}: it has "
+                f"the summary of several runs has no format {report.format}: it has "
                 f"{', '.join(suites.SUITE_FORMATS)}; with {_NAME_FIELD} in the path, as in "
-                f"{each.format}=reports/{_NAME_FIELD}.{each.format}, each run has a report"
+                f"{report.format}=reports/{_NAME_FIELD}.{report.format}, each run has a report"
             )
 
 
-def _prepare(item: RunItem, options: RunOptions) -> SuiteEntry:
+def _prepare(item: RunItem, options: RunArguments) -> SuiteEntry:
     """Check one spec before anything runs; its error is that of its run."""
     try:
         prepared = prepare_and_report(
@@ -257,7 +257,7 @@ class Suite:
         gate: what is said of the set of specs, beside that of the base.
     """
 
-    def __init__(self, root: Path, options: RunOptions) -> None:
+    def __init__(self, root: Path, options: RunArguments) -> None:
         self.root = root
         self.gate: tuple[str, ...] = ()
         self._options = options
@@ -368,7 +368,7 @@ class Suite:
             report=self._page_of(entry),
         )
 
-    def options_of(self, entry: SuiteEntry) -> RunOptions:
+    def options_of(self, entry: SuiteEntry) -> RunArguments:
         """The options of one run, with its reports."""
         page = self._summary_page()
         return replace(
@@ -456,7 +456,7 @@ class Suite:
         """Write the summary to its file, to the requested reports, and to standard output."""
         self._write_summary()
         summary = self._summary()
-        requests = [each for each in self._options.reports if _NAME_FIELD not in each.path]
+        requests = [report for report in self._options.reports if _NAME_FIELD not in report.path]
         for request in requests:
             content = suites.SUITE_FORMATS[request.format](summary, self._results, request.path)
             write_report(request.path, content)
@@ -472,7 +472,7 @@ class LocalExecutor:
     """Makes the runs of a suite on this host, one after the other."""
 
     suite: Suite
-    options: RunOptions
+    options: RunArguments
     gate: MergeGate | None = None
 
     def play(self, entries: Sequence[SuiteEntry]) -> Playing:
@@ -499,7 +499,7 @@ class LocalExecutor:
         assert entry.estimate is not None  # noqa: S101 - prepared specs have one
         if not self.options.quiet:
             echo(f"[{number + 1}/{len(entries)}] {entry.name}: {entry.estimate.text()}", err=True)
-        later_s = sum(each.seconds for each in entries[number + 1 :])
+        later_s = sum(later.seconds for later in entries[number + 1 :])
         remaining = RemainingTime(entry.estimate, after_s=later_s)
         of_run = self.suite.options_of(entry)
         result = run_single.execute(

@@ -36,13 +36,13 @@ class QuantityType(click.ParamType):  # type: ignore[type-arg, unused-ignore]
         if isinstance(value, Quantity):
             return value
         try:
-            found = self._kind.parse(str(value))
+            quantity = self._kind.parse(str(value))
         except QuantityError as error:
             proposal = f"; for example '{error.suggestion}'" if error.suggestion else ""
             self.fail(f"{error}{proposal}", param, ctx)
-        if found < self._lowest or found > self._highest:
-            self.fail(f"{found} is not between {self._lowest} and {self._highest}", param, ctx)
-        return found
+        if quantity < self._lowest or quantity > self._highest:
+            self.fail(f"{quantity} is not between {self._lowest} and {self._highest}", param, ctx)
+        return quantity
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
         """What the help shows in place of the value."""
@@ -57,7 +57,7 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 _MAX_LISTED_SPECS = 5
 
 
-class _SpecFile(click.Path):
+class _SpecPath(click.Path):
     """A path to one spec; a folder is answered with the specs in it."""
 
     def __init__(self) -> None:
@@ -75,7 +75,7 @@ class _SpecFile(click.Path):
         return path
 
 
-spec_argument = click.argument("spec", type=_SpecFile())
+spec_argument = click.argument("spec", type=_SpecPath())
 
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Show no progress.")
 

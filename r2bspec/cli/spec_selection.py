@@ -59,7 +59,11 @@ def prepare_and_report(
         show_findings(error.diagnostics, error.loaded)
         raise
     if prepared.loaded is not None:
-        shown = [each for each in prepared.diagnostics if infos or each.severity != Severity.INFO]
+        shown = [
+            diagnostic
+            for diagnostic in prepared.diagnostics
+            if infos or diagnostic.severity != Severity.INFO
+        ]
         show_findings(shown, prepared.loaded)
     if require_slos:
         _require_objectives(prepared, selection)
@@ -113,7 +117,7 @@ class RunItem:
 
 def is_file_list(paths: Sequence[str]) -> bool:
     """Whether each path is written as a file, not as a folder or a pattern."""
-    return all(Path(each).is_file() for each in paths)
+    return all(Path(path).is_file() for path in paths)
 
 
 def run_items(
@@ -135,13 +139,13 @@ def run_items(
     Raises:
         UsageError: nothing is left to run, or an option is malformed.
     """
-    wanted = [_parse_label(each) for each in select]
-    scans = [_parse_scan(each) for each in scan]
+    labels = [_parse_label(label) for label in select]
+    scans = [_parse_scan(text) for text in scan]
     items = [
         item
         for file in files
         for loaded, case in _cases_of(replace(selection, spec=Path(file)))
-        if _matches(loaded, wanted)
+        if _matches(loaded, labels)
         for item in _scanned(replace(selection, spec=Path(file), case=case), loaded, scans)
     ]
     if not items:
@@ -168,9 +172,9 @@ def _cases_of(selection: SpecSelection) -> Iterator[tuple[LoadedSpec | None, str
     if selection.spec.suffix == ".json":
         yield None, ""
         return
-    wanted = "" if selection.case == ALL_CASES else selection.case
-    found = replace(selection, case=wanted).load_cases()
-    for loaded in found:
+    case_name = "" if selection.case == ALL_CASES else selection.case
+    cases = replace(selection, case=case_name).load_cases()
+    for loaded in cases:
         # An unknown case stays: its error is that of the run.
         case = selection.case if selection.case != ALL_CASES else ""
         yield loaded, loaded.case or case
@@ -199,7 +203,7 @@ def _label_text(value: object) -> str:
 
 def _parse_scan(text: str) -> tuple[str, tuple[str, ...]]:
     name, equals, rest = text.partition("=")
-    values = tuple(each.strip() for each in rest.split(",") if each.strip())
+    values = tuple(value.strip() for value in rest.split(",") if value.strip())
     if not equals or not name or not values:
         raise click.UsageError(f"--scan takes NAME=VALUE,VALUE..., not {text!r}")
     return name, values
@@ -213,7 +217,7 @@ def _scanned(
     """The runs of one case: a variable of the spec is set, or else the key of that path."""
     spec = loaded.spec if loaded is not None else None
     declared = spec.variables if spec is not None else {}
-    for values in itertools.product(*(each for _, each in scans)):
+    for values in itertools.product(*(axis for _, axis in scans)):
         sets, variables = list(selection.sets), dict(selection.variables or {})
         pairs = list(zip((name for name, _ in scans), values, strict=True))
         for name, value in pairs:

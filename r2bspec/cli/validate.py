@@ -99,7 +99,7 @@ def command(
     except (InternalError, WorkerEndedError) as error:
         crash = error
     failing = {"error", "warning"} if strict else {"error"}
-    failed = any(one.severity in failing for each in checked for one in each.findings)
+    failed = any(finding.severity in failing for file in checked for finding in file.findings)
     if resolved and not failed and crash is None:
         _print_resolved(checked)
     else:
@@ -125,18 +125,18 @@ def _watch(paths: tuple[str, ...], options: CheckOptions, *, quiet: bool) -> NoR
 def _print_findings(
     checked: list[FileReport], output_format: str, *, offline: bool, quiet: bool
 ) -> None:
-    found = [one for each in checked for one in each.findings]
-    sources = {name: text for each in checked for name, text in each.texts.items()}
-    print_findings(output_format, found, sources, [each.file for each in checked])
+    findings = [finding for file in checked for finding in file.findings]
+    sources = {name: text for file in checked for name, text in file.texts.items()}
+    print_findings(output_format, findings, sources, [file.file for file in checked])
     if not quiet and output_format not in DOCUMENT_FORMATS:
-        echo(_summary(checked, found, offline=offline))
+        echo(_summary(checked, findings, offline=offline))
 
 
 def _summary(checked: list[FileReport], found: list[Diagnostic], *, offline: bool) -> str:
-    errors = sum(one.severity == "error" for one in found)
-    warnings = sum(one.severity == "warning" for one in found)
+    errors = sum(finding.severity == "error" for finding in found)
+    warnings = sum(finding.severity == "warning" for finding in found)
     parts = [counted(len(checked), "file")]
-    cases = sum(each.cases for each in checked)
+    cases = sum(file.cases for file in checked)
     if cases > len(checked):
         parts.append(counted(cases, "case"))
     if errors or warnings:
@@ -144,7 +144,7 @@ def _summary(checked: list[FileReport], found: list[Diagnostic], *, offline: boo
     else:
         parts.append("no problems")
     line = ", ".join(parts)
-    if not all(each.complete for each in checked):
+    if not all(file.complete for file in checked):
         line += "; the graph was not checked, because the document has errors"
     elif offline:
         line += "; rules that read recorded data were skipped (--offline)"
@@ -152,7 +152,7 @@ def _summary(checked: list[FileReport], found: list[Diagnostic], *, offline: boo
 
 
 def _print_resolved(checked: list[FileReport]) -> None:
-    documents = [(name, text) for each in checked for name, text in each.resolved.items()]
+    documents = [(name, text) for file in checked for name, text in file.resolved.items()]
     for number, (name, text) in enumerate(documents):
         if len(documents) > 1:
             if number:
@@ -212,8 +212,8 @@ class SpecWatch:
         return {path for path, before in self._stamps.items() if stamp(path) != before}
 
     def _is_stale(self, file: str, changed: set[str]) -> bool:
-        known = self._known.get(file)
-        return known is None or not changed.isdisjoint(known[1].files)
+        known_stamp = self._known.get(file)
+        return known_stamp is None or not changed.isdisjoint(known_stamp[1].files)
 
     def _check_again(self, file: str, changed: set[str]) -> bool:
         """Make a new report; returns whether there is something new to tell."""
@@ -227,8 +227,8 @@ class SpecWatch:
         """What the checks saw; of a path that changed between two of them, what the first saw."""
         stamps: dict[str, Stamp] = {}
         for _, seen in self._known.values():
-            for path, one in seen.files.items():
-                if stamps.setdefault(path, one) != one:
+            for path, file_stamp in seen.files.items():
+                if stamps.setdefault(path, file_stamp) != file_stamp:
                     # Not what it is now for one of them: both are checked again.
                     stamps[path] = _NEVER
         return stamps

@@ -143,7 +143,7 @@ def _start(
     function: Callable[[str], T], names: Sequence[str], others: Sequence[_Worker]
 ) -> _Worker:
     own, theirs = multiprocessing.Pipe()
-    inherited = [own, *(each.pipe for each in others)]
+    inherited = [own, *(other.pipe for other in others)]
     # Blocked until the worker ignores them: no moment is left in which an interrupt of the whole
     # process group shows as a traceback of the worker.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPTS)
@@ -202,9 +202,9 @@ def _work(
     for number in _INTERRUPTS:
         signal.signal(number, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _INTERRUPTS)
-    for each in inherited:
+    for descriptor in inherited:
         # Held here, they would keep other pipes open after the caller has gone.
-        each.close()
+        descriptor.close()
     try:
         while True:
             task: int = pipe.recv()

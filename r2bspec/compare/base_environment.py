@@ -112,8 +112,8 @@ def _mapped(entry: str, tree: BaseTree) -> Iterator[str]:
     path = Path(entry).resolve()
     if not is_code_of(path, tree, "head"):
         yield entry
-    elif (found := tree.in_base(path)) is not None and found.exists():
-        yield str(found)
+    elif (base_path := tree.in_base(path)) is not None and base_path.exists():
+        yield str(base_path)
 
 
 def _is_tool(path: Path) -> bool:

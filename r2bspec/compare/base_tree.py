@@ -206,7 +206,7 @@ def _output(top: Path, *arguments: str) -> str:
 
 
 @dataclass(frozen=True)
-class _Entry:
+class _TreeEntry:
     """A file of a revision: its mode and object, the size of that, and its path."""
 
     mode: int
@@ -252,7 +252,7 @@ class _TreeWriter:
             )
         return tuple(notes)
 
-    def _entries(self) -> tuple[list[_Entry], list[str]]:
+    def _entries(self) -> tuple[list[_TreeEntry], list[str]]:
         done = git.run_git(self._top, "ls-tree", "-r", "-l", "-z", "--full-tree", self._commit)
         if done is None or done.returncode:
             raise self._incomplete(done.stderr if done is not None else b"git does not answer")
@@ -275,7 +275,7 @@ class _TreeWriter:
                 )
             paths.add(path)
             length = int(size) if size.isdigit() else 0
-            entries.append(_Entry(int(mode, 8), object_id.decode(), length, path))
+            entries.append(_TreeEntry(int(mode, 8), object_id.decode(), length, path))
             if len(entries) > MAX_TREE_FILES:
                 raise BaseRevisionError(f"{self._commit[:12]} has over {MAX_TREE_FILES:,} files")
         return entries, submodules
@@ -288,7 +288,7 @@ class _TreeWriter:
                 OSError(errno.ENOSPC, f"{needed:,} bytes are needed, and {free:,} are free"),
             )
 
-    def _write_objects(self, entries: Sequence[_Entry]) -> None:
+    def _write_objects(self, entries: Sequence[_TreeEntry]) -> None:
         if not entries:
             return
         with tempfile.TemporaryFile() as names:
@@ -309,7 +309,7 @@ class _TreeWriter:
                     process.kill()
                     raise
 
-    def _write_object(self, entry: _Entry, objects: IO[bytes]) -> None:
+    def _write_object(self, entry: _TreeEntry, objects: IO[bytes]) -> None:
         header = objects.readline().split()
         if len(header) != 3 or header[0].decode() != entry.object_id:
             raise self._incomplete(b" ".join(header))
@@ -337,7 +337,7 @@ class _TreeWriter:
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
         return os.fdopen(os.open(target, flags, permissions), "wb")
 
-    def _take_lfs_object(self, target: Path, entry: _Entry, digest: str) -> None:
+    def _take_lfs_object(self, target: Path, entry: _TreeEntry, digest: str) -> None:
         """Put the content of a file of Git LFS in the place of its pointer, if it is here."""
         stored = self._lfs_objects / digest[:2] / digest[2:4] / digest
         if not stored.is_file():

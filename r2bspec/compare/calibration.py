@@ -43,8 +43,8 @@ def compute_calibration(pairs: PairedComparison) -> calibration_file.Calibration
             f"{len(played)} pairs are too few for a calibration; {MIN_PAIRS} are needed",
             hint="Increase --pairs.",
         )
-    base = [read_samples(pairs.run(each, "base")) for each in played]
-    head = [read_samples(pairs.run(each, "head")) for each in played]
+    base = [read_samples(pairs.run(pair, "base")) for pair in played]
+    head = [read_samples(pairs.run(pair, "head")) for pair in played]
     merged = pairs.merged(played, "head")
     confidence = pairs.plan.gate.confidence
     numbers = sorted({*_PAIR_COUNTS, max(pair_count(pairs.plan), 2)})
@@ -72,25 +72,25 @@ def _ratios(
         (run_value(info, monitor, at_hz, a), run_value(info, monitor, at_hz, b))
         for a, b in zip(base, head, strict=True)
     ]
-    known = [(a, b) for a, b in values if a and b]
-    return [b / a for a, b in known] if len(known) == len(values) else None
+    positive = [(a, b) for a, b in values if a and b]
+    return [b / a for a, b in positive] if len(positive) == len(values) else None
 
 
 def _noise(
     where: TrackedMetric, ratios: Sequence[float], numbers: Sequence[int], confidence: float
 ) -> calibration_file.MetricNoise:
     at_hz, monitor, info = where
-    found = noise_floor(ratios, confidence)
+    noise = noise_floor(ratios, confidence)
     return calibration_file.MetricNoise(
         at_hz=at_hz,
         monitor=monitor,
         metric=info.name,
-        deviation=found.deviation,
-        upper=found.upper,
-        bias=found.bias,
-        biased=found.biased,
-        n=found.n,
-        margins={str(n): smallest_detectable(found.upper, n, confidence) for n in numbers},
+        deviation=noise.deviation,
+        upper=noise.upper,
+        bias=noise.bias,
+        biased=noise.biased,
+        n=noise.n,
+        margins={str(n): smallest_detectable(noise.upper, n, confidence) for n in numbers},
     )
 
 

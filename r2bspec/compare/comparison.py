@@ -157,8 +157,10 @@ def read_compared_result(path: Path) -> ComparedResult:
         UnreadableResultError: a file is none of these.
     """
     if is_folder(path):
-        found = read_folder(path)
-        return _of_result(str(path), found.result, found.run.plan if found.run else None)
+        folder_result = read_folder(path)
+        return _of_result(
+            str(path), folder_result.result, folder_result.run.plan if folder_result.run else None
+        )
     content = read_content(path)
     try:
         return _of_result(str(path), from_json(content), None)
@@ -181,7 +183,9 @@ def read_compared_result(path: Path) -> ComparedResult:
 def _of_result(source: str, result: Result, plan: Plan | None) -> ComparedResult:
     series: dict[SeriesKey, MetricSeries] = {}
     graph = {
-        each.name for each in result.processes if each.role in {"host", "command", "container"}
+        process.name
+        for process in result.processes
+        if process.role in {"host", "command", "container"}
     }
     for rate in result.metrics.rates:
         series |= _of_rate(rate, graph)
@@ -202,32 +206,32 @@ def _of_result(source: str, result: Result, plan: Plan | None) -> ComparedResult
 
 
 def _of_rate(rate: RateMetrics, graph: set[str]) -> dict[SeriesKey, MetricSeries]:
-    found: dict[SeriesKey, MetricSeries] = {}
-    starts = tuple(one.start for one in rate.iterations)
+    series: dict[SeriesKey, MetricSeries] = {}
+    starts = tuple(iteration.start for iteration in rate.iterations)
     starts = starts if all(starts) else ()
     for monitor in rate.pooled.monitors:
-        seen = [one.monitors[monitor] for one in rate.iterations]
+        seen = [iteration.monitors[monitor] for iteration in rate.iterations]
         for metric, unit, values in _of_monitor(seen):
-            found[rate.offered_hz, monitor, metric] = MetricSeries(
+            series[rate.offered_hz, monitor, metric] = MetricSeries(
                 tuple(values), unit, starts=starts
             )
     for process in rate.pooled.processes:
         if process in graph:
-            uses = [one.processes.get(process) for one in rate.iterations]
+            uses = [iteration.processes.get(process) for iteration in rate.iterations]
             values = [use.cpu_mean if use is not None else None for use in uses]
-            found[rate.offered_hz, "", f"cpu.{process}.mean"] = MetricSeries(
+            series[rate.offered_hz, "", f"cpu.{process}.mean"] = MetricSeries(
                 tuple(values), "share", starts=starts
             )
-    return found
+    return series
 
 
 def _of_monitor(
     seen: Sequence[MonitorMetrics],
 ) -> Iterator[tuple[str, str, list[float | None]]]:
-    yield "throughput.mean", "Hz", [one.throughput_hz for one in seen]
+    yield "throughput.mean", "Hz", [sample.throughput_hz for sample in seen]
     for part in ("mean", *MAIN_PERCENTILES):
-        yield f"latency.{part}", "s", [_latency(one, part) for one in seen]
-    yield "drop_rate", "share", [one.drop_rate for one in seen]
+        yield f"latency.{part}", "s", [_latency(sample, part) for sample in seen]
+    yield "drop_rate", "share", [sample.drop_rate for sample in seen]
 
 
 def _latency(seen: MonitorMetrics, part: str) -> float | None:
@@ -265,7 +269,7 @@ def compare(
     if not force and any(blocking_differences(base, head)):
         raise IncomparableError(
             f"{base.side.source} and {head.side.source} are not comparable:\n"
-            + "\n".join(f"  {each}" for each in differences),
+            + "\n".join(f"  {difference}" for difference in differences),
             hint="Use --force to compare them anyway.",
         )
     lines = tuple(
@@ -293,9 +297,10 @@ def blocking_differences(base: ComparedResult, head: ComparedResult) -> Iterator
         return
     if base.plan is not None and head.plan is not None:
         yield from (
-            each
-            for each in load_differences(base.plan, head.plan)
-            if each.path != ("dataset", "sha256") and each.path[0] not in _COMPARED_BY_RATE
+            difference
+            for difference in load_differences(base.plan, head.plan)
+            if difference.path != ("dataset", "sha256")
+            and difference.path[0] not in _COMPARED_BY_RATE
         )
     yield from _data_difference(base, head)
     yield from _machine_differences(base, head)
@@ -367,7 +372,9 @@ def _matching_key(key: SeriesKey, head: ComparedResult) -> SeriesKey | None:
     if key in head.series:
         return key
     rate, monitor, metric = key
-    same = [each for each in head.series if (each[0], each[2]) == (rate, metric)]
+    same = [
+        series_key for series_key in head.series if (series_key[0], series_key[2]) == (rate, metric)
+    ]
     return same[0] if len(same) == 1 and not (monitor and same[0][1]) else None
 
 
@@ -376,10 +383,10 @@ def _line(key: SeriesKey, base: MetricSeries, head: MetricSeries, margin: float)
     drops = metric == "drop_rate"
     margin = SHARE_MARGIN if drops else margin
     # A drop rate is compared by the share that arrived: more is better.
-    before, after = (_delivered_share(each) if drops else each for each in (base, head))
-    found = ratio, lower, upper = _ratio(before, after)
+    before, after = (_delivered_share(value) if drops else value for value in (base, head))
+    ratio_text = ratio, lower, upper = _ratio(before, after)
     bigger = metric in _BIGGER_IS_BETTER or drops
-    outcome, reason = _decide(before, found, margin, bigger=bigger)
+    outcome, reason = _decide(before, ratio_text, margin, bigger=bigger)
     return ComparisonLine(
         offered_hz=rate,
         monitor=monitor,
@@ -406,8 +413,8 @@ def _delivered_share(series: MetricSeries) -> MetricSeries:
 
 
 def _mean(series: MetricSeries) -> float | None:
-    known = [value for value in series.values if value is not None]
-    return sum(known) / len(known) if len(known) == len(series.values) and known else None
+    values = [value for value in series.values if value is not None]
+    return sum(values) / len(values) if len(values) == len(series.values) and values else None
 
 
 def _ratio(base: MetricSeries, head: MetricSeries) -> _Ratio:
@@ -418,8 +425,10 @@ def _ratio(base: MetricSeries, head: MetricSeries) -> _Ratio:
         return None, None, None
     if min(len(a), len(b)) < 2:
         return (sum(b) / len(b)) / (sum(a) / len(a)), None, None
-    found, _ = welch_ratio_of_runs(RunValues(a, base.starts), RunValues(b, head.starts), CONFIDENCE)
-    return found.ratio, found.lower, found.upper
+    interval, _ = welch_ratio_of_runs(
+        RunValues(a, base.starts), RunValues(b, head.starts), CONFIDENCE
+    )
+    return interval.ratio, interval.lower, interval.upper
 
 
 def _of_brackets(
@@ -435,8 +444,8 @@ def _of_brackets(
 
 
 def _usable(values: Sequence[float | None]) -> list[float] | None:
-    known = [value for value in values if value is not None and math.isfinite(value) and value > 0]
-    return known if known and len(known) == len(values) else None
+    usable = [value for value in values if value is not None and math.isfinite(value) and value > 0]
+    return usable if usable and len(usable) == len(values) else None
 
 
 def _decide(

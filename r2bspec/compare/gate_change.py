@@ -77,7 +77,7 @@ def value_text(value: Any) -> str:
     return clip(msgspec.json.encode(value, enc_hook=encode_text).decode(), _MAX_TEXT)
 
 
-class Key(NamedTuple):
+class GateKey(NamedTuple):
     """A key, and which change of its value is weaker.
 
     Attributes:
@@ -106,7 +106,11 @@ def rank(*values: Any) -> Callable[[Any], float]:
 
 
 def field_changes(
-    was: msgspec.Struct, now: msgspec.Struct, name: str, path: Path, keys: Mapping[str, str | Key]
+    was: msgspec.Struct,
+    now: msgspec.Struct,
+    name: str,
+    path: Path,
+    keys: Mapping[str, str | GateKey],
 ) -> Iterator[GateChange]:
     """The changes of all fields of two values of one type.
 
@@ -121,7 +125,7 @@ def field_changes(
     for field in was.__struct_fields__:
         key = keys.get(field, field)
         if isinstance(key, str):
-            key = Key(name.replace("*", field), (*path, *key.split(".")))
+            key = GateKey(name.replace("*", field), (*path, *key.split(".")))
         yield from key.changes(getattr(was, field), getattr(now, field))
 
 

@@ -23,7 +23,7 @@ import msgspec
 
 from r2bspec.compare.gate_change import (
     GateChange,
-    Key,
+    GateKey,
     difference_change,
     field_changes,
     rank,
@@ -45,12 +45,12 @@ def _window_text(end_ns: int | None) -> str:
     return str(Duration(end_ns)) if end_ns is not None else "the end"
 
 
-DATA_KEYS: Final[Mapping[str, str | Key]] = {
+DATA_KEYS: Final[Mapping[str, str | GateKey]] = {
     "source": "bag",
     "kind": "bag",
     "sha256": "bag",
-    "start_ns": Key("data", ("data_loader", "window"), text=_window_text),
-    "end_ns": Key("data", ("data_loader", "window"), text=_window_text),
+    "start_ns": GateKey("data", ("data_loader", "window"), text=_window_text),
+    "end_ns": GateKey("data", ("data_loader", "window"), text=_window_text),
     "topics": "topics",
     "publish_tf": "publish_tf",
     "publish_tf_static": "publish_tf_static",
@@ -123,7 +123,7 @@ def _content(monitor: MonitorPlan) -> MonitorPlan:
 def input_names(side: PreparedBenchmark) -> dict[str, str]:
     """The name in the document of each playback input, by its topic."""
     spec = spec_of(side)
-    topics = [each.topic for each in side.plan.inputs]
+    topics = [input_.topic for input_ in side.plan.inputs]
     names = list(spec.playback.inputs) if spec is not None else topics
     return dict(zip(topics, names, strict=True))
 
@@ -148,16 +148,16 @@ def _monitors(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[Gate
 
 def _inputs(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChange]:
     """Inputs that are gone, new, or have other messages."""
-    before, after = ({each.topic: each for each in side.plan.inputs} for side in (base, head))
+    before, after = ({input_.topic: input_ for input_ in side.plan.inputs} for side in (base, head))
     names = input_names(base) | input_names(head)
     for topic in before | after:
         name, path = f"input {names[topic]}", ("playback", "inputs", names[topic])
         was, now = before.get(topic), after.get(topic)
         if was is None or now is None:
-            texts = ("" if one is None else one.source for one in (was, now))
+            texts = ("" if input_ is None else input_.source for input_ in (was, now))
             yield GateChange.between(name, path, texts)
             continue
-        later = Key(name, ("playback", "timeline", "translations", names[topic]))
+        later = GateKey(name, ("playback", "timeline", "translations", names[topic]))
         yield from field_changes(was, now, name, path, {**INPUT_KEYS, "later_ns": later})
 
 
@@ -193,16 +193,18 @@ def _calls(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateCha
 
 def _data(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChange]:
     """Other recordings, or another part of them."""
-    before, after = (each.plan.datasets or (each.plan.dataset,) for each in (base, head))
+    before, after = (side.plan.datasets or (side.plan.dataset,) for side in (base, head))
     if len(before) != len(after):
-        sources = (", ".join(each.source for each in datasets) for datasets in (before, after))
+        sources = (
+            ", ".join(dataset.source for dataset in datasets) for datasets in (before, after)
+        )
         yield GateChange.between("data", ("data_loader", "bags"), sources)
         return
     path = ("data_loader",)
     for was, now in zip(before, after, strict=True):
         # A digest that was not there before makes no other recording possible.
         order = None if was.sha256 and now.sha256 else bool
-        keys = {**DATA_KEYS, "sha256": Key("data", (*path, "bag"), order)}
+        keys = {**DATA_KEYS, "sha256": GateKey("data", (*path, "bag"), order)}
         yield from field_changes(was, now, "data", path, keys)
 
 
@@ -214,8 +216,8 @@ def _timeline(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[Gate
         yield from _playback_key("timeline").changes(was, now)
 
 
-def _playback_key(name: str, order: Callable[[Any], float] | None = None) -> Key:
-    return Key("playback", ("playback", name), order)
+def _playback_key(name: str, order: Callable[[Any], float] | None = None) -> GateKey:
+    return GateKey("playback", ("playback", name), order)
 
 
 def _preprocessors(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChange]:
@@ -233,7 +235,7 @@ def _preprocessors(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator
         sorted(node.name for node in side.plan.external if node.phase == "preprocess")
         for side in (base, head)
     )
-    yield from Key("preprocessors", ("preprocessors",)).changes(*external)
+    yield from GateKey("preprocessors", ("preprocessors",)).changes(*external)
 
 
 _Rule = Callable[[PreparedBenchmark, PreparedBenchmark], Iterator[GateChange]]
@@ -248,11 +250,11 @@ def _benchmark_key(
     order: Callable[[Any], float],
     text: Callable[[Any], object] = value_text,
     key: str = "",
-) -> Key:
-    return Key(name, ("benchmark", *(key or name).split(".")), order, text)
+) -> GateKey:
+    return GateKey(name, ("benchmark", *(key or name).split(".")), order, text)
 
 
-GATE_KEYS: Final[Mapping[str, Key]] = {
+GATE_KEYS: Final[Mapping[str, GateKey]] = {
     "confidence": _benchmark_key("confidence", float, Share, "gate.confidence"),
     "inconclusive": _benchmark_key("gate.inconclusive", rank("pass", "report", "fail")),
     "confirm": _benchmark_key("gate.confirm", rank(True, False)),
@@ -262,14 +264,14 @@ GATE_KEYS: Final[Mapping[str, Key]] = {
 }
 """Fields of `GatePlan`; others, and keys of ``gate`` in a document, are without an order."""
 
-PLAY_KEYS: Final[Mapping[str, Key]] = {
+PLAY_KEYS: Final[Mapping[str, GateKey]] = {
     "duration_ns": _benchmark_key("duration", float, Duration),
     "iterations": _benchmark_key("iterations", float),
     "max_iterations": _benchmark_key("max_iterations", float),
 }
 """Fields of `PlayPlan` other than its rate."""
 
-SEARCH_KEYS: Final[Mapping[str, Key]] = {
+SEARCH_KEYS: Final[Mapping[str, GateKey]] = {
     "min_hz": _benchmark_key("search", neg, rate_text, "search.min"),
     "max_hz": _benchmark_key("search", float, rate_text, "search.max"),
     "precision": _benchmark_key("search", neg, Share, "search.precision"),
@@ -284,7 +286,7 @@ def plan_changes(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[G
     """Every difference of two plans that a verdict may depend on, in the order of `GATE_FIELDS`."""
     compared: set[_Rule] = set()
     for field, rule in GATE_FIELDS.items():
-        if isinstance(rule, Key):
+        if isinstance(rule, GateKey):
             yield from rule.changes(getattr(base.plan, field), getattr(head.plan, field))
         elif rule not in compared:
             compared.add(rule)
@@ -298,7 +300,7 @@ def plan_changes(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[G
 
 def _plays(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChange]:
     path = ("benchmark", "rates")
-    before, after = ({each.rate_hz: each for each in side.plan.play} for side in (base, head))
+    before, after = ({play.rate_hz: play for play in side.plan.play} for side in (base, head))
     if before.keys() != after.keys():
         texts = (", ".join(map(rate_text, sorted(plays))) or "none" for plays in (before, after))
         yield GateChange.between("rates", path, texts, weaker=not before.keys() <= after.keys())
@@ -309,7 +311,7 @@ def _plays(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateCha
     if was is not None and now is not None:
         pairs.append((was, now))
     elif was != now and base.plan.objectives == head.plan.objectives:
-        texts = ("at the peak rate" if each is not None else "" for each in (was, now))
+        texts = ("at the peak rate" if play is not None else "" for play in (was, now))
         yield GateChange.between("rates", path, texts, weaker=now is None)
     for pair in pairs:
         # Two that play as many as `iterations` say are compared by these alone.
@@ -332,7 +334,7 @@ def _starts(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateCh
 
 def _has_default_starts(plan: Plan) -> bool:
     plays = (*plan.play, *((plan.play_at_peak,) if plan.play_at_peak else ()))
-    return any(plan.starts == default_starts(each.iterations) for each in plays)
+    return any(plan.starts == default_starts(play.iterations) for play in plays)
 
 
 def _search(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChange]:
@@ -343,7 +345,9 @@ def _search(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateCh
         alike = msgspec.structs.replace(now, holds=was.holds)
         yield from field_changes(was, alike, "search", path, SEARCH_KEYS)
     elif was != now:
-        texts = ("" if one is None else f"up to {rate_text(one.max_hz)}" for one in (was, now))
+        texts = (
+            "" if search is None else f"up to {rate_text(search.max_hz)}" for search in (was, now)
+        )
         yield GateChange.between("search", path, texts, weaker=now is None)
 
 
@@ -367,7 +371,11 @@ def _located(
 ) -> list[tuple[Requirement, tuple[str, str]]]:
     """The conditions of the search, each with the monitors that it is about."""
     conditions = side.plan.search.holds if side.plan.search is not None else ()
-    return [(each, subject) for each in conditions for subject in subjects(each, side, monitors)]
+    return [
+        (condition, subject)
+        for condition in conditions
+        for subject in subjects(condition, side, monitors)
+    ]
 
 
 def _gate(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChange]:
@@ -377,7 +385,7 @@ def _gate(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChan
     was, now = (spec.benchmark.gate if (spec := spec_of(side)) else None for side in (base, head))
     for field in was.__struct_fields__ if was is not None and now is not None else ():
         if not {field, f"{field}_ns"} & set(GatePlan.__struct_fields__):
-            key = Key(f"gate.{field}", (*path, field))
+            key = GateKey(f"gate.{field}", (*path, field))
             yield from key.changes(getattr(was, field), getattr(now, field))
 
 
@@ -398,18 +406,22 @@ def _processes(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[Gat
 def _memory_limits(base: Plan, head: Plan) -> Iterator[GateChange]:
     """Limits of resident memory; a process that has no limit has an infinite one."""
     limits = [
-        {each.name: each.memory_limit_bytes for each in plan.processes if each.phase == "measure"}
+        {
+            process.name: process.memory_limit_bytes
+            for process in plan.processes
+            if process.phase == "measure"
+        }
         for plan in (base, head)
     ]
     for name in limits[0] | limits[1]:
-        was, now = (each.get(name, 0) or math.inf for each in limits)
+        was, now = (limit.get(name, 0) or math.inf for limit in limits)
         if was != now:
-            texts = (str(Size(int(each))) if each < math.inf else "" for each in (was, now))
+            texts = (str(Size(int(limit))) if limit < math.inf else "" for limit in (was, now))
             path: Path = ("graph", "nodes", name, "memory_limit")
             yield GateChange.between(f"memory_limit {name}", path, texts, weaker=now > was)
 
 
-GATE_FIELDS: Final[Mapping[str, _Rule | Key]] = {
+GATE_FIELDS: Final[Mapping[str, _Rule | GateKey]] = {
     "objectives": lambda base, head: objective_changes(
         base, head, monitor_names(base.plan, head.plan)
     ),
@@ -431,12 +443,12 @@ GATE_FIELDS: Final[Mapping[str, _Rule | Key]] = {
     "start_timeout": _benchmark_key("start_timeout", _longer_is_weaker, str),
     "drain_timeout": _benchmark_key("drain_timeout", _longer_is_weaker, str),
     "gate": _gate,
-    "transport": Key("transport", ("transport",)),
-    "segment_bytes": Key("transport", ("transport", "segment"), text=_segment_text),
+    "transport": GateKey("transport", ("transport",)),
+    "segment_bytes": GateKey("transport", ("transport", "segment"), text=_segment_text),
     "harness": lambda base, head: field_changes(
         base.plan.harness, head.plan.harness, "harness", ("harness",), {}
     ),
-    "requires": Key("requires", ("requires",)),
+    "requires": GateKey("requires", ("requires",)),
     "processes": _processes,
     "external": _processes,
 }

@@ -62,8 +62,8 @@ class GateComparison:
     @property
     def sentences(self) -> tuple[str, ...]:
         """What reports say of it, where all that is weaker was allowed."""
-        allowed = (f"allowed: {each.name} ({each.text})" for each in self.weaker)
-        return (*allowed, *(f"stronger: {each}" for each in self.stronger))
+        allowed = (f"allowed: {weakening.name} ({weakening.text})" for weakening in self.weaker)
+        return (*allowed, *(f"stronger: {sentence}" for sentence in self.stronger))
 
 
 class WeakerGateError(R2bspecError):
@@ -84,10 +84,14 @@ class WeakerGateError(R2bspecError):
         loaded: LoadedSpec | None,
         base_name: str,
     ) -> None:
-        names = dict.fromkeys(each.name for each in weaker)
+        names = dict.fromkeys(weakening.name for weakening in weaker)
         options = " ".join(f"--allow {shlex.quote(name)}" for name in names)
         # Without a document there is no place at which the changes are shown.
-        changes = names if loaded is not None else [f"{each.name} ({each.text})" for each in weaker]
+        changes = (
+            names
+            if loaded is not None
+            else [f"{weakening.name} ({weakening.text})" for weakening in weaker]
+        )
         super().__init__(
             f"the gate is weaker than in {base_name}: {', '.join(changes)}",
             hint=f"Undo the change, or let the pipeline allow it: {options}",
@@ -153,7 +157,7 @@ def check_gate(
     """
     check_allowed(allowed, (*allowable_names(base, head), *known_names))
     comparison = compare_gates(base, head)
-    refused = [each for each in comparison.weaker if each.name not in allowed]
+    refused = [weakening for weakening in comparison.weaker if weakening.name not in allowed]
     if refused:
         diagnostics = weakening_diagnostics(refused, head.loaded, base_name)
         raise WeakerGateError(refused, diagnostics, head.loaded, base_name)
@@ -167,10 +171,12 @@ def allowable_names(base: PreparedBenchmark, head: PreparedBenchmark) -> tuple[s
         spec = spec_of(side)
         objectives = spec.slos if spec is not None else side.plan.objectives
         names += [f"objective {name}" for name in objectives]
-        names += [f"monitor {each.name}" for each in side.plan.monitors]
+        names += [f"monitor {monitor.name}" for monitor in side.plan.monitors]
         names += [f"input {name}" for name in input_names(side).values()]
         names += [
-            f"memory_limit {each.name}" for each in side.plan.processes if each.memory_limit_bytes
+            f"memory_limit {process.name}"
+            for process in side.plan.processes
+            if process.memory_limit_bytes
         ]
     return tuple(dict.fromkeys(names))
 
@@ -210,19 +216,19 @@ def weakening_diagnostics(
         base_name: what the user called the base.
     """
     diagnostics = []
-    for each in weaker:
-        span = each.span
+    for weakening in weaker:
+        span = weakening.span
         if span is None:
-            span = head.span(each.path) if head is not None else Span.of_file("<plan>")
+            span = head.span(weakening.path) if head is not None else Span.of_file("<plan>")
         diagnostics.append(
             Diagnostic(
                 WEAKER_GATE,
                 Severity.ERROR,
-                f"weaker gate than in {base_name}: {each.name}: {each.text}",
+                f"weaker gate than in {base_name}: {weakening.name}: {weakening.text}",
                 span,
-                path=each.path,
+                path=weakening.path,
                 help="undo the change; the pipeline can allow it: "
-                f"--allow {shlex.quote(each.name)}",
+                f"--allow {shlex.quote(weakening.name)}",
             )
         )
     return tuple(sorted(diagnostics, key=lambda diagnostic: diagnostic.sort_key))
@@ -244,7 +250,9 @@ def require_objectives(plan: Plan, file: str = "") -> None:
 
 def can_fail(objectives: Mapping[str, Objective]) -> bool:
     """Whether one of the active objectives has the level ``error`` and a requirement."""
-    return any(each.level == "error" and each.require for each in objectives.values())
+    return any(
+        objective.level == "error" and objective.require for objective in objectives.values()
+    )
 
 
 def missing_objectives(file: str, cases: Sequence[str] = ()) -> Diagnostic:
@@ -278,7 +286,8 @@ def _waivers(loaded: LoadedSpec) -> dict[_WaiverKey, Waiver]:
     waivers = list(effective_waivers(loaded.texts, slugs))
     paths = _paths_by_line(loaded.tree) if waivers and loaded.tree is not None else {}
     return {
-        (each.code, paths.get((each.span.file, each.line), each.reason)): each for each in waivers
+        (waiver.code, paths.get((waiver.span.file, waiver.line), waiver.reason)): waiver
+        for waiver in waivers
     }
 
 

@@ -157,8 +157,15 @@ class History:
                 "INSERT INTO metrics (run_id, at_hz, monitor, metric, unit, value) "
                 "VALUES (?, ?, ?, ?, ?, ?)",
                 [
-                    (entry.run_id, one.at_hz, one.monitor, one.metric, one.unit, one.value)
-                    for one in entry.metrics
+                    (
+                        entry.run_id,
+                        metric.at_hz,
+                        metric.monitor,
+                        metric.metric,
+                        metric.unit,
+                        metric.value,
+                    )
+                    for metric in entry.metrics
                 ],
             )
 
@@ -182,11 +189,11 @@ class History:
         Raises:
             HistoryError: the file cannot be read.
         """
-        found = self._entries(
+        entries = self._entries(
             "WHERE host = ? AND plan = ? AND dataset = ? AND (outcome != 'fail' OR accepted)",
             (host, plan, dataset),
         )[-max_runs:]
-        return tuple(replace(one, metrics=self.metrics(one.run_id)) for one in found)
+        return tuple(replace(entry, metrics=self.metrics(entry.run_id)) for entry in entries)
 
     def metrics(self, run_id: str) -> tuple[HistoryMetric, ...]:
         """The stored metrics of one run.
@@ -223,7 +230,7 @@ class History:
         """
         with _translate_errors(self.path), _transaction(self._connection):
             done = self._connection.executemany(
-                "DELETE FROM runs WHERE run_id = ?", [(one,) for one in run_ids]
+                "DELETE FROM runs WHERE run_id = ?", [(run_id,) for run_id in run_ids]
             )
         return done.rowcount
 
@@ -234,9 +241,10 @@ class History:
                 f"SELECT {columns} FROM runs {where} ORDER BY started_at, rowid",  # noqa: S608
                 values,
             ).fetchall()
-        found = (dict(zip(_COLUMNS, row, strict=True)) for row in rows)
+        stored_rows = (dict(zip(_COLUMNS, row, strict=True)) for row in rows)
         return tuple(
-            self._typed(HistoryEntry, one | {"accepted": bool(one["accepted"])}) for one in found
+            self._typed(HistoryEntry, stored_row | {"accepted": bool(stored_row["accepted"])})
+            for stored_row in stored_rows
         )
 
     def _typed(self, kind: type[T], row: dict[str, Any]) -> T:

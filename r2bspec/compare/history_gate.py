@@ -66,29 +66,31 @@ def baseline_from_history(path: Path, run: Run) -> baseline_file.BaselineRecord:
         HistoryError: the history cannot be read.
     """
     with open_history(path, create=True) as history:
-        found = history.comparable_runs(
+        entries = history.comparable_runs(
             graph_identity.fingerprint(run.record.machine),
             measured_hash(run.plan),
             _dataset(run.record),
             MAX_HISTORY_RUNS,
         )
-    found = tuple(one for one in found if one.run_id != run.record.run_id)
+    entries = tuple(one for one in entries if one.run_id != run.record.run_id)
     values: dict[tuple[float | None, str | None, str], list[float | None]] = {}
-    for number, entry in enumerate(found):
-        for one in entry.metrics:
-            column = values.setdefault((one.at_hz, one.monitor, one.metric), [None] * len(found))
-            column[number] = one.value
+    for number, entry in enumerate(entries):
+        for stored in entry.metrics:
+            column = values.setdefault(
+                (stored.at_hz, stored.monitor, stored.metric), [None] * len(entries)
+            )
+            column[number] = stored.value
     return baseline_file.BaselineRecord(
         kind="history",
         source=str(path),
-        run_ids=tuple(entry.run_id for entry in found),
+        run_ids=tuple(entry.run_id for entry in entries),
         series=tuple(
             baseline_file.BaselineSeries(
                 at_hz=at_hz, monitor=monitor, metric=metric, values=tuple(column)
             )
             for (at_hz, monitor, metric), column in values.items()
         ),
-        identity=graph_identity.decode_identity(found[-1].identity) if found else None,
+        identity=graph_identity.decode_identity(entries[-1].identity) if entries else None,
     )
 
 
@@ -123,7 +125,7 @@ def baseline_from_stored_run(
     if not force and any(comparison.blocking_differences(stored, coming)):
         raise IncomparableError(
             f"{path} and this run are not comparable:\n"
-            + "\n".join(f"  {each}" for each in differences),
+            + "\n".join(f"  {difference}" for difference in differences),
             hint="Use --force to compare them anyway.",
         )
     series = {key: (values.values, values.starts) for key, values in stored.series.items()}

@@ -81,7 +81,7 @@ class ComparisonSpec:
 
 
 @dataclass(frozen=True)
-class Gate:
+class GateCheck:
     """A base with its own work tree.
 
     Attributes:
@@ -101,7 +101,7 @@ def prepare_comparison(
     pairs: int | None = None,
     control: bool = False,
     force: bool = False,
-    gate: Gate | None = None,
+    gate: GateCheck | None = None,
 ) -> ComparisonSpec:
     """Check that two sides are comparable.
 
@@ -128,12 +128,15 @@ def prepare_comparison(
     if otherwise and not force:
         raise IncomparableError(
             "base and head differ in load or monitors:\n"
-            + "\n".join(f"  {each}" for each in comparability.difference_lines(otherwise)),
+            + "\n".join(
+                f"  {difference_line}"
+                for difference_line in comparability.difference_lines(otherwise)
+            ),
             hint="Use --force to compare them anyway.",
         )
     _check_environment_inherited(head, base.environment)
-    for one in (base, head):
-        check_middleware(one.plan, {**os.environ, **one.environment})
+    for side in (base, head):
+        check_middleware(side.plan, {**os.environ, **side.environment})
     return ComparisonSpec(
         base=base,
         head=head,

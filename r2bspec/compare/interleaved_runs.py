@@ -156,7 +156,11 @@ class _PairRunner:
             verdict = self._play_pairs(confirms=False)
             if self._comparison.head.plan.gate.confirm and needs_confirmation(verdict):
                 self._note("the comparison failed: new pairs are played to confirm it")
-                self._failed = {one.key for one in verdict.requirements if one.outcome == "fail"}
+                self._failed = {
+                    requirement.key
+                    for requirement in verdict.requirements
+                    if requirement.outcome == "fail"
+                }
                 self._play_pairs(confirms=True)
         except R2bspecError as error:
             reason = f"{error.code}: {error}"
@@ -194,9 +198,9 @@ class _PairRunner:
             return False
         verdict = pair_comparison.judge_pair_set(objectives, pair_set, policy)
         counted = [
-            one
-            for one in verdict.requirements
-            if one.level == "error" and (not confirms or one.key in self._failed)
+            requirement
+            for requirement in verdict.requirements
+            if requirement.level == "error" and (not confirms or requirement.key in self._failed)
         ]
         if decide_after_look(looks, looks.completed_looks(usable), counted) == "go on":
             return False
@@ -258,7 +262,7 @@ class _PairRunner:
             title = f"pair {number} of {self._planned}{', confirmation' if confirms else ''}"
             self._progress.note(f"{title}: {side}")
             try:
-                found = self._run(side, name)
+                pair_run = self._run(side, name)
             except RunError as error:
                 # A failed run is repeated once, unless it was interrupted or cannot work here.
                 if error.exit_code != RunError.exit_code or again:
@@ -267,9 +271,9 @@ class _PairRunner:
                     raise
                 unusable = f"the {side} failed: {error}"
                 break
-            unusable = unusable or (found[0] and f"{side}: {found[0]}")
-            if found[1]:
-                disturbed += f"{'; ' if disturbed else ''}{side}: {found[1]}"
+            unusable = unusable or (pair_run[0] and f"{side}: {pair_run[0]}")
+            if pair_run[1]:
+                disturbed += f"{'; ' if disturbed else ''}{side}: {pair_run[1]}"
         pair = PairRecord(
             number=number,
             order=order,
@@ -287,19 +291,19 @@ class _PairRunner:
     def _run(self, side: Side, name: str) -> tuple[str, str]:
         """One run: why it cannot be judged, and which interference affected it, or empty texts."""
         self._interrupts.check()
-        one = self._comparison.base if side == "base" else self._comparison.head
+        side_run = self._comparison.base if side == "base" else self._comparison.head
         with (
             RunFolder.create(self._folder.path / side / name) as folder,
-            applied_environment(one.environment),
+            applied_environment(side_run.environment),
         ):
             run_plan(
                 self._plans[side],
-                base_dir=one.base_dir,
+                base_dir=side_run.base_dir,
                 folder=folder,
                 run_id=secrets.token_hex(8),
-                spec_text=one.spec_text,
+                spec_text=side_run.spec_text,
                 progress=self._progress,
-                options=RunOptions(identity=one.identity),
+                options=RunOptions(identity=side_run.identity),
             )
         if self._comparison.check_run is not None:
             self._comparison.check_run(side, folder.path)

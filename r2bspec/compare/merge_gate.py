@@ -210,11 +210,11 @@ class MergeGate:
 
     def builds_base(self, selection: SpecSelection, head: PreparedBenchmark) -> bool:
         """Whether commands are run to build the base of a spec; see `sides`."""
-        found = self.base_spec(selection.spec, head)
-        if found is None:
+        base = self.base_spec(selection.spec, head)
+        if base is None:
             return False
         try:
-            return bool(self._build_settings(self._base_selection(selection, found)).build)
+            return bool(self._build_settings(self._base_selection(selection, base)).build)
         except R2bspecError:
             # `sides` meets the same error, and says what it means for the gate.
             return False

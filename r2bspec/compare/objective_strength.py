@@ -95,7 +95,7 @@ def objective_changes(
         monitors: the name in the head of each monitor of the base that the head still has.
     """
     before = list(_demands(base, monitors))
-    after = list(_demands(head, {each.name: each.name for each in head.plan.monitors}))
+    after = list(_demands(head, {monitor.name: monitor.name for monitor in head.plan.monitors}))
     for demand in before:
         closest = _closest(demand, after)
         if demand.objective.level == "error" and _shortfalls(demand, closest):
@@ -176,8 +176,8 @@ def subjects(
     Monitors have the names of the head. A requirement on all of them is about those that the head
     still has: a monitor that is gone is a difference of its own.
     """
-    names = [each.name for each in side.plan.monitors]
-    processes = [each.name for each in side.plan.processes]
+    names = [monitor_plan.name for monitor_plan in side.plan.monitors]
+    processes = [process.name for process in side.plan.processes]
     try:
         monitor, metric = resolve(requirement.metric, names, processes)
     except MetricError:

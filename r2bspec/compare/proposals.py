@@ -69,15 +69,15 @@ def propose_limits(loaded: LoadedSpec, found: Calibration, text: str) -> tuple[s
     if not of_baseline:
         return _with_objective(loaded, loaded.spec, found, text)
     edits, left = [], []
-    for each in narrow_margins(Context(loaded, loaded.spec, offline=True)):
-        if not each.proposed:
-            left.append(_too_noisy(each))
+    for narrow_margin in narrow_margins(Context(loaded, loaded.spec, offline=True)):
+        if not narrow_margin.proposed:
+            left.append(_too_noisy(narrow_margin))
             continue
         finding = Finding(
             message="",
-            path=each.known_metric.located.path,
-            part=each.part,
-            replacement=each.proposed,
+            path=narrow_margin.known_metric.located.path,
+            part=narrow_margin.part,
+            replacement=narrow_margin.proposed,
         )
         edit = to_diagnostic(
             finding, margin_below_noise.code, margin_below_noise.page.severity, loaded
@@ -86,8 +86,8 @@ def propose_limits(loaded: LoadedSpec, found: Calibration, text: str) -> tuple[s
             edits.append(edit)
         else:
             left.append(
-                f"the limit of '{each.known_metric.located.requirement.text}' is set in another "
-                f"file: change it to {each.proposed} there"
+                f"the limit of '{narrow_margin.known_metric.located.requirement.text}' is set in "
+                f"another file: change it to {narrow_margin.proposed} there"
             )
     return apply_edits(text, edits), left
 
@@ -115,7 +115,12 @@ def _with_objective(
 def _objective_lines(name: str, at: str, requirements: Iterable[str]) -> list[str]:
     """An objective as it is written below ``slos``."""
     rate = [f"  at: {at}"] if at else []
-    return [f"{name}:", *rate, "  require:", *(f"    - {each}" for each in requirements)]
+    return [
+        f"{name}:",
+        *rate,
+        "  require:",
+        *(f"    - {requirement}" for requirement in requirements),
+    ]
 
 
 def _requirements(spec: Spec, found: Calibration) -> Iterator[str]:
@@ -230,18 +235,25 @@ def propose_objectives(
     if loaded.spec is None:
         return proposal
     candidates = [
-        each
-        for each in _candidates(loaded.spec, result, calibrations, proposal.notes)
-        if each.texts
+        entry
+        for entry in _candidates(loaded.spec, result, calibrations, proposal.notes)
+        if entry.texts
     ]
     passed = _passed(candidates, judge)
-    for each in candidates:
-        chosen = next((one for one in each.texts if (each.objective, one) in passed), None)
+    for proposed in candidates:
+        chosen = next(
+            (
+                requirement_text
+                for requirement_text in proposed.texts
+                if (proposed.objective, requirement_text) in passed
+            ),
+            None,
+        )
         if chosen is None:
-            proposal.notes.append(f"{each.what}: the run is too short to show a limit")
+            proposal.notes.append(f"{proposed.what}: the run is too short to show a limit")
         else:
-            proposal.added.setdefault(each.objective, []).append(chosen)
-    rates = {each.objective: each.at for each in candidates}
+            proposal.added.setdefault(proposed.objective, []).append(chosen)
+    rates = {entry.objective: entry.at for entry in candidates}
     _insert(loaded, proposal, rates)
     return proposal
 
@@ -278,7 +290,9 @@ def _candidates(
             )
             yield _Candidate(name, at, f"{prefix}drop_rate", shares)
     search = result.metrics.search
-    metrics = [each.metric for objective in spec.slos.values() for each in objective.require]
+    metrics = [
+        requirement.metric for objective in spec.slos.values() for requirement in objective.require
+    ]
     asked = any(metric.startswith("peak") for metric in metrics)
     if search is not None and search.holds_hz and not asked:
         limit = search.holds_hz * (1 - _PEAK_STEPS * search.precision)
@@ -290,9 +304,9 @@ def _latency_texts(rate: RateMetrics, monitor: str, prefix: str, margin: float) 
     for part in _PARTS:
         values = [
             value
-            for each in rate.iterations
-            if monitor in each.monitors
-            and (value := part_value(each.monitors[monitor].latency, part)) is not None
+            for iteration in rate.iterations
+            if monitor in iteration.monitors
+            and (value := part_value(iteration.monitors[monitor].latency, part)) is not None
             and value > 0
         ]
         limit = prediction_bound(values)
@@ -318,7 +332,7 @@ def prediction_bound(values: Sequence[float], confidence: float = CONFIDENCE) ->
 
 def _margin(calibrations: Sequence[Calibration], at_hz: float | None, monitor: str) -> float:
     """The largest calibrated margin of the latency, as a logarithm; 0 without one."""
-    found = [
+    margins = [
         margin
         for calibration in calibrations
         for noise in calibration.metrics
@@ -327,15 +341,15 @@ def _margin(calibrations: Sequence[Calibration], at_hz: float | None, monitor: s
         and noise.monitor in {None, monitor}
         and (margin := noise.margin(max(map(int, noise.margins), default=0))) is not None
     ]
-    return max(found, default=0.0)
+    return max(margins, default=0.0)
 
 
 def _passed(candidates: Sequence[_Candidate], judge: Judge) -> set[tuple[str, str]]:
     """The requirements that the run passes, with their objectives."""
     requirements: dict[tuple[str, str], list[Requirement]] = {}
-    for each in candidates:
-        asked = requirements.setdefault((each.objective, each.at), [])
-        asked += map(parse_requirement, each.texts)
+    for candidate in candidates:
+        asked = requirements.setdefault((candidate.objective, candidate.at), [])
+        asked += map(parse_requirement, candidate.texts)
     if not requirements:
         return set()
     objectives = {
@@ -343,7 +357,11 @@ def _passed(candidates: Sequence[_Candidate], judge: Judge) -> set[tuple[str, st
         for (name, at), asked in requirements.items()
     }
     verdict = judge(objectives).verdict
-    return {(each.objective, each.text) for each in verdict.requirements if each.outcome == "pass"}
+    return {
+        (requirement.objective, requirement.text)
+        for requirement in verdict.requirements
+        if requirement.outcome == "pass"
+    }
 
 
 def _insert(loaded: LoadedSpec, proposal: Proposal, rates: Mapping[str, str]) -> None:

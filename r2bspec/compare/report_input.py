@@ -221,10 +221,10 @@ def read_pair_set(
         RecordError: a file of one of the runs is missing or damaged.
     """
     played, unaffected = pairs.usable_pairs(confirms=confirms), pairs.unaffected(confirms=confirms)
-    disturbed = [each for each in played if each.disturbed]
+    disturbed = [pair for pair in played if pair.disturbed]
     return PairSet(
         played=_interleaved(pairs, played, measured),
-        tried=len({each.number for each in pairs.record.pairs if each.confirms == confirms}),
+        tried=len({pair.number for pair in pairs.record.pairs if pair.confirms == confirms}),
         looks=_planned_looks(pairs.record),
         unaffected=_interleaved(pairs, unaffected, measured) if disturbed else None,
         disturbance_text=_affected_pairs_text(disturbed),
@@ -239,7 +239,7 @@ def _planned_looks(record: PairsRecord) -> InterimLooks | None:
 
 def _affected_pairs_text(disturbed: Sequence[PairRecord]) -> str:
     """The pairs with host interference, as the beginning of a sentence; empty for none."""
-    named = [f"{each.number} ({each.disturbed})" for each in disturbed[:_MAX_NAMED_PAIRS]]
+    named = [f"{pair.number} ({pair.disturbed})" for pair in disturbed[:_MAX_NAMED_PAIRS]]
     more = (
         f" and {len(disturbed) - _MAX_NAMED_PAIRS} more"
         if len(disturbed) > _MAX_NAMED_PAIRS

@@ -28,9 +28,9 @@ class SpecName:
 
 def spec_name(cases: Sequence[LoadedSpec]) -> SpecName:
     """The name of a document from all its cases (`r2bspec.language.load_spec.load_cases`)."""
-    specs = [each.spec for each in cases if each.spec is not None]
+    specs = [case.spec for case in cases if case.spec is not None]
     name = specs[0].name if specs else ""
-    return SpecName(name, tuple(each.case for each in cases if each.case))
+    return SpecName(name, tuple(case.case for case in cases if case.case))
 
 
 def missing_specs(

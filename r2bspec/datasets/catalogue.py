@@ -95,19 +95,19 @@ def select_sources(name: str, topics: Collection[str] | None) -> tuple[rig.Topic
     sources = {source.name: source for source in find_sequence(name).sources}
     if topics is None:
         return tuple(sources[topic] for topic in sorted(sources))
-    wanted = {topic if topic.startswith("/") else f"/{topic}" for topic in topics}
-    for topic in sorted(wanted - sources.keys()):
+    topic_names = {topic if topic.startswith("/") else f"/{topic}" for topic in topics}
+    for topic in sorted(topic_names - sources.keys()):
         raise recording.topic_not_found(f"dataset {name}", topic, sources)
-    return tuple(sources[topic] for topic in sorted(wanted))
+    return tuple(sources[topic] for topic in sorted(topic_names))
 
 
-def bounded_window(name: str, window: recording.Window | None) -> recording.Window:
+def bounded_window(name: str, window: recording.TimeWindow | None) -> recording.TimeWindow:
     """A window with both ends, inside the sequence.
 
     Raises:
         DataError: the window is empty or leaves the sequence (R2B309).
     """
-    window = window or recording.Window()
+    window = window or recording.TimeWindow()
     end_ns = DURATION_NS if window.end_ns is None else window.end_ns
     if not 0 <= window.start_ns < end_ns <= DURATION_NS:
         raise recording.DataError(
@@ -117,10 +117,10 @@ def bounded_window(name: str, window: recording.Window | None) -> recording.Wind
             hint="its start must be before its end, and both between"
             f" 0 s and {DURATION_NS / 1e9:g} s",
         )
-    return recording.Window(start_ns=window.start_ns, end_ns=end_ns)
+    return recording.TimeWindow(start_ns=window.start_ns, end_ns=end_ns)
 
 
-def message_times_ns(source: rig.TopicSource, window: recording.Window) -> list[int]:
+def message_times_ns(source: rig.TopicSource, window: recording.TimeWindow) -> list[int]:
     """Times of a topic's messages in a bounded window, in ns after the sequence's start.
 
     Message k lies at k / rate, rounded down to whole ns.
@@ -135,7 +135,7 @@ def message_times_ns(source: rig.TopicSource, window: recording.Window) -> list[
 def describe(
     name: str,
     topics: Collection[str] | None = None,
-    window: recording.Window | None = None,
+    window: recording.TimeWindow | None = None,
     *,
     storage: recording.WritableStorage = "sqlite3",
 ) -> recording.BagIndex:

@@ -55,7 +55,7 @@ class _CacheKey(msgspec.Struct, frozen=True, kw_only=True):
     generator: int
     dataset: str
     topics: tuple[str, ...]
-    window: recording.Window
+    window: recording.TimeWindow
     storage: recording.WritableStorage
 
     @property
@@ -67,7 +67,7 @@ class _CacheKey(msgspec.Struct, frozen=True, kw_only=True):
 def make(
     dataset: str,
     topics: Collection[str] | None = None,
-    window: recording.Window | None = None,
+    window: recording.TimeWindow | None = None,
     *,
     storage: recording.WritableStorage = "sqlite3",
     cache_dir: Path | None = None,
@@ -156,12 +156,16 @@ def _build(
         if progress is not None:
             progress(next(numbers), total)
 
-    def render(entry: tuple[int, TopicSource]) -> recording.Message:
+    def render(entry: tuple[int, TopicSource]) -> recording.RecordedMessage:
         time_ns, source = entry
         data = render_message(scene, source, sequence.start_ns, time_ns)
-        return recording.Message(topic=source.name, time_ns=sequence.start_ns + time_ns, data=data)
+        return recording.RecordedMessage(
+            topic=source.name, time_ns=sequence.start_ns + time_ns, data=data
+        )
 
-    def hashed(messages: Iterable[recording.Message]) -> Iterator[recording.Message]:
+    def hashed(
+        messages: Iterable[recording.RecordedMessage],
+    ) -> Iterator[recording.RecordedMessage]:
         for message in messages:
             content.add(message)
             yield message

@@ -43,23 +43,23 @@ def fix(text: str, file: str, findings_of: Callable[[str], Sequence[Diagnostic]]
         file: its name in spans; edits of other files are ignored.
         findings_of: the findings in a text with that name.
     """
-    found = findings_of(text)
+    findings = findings_of(text)
     applied: list[Diagnostic] = []
     seen = {text}
     for _ in range(MAX_ROUNDS):
-        offered = [one.edit for one in found if one.edit is not None]
+        offered = [finding.edit for finding in findings if finding.edit is not None]
         chosen = _non_overlapping(text, (edit for edit in offered if edit.span.file == file))
         edited = _spliced(text, chosen)
         if edited in seen:
             break
         after = findings_of(edited)
-        if _unreadable(after) and not _unreadable(found):
+        if _unreadable(after) and not _unreadable(findings):
             break  # never make a document unreadable
-        made = {edit for _, edit in chosen}
-        applied += [one for one in found if one.edit in made]
+        edits = {edit for _, edit in chosen}
+        applied += [finding for finding in findings if finding.edit in edits]
         seen.add(edited)
-        text, found = edited, after
-    return FixResult(text, tuple(applied), tuple(found))
+        text, findings = edited, after
+    return FixResult(text, tuple(applied), tuple(findings))
 
 
 def apply_edits(text: str, edits: Iterable[Edit]) -> str:
@@ -96,13 +96,17 @@ def _spliced(text: str, edits: Iterable[tuple[tuple[int, int], Edit]]) -> str:
 def _non_overlapping(text: str, edits: Iterable[Edit]) -> list[tuple[tuple[int, int], Edit]]:
     """Edits that can be applied together, each with the offsets of the text it replaces."""
     starts = [0, *(match.end() for match in LINE_BREAK.finditer(text))]
-    placed = [(place, one) for one in set(edits) if (place := _offsets(one.span, starts, text))]
+    placed = [
+        (place, offered_edit)
+        for offered_edit in set(edits)
+        if (place := _offsets(offered_edit.span, starts, text))
+    ]
     placed.sort(key=lambda each: (each[0], each[1].text))
     chosen: list[tuple[tuple[int, int], Edit]] = []
     last = -1
-    for place, one in placed:
+    for place, edit in placed:
         if place[0] > last:
-            chosen.append((place, one))
+            chosen.append((place, edit))
             last = place[1]
     return chosen
 
@@ -118,5 +122,6 @@ def _offsets(span: Span, starts: Sequence[int], text: str) -> tuple[int, int] | 
 
 def _unreadable(found: Iterable[Diagnostic]) -> bool:
     return any(
-        one.severity is Severity.ERROR and _PARSE_ERROR_CODE.match(one.code) for one in found
+        finding.severity is Severity.ERROR and _PARSE_ERROR_CODE.match(finding.code)
+        for finding in found
     )

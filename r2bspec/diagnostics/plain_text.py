@@ -117,24 +117,24 @@ def _plain_value(value: Any) -> Any:
         changed = plain(value)
         return None if changed == value else changed
     if isinstance(value, dict):
-        pairs = {plain_values(key): plain_values(one) for key, one in value.items()}
-        same = all(pairs.get(key, pairs) is one for key, one in value.items())
+        pairs = {plain_values(key): plain_values(entry) for key, entry in value.items()}
+        same = all(pairs.get(key, pairs) is entry for key, entry in value.items())
         return None if same else pairs
     if isinstance(value, list | tuple):
-        entries = [plain_values(one) for one in value]
+        entries = [plain_values(entry) for entry in value]
         if all(new is old for new, old in zip(entries, value, strict=True)):
             return None
         return entries if isinstance(value, list) else tuple(entries)
     if isinstance(value, msgspec.Struct):
         fields = {name: _plain_value(getattr(value, name)) for name in value.__struct_fields__}
-        given = {name: one for name, one in fields.items() if one is not None}
+        given = {name: entry for name, entry in fields.items() if entry is not None}
         return msgspec.structs.replace(value, **given) if given else None
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         named = {
-            one.name: _plain_value(getattr(value, one.name))
-            for one in dataclasses.fields(value)
-            if one.init
+            field.name: _plain_value(getattr(value, field.name))
+            for field in dataclasses.fields(value)
+            if field.init
         }
-        given = {name: one for name, one in named.items() if one is not None}
+        given = {name: entry for name, entry in named.items() if entry is not None}
         return dataclasses.replace(value, **given) if given else None
     return None

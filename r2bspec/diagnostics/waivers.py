@@ -85,21 +85,25 @@ def apply_waivers(
     if not waivers:
         return found
     slugs = known()
-    waivers = [_with_code(one, slugs) for one in waivers]
-    usable = {(one.span.file, one.line, one.code): one for one in waivers if one.reason}
+    waivers = [_with_code(usable_waiver, slugs) for usable_waiver in waivers]
+    usable = {
+        (usable_waiver.span.file, usable_waiver.line, usable_waiver.code): usable_waiver
+        for usable_waiver in waivers
+        if usable_waiver.reason
+    }
     used: set[tuple[str, int, str]] = set()
     left: list[Diagnostic] = []
-    for one in found:
-        key = (one.span.file, one.span.line, one.code)
+    for finding in found:
+        key = (finding.span.file, finding.span.line, finding.code)
         if key not in usable:
-            left.append(one)
+            left.append(finding)
             continue
         used.add(key)
-        if one.severity is Severity.ERROR and _UNREADABLE_CODE.match(one.code):
+        if finding.severity is Severity.ERROR and _UNREADABLE_CODE.match(finding.code):
             waiver = usable[key]
             message = f"{waiver.written} cannot be waived: it leaves no spec that could run"
             help_text = "fix the error and remove the waiver"
-            left += [one, _warning(NOT_WAIVABLE, message, waiver, help_text)]
+            left += [finding, _warning(NOT_WAIVABLE, message, waiver, help_text)]
     for waiver in waivers:
         if len(left) >= MAX_FINDINGS:
             break

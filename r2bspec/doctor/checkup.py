@@ -60,8 +60,8 @@ class System:
 
 def worst_status(checks: list[CheckResult]) -> Status:
     """The worst status, which is that of the machine."""
-    found = {check.status for check in checks}
-    return next((status for status in _WORST if status in found), "ok")
+    statuses = {check.status for check in checks}
+    return next((status for status in _WORST if status in statuses), "ok")
 
 
 def read_text(path: Path) -> str | None:

@@ -36,8 +36,8 @@ def main() -> None:
     """Probe the names on the command line; prints one JSON object."""
     # Modules may print while they are imported; standard output is for the result.
     with contextlib.redirect_stdout(sys.stderr):
-        found = {name: probe(name) for name in sys.argv[1:]}
-    print(json.dumps(found))  # noqa: T201 - the result
+        probes = {name: probe(name) for name in sys.argv[1:]}
+    print(json.dumps(probes))  # noqa: T201 - the result
 
 
 if __name__ == "__main__":

@@ -36,16 +36,16 @@ _INSTALL = "source a ROS 2 installation, or pip install 'r2bspec[ros]'"
 
 def check_ros(system: System) -> list[CheckResult]:
     """The distributions that can be seen, rclpy, the middleware and the message packages."""
-    found = probe_imports(system, _MIDDLEWARE)[_MIDDLEWARE]
+    import_result = probe_imports(system, _MIDDLEWARE)[_MIDDLEWARE]
     checks = [_distributions(system)]
-    if "error" in found:
-        advice = _advice(system, found["error"])
-        said = _RCL_PLACE.sub("", _RCL_PREFIX.sub("", found["error"]))
+    if "error" in import_result:
+        advice = _advice(system, import_result["error"])
+        said = _RCL_PLACE.sub("", _RCL_PREFIX.sub("", import_result["error"]))
         return [*checks, advised(_ROS, "rclpy", said, advice, otherwise="problem")]
     return [
         *checks,
-        _client_library(found["seconds"], found["file"]),
-        _middleware(system, found["said"]),
+        _client_library(import_result["seconds"], import_result["file"]),
+        _middleware(system, import_result["said"]),
         _messages(system),
     ]
 
@@ -65,20 +65,20 @@ def _distributions(system: System) -> CheckResult:
     prefixes = _paths(system.environ.get("AMENT_PREFIX_PATH", ""))
     wheels = sorted(
         {
-            f"{match['distribution'] or 'unnamed'} {each.version}"
-            for each in importlib.metadata.distributions()
-            if (match := _WHEEL.fullmatch((each.metadata["Name"] or "").lower()))
+            f"{match['distribution'] or 'unnamed'} {distribution.version}"
+            for distribution in importlib.metadata.distributions()
+            if (match := _WHEEL.fullmatch((distribution.metadata["Name"] or "").lower()))
         }
     )
-    named = [each for each in wheels if not each.startswith("unnamed ")] or wheels
+    named = [wheel for wheel in wheels if not wheel.startswith("unnamed ")] or wheels
     sourced = system.environ.get("ROS_DISTRO", "") if prefixes else ""
     parts = []
     if sourced:
         more = f" and {len(prefixes) - 1} more" if len(prefixes) > 1 else ""
         parts.append(f"{sourced} sourced from {prefixes[-1]}{more}")
-    parts += [f"{each} as wheels" for each in named]
+    parts += [f"{package} as wheels" for package in named]
     # The metapackage of the wheels names the same rclpy again; only a sourced one competes.
-    mixed = bool(sourced) and any(not each.startswith(sourced) for each in named)
+    mixed = bool(sourced) and any(not package.startswith(sourced) for package in named)
     advice = "" if parts else _INSTALL
     if mixed:
         advice = "two distributions are mixed: source none, or leave the wheels out"
@@ -93,24 +93,24 @@ def _distributions(system: System) -> CheckResult:
 
 def _client_library(seconds: float, file: str) -> CheckResult:
     slow = seconds > _MAX_IMPORT_S
-    found = f"imported in {show(seconds, 's')} from {Path(file).parent}"
+    text = f"imported in {show(seconds, 's')} from {Path(file).parent}"
     advice = "every process of a run waits for this; a network file system?" if slow else ""
-    return advised(_ROS, "rclpy", found, advice, {"import_s": seconds, "file": file})
+    return advised(_ROS, "rclpy", text, advice, {"import_s": seconds, "file": file})
 
 
 def _middleware(system: System, used: str) -> CheckResult:
     here = sorted(
         {
-            each.name
+            path.name
             for prefix in _paths(system.environ.get("AMENT_PREFIX_PATH", ""))
-            for each in Path(prefix).glob("share/ament_index/resource_index/rmw_typesupport/*")
+            for path in Path(prefix).glob("share/ament_index/resource_index/rmw_typesupport/*")
         }
         | {used}
     )
-    others = [each for each in here if each != used]
+    others = [name for name in here if name != used]
     advice = [*_refused_transport(system, used), *_overridden_discovery(system, used)]
-    found = used + (f" (also here: {', '.join(others)})" if others else "")
-    return advised(_ROS, "middleware", found, "; ".join(advice), {"used": used, "here": here})
+    text = used + (f" (also here: {', '.join(others)})" if others else "")
+    return advised(_ROS, "middleware", text, "; ".join(advice), {"used": used, "here": here})
 
 
 def _refused_transport(system: System, used: str) -> Iterator[str]:
@@ -130,8 +130,8 @@ def _overridden_discovery(system: System, used: str) -> Iterator[str]:
 
 
 def _messages(system: System) -> CheckResult:
-    found = probe_imports(system, *(f"{name}.msg" for name in _MESSAGES))
-    missing = [name for name in _MESSAGES if "error" in found[f"{name}.msg"]]
+    imports = probe_imports(system, *(f"{name}.msg" for name in _MESSAGES))
+    missing = [name for name in _MESSAGES if "error" in imports[f"{name}.msg"]]
     there = [name for name in _MESSAGES if name not in missing]
     named = ", ".join(there) + (f"; not here: {', '.join(missing)}" if missing else "")
     advice = f"specs that use them cannot run; {_INSTALL}" if missing else ""
@@ -139,7 +139,7 @@ def _messages(system: System) -> CheckResult:
 
 
 def _paths(text: str) -> list[str]:
-    return [each for each in text.split(":") if each]
+    return [path for path in text.split(":") if path]
 
 
 _TIMEOUT_S = 60.0
@@ -162,12 +162,12 @@ def probe_imports(system: System, *names: str) -> dict[str, dict[str, Any]]:
     except OSError as error:
         return {name: {"error": str(error)} for name in names}
     try:
-        found: dict[str, dict[str, Any]] = json.loads(done.stdout)
+        results: dict[str, dict[str, Any]] = json.loads(done.stdout)
     except ValueError:
         # A module can end the interpreter, as rclpy does where its middleware is not installed.
         said = done.stderr.strip().splitlines() or [f"it ended with status {done.returncode}"]
         return {name: {"error": said[-1]} for name in names}
-    return found
+    return results
 
 
 _OPENCV = "OpenCV"
@@ -175,11 +175,11 @@ _OPENCV = "OpenCV"
 
 def check_vision(system: System) -> list[CheckResult]:
     """Check whether it can be imported. Other nodes than the reference nodes may not need it."""
-    found = probe_imports(system, "cv2")["cv2"]
-    if "error" in found:
+    import_result = probe_imports(system, "cv2")["cv2"]
+    if "error" in import_result:
         advice = "the reference nodes for images need it: pip install 'r2bspec[vision]'"
-        return [advised(_OPENCV, "version", found["error"], advice)]
-    return [advised(_OPENCV, "version", found["version"], "", found)]
+        return [advised(_OPENCV, "version", import_result["error"], advice)]
+    return [advised(_OPENCV, "version", import_result["version"], "", import_result)]
 
 
 _NATIVE = "native harness"
@@ -190,8 +190,8 @@ def check_native(system: System) -> list[CheckResult]:
     try:
         program = harness_program(system.environ)
     except BuildError as error:
-        found = str(error).splitlines()[0]
-        return [CheckResult(_NATIVE, "build", "problem", found, error.hint)]
+        problem = str(error).splitlines()[0]
+        return [CheckResult(_NATIVE, "build", "problem", problem, error.hint)]
     # A program that is not kept has no path, and is known by its descriptor.
-    found = str(program.resolve())
-    return [advised(_NATIVE, "build", found, "", {"program": found})]
+    problem = str(program.resolve())
+    return [advised(_NATIVE, "build", problem, "", {"program": problem})]

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from r2bspec.datasets.dataset_cache import KIND
 from r2bspec.doctor.checkup import CheckResult, System, advised
-from r2bspec.ipc.process_cleanup import Session, end_run_processes, now_ticks
+from r2bspec.ipc.process_cleanup import ProcessSession, end_run_processes, now_ticks
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.judge.measure.units import show
 from r2bspec.middleware.middleware import known_middlewares
@@ -71,15 +71,19 @@ def find_runs(system: System) -> RunProcesses:
 
     The run to which this process itself belongs counts as active.
     """
-    processes = {each.pid: each for each in _processes(system.proc)}
-    living = {each.watched_run for each in processes.values()} - {""}
+    processes = {found_process.pid: found_process for found_process in _processes(system.proc)}
+    living = {candidate.watched_run for candidate in processes.values()} - {""}
     living |= {system.environ.get(RUN_ID_VARIABLE, "")} - {""}
-    for each in processes.values():
-        parent = processes.get(each.parent)
-        if each.run_id and parent and not parent.run_id and parent.name.startswith(_CONTROLLERS):
+    for marked in processes.values():
+        parent = processes.get(marked.parent)
+        if marked.run_id and parent and not parent.run_id and parent.name.startswith(_CONTROLLERS):
             # Its watchdog was killed, but the controller still runs.
-            living.add(each.run_id)
-    orphans = [each for each in processes.values() if each.run_id and each.run_id not in living]
+            living.add(marked.run_id)
+    orphans = [
+        candidate
+        for candidate in processes.values()
+        if candidate.run_id and candidate.run_id not in living
+    ]
     return RunProcesses(frozenset(living), tuple(sorted(orphans, key=lambda each: each.pid)))
 
 
@@ -115,8 +119,10 @@ def _run_of_process(folder: Path) -> str:
         variables = (folder / "environ").read_bytes().split(b"\0")
     except OSError:
         return ""
-    wanted = f"{RUN_ID_VARIABLE}=".encode()
-    values = [each.removeprefix(wanted) for each in variables if each.startswith(wanted)]
+    prefix = f"{RUN_ID_VARIABLE}=".encode()
+    values = [
+        variable.removeprefix(prefix) for variable in variables if variable.startswith(prefix)
+    ]
     return values[0].decode(errors="replace") if values else ""
 
 
@@ -133,8 +139,8 @@ def dead_shm_files(system: System) -> list[DeadShmFile]:
     memory = system.shared_memory
     return [
         DeadShmFile(name, _segment_bytes(memory / name))
-        for each in known_middlewares()
-        for name in each.dead_shm_files(memory, system.proc)
+        for middleware in known_middlewares()
+        for name in middleware.dead_shm_files(memory, system.proc)
     ]
 
 
@@ -142,8 +148,8 @@ def remove_dead_shm_files(system: System) -> list[str]:
     """Remove them; returns their names."""
     return [
         name
-        for each in known_middlewares()
-        for name in each.remove_dead_shm_files(system.shared_memory, system.proc)
+        for middleware in known_middlewares()
+        for name in middleware.remove_dead_shm_files(system.shared_memory, system.proc)
     ]
 
 
@@ -163,7 +169,9 @@ def abandoned_scratch(system: System, living: Set[str]) -> list[Path]:
     """Scratch folders of ended runs; `system.runs` is a folder of runs or a run folder."""
     folders = [*system.runs.glob("*/.scratch-*"), *system.runs.glob(".scratch-*")]
     return sorted(
-        each for each in folders if _is_old(each) and _run_of_folder(each.parent) not in living
+        folder
+        for folder in folders
+        if _is_old(folder) and _run_of_folder(folder.parent) not in living
     )
 
 
@@ -173,7 +181,7 @@ def unfinished_datasets(cache: Path | None = None) -> list[Path]:
     A process holds the lock of the dataset that it creates, so a free lock means that it exited.
     """
     root = cache or cache_path(KIND)
-    return sorted(each for each in root.glob(".making-*") if _is_old(each) and _is_free(root, each))
+    return sorted(path for path in root.glob(".making-*") if _is_old(path) and _is_free(root, path))
 
 
 def _is_old(folder: Path) -> bool:
@@ -231,23 +239,25 @@ def find_leftovers(system: System, cache: Path | None = None) -> Leftovers:
 
 def check_leftovers(system: System, cache: Path | None = None) -> list[CheckResult]:
     """Runs in progress, and what dead ones have left."""
-    found = find_leftovers(system, cache)
-    return [_living(found), _orphans(found), _segments(found), _folders(found)]
+    leftovers = find_leftovers(system, cache)
+    return [_living(leftovers), _orphans(leftovers), _segments(leftovers), _folders(leftovers)]
 
 
 def clean(system: System, cache: Path | None = None) -> list[str]:
     """Remove what dead runs have left; says what was removed, a line each."""
     seen = now_ticks()
-    found = find_leftovers(system, cache)
+    leftovers = find_leftovers(system, cache)
     removed = []
-    for run_id in sorted({each.run_id for each in found.orphans}):
-        of_run = [each for each in found.orphans if each.run_id == run_id]
+    for run_id in sorted({orphan.run_id for orphan in leftovers.orphans}):
+        of_run = [orphan for orphan in leftovers.orphans if orphan.run_id == run_id]
         sessions = [
-            Session(each.pid, each.started, seen) for each in of_run if each.session == each.pid
+            ProcessSession(process.pid, process.started, seen)
+            for process in of_run
+            if process.session == process.pid
         ]
         end_run_processes(run_id, sessions, _GRACE_S)
-        removed += [f"process {each.pid} ({each.name}) of run {run_id}" for each in of_run]
-    for folder in found.folders:
+        removed += [f"process {process.pid} ({process.name}) of run {run_id}" for process in of_run]
+    for folder in leftovers.folders:
         with contextlib.suppress(OSError):
             shutil.rmtree(folder)
             removed.append(f"folder {folder}")
@@ -263,7 +273,7 @@ def _living(found: Leftovers) -> CheckResult:
 
 
 def _orphans(found: Leftovers) -> CheckResult:
-    shown = [f"{each.name} ({each.pid})" for each in found.orphans]
+    shown = [f"{orphan.name} ({orphan.pid})" for orphan in found.orphans]
     advice = f"their runs are dead, yet they take processor time; {_CLEAN}" if shown else ""
     data = {"pids": [orphan.pid for orphan in found.orphans]}
     text = _shortened(shown)
@@ -271,15 +281,15 @@ def _orphans(found: Leftovers) -> CheckResult:
 
 
 def _segments(found: Leftovers) -> CheckResult:
-    size = sum(each.bytes for each in found.segments)
-    shown = [each.name for each in found.segments]
+    size = sum(segment.bytes for segment in found.segments)
+    shown = [segment.name for segment in found.segments]
     amount = f"{show(size, 'B')} in {len(shown)}" if shown else "none"
     advice = f"shared memory of ROS programs that were killed; {_CLEAN}" if shown else ""
     return advised(_RUNS, "dead segments", amount, advice, {"bytes": size, "names": shown})
 
 
 def _folders(found: Leftovers) -> CheckResult:
-    shown = [str(each) for each in found.folders]
+    shown = [str(folder) for folder in found.folders]
     advice = f"of runs that were killed; {_CLEAN}" if shown else ""
     return advised(_RUNS, "scratch folders", _shortened(shown), advice, {"paths": shown})
 

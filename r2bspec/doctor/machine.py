@@ -17,7 +17,7 @@ from pathlib import Path
 from r2bspec.datasets.dataset_cache import KIND
 from r2bspec.doctor.checkup import CheckResult, Status, System, advised, read_int, read_text
 from r2bspec.judge.measure.units import show
-from r2bspec.middleware.middleware import Middleware, Transport, middleware_of
+from r2bspec.middleware.middleware import MessageTransport, Middleware, middleware_of
 from r2bspec.safe_io.cache_folder import cache_path, distrust
 
 _PROCESSOR = "processor"
@@ -33,16 +33,16 @@ def check_processor(
     system: System, sleep: Callable[[float], object] = time.sleep
 ) -> list[CheckResult]:
     """Cores, quota, governor, clock source and load; takes half a second."""
-    found = [_cores(system), _governor(system), _clock(system), _load(system, sleep)]
-    return [check for check in found if check is not None]
+    checks = [_cores(system), _governor(system), _clock(system), _load(system, sleep)]
+    return [check for check in checks if check is not None]
 
 
 def _cores(system: System) -> CheckResult:
     cores = len(os.sched_getaffinity(0))
     quota = _quota(system)
-    found, advice = f"{cores}", ""
+    text, advice = f"{cores}", ""
     if quota is not None and quota < cores:
-        found = f"{cores}, limited to the CPU time of {quota:g} by a control group"
+        text = f"{cores}, limited to the CPU time of {quota:g} by a control group"
         advice = (
             "processes are throttled when the quota of a period is used up; increase the "
             "quota of the container, or assign cores instead"
@@ -52,7 +52,7 @@ def _cores(system: System) -> CheckResult:
             "player, monitor and graph share the cores; compare results of this machine "
             "only with each other"
         )
-    return advised(_PROCESSOR, "cores", found, advice, {"cores": cores, "quota": quota})
+    return advised(_PROCESSOR, "cores", text, advice, {"cores": cores, "quota": quota})
 
 
 def _quota(system: System) -> float | None:
@@ -67,14 +67,14 @@ def _quota(system: System) -> float | None:
 def _governor(system: System) -> CheckResult:
     files = (system.sys / "devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
     governors = sorted({text for file in files if (text := read_text(file))})
-    found = ", ".join(governors) or "unknown (usual for virtual machines)"
+    requirement_text = ", ".join(governors) or "unknown (usual for virtual machines)"
     advice = (
         "at low rates, latencies include the wake-up of the cores: "
         "sudo cpupower frequency-set -g performance"
     )
     saving = bool(governors) and governors != ["performance"]
     return advised(
-        _PROCESSOR, "governor", found, advice if saving else "", {"governors": governors}
+        _PROCESSOR, "governor", requirement_text, advice if saving else "", {"governors": governors}
     )
 
 
@@ -99,13 +99,13 @@ def _load(system: System, sleep: Callable[[float], object]) -> CheckResult | Non
     # user nice system idle iowait irq softirq steal
     busy, stolen = 1 - (spent[3] + spent[4]) / total, spent[7] / total
     data = {"busy": round(busy, 4), "stolen": round(stolen, 4)}
-    found, advice = f"{busy:.0%} busy", ""
+    text, advice = f"{busy:.0%} busy", ""
     if stolen > _MAX_STEAL_SHARE:
-        found += f", {stolen:.1%} taken by the host of this virtual machine (steal)"
+        text += f", {stolen:.1%} taken by the host of this virtual machine (steal)"
         advice = "the virtual machine does not run during this time; use a dedicated host"
     elif busy > _MAX_BUSY_SHARE:
         advice = "stop other programs, which affect the results"
-    return advised(_PROCESSOR, "idle load", found, advice, data)
+    return advised(_PROCESSOR, "idle load", text, advice, data)
 
 
 def _ticks(system: System) -> list[int] | None:
@@ -129,31 +129,31 @@ def check_shared_memory(system: System) -> list[CheckResult]:
     """How much is free, and how many processes that exchange images it holds."""
     middleware = middleware_of(system.environ)
     if not middleware.uses_shared_memory:
-        found = f"not used by a run with {middleware.name}"
-        return [advised(_SHARED_MEMORY, "size", found, "")]
+        text = f"not used by a run with {middleware.name}"
+        return [advised(_SHARED_MEMORY, "size", text, "")]
     try:
         usage = shutil.disk_usage(system.shared_memory)
     except OSError as error:
-        found = f"{system.shared_memory}: {error.strerror or error}"
+        text = f"{system.shared_memory}: {error.strerror or error}"
         advice = "mount a tmpfs there, or state transport: udp"
-        return [advised(_SHARED_MEMORY, "size", found, advice, otherwise="problem")]
+        return [advised(_SHARED_MEMORY, "size", text, advice, otherwise="problem")]
     room = {name: usage.free // _segment_bytes(middleware, size) for name, size in _SIZES}
     status: Status = "ok" if min(room.values()) >= _PARTICIPANTS else "warn"
     if usage.free < _PARTICIPANTS * _segment_bytes(middleware, 0):
         status = "problem"
     room_text = ", ".join(f"{_processes(count)} at {name}" for name, count in room.items())
-    found = f"{show(usage.free, 'B')} free of {show(usage.total, 'B')}: room for {room_text}"
+    text = f"{show(usage.free, 'B')} free of {show(usage.total, 'B')}: room for {room_text}"
     advice = (
         f"sudo mount -o remount,size=2G {system.shared_memory} (in a container: "
         "--shm-size=2g), or state transport: udp"
     )
     data = {"free_bytes": usage.free, "total_bytes": usage.total, "processes": room}
     advice = "" if status == "ok" else advice
-    return [advised(_SHARED_MEMORY, "size", found, advice, data, otherwise=status)]
+    return [advised(_SHARED_MEMORY, "size", text, advice, data, otherwise=status)]
 
 
 def _segment_bytes(middleware: Middleware, message_bytes: int) -> int:
-    return middleware.segment_bytes(Transport("shared_memory", message_bytes))
+    return middleware.segment_bytes(MessageTransport("shared_memory", message_bytes))
 
 
 def _processes(count: int) -> str:
@@ -186,20 +186,20 @@ def _buffer(
     data = {f"net.core.{name}": limit, "wanted": requested}
     if limit >= requested:
         return advised(_NETWORK, title, f"up to {show(limit, 'B')}", "", data)
-    found = f"at most {show(limit, 'B')}, while {middleware} asks for {show(requested, 'B')}"
+    text = f"at most {show(limit, 'B')}, while {middleware} asks for {show(requested, 'B')}"
     advice = (
         "large messages over UDP will be lost and sent again; "
         f"sudo sysctl -w net.core.{name}={requested}"
     )
-    return advised(_NETWORK, title, found, advice, data)
+    return advised(_NETWORK, title, text, advice, data)
 
 
 def _loopback(system: System) -> list[CheckResult]:
     flags = read_text(system.sys / "class/net/lo/flags")
     if flags is None or int(flags, 16) & _IFF_UP:
         return []
-    found, advice = "the device lo is down", "discovery runs over it; sudo ip link set lo up"
-    return [advised(_NETWORK, "loopback", found, advice, otherwise="problem")]
+    text, advice = "the device lo is down", "discovery runs over it; sudo ip link set lo up"
+    return [advised(_NETWORK, "loopback", text, advice, otherwise="problem")]
 
 
 _DATASETS = "datasets"
@@ -213,9 +213,9 @@ def check_datasets(system: System, cache: Path | None = None) -> list[CheckResul
     checks = [_cache(cache or cache_path(KIND))]
     named = system.environ.get("R2B_DATASETS")
     if named and not Path(named).is_dir():
-        found = f"R2B_DATASETS is {named}, which is not a folder"
+        text = f"R2B_DATASETS is {named}, which is not a folder"
         advice = "correct it, or unset it to use synthetic datasets"
-        checks.append(advised(_DATASETS, "recorded", found, advice, otherwise="problem"))
+        checks.append(advised(_DATASETS, "recorded", text, advice, otherwise="problem"))
     return checks
 
 
@@ -223,7 +223,7 @@ def _cache(folder: Path) -> CheckResult:
     entries = []
     with contextlib.suppress(OSError):
         entries = [entry for entry in folder.iterdir() if not entry.name.startswith(".")]
-    size = sum(_size(each) for each in entries)
+    size = sum(_size(entry) for entry in entries)
     # The nearest parent that exists is on the same disk.
     existing = next(place for place in (folder, *folder.parents) if place.exists())
     free = shutil.disk_usage(existing).free

@@ -101,41 +101,41 @@ def make_timeline(
         RunError: an input has no messages, or none with a known time.
     """
     by_stamp = times_by_stamp(sources)
-    found: list[_TimedMessage] = []
+    messages: list[_TimedMessage] = []
     unknown: dict[str, int] = {}
-    for column, (each, index) in enumerate(inputs):
+    for column, (input_, index) in enumerate(inputs):
         times_ns = [
             index.times_ns[position]
-            if each.bag_topic or plan.recorded
+            if input_.bag_topic or plan.recorded
             else by_stamp.get(index.stamps_ns[position])
             for position in range(len(index.sizes))[: buffer or None]
         ]
-        known = [
+        known_times = [
             _TimedMessage(
                 column,
                 position,
-                time_ns + each.later_ns,
-                index.stamps_ns[position] + each.later_ns if index.has_header else None,
+                time_ns + input_.later_ns,
+                index.stamps_ns[position] + input_.later_ns if index.has_header else None,
             )
             for position, time_ns in enumerate(times_ns)
             if time_ns is not None
         ]
-        if not known:
-            raise _no_messages_error(each, len(times_ns))
-        if len(known) < len(times_ns):
-            unknown[index.topic] = len(times_ns) - len(known)
-        found += known
-    slops_ns = [each.slop_ns for each, _ in inputs]
-    paired = _pair(found, slops_ns) if any(slops_ns) else found
+        if not known_times:
+            raise _no_messages_error(input_, len(times_ns))
+        if len(known_times) < len(times_ns):
+            unknown[index.topic] = len(times_ns) - len(known_times)
+        messages += known_times
+    slops_ns = [loaded_input.slop_ns for loaded_input, _ in inputs]
+    paired = _pair(messages, slops_ns) if any(slops_ns) else messages
     return _build_timeline(paired, plan, len(inputs), transforms), unknown
 
 
 def _pair(found: list[_TimedMessage], slops_ns: Sequence[int]) -> list[_TimedMessage]:
     """The messages, with the stamp of their pair where they have one."""
     by_input: dict[int, list[tuple[int, int]]] = {}
-    for place, each in enumerate(found):
-        if each.stamp_ns is not None and slops_ns[each.input]:
-            by_input.setdefault(each.input, []).append((place, each.stamp_ns))
+    for place, pairing in enumerate(found):
+        if pairing.stamp_ns is not None and slops_ns[pairing.input]:
+            by_input.setdefault(pairing.input, []).append((place, pairing.stamp_ns))
     columns = list(by_input)
     stamps = [[stamp_ns for _, stamp_ns in by_input[column]] for column in columns]
     pairs = pair_nearest(stamps, [slops_ns[column] for column in columns])
@@ -150,12 +150,12 @@ def _pair(found: list[_TimedMessage], slops_ns: Sequence[int]) -> list[_TimedMes
 
 def times_by_stamp(sources: Sequence[BufferIndex]) -> dict[int, int]:
     """For each stamp, the time at which the last message with it was recorded."""
-    found: dict[int, int] = {}
+    times: dict[int, int] = {}
     for index in sources:
         if index.has_header:
             for stamp_ns, time_ns in zip(index.stamps_ns, index.times_ns, strict=True):
-                found[stamp_ns] = max(time_ns, found.get(stamp_ns, time_ns))
-    return found
+                times[stamp_ns] = max(time_ns, times.get(stamp_ns, time_ns))
+    return times
 
 
 def _no_messages_error(plan: InputPlan, count: int) -> RunError:
@@ -185,9 +185,9 @@ def _build_timeline(
     length_ns = max(round_length_ns(list(first_ns.values())), found[-1].time_ns - start_ns + 1)
     messages = [
         TimelineMessage(
-            round((each.time_ns - start_ns) / plan.speed), numbers[key], each.input, each.position
+            round((pair.time_ns - start_ns) / plan.speed), numbers[key], pair.input, pair.position
         )
-        for each, key in zip(found, keys, strict=True)
+        for pair, key in zip(found, keys, strict=True)
     ]
     if transforms is not None:
         messages += _transform_messages(transforms, start_ns, length_ns, plan.speed, inputs)
@@ -213,9 +213,9 @@ def _stamp_offsets(
 ) -> tuple[tuple[int, ...], ...]:
     """For each step and input, the stamp of the message minus that of the step; empty if all 0."""
     offsets = [[0] * inputs for _ in numbers]
-    for each, key in zip(found, keys, strict=True):
-        if each.stamp_ns is not None and each.step_ns is not None:
-            offsets[numbers[key]][each.input] = each.stamp_ns - each.step_ns
+    for pair, key in zip(found, keys, strict=True):
+        if pair.stamp_ns is not None and pair.step_ns is not None:
+            offsets[numbers[key]][pair.input] = pair.stamp_ns - pair.step_ns
     return tuple(map(tuple, offsets)) if any(map(any, offsets)) else ()
 
 
@@ -227,14 +227,14 @@ def _steps(
     keys = []
     first_ns: dict[_StepKey, int] = {}
     masks: dict[_StepKey, int] = {}
-    for each in found:
+    for step in found:
         # A device may repeat a stamp; the n-th messages with it belong to one step.
-        nth = counts.get((each.input, each.step_ns), 0)
-        counts[each.input, each.step_ns] = nth + 1
-        key = _key(each, nth)
+        nth = counts.get((step.input, step.step_ns), 0)
+        counts[step.input, step.step_ns] = nth + 1
+        key = _key(step, nth)
         keys.append(key)
-        first_ns.setdefault(key, each.time_ns)
-        masks[key] = masks.get(key, 0) | 1 << each.input
+        first_ns.setdefault(key, step.time_ns)
+        masks[key] = masks.get(key, 0) | 1 << step.input
     return keys, first_ns, masks
 
 
@@ -247,11 +247,11 @@ def _key(message: _TimedMessage, nth: int) -> _StepKey:
 def _unique_stamps(stamps: dict[_StepKey, int]) -> dict[_StepKey, int]:
     """The stamps, with repeated ones increased by nanoseconds: outputs are identified by them."""
     last_ns: int | None = None
-    found = {}
+    messages = {}
     for key in sorted(stamps):
         stamp_ns = stamps[key] if last_ns is None else max(stamps[key], last_ns + 1)
-        found[key] = last_ns = stamp_ns
-    return found
+        messages[key] = last_ns = stamp_ns
+    return messages
 
 
 def _transform_messages(
@@ -287,7 +287,7 @@ def build_schedule(
         (source, _load_index(folder, source.source, headers[source.topic]))
         for source in plan.inputs
     ]
-    types = {each.source: headers[each.topic] for each in plan.inputs if each.bag_topic}
+    types = {input_.source: headers[input_.topic] for input_ in plan.inputs if input_.bag_topic}
     datasets = plan.datasets or (plan.dataset,)
     recorded = {topic.topic for dataset in datasets for topic in dataset.topics}
     sources = [_load_index(folder, topic, types.get(topic)) for topic in sorted(recorded)]
@@ -330,12 +330,18 @@ def _unplayed(
         for source, index in pairs
         if index.topic in left_out
     )
-    for each in unplayed:
-        note(each.text.replace("were not played", "are not played"))
-    refused = [each for each in unplayed if each.is_most and not each.agreed]
+    for topic in unplayed:
+        note(topic.text.replace("were not played", "are not played"))
+    refused = [
+        planned_topic
+        for planned_topic in unplayed
+        if planned_topic.is_most and not planned_topic.agreed
+    ]
     if refused:
         raise UnpairedInputError(
-            "; ".join(each.clause for each in refused), hint=refused[0].help, code="R2B415"
+            "; ".join(planned_topic.clause for planned_topic in refused),
+            hint=refused[0].help,
+            code="R2B415",
         )
     return unplayed
 
@@ -352,7 +358,9 @@ def _cyclic_schedule(
     Raises:
         UnpairedInputError: most messages of an input have no partner, and the spec does not agree.
     """
-    columns = [number for number, (each, _) in enumerate(pairs) if not each.recorded_rate]
+    columns = [
+        number for number, (loaded_input, _) in enumerate(pairs) if not loaded_input.recorded_rate
+    ]
     aligned = align(
         [pairs[number][1] for number in columns],
         plan.buffer,
@@ -360,13 +368,15 @@ def _cyclic_schedule(
     )
     unplayed = _unplayed(plan, pairs, aligned.unpaired, "partner", note)
     steps = playback_order(aligned.steps, plan.playback_mode)
-    timed = [_with_recorded_times(each, index, sources) for each, index in pairs]
+    timed = [_with_recorded_times(loaded_input, index, sources) for loaded_input, index in pairs]
     of_steps = [timed[number] for number in columns]
     between: list[BetweenMessage] = []
-    for number, (each, _) in enumerate(pairs):
-        if each.recorded_rate:
+    for number, (input_, _) in enumerate(pairs):
+        if input_.recorded_rate:
             placed = place_between(number, timed[number], steps, of_steps)
-            note(f"{each.topic}: {len(placed)} messages between the {len(steps)} steps of a round")
+            note(
+                f"{input_.topic}: {len(placed)} messages between the {len(steps)} steps of a round"
+            )
             between += placed
     of_some = tuple(columns) if between else ()
     if transforms is not None:
@@ -387,8 +397,8 @@ def _with_recorded_times(
     if plan.bag_topic:
         return index
     times_ns = times_by_stamp(sources)
-    known = tuple(times_ns.get(stamp_ns, stamp_ns) for stamp_ns in index.stamps_ns)
-    return msgspec.structs.replace(index, times_ns=known)
+    recorded_ns = tuple(times_ns.get(stamp_ns, stamp_ns) for stamp_ns in index.stamps_ns)
+    return msgspec.structs.replace(index, times_ns=recorded_ns)
 
 
 def _load_index(folder: Path, topic: str, has_header: bool | None) -> BufferIndex:
@@ -398,10 +408,10 @@ def _load_index(folder: Path, topic: str, has_header: bool | None) -> BufferInde
 
 def _check_every_monitor_has_steps(plan: Plan, timeline: TimelineSchedule) -> None:
     """Check that each monitor has at least one step."""
-    kinds = {each.inputs for each in timeline.steps}
+    kinds = {step.inputs for step in timeline.steps}
     for monitor in plan.monitors:
-        wanted = input_mask(plan.inputs, monitor.answers)
-        if not any(kind & wanted == wanted for kind in kinds):
+        mask = input_mask(plan.inputs, monitor.answers)
+        if not any(kind & mask == mask for kind in kinds):
             raise RunError(
                 f"no step of the timeline has messages of all inputs of monitor {monitor.name}: "
                 f"{', '.join(monitor.answers)}",
@@ -441,14 +451,14 @@ def align(inputs: list[BufferIndex], limit: int, slops_ns: Sequence[int] = ()) -
     Raises:
         RunError: an input has no messages, or no stamp is common to all inputs.
     """
-    for each in inputs:
-        if not each.sizes:
+    for source in inputs:
+        if not source.sizes:
             raise RunError(
-                f"no messages were buffered for {each.topic}",
+                f"no messages were buffered for {source.topic}",
                 hint="Check the window, and the messages that the preprocessors publish.",
                 code="R2B643",
             )
-    headers = [number for number, each in enumerate(inputs) if each.has_header]
+    headers = [number for number, input_ in enumerate(inputs) if input_.has_header]
     stamps = [inputs[number].stamps_ns for number in headers]
     slops = [slops_ns[number] for number in headers] if slops_ns else [0] * len(headers)
     if headers:
@@ -456,29 +466,30 @@ def align(inputs: list[BufferIndex], limit: int, slops_ns: Sequence[int] = ()) -
         if not matched:
             raise _no_common_stamp(inputs, max(slops))
     else:
-        matched = tuple(() for _ in range(max(len(each.sizes) for each in inputs)))
+        matched = tuple(() for _ in range(max(len(loaded_input.sizes) for loaded_input in inputs)))
     kept = matched[:limit] if limit else matched
     steps = []
     for number, found in enumerate(kept):
         by_stamp = iter(found)
         steps.append(
             tuple(
-                next(by_stamp) if each.has_header else number % len(each.sizes) for each in inputs
+                next(by_stamp) if loaded_input.has_header else number % len(loaded_input.sizes)
+                for loaded_input in inputs
             )
         )
     return AlignedSteps(
         steps=tuple(steps),
         unpaired={
-            each.topic: len(each.sizes) - len(matched)
-            for each in inputs
-            if each.has_header and len(each.sizes) > len(matched)
+            loaded_input.topic: len(loaded_input.sizes) - len(matched)
+            for loaded_input in inputs
+            if loaded_input.has_header and len(loaded_input.sizes) > len(matched)
         },
         stamp_offsets_ns=_offsets_from_latest(inputs, steps) if any(slops) else (),
     )
 
 
 def _no_common_stamp(inputs: list[BufferIndex], slop_ns: int) -> RunError:
-    counts = ", ".join(f"{each.topic}: {len(each.sizes)}" for each in inputs)
+    counts = ", ".join(f"{input_.topic}: {len(input_.sizes)}" for input_ in inputs)
     return RunError(
         f"no messages of all inputs have stamps within {slop_ns / 1e6:g} ms ({counts} messages)"
         if slop_ns
@@ -495,15 +506,15 @@ def _offsets_from_latest(
     inputs: list[BufferIndex], steps: Sequence[tuple[int, ...]]
 ) -> tuple[tuple[int, ...], ...]:
     """The stamps of each step relative to its latest one; 0 for inputs without a header."""
-    found = []
+    offsets = []
     for step in steps:
         stamps = [
-            each.stamps_ns[place] if each.has_header else None
-            for each, place in zip(inputs, step, strict=True)
+            source.stamps_ns[place] if source.has_header else None
+            for source, place in zip(inputs, step, strict=True)
         ]
-        latest = max(each for each in stamps if each is not None)
-        found.append(tuple(0 if each is None else each - latest for each in stamps))
-    return tuple(found) if any(any(each) for each in found) else ()
+        latest = max(stamp for stamp in stamps if stamp is not None)
+        offsets.append(tuple(0 if stamp is None else stamp - latest for stamp in stamps))
+    return tuple(offsets) if any(any(offset) for offset in offsets) else ()
 
 
 def playback_order(steps: tuple[tuple[int, ...], ...], mode: str) -> tuple[tuple[int, ...], ...]:
@@ -534,7 +545,7 @@ def place_between(
     Raises:
         RunError: no message was recorded between the steps.
     """
-    stamps = index.has_header is True and any(each.has_header for each in inputs)
+    stamps = index.has_header is True and any(input_.has_header for input_ in inputs)
     times_ns = index.stamps_ns if stamps else index.times_ns
     placed = [
         BetweenMessage(step + share, number, position)

@@ -554,7 +554,9 @@ class _Run:
         differences = [
             difference for launcher in self._launchers for difference in launcher.differences
         ]
-        differences += failure.differences if isinstance(failure, errors.GraphMismatchError) else ()
+        differences += (
+            failure.differences if isinstance(failure, errors.GraphDifferencesError) else ()
+        )
         return tuple(dict.fromkeys(differences))
 
     def _loaded_rmw(self) -> dict[str, str]:
@@ -612,7 +614,7 @@ class _Run:
 
 
 _NOT_BY_DISK = (
-    errors.GraphMismatchError,
+    errors.GraphDifferencesError,
     errors.InterruptedRunError,
     errors.UnsupportedError,
     errors.UnwritableRunError,

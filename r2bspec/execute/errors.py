@@ -93,7 +93,7 @@ class NotReadyError(RunError):
     code = "R2B640"
 
 
-class GraphMismatchError(CertainRunError):
+class GraphDifferencesError(CertainRunError):
     """The running graph differs from the spec; another attempt would not help.
 
     Attributes:

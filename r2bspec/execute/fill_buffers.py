@@ -20,7 +20,7 @@ from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.integrity import hash_files
 from r2bspec.bags.message_types import begins_with_header
-from r2bspec.bags.recording import Message, Window
+from r2bspec.bags.recording import RecordedMessage, TimeWindow
 from r2bspec.datasets.catalogue import locate
 from r2bspec.datasets.synthesis import make
 from r2bspec.execute.bringup.find_fault import find_faults
@@ -55,14 +55,14 @@ def obtain_dataset(plan: DatasetPlan, base_dir: Path, progress: Progress) -> Res
     location = locate(plan.source, base_dir)
     provenance: dict[str, Any] = {"source": plan.source, "kind": location.kind}
     if location.path is None:
-        made = make(
+        dataset = make(
             plan.source,
-            [each.bag_topic for each in plan.topics],
-            Window(start_ns=plan.start_ns, end_ns=plan.end_ns),
+            [topic.bag_topic for topic in plan.topics],
+            TimeWindow(start_ns=plan.start_ns, end_ns=plan.end_ns),
             progress=progress.step,
         )
-        path, digest = made.path, made.content_sha256
-        if made.damaged:
+        path, digest = dataset.path, dataset.content_sha256
+        if dataset.damaged:
             progress.note(f"the dataset {plan.source} in the cache was damaged; it was made anew")
     else:
         path = location.path
@@ -92,7 +92,9 @@ def buffer_bags(
         DataError: a bag cannot be read.
         OSError: the disk is full.
     """
-    types = {each.topic: each.type for dataset in datasets for each in dataset.topics}
+    types = {
+        data_topic.topic: data_topic.type for dataset in datasets for data_topic in dataset.topics
+    }
     if any(dataset.publish_tf for dataset in datasets):
         types[buffers.TF] = buffers.TF_TYPE
     stamped = {topic: begins_with_header(type_name) for topic, type_name in types.items()}
@@ -100,7 +102,7 @@ def buffer_bags(
         _read_bag(dataset, bag, window)
         for bag, dataset, window in zip(bags, datasets, _windows(bags, datasets), strict=True)
     ]
-    expected = sum(each.count for dataset in datasets for each in dataset.topics)
+    expected = sum(data_topic.count for dataset in datasets for data_topic in dataset.topics)
     writers: dict[str, buffers.BufferWriter] = {}
     with contextlib.ExitStack() as stack:
         for topic, type_name in types.items():
@@ -119,10 +121,10 @@ def buffer_bags(
 
 
 def _read_bag(
-    dataset: DatasetPlan, bag: Path, window: Window
-) -> Iterator[tuple[int, str, Message]]:
+    dataset: DatasetPlan, bag: Path, window: TimeWindow
+) -> Iterator[tuple[int, str, RecordedMessage]]:
     """The messages of a bag that are read, each after its time and its topic in the graph."""
-    targets = {each.bag_topic: each.topic for each in dataset.topics}
+    targets = {topic.bag_topic: topic.topic for topic in dataset.topics}
     if dataset.publish_tf and index_bag(bag).find(buffers.TF) is not None:
         targets[buffers.TF] = buffers.TF
     by_name = {name.lstrip("/"): topic for name, topic in targets.items()}
@@ -139,24 +141,26 @@ def _buffer_static(
         for bag, dataset in zip(bags, datasets, strict=True)
         if dataset.publish_tf_static and index_bag(bag).find(buffers.TF_STATIC) is not None
     ]
-    found = [message for bag in with_static for message in read_messages(bag, [buffers.TF_STATIC])]
-    if not found:
+    messages = [
+        message for bag in with_static for message in read_messages(bag, [buffers.TF_STATIC])
+    ]
+    if not messages:
         return {}
-    found.sort(key=lambda each: each.time_ns)
+    messages.sort(key=lambda each: each.time_ns)
     writer = buffers.BufferWriter(folder, buffers.TF_STATIC, buffers.TF_TYPE, has_header=False)
-    writer.append(found[0].time_ns, merge_static([each.data for each in found]))
+    writer.append(messages[0].time_ns, merge_static([message.data for message in messages]))
     writer.close()
     return {buffers.TF_STATIC: 1}
 
 
-def _windows(bags: Sequence[Path], datasets: Sequence[DatasetPlan]) -> list[Window]:
+def _windows(bags: Sequence[Path], datasets: Sequence[DatasetPlan]) -> list[TimeWindow]:
     """The windows of the bags, each relative to the start of its own bag."""
     if len(bags) == 1:
-        return [Window(start_ns=datasets[0].start_ns, end_ns=datasets[0].end_ns)]
+        return [TimeWindow(start_ns=datasets[0].start_ns, end_ns=datasets[0].end_ns)]
     starts_ns = [index_bag(bag).start_ns for bag in bags]
     first_ns = min(starts_ns)
     return [
-        Window(
+        TimeWindow(
             start_ns=max(0, dataset.start_ns - (start_ns - first_ns)),
             end_ns=None if dataset.end_ns is None else dataset.end_ns - (start_ns - first_ns),
         )
@@ -199,23 +203,23 @@ def preprocess(plan: Plan, context: RunContext, launcher: Launcher) -> None:
     """
     supervisor, buffer_dir = context.supervisor, context.buffer_dir
     graph = PhaseGraph(plan, _PHASE, supervisor, launcher, context.note)
-    processes = [each for each in plan.processes if each.phase == _PHASE]
-    recorded = {each.source: each.type for each in plan.inputs if not each.bag_topic}
+    processes = [process for process in plan.processes if process.phase == _PHASE]
+    recorded = {input_.source: input_.type for input_ in plan.inputs if not input_.bag_topic}
     read = {
-        each.name: set(each.readers) - {"loader"}
-        for each in plan.topics
-        if each.phase == _PHASE and "loader" in each.writers
+        topic.name: set(topic.readers) - {"loader"}
+        for topic in plan.topics
+        if topic.phase == _PHASE and "loader" in topic.writers
     }
     datasets = plan.datasets or (plan.dataset,)
-    types = {each.topic: each.type for dataset in datasets for each in dataset.topics}
+    types = {topic.topic: topic.type for dataset in datasets for topic in dataset.topics}
     sources = {topic: kind for topic, kind in types.items() if topic in read}
-    played = {each.source for each in plan.inputs if each.bag_topic}
+    played = {input_.source for input_ in plan.inputs if input_.bag_topic}
     transforms = buffers.buffered_transforms(buffer_dir)
     if buffers.TF in transforms:
         sources[buffers.TF] = buffers.TF_TYPE
     launcher.check_shared_memory(plan, _PHASE)
     launcher.start_early(processes, message_packages(plan), observer=False)
-    loader = launcher.start(next(each for each in processes if each.role == "loader"))
+    loader = launcher.start(next(process for process in processes if process.role == "loader"))
     launcher.configure(
         loader,
         protocol.ConfigureLoader(
@@ -228,7 +232,7 @@ def preprocess(plan: Plan, context: RunContext, launcher: Launcher) -> None:
             clock=plan.clock,
         ),
     )
-    others = [each for each in processes if each.role != "loader"]
+    others = [process for process in processes if process.role != "loader"]
     deadline = StartDeadline(plan.start_timeout_ns)
     nodes = launcher.start_nodes(others, deadline)
     graph.lifecycle.bring_up(deadline)
@@ -236,14 +240,14 @@ def preprocess(plan: Plan, context: RunContext, launcher: Launcher) -> None:
         launcher.describe_lifecycle_nodes()
     supervisor.request(loader, protocol.Subscribe(), protocol.Matched, 10.0)
     # An input that is also played as recorded may have no subscription here.
-    wanted = {
+    topics = {
         topic: graph.expected_subscriptions(topic)
         for topic in sources
         if read.get(topic) or topic not in {*played, buffers.TF}
     }
-    wanted |= dict.fromkeys(recorded, 1) | graph.subscription_counts(transforms)
+    topics |= dict.fromkeys(recorded, 1) | graph.subscription_counts(transforms)
     between = _expected_subscriptions_by_host(zip(nodes, others, strict=True), launcher, recorded)
-    graph.wait_until_matched({loader: wanted} | between, deadline)
+    graph.wait_until_matched({loader: topics} | between, deadline)
     graph.check_parameters(loader)
     load = protocol.Load(
         max_output_gap_ns=plan.drain_timeout_ns,
@@ -268,7 +272,7 @@ def _expected_subscriptions_by_host(
         child: {
             topic: subscriptions[topic]
             for node, topic, _, does in launcher.endpoints
-            if does == "publishes" and node in {each.name for each in process.nodes}
+            if does == "publishes" and node in {node.name for node in process.nodes}
         }
         for child, process in nodes
         if process.role == "host"

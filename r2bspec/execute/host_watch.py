@@ -53,7 +53,7 @@ class HostWatch:
     def between(self, began_ns: int, ended_ns: int) -> Interference:
         """The interference between two times (CLOCK_MONOTONIC), of which the second is past."""
         rows = self._rows_until(ended_ns)
-        found = host_interference(
+        interference = host_interference(
             rows,
             ProcessSamples(self.resources.rows()).used(began_ns, ended_ns),
             range(self.process_count()),
@@ -61,7 +61,7 @@ class HostWatch:
             began_ns,
             ended_ns,
         )
-        return interference_of(found)
+        return interference_of(interference)
 
     def _rows_until(self, time_ns: int) -> Rows:
         """The samples, with one after this time if the sampler still runs."""

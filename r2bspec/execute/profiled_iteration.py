@@ -60,29 +60,31 @@ def profiled_processes(plan: Plan, node: str) -> tuple[ProcessPlan, ...]:
     Raises:
         UsageError: there is none.
     """
-    measured = [each for each in plan.processes if each.phase == MEASURE_PHASE]
-    names = {each.name for each in measured} | {one.node for each in measured for one in each.nodes}
+    measured = [process for process in plan.processes if process.phase == MEASURE_PHASE]
+    names = {process.name for process in measured} | {
+        node_plan.node for process in measured for node_plan in process.nodes
+    }
     if node:
-        found = [
-            each
-            for each in measured
-            if node == each.name or any(node == one.node for one in each.nodes)
+        processes = [
+            process
+            for process in measured
+            if node == process.name or any(node == node_plan.node for node_plan in process.nodes)
         ]
-        if not found:
+        if not processes:
             raise UsageError(
                 f"--profile-node: this run starts no node {node!r}",
                 hint=f"It starts {', '.join(sorted(names))}.",
             )
-        return tuple(found)
-    found = [each for each in measured if each.role in NODE_ROLES or each.nodes]
-    if not found:
+        return tuple(processes)
+    processes = [process for process in measured if process.role in NODE_ROLES or process.nodes]
+    if not processes:
         raise UsageError("--profile: this run starts no process of the graph")
-    return tuple(found)
+    return tuple(processes)
 
 
 def profiled_rate(plan: Plan, peak_hz: float | None) -> tuple[float, int]:
     """The highest rate of the plan, or the peak, and how long it is played, in ns."""
-    plays = [(each.rate_hz, each.duration_ns) for each in plan.play]
+    plays = [(play.rate_hz, play.duration_ns) for play in plan.play]
     if plan.play_at_peak is not None and peak_hz is not None:
         plays.append((peak_hz, plan.play_at_peak.duration_ns))
     if plays:
@@ -100,7 +102,7 @@ def wait_for_last_sample(starts: StartSequence) -> None:
         RunError: a process exited or failed; what was measured is then not whole.
     """
     ended_ns = max(
-        (each.ended_ns for session in starts.sessions for each in session.segments), default=0
+        (segment.ended_ns for session in starts.sessions for segment in session.segments), default=0
     )
     starts.context.supervisor.pump(0.0)
     while (left_ns := ended_ns + _SAMPLE_NS - time.monotonic_ns()) > 0:
@@ -150,7 +152,7 @@ class ProfiledIteration:
     def _play_attached(self, rate_hz: float, duration_ns: int) -> dict[str, Path]:
         """Observe the processes of the last start; returns the files of folded stacks."""
         player = self.starts.sessions[-1].player
-        running = {each.name: each for each in self.supervisor}
+        running = {process.name: process for process in self.supervisor}
         attached: dict[str, AttachedProfiler] = {}
         with self._noting_failures():
             for plan in self.processes:
@@ -179,22 +181,24 @@ class ProfiledIteration:
         )
 
     def _play_wrapped(self, rate_hz: float, duration_ns: int) -> None:
-        names = {each.name for each in self.processes}
+        names = {process.name for process in self.processes}
         plan = msgspec.structs.replace(
             self.plan,
             processes=tuple(
-                self._wrapped(each) if each.name in names and each.phase == MEASURE_PHASE else each
-                for each in self.plan.processes
+                self._wrapped(process)
+                if process.name in names and process.phase == MEASURE_PHASE
+                else process
+                for process in self.plan.processes
             ),
             start_timeout=Duration(_SLOWER * self.plan.start_timeout_ns),
         )
         self._play(self.starts.begin_uncounted(plan), rate_hz, duration_ns)
-        children = [each for each in self.supervisor if each.name in names]
+        children = [process for process in self.supervisor if process.name in names]
         for child in children:
             child.request_shutdown()
         # A profiler writes its file when the process that it observes has ended.
         deadline = time.monotonic() + _END_TIMEOUT_S
-        while any(each.is_running for each in children) and time.monotonic() < deadline:
+        while any(wrapped.is_running for wrapped in children) and time.monotonic() < deadline:
             self.supervisor.pump(_POLL_S)
 
     def _wrapped(self, plan: ProcessPlan) -> ProcessPlan:
@@ -225,24 +229,26 @@ class ProfiledIteration:
 
     def _keep_room(self) -> None:
         if shutil.disk_usage(self.folder.path).free < _SPARE_BYTES:
-            for each in self.processes:
-                shutil.rmtree(self.folder.profile_folder(each.name), ignore_errors=True)
-                self.errors[each.name] = "the profile was removed, because the disk is full"
+            for process in self.processes:
+                shutil.rmtree(self.folder.profile_folder(process.name), ignore_errors=True)
+                self.errors[process.name] = "the profile was removed, because the disk is full"
 
     def _records(
         self, rate_hz: float, began_ns: int, stacks: Mapping[str, Path]
     ) -> Iterator[ProfileRecord]:
-        for each in self.processes:
-            files = self._files(each.name)
-            error = self.errors.get(each.name, "")
+        for process in self.processes:
+            files = self._files(process.name)
+            error = self.errors.get(process.name, "")
             if not files and not error:
                 error = f"{self.profiler.name} wrote no file in the run folder"
-            found = stacks.get(each.name)
+            stacks_path = stacks.get(process.name)
             yield ProfileRecord(
-                process=each.name,
+                process=process.name,
                 profiler=self.profiler.name,
                 files=files,
-                stacks=self._relative(found) if found is not None and found.exists() else "",
+                stacks=self._relative(stacks_path)
+                if stacks_path is not None and stacks_path.exists()
+                else "",
                 rate_hz=rate_hz,
                 began_ns=began_ns,
                 ended_ns=time.monotonic_ns(),
@@ -251,8 +257,8 @@ class ProfiledIteration:
 
     def _files(self, process: str) -> tuple[str, ...]:
         folder = self.folder.path / "profile" / process
-        found = sorted(self._relative(each) for each in folder.rglob("*") if each.is_file())
-        return tuple(found[:_MAX_FILES])
+        files = sorted(self._relative(path) for path in folder.rglob("*") if path.is_file())
+        return tuple(files[:_MAX_FILES])
 
     def _relative(self, path: Path) -> str:
         # A profiler may choose names that are no text.

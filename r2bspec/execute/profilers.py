@@ -238,7 +238,7 @@ class AttachedProfiler:
         """
         pids = family(observed.pid)
         if profiler.kind == "py-spy":
-            pids = [each for each in pids if _runs_python(each)]
+            pids = [pid for pid in pids if _runs_python(pid)]
             if not pids:
                 raise RunError(f"process {observed.name} runs no Python")
         child = supervisor.start(
@@ -293,13 +293,13 @@ class AttachedProfiler:
             RecordError: they cannot be written.
             OSError: what the profiler wrote cannot be read.
         """
-        found = stacks_file(self.base)
+        path = stacks_file(self.base)
         if self.profiler.kind == "perf":
-            write_stacks(found, read_perf_stacks(self.profiler.words[0], perf_file(self.base)))
-        if not found.exists() or not found.stat().st_size:
-            found.unlink(missing_ok=True)
+            write_stacks(path, read_perf_stacks(self.profiler.words[0], perf_file(self.base)))
+        if not path.exists() or not path.stat().st_size:
+            path.unlink(missing_ok=True)
             raise RunError(f"no samples: process {self.observed.name} did not use the CPU")
-        return found
+        return path
 
     def _failure(self) -> str:
         lines = [line for line in self.child.log_tail().splitlines() if line.strip()]
@@ -312,7 +312,8 @@ def _runs_python(pid: int) -> bool:
     with contextlib.suppress(psutil.Error, OSError):
         process = psutil.Process(pid)
         return Path(process.exe()).name.startswith("python") or any(
-            Path(each.path).name.startswith("libpython") for each in process.memory_maps()
+            Path(memory_map.path).name.startswith("libpython")
+            for memory_map in process.memory_maps()
         )
     return False
 
@@ -321,7 +322,7 @@ def _has_perf_events(pid: int) -> bool:
     """Whether a process has opened events of the kernel."""
     with contextlib.suppress(OSError):
         opened = Path(f"/proc/{pid}/fd").iterdir()
-        return any("perf_event" in str(each.readlink()) for each in opened)
+        return any("perf_event" in str(link.readlink()) for link in opened)
     return False
 
 
@@ -345,12 +346,12 @@ def read_perf_stacks(perf: str, data: Path) -> Stacks:
         timer = threading.Timer(_SCRIPT_TIMEOUT_S, process.kill)
         timer.start()
         try:
-            found = Counter(stacks_of(process.stdout or ()))
+            stacks = Counter(stacks_of(process.stdout or ()))
         finally:
             timer.cancel()
     if process.returncode:
         raise RunError(f"'perf script' cannot read {data.name}")
-    return found
+    return stacks
 
 
 def stacks_of(lines: Iterable[str]) -> Iterator[tuple[str, ...]]:

@@ -213,12 +213,14 @@ class Session:
         try:
             yield
         except errors.ProcessDiedError as died:
-            nodes = (each.nodes for each in self._plan.processes if each.name == died.process)
+            nodes = (
+                process.nodes for process in self._plan.processes if process.name == died.process
+            )
             if error := not_created(died, next(nodes, ())):
                 raise error from died
             raise
         except errors.ProcessFailedError as failed:
-            made = [node for each in self._plan.processes for node in each.nodes]
+            made = [node for process in self._plan.processes for node in process.nodes]
             if error := not_made(failed, made):
                 raise error from failed
             raise
@@ -462,7 +464,7 @@ class Session:
 
     def _schedule_threads(self) -> None:
         """Schedule threads by their names, now that there are any, and note what all have."""
-        plans = {each.name: each for each in self._plan.processes}
+        plans = {process.name: process for process in self._plan.processes}
         for child in self._supervisor:
             if child.name in plans:
                 child.scheduling = schedule_threads(plans[child.name], child.pid)
@@ -637,5 +639,5 @@ class StartSequence:
         confirms = ", which confirms a failure" if self.sessions[-1].confirms else ""
         which = f" (in start {len(self.sessions)}{confirms})"
         error.args = (f"{error}{which}", *error.args[1:])
-        if isinstance(error, errors.GraphMismatchError):
+        if isinstance(error, errors.GraphDifferencesError):
             error.details = f"{error.details}{which}".strip()

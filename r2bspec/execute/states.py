@@ -240,16 +240,16 @@ class Interrupts:
     def __enter__(self) -> Interrupts:
         if threading.current_thread() is not threading.main_thread():
             return self
-        for each in _SIGNALS:
+        for number in _SIGNALS:
             # A run started with nohup must survive the end of its terminal.
-            if each is signal.SIGHUP and signal.getsignal(each) is signal.SIG_IGN:
+            if number is signal.SIGHUP and signal.getsignal(number) is signal.SIG_IGN:
                 continue
-            self._previous[each] = signal.signal(each, self._note)
+            self._previous[number] = signal.signal(number, self._note)
         return self
 
     def __exit__(self, *_: object) -> None:
-        for each, handler in self._previous.items():
-            signal.signal(each, handler)
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
 
     def _note(self, number: int, _frame: FrameType | None) -> None:
         now_s = time.monotonic()

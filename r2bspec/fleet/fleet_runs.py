@@ -36,7 +36,7 @@ from r2bspec.fleet.bundle import Bundle, Job, make_bundle
 from r2bspec.fleet.client import FleetClient
 from r2bspec.fleet.hosts import Host
 from r2bspec.fleet.journal import Journal, State
-from r2bspec.fleet.messages import Call, HostState, Played, Steps
+from r2bspec.fleet.messages import Call, HostState, RunEnded, Steps
 from r2bspec.fleet.transfer import MAX_TRANSFERS, fetch, offer, run_folders
 from r2bspec.judge.baseline_comparison import fails_by_history
 from r2bspec.judge.judge_run import result_of, to_json
@@ -102,7 +102,7 @@ class FleetLimits:
         return 6 * self.lost_s
 
 
-class Ended(NamedTuple):
+class EndedRun(NamedTuple):
     """A run that has ended, with its folder in place or an error."""
 
     run: FleetRun
@@ -119,7 +119,7 @@ class RunStatus(NamedTuple):
 
 
 @dataclass(eq=False)
-class _Entry:
+class _RunEntry:
     """A run, and what happened to it so far."""
 
     run: FleetRun
@@ -172,16 +172,16 @@ class FleetRuns:
     on_note: Callable[[str], None]
     on_tick: Callable[[list[RunStatus], Mapping[str, Host]], None]
     history: FleetHistory | None = None
-    _entries: list[_Entry] = field(default_factory=list)
-    _waiting: list[_Entry] = field(default_factory=list)
+    _entries: list[_RunEntry] = field(default_factory=list)
+    _waiting: list[_RunEntry] = field(default_factory=list)
     _loops: dict[str, _HostLoop] = field(default_factory=dict)
     _answered: queue.Queue[_HostLoop] = field(default_factory=queue.Queue)
-    _ended: deque[Ended] = field(default_factory=deque)
+    _ended: deque[EndedRun] = field(default_factory=deque)
     _looked: float = 0.0
     _silent: set[str] = field(default_factory=set)
     _counted: dict[str, Path] = field(default_factory=dict)
 
-    def play(self, runs: Sequence[FleetRun]) -> Generator[Ended, None, None]:
+    def play(self, runs: Sequence[FleetRun]) -> Generator[EndedRun, None, None]:
         """Make the runs; each is yielded when it has ended, in whatever order.
 
         Closing the iterator starts no further run.
@@ -197,10 +197,10 @@ class FleetRuns:
                 failure = (
                     error if isinstance(error, R2bspecError) else errors.TransferError(str(error))
                 )
-                yield Ended(run, "", failure)
+                yield EndedRun(run, "", failure)
                 continue
             bundles[key] = bundle
-            self._entries.append(_Entry(run, bundle, code=_code_of(run, codes)))
+            self._entries.append(_RunEntry(run, bundle, code=_code_of(run, codes)))
         self._waiting = list(self._entries)
         left = len(self._entries)
         try:
@@ -298,7 +298,9 @@ class FleetRuns:
 
     def _serve(self, host: Host) -> Steps:
         """Play one run after the other on a host, until there is none or the host is lost."""
-        while entry := next((each for each in self._waiting if host.name in each.hosts), None):
+        while entry := next(
+            (waiting for waiting in self._waiting if host.name in waiting.hosts), None
+        ):
             self._waiting.remove(entry)
             try:
                 if (differs := host.facts.version_error) is not None:
@@ -318,7 +320,7 @@ class FleetRuns:
                 error = errors.TransferError(f"the run cannot be stored: {crash}")
             self._end(entry, host.name, error)
 
-    def _play_on(self, host: Host, entry: _Entry) -> Steps:
+    def _play_on(self, host: Host, entry: _RunEntry) -> Steps:
         """Make a run on a host, again if it is invalid; returns why it failed, or None.
 
         Raises:
@@ -328,7 +330,7 @@ class FleetRuns:
         """
         while True:
             job = self._job(entry, host.name)
-            played: Played = yield from self._play_and_fetch(host, entry, job)
+            played: RunEnded = yield from self._play_and_fetch(host, entry, job)
             error = played.problem.error if played.problem is not None else None
             again = self._is_made_again(entry, played)
             if self.history is not None and error is None and not again:
@@ -342,10 +344,10 @@ class FleetRuns:
             self.on_note(f"{entry.run.name} on {host.name} is invalid and made again")
             entry.attempt += 1
 
-    def _is_made_again(self, entry: _Entry, played: Played) -> bool:
+    def _is_made_again(self, entry: _RunEntry, played: RunEnded) -> bool:
         return played.outcome == _INVALID and entry.attempt <= self.limits.retry_invalid
 
-    def _play_and_fetch(self, host: Host, entry: _Entry, job: Job) -> Steps:
+    def _play_and_fetch(self, host: Host, entry: _RunEntry, job: Job) -> Steps:
         """Have a job played and its folder here, whatever the host removed for other clients.
 
         A host that has played the job and still has it answers at once.
@@ -360,7 +362,7 @@ class FleetRuns:
                 yield from offer(host, job, entry.bundle)
                 self._write(entry, host, "sent", job.identity)
                 entry.status = (host.name, "being confirmed" if is_confirmation else "playing")
-                played: Played = yield Call("play", (job,), _longest_s(entry.run.head.plan, job))
+                played: RunEnded = yield Call("play", (job,), _longest_s(entry.run.head.plan, job))
                 folder = entry.run.folder
                 if is_confirmation:
                     folder /= CONFIRMATION_FOLDER
@@ -378,7 +380,7 @@ class FleetRuns:
                 return played
         return None
 
-    def _judge_by_history(self, host: Host, entry: _Entry, history: FleetHistory) -> Steps:
+    def _judge_by_history(self, host: Host, entry: _RunEntry, history: FleetHistory) -> Steps:
         """Judge a run by earlier ones of its host; a failure is confirmed there by a second run."""
         folder = entry.run.folder
         plan = history.confirmation(folder, entry.run.head.plan)
@@ -387,14 +389,14 @@ class FleetRuns:
             head = msgspec.structs.replace(job.head, plan=canonical_json(plan).decode())
             identity = f"{job.identity}{_CONFIRM}"
             job = msgspec.structs.replace(job, head=head, identity=identity)
-            played: Played = yield from self._play_and_fetch(host, entry, job)
+            played: RunEnded = yield from self._play_and_fetch(host, entry, job)
             if played.problem is not None:
                 raise played.problem.error
             with contextlib.suppress(R2bspecError):
                 yield Call("drop", (identity,))
         history.add(folder)
 
-    def _job(self, entry: _Entry, host: str) -> Job:
+    def _job(self, entry: _RunEntry, host: str) -> Job:
         run, bundle = entry.run, entry.bundle
         words = (
             *(self.journal.suite, run.folder.relative_to(self.root), host, entry.attempt),
@@ -411,7 +413,7 @@ class FleetRuns:
             **run.options,
         )
 
-    def _give_back(self, entry: _Entry, host: Host, lost: errors.HostLostError) -> None:
+    def _give_back(self, entry: _RunEntry, host: Host, lost: errors.HostLostError) -> None:
         """Let a run be made again, unless its hosts are lost again and again."""
         self._write(entry, host, "lost", reason=str(lost))
         entry.losses += 1
@@ -425,7 +427,7 @@ class FleetRuns:
         self._waiting.insert(0, entry)
         self.on_note(f"{lost}; {entry.run.name} will be made again")
 
-    def _refuse(self, entry: _Entry, host: Host, error: R2bspecError) -> None:
+    def _refuse(self, entry: _RunEntry, host: Host, error: R2bspecError) -> None:
         """Let another host make a run, if there is one."""
         entry.refused[host.name] = error
         state: State = "full" if isinstance(error, errors.HostFullError) else "refused"
@@ -440,12 +442,12 @@ class FleetRuns:
             parts = "; ".join(f"{name}: {why}" for name, why in sorted(entry.refused.items()))
             self._end(entry, "", errors.NoHostError(f"no host can make the run: {parts}"))
 
-    def _end(self, entry: _Entry, host: str, error: R2bspecError | None) -> None:
+    def _end(self, entry: _RunEntry, host: str, error: R2bspecError | None) -> None:
         entry.ended = True
-        self._ended.append(Ended(entry.run, host, error))
+        self._ended.append(EndedRun(entry.run, host, error))
 
     def _write(
-        self, entry: _Entry, host: Host, state: State, identity: str = "", reason: str = ""
+        self, entry: _RunEntry, host: Host, state: State, identity: str = "", reason: str = ""
     ) -> None:
         self.journal.write(
             run=str(entry.run.folder.relative_to(self.root)),

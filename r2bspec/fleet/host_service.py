@@ -21,7 +21,7 @@ from r2bspec.errors import R2bspecError
 from r2bspec.fleet import errors, host_store
 from r2bspec.fleet.bundle import Job, SentFile, digest_of
 from r2bspec.fleet.hosts import HostFacts
-from r2bspec.fleet.messages import PLUGIN, Played, Problem, RunState, answer_of, read_request
+from r2bspec.fleet.messages import PLUGIN, FleetRunState, Problem, RunEnded, answer_of, read_request
 from r2bspec.fleet.permissions import check_allowed
 from r2bspec.plan.canonical_json import parse_plan
 from r2bspec.plan.this_machine import LABELS_VARIABLE, unmet
@@ -85,7 +85,7 @@ class HostService(WorkerPlugin):
         state: dict[str, Any] = {"state": "playing", "identity": self._playing}
         with contextlib.suppress(OSError, msgspec.MsgspecError):
             content = (self.store.spool(self._playing) / host_store.PROGRESS_FILE).read_bytes()
-            state |= msgspec.to_builtins(msgspec.json.decode(content, type=RunState))
+            state |= msgspec.to_builtins(msgspec.json.decode(content, type=FleetRunState))
         return state
 
     def close(self) -> None:
@@ -144,7 +144,7 @@ class HostService(WorkerPlugin):
         """Take a piece of a file."""
         self.store.put(file, offset, piece)
 
-    def play(self, job: Job) -> Played:
+    def play(self, job: Job) -> RunEnded:
         """Play a job, unless it has been played already: its result is still here then.
 
         Raises:
@@ -161,7 +161,7 @@ class HostService(WorkerPlugin):
                     self._play_in(spool, job)
                 finally:
                     self._playing = ""
-            return msgspec.json.decode((spool / _PLAYED_FILE).read_bytes(), type=Played)
+            return msgspec.json.decode((spool / _PLAYED_FILE).read_bytes(), type=RunEnded)
 
     def read(self, identity: str, offset: int, size: int) -> bytes:
         """A piece of the archive of a run."""
@@ -239,13 +239,13 @@ def _is_recording(place: Path, sha256: str) -> bool:
     return (place.is_file() or place.is_dir()) and hash_files(place) == sha256
 
 
-def _ended(spool: Path, status: int) -> Played:
+def _ended(spool: Path, status: int) -> RunEnded:
     """What the child says, or that it said nothing."""
     file = spool / host_store.ENDED_FILE
     if file.exists():
-        return msgspec.json.decode(file.read_bytes(), type=Played)
+        return msgspec.json.decode(file.read_bytes(), type=RunEnded)
     output = (spool / "output.log").read_text(errors="replace").strip().splitlines()
     last = f": {output[-1]}" if output else ""
     how = f"signal {-status}" if status < 0 else f"status {status}"
     problem = Problem(code="R2B631", message=f"the run ended with {how}{last}")
-    return Played(problem=problem)
+    return RunEnded(problem=problem)

@@ -81,7 +81,7 @@ class Problem(msgspec.Struct, frozen=True, kw_only=True):
         return error
 
 
-class Played(msgspec.Struct, frozen=True, kw_only=True):
+class RunEnded(msgspec.Struct, frozen=True, kw_only=True):
     """A run that has ended.
 
     Attributes:
@@ -100,7 +100,7 @@ class Played(msgspec.Struct, frozen=True, kw_only=True):
 _Seconds = Annotated[float, msgspec.Meta(ge=0, le=1e9)]
 
 
-class RunState(msgspec.Struct, frozen=True, kw_only=True):
+class FleetRunState(msgspec.Struct, frozen=True, kw_only=True):
     """How far a run is, for the tables of clients.
 
     Attributes:
@@ -115,7 +115,7 @@ class RunState(msgspec.Struct, frozen=True, kw_only=True):
     p99_ns: Count | None = None
 
 
-class HostState(RunState, frozen=True, kw_only=True, omit_defaults=True):
+class HostState(FleetRunState, frozen=True, kw_only=True, omit_defaults=True):
     """What a host does, as it says with its heartbeats.
 
     Attributes:
@@ -129,7 +129,7 @@ class HostState(RunState, frozen=True, kw_only=True, omit_defaults=True):
 METHODS: Final[dict[str, tuple[Any, Any]]] = {
     "prepare": (tuple[Job], dict[Sha256, Count]),
     "put": (tuple[SentFile, Count, bytes], None),
-    "play": (tuple[Job], Played),
+    "play": (tuple[Job], RunEnded),
     "read": (tuple[Identity, Count, Count], bytes),
     "drop": (tuple[Identity], None),
 }

@@ -21,7 +21,7 @@ from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.execute.progress import NullProgress
 from r2bspec.fleet.bundle import Job, Side
 from r2bspec.fleet.host_store import ENDED_FILE, JOB_FILE, PROGRESS_FILE, RUN_FOLDER
-from r2bspec.fleet.messages import Played, Problem, RunState
+from r2bspec.fleet.messages import FleetRunState, Problem, RunEnded
 from r2bspec.record.files import write_atomically
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class _WrittenProgress(NullProgress):
 
     def _write(self, p99_ns: int | None) -> None:
         left_s = self._left_s(self._phase)
-        state = RunState(name=self._name, phase=self._text, left_s=left_s, p99_ns=p99_ns)
+        state = FleetRunState(name=self._name, phase=self._text, left_s=left_s, p99_ns=p99_ns)
         # Read by the worker, which takes an unreadable state for none: it need not be durable.
         temporary = self._file.with_suffix(".tmp")
         try:
@@ -92,7 +92,7 @@ def main(spool: Path, tree: Path, lock: int) -> None:
             message=f"r2bspec itself failed: {type(error).__name__}: {error}",
             exit_status=ExitStatus.INTERNAL_ERROR,
         )
-    played = Played(outcome=outcome, problem=problem)
+    played = RunEnded(outcome=outcome, problem=problem)
     write_atomically(spool / ENDED_FILE, msgspec.json.encode(played))
 
 

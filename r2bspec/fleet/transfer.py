@@ -18,7 +18,7 @@ from r2bspec.fleet.bundle import Bundle, Job, SentFile, digest_of
 from r2bspec.fleet.errors import FalseAnswerError, TransferError
 from r2bspec.fleet.host_store import unpack_run
 from r2bspec.fleet.hosts import Host
-from r2bspec.fleet.messages import Call, Played, Steps
+from r2bspec.fleet.messages import Call, RunEnded, Steps
 from r2bspec.language.quantities import Size
 from r2bspec.plan.canonical_json import parse_plan, plan_hash
 from r2bspec.record.comparison_folder import PairedComparison, open_comparison
@@ -70,7 +70,7 @@ def _send(file: SentFile, source: Path, offset: int) -> Steps:
 
 
 def fetch(
-    host: Host, job: Job, played: Played, root: Path, folder: Path, counted: dict[str, Path]
+    host: Host, job: Job, played: RunEnded, root: Path, folder: Path, counted: dict[str, Path]
 ) -> Steps:
     """Fetch the folder of a run: it appears whole, or not at all.
 
@@ -127,7 +127,7 @@ def fetch(
         incoming.rmdir()
 
 
-def _check_run(host: Host, job: Job, played: Played, folder: Path) -> str:
+def _check_run(host: Host, job: Job, played: RunEnded, folder: Path) -> str:
     """See that a folder is that of a run of the job; returns the identity of the run, if any.
 
     A host that forges a whole run is not found out: what it measures is known to it alone.

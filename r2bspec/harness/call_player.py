@@ -135,7 +135,7 @@ class _Call:
 
     def is_there(self) -> bool:
         """Whether a node offers all of it."""
-        return all(each.is_there() for each in self.exchanges)
+        return all(exchange.is_there() for exchange in self.exchanges)
 
     def send(self, stamp_ns: int) -> None:
         """Send the request of the step with this stamp."""
@@ -249,7 +249,7 @@ class CallPlayer:
             (_ActionCall if plan.accepted else _ServiceCall)(self._node, plan, folder)
             for plan in settings.calls
         ]
-        self._exchanges = [each for call in self._calls for each in call.exchanges]
+        self._exchanges = [exchange for call in self._calls for exchange in call.exchanges]
         self._feedback = [each for call in self._calls for each in call.feedback]
         self._playback = RowWriter(folder / protocol.CALLED_ROWS, len(PLAYBACK_FIELDS))
         self._last_stamp_ns = 0
@@ -274,7 +274,7 @@ class CallPlayer:
                 case protocol.Play() as play:
                     self._channel.send(protocol.Played(steps=self._play(play)))
                 case protocol.CountMatches():
-                    counts = {each.target: int(each.is_there()) for each in self._calls}
+                    counts = {call.target: int(call.is_there()) for call in self._calls}
                     self._channel.send(protocol.Matched(counts=counts))
                 case protocol.Shutdown():
                     self._is_over = True
@@ -297,8 +297,8 @@ class CallPlayer:
     def _call_all(self, due_ns: int) -> None:
         stamp_ns = self._last_stamp_ns = max(time.time_ns(), self._last_stamp_ns + 1)
         published_ns = time.monotonic_ns()
-        for each in self._calls:
-            each.send(stamp_ns)
+        for call in self._calls:
+            call.send(stamp_ns)
         done_ns = time.monotonic_ns()
         # Before any answer: a step that is answered has been written.
         self._playback.append(stamp_ns, due_ns, published_ns, done_ns, ALL_INPUTS)

@@ -38,7 +38,7 @@ def generate_launch_description() -> Any:
 
 def _launch_arguments(argv: list[str]) -> dict[str, str]:
     """The launch arguments on the command line, ``name:=value`` each."""
-    pairs = (each.partition(":=") for each in argv if ":=" in each)
+    pairs = (word.partition(":=") for word in argv if ":=" in word)
     return {name: value for name, _, value in pairs}
 
 
@@ -49,5 +49,5 @@ def _path(launch_arguments_given: dict[str, str]) -> str:
     index = importlib.import_module("ament_index_python.packages")
     share = Path(index.get_package_share_directory(launch_arguments_given["package"]))
     direct = [share / file, share / "launch" / file]
-    found = [each for each in direct if each.is_file()] or sorted(share.rglob(file))
-    return str(found[0]) if found else str(direct[0])
+    candidates = [path for path in direct if path.is_file()] or sorted(share.rglob(file))
+    return str(candidates[0]) if candidates else str(direct[0])

@@ -91,7 +91,7 @@ class Inspector:
         since_s = time.monotonic()
         while time.monotonic() < deadline_s:
             nodes = self._nodes()
-            now = [(each, self._endpoints(*each)) for each in nodes]
+            now = [(node, self._endpoints(*node)) for node in nodes]
             if now != last:
                 last, since_s = now, time.monotonic()
             elif nodes and time.monotonic() - since_s > _QUIET_PERIOD_S:
@@ -125,7 +125,7 @@ class Inspector:
         node = self._node
         subscribed = node.get_subscriber_names_and_types_by_node(name, namespace)
         published = node.get_publisher_names_and_types_by_node(name, namespace)
-        found: dict[str, dict[str, Any]] = {"subscribes": {}, "publishes": {}, "qos": {}}
+        interface: dict[str, dict[str, Any]] = {"subscribes": {}, "publishes": {}, "qos": {}}
         for side, topics, infos in (
             ("publishes", published, node.get_publishers_info_by_topic),
             ("subscribes", subscribed, node.get_subscriptions_info_by_topic),
@@ -133,11 +133,11 @@ class Inspector:
             for topic, types in topics:
                 if topic not in _COMMON_TOPICS:
                     own = self._relative_name(topic, name)
-                    found[side][own] = types[0]
+                    interface[side][own] = types[0]
                     for info in infos(topic):
                         if (info.node_name, info.node_namespace) == (name, namespace):
-                            found["qos"][own] = _profile(info.qos_profile)
-        return found
+                            interface["qos"][own] = _profile(info.qos_profile)
+        return interface
 
     def _services(self, name: str, namespace: str) -> dict[str, str]:
         services = self._node.get_service_names_and_types_by_node(name, namespace)
@@ -160,9 +160,9 @@ class Inspector:
         where = f"{namespace}/{name}"
         listed = self._call(ListParameters, f"{where}/list_parameters", ListParameters.Request())
         names = [
-            each
-            for each in (listed.result.names if listed is not None else ())
-            if each not in _COMMON_PARAMETERS and not each.startswith("qos_overrides.")
+            full_name
+            for full_name in (listed.result.names if listed is not None else ())
+            if full_name not in _COMMON_PARAMETERS and not full_name.startswith("qos_overrides.")
         ]
         if not names:
             return {}
@@ -174,8 +174,8 @@ class Inspector:
         if described is None or values is None:
             return {}
         return {
-            each.name: {"type": _PARAMETER_TYPES[each.type]} | _default_value(value)
-            for each, value in zip(described.descriptors, values.values, strict=True)
+            descriptor.name: {"type": _PARAMETER_TYPES[descriptor.type]} | _default_value(value)
+            for descriptor, value in zip(described.descriptors, values.values, strict=True)
         }
 
     def _call(self, kind: Any, name: str, request: Any) -> Any:

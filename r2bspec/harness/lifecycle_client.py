@@ -44,7 +44,7 @@ def list_states(node: Node, command: protocol.ListLifecycle) -> protocol.Lifecyc
     with _Clients(node) as clients:
         futures = {name: clients.ask_state(name) for name in sorted(found)}
         clients.spin_until(
-            lambda: all(each.done() for each in futures.values()), command.timeout_ns / 1e9
+            lambda: all(future.done() for future in futures.values()), command.timeout_ns / 1e9
         )
         states = {
             name: str(each.result().current_state.label) if each.done() else ""
@@ -120,7 +120,7 @@ def _result(events: list[Any], passing: str) -> Any:
 
     Events have the states, and no transition. None without an event.
     """
-    goals = (each.goal_state.label for each in events if each.start_state.label == passing)
+    goals = (event.goal_state.label for event in events if event.start_state.label == passing)
     goal = next(goals, None)
     return goal and ("error" if goal == "errorprocessing" else "failure")
 

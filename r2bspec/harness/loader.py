@@ -182,40 +182,46 @@ class Loader(GraphParticipant):
         counts = {topic: publisher.matches() for topic, publisher in self._publishers.items()}
         counts |= {TF_STATIC: self._static_publisher.matches()} if self._static_publisher else {}
         counts |= dict.fromkeys(self._waiting, 0)
-        counts |= {each.topic: each.subscription.matches() for each in self._recorders}
+        counts |= {recorder.topic: recorder.subscription.matches() for recorder in self._recorders}
         return counts
 
     def _load(self, max_output_gap_ns: int, *, real_time: bool) -> protocol.Loaded:
         sources = self._sources(real_time=real_time)
         messages = self._messages(sources)
-        answered = (each for each in sources if each.topic in self._publishers and each.topic != TF)
-        stamps = dict.fromkeys(each.stamp_ns for each in answered)
+        answered = (
+            data_source
+            for data_source in sources
+            if data_source.topic in self._publishers and data_source.topic != TF
+        )
+        stamps = dict.fromkeys(source.stamp_ns for source in answered)
         for recorder in self._recorders:
             recorder.expect({stamp_ns: number for number, stamp_ns in enumerate(stamps)})
         published = dict.fromkeys(self._publishers, 0)
-        turns_ns: dict[str, dict[int, int]] = {each.topic: {} for each in sources}
+        turns_ns: dict[str, dict[int, int]] = {data_source.topic: {} for data_source in sources}
         in_flight: dict[int, None] = {}
         if self._static_publisher is not None:
             self._static_publisher.wait_for_acknowledgements()
         timeout = AdaptiveTimeout(max_output_gap_ns)
         begin_ns = time.monotonic_ns()
-        for each in sources:
+        for known_source in sources:
             if self._interrupted():
                 break
             if real_time:
-                self._record_until(begin_ns + each.time_ns - sources[0].time_ns)
-            if each.stamp_ns in stamps and each.stamp_ns not in in_flight:
+                self._record_until(begin_ns + known_source.time_ns - sources[0].time_ns)
+            if known_source.stamp_ns in stamps and known_source.stamp_ns not in in_flight:
                 if not real_time:
                     self._wait_for_free_slot(in_flight, timeout)
-                in_flight[each.stamp_ns] = None
-            turns_ns[each.topic][each.position] = time.time_ns()
-            if each.topic in self._publishers:
-                self._publishers[each.topic].publish(messages[each.topic][each.position])
-                published[each.topic] += 1
+                in_flight[known_source.stamp_ns] = None
+            turns_ns[known_source.topic][known_source.position] = time.time_ns()
+            if known_source.topic in self._publishers:
+                self._publishers[known_source.topic].publish(
+                    messages[known_source.topic][known_source.position]
+                )
+                published[known_source.topic] += 1
         self._collect_rest(in_flight, timeout)
         if self._settings.retime:
             self._retime(turns_ns)
-        recorded = {each.topic: each.finish() for each in self._recorders}
+        recorded = {finished.topic: finished.finish() for finished in self._recorders}
         return protocol.Loaded(published=published, recorded=recorded)
 
     def _sources(self, *, real_time: bool) -> list[_SourceMessage]:
@@ -254,7 +260,9 @@ class Loader(GraphParticipant):
         """The messages that the publishers publish, by topic and position."""
         return {
             topic: buffers.read_messages(
-                self._folder, topic, {each.position for each in sources if each.topic == topic}
+                self._folder,
+                topic,
+                {source.position for source in sources if source.topic == topic},
             )
             for topic in self._publishers
         }
@@ -263,7 +271,7 @@ class Loader(GraphParticipant):
         """Replace the times of the sources by the times at which they were published."""
         for topic, turns in turns_ns.items():
             index = buffers.read_index(self._folder, topic)
-            times_ns = tuple(turns.get(each, 0) for each in range(len(index.sizes)))
+            times_ns = tuple(turns.get(step, 0) for step in range(len(index.sizes)))
             buffers.write_index(self._folder, msgspec.structs.replace(index, times_ns=times_ns))
 
     def _record_until(self, end_ns: int) -> None:
@@ -275,12 +283,14 @@ class Loader(GraphParticipant):
         """Record outputs until fewer than `_MAX_IN_FLIGHT` stamps are in flight, or a timeout."""
         last_ns = time.monotonic_ns()
         while len(in_flight) >= _MAX_IN_FLIGHT and not self._interrupted():
-            found = self._record(min(_POLL_S, timeout.limit_ns / 1e9))
+            answer_count = self._record(min(_POLL_S, timeout.limit_ns / 1e9))
             pause_ns = time.monotonic_ns() - last_ns
-            if found:
+            if answer_count:
                 last_ns += pause_ns
                 timeout.answered(pause_ns)
-                for stamp_ns in [each for each in in_flight if self._answered(each)]:
+                for stamp_ns in [
+                    candidate_ns for candidate_ns in in_flight if self._answered(candidate_ns)
+                ]:
                     del in_flight[stamp_ns]
             elif pause_ns > timeout.limit_ns:
                 # Some graphs answer only some messages; missing outputs are counted at the end.
@@ -290,9 +300,9 @@ class Loader(GraphParticipant):
     def _collect_rest(self, in_flight: dict[int, None], timeout: AdaptiveTimeout) -> None:
         last_ns = time.monotonic_ns()
         while not (self._interrupted() or all(map(self._answered, in_flight))):
-            found = self._record(_POLL_S)
+            answer_count = self._record(_POLL_S)
             now_ns = time.monotonic_ns()
-            if found:
+            if answer_count:
                 timeout.answered(now_ns - last_ns)
                 last_ns = now_ns
             elif now_ns - last_ns > timeout.final_ns:
@@ -301,16 +311,24 @@ class Loader(GraphParticipant):
     def _republish(self, rate_hz: float, steps: int) -> int:
         """Publish the messages of the first stamps once more, so that they can be traced."""
         sources = [
-            each for each in self._sources(real_time=False) if each.topic in self._publishers
+            data_source
+            for data_source in self._sources(real_time=False)
+            if data_source.topic in self._publishers
         ]
         messages = self._messages(sources)
-        stamps = [*dict.fromkeys(each.stamp_ns for each in sources if each.topic != TF)][:steps]
+        stamps = [
+            *dict.fromkeys(
+                data_source.stamp_ns for data_source in sources if data_source.topic != TF
+            )
+        ][:steps]
         for number, stamp_ns in enumerate(stamps):
             if self._channel.wait(1 / rate_hz):
                 return number
-            for each in sources:
-                if each.stamp_ns == stamp_ns:
-                    self._publishers[each.topic].publish(messages[each.topic][each.position])
+            for stamped in sources:
+                if stamped.stamp_ns == stamp_ns:
+                    self._publishers[stamped.topic].publish(
+                        messages[stamped.topic][stamped.position]
+                    )
         return len(stamps)
 
     def _interrupted(self) -> bool:
@@ -318,7 +336,7 @@ class Loader(GraphParticipant):
         return self._channel.wait(0.0)
 
     def _answered(self, stamp_ns: int) -> bool:
-        return all(each.answered(stamp_ns) for each in self._recorders)
+        return all(recorder.answered(stamp_ns) for recorder in self._recorders)
 
     def _record(self, timeout_s: float) -> int:
-        return sum(self._recorders[each].drain() for each in self._loop.wait(timeout_s))
+        return sum(self._recorders[topic].drain() for topic in self._loop.wait(timeout_s))

@@ -43,11 +43,11 @@ def describe_nodes(nodes: Sequence[tuple[NodePlan, Node]]) -> protocol.Ready:
     declared = {plan.name: {*node.list_parameters([], 0).names} for plan, node in nodes}
     return protocol.Ready(
         endpoints=tuple(
-            (plan.name, each.topic_name, _type_name(each.msg_type), direction)
+            (plan.name, publisher.topic_name, _type_name(publisher.msg_type), direction)
             for plan, node in nodes
             for direction in ("publishes", "subscribes")
-            for each in (node.publishers if direction == "publishes" else node.subscriptions)
-            if each.topic_name not in {"/rosout", "/parameter_events"}
+            for publisher in (node.publishers if direction == "publishes" else node.subscriptions)
+            if publisher.topic_name not in {"/rosout", "/parameter_events"}
         ),
         undeclared=tuple(
             (plan.name, name)
@@ -69,12 +69,12 @@ def _unmatched(plan: NodePlan, node: Node) -> Iterator[tuple[str, str, str]]:
     The names of an action or an image transport begin with the target.
     """
     name, namespace = node.get_name(), node.get_namespace()
-    found = [*rclpy_tools.names_of(node, name, namespace)]
-    found += [each.topic_name for each in node.publishers]
-    found += [each.topic_name for each in node.subscriptions]
+    unmatched = [*rclpy_tools.names_of(node, name, namespace)]
+    unmatched += [publisher.topic_name for publisher in node.publishers]
+    unmatched += [subscription.topic_name for subscription in node.subscriptions]
     for before, after in plan.remappings.items():
         full = expand(after, name, namespace)
-        if not any(each == full or each.startswith(f"{full}/") for each in found):
+        if not any(each == full or each.startswith(f"{full}/") for each in unmatched):
             yield plan.name, before, full
 
 

@@ -40,8 +40,8 @@ from r2bspec.plan.plan import MonitorPlan
 
 def discover(node: Node, topics: tuple[str, ...]) -> protocol.Discovered:
     """The endpoints that discovery shows on these topics, including those of the harness."""
-    publishers = {each: node.get_publishers_info_by_topic(each) for each in topics}
-    subscriptions = {each: node.get_subscriptions_info_by_topic(each) for each in topics}
+    publishers = {topic: node.get_publishers_info_by_topic(topic) for topic in topics}
+    subscriptions = {topic: node.get_subscriptions_info_by_topic(topic) for topic in topics}
     return protocol.Discovered(
         writers={
             topic: tuple(map(rclpy_tools.describe_endpoint, infos))
@@ -119,7 +119,7 @@ def list_parameters(command: protocol.ListParameters) -> protocol.ParameterLists
             for name, client in clients.items():
                 if name not in futures and client.service_is_ready():
                     futures[name] = client.call_async(ListParameters.Request())
-            if len(futures) == len(clients) and all(each.done() for each in futures.values()):
+            if len(futures) == len(clients) and all(future.done() for future in futures.values()):
                 break
             executor.spin_once(timeout_sec=_SPIN_S)
         return protocol.ParameterLists(
@@ -178,7 +178,8 @@ class PublisherGuard:
 
     def _lacks_a_name(self, topic: str) -> bool:
         return any(
-            each.topic == topic and _UNKNOWN_NODE in each.node for each in self._foreign.values()
+            publisher.topic == topic and _UNKNOWN_NODE in publisher.node
+            for publisher in self._foreign.values()
         )
 
     def _look_at(self, topic: str) -> None:
@@ -211,9 +212,9 @@ def _processes_of(gid: bytes) -> Iterator[Path]:
 
 
 def _is_of_this_run(folder: Path) -> bool:
-    wanted = f"{RUN_ID_VARIABLE}={os.environ.get(RUN_ID_VARIABLE, '')}".encode()
+    marker = f"{RUN_ID_VARIABLE}={os.environ.get(RUN_ID_VARIABLE, '')}".encode()
     with contextlib.suppress(OSError):
-        return wanted in (folder / "environ").read_bytes().split(b"\0")
+        return marker in (folder / "environ").read_bytes().split(b"\0")
     return False
 
 
@@ -296,17 +297,17 @@ class MessageRecorder:
         self._topics: list[_RecordedTopic] = []
         self._ends = threading.Event()
         self._error: Exception | None = None
-        for each in monitors:
-            qos = rclpy_tools.profile_matching_publishers(node, each.topic)
-            if qos is not None and rclpy_tools.is_installed(each.type):
-                self._topics.append(_RecordedTopic(node, each, qos, folder))
+        for monitor in monitors:
+            qos = rclpy_tools.profile_matching_publishers(node, monitor.topic)
+            if qos is not None and rclpy_tools.is_installed(monitor.type):
+                self._topics.append(_RecordedTopic(node, monitor, qos, folder))
                 self._loop.add(self._topics[-1].subscription)
         self._thread = threading.Thread(target=self._record, daemon=True)
         self._thread.start()
 
     def matches(self) -> dict[str, int]:
         """How many publishers the subscription of each recorded topic is matched with."""
-        return {each.topic: each.subscription.matches() for each in self._topics}
+        return {topic.topic: topic.subscription.matches() for topic in self._topics}
 
     def close(self) -> None:
         """Record what has arrived, and complete the files.
@@ -317,8 +318,8 @@ class MessageRecorder:
         self._ends.set()
         self._loop.wake()
         self._thread.join()
-        for each in self._topics:
-            each.close()
+        for topic in self._topics:
+            topic.close()
         if self._error is not None:
             raise self._error
 
@@ -327,8 +328,8 @@ class MessageRecorder:
             while not self._ends.is_set():
                 for position in self._loop.wait(_WAIT_S):
                     self._topics[position].drain()
-            for each in self._topics:
-                each.drain()
+            for topic in self._topics:
+                topic.drain()
         except Exception as error:
             self._error = error
 
@@ -437,7 +438,7 @@ class Observer(GraphParticipant):
             match self._channel.receive():
                 case protocol.ListForeign():
                     self._channel.send(protocol.ForeignPublishers(publishers=self._guard.foreign()))
-                case protocol.Record(monitors=monitors, folder=folder):
+                case protocol.RecordMessages(monitors=monitors, folder=folder):
                     self._recorder = MessageRecorder(self._node, monitors, Path(folder))
                     self._send_matches()
                 case protocol.EndRecording():

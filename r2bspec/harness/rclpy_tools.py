@@ -107,8 +107,8 @@ def full_name(info: TopicEndpointInfo) -> str:
 
 def qos_mismatch_reason(offered: QoSProfile, requested: QoSProfile) -> str:
     """Why a subscription never matches a publisher, from the middleware; empty if it may."""
-    found, why = qos_check_compatible(offered, requested)
-    if found != QoSCompatibility.ERROR:
+    compatibility, why = qos_check_compatible(offered, requested)
+    if compatibility != QoSCompatibility.ERROR:
         return ""
     return str(why).replace("ERROR: ", "").strip("; ").lower()
 

@@ -20,7 +20,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from r2bspec.errors import ExitStatus
-from r2bspec.ipc.process_cleanup import Session, clean_up, now_ticks
+from r2bspec.ipc.process_cleanup import ProcessSession, clean_up, now_ticks
 from r2bspec.record.files import LOCK_FILE
 
 _GRACE_S = 1.0
@@ -28,26 +28,26 @@ _GRACE_S = 1.0
 
 def main() -> int:
     """Read until the input ends; returns the exit status."""
-    for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(each, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
     run_id, scratch = sys.argv[1], Path(sys.argv[2])
     # Shared memory may be as old as the run; the second allows for coarse time stamps.
     since_s = time.time() - 1.0
-    sessions: dict[int, Session] = {}
+    sessions: dict[int, ProcessSession] = {}
     for line in sys.stdin:
         word, *numbers = line.split()
         if word == "done":
             return ExitStatus.OK
         if word == "session":
             pid, started = map(int, numbers)
-            sessions[pid] = Session(pid, started)
+            sessions[pid] = ProcessSession(pid, started)
         if word == "collected":
             pid, held = map(int, numbers)
             sessions[pid] = replace(sessions[pid], held=held)
     # From now on, the watchdog is not told when the others are collected.
     sessions = {
-        pid: each if each.held is not None else replace(each, held=now_ticks())
-        for pid, each in sessions.items()
+        pid: session if session.held is not None else replace(session, held=now_ticks())
+        for pid, session in sessions.items()
         if pid != os.getpid()
     }
     clean_up(run_id, sessions.values(), grace_s=_GRACE_S, since_s=since_s)

@@ -85,11 +85,11 @@ def judge_report(
     """
     gate = gate or GatePlan()
     requirements = tuple(
-        msgspec.structs.replace(found, level=objective.level)
+        msgspec.structs.replace(verdict, level=objective.level)
         for name, objective in objectives.items()
         if objective.level != "off"
         for requirement in objective.require
-        for found in _judge_requirement(report, name, objective, requirement, gate.confidence)
+        for verdict in _judge_requirement(report, name, objective, requirement, gate.confidence)
     )
     outcome, reason = outcome_of(requirements, gate.inconclusive)
     return Verdict(
@@ -128,8 +128,8 @@ def _judge_requirement(
             confidence=confidence,
         )
         # The playback is the same for all monitors.
-        found = next(iter(figures.values()), None) if monitor is None else figures.get(monitor)
-        decision = _decision(case, report, found)
+        figure = next(iter(figures.values()), None) if monitor is None else figures.get(monitor)
+        decision = _decision(case, report, figure)
         notes: tuple[str, ...] = ()
         if decision.method == "exact binomial":
             notes = (_BURSTS_UNKNOWN_NOTE,)
@@ -158,7 +158,7 @@ def _figures_at(
     if at_hz is None:
         return {}
     rates = report.rates.items()
-    return next((found for rate, found in rates if math.isclose(float(rate), at_hz)), {})
+    return next((figures for rate, figures in rates if math.isclose(float(rate), at_hz)), {})
 
 
 def _decision(

@@ -226,15 +226,15 @@ def _has_figures(level: object) -> bool:
 
 def _by_monitor(level: dict[str, Any], *, exact: bool) -> dict[str, MonitorFigures]:
     """The figures of one level: those without a prefix, and one object for each prefix."""
-    found: dict[str, MonitorFigures] = {}
+    figures: dict[str, MonitorFigures] = {}
     if _has_figures(level):
-        found[""] = _figures(level, exact=exact)
+        figures[""] = _figures(level, exact=exact)
     # The processor time belongs to the machine, not to a monitor: it is one level up.
     shared = {key: level[key] for key in level if key.startswith(_KNOWN_PREFIXES[1:])}
     for key, value in level.items():
         if isinstance(value, dict) and not _RATE_KEY.fullmatch(key) and _has_figures(value):
-            found[key] = _figures(ChainMap(value, shared), exact=exact)
-    return found
+            figures[key] = _figures(ChainMap(value, shared), exact=exact)
+    return figures
 
 
 _BASIC_FIGURES: Final = {

@@ -64,17 +64,17 @@ def read_clocks(
     monotonic_ns: Callable[[], int] = time.monotonic_ns, system_ns: Callable[[], int] = time.time_ns
 ) -> tuple[int, int]:
     """The monotonic time, and the system time minus the monotonic time, in ns."""
-    closest_ns, found = -1, (0, 0)
+    closest_ns, clocks = -1, (0, 0)
     for _ in range(_MAX_READS):
         before_ns = monotonic_ns()
         there_ns = system_ns()
         took_ns = monotonic_ns() - before_ns
         if closest_ns < 0 or took_ns < closest_ns:
             closest_ns = took_ns
-            found = before_ns + took_ns, there_ns - before_ns - took_ns // 2
+            clocks = before_ns + took_ns, there_ns - before_ns - took_ns // 2
         if closest_ns <= _MAX_READ_NS:
             break
-    return found
+    return clocks
 
 
 ARRIVAL_FIELDS = (
@@ -111,11 +111,11 @@ class ArrivalReader(RowReader):
         first = max(0, start - _ROWS_BEFORE)
         rows = super().read(first, stop)
         received_ns = arrival_times(rows)
-        found = np.empty(max(0, rows.size - (start - first)), dtype=list(self._fields))
+        row_array = np.empty(max(0, rows.size - (start - first)), dtype=list(self._fields))
         for name in ("stamp_ns", "taken_ns", "bytes"):
-            found[name] = rows[name][start - first :]
-        found["received_ns"] = received_ns[start - first :]
-        return found
+            row_array[name] = rows[name][start - first :]
+        row_array["received_ns"] = received_ns[start - first :]
+        return row_array
 
 
 def arrival_times(rows: NDArray[np.void]) -> NDArray[np.int64]:
@@ -148,5 +148,5 @@ def arrival_times(rows: NDArray[np.void]) -> NDArray[np.int64]:
         )
         arrived_ns[since] = np.where(is_before, before_ns, now_ns)
     arrived_ns = np.where(rows["arrived_system_ns"] > 0, arrived_ns, taken_ns)
-    found: NDArray[np.int64] = np.minimum(arrived_ns, taken_ns)
-    return found
+    times_ns: NDArray[np.int64] = np.minimum(arrived_ns, taken_ns)
+    return times_ns

@@ -108,9 +108,9 @@ class NativeCodec:
         match message:
             case protocol.ConfigurePlayer():
                 self._player = message
-                topics = [each.topic for each in message.inputs]
+                topics = [input_.topic for input_ in message.inputs]
                 topics += [TF] if TF in message.transforms else []
-                self._topics = [(each, False) for each in topics]
+                self._topics = [(topic, False) for topic in topics]
                 self._played = playback_file.PlaybackReader(Path(message.rows), ())
                 return ["player", *_player_words(message)]
             case protocol.LoadSchedule(schedule=schedule):
@@ -121,8 +121,8 @@ class NativeCodec:
                 return ["play", str(self._write_playback(rate_hz, steps))]
             case protocol.ConfigureMonitor(monitors=monitors, rows_dir=folder):
                 self._rows_dir = Path(folder)
-                types = dict.fromkeys(each.type for each in monitors)
-                words = (word for each in types for word in _type_words(each))
+                types = dict.fromkeys(monitor.type for monitor in monitors)
+                words = (word for type_ in types for word in _type_words(type_))
                 return ["monitor", str(self._rows_dir / STALL_FILE), str(len(types)), *words]
             case protocol.Subscribe(monitors=monitors):
                 self._add_topics(monitors, is_tapped=False)
@@ -131,7 +131,7 @@ class NativeCodec:
                 self._add_topics(monitors, is_tapped=True)
                 return ["start_tap", str(len(monitors)), *self._topic_words(monitors)]
             case protocol.StopTap():
-                self._topics = [each for each in self._topics if not each[1]]
+                self._topics = [topic for topic in self._topics if not topic[1]]
         word = _SIMPLE.get(type(message))
         if word is None:
             raise ValueError(f"no command of a native part: {type(message).__name__}")
@@ -144,10 +144,11 @@ class NativeCodec:
         path = Path(f"{self._player.rows}.playlist-{self._playlists}")
         inputs = self._player.inputs
         stamped = [
-            each.timestamp == "header" and self._headers.get(each.topic, False) for each in inputs
+            input_.timestamp == "header" and self._headers.get(input_.topic, False)
+            for input_ in inputs
         ]
         self._round = playback_file.read_round(
-            schedule, [each.source for each in inputs], stamped, Path(self._player.buffer_dir)
+            schedule, [input_.source for input_ in inputs], stamped, Path(self._player.buffer_dir)
         )
         playback_file.write_playlist(path, self._round)
         self._steps_before = self._played.count()
@@ -167,15 +168,22 @@ class NativeCodec:
     def _topic_words(self, monitors: Iterable[MonitorPlan]) -> Iterator[str]:
         if self._rows_dir is None:
             raise ValueError("a monitor is configured before it gets topics")
-        for each in monitors:
-            if each.qos is None:
-                raise ValueError(f"{each.topic} is subscribed to with a known quality of service")
-            rows = self._rows_dir / f"{each.name}.rows"
-            yield from (*_type_words(each.type), str(rows), *_qos_words(each.qos), each.topic)
+        for monitor in monitors:
+            if monitor.qos is None:
+                raise ValueError(
+                    f"{monitor.topic} is subscribed to with a known quality of service"
+                )
+            rows = self._rows_dir / f"{monitor.name}.rows"
+            yield from (
+                *_type_words(monitor.type),
+                str(rows),
+                *_qos_words(monitor.qos),
+                monitor.topic,
+            )
 
     def _add_topics(self, monitors: Iterable[MonitorPlan], *, is_tapped: bool) -> None:
-        for each in monitors:
-            self._topics.insert(0, (each.topic, is_tapped))
+        for monitor in monitors:
+            self._topics.insert(0, (monitor.topic, is_tapped))
 
     def decode(self, line: bytes) -> protocol.Reply:
         """Read a reply.
@@ -187,8 +195,8 @@ class NativeCodec:
         words = rest.split()
         match word:
             case "ready" if self._player is not None:
-                planned = (each.topic for each in self._player.inputs)
-                flags = (each == "1" for each in words)
+                planned = (input_.topic for input_ in self._player.inputs)
+                flags = (flag == "1" for flag in words)
                 headers = dict(zip(planned, flags, strict=False))
                 self._headers |= headers
                 return protocol.Ready(headers=headers)
@@ -196,9 +204,9 @@ class NativeCodec:
                 return protocol.Ready(rmw=rest)
             case "matched":
                 # The count of a topic with several subscriptions is that of the latest one.
-                found = reversed([*zip(self._topics, words, strict=True)])
+                flags_of = reversed([*zip(self._topics, words, strict=True)])
                 return protocol.Matched(
-                    counts={topic: int(count) for (topic, _), count in found if count != "-1"}
+                    counts={topic: int(count) for (topic, _), count in flags_of if count != "-1"}
                 )
             case "played" if self._is_loading:
                 return protocol.Ready()
@@ -223,7 +231,7 @@ def _failure(text: str) -> protocol.Failed:
 
 def _player_words(command: protocol.ConfigurePlayer) -> Iterator[str]:
     folder = Path(command.buffer_dir)
-    inputs = [(each.topic, each.type, each.qos, each.source) for each in command.inputs]
+    inputs = [(input_.topic, input_.type, input_.qos, input_.source) for input_ in command.inputs]
     if TF in command.transforms:
         inputs.append((TF, TF_TYPE, TF_QOS, TF))
     yield str(len(inputs))

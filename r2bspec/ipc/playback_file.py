@@ -100,12 +100,14 @@ class Round:
         begin, end = self._bounds(steps, first)
         for start in range(begin, end, _BLOCK):
             turns, places = np.divmod(np.arange(start, min(start + _BLOCK, end)), self.entries.size)
-            found = self.entries[places]
+            entries_of = self.entries[places]
             numbers = turns * self.steps - first
-            found["complete"] += numbers.astype(np.int32)
-            found["step"] += np.where(found["step"] == NO_STEP, 0, numbers).astype(np.int32)
-            self._set_times(found, turns, places, rate_hz)
-            yield self._within(found, steps)
+            entries_of["complete"] += numbers.astype(np.int32)
+            entries_of["step"] += np.where(entries_of["step"] == NO_STEP, 0, numbers).astype(
+                np.int32
+            )
+            self._set_times(entries_of, turns, places, rate_hz)
+            yield self._within(entries_of, steps)
 
     def _bounds(self, steps: int, first: int) -> tuple[int, int]:
         """The first entry of a playback and the one after its last, in rounds without an end."""
@@ -181,9 +183,9 @@ class TimelineRound(Round):
         entries["stamp_ns"] += turns * self.stamp_period_ns
 
     def _within(self, entries: Entries, steps: int) -> Entries:
-        found = entries[entries["step"] < steps]
-        found["complete"] = np.minimum(found["complete"], steps)
-        return found
+        rows = entries[entries["step"] < steps]
+        rows["complete"] = np.minimum(rows["complete"], steps)
+        return rows
 
 
 def complete_steps(steps: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -258,9 +260,9 @@ class _Entries:
             for offset, size, places in [self._buffers.find(source, position)]
             for number, (place, stamp_in_it_ns) in enumerate(places, 1)
         ]
-        for number, each in enumerate(stamps):
+        for number, stamp in enumerate(stamps):
             left = len(stamps) - number
-            self.rows.append((due_ns, stamp_ns, 0, 0, inputs, *each, left, step, complete))
+            self.rows.append((due_ns, stamp_ns, 0, 0, inputs, *stamp, left, step, complete))
             self.at.append(at)
 
     def array(self) -> NDArray[np.void]:
@@ -305,23 +307,23 @@ def _cyclic_round(entries: _Entries, schedule: CyclicSchedule) -> CyclicRound:
 
 
 def _timeline_round(entries: _Entries, schedule: TimelineSchedule) -> TimelineRound:
-    for each in schedule.messages:
+    for message in schedule.messages:
         stamp_ns, inputs, shift_ns = 0, ALL_INPUTS, 0
-        if each.step != NO_STEP:
-            step = schedule.steps[each.step]
+        if message.step != NO_STEP:
+            step = schedule.steps[message.step]
             stamp_ns, inputs = step.stamp_ns, step.inputs
             if schedule.stamp_offsets_ns:
-                shift_ns = schedule.stamp_offsets_ns[each.step][each.input]
+                shift_ns = schedule.stamp_offsets_ns[message.step][message.input]
         entries.add(
-            [(each.input, each.position, shift_ns)],
-            step=each.step,
+            [(message.input, message.position, shift_ns)],
+            step=message.step,
             inputs=inputs,
-            due_ns=each.offset_ns,
+            due_ns=message.offset_ns,
             stamp_ns=stamp_ns - schedule.origin_ns,
         )
-    found = entries.array()
-    found["complete"] = complete_steps(found["step"])
-    return TimelineRound(found, len(schedule.steps), schedule.period_ns, schedule.stamp_period_ns)
+    array = entries.array()
+    array["complete"] = complete_steps(array["step"])
+    return TimelineRound(array, len(schedule.steps), schedule.period_ns, schedule.stamp_period_ns)
 
 
 _MAGIC = b"R2BPLAY4"
@@ -403,27 +405,27 @@ class PlaybackReader:
     def count(self) -> int:
         """The number of complete steps; 0 before the first playback."""
         self._find_playbacks()
-        return sum(each.complete() for each in self._playbacks)
+        return sum(playback.complete() for playback in self._playbacks)
 
     def read(self, start: int = 0, stop: int | None = None) -> NDArray[np.void]:
         """The rows from `start` up to `stop`, or up to the last complete step."""
         self._find_playbacks()
-        found = [np.empty(0, self._dtype)]
+        blocks = [np.empty(0, self._dtype)]
         begin = 0
-        for each in self._playbacks:
-            count = each.complete()
+        for playback in self._playbacks:
+            count = playback.complete()
             last = count if stop is None else min(count, stop - begin)
             if last > max(0, start - begin):
-                found.append(each.rows(max(0, start - begin), last, self._dtype))
+                blocks.append(playback.rows(max(0, start - begin), last, self._dtype))
             begin += count
-        return np.concatenate(found)
+        return np.concatenate(blocks)
 
     def last_stamp_ns(self) -> int:
         """The last stamp of a step that was played; 0 before the first one."""
         self._find_playbacks()
         # Stamps ascend from playback to playback.
-        found = (each.last_stamp_ns() for each in reversed(self._playbacks))
-        return next((each for each in found if each), 0)
+        stamps_ns = (playback.last_stamp_ns() for playback in reversed(self._playbacks))
+        return next((stamp_ns for stamp_ns in stamps_ns if stamp_ns), 0)
 
     def _find_playbacks(self) -> None:
         while (path := playback_path(self._path, len(self._playbacks) + 1)).exists():
@@ -455,13 +457,13 @@ class _Playback:
     def rows(self, start: int, stop: int, dtype: np.dtype[np.void]) -> NDArray[np.void]:
         if self._bounds is None:
             self._bounds = _first_and_last(self._entries["step"])
-        first, last = (each[start:stop] for each in self._bounds)
+        first, last = (bound[start:stop] for bound in self._bounds)
         begun = self._entries[first]
-        found = np.empty(stop - start, dtype)
+        row_array = np.empty(stop - start, dtype)
         for name in ("stamp_ns", "due_ns", "published_ns", "inputs"):
-            found[name] = begun[name]
-        found["done_ns"] = self._entries["done_ns"][last]
-        return found
+            row_array[name] = begun[name]
+        row_array["done_ns"] = self._entries["done_ns"][last]
+        return row_array
 
 
 def _first_and_last(steps: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -35,7 +35,7 @@ _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 
 @dataclass(frozen=True)
-class Session:
+class ProcessSession:
     """A session that was opened by a process of the run.
 
     Attributes:
@@ -60,8 +60,8 @@ class Session:
         if first is not None:
             return first == self.started
         until = now_ticks() if self.held is None else self.held
-        starts = (start_ticks(each) for each in members)
-        return any(each is not None and each < until for each in starts)
+        starts = (start_ticks(member) for member in members)
+        return any(start is not None and start < until for start in starts)
 
 
 class SessionLeader(subprocess.Popen[bytes]):
@@ -83,9 +83,9 @@ class SessionLeader(subprocess.Popen[bytes]):
         return status
 
     @property
-    def session(self) -> Session:
+    def session(self) -> ProcessSession:
         """The session that it opened."""
-        return Session(self.pid, self._started, self._held)
+        return ProcessSession(self.pid, self._started, self._held)
 
 
 def now_ticks() -> int:
@@ -108,10 +108,10 @@ _EMPTY_SCANS = 3
 """For how long segments are removed at most, and how often none may be found in a row before."""
 
 
-def run_processes(run_id: str, sessions: Iterable[Session]) -> list[psutil.Process]:
+def run_processes(run_id: str, sessions: Iterable[ProcessSession]) -> list[psutil.Process]:
     """Every living process of a run, the calling process excepted."""
-    wanted = {each.pid: each for each in sessions}
-    members: dict[int, list[psutil.Process]] = {pid: [] for pid in wanted}
+    sessions_by_pid = {known_session.pid: known_session for known_session in sessions}
+    members: dict[int, list[psutil.Process]] = {pid: [] for pid in sessions_by_pid}
     marked: list[psutil.Process] = []
     for process in psutil.process_iter():
         if process.pid == os.getpid():
@@ -120,17 +120,17 @@ def run_processes(run_id: str, sessions: Iterable[Session]) -> list[psutil.Proce
             if not _is_running(process):
                 continue
             number = os.getsid(process.pid)
-            if number in wanted:
+            if number in sessions_by_pid:
                 members[number].append(process)
             if _has_run_id(process, run_id):
                 marked.append(process)
-    found = {each.pid: each for each in marked}
-    for pid, session in wanted.items():
-        pids = [each.pid for each in members[pid]]
+    processes = {listed.pid: listed for listed in marked}
+    for pid, session in sessions_by_pid.items():
+        pids = [member.pid for member in members[pid]]
         # A process of the run that is in the session shows that it has been there all along.
-        if found.keys() & pids or session.is_shown_by(pids):
-            found |= {each.pid: each for each in members[pid]}
-    return list(found.values())
+        if processes.keys() & pids or session.is_shown_by(pids):
+            processes |= {member.pid: member for member in members[pid]}
+    return list(processes.values())
 
 
 def _has_run_id(process: psutil.Process, run_id: str) -> bool:
@@ -140,24 +140,24 @@ def _has_run_id(process: psutil.Process, run_id: str) -> bool:
         return False
 
 
-def kill_process_groups(sessions: Iterable[Session]) -> None:
+def kill_process_groups(sessions: Iterable[ProcessSession]) -> None:
     """Kill what is left in the first process group of each session."""
-    wanted = list(sessions)
-    groups = {each.pid for each in wanted}
-    for process in run_processes("", wanted):
+    session_list = list(sessions)
+    groups = {each.pid for each in session_list}
+    for process in run_processes("", session_list):
         with contextlib.suppress(psutil.Error, OSError):
             if os.getpgid(process.pid) in groups:
                 process.kill()
 
 
-def end_run_processes(run_id: str, sessions: Iterable[Session], grace_s: float) -> list[str]:
+def end_run_processes(run_id: str, sessions: Iterable[ProcessSession], grace_s: float) -> list[str]:
     """End every process of a run: SIGTERM, `grace_s` seconds, then SIGKILL until none is left.
 
     Returns:
         The names of the processes that had to be killed.
     """
-    wanted = list(sessions)
-    remaining = run_processes(run_id, wanted)
+    session_list = list(sessions)
+    remaining = run_processes(run_id, session_list)
     for process in remaining:
         # psutil compares the start time first: a number that was used again is not signalled.
         with contextlib.suppress(psutil.Error):
@@ -166,7 +166,7 @@ def end_run_processes(run_id: str, sessions: Iterable[Session], grace_s: float) 
     killed: list[str] = []
     # A process may fork while it is being killed, so look again until none is found.
     for _ in range(20):
-        remaining = run_processes(run_id, wanted)
+        remaining = run_processes(run_id, session_list)
         if not remaining:
             break
         for process in remaining:
@@ -199,7 +199,7 @@ def _is_running(process: psutil.Process) -> bool:
 
 
 def clean_up(
-    run_id: str, sessions: Iterable[Session], *, grace_s: float, since_s: float
+    run_id: str, sessions: Iterable[ProcessSession], *, grace_s: float, since_s: float
 ) -> list[str]:
     """End the processes of a run, then remove what they leave in shared memory.
 

@@ -196,7 +196,7 @@ class StopTap(Command, frozen=True, kw_only=True, tag=True):
     """Stop recording the topics of `StartTap`; their rows stay. The reply is `Matched`."""
 
 
-class Record(Command, frozen=True, kw_only=True, tag=True):
+class RecordMessages(Command, frozen=True, kw_only=True, tag=True):
     """Record whole messages of these topics until `EndRecording`. The reply is `Matched`.
 
     The files are ``FOLDER/NAME.rows``, as those of a monitor, and ``FOLDER/NAME.messages``
@@ -209,7 +209,7 @@ class Record(Command, frozen=True, kw_only=True, tag=True):
 
 
 class EndRecording(Command, frozen=True, kw_only=True, tag=True):
-    """Complete the files of `Record`. The reply is `Matched`."""
+    """Complete the files of `RecordMessages`. The reply is `Matched`."""
 
 
 class CountMatches(Command, frozen=True, kw_only=True, tag=True):

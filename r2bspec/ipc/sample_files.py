@@ -122,11 +122,11 @@ class StallLogReader:
 
     def __init__(self, rows_dir: Path) -> None:
         further = sorted(rows_dir.glob(f"*/{STALL_FILE}"))
-        self._logs = [RowReader(each, _FIELDS) for each in (rows_dir / STALL_FILE, *further)]
+        self._logs = [RowReader(path, _FIELDS) for path in (rows_dir / STALL_FILE, *further)]
 
     def between(self, began_ns: int, ended_ns: int) -> int:
         """The total duration of stalls between two times, in ns."""
-        return max(_overlap_ns(each, began_ns, ended_ns) for each in self._logs)
+        return max(_overlap_ns(log, began_ns, ended_ns) for log in self._logs)
 
 
 def _overlap_ns(log: RowReader, began_ns: int, ended_ns: int) -> int:
@@ -134,7 +134,7 @@ def _overlap_ns(log: RowReader, began_ns: int, ended_ns: int) -> int:
         min(int(row["ended_ns"]), ended_ns) - max(int(row["began_ns"]), began_ns)
         for row in log.read()
     )
-    return sum(each for each in overlaps if each > 0)
+    return sum(overlap for overlap in overlaps if overlap > 0)
 
 
 _SIZE = struct.Struct("<q")

@@ -118,11 +118,11 @@ class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"
 
     def due_offsets_ns(self) -> list[int]:
         """The due time of each step, relative to the beginning of the round."""
-        found: dict[int, int] = {}
-        for each in self.messages:
-            if each.step != NO_STEP:
-                found.setdefault(each.step, each.offset_ns)
-        return [found[step] for step in range(len(self.steps))]
+        offsets_ns: dict[int, int] = {}
+        for message in self.messages:
+            if message.step != NO_STEP:
+                offsets_ns.setdefault(message.step, message.offset_ns)
+        return [offsets_ns[step] for step in range(len(self.steps))]
 
     def span_ns(self, rate_hz: float, steps: int) -> int:
         """How long so many steps take, up to when the one after them would be due."""

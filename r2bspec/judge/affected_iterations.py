@@ -84,16 +84,18 @@ def strict_refusal(judged: RequirementVerdict, disturbance_text: str) -> Require
 def disturbed_starts_text(one: RequirementVerdict, samples: RunSamples) -> str:
     """Which starts that a requirement rests on were disturbed, without a full stop."""
     played = {
-        each.segment.start
-        for rate_hz, found in samples.iterations.items()
+        start.segment.start
+        for rate_hz, iterations in samples.iterations.items()
         if one.is_at(rate_hz)
-        for each in found
+        for start in iterations
     }
     rests_on = played if METHODS[one.method].rests_on == "iterations" else {1}
-    found = [each for each in samples.record.starts if each.disturbed and each.number in rests_on]
+    found = [
+        start for start in samples.record.starts if start.disturbed and start.number in rests_on
+    ]
     if not found:
         return ""
-    names = ", ".join(str(each.number) for each in found)
+    names = ", ".join(str(start.number) for start in found)
     starts = "start" if len(found) == 1 else "starts"
     return f"Host interference while {starts} {names} came up: {', '.join(found[0].disturbed)}"
 
@@ -122,13 +124,13 @@ def _probes_of(one: RequirementVerdict, record: RunRecord) -> list[Probe]:
     """The probes that decided a requirement, the last one of each rate."""
     rests_on = METHODS[one.method].rests_on
     if rests_on == "probes":
-        found = [each for each in record.sustained if one.is_at(each.rate_hz)]
+        probes = [probe for probe in record.sustained if one.is_at(probe.rate_hz)]
     elif rests_on == "search" and record.search is not None:
         ends = (record.search.holds_hz, record.search.fails_hz)
-        found = [each for each in record.search.probes if each.rate_hz in ends]
+        probes = [probe for probe in record.search.probes if probe.rate_hz in ends]
     else:
-        found = []
-    return list({each.rate_hz: each for each in found}.values())
+        probes = []
+    return list({probe.rate_hz: probe for probe in probes}.values())
 
 
 _MAX_STEAL_SHARE = 0.01
@@ -145,26 +147,28 @@ def find_affected_iterations(samples: RunSamples) -> dict[str, DisturbedIteratio
 
     Affected reruns are included.
     """
-    found: dict[str, DisturbedIteration] = {}
+    disturbed: dict[str, DisturbedIteration] = {}
     for rate, iterations in samples.iterations.items():
         usual = median_pressure([one.interference for one in iterations])
-        for one in iterations:
-            again = samples.reruns.get(one.segment.id)
-            for each in (one, *([again] if again is not None else [])):
-                reasons = interference_reasons(each.interference, usual)
-                if each is again and (late := schedule_problem(rate, [each])):
+        for iteration in iterations:
+            again = samples.reruns.get(iteration.segment.id)
+            for candidate in (iteration, *([again] if again is not None else [])):
+                reasons = interference_reasons(candidate.interference, usual)
+                if candidate is again and (late := schedule_problem(rate, [candidate])):
                     reasons = (*reasons, late)
                 if reasons:
-                    found[each.segment.id] = DisturbedIteration(
-                        segment=each.segment.id,
+                    disturbed[candidate.segment.id] = DisturbedIteration(
+                        segment=candidate.segment.id,
                         rate_hz=rate,
                         reasons=reasons,
-                        rerun=again.segment.id if again is not None and each is one else "",
-                        rerun_of=each.segment.rerun_of,
-                        start=each.segment.start,
-                        taken=largest_taken_share(each.interference),
+                        rerun=again.segment.id
+                        if again is not None and candidate is iteration
+                        else "",
+                        rerun_of=candidate.segment.rerun_of,
+                        start=candidate.segment.start,
+                        taken=largest_taken_share(candidate.interference),
                     )
-    return found
+    return disturbed
 
 
 def largest_taken_share(known: HostInterference | None) -> float:
@@ -175,8 +179,10 @@ def largest_taken_share(known: HostInterference | None) -> float:
 
 def median_pressure(interference: Sequence[HostInterference | None]) -> float:
     """The pressure in the median iteration, to which the others are compared."""
-    known = [one.pressure for one in interference if one and one.pressure is not None]
-    return statistics.median(known) if known else 0.0
+    pressures = [
+        sample.pressure for sample in interference if sample and sample.pressure is not None
+    ]
+    return statistics.median(pressures) if pressures else 0.0
 
 
 def interference_reasons(one: HostInterference | None, usual: float) -> tuple[str, ...]:
@@ -188,9 +194,9 @@ def interference_reasons(one: HostInterference | None, usual: float) -> tuple[st
     """
     if one is None:
         return ()
-    found: list[str] = []
+    reasons: list[str] = []
     if one.steal is not None and one.steal > _MAX_STEAL_SHARE:
-        found.append(
+        reasons.append(
             f"{show(one.steal, 'share')} of the processor time was stolen by other virtual machines"
             f" (limit {show(_MAX_STEAL_SHARE, 'share')})"
         )
@@ -202,24 +208,24 @@ def interference_reasons(one: HostInterference | None, usual: float) -> tuple[st
                 if one.cores
                 else f"{one.foreign_cores:.2g}"
             )
-            found.append(f"other processes used {used} cores (limit {least:.2g})")
+            reasons.append(f"other processes used {used} cores (limit {least:.2g})")
     most = max(_MAX_PRESSURE, _MAX_PRESSURE_RATIO * usual)
     if one.pressure is not None and one.pressure > most:
-        found.append(
+        reasons.append(
             f"tasks waited for a processor {show(one.pressure, 'share')} of the time "
             f"(limit {show(most, 'share')})"
         )
     if one.throttled_s is not None and one.throttled_s > _MAX_THROTTLED_SHARE * one.seconds:
-        found.append(
+        reasons.append(
             f"processors were throttled for {show(one.throttled_s, 's')} "
             f"(limit {show(_MAX_THROTTLED_SHARE * one.seconds, 's')})"
         )
     if one.calibration is not None and one.calibration > _MAX_SLOWDOWN:
-        found.append(
+        reasons.append(
             f"the harness alone took {one.calibration:.2g} times as long as before "
             f"(limit {_MAX_SLOWDOWN:g})"
         )
-    return tuple(found)
+    return tuple(reasons)
 
 
 def without_affected(
@@ -229,8 +235,8 @@ def without_affected(
     kept = {
         rate: tuple(
             unaffected
-            for one in iterations
-            if (unaffected := _unaffected_or_rerun(one, samples, disturbed)) is not None
+            for iteration in iterations
+            if (unaffected := _unaffected_or_rerun(iteration, samples, disturbed)) is not None
         )
         for rate, iterations in samples.iterations.items()
     }
@@ -241,8 +247,8 @@ def best_case_run(samples: RunSamples, disturbed: Mapping[str, DisturbedIteratio
     """The run with the best case of each affected iteration, or an unaffected rerun."""
     kept = {
         rate: tuple(
-            _unaffected_or_rerun(one, samples, disturbed) or best_case_iteration(one)
-            for one in iterations
+            _unaffected_or_rerun(iteration, samples, disturbed) or best_case_iteration(iteration)
+            for iteration in iterations
         )
         for rate, iterations in samples.iterations.items()
     }
@@ -255,10 +261,10 @@ def worst_case_run(samples: RunSamples, disturbed: Mapping[str, DisturbedIterati
         samples,
         iterations={
             rate: tuple(
-                worst_case_iteration(one, disturbed[one.segment.id].taken)
-                if one.segment.id in disturbed
-                else one
-                for one in iterations
+                worst_case_iteration(iteration, disturbed[iteration.segment.id].taken)
+                if iteration.segment.id in disturbed
+                else iteration
+                for iteration in iterations
             )
             for rate, iterations in samples.iterations.items()
         },
@@ -279,14 +285,18 @@ def affected_iterations_text(
     played: RequirementVerdict, disturbed: Mapping[str, DisturbedIteration]
 ) -> str:
     """How many iterations at the rate of a requirement were affected; empty for none."""
-    first = [one for one in disturbed.values() if not one.rerun_of and played.is_at(one.rate_hz)]
+    first = [
+        affected
+        for affected in disturbed.values()
+        if not affected.rerun_of and played.is_at(affected.rate_hz)
+    ]
     if not first:
         return ""
     number = f"{len(first)} iterations" if len(first) > 1 else "1 iteration"
-    again = sum(bool(one.rerun) for one in first)
-    unaffected = sum(bool(one.rerun) and one.rerun not in disturbed for one in first)
+    again = sum(bool(affected.rerun) for affected in first)
+    unaffected = sum(bool(affected.rerun) and affected.rerun not in disturbed for affected in first)
     text = f"Host interference in {number}"
     if again:
         text += f"; {again} of them played again, {unaffected} without interference"
-    taken = max(one.taken for one in first)
+    taken = max(affected.taken for affected in first)
     return f"{text}; others took at most {show(taken, 'share')} of the time from the run"

@@ -80,12 +80,12 @@ def judge_baseline_requirements(
         policy: by which it was judged.
         judge_case: judges one requirement.
     """
-    unusable = {one.reason for one in verdict.unusable}
+    unusable = {requirement.reason for requirement in verdict.unusable}
     requirements = tuple(
-        one
-        if one.reason in unusable
-        else _judge_requirement(one, objectives, samples, policy, judge_case)
-        for one in verdict.requirements
+        requirement
+        if requirement.reason in unusable
+        else _judge_requirement(requirement, objectives, samples, policy, judge_case)
+        for requirement in verdict.requirements
     )
     return verdict.with_requirements(requirements, policy.inconclusive)
 
@@ -115,7 +115,7 @@ def _judge_requirement(
         reason, remedy = unknown
         return msgspec.structs.replace(one, reason=reason, remedy=remedy)
     own = objectives[one.objective].confidence
-    found = judge_case(
+    verdict = judge_case(
         BaselineCase(
             objective=one.objective,
             requirement=requirement,
@@ -128,9 +128,9 @@ def _judge_requirement(
         )
     )
     # The first runs of a history do not turn a new project red, unless it asks for that.
-    waits = found.learning and policy.inconclusive != "fail"
+    waits = verdict.learning and policy.inconclusive != "fail"
     return msgspec.structs.replace(
-        found, level="info" if waits else one.level, notes=(*found.notes, *one.notes)
+        verdict, level="info" if waits else one.level, notes=(*verdict.notes, *one.notes)
     )
 
 
@@ -162,8 +162,8 @@ def _resolution(info: MetricInfo, one: RequirementVerdict, samples: RunSamples) 
         return 0.0
     segment = iterations[0].segment
     window_s = (segment.ended_ns - segment.began_ns) / 1e9
-    known = _known(iteration_values(info, one.monitor, one.at_hz, samples))
-    return resolution(info, max(known, default=0.0), window_s)
+    values_known = _known(iteration_values(info, one.monitor, one.at_hz, samples))
+    return resolution(info, max(values_known, default=0.0), window_s)
 
 
 def iteration_values(
@@ -186,10 +186,10 @@ def iteration_values(
         return []
     return [
         # Without any output a ratio of drop rates says nothing: both sides would drop everything.
-        metric_value(info, monitor, one)
-        if monitor is None or one.monitors[monitor].answered
+        metric_value(info, monitor, sample)
+        if monitor is None or sample.monitors[monitor].answered
         else None
-        for one in samples.iterations_at(at_hz)
+        for sample in samples.iterations_at(at_hz)
     ]
 
 
@@ -198,8 +198,8 @@ def run_value(
 ) -> float | None:
     """A metric of a whole run: the mean of its iterations; None if one of them has no value."""
     values = iteration_values(info, monitor, at_hz, samples)
-    known = _known(values)
-    return math.fsum(known) / len(known) if known and len(known) == len(values) else None
+    usable = _known(values)
+    return math.fsum(usable) / len(usable) if usable and len(usable) == len(values) else None
 
 
 def _known(values: Iterable[float | None]) -> list[float]:
@@ -225,7 +225,9 @@ def tracked_metrics(run: Run, samples: RunSamples) -> Iterator[TrackedMetric]:
 
 def _default_metrics(run: Run, samples: RunSamples) -> Iterator[TrackedMetric]:
     graph = {
-        each.name for each in run.record.processes if each.role in {"host", "command", "container"}
+        process_record.name
+        for process_record in run.record.processes
+        if process_record.role in {"host", "command", "container"}
     }
     for rate in samples.iterations:
         for monitor in samples.monitors:
@@ -249,7 +251,7 @@ def required_metrics(plan: Plan, samples: RunSamples) -> Iterator[TrackedMetric]
             if info.scope in {"search", "probe", "truth"}:
                 continue
             monitors = samples.monitors if info.scope == "monitor" and not monitor else (monitor,)
-            yield from ((rate, each, info) for rate in rates for each in monitors)
+            yield from ((rate, monitor_name, info) for rate in rates for monitor_name in monitors)
 
 
 def judge_with_baseline(
@@ -270,23 +272,27 @@ def judge_with_baseline(
         policy: by which it was judged.
         baseline: the baseline runs.
     """
-    found = compare_with_baseline(verdict, objectives, samples, policy, baseline)
-    if not fails_by_history(found) or not found.is_judged:
-        return found
+    compared = compare_with_baseline(verdict, objectives, samples, policy, baseline)
+    if not fails_by_history(compared) or not compared.is_judged:
+        return compared
     if fresh is None or not policy.confirm:
-        return found.saying(_NO_SECOND_RUN if fresh is None else _NOT_COUNTED)
+        return compared.saying(_NO_SECOND_RUN if fresh is None else _NOT_COUNTED)
     own = without_own_confidence(objectives)
     alike = replace(policy, confidence=HISTORY_CONFIRMATION_CONFIDENCE, looks=None)
     again = compare_with_baseline(judge(own, fresh, alike), own, fresh, alike, baseline)
-    second = {one.key: one for one in again.requirements} if again.is_judged else {}
+    second = (
+        {requirement.key: requirement for requirement in again.requirements}
+        if again.is_judged
+        else {}
+    )
     # What failed without the history has had its own confirmation session.
     requirements = tuple(
-        confirm_requirement(one, second.get(one.key))
-        if one.method == "prediction interval"
-        else one
-        for one in found.requirements
+        confirm_requirement(requirement, second.get(requirement.key))
+        if requirement.method == "prediction interval"
+        else requirement
+        for requirement in compared.requirements
     )
-    confirmed = found.with_requirements(requirements, policy.inconclusive)
+    confirmed = compared.with_requirements(requirements, policy.inconclusive)
     return confirmed.saying(_CONFIRMED if fails_by_history(confirmed) else _NOT_CONFIRMED)
 
 
@@ -306,7 +312,8 @@ def compare_with_baseline(
 def fails_by_history(verdict: Verdict) -> bool:
     """Whether a verdict is a FAIL that a second run has to confirm."""
     return any(
-        one.fails_run and one.method == "prediction interval" for one in verdict.requirements
+        requirement.fails_run and requirement.method == "prediction interval"
+        for requirement in verdict.requirements
     )
 
 

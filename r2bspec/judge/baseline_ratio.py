@@ -199,12 +199,12 @@ def judge_history(case: BaselineCase, history: Values, new: float | None) -> Req
             f"{MIN_HISTORY_RUNS} are needed: {MIN_HISTORY_RUNS - len(earlier)} more.",
         )
         return msgspec.structs.replace(short, learning=learning)
-    found = sides.decided(
+    verdict = sides.decided(
         predicted_ratio(earlier, _known([new])[0], case.confidence),
         "runs",
         "Runs vary too much for this margin: compare interleaved pairs with --against.",
     )
-    return found.noted(_GRAPH_OR_MACHINE) if found.outcome == "fail" else found
+    return verdict.noted(_GRAPH_OR_MACHINE) if verdict.outcome == "fail" else verdict
 
 
 @dataclass(frozen=True)
@@ -263,10 +263,10 @@ def _count_missing(case: BaselineCase, values: Values) -> int:
 
 def _geometric_mean(values: Values) -> float | None:
     """The geometric mean, so that the ratio of two is the mean ratio; None if one is missing."""
-    known = [value for value in values if value is not None and _usable(value)]
-    if not known or len(known) < len(values):
+    usable = [value for value in values if value is not None and _usable(value)]
+    if not usable or len(usable) < len(values):
         return None
-    return math.exp(math.fsum(map(math.log, known)) / len(known))
+    return math.exp(math.fsum(map(math.log, usable)) / len(usable))
 
 
 def _usable(value: float) -> bool:

@@ -69,7 +69,7 @@ def run_caveats(requirements: Sequence[RequirementVerdict], samples: RunSamples)
 
 def with_caveats(requirements: Sequence[RequirementVerdict]) -> tuple[RequirementVerdict, ...]:
     """The final verdicts on requirements, with what each of them cannot know."""
-    return tuple(one.noted(*_few_bursts(one)) for one in requirements)
+    return tuple(requirement.noted(*_few_bursts(requirement)) for requirement in requirements)
 
 
 def _when_and_where(samples: RunSamples) -> str:
@@ -79,8 +79,8 @@ def _when_and_where(samples: RunSamples) -> str:
     on = f" on {where}" if where else ""
     try:
         began, ended = (
-            datetime.datetime.fromisoformat(each).astimezone(datetime.UTC)
-            for each in (record.started_at, record.ended_at)
+            datetime.datetime.fromisoformat(time_text).astimezone(datetime.UTC)
+            for time_text in (record.started_at, record.ended_at)
         )
     except ValueError:
         return f"Played{on} in one stretch of time"
@@ -90,24 +90,24 @@ def _when_and_where(samples: RunSamples) -> str:
 
 def _no_burst(requirements: Sequence[RequirementVerdict]) -> tuple[str, ...]:
     """That passes met no burst beyond their limits, once for all of them."""
-    found = [
-        (one.share.burst_tolerance, one)
-        for one in requirements
-        if one.share is not None
-        and _depends_on_bursts(one)
-        and one.share.over <= 1
-        and one.share.burst_tolerance is not None
+    verdicts = [
+        (requirement.share.burst_tolerance, requirement)
+        for requirement in requirements
+        if requirement.share is not None
+        and _depends_on_bursts(requirement)
+        and requirement.share.over <= 1
+        and requirement.share.burst_tolerance is not None
     ]
-    if not found:
+    if not verdicts:
         return ()
-    shortest, one = min(found, key=lambda each: each[0])
-    allowed = f"bursts of up to {show(shortest, '', 2)} {_counted(one)} on average"
-    if len(found) == 1:
-        text = f"{one.text.strip()} {WITHOUT_BURST} the limit; it allows {allowed}."
+    shortest, gap = min(verdicts, key=lambda each: each[0])
+    allowed = f"bursts of up to {show(shortest, '', 2)} {_counted(gap)} on average"
+    if len(verdicts) == 1:
+        text = f"{gap.text.strip()} {WITHOUT_BURST} the limit; it allows {allowed}."
         return (text,)
     text = (
-        f"{len(found)} requirements {WITHOUT_BURST} their limits; "
-        f"{one.text.strip()} allows the shortest, {allowed}."
+        f"{len(verdicts)} requirements {WITHOUT_BURST} their limits; "
+        f"{gap.text.strip()} allows the shortest, {allowed}."
     )
     return (text,)
 
@@ -139,13 +139,13 @@ def _ends_of_frequency(
     played: Sequence[SegmentSamples],
 ) -> tuple[tuple[float, str], tuple[float, str]]:
     """The lowest and the highest mean frequency of iterations, each with its segment."""
-    known = [
-        (one.interference.frequency_hz, one.segment.id)
-        for one in played
-        if one.interference is not None and one.interference.frequency_hz
+    frequencies = [
+        (sample.interference.frequency_hz, sample.segment.id)
+        for sample in played
+        if sample.interference is not None and sample.interference.frequency_hz
     ] or [(1.0, "")]
     frequency = itemgetter(0)
-    return min(known, key=frequency), max(known, key=frequency)
+    return min(frequencies, key=frequency), max(frequencies, key=frequency)
 
 
 def _few_bursts(one: RequirementVerdict) -> tuple[str, ...]:
@@ -245,18 +245,22 @@ def uneven_start_notes(case: RequirementCase, outcome: Outcome) -> tuple[str, ..
     """That few lost outputs do not show whether starts lose alike, where they are not as fast."""
     starts = starts_of(case.iterations)
     numbers, seen = list(dict.fromkeys(starts)), case.monitor_samples
-    lost = sum(one.missed for one in seen)
+    lost = sum(sample.missed for sample in seen)
     if outcome != "pass" or not case.is_upper_bound or lost >= _FEW_LOST or len(numbers) < 2:
         return ()
     by_start = [
         np.concatenate(
-            [one.times["latency"] for one, own in zip(seen, starts, strict=True) if own == number]
+            [
+                sample.times["latency"]
+                for sample, own in zip(seen, starts, strict=True)
+                if own == number
+            ]
         )
         for number in numbers
     ]
-    if not all(one.size for one in by_start):
+    if not all(values.size for values in by_start):
         return ()
-    middles = [float(np.median(one)) for one in by_start]
+    middles = [float(np.median(values)) for values in by_start]
     apart = [np.abs(one - middle) for one, middle in zip(by_start, middles, strict=True)]
     scatter = _MAD_TO_DEVIATION * float(np.median(np.concatenate(apart)))
     differ = statistics.stdev(middles)
@@ -291,7 +295,12 @@ def stall_notes(
     of_latency = case.info.family in LOSS_SENSITIVE_FAMILIES
     if outcome != "pass" or case.monitor is None or case.is_upper_bound != of_latency:
         return ()
-    played_s = sum(one.segment.ended_ns - one.segment.began_ns for one in case.iterations) / 1e9
+    played_s = (
+        sum(
+            iteration.segment.ended_ns - iteration.segment.began_ns for iteration in case.iterations
+        )
+        / 1e9
+    )
     if of_latency:
         margin = max(case.limit - upper, 1e-6)
         stall_s = math.sqrt(2 * margin * played_s / 3)
@@ -319,11 +328,13 @@ def stall_notes(
 
 def _stalls(seen: Sequence[MonitorSamples], family: str, least_s: float) -> int:
     """How many times messages were late by so much, or came so much later than the one before."""
-    times = [one.times[family if family in LOSS_SENSITIVE_FAMILIES else "interval"] for one in seen]
-    if not any(one.size for one in times):
+    times = [
+        sample.times[family if family in LOSS_SENSITIVE_FAMILIES else "interval"] for sample in seen
+    ]
+    if not any(time_.size for time_ in times):
         return 0
     late_s = float(np.median(np.concatenate(times))) + least_s
-    return sum(_bursts(one > late_s) for one in times)
+    return sum(_bursts(time_ > late_s) for time_ in times)
 
 
 def _bursts(flags: NDArray[np.bool_]) -> int:

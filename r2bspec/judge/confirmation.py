@@ -34,7 +34,9 @@ _REMEDY = "Run again; if the failure is intermittent, look for what differs betw
 
 def needs_confirmation(verdict: Verdict) -> bool:
     """Whether a verdict is a FAIL that has to be confirmed by a second session."""
-    return verdict.outcome == "fail" and any(one.fails_run for one in verdict.requirements)
+    return verdict.outcome == "fail" and any(
+        requirement.fails_run for requirement in verdict.requirements
+    )
 
 
 def confirm_requirement(
@@ -70,8 +72,15 @@ def confirm_run(first: Verdict, second: Verdict, policy: InconclusivePolicy = "r
             `CONFIRMATION_CONFIDENCE` and no interim looks.
         policy: what an inconclusive requirement does to the run.
     """
-    again = {one.key: one for one in second.requirements} if second.is_judged else {}
-    requirements = tuple(confirm_requirement(one, again.get(one.key)) for one in first.requirements)
+    again = (
+        {requirement.key: requirement for requirement in second.requirements}
+        if second.is_judged
+        else {}
+    )
+    requirements = tuple(
+        confirm_requirement(requirement, again.get(requirement.key))
+        for requirement in first.requirements
+    )
     return first.with_requirements(requirements, policy)
 
 

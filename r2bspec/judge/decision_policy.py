@@ -75,15 +75,22 @@ def decide_after_look(
         look: the look that was taken, from 1.
         requirements: the verdicts after it, those that count for the run.
     """
-    if any(one.outcome == "fail" for one in requirements):
+    if any(requirement.outcome == "fail" for requirement in requirements):
         return "fail"
     if looks.iterations[look - 1] < looks.declared:
-        waiting = [one for one in requirements if METHODS[one.method].rests_on == "iterations"]
+        waiting = [
+            requirement
+            for requirement in requirements
+            if METHODS[requirement.method].rests_on == "iterations"
+        ]
         decided = all(
-            one.outcome == "pass" and one.method in _GROWING and not one.early for one in waiting
+            requirement.outcome == "pass"
+            and requirement.method in _GROWING
+            and not requirement.early
+            for requirement in waiting
         )
         return "pass" if waiting and decided else "go on"
-    if all(one.outcome == "pass" for one in requirements):
+    if all(requirement.outcome == "pass" for requirement in requirements):
         return "pass"
     return (
         "go on" if look < len(looks) and any(map(_can_be_decided, requirements)) else "inconclusive"
@@ -114,14 +121,18 @@ def combine_looks(
     """
     latest = len(judged)
     numbered = [
-        msgspec.structs.replace(one, look=number, looks=len(looks))
-        for number, one in enumerate(judged, start=1)
+        msgspec.structs.replace(requirement, look=number, looks=len(looks))
+        for number, requirement in enumerate(judged, start=1)
     ]
     last = numbered[-1]
     if last.method not in _GROWING:
         return last
     # An observation is no test: later iterations may change it.
-    decided = (one for one in numbered if one.method in _GROWING and not one.early)
+    decided = (
+        requirement
+        for requirement in numbered
+        if requirement.method in _GROWING and not requirement.early
+    )
     first = next((one for one in decided if one.outcome != "inconclusive"), last)
     chosen = last if last.outcome == "fail" else first
     if chosen.outcome != "inconclusive" or latest == len(looks):

@@ -200,15 +200,15 @@ def _level(ascending: NDArray[np.float64], budget: float) -> NDArray[np.float64]
     and so does the first rank above it.
     """
     sums = np.concatenate(([0.0], np.cumsum(ascending)))
-    found = np.zeros(ascending.size)
+    levels = np.zeros(ascending.size)
     first = 0
     for rank in range(1, ascending.size + 1):
         level = (sums[rank] - sums[first] - budget) / (rank - first)
         while first < rank - 1 and ascending[first] <= level:
             first += 1
             level = (sums[rank] - sums[first] - budget) / (rank - first)
-        found[rank - 1] = max(0.0, level)
-    return found
+        levels[rank - 1] = max(0.0, level)
+    return levels
 
 
 def _most_at_once(published: NDArray[np.int64], received: NDArray[np.int64]) -> int:

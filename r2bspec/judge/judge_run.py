@@ -99,7 +99,8 @@ def judge_with_confirmation(
     """
     first = judge(objectives, samples, policy)
     can_be_repeated = any(
-        one.fails_run and METHODS[one.method].rests_on != "truth" for one in first.requirements
+        requirement.fails_run and METHODS[requirement.method].rests_on != "truth"
+        for requirement in first.requirements
     )
     if not needs_confirmation(first) or not can_be_repeated:
         return first
@@ -108,9 +109,9 @@ def judge_with_confirmation(
     if not policy.confirm:
         return first.saying(_NOT_COUNTED)
     second = judge_confirmation(objectives, samples.confirmation, first, policy)
-    found = confirm_run(first, second, policy.inconclusive)
-    found = found.saying(_CONFIRMED if needs_confirmation(found) else _NOT_CONFIRMED)
-    return msgspec.structs.replace(found, disturbed=(*first.disturbed, *second.disturbed))
+    verdict = confirm_run(first, second, policy.inconclusive)
+    verdict = verdict.saying(_CONFIRMED if needs_confirmation(verdict) else _NOT_CONFIRMED)
+    return msgspec.structs.replace(verdict, disturbed=(*first.disturbed, *second.disturbed))
 
 
 def judge_confirmation(
@@ -127,13 +128,17 @@ def judge_confirmation(
         first: the verdict on the first session; only what failed there is judged again.
         policy: of the first session.
     """
-    failed = {one.key for one in first.requirements if one.outcome == "fail"}
+    failed = {
+        requirement.key for requirement in first.requirements if requirement.outcome == "fail"
+    }
     # One start plays as many iterations as have failed, and is judged once.
     looks = policy.looks if policy.looks is not None and policy.looks.after_starts else None
     policy = replace(policy, confidence=CONFIRMATION_CONFIDENCE, looks=looks)
-    found = judge(without_own_confidence(objectives), confirmation, policy)
-    judged_again = tuple(one for one in found.requirements if one.key in failed)
-    return msgspec.structs.replace(found, requirements=judged_again)
+    verdict = judge(without_own_confidence(objectives), confirmation, policy)
+    judged_again = tuple(
+        requirement for requirement in verdict.requirements if requirement.key in failed
+    )
+    return msgspec.structs.replace(verdict, requirements=judged_again)
 
 
 def build_result(
@@ -156,7 +161,7 @@ def build_result(
         name=plan.name,
         title=plan.title,
         labels=plan.labels,
-        monitor_labels={each.name: each.label for each in plan.monitors if each.label},
+        monitor_labels={monitor.name: monitor.label for monitor in plan.monitors if monitor.label},
         run_id=record.run_id,
         status=record.status,
         reason=record.reason,
@@ -197,7 +202,7 @@ def build_result(
 
 def _on_what_was_played(verdict: Verdict, record: RunRecord) -> Verdict:
     """The verdict, saying which messages it is not about, where these are more than a few."""
-    missing = [one.text for one in record.unplayed if one.is_warning]
+    missing = [requirement.text for requirement in record.unplayed if requirement.is_warning]
     if not missing:
         return verdict
     reason = f"{verdict.reason} {'; '.join(missing)}."

@@ -126,7 +126,7 @@ def taken_shares(
 ) -> TakenShares:
     """What others can have taken from both sides, and whether `side` has an excess."""
     base, head = ([_taken(run, at_hz) for run in runs] for runs in (pairs.base, pairs.head))
-    excesses = [pair_excess(one, other, at_hz) for one, other in pairs.each_with_other(side)]
+    excesses = [pair_excess(run, other, at_hz) for run, other in pairs.each_with_other(side)]
     excess = mean_interval(excesses, confidence).lower if len(excesses) > 1 else 0.0
     number = max(1, len(excesses))
     return TakenShares(math.fsum(base) / number, math.fsum(head) / number, excess)
@@ -141,7 +141,7 @@ def pair_excess(one: RunSamples, other: RunSamples, at_hz: float | None) -> floa
 
 def without_excess(pairs: InterleavedRuns, side: Side) -> InterleavedRuns:
     """The pairs with the affected iterations of one side as if it had met what the other met."""
-    runs = [_without_excess(one, other) for one, other in pairs.each_with_other(side)]
+    runs = [_without_excess(run, other) for run, other in pairs.each_with_other(side)]
     return replace(pairs, base=runs) if side == "base" else replace(pairs, head=runs)
 
 
@@ -193,10 +193,10 @@ def _without_excess(one: RunSamples, other: RunSamples) -> RunSamples:
         one,
         iterations={
             rate: tuple(
-                best_case_iteration(each, max(0.0, pair_excess(one, other, rate)))
-                if each.segment.id in affected
-                else each
-                for each in played
+                best_case_iteration(iteration, max(0.0, pair_excess(one, other, rate)))
+                if iteration.segment.id in affected
+                else iteration
+                for iteration in played
             )
             for rate, played in one.iterations.items()
         },
@@ -205,15 +205,17 @@ def _without_excess(one: RunSamples, other: RunSamples) -> RunSamples:
 
 def _taken(run: RunSamples, at_hz: float | None) -> float:
     """The share of the time that others can have taken from a run at a rate, in the mean."""
-    return _mean([largest_taken_share(each.interference) for each in run.iterations_at(at_hz)])
+    return _mean(
+        [largest_taken_share(iteration.interference) for iteration in run.iterations_at(at_hz)]
+    )
 
 
 def _own_cores(run: RunSamples, at_hz: float | None) -> float:
     """The processor time per time that a run used at a rate; 0 if it is not known."""
     return _mean(
         [
-            (each.interference.own_cores if each.interference else None) or 0.0
-            for each in run.iterations_at(at_hz)
+            (iteration.interference.own_cores if iteration.interference else None) or 0.0
+            for iteration in run.iterations_at(at_hz)
         ]
     )
 
@@ -269,10 +271,10 @@ def judge_comparison(
     if again is None or not policy.confirm:
         return verdict.saying(_NO_NEW_PAIRS if again is None else _NOT_COUNTED)
     new_objectives, new_policy = confirmation_terms(objectives, policy)
-    found = confirm_run(
+    run_verdict = confirm_run(
         verdict, judge_pair_set(new_objectives, again, new_policy), policy.inconclusive
     )
-    return found.saying(_CONFIRMED if needs_confirmation(found) else _NOT_CONFIRMED)
+    return run_verdict.saying(_CONFIRMED if needs_confirmation(run_verdict) else _NOT_CONFIRMED)
 
 
 def confirmation_terms(
@@ -320,14 +322,18 @@ def reruns_can_decide(
         pair_set: of the session.
         policy: by which it was judged.
     """
-    opened = [one.weakened and _is_on_pairs(one) for one in verdict.requirements]
+    opened = [
+        requirement.weakened and _is_on_pairs(requirement) for requirement in verdict.requirements
+    ]
     if not verdict.is_judged or not any(opened):
         return False
     policy = replace(policy, looks=pair_set.looks)
     as_played = _judge(objectives, pair_set.played, policy).requirements
     requirements = [
-        played if was_opened else one
-        for one, played, was_opened in zip(verdict.requirements, as_played, opened, strict=True)
+        played if was_opened else requirement
+        for requirement, played, was_opened in zip(
+            verdict.requirements, as_played, opened, strict=True
+        )
     ]
     return outcome_of(requirements, policy.inconclusive)[0] != verdict.outcome
 
@@ -345,7 +351,9 @@ def _examine_pairs(
     policy: DecisionPolicy,
 ) -> tuple[RequirementVerdict, ...]:
     """The requirements of a verdict on all pairs, with regard to host interference."""
-    decided = {one.outcome for one in verdict.requirements if _is_on_pairs(one)}
+    decided = {
+        pair_verdict.outcome for pair_verdict in verdict.requirements if _is_on_pairs(pair_verdict)
+    }
     if not decided & {"pass", "fail"}:
         return verdict.requirements
     text = pair_set.disturbance_text
@@ -358,12 +366,14 @@ def _examine_pairs(
         if outcome in decided
     }
     requirements = []
-    for place, one in enumerate(verdict.requirements):
-        if not _is_on_pairs(one) or one.outcome == "inconclusive":
-            requirements.append(one)
+    for place, requirement in enumerate(verdict.requirements):
+        if not _is_on_pairs(requirement) or requirement.outcome == "inconclusive":
+            requirements.append(requirement)
             continue
-        taken = taken_shares(pair_set.played, _EXPLAINED_BY[one.outcome], one.at_hz)
-        judged = _examined(one, calm[place], without[one.outcome][place], taken, text)
+        taken = taken_shares(pair_set.played, _EXPLAINED_BY[requirement.outcome], requirement.at_hz)
+        judged = _examined(
+            requirement, calm[place], without[requirement.outcome][place], taken, text
+        )
         # Under ``strict`` a PASS needs an unaffected pair in place of each.
         accepted = replaced and calm[place].outcome == "pass"
         if policy.interference == "strict" and judged.outcome == "pass" and not accepted:
@@ -379,7 +389,7 @@ def _judge(objectives: Objectives, pairs: InterleavedRuns, policy: DecisionPolic
         return _judge_once(objectives, pairs, policy)
     verdicts = [
         _judge_once(
-            {name: _at_look(one, looks, look) for name, one in objectives.items()},
+            {name: _at_look(objective, looks, look) for name, objective in objectives.items()},
             pairs.first(looks.iterations[look - 1]),
             replace(policy, looks=None, confidence=looks.confidence_at(look, policy.confidence)),
         )
@@ -405,14 +415,14 @@ def _judge_once(objectives: Objectives, pairs: InterleavedRuns, policy: Decision
     verdict = judge_baseline_requirements(
         verdict, objectives, pairs.merged, policy, lambda case: _judge_by_pairs(case, pairs)
     )
-    if not any(one.metric == "sustained" for one in verdict.requirements):
+    if not any(requirement.metric == "sustained" for requirement in verdict.requirements):
         return verdict
-    each = [judge(objectives, run, policy).requirements for run in pairs.head]
+    by_run = [judge(objectives, run, policy).requirements for run in pairs.head]
     requirements = tuple(
-        _combine_sustained([found[place] for found in each])
-        if one.metric == "sustained" and each
-        else one
-        for place, one in enumerate(verdict.requirements)
+        _combine_sustained([found[place] for found in by_run])
+        if requirement.metric == "sustained" and by_run
+        else requirement
+        for place, requirement in enumerate(verdict.requirements)
     )
     return verdict.with_requirements(requirements, policy.inconclusive)
 
@@ -427,20 +437,26 @@ def _judge_by_pairs(case: BaselineCase, pairs: InterleavedRuns) -> RequirementVe
 
 def _combine_sustained(found: Sequence[RequirementVerdict]) -> RequirementVerdict:
     """The combined verdict of the probes of all runs of the head."""
-    outcomes = [one.outcome for one in found]
+    outcomes = [run_verdict.outcome for run_verdict in found]
     outcome: Outcome = outcomes[0] if len(set(outcomes)) == 1 else "inconclusive"
     counts = ", ".join(
-        f"{outcomes.count(each)} {what}"
-        for each, what in (("pass", "passed"), ("fail", "failed"), ("inconclusive", "undecided"))
-        if each in outcomes
+        f"{outcomes.count(outcome_)} {what}"
+        for outcome_, what in (
+            ("pass", "passed"),
+            ("fail", "failed"),
+            ("inconclusive", "undecided"),
+        )
+        if outcome_ in outcomes
     )
-    one = next((one for one in found if one.outcome == outcome), found[0])
+    verdict = next(
+        (run_verdict for run_verdict in found if run_verdict.outcome == outcome), found[0]
+    )
     return msgspec.structs.replace(
-        one,
+        verdict,
         outcome=outcome,
         n=len(found),
-        notes=(*one.notes, f"Probed in {len(found)} runs of the head: {counts}."),
-        remedy=one.remedy if outcome == "inconclusive" else "",
+        notes=(*verdict.notes, f"Probed in {len(found)} runs of the head: {counts}."),
+        remedy=verdict.remedy if outcome == "inconclusive" else "",
     )
 
 
@@ -452,5 +468,9 @@ def why_unusable(samples: RunSamples) -> str:
 
 def interference_text(samples: RunSamples) -> str:
     """The host interference in the iterations of a run, in words; empty for none."""
-    found = [reason for one in find_affected_iterations(samples).values() for reason in one.reasons]
-    return "; ".join(dict.fromkeys(found))
+    reasons = [
+        reason
+        for affected_iteration in find_affected_iterations(samples).values()
+        for reason in affected_iteration.reasons
+    ]
+    return "; ".join(dict.fromkeys(reasons))

@@ -340,7 +340,9 @@ def _metric_of(
         return info, (monitor,), ""
     if info.scope == "truth":
         kind = kind_of(info.name)
-        compared = [one.monitor for one in samples.record.accuracy if one.kind == kind]
+        compared = [
+            accuracy.monitor for accuracy in samples.record.accuracy if accuracy.kind == kind
+        ]
         return info, tuple(compared) or (None,), ""
     return info, samples.monitors if info.scope == "monitor" else (None,), ""
 
@@ -425,15 +427,15 @@ def _without_iterations(case: RequirementCase, _: RunSamples) -> Decision | None
 def _without_output(case: RequirementCase, _: RunSamples) -> Decision | None:
     """A failure if the monitor received no output at all."""
     seen = case.monitor_samples
-    if case.monitor is None or any(one.answered for one in seen):
+    if case.monitor is None or any(sample.answered for sample in seen):
         return None
     if seen[0].own_pace:
         count = len(seen)
         reason = f"Monitor '{case.monitor}' received nothing in {show(count, 'count')} "
         reason += "iterations." if count > 1 else "iteration."
         return Decision(outcome="fail", method="none", reason=reason)
-    received, sent = sum(one.received for one in seen), sum(one.sent for one in seen)
-    overdue = sum(one.overdue for one in seen)
+    received, sent = sum(sample.received for sample in seen), sum(sample.sent for sample in seen)
+    overdue = sum(sample.overdue for sample in seen)
     if overdue:
         reason = (
             f"Monitor '{case.monitor}' received no answer in time for {show(sent, 'count')} "
@@ -443,7 +445,7 @@ def _without_output(case: RequirementCase, _: RunSamples) -> Decision | None:
     elif not received:
         reason = f"Monitor '{case.monitor}' received nothing for {show(sent, 'count')} inputs."
     else:
-        period_s = pooled_period_s([one.own_period_s for one in seen])
+        period_s = pooled_period_s([sample.own_period_s for sample in seen])
         reason = (
             f"Monitor '{case.monitor}' received {show(received, 'count')} messages, but none "
             "has the stamp of an input: "
@@ -463,7 +465,7 @@ def _without_latency(case: RequirementCase, _: RunSamples) -> Decision | None:
     if unpaired := latency_unknown_by_order(case.info, case.monitor, case.iterations):
         return undecided(*unpaired)
     seen = case.monitor_samples
-    unstamped = any(one.received and not one.times["age"].size for one in seen)
+    unstamped = any(sample.received and not sample.times["age"].size for sample in seen)
     if not (case.info.family in {"latency", "age"} and seen[0].own_pace and unstamped):
         return None
     if not case.iterations[0].live:
@@ -501,8 +503,8 @@ def latency_unknown_by_order(
     """Why a latency is unknown where outputs are matched by order, and what to do; else None."""
     if monitor is None or info.family not in LOSS_SENSITIVE_FAMILIES:
         return None
-    seen = [one.monitors[monitor] for one in iterations]
-    if not any(one.unknown_latency for one in seen):
+    seen = [iteration.monitors[monitor] for iteration in iterations]
+    if not any(sample.unknown_latency for sample in seen):
         return None
     reason = (
         f"The latency at monitor '{monitor}' is unknown: {pool_monitor(seen).unknown_latency}. "
@@ -552,9 +554,9 @@ def refuse_affected_pass(
     if run.policy.interference != "strict" or played.outcome != "pass" or not text:
         return played
     replaced = all(
-        one.rerun and one.rerun not in run.affected
-        for one in run.affected.values()
-        if not one.rerun_of and played.is_at(one.rate_hz)
+        affected.rerun and affected.rerun not in run.affected
+        for affected in run.affected.values()
+        if not affected.rerun_of and played.is_at(affected.rate_hz)
     )
     if replaced and judged.decided_by(run.unaffected_samples).outcome == "pass":
         return played.noted(f"{text}. With those in their places it passes, too.")
@@ -639,7 +641,7 @@ def _run_verdict(run: JudgedRun, requirements: tuple[RequirementVerdict, ...]) -
         Unusable(offered_hz=rate, reason=reason)
         for rate, reason in sorted({**validity.probes, **validity.iterations}.items())
         # Without requirements the run was made for its figures alone.
-        if not requirements or any(one.reason == reason for one in requirements)
+        if not requirements or any(requirement.reason == reason for requirement in requirements)
     )
     outcome, reason = _overall_outcome(run, requirements, unusable)
     judged = outcome not in {"invalid", "incomplete"}

@@ -131,9 +131,9 @@ class Criterion:
     @property
     def messages_without_loss(self) -> int:
         """So many messages, none of them lost, show that few enough are lost."""
-        found = min_sample_size(self.max_lost, 1 - self.error)
+        count = min_sample_size(self.max_lost, 1 - self.error)
         # The first third is left out, and a message on either side does not count.
-        return math.ceil((found or 0) * _TRANSIENT_DIVISOR / (_TRANSIENT_DIVISOR - 1)) + 3
+        return math.ceil((count or 0) * _TRANSIENT_DIVISOR / (_TRANSIENT_DIVISOR - 1)) + 3
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ def plan_interim_looks(limit_s: float) -> tuple[InterimLook, ...]:
         times.append(at_s)
         at_s *= LOOKS_RATIO
     times.append(limit_s)
-    return tuple(InterimLook(each, each / sum(times)) for each in times)
+    return tuple(InterimLook(time_, time_ / sum(times)) for time_ in times)
 
 
 def estimate_probe(
@@ -313,7 +313,7 @@ def worst_judgement(judgements: Sequence[ProbeJudgement]) -> ProbeJudgement:
     """
     nothing = ProbeJudgement(None, "nothing was published yet")
     worst = min(judgements, key=_rank, default=nothing)
-    lost = max((each.lost_at_most for each in judgements), default=1.0)
+    lost = max((judgement.lost_at_most for judgement in judgements), default=1.0)
     return replace(worst, lost_at_most=lost) if lost != worst.lost_at_most else worst
 
 
@@ -367,10 +367,10 @@ def _kept_up(
     """The judgement where the backlog does not grow, but few losses are not shown."""
     number = int(estimate.dropped.size)
     seen = int(np.count_nonzero(estimate.dropped))
-    known = f"at most {100 * judgement.lost_at_most:.2g} % lost ({seen} of {number} messages)"
+    loss_text = f"at most {100 * judgement.lost_at_most:.2g} % lost ({seen} of {number} messages)"
     if seen > criterion.max_lost * number:
-        return replace(judgement, reason=known)
-    return replace(judgement, keeps_up=True, reason=f"keeps up; {known}")
+        return replace(judgement, reason=loss_text)
+    return replace(judgement, keeps_up=True, reason=f"keeps up; {loss_text}")
 
 
 def _fails(
@@ -420,7 +420,7 @@ def _share_bounds(happened: NDArray[np.bool_], error: float) -> tuple[float, flo
         return 0.0, 0.0
     if happened.size < _BATCHES:
         return 0.0, 1.0
-    shares = [float(each.mean()) for each in np.array_split(happened, _BATCHES)]
+    shares = [float(batch.mean()) for batch in np.array_split(happened, _BATCHES)]
     half = _t_quantile(_BATCHES, error) * float(np.std(shares, ddof=1)) / math.sqrt(_BATCHES)
     share = float(happened.mean())
     return share - half, share + half

@@ -259,7 +259,7 @@ def _approach(plays: Sequence[CompletionTimes], stages: int) -> float:
     if stages < 2:
         return 0.0
     largest = 2 * math.sqrt(stages) - 1.77 / math.pow(stages, 1 / 6)
-    intervals = np.concatenate([np.diff(each.settled()) for each in plays])
+    intervals = np.concatenate([np.diff(play.settled()) for play in plays])
     mean = float(intervals.mean()) if intervals.size else 0.0
     if mean <= 0:
         return 0.0
@@ -306,7 +306,7 @@ def find_stops(plays: Sequence[CompletionTimes], precision: float) -> NonStation
             continue
         # What stops until the end of a play has no output after it.
         gap = np.diff(play.times_s, append=max(play.played_s, float(play.times_s[-1])))
-        middle, tail, far = (float(each) for each in np.quantile(gap, (0.5, 0.9, 0.99)))
+        middle, tail, far = (float(bound) for bound in np.quantile(gap, (0.5, 0.9, 0.99)))
         least_s = max(_MIN_STOP_S, _STOP_PERIODS * middle, tail + _STOP_TAILS * (tail - middle))
         stops_s = gap[gap > least_s] - middle
         if stops_s.size:
@@ -339,9 +339,9 @@ def _most_stops(number: int) -> float:
 
 def find_start(plays: Sequence[CompletionTimes], precision: float) -> NonStationarity | None:
     """A start that is faster or slower than the rest of an overloaded play; the clearest one."""
-    found: list[NonStationarity] = []
+    findings: list[NonStationarity] = []
     for seconds in _STARTS_S:
-        long = [each for each in plays if each.played_s >= 1.8 * seconds]
+        long = [play for play in plays if play.played_s >= 1.8 * seconds]
         first, rest = _pace(long, 0.0, seconds), _pace(long, seconds, math.inf)
         if first is None or rest is None:
             continue
@@ -353,15 +353,17 @@ def find_start(plays: Sequence[CompletionTimes], precision: float) -> NonStation
             continue
         ratio = math.exp(abs(log_ratio))
         word = "faster" if log_ratio > 0 else "slower"
-        found.append(NonStationarity(f"{ratio:.2f} times {word} in the first {seconds:g} s", ratio))
-    return max(found, key=lambda each: each.ratio, default=None)
+        findings.append(
+            NonStationarity(f"{ratio:.2f} times {word} in the first {seconds:g} s", ratio)
+        )
+    return max(findings, key=lambda each: each.ratio, default=None)
 
 
 def find_drift(plays: Sequence[CompletionTimes], precision: float) -> NonStationarity | None:
     """A speed that falls or rises over all plays."""
-    cut = [batches(each) for each in plays]
-    pace = np.concatenate([each.seconds for each in cut]) if cut else np.empty(0)
-    at_s = np.concatenate([each.begun_s for each in cut]) if cut else np.empty(0)
+    cut = [batches(play) for play in plays]
+    pace = np.concatenate([play_times.seconds for play_times in cut]) if cut else np.empty(0)
+    at_s = np.concatenate([play_times.begun_s for play_times in cut]) if cut else np.empty(0)
     if pace.size < _MIN_COMPARED_BATCHES or pace.min() <= 0:
         return None
     t = at_s - at_s.mean()
@@ -384,16 +386,16 @@ def find_drift(plays: Sequence[CompletionTimes], precision: float) -> NonStation
 
 def find_wander(plays: Sequence[CompletionTimes], precision: float) -> NonStationarity | None:
     """A speed that differs from second to second by more than single messages explain."""
-    cut = [batches(each) for each in plays]
-    pace = np.concatenate([each.seconds for each in cut]) if cut else np.empty(0)
+    cut = [batches(play) for play in plays]
+    pace = np.concatenate([play_times.seconds for play_times in cut]) if cut else np.empty(0)
     if pace.size < _MIN_COMPARED_BATCHES or pace.min() <= 0:
         return None
     expected = float(
         np.mean(
             [
-                np.var(np.diff(play.settled())) / each.outputs
-                for play, each in zip(plays, cut, strict=True)
-                if each.outputs
+                np.var(np.diff(play.settled())) / play_times.outputs
+                for play, play_times in zip(plays, cut, strict=True)
+                if play_times.outputs
             ]
         )
     )
@@ -401,7 +403,7 @@ def find_wander(plays: Sequence[CompletionTimes], precision: float) -> NonStatio
     deviation = math.sqrt(variance) / float(pace.mean())
     if deviation < precision or variance <= _wander_limit(pace.size) * expected:
         return None
-    low, high = (float(each) for each in np.quantile(1 / pace, (0.05, 0.95)))
+    low, high = (float(bound) for bound in np.quantile(1 / pace, (0.05, 0.95)))
     per_step = plays[0].per_step
     return NonStationarity(
         f"its speed wanders between {low / per_step:.3g} Hz and {high / per_step:.3g} Hz",
@@ -474,7 +476,7 @@ def find_nonstationarity(
     if stops is not None:
         return (stops,)
     for find in (find_start, find_drift, find_wander):
-        found = find(overloaded, precision)
-        if found is not None:
-            return (found,)
+        finding = find(overloaded, precision)
+        if finding is not None:
+            return (finding,)
     return ()

@@ -136,9 +136,14 @@ class UnsteadyPart:
     def advice(self, samples: RunSamples, iterations: Sequence[SegmentSamples]) -> str:
         """What would leave it out, or show where it ends, as a sentence."""
         advice = _ADVICE[self.kind]
-        if self.kind == "first iteration" and len({one.segment.start for one in iterations}) == 1:
+        if (
+            self.kind == "first iteration"
+            and len({iteration.segment.start for iteration in iterations}) == 1
+        ):
             advice = _WARM_UP
-        played_s = [_length_s(one) for one in samples.record.segments if one.kind == "warm_up"]
+        played_s = [
+            _length_s(segment) for segment in samples.record.segments if segment.kind == "warm_up"
+        ]
         needed_s = max(played_s, default=0.0) + _length_s(iterations[0].segment)
         return advice.format(warm_up=f"{math.ceil(needed_s)} s")
 
@@ -146,8 +151,8 @@ class UnsteadyPart:
         """The run without this part of its iterations at a rate."""
         kept = {
             rate: tuple(
-                later_part(one, self.opening_s) if self.opening_s else one
-                for place, one in enumerate(played)
+                later_part(play, self.opening_s) if self.opening_s else play
+                for place, play in enumerate(played)
                 if place not in self.left_out
             )
             if math.isclose(rate, at_hz)
@@ -198,7 +203,9 @@ def iteration_times(
     value. An iteration that was not played at a rate is not divided: its messages differ.
     """
     known = tuple(
-        times for one in iterations if (times := _times_of(info, monitor, one)) is not None
+        times
+        for iteration in iterations
+        if (times := _times_of(info, monitor, iteration)) is not None
     )
     return known if len(known) == len(iterations) else ()
 
@@ -231,7 +238,7 @@ def find_unsteady_part(played: Sequence[IterationTimes]) -> UnsteadyPart | None:
     Args:
         played: the iterations, in the order of time.
     """
-    levels = np.array([one.level() for one in played])
+    levels = np.array([play.level() for play in played])
     parts = (
         *_openings(played),
         *_halves(played),
@@ -243,17 +250,17 @@ def find_unsteady_part(played: Sequence[IterationTimes]) -> UnsteadyPart | None:
 
 def _openings(played: Sequence[IterationTimes]) -> Iterator[UnsteadyPart]:
     for length_s in _OPENINGS_S:
-        shortest_s = min((one.length_s for one in played), default=0.0)
+        shortest_s = min((play.length_s for play in played), default=0.0)
         windows = int(shortest_s / length_s + 1e-6)
         if windows < _MIN_WINDOWS:
             continue
-        first = np.array([one.level(0.0, length_s) for one in played])
-        rest = np.array([one.level(length_s) for one in played])
+        first = np.array([play.level(0.0, length_s) for play in played])
+        rest = np.array([play.level(length_s) for play in played])
         if not _differs(first - rest, _OPENING_ERROR, _LEAST_WITHIN):
             continue
         later = np.array(
             [
-                [one.level(at * length_s, (at + 1) * length_s) for one in played]
+                [play.level(at * length_s, (at + 1) * length_s) for play in played]
                 for at in range(1, windows)
             ]
         )
@@ -265,11 +272,11 @@ def _openings(played: Sequence[IterationTimes]) -> Iterator[UnsteadyPart]:
 
 
 def _halves(played: Sequence[IterationTimes]) -> Iterator[UnsteadyPart]:
-    half_s = min((one.length_s for one in played), default=0.0) / 2
+    half_s = min((play.length_s for play in played), default=0.0) / 2
     if not half_s:
         return
-    first = np.array([one.level(0.0, half_s) for one in played])
-    second = np.array([one.level(half_s) for one in played])
+    first = np.array([play.level(0.0, half_s) for play in played])
+    second = np.array([play.level(half_s) for play in played])
     if _differs(first - second, _HALF_ERROR, _LEAST_WITHIN):
         yield _part("half", first, second, opening_s=half_s)
 
@@ -298,7 +305,7 @@ def _firsts(
 def _drift(played: Sequence[IterationTimes], levels: NDArray[np.float64]) -> Iterator[UnsteadyPart]:
     from scipy.special import chdtrc, stdtr
 
-    times = np.array([one.begun_s for one in played])
+    times = np.array([play.begun_s for play in played])
     starts = _places_by_start(played)
     pieces = starts if len(starts) > 1 else [np.array([place]) for place in range(len(played))]
     if len(pieces) < _MIN_LINE:
@@ -335,7 +342,7 @@ def _line(at: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, 
 
 
 def _places_by_start(played: Sequence[IterationTimes]) -> list[NDArray[np.int64]]:
-    numbers = np.array([one.start for one in played])
+    numbers = np.array([play.start for play in played])
     return [np.flatnonzero(numbers == number) for number in dict.fromkeys(numbers.tolist())]
 
 
@@ -349,7 +356,7 @@ def _part(
 ) -> UnsteadyPart:
     """A part, from logarithms."""
     places = frozenset(int(place) for place in left_out)
-    value, other = (float(np.exp(np.mean(each))) for each in (part, rest))
+    value, other = (float(np.exp(np.mean(logs))) for logs in (part, rest))
     return UnsteadyPart(kind, value, other, places, opening_s)
 
 

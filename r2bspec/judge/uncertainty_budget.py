@@ -101,8 +101,12 @@ class Costs:
     @classmethod
     def of(cls, iterations: Sequence[SegmentSamples], record: RunRecord) -> Costs:
         """Those of the run with these iterations at one rate."""
-        played = [one for one in record.segments if one.kind == "iteration" and one.complete]
-        starts = [one.cost_ns for one in record.starts if not one.confirms]
+        played = [
+            segment
+            for segment in record.segments
+            if segment.kind == "iteration" and segment.complete
+        ]
+        starts = [start.cost_ns for start in record.starts if not start.confirms]
         gaps = [
             max(later.began_ns - earlier.ended_ns, 0)
             for earlier, later in pairwise(played)
@@ -110,7 +114,7 @@ class Costs:
         ]
         return cls(
             start=_median(starts[1:] or starts),
-            iteration=sum(one.ended_ns - one.began_ns for one in played)
+            iteration=sum(iteration.ended_ns - iteration.began_ns for iteration in played)
             / 1e9
             / max(len(iterations), 1),
             gap=_median(gaps),
@@ -212,7 +216,7 @@ def deciding_addition(
     if not math.isfinite(growth):
         return None
     ways = list(additions(observed, growth, confidence, costs))
-    counted = [one for one in ways if one.what != "length"]
+    counted = [way for way in ways if way.what != "length"]
     allowed = counted or ([] if observed.by_level else ways)
     return min(allowed, key=lambda one: one.seconds, default=None)
 
@@ -294,19 +298,19 @@ def uncertainty_budget(
     clock = min(rounding**2, whole)
     harness = _harness_share(case, record)
     sampling -= (by_harness := (harness or 0.0) * sampling)
-    known: dict[VarianceSource, float] = {
+    variances: dict[VarianceSource, float] = {
         "starts": starts,
         "iterations": iterations,
         "sampling": sampling,
         "harness": by_harness,
     }
     # What the clock rounds is a part of what scatters.
-    scatter = math.fsum(known.values())
+    scatter = math.fsum(variances.values())
     rest = max(scatter - clock, 0.0)
     limit = (whole - clock) / rest if rest > whole - clock else 1.0
     parts = {
         source: variance * (rest / scatter if scatter else 0.0) * limit
-        for source, variance in known.items()
+        for source, variance in variances.items()
     } | {"clock": clock}
     parts["allowance"] = max(whole - math.fsum(parts.values()), 0.0)
     unknown = _unknown(case, observed, sample, harness)
@@ -333,24 +337,26 @@ def _unknown(
     case: RequirementCase, observed: Observations, sample: NestedSample, harness: float | None
 ) -> dict[VarianceSource, str]:
     """The sources that cannot be told apart, and why."""
-    found: dict[VarianceSource, str] = {}
+    reasons: dict[VarianceSource, str] = {}
     starts, number = len(sample.sizes), sample.number
     if starts == 1:
-        found["starts"] = "One start does not show by how much starts differ."
+        reasons["starts"] = "One start does not show by how much starts differ."
     if number == 1:
-        found["iterations"] = "One iteration does not show by how much iterations differ."
+        reasons["iterations"] = "One iteration does not show by how much iterations differ."
     elif number == starts:
-        found["iterations"] = "With one iteration in each start, iterations are a part of starts."
+        reasons["iterations"] = "With one iteration in each start, iterations are a part of starts."
     if not observed.rows:
         level = "starts" if number == starts > 1 else "iterations"
-        found["sampling"] = f"The metric has one value for each iteration: sampling is in {level}."
+        reasons["sampling"] = (
+            f"The metric has one value for each iteration: sampling is in {level}."
+        )
     if harness is None:
-        found["harness"] = (
+        reasons["harness"] = (
             "The harness overhead was not measured."
             if case.info.family in LOSS_SENSITIVE_FAMILIES
             else "The harness overhead is known for latencies only."
         )
-    return found
+    return reasons
 
 
 def _harness_share(case: RequirementCase, record: RunRecord) -> float | None:
@@ -358,11 +364,13 @@ def _harness_share(case: RequirementCase, record: RunRecord) -> float | None:
     if case.info.family not in LOSS_SENSITIVE_FAMILIES or case.monitor is None:
         return None
     spreads = [
-        one.latency_p99_ns - one.latency_p50_ns
-        for one in record.harness_overhead
-        if one.latency_p50_ns is not None and one.latency_p99_ns is not None
+        overhead.latency_p99_ns - overhead.latency_p50_ns
+        for overhead in record.harness_overhead
+        if overhead.latency_p50_ns is not None and overhead.latency_p99_ns is not None
     ]
-    messages = np.concatenate([one.times[case.info.family] for one in case.monitor_samples])
+    messages = np.concatenate(
+        [monitor_sample.times[case.info.family] for monitor_sample in case.monitor_samples]
+    )
     if not spreads or not messages.size:
         return None
     middle, tail = np.quantile(messages, (0.5, 0.99))
@@ -383,11 +391,11 @@ def _halving(
         return "The resolution of the clock limits it.", None
     if parts["harness"] > scatter * (1 - 1 / _HALVED):
         return "Another 'harness.placement' would more than halve it.", None
-    usual = median_pressure([one.interference for one in case.iterations])
+    usual = median_pressure([iteration.interference for iteration in case.iterations])
     kept = [
         at
-        for at, one in enumerate(case.iterations)
-        if not interference_reasons(one.interference, usual)
+        for at, iteration in enumerate(case.iterations)
+        if not interference_reasons(iteration.interference, usual)
     ]
     affected = len(observed.values) - len(kept)
     if affected and len(case.iterations) == len(observed.values) and len(kept) > 1:

@@ -77,10 +77,10 @@ def impossible_result(iterations: Sequence[SegmentSamples]) -> ImpossibleResult 
     if iterations[0].live:
         return None
     for name in iterations[0].monitors:
-        seen = pool_monitor([one.monitors[name] for one in iterations])
-        found = _surplus(name, seen) or _early(name, seen)
-        if found is not None:
-            return found
+        seen = pool_monitor([iteration.monitors[name] for iteration in iterations])
+        reason = _surplus(name, seen) or _early(name, seen)
+        if reason is not None:
+            return reason
     return None
 
 
@@ -137,7 +137,7 @@ def schedule_problem(offered_hz: float, iterations: Sequence[SegmentSamples]) ->
         offered_hz: the offered rate; 0 for that of the recording.
         iterations: all complete iterations at it, at least one.
     """
-    played = pool_playback([one.playback for one in iterations])
+    played = pool_playback([iteration.playback for iteration in iterations])
     if played.live:
         return ""
     planned_hz = offered_hz or played.planned_hz
@@ -154,8 +154,11 @@ def schedule_problem(offered_hz: float, iterations: Sequence[SegmentSamples]) ->
             f"More than 1 % of the publications began over {show(allowed_s, 's')} after they "
             f"were due (p99 {show(late_s, 's')})."
         )
-    stalled_s = sum(one.segment.monitor_held_ns for one in iterations) / 1e9
-    played_s = sum(one.segment.ended_ns - one.segment.began_ns for one in iterations) / 1e9
+    stalled_s = sum(iteration.segment.monitor_held_ns for iteration in iterations) / 1e9
+    played_s = (
+        sum(iteration.segment.ended_ns - iteration.segment.began_ns for iteration in iterations)
+        / 1e9
+    )
     if stalled_s > MAX_UNWATCHED_SHARE * played_s:
         return (
             f"The monitor had no processor for {show(stalled_s, 's')}, so the arrival times "
@@ -201,9 +204,9 @@ class PlaybackValidity:
             return result.reason
 
         played = {
-            rate: impossible(found) or schedule_problem(rate, found)
-            for rate, found in samples.iterations.items()
-            if found
+            rate: impossible(iterations) or schedule_problem(rate, iterations)
+            for rate, iterations in samples.iterations.items()
+            if iterations
         }
         probed = {
             probe.rate_hz: impossible(found)
@@ -221,8 +224,8 @@ class PlaybackValidity:
         """Why the values of a metric at a rate are invalid, or empty."""
         if statistic in {"search", "truth"} or at_hz is None:
             return ""
-        found = self.probes if statistic == "sequential" else self.iterations
-        return next((reason for rate, reason in found.items() if math.isclose(rate, at_hz)), "")
+        reasons = self.probes if statistic == "sequential" else self.iterations
+        return next((reason for rate, reason in reasons.items() if math.isclose(rate, at_hz)), "")
 
     def remedy(self, reason: str, at_hz: float | None) -> str:
         """What to do about the reason for which the values at a rate are invalid."""

@@ -319,9 +319,13 @@ def outcome_of(
         starts: of how many starts of the processes the sentence says that it is; 0 if it is not
             about a run. A verdict on one start is true of that start: another may have another.
     """
-    counted = [one for one in requirements if one.level == "error"]
-    outcome = worst_outcome([one.outcome for one in counted], policy)
-    learning = [one.learning for one in requirements if one.learning and one.level != "error"]
+    counted = [requirement for requirement in requirements if requirement.level == "error"]
+    outcome = worst_outcome([requirement.outcome for requirement in counted], policy)
+    learning = [
+        requirement.learning
+        for requirement in requirements
+        if requirement.learning and requirement.level != "error"
+    ]
     parts = [_sentence(counted, outcome)] if counted or not learning else []
     if learning:
         parts.append(_learning_sentence(learning))
@@ -351,8 +355,8 @@ def _sentence(counted: Sequence[RequirementVerdict], outcome: Outcome) -> str:
     total = len(counted)
     if not total:
         return "The spec has no objective to judge."
-    failed = sum(one.outcome == "fail" for one in counted)
-    open_ = sum(one.outcome == "inconclusive" for one in counted)
+    failed = sum(requirement.outcome == "fail" for requirement in counted)
+    open_ = sum(requirement.outcome == "inconclusive" for requirement in counted)
     if total == 1:
         if failed:
             return "The requirement is not met."
@@ -380,11 +384,15 @@ def _policy(outcome: Outcome) -> str:
 
 
 def _warnings(requirements: Sequence[RequirementVerdict], policy: InconclusivePolicy) -> str:
-    number = sum(one.level == "warn" and one.outcome != "pass" for one in requirements)
-    if not any(one.level == "error" for one in requirements) and not number:
+    number = sum(
+        requirement.level == "warn" and requirement.outcome != "pass"
+        for requirement in requirements
+    )
+    if not any(requirement.level == "error" for requirement in requirements) and not number:
         return ""
     if policy == "pass":
         number += sum(
-            one.level == "error" and one.outcome == "inconclusive" for one in requirements
+            requirement.level == "error" and requirement.outcome == "inconclusive"
+            for requirement in requirements
         )
     return f" {number} warning{'s' if number > 1 else ''}." if number else ""

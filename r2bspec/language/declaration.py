@@ -21,10 +21,11 @@ The declaration of a key is a field of a `Record`: `r2bspec.language.spec` is th
 - `Record.from_word` and `Record.from_keys` expand shorthands: what one word means in place of the
   map, and what values make of the keys.
 
-A `Rule` is the same as a value that can be asked. Everything else follows from rules, and repeats
-nothing: one pass reads a located tree into a `Spec` or finds what is wrong (`read_spec`), the JSON
-Schema for editors (`json_schema`), the tables of docs/language.md, completion and hover, `--set`,
-the defaults that `explain` shows, which paths are moved with a file, and where references may be.
+A `ValueRule` is the same as a value that can be asked. Everything else follows from rules, and
+repeats nothing: one pass reads a located tree into a `Spec` or finds what is wrong (`read_spec`),
+the JSON Schema for editors (`json_schema`), the tables of docs/language.md, completion and hover,
+`--set`, the defaults that `explain` shows, which paths are moved with a file, and where references
+may be.
 """
 
 import re
@@ -156,7 +157,7 @@ class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return {name: getattr(value, name) for name in cls.__struct_fields__}
 
 
-class Rule(msgspec.Struct, eq=False, dict=True, kw_only=True):
+class ValueRule(msgspec.Struct, eq=False, dict=True, kw_only=True):
     """What may be written as a value, and how it is described.
 
     Attributes:
@@ -185,10 +186,10 @@ class Rule(msgspec.Struct, eq=False, dict=True, kw_only=True):
     words: tuple[str, ...] = ()
     const: int | None = None
     quantity: type[Quantity] | type[Requirement] | None = None
-    items: "Rule | None" = None
-    keys: "dict[str, Rule] | None" = None
+    items: "ValueRule | None" = None
+    keys: "dict[str, ValueRule] | None" = None
     names: NamePattern | None = None
-    values: "Rule | None" = None
+    values: "ValueRule | None" = None
     record: type[Record] | None = None
     make: type = tuple
     default: Any = msgspec.UNSET
@@ -256,7 +257,7 @@ class Rule(msgspec.Struct, eq=False, dict=True, kw_only=True):
             return self.pattern.matches(text)
         return bool(text) or not self.about.not_empty
 
-    def below(self, step: str | int) -> "Rule | None":
+    def below(self, step: str | int) -> "ValueRule | None":
         """The rule of an entry or an item; None if there is none."""
         if isinstance(step, int):
             return self.items
@@ -280,22 +281,22 @@ class Rule(msgspec.Struct, eq=False, dict=True, kw_only=True):
         return _snippets().get(field) or _snippets().get(record, ())
 
 
-def rule_of(annotation: Any) -> Rule:
+def rule_of(annotation: Any) -> ValueRule:
     """The rule of a type as it stands in an annotation."""
     metadata: list[Any] = []
     while get_origin(annotation) in _WRAPPERS:
         metadata = [*getattr(annotation, "__metadata__", ()), *metadata]
         annotation = get_args(annotation)[0]
-        written = next((each for each in metadata if isinstance(each, Written)), None)
+        written = next((nested for nested in metadata if isinstance(nested, Written)), None)
         if written is not None:
-            metadata = [each for each in metadata if each is not written]
+            metadata = [nested for nested in metadata if nested is not written]
             annotation = written.type
     rule = _rule_of_type(annotation)
-    for each in metadata:
-        if isinstance(each, NamePattern):
-            rule.pattern = each
-        elif isinstance(each, Key):
-            rule.about = _merged(rule.about, each)
+    for item in metadata:
+        if isinstance(item, NamePattern):
+            rule.pattern = item
+        elif isinstance(item, Key):
+            rule.about = _merged(rule.about, item)
     rule.words = rule.about.words or rule.words
     if not rule.about.examples:
         rule.about = _merged(rule.about, Key(examples=_usual_examples(rule)))
@@ -303,12 +304,12 @@ def rule_of(annotation: Any) -> Rule:
 
 
 @cache
-def record_keys(record: type[Record]) -> dict[str, Rule]:
+def record_keys(record: type[Record]) -> dict[str, ValueRule]:
     """The rules of the keys of a record, by their names in documents; inherited ones come last."""
     names = dict(zip(record.__struct_fields__, record.__struct_encode_fields__, strict=True))
     last = record.__struct_fields__[-len(record.__struct_defaults__) or None :]
     defaults = dict(zip(last, record.__struct_defaults__, strict=record.__struct_defaults__ != ()))
-    keys: dict[str, Rule] = {}
+    keys: dict[str, ValueRule] = {}
     declared = (
         (owner, field, annotation)
         for owner in record.__mro__
@@ -330,16 +331,16 @@ def record_keys(record: type[Record]) -> dict[str, Rule]:
 
 
 @cache
-def language() -> Rule:
+def language() -> ValueRule:
     """The rule of a whole document."""
     from r2bspec.language.spec import Spec
 
     return rule_of(Spec)
 
 
-def rule_at(path: Path) -> Rule | None:
+def rule_at(path: Path) -> ValueRule | None:
     """The rule of the value at a path; None if the language has no such path."""
-    rule: Rule | None = language()
+    rule: ValueRule | None = language()
     for step in path:
         rule = rule.below(step) if rule is not None else None
     return rule
@@ -363,44 +364,44 @@ _SCALARS: Final = frozenset({bool, int, float, str})
 _KINDS: Final = {str: "string", int: "integer", bool: "boolean", float: "number"}
 
 
-def _rule_of_type(kind: Any) -> Rule:
+def _rule_of_type(kind: Any) -> ValueRule:
     origin = get_origin(kind)
     if origin in (Union, types.UnionType):
         return _rule_of_union(get_args(kind))
     if origin is Literal:
         words = get_args(kind)
         if isinstance(words[0], int):
-            return Rule(kinds=("integer",), const=words[0])
-        return Rule(kinds=("string",), words=words)
+            return ValueRule(kinds=("integer",), const=words[0])
+        return ValueRule(kinds=("string",), words=words)
     if origin in (tuple, list):
-        return Rule(kinds=("array",), items=rule_of(get_args(kind)[0]), make=origin)
+        return ValueRule(kinds=("array",), items=rule_of(get_args(kind)[0]), make=origin)
     if origin is dict:
-        names, values = (rule_of(each) for each in get_args(kind))
-        return Rule(kinds=("object",), names=names.pattern, values=values)
+        names, values = (rule_of(arg) for arg in get_args(kind))
+        return ValueRule(kinds=("object",), names=names.pattern, values=values)
     if kind is Any:
-        return Rule()
+        return ValueRule()
     if issubclass(kind, Record):
-        rule = Rule(kinds=("object",), keys=record_keys(kind), record=kind, about=kind.about)
+        rule = ValueRule(kinds=("object",), keys=record_keys(kind), record=kind, about=kind.about)
         return rule if kind.word is None else _joined([rule_of(kind.word), rule], about=kind.about)
     if issubclass(kind, Quantity | Requirement):
-        return Rule(kinds=("string",), quantity=kind)
-    return Rule(kinds=(_KINDS[kind],))
+        return ValueRule(kinds=("string",), quantity=kind)
+    return ValueRule(kinds=(_KINDS[kind],))
 
 
-def _rule_of_union(members: Sequence[Any]) -> Rule:
+def _rule_of_union(members: Sequence[Any]) -> ValueRule:
     """The rule of one of several forms; text, numbers and truth values together are one form."""
-    forms = [each for each in members if each is not types.NoneType]
+    forms = [member for member in members if member is not types.NoneType]
     if len(forms) == 1:
         return rule_of(forms[0])
-    rules = [rule_of(each) for each in forms if each not in _SCALARS]
+    rules = [rule_of(form) for form in forms if form not in _SCALARS]
     if _SCALARS.intersection(forms):
-        rules.insert(0, Rule(kinds=("string", "number", "boolean")))
+        rules.insert(0, ValueRule(kinds=("string", "number", "boolean")))
     return rules[0] if len(rules) == 1 else _joined(rules)
 
 
-def _joined(rules: Sequence[Rule], about: Key | None = None) -> Rule:
+def _joined(rules: Sequence[ValueRule], about: Key | None = None) -> ValueRule:
     """One rule for several forms, which have different types of JSON."""
-    joined = Rule()
+    joined = ValueRule()
     for rule in rules:
         joined.kinds = tuple(dict.fromkeys((*joined.kinds, *rule.kinds)))
         joined.about = _merged(joined.about, msgspec.structs.replace(rule.about, description=""))
@@ -426,7 +427,7 @@ def _merged(first: Key, second: Key) -> Key:
     return msgspec.structs.replace(first, **said)
 
 
-def _usual_examples(rule: Rule) -> tuple[Any, ...]:
+def _usual_examples(rule: ValueRule) -> tuple[Any, ...]:
     if rule.words:
         return rule.words[:1]
     if rule.const is not None:
@@ -455,8 +456,8 @@ def _snippets() -> Mapping[str, Sequence[Mapping[str, Any]]]:
     import yaml
 
     text = files(__package__).joinpath("snippets.yaml").read_text(encoding="utf-8")
-    found: Mapping[str, Sequence[Mapping[str, Any]]] = yaml.safe_load(text)
-    return found
+    snippets: Mapping[str, Sequence[Mapping[str, Any]]] = yaml.safe_load(text)
+    return snippets
 
 
 @cache
@@ -466,11 +467,11 @@ def _texts(record: type[Record]) -> Mapping[str, str]:
     import inspect
 
     summary, _, fields = inspect.cleandoc(record.__doc__ or "").partition("\n\nAttributes:\n")
-    found = {"": " ".join(summary.split("\n\n")[0].split())}
+    texts = {"": " ".join(summary.split("\n\n")[0].split())}
     for part in re.split(r"\n(?=    \w)", fields):
         name, _, text = part.strip().partition(": ")
-        found[name] = " ".join(text.split())
-    return found
+        texts[name] = " ".join(text.split())
+    return texts
 
 
 def encode_text(value: object) -> str:

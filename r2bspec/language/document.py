@@ -61,7 +61,7 @@ class Source:
 
 def has_errors(diagnostics: Iterable[Diagnostic]) -> bool:
     """Whether one of some findings is an error."""
-    return any(found.severity is Severity.ERROR for found in diagnostics)
+    return any(diagnostic.severity is Severity.ERROR for diagnostic in diagnostics)
 
 
 def read_file(
@@ -267,10 +267,10 @@ class ValueOrigins(msgspec.Struct, frozen=True):
 
     def origins_of(self, path: Path, span: Span) -> tuple[Related, ...]:
         """The places that led to the value at a path, which is written at `span`."""
-        found: list[Related] = []
+        origins: list[Related] = []
         for length in range(1, len(path) + 1) if self.entries else ():
-            found += self.entries.get(path[:length], ())
-        return (*found, *self.files.get(span.file, ()))
+            origins += self.entries.get(path[:length], ())
+        return (*origins, *self.files.get(span.file, ()))
 
     def with_origins(self, diagnostics: Iterable[Diagnostic]) -> list[Diagnostic]:
         """The diagnostics, each with the places that led to its own."""

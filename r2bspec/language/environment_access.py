@@ -60,8 +60,8 @@ class BaseVersion:
         from r2bspec.safe_io.git import run_git
 
         done = run_git(self.top, "cat-file", "blob", f"{self.commit}:{path}")
-        found = done.stdout if done is not None and done.returncode == 0 else None
-        return None if found is None or len(found) > MAX_DOCUMENT_BYTES else found
+        text = done.stdout if done is not None and done.returncode == 0 else None
+        return None if text is None or len(text) > MAX_DOCUMENT_BYTES else text
 
 
 def base_version(reference: str, folder: Path) -> BaseVersion:
@@ -109,12 +109,14 @@ def _environment_names(base: BaseVersion, path: str) -> frozenset[str]:
             return None
         if "environment" in tree.entries:
             return frozenset(listed_environment(tree))
-        found: frozenset[str] | None = None
-        for each in extended_names(tree) if KEY in tree.entries else ():
-            target = posixpath.normpath(posixpath.join(posixpath.dirname(path), str(each.value)))
+        variables: frozenset[str] | None = None
+        for extended_name in extended_names(tree) if KEY in tree.entries else ():
+            target = posixpath.normpath(
+                posixpath.join(posixpath.dirname(path), str(extended_name.value))
+            )
             below = names(target, depth + 1)
-            found = found if below is None else below
-        return found
+            variables = variables if below is None else below
+        return variables
 
     return names(path, 0) or frozenset()
 

@@ -20,7 +20,7 @@ from msgspec.structs import replace
 from r2bspec.diagnostics import Diagnostic, Edit, Path, Related, did_you_mean, format_path
 from r2bspec.diagnostics.quote import clip, quote
 from r2bspec.language import names
-from r2bspec.language.declaration import NamePattern, Rule, language, rule_at
+from r2bspec.language.declaration import NamePattern, ValueRule, language, rule_at
 from r2bspec.language.document import MAX_PROBLEMS, inner_span
 from r2bspec.language.located_tree import MapNode, ScalarNode, lookup, span_at, to_plain
 from r2bspec.language.quantities import Quantity, QuantityError, Share
@@ -39,7 +39,9 @@ def explain_violations(violations: Sequence[Violation]) -> list[Diagnostic]:
         if not explained & set(paths):
             diagnostics.append(diagnostic)
             explained |= set(paths)
-    violations = [each for each in violations if not _is_explained(each.path, explained)]
+    violations = [
+        candidate for candidate in violations if not _is_explained(candidate.path, explained)
+    ]
     renamed: set[Path] = set()
     for violation in violations:
         if violation.kind == "unknown":
@@ -52,7 +54,7 @@ def explain_violations(violations: Sequence[Violation]) -> list[Diagnostic]:
         elif violation.kind != "unknown":
             diagnostics.append(_EXPLANATIONS[violation.kind](violation))
     # An anchored value that is used in several places is explained once.
-    unique = {(each.code, each.span): each for each in reversed(diagnostics)}
+    unique = {(known.code, known.span): known for known in reversed(diagnostics)}
     return list(unique.values())[::-1]
 
 
@@ -167,7 +169,7 @@ def swapped_keys(violations: Sequence[Violation]) -> Iterator[tuple[tuple[Path, 
 
 
 def _are_swapped(
-    violation: Violation, owner: Path, keys: tuple[str, str], known: dict[str, Rule]
+    violation: Violation, owner: Path, keys: tuple[str, str], known: dict[str, ValueRule]
 ) -> bool:
     first, second = (lookup(violation.root, (*owner, key)) for key in keys)
     if first is None or second is None:
@@ -180,7 +182,7 @@ def _are_swapped(
     return wrong_here and _has_shape(value, there) and _has_shape(other, here)
 
 
-def _has_shape(plain: object, rule: Rule | None) -> bool:
+def _has_shape(plain: object, rule: ValueRule | None) -> bool:
     """Whether a value has the keys and levels that a rule requires; scalars are ignored.
 
     Below unknown keys, references to variables are not replaced, so scalars cannot be validated.
@@ -272,35 +274,35 @@ def _diagnostic(violation: Violation, owner: MapNode, key: str, help_text: str) 
 
 def _misspelled_key(violation: Violation, owner: MapNode, key: str, meant: str) -> Diagnostic:
     known = f"known keys: {comma_separated(violation.rule.keys or ())}"
-    found = _diagnostic(violation, owner, key, f"did you mean '{meant}'? {known}")
+    diagnostic = _diagnostic(violation, owner, key, f"did you mean '{meant}'? {known}")
     if _spelling(key) == _spelling(meant):
-        return replace(found, edit=Edit(found.span, meant))
-    return found
+        return replace(diagnostic, edit=Edit(diagnostic.span, meant))
+    return diagnostic
 
 
-def _intended_keys(unknown: Sequence[str], absent: Mapping[str, Rule]) -> dict[str, str]:
+def _intended_keys(unknown: Sequence[str], absent: Mapping[str, ValueRule]) -> dict[str, str]:
     """The absent key that each unknown key probably means; each is used once.
 
     The most certain matches come first: another spelling, one item of a list, a synonym, then a key
     that is valid elsewhere (no match here), then a similar name.
     """
     free = list(absent)
-    found: dict[str, str] = {}
+    keys_meant: dict[str, str] = {}
     for key in unknown:
         other_word = _SYNONYMS.get(key.casefold().replace("-", "_"), "")
         for name in free:
             same = {_spelling(name), _item_of(name, absent[name])}
             if _spelling(key) in same or name == other_word:
-                found[key] = name
+                keys_meant[key] = name
                 free.remove(name)
                 break
     for key in unknown:
-        if key not in found and key not in _key_locations():
+        if key not in keys_meant and key not in _key_locations():
             close = did_you_mean(key, free)
             if close:
-                found[key] = close
+                keys_meant[key] = close
                 free.remove(close)
-    return found
+    return keys_meant
 
 
 def _spelling(key: str) -> str:
@@ -308,7 +310,7 @@ def _spelling(key: str) -> str:
     return key.casefold().replace("-", "").replace("_", "").replace(" ", "")
 
 
-def _item_of(key: str, rule: Rule) -> str:
+def _item_of(key: str, rule: ValueRule) -> str:
     """The spelling of a key for one item of its list, such as 'rate' of 'rates'; empty if none."""
     spelling = _spelling(key)
     return spelling[:-1] if rule.items is not None and spelling.endswith("s") else ""
@@ -347,7 +349,7 @@ def _key_locations() -> dict[str, tuple[str, ...]]:
     """The paths where each key of the language is valid, such as ``monitors.<name>``."""
     homes: dict[str, list[str]] = {}
 
-    def walk(rule: Rule, path: str) -> None:
+    def walk(rule: ValueRule, path: str) -> None:
         for key, below in (rule.keys or {}).items():
             if path:
                 homes.setdefault(key, []).append(path)
@@ -583,7 +585,7 @@ def describe_value(value: object) -> str:
     return "a list" if isinstance(value, list) else "null"
 
 
-def describe_type(rule: Rule) -> str:
+def describe_type(rule: ValueRule) -> str:
     """The type that a rule requires: ``a string``, ``a list``, ``a duration``."""
     if rule.is_parsed and rule.quantity is not None:
         return f"a {rule.quantity.kind}"
@@ -604,7 +606,7 @@ def comma_separated(words: Iterable[str], max_shown: int = 16) -> str:
     return ", ".join(all_words[:max_shown]) + (f" and {more} more" if more > 0 else "")
 
 
-def example(rule: Rule) -> str:
+def example(rule: ValueRule) -> str:
     """The first example of a rule as YAML on one line, or an empty string."""
     return to_flow_yaml(rule.about.examples[0]) if rule.about.examples else ""
 
@@ -617,7 +619,7 @@ def to_flow_yaml(value: object) -> str:
     return text.removesuffix("...\n").strip()
 
 
-def example_line(key: str, rule: Rule) -> str:
+def example_line(key: str, rule: ValueRule) -> str:
     """A line to add for a missing key, with an example value if it is short enough."""
     text = example(rule)
     return f"'{key}: {text}'" if text and len(text) <= 60 else f"'{key}'"

@@ -20,7 +20,7 @@ from msgspec.structs import replace
 
 from r2bspec.diagnostics import Path, Related, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote, unknown_name_help
-from r2bspec.language.declaration import Rule, language
+from r2bspec.language.declaration import ValueRule, language
 from r2bspec.language.document import Document, read_file
 from r2bspec.language.located_tree import (
     ListNode,
@@ -58,7 +58,7 @@ def overlay(base: MapNode, own: MapNode) -> MapNode:
     return MapNode(entries, own.span)
 
 
-def rebase_paths(node: TreeNode, rule: Rule | None, folder: str) -> TreeNode:
+def rebase_paths(node: TreeNode, rule: ValueRule | None, folder: str) -> TreeNode:
     """The tree with `folder` put before every relative path; `rule` is that of the node."""
     if rule is None:
         return node
@@ -110,7 +110,7 @@ def extend_files(document: Document, allowed: Iterable[FilePath] = ()) -> None:
     root = document.tree
     if isinstance(root, MapNode) and KEY in root.entries:
         home = document.base_dir.resolve()
-        work = _FileMerger(document, (home, *(FilePath(each).resolve() for each in allowed)))
+        work = _FileMerger(document, (home, *(FilePath(folder).resolve() for folder in allowed)))
         real = home / FilePath(document.file).name
         document.tree = work.merge(root, _FileContext(document.file, real, (), (real,)))
 
@@ -241,7 +241,7 @@ def extended_names(root: MapNode) -> Iterator[ScalarNode]:
 
 def _suggest_file(path: FilePath) -> str:
     try:
-        names = [each for each in names_in(path.parent) if each.endswith(".yaml")][:100]
+        names = [name for name in names_in(path.parent) if name.endswith(".yaml")][:100]
     except (OSError, ValueError):
         return f"folder not found: {quote(str(path.parent))}"
     close = did_you_mean(path.name, names)

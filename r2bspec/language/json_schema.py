@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from r2bspec.language.declaration import NamePattern, Rule, language
+from r2bspec.language.declaration import NamePattern, ValueRule, language
 from r2bspec.language.quantities import Quantity
 
 Schema = dict[str, Any]
@@ -67,7 +67,7 @@ def _null_rule() -> Schema:
     }
 
 
-def _schema(rule: Rule, *, removable: bool = False) -> Schema:
+def _schema(rule: ValueRule, *, removable: bool = False) -> Schema:
     """The schema of a rule; a removable value may be null."""
     about = rule.about
     schema: Schema = {"description": rule.description}
@@ -100,13 +100,13 @@ def _schema(rule: Rule, *, removable: bool = False) -> Schema:
     return schema
 
 
-def _types(rule: Rule) -> tuple[str, ...]:
+def _types(rule: ValueRule) -> tuple[str, ...]:
     """The types of JSON; a reference in place of a number or a truth value is a string."""
     alone = len(rule.kinds) == 1 and rule.kinds[0] in _SCALAR_NAMES and rule.const is None
     return (*rule.kinds, "string") if alone else rule.kinds
 
 
-def _known_keys(rule: Rule) -> Schema:
+def _known_keys(rule: ValueRule) -> Schema:
     keys = rule.keys or {}
     version = ("r2bspec",)
     schema: Schema = {
@@ -123,7 +123,7 @@ def _known_keys(rule: Rule) -> Schema:
     return schema | ({"required": required} if required else {})
 
 
-def _texts(rule: Rule) -> Schema:
+def _texts(rule: ValueRule) -> Schema:
     """What a text must be like; a reference is accepted in place of it."""
     if rule.is_choice:
         return {"anyOf": [{"enum": list(rule.words)}, {"pattern": _WHOLE_REFERENCE}]}
@@ -156,7 +156,7 @@ def _pattern(form: NamePattern, *, or_reference: bool = False) -> Schema:
     return {"pattern": pattern, "patternErrorMessage": form.message}
 
 
-def _quantity(rule: Rule) -> Schema:
+def _quantity(rule: ValueRule) -> Schema:
     kind = rule.quantity
     if kind is None or not issubclass(kind, Quantity):
         return {

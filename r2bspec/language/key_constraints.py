@@ -50,7 +50,7 @@ def key_constraint_errors(
         violations: what is wrong with it otherwise: a map with an unknown key may have the missing
             key in a misspelt form.
     """
-    misspelt = {each.path[:-1] for each in violations if each.code == "R2B101"}
+    misspelt = {violation.path[:-1] for violation in violations if violation.code == "R2B101"}
     document = _Document(root, misspelt)
     for section in _NODE_MAPS:
         for path, node in document.entries(section):
@@ -193,9 +193,9 @@ def _node(document: _Document, node: MapNode, path: Path) -> Iterator[Diagnostic
         if len(given) == 1 and path not in document.misspelt:
             yield _incomplete(document, path, given[0], group)
             return
-    kind = next((each for each in alike if each.marker in given), alike[-1])
+    kind = next((kind_ for kind_ in alike if kind_.marker in given), alike[-1])
     refused = {
-        key: (each.why, each.help or f"remove '{key}'") for key, each in kind.refuses.items()
+        key: (rule.why, rule.help or f"remove '{key}'") for key, rule in kind.refuses.items()
     }
     if kind.by_others:
         for key in PROCESS_KEYS:
@@ -234,12 +234,12 @@ def _incomplete(document: _Document, path: Path, given: str, group: str) -> Diag
     alike = sorted(members(group), key=lambda kind: kind.marker)
     name = f"'{format_path(path)}'"
     if given == group:
-        missing = " and ".join(f"no '{each.marker}'" for each in alike)
+        missing = " and ".join(f"no '{kind_.marker}'" for kind_ in alike)
         message = f"{name} has '{group}' but {missing}"
-        help_text = f"add one of them; see {' or '.join(repr(each.listed_by) for each in alike)}"
+        help_text = f"add one of them; see {' or '.join(repr(kind_.listed_by) for kind_ in alike)}"
     else:
         message = f"{name} has '{given}' but no '{group}'"
-        listed = next(each.listed_by for each in alike if each.marker == given)
+        listed = next(kind_.listed_by for kind_ in alike if kind_.marker == given)
         help_text = f"add '{group}'; see '{listed}'"
     return document.error((*path, given), message, help_text, "R2B113")
 
@@ -492,7 +492,7 @@ def _conditions(document: _Document) -> Iterator[Diagnostic]:
 def _requirements(document: _Document) -> Iterator[Diagnostic]:
     """The requirements of all objectives together have a limit."""
     lists = (child(objective, "require") for _, objective in document.entries(("slos",)))
-    number = sum(len(each.items) for each in lists if isinstance(each, ListNode))
+    number = sum(len(list_.items) for list_ in lists if isinstance(list_, ListNode))
     if number > MAX_REQUIREMENTS:
         message = f"{number:,} requirements; the limit is {MAX_REQUIREMENTS:,}"
         yield document.error(("slos",), message, "split the spec", "R2B129")

@@ -17,7 +17,7 @@ from typing import Unpack
 
 from r2bspec.diagnostics import Diagnostic, Path, Severity, Span
 from r2bspec.diagnostics.quote import quote, unknown_name_help
-from r2bspec.language.declaration import Rule, language
+from r2bspec.language.declaration import ValueRule, language
 from r2bspec.language.document import (
     MAX_PROBLEMS,
     Document,
@@ -45,7 +45,7 @@ from r2bspec.language.located_tree import (
     without,
 )
 from r2bspec.language.matrix import KEY as MATRIX
-from r2bspec.language.matrix import Matrix, MatrixCase, matrix_of
+from r2bspec.language.matrix import MatrixCase, MatrixCases, matrix_of
 from r2bspec.language.read_spec import read_spec
 from r2bspec.language.selected_spec import LoadOptions
 from r2bspec.language.spec import Spec
@@ -212,7 +212,7 @@ def _open_document(source: FilePath | str | bytes, options: LoadOptions) -> Docu
     return document
 
 
-def _without_notes(root: TreeNode, rule: Rule) -> TreeNode:
+def _without_notes(root: TreeNode, rule: ValueRule) -> TreeNode:
     """The tree without ``x-`` keys in maps whose keys `rule` defines: notes, and anchors.
 
     In maps whose keys are names given by the user, such a key is an ordinary name. Shared values
@@ -220,7 +220,7 @@ def _without_notes(root: TreeNode, rule: Rule) -> TreeNode:
     """
     done: dict[tuple[int, int], TreeNode] = {}
 
-    def strip(node: TreeNode, rule: Rule | None) -> TreeNode:
+    def strip(node: TreeNode, rule: ValueRule | None) -> TreeNode:
         if rule is None or not isinstance(node, MapNode):
             return node
         name = (id(node), id(rule))
@@ -228,7 +228,7 @@ def _without_notes(root: TreeNode, rule: Rule) -> TreeNode:
             done[name] = strip_map(node, rule)
         return done[name]
 
-    def strip_map(node: MapNode, rule: Rule) -> MapNode:
+    def strip_map(node: MapNode, rule: ValueRule) -> MapNode:
         known = rule.keys
         entries: dict[str, Entry] = {}
         changed = False
@@ -265,7 +265,9 @@ def _drop_checked_matrix(document: Document, first: LoadedSpec) -> None:
     document.tree = without(tree, MATRIX)
 
 
-def _select_cases(document: Document, case: str) -> tuple[Matrix | None, tuple[MatrixCase, ...]]:
+def _select_cases(
+    document: Document, case: str
+) -> tuple[MatrixCases | None, tuple[MatrixCase, ...]]:
     """The matrix and the selected cases; its problems are added to those of the document."""
     matrix = matrix_of(document.tree) if document.tree is not None else None
     if matrix is not None:
@@ -276,9 +278,9 @@ def _select_cases(document: Document, case: str) -> tuple[Matrix | None, tuple[M
     matrix_cases = matrix.matrix_cases if matrix is not None else ()
     if not selected or document.tree is None or (matrix is not None and not matrix_cases):
         return matrix, matrix_cases
-    matching = tuple(each for each in matrix_cases if each.name == selected)
+    matching = tuple(matrix_case for matrix_case in matrix_cases if matrix_case.name == selected)
     if not matching:
-        names = [each.name for each in matrix_cases]
+        names = [matrix_case.name for matrix_case in matrix_cases]
         known = "known cases: " + ", ".join(names[:12]) if names else "it has no matrix"
         document.problems.error(
             "R2B140",
@@ -328,7 +330,9 @@ def _load_case(
         if has_errors(problems):
             spec = None
     if document.incomplete:
-        problems = [each for each in problems if not _is_consequence(each, document.incomplete)]
+        problems = [
+            problem for problem in problems if not _is_consequence(problem, document.incomplete)
+        ]
     return LoadedSpec(
         document.file,
         document.base_dir,
@@ -364,7 +368,9 @@ def _condition_variables(root: TreeNode) -> frozenset[str]:
 
 def _sorted_unique(problems: list[Diagnostic]) -> tuple[Diagnostic, ...]:
     """Sorted by place; the same finding at the same place, as with aliases, is kept once."""
-    unique = {(each.code, each.span, each.message): each for each in reversed(problems)}
+    unique = {
+        (problem.code, problem.span, problem.message): problem for problem in reversed(problems)
+    }
     ordered = sorted(unique.values(), key=lambda problem: problem.sort_key)
     if len(ordered) > MAX_PROBLEMS:
         place = ordered[MAX_PROBLEMS].span

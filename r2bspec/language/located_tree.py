@@ -138,9 +138,9 @@ def scalars_with_paths(root: TreeNode) -> Iterator[tuple[Path, ScalarNode]]:
         elif id(node) not in visited:
             visited.add(id(node))
             if isinstance(node, MapNode):
-                pending += [((*path, key), each.value) for key, each in node.entries.items()]
+                pending += [((*path, key), value.value) for key, value in node.entries.items()]
             elif isinstance(node, ListNode):
-                pending += [((*path, index), each) for index, each in enumerate(node.items)]
+                pending += [((*path, index), item) for index, item in enumerate(node.items)]
 
 
 def without(node: MapNode, key: str) -> MapNode:

@@ -54,7 +54,7 @@ class MatrixCase(msgspec.Struct, frozen=True):
     span: Span
 
 
-class Matrix(msgspec.Struct):
+class MatrixCases(msgspec.Struct):
     """The cases of a document, and the problems of its matrix.
 
     Attributes:
@@ -67,7 +67,7 @@ class Matrix(msgspec.Struct):
     problems: DiagnosticCollector = msgspec.field(default_factory=DiagnosticCollector)
 
 
-def matrix_of(root: TreeNode) -> Matrix | None:
+def matrix_of(root: TreeNode) -> MatrixCases | None:
     """The matrix of a document, or None if it has none.
 
     What violates the language is reported where all of the document is read: such a matrix has no
@@ -76,10 +76,10 @@ def matrix_of(root: TreeNode) -> Matrix | None:
     node = child(root, KEY)
     if not isinstance(root, MapNode) or node is None:
         return None
-    found = Matrix(root.entries[KEY].key_span)
+    matrix = MatrixCases(root.entries[KEY].key_span)
     value, _ = read_value(node, (language().keys or {})[KEY])
     if value is INVALID:
-        return found
+        return matrix
     axes = _entries(node, "axes")
     cases = {
         name: (entry.key_span, _values(entry.value))
@@ -88,10 +88,10 @@ def matrix_of(root: TreeNode) -> Matrix | None:
     listed = child(node, "exclude")
     rules = listed.items if isinstance(listed, ListNode) else ()
     excluded = [(rule.span, _values(rule)) for rule in rules]
-    if _check_names(found.problems, _entries(root, "variables"), axes, cases, excluded):
+    if _check_names(matrix.problems, _entries(root, "variables"), axes, cases, excluded):
         size = size_of(without(root, KEY))
-        found.matrix_cases = _expand_cases(found, axes, cases, excluded, size)
-    return found
+        matrix.matrix_cases = _expand_cases(matrix, axes, cases, excluded, size)
+    return matrix
 
 
 def _entries(node: TreeNode, key: str) -> Mapping[str, Entry]:
@@ -107,7 +107,7 @@ def _values(node: TreeNode) -> Values:
 
 
 def _expand_cases(
-    found: Matrix,
+    found: MatrixCases,
     axes: Mapping[str, Entry],
     cases: Mapping[str, tuple[Span, Values]],
     excluded: list[tuple[Span, Values]],
@@ -174,11 +174,11 @@ _RulesByValues = Mapping[tuple[str, ...], Mapping[tuple[object, ...], list[int]]
 
 
 def _rules_by_values(excluded: list[tuple[Span, Values]]) -> _RulesByValues:
-    found: dict[tuple[str, ...], dict[tuple[object, ...], list[int]]] = {}
+    rules: dict[tuple[str, ...], dict[tuple[object, ...], list[int]]] = {}
     for index, (_, rule) in enumerate(excluded):
         names = tuple(sorted(rule))
-        found.setdefault(names, {}).setdefault(_key(names, rule), []).append(index)
-    return found
+        rules.setdefault(names, {}).setdefault(_key(names, rule), []).append(index)
+    return rules
 
 
 def _matching_rules(rules: _RulesByValues, values: Values) -> list[int]:
@@ -254,9 +254,9 @@ def merge_case_findings(
     """
     groups: dict[tuple[str, Span, str], list[tuple[str, Diagnostic]]] = {}
     for case, found in zip(cases, findings, strict=True):
-        for one in dict.fromkeys(case.origins.with_origins(found)):
-            key = (one.code, one.span, one.message)
-            groups.setdefault(key, []).append((case.case, one))
+        for finding in dict.fromkeys(case.origins.with_origins(found)):
+            key = (finding.code, finding.span, finding.message)
+            groups.setdefault(key, []).append((case.case, finding))
     merged_findings = [_merge_group(group, cases) for group in groups.values()]
     return sorted(merged_findings, key=lambda one: one.sort_key)
 
@@ -271,7 +271,7 @@ def _merge_group(group: list[tuple[str, Diagnostic]], cases: Sequence[LoadedSpec
         return first
     more = f" and {len(names) - _MAX_NAMED_CASES} more" if len(names) > _MAX_NAMED_CASES else ""
     listed = (
-        ", ".join(clip(each, MAX_CASE_NAME_CHARACTERS) for each in names[:_MAX_NAMED_CASES]) + more
+        ", ".join(clip(name, MAX_CASE_NAME_CHARACTERS) for name in names[:_MAX_NAMED_CASES]) + more
     )
     noun = "case" if len(names) == 1 else "cases"
     related = Related(f"in the {noun} {listed}", matrix_case.span)

@@ -175,18 +175,18 @@ def kinds_text() -> str:
 
 def kinds_help() -> str:
     """The same as a way out: kinds that are written alike together, and truth values written."""
-    groups = {group: members(group) for group in dict.fromkeys(each.group for each in NODE_KINDS)}
+    groups = {group: members(group) for group in dict.fromkeys(kind.group for kind in NODE_KINDS)}
     return _one_of([_written(group, kinds) for group, kinds in groups.items()])
 
 
 def members(group: str) -> tuple[NodeKind, ...]:
     """The kinds that have the same first key."""
-    return tuple(each for each in NODE_KINDS if each.group == group)
+    return tuple(kind for kind in NODE_KINDS if kind.group == group)
 
 
 def _written(group: str, kinds: tuple[NodeKind, ...]) -> str:
     if len(kinds) > 1:
-        markers = " or ".join(f"'{each.marker}'" for each in kinds)
+        markers = " or ".join(f"'{kind.marker}'" for kind in kinds)
         return f"'{group}' with {markers}"
     return f"'{group}: true'" if kinds[0].is_flag else f"'{group}'"
 

@@ -295,6 +295,6 @@ def parse_size_option(text: str) -> int:
 
 
 QUANTITIES: Final[dict[str, type[Quantity]]] = {
-    each.kind: each for each in (Duration, Rate, Size, Share)
+    quantity.kind: quantity for quantity in (Duration, Rate, Size, Share)
 }
 """The kinds of quantity by their names."""

@@ -18,7 +18,7 @@ from typing import Any, Final
 import msgspec
 
 from r2bspec.diagnostics import Diagnostic, Edit, Path, Related, Span, format_path
-from r2bspec.language.declaration import Record, Rule, language
+from r2bspec.language.declaration import Record, ValueRule, language
 from r2bspec.language.document import MAX_PROBLEMS, Source
 from r2bspec.language.located_tree import (
     ListNode,
@@ -62,7 +62,7 @@ class Violation(msgspec.Struct, frozen=True):
 
     path: Path
     kind: str
-    rule: Rule
+    rule: ValueRule
     node: TreeNode
     root: TreeNode
     sources: Mapping[str, Source]
@@ -124,14 +124,14 @@ def read_spec(
 
 
 def read_value(
-    root: TreeNode, rule: Rule, sources: Mapping[str, Source] | None = None
+    root: TreeNode, rule: ValueRule, sources: Mapping[str, Source] | None = None
 ) -> tuple[Any, Sequence[Violation]]:
     """The value of a tree by any rule, or `INVALID`; and what it violates."""
     reader = _Reader(root, sources or {})
     return reader.read(root, rule, ()), reader.violations
 
 
-def required_keys(rule: Rule, root: TreeNode) -> tuple[str, ...]:
+def required_keys(rule: ValueRule, root: TreeNode) -> tuple[str, ...]:
     """The keys that a map of a document must have: fewer where nothing is played, or called."""
     if lookup(root, ("playback", "calls")) is not None:
         return rule.required_if_calls
@@ -146,7 +146,7 @@ class _Reader:
         self._root = root
         self._sources = sources
 
-    def read(self, node: TreeNode, rule: Rule, path: Path) -> Any:
+    def read(self, node: TreeNode, rule: ValueRule, path: Path) -> Any:
         """The value of a node, or `INVALID`."""
         if type(node) is ScalarNode:
             return self._scalar(node, rule, path)
@@ -163,7 +163,7 @@ class _Reader:
             return self._list(node, rule, rule.items, path)
         return self._refuse("quantity" if rule.is_parsed else "type", node, rule, path)
 
-    def _anything(self, node: TreeNode, rule: Rule, path: Path) -> Any:
+    def _anything(self, node: TreeNode, rule: ValueRule, path: Path) -> Any:
         """A list or a map of any kind, in which only null is no value."""
         if isinstance(node, MapNode):
             entries = {
@@ -175,14 +175,14 @@ class _Reader:
         values = [self.read(item, rule, (*path, index)) for index, item in enumerate(items)]
         return INVALID if INVALID in values else values
 
-    def _refuse(self, kind: str, node: TreeNode, rule: Rule, path: Path, key: str = "") -> Any:
+    def _refuse(self, kind: str, node: TreeNode, rule: ValueRule, path: Path, key: str = "") -> Any:
         if len(self.violations) < _MAX_VIOLATIONS:
             self.violations.append(
                 Violation(path, kind, rule, node, self._root, self._sources, key)
             )
         return INVALID
 
-    def _scalar(self, node: ScalarNode, rule: Rule, path: Path) -> Any:
+    def _scalar(self, node: ScalarNode, rule: ValueRule, path: Path) -> Any:
         value = node.value
         kinds = rule.kinds
         if rule.quantity is not None and (type(value) is str or rule.is_parsed):
@@ -205,7 +205,7 @@ class _Reader:
                 return self._refuse("maximum", node, rule, path)
         return node.text if rule.about.as_text else value
 
-    def _quantity(self, node: ScalarNode, rule: Rule, path: Path) -> Any:
+    def _quantity(self, node: ScalarNode, rule: ValueRule, path: Path) -> Any:
         text = node.value
         if text in rule.words:
             return text
@@ -218,7 +218,7 @@ class _Reader:
                 return parsed
         return self._refuse("quantity", node, rule, path)
 
-    def _record(self, node: MapNode, rule: Rule, path: Path) -> Any:
+    def _record(self, node: MapNode, rule: ValueRule, path: Path) -> Any:
         keys, entries, record = rule.keys, node.entries, rule.record
         assert keys is not None and record is not None  # noqa: S101, PT018 - the caller looked
         values: dict[str, Any] = {}
@@ -243,7 +243,7 @@ class _Reader:
         plain = record.from_keys.__func__ is _AS_WRITTEN  # type: ignore[attr-defined]
         return record(**values) if plain else record.from_keys(values)
 
-    def _name_map(self, node: MapNode, rule: Rule, below: Rule, path: Path) -> Any:
+    def _name_map(self, node: MapNode, rule: ValueRule, below: ValueRule, path: Path) -> Any:
         values: dict[str, Any] = {}
         invalid = self._is_of_wrong_size(node, len(node.entries), rule, path)
         search = rule.names.search if rule.names is not None else None
@@ -258,13 +258,13 @@ class _Reader:
             values[name] = value
         return INVALID if invalid else values
 
-    def _list(self, node: ListNode, rule: Rule, below: Rule, path: Path) -> Any:
+    def _list(self, node: ListNode, rule: ValueRule, below: ValueRule, path: Path) -> Any:
         invalid = self._is_of_wrong_size(node, len(node.items), rule, path)
         values = [self.read(item, below, (*path, index)) for index, item in enumerate(node.items)]
         return INVALID if invalid or INVALID in values else rule.make(values)
 
     def _is_of_wrong_size(
-        self, node: MapNode | ListNode, size: int, rule: Rule, path: Path
+        self, node: MapNode | ListNode, size: int, rule: ValueRule, path: Path
     ) -> bool:
         about = rule.about
         if size < about.at_least:

@@ -166,24 +166,24 @@ def parse_requirement(text: str) -> Requirement:
         raise RequirementError(
             f"the requirement has more than {MAX_REQUIREMENT_CHARACTERS} characters", 0
         )
-    found = _METRIC.match(text)
-    if found is None:
+    matched = _METRIC.match(text)
+    if matched is None:
         raise RequirementError(
             "expected a metric, such as latency.p99",
             _next_token_column(text),
             "latency.p99 < 50 ms",
         )
-    metric = found["metric"]
-    metric_column = found.start("metric")
+    metric = matched["metric"]
+    metric_column = matched.start("metric")
     if metric == "sustained":
-        if text[found.end() :].strip():
-            column = _next_token_column(text, found.end())
+        if text[matched.end() :].strip():
+            column = _next_token_column(text, matched.end())
             raise RequirementError("unexpected text after 'sustained'", column)
         return Requirement(text=text, metric=metric, metric_column=metric_column)
-    compared = _OPERATOR.match(text, found.end())
+    compared = _OPERATOR.match(text, matched.end())
     if compared is None:
-        column = _next_token_column(text, found.end())
-        _check_decimal_percentile(text, metric, found)
+        column = _next_token_column(text, matched.end())
+        _check_decimal_percentile(text, metric, matched)
         meant = next(
             (op for other, op in _OPERATOR_TYPOS.items() if text.startswith(other, column)), "<"
         )
@@ -230,15 +230,15 @@ def _check_decimal_percentile(text: str, metric: str, found: re.Match[str]) -> N
 
 def _parse_windows(text: str, column: int) -> tuple[float, int]:
     """The part after ``in``: the share of windows, and their length in nanoseconds."""
-    found = re.match(r"(?P<share>[^%]*%)\s*", text[column:])
-    if found is None:
+    matched = re.match(r"(?P<share>[^%]*%)\s*", text[column:])
+    if matched is None:
         message = "expected a share of windows after 'in', such as 99 %"
         raise RequirementError(message, _next_token_column(text, column), _WINDOWS_EXAMPLE)
-    share = _parse_quantity(Share, found["share"], column)
+    share = _parse_quantity(Share, matched["share"], column)
     if not 0 < share.fraction <= 1:
         message = "the share of windows must be more than 0 % and at most 100 %"
         raise RequirementError(message, column, _WINDOWS_EXAMPLE)
-    at = column + found.end()
+    at = column + matched.end()
     of = re.match(r"of\s+(?P<duration>.*?)\s*(?P<word>[A-Za-z_]*)\s*\Z", text[at:], re.DOTALL)
     if of is None:
         message = "expected 'of' and the length of a window after the share"

@@ -360,7 +360,7 @@ class Spec(Record, frozen=True, kw_only=True):
     def has_external_nodes(self) -> bool:
         """Whether a node already runs, so that a run cannot restart it."""
         nodes = (*self.preprocessors.values(), *self.graph.nodes.values())
-        return any(each.kind.role is None for each in nodes)
+        return any(node.kind.role is None for node in nodes)
 
     @property
     def starts(self) -> int:

@@ -455,7 +455,11 @@ class Node(StartedProcess, frozen=True, kw_only=True):
     @property
     def parameter_files(self) -> tuple[str, ...]:
         """The parameter files, in the order in which they apply."""
-        return tuple(each.file for each in self.parameter_sources if each.file)
+        return tuple(
+            parameter_source.file
+            for parameter_source in self.parameter_sources
+            if parameter_source.file
+        )
 
 
 Nodes = Annotated[

@@ -26,7 +26,7 @@ from msgspec.structs import replace
 from r2bspec.diagnostics import Certainty, Related, Span, did_you_mean
 from r2bspec.diagnostics import Path as TreePath
 from r2bspec.diagnostics.quote import quote
-from r2bspec.language.declaration import Rule
+from r2bspec.language.declaration import ValueRule
 from r2bspec.language.document import DiagnosticCollector, Source, inner_span
 from r2bspec.language.located_tree import (
     Entry,
@@ -59,7 +59,7 @@ _DECLARATIONS = frozenset({"variables", "environment", "r2bspec"})
 
 def substitute(
     root: MapNode,
-    rule: Rule,
+    rule: ValueRule,
     sources: Mapping[str, Source],
     environ: Mapping[str, str],
     refused: frozenset[str] = frozenset(),
@@ -80,7 +80,7 @@ def substitute(
 
 
 @cache
-def _sections(rule: Rule, path: TreePath = ()) -> dict[int, TreePath]:
+def _sections(rule: ValueRule, path: TreePath = ()) -> dict[int, TreePath]:
     """The sections whose entries may have `repeat`, by the rule of the section."""
     if rule.values is not None and "repeat" in (rule.values.keys or ()):
         return {id(rule): path}
@@ -140,28 +140,28 @@ class Substitution:
         node = entry.value
         value = declared_value(node)
         if isinstance(value, ScalarNode) and OPENING in value.text:
-            found = self._scalar(value)
+            text = self._scalar(value)
             if isinstance(node, MapNode) and restricts_value(node):
-                found = self._without_secret(found)
-            node = with_value(node, found)
+                text = self._without_secret(text)
+            node = with_value(node, text)
         if isinstance(node, MapNode):
             sound = check_declaration(name, node, entry.key_span, self.problems)
             if value is not None and not sound:  # reported here, and not again where it is used
                 return with_value(node, UnknownNode(value.span))
         return node
 
-    def walk(self, node: TreeNode, rule: Rule | None) -> TreeNode:
+    def walk(self, node: TreeNode, rule: ValueRule | None) -> TreeNode:
         """Substitute below a node with its rule; None is that of an unknown key."""
         if rule is None:
             return node
         if isinstance(node, ScalarNode):
-            found = self._scalar(node)
+            text = self._scalar(node)
             if not rule.about.deferrable:
-                found = self._without_secret(found)
-            if found is not node and rule.is_text and isinstance(found, ScalarNode):
+                text = self._without_secret(text)
+            if text is not node and rule.is_text and isinstance(text, ScalarNode):
                 # A value that must be a string, also if the variable is a number.
-                return replace(found, value=found.text)
-            return found
+                return replace(text, value=text.text)
+            return text
         if isinstance(node, UnknownNode):
             return node
         name = (id(node), id(rule), id(self._scope))
@@ -175,7 +175,7 @@ class Substitution:
                 self._done[name] = ListNode(items, node.span)
         return self._done[name]
 
-    def _map(self, node: MapNode, rule: Rule) -> MapNode:
+    def _map(self, node: MapNode, rule: ValueRule) -> MapNode:
         entries: dict[str, Entry] = {}
         section = self._sections.get(id(rule))
         for key, entry in node.entries.items():
@@ -203,15 +203,15 @@ class Substitution:
         return MapNode(entries, node.span)
 
     def _instances(
-        self, section: TreePath, key: str, entry: Entry, rule: Rule | None
+        self, section: TreePath, key: str, entry: Entry, rule: ValueRule | None
     ) -> dict[str, Entry] | None:
         """The entries that `repeat` makes of one, or None without `repeat`."""
-        found = parse_repeat(entry.value) if isinstance(entry.value, MapNode) else None
-        if found is None:
+        repeat = parse_repeat(entry.value) if isinstance(entry.value, MapNode) else None
+        if repeat is None:
             return None
-        made: dict[str, Entry] = {}
-        self._keep_alive.append(found)
-        for name, instance in found.instances.items():
+        instances: dict[str, Entry] = {}
+        self._keep_alive.append(repeat)
+        for name, instance in repeat.instances.items():
             if self._repeated > MAX_YAML_EXPANDED_VALUES:
                 break
             local = {name: self._scalar(value) for name, value in instance.variables.items()}
@@ -219,9 +219,11 @@ class Substitution:
             whole = f"{key}_{name}"
             self._instance_origin = (Related(f"the instance '{name}' of '{key}'", instance.span),)
             self.origins[(*section, whole)] = self._instance_origin
-            made[whole] = Entry(instance.span, self.walk(found.entry, rule), entry.key_resolved)
+            instances[whole] = Entry(
+                instance.span, self.walk(repeat.entry, rule), entry.key_resolved
+            )
             self._local, self._scope, self._instance_origin = {}, None, ()
-        return made
+        return instances
 
     def _count(self, node: TreeNode) -> None:
         """Limit the size of the document that `repeat` makes."""
@@ -241,8 +243,8 @@ class Substitution:
                 "$(var ...) and $(env ...) are supported in values, and in keys that are topics",
             )
             return key, False
-        found = self._without_secret(self._scalar(ScalarNode(key, key, span)))
-        return (found.text, True) if isinstance(found, ScalarNode) else (key, False)
+        text = self._without_secret(self._scalar(ScalarNode(key, key, span)))
+        return (text.text, True) if isinstance(text, ScalarNode) else (key, False)
 
     def _report_clash(self, key: str, span: Span, first: Span) -> None:
         self.problems.error(
@@ -263,17 +265,20 @@ class Substitution:
         failed = False
         origin: Related | None = None
         secret = ""
-        for found in references(text):
-            value = self._value(found, node)
+        for reference in references(text):
+            value = self._value(reference, node)
             if value is None:
                 failed = True
                 if self.problems.full:
                     break
                 continue
-            if isinstance(found, Reference) and (found.start, found.end) == (0, len(text)):
+            if isinstance(reference, Reference) and (reference.start, reference.end) == (
+                0,
+                len(text),
+            ):
                 return replace(value, span=node.span)
-            parts += [text[at : found.start], value.text]
-            at = found.end
+            parts += [text[at : reference.start], value.text]
+            at = reference.end
             if value.secret and not secret:
                 secret, origin = value.secret, value.origin
             origin = origin or value.origin

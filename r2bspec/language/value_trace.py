@@ -74,11 +74,15 @@ def provenance(loaded: LoadedSpec, text: str) -> Provenance:
     if node is None:
         return _default_provenance(loaded.tree, path, text)
     origins = loaded.origins.origins_of(path, node.span)
-    origin_spans = {each.span for each in origins}
+    origin_spans = {origin.span for origin in origins}
     steps = list(_source_steps(loaded, node))
     steps += [step for step in _alias_steps(loaded.tree, path) if step.span not in origin_spans]
-    known = {step.span for step in steps}
-    steps += [ProvenanceStep(each.message, each.span) for each in origins if each.span not in known]
+    spans = {step.span for step in steps}
+    steps += [
+        ProvenanceStep(origin.message, origin.span)
+        for origin in origins
+        if origin.span not in spans
+    ]
     return Provenance(path, to_flow_yaml(to_plain(node)), tuple(steps))
 
 

@@ -148,7 +148,9 @@ def with_value(declared: TreeNode, value: TreeNode) -> TreeNode:
     """The same declaration with another value."""
     if not isinstance(declared, MapNode):
         return value
-    entries = {key: each for key, each in declared.entries.items() if key not in _VALUE_KEYS}
+    entries = {
+        key: given_value for key, given_value in declared.entries.items() if key not in _VALUE_KEYS
+    }
     return MapNode({**entries, "value": Entry(value.span, value)}, declared.span)
 
 
@@ -243,7 +245,7 @@ def _check_type(
 def _mismatch(node: ScalarNode, kind: str) -> tuple[str, str]:
     """Why a value is not of a type, and the fix; two empty strings if it is."""
     if kind in _PLAIN_TYPES:
-        wanted, types = _PLAIN_TYPES[kind]
+        accepted, types = _PLAIN_TYPES[kind]
         if type(node.value) in types:
             return "", ""
         help_text = (
@@ -251,7 +253,7 @@ def _mismatch(node: ScalarNode, kind: str) -> tuple[str, str]:
             if kind == "string"
             else "change the value or the declared type"
         )
-        return f"{quote(node.text)} is not {wanted}", help_text
+        return f"{quote(node.text)} is not {accepted}", help_text
     quantity = QUANTITIES.get(kind)
     if quantity is None:  # an unknown type, reported by the schema
         return "", ""
@@ -293,10 +295,10 @@ class RepeatedEntry(msgspec.Struct, frozen=True):
     """An entry without its `repeat`, and its instances."""
 
     entry: MapNode
-    instances: dict[str, Instance]
+    instances: dict[str, RepeatInstance]
 
 
-class Instance(msgspec.Struct, frozen=True):
+class RepeatInstance(msgspec.Struct, frozen=True):
     """The place of an instance, and its variables."""
 
     span: Span
@@ -309,11 +311,11 @@ def parse_repeat(node: MapNode) -> RepeatedEntry | None:
     if not isinstance(named, MapNode) or not named.entries:
         return None
     found = {name: _instance(name, entry) for name, entry in named.entries.items()}
-    instances = {name: each for name, each in found.items() if each is not None}
+    instances = {name: instance for name, instance in found.items() if instance is not None}
     return RepeatedEntry(without(node, KEY), instances) if len(instances) == len(found) else None
 
 
-def _instance(name: str, entry: Entry) -> Instance | None:
+def _instance(name: str, entry: Entry) -> RepeatInstance | None:
     if not INSTANCE.matches(name) or not entry.key_resolved or not isinstance(entry.value, MapNode):
         return None
     values: dict[str, ScalarNode] = {}
@@ -324,7 +326,7 @@ def _instance(name: str, entry: Entry) -> Instance | None:
         if value.value is None:
             return None
         values[variable] = value
-    return Instance(entry.key_span, values)
+    return RepeatInstance(entry.key_span, values)
 
 
 _PART = re.compile(r"\[(\d{1,9})\]|\['([^']*)'\]|(?:^|\.)([^.\[\]'=]+)")

@@ -277,16 +277,16 @@ def compose(source: Source) -> ComposeResult:
     if has_errors(source.diagnostics):
         return ComposeResult(None, source.diagnostics)
     composer = _Composer(source)
-    found = composer.problems.diagnostics
-    found += source.diagnostics
+    diagnostics = composer.problems.diagnostics
+    diagnostics += source.diagnostics
     try:
         composer.run(_events(source.text))
     except StopReadingError:
-        return ComposeResult(None, tuple(found))
+        return ComposeResult(None, tuple(diagnostics))
     except yaml.YAMLError as error:
-        found.append(explain_syntax_error(error, source))
-        return ComposeResult(None, tuple(found))
-    return ComposeResult(composer.root, tuple(found))
+        diagnostics.append(explain_syntax_error(error, source))
+        return ComposeResult(None, tuple(diagnostics))
+    return ComposeResult(composer.root, tuple(diagnostics))
 
 
 def _events(text: str) -> Iterator[Any]:

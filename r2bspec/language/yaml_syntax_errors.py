@@ -386,9 +386,9 @@ def explain_syntax_error(error: yaml.YAMLError, source: Source) -> Diagnostic:
         source=source,
     )
     for case in _EXPLAINERS:
-        found = case(report)
-        if found is not None:
-            return found
+        explanation = case(report)
+        if explanation is not None:
+            return explanation
     return report.error("R2B010", f"invalid YAML: {report.problem}", "check the lines above")
 
 

@@ -237,13 +237,13 @@ def spec_cases(path: Path, text: str, unsaved: Mapping[Path, str]) -> list[SpecC
     """
     with unsaved_files(unsaved):
         cases = load_cases(text, file=str(path))
-    found = []
+    cases_found = []
     for loaded in cases:
         place = loaded.span(("name",), key=True)
         # The name of the benchmark may be in an extended file.
         line = place.line - 1 if place.file == str(path) else 0
-        found.append(SpecCase(loaded.id, loaded.case, max(line, 0)))
-    return found
+        cases_found.append(SpecCase(loaded.id, loaded.case, max(line, 0)))
+    return cases_found
 
 
 _SEVERITIES: Final = {
@@ -260,15 +260,15 @@ def diagnostics_by_file(
     analysis: Analysis, positions_of: PositionsOf
 ) -> Mapping[str, list[types.Diagnostic]]:
     """The diagnostics of every file of an analysis; a file without findings has an empty list."""
-    found: dict[str, list[types.Diagnostic]] = {
+    diagnostics: dict[str, list[types.Diagnostic]] = {
         name: [] for name in analysis.sources if _is_file(name)
     }
-    found.setdefault(str(analysis.path), [])
-    for each in analysis.diagnostics:
+    diagnostics.setdefault(str(analysis.path), [])
+    for diagnostic in analysis.diagnostics:
         # A finding in an option has no place in a file.
-        file = each.span.file if _is_file(each.span.file) else str(analysis.path)
-        found.setdefault(file, []).append(to_diagnostic(each, file, positions_of))
-    return found
+        file = diagnostic.span.file if _is_file(diagnostic.span.file) else str(analysis.path)
+        diagnostics.setdefault(file, []).append(to_diagnostic(diagnostic, file, positions_of))
+    return diagnostics
 
 
 def to_diagnostic(each: Diagnostic, file: str, positions_of: PositionsOf) -> types.Diagnostic:
@@ -334,9 +334,10 @@ def code_actions(
     positions = positions_of(str(analysis.path))
     start, end = positions.offset(where.start), positions.offset(where.end)
     here = [
-        each
-        for each in analysis.diagnostics
-        if each.span.file == str(analysis.path) and _overlaps(positions, each, start, end)
+        diagnostic
+        for diagnostic in analysis.diagnostics
+        if diagnostic.span.file == str(analysis.path)
+        and _overlaps(positions, diagnostic, start, end)
     ]
     return [
         *_fixes(here, positions_of),
@@ -352,15 +353,15 @@ def _overlaps(positions: TextPositions, each: Diagnostic, start: int, end: int) 
 
 
 def _fixes(here: Sequence[Diagnostic], positions_of: PositionsOf) -> Iterator[types.CodeAction]:
-    for each in here:
-        edit = each.edit or _meant(each, positions_of)
+    for finding in here:
+        edit = finding.edit or _meant(finding, positions_of)
         if edit is None:
             continue
         span, text = edit.span, edit.text
         yield types.CodeAction(
             title=f"Replace with '{text}'" if text.strip() else "Remove it",
             kind=types.CodeActionKind.QuickFix,
-            diagnostics=[to_diagnostic(each, each.span.file, positions_of)],
+            diagnostics=[to_diagnostic(finding, finding.span.file, positions_of)],
             is_preferred=True,
             edit=_edits(span.file, types.TextEdit(positions_of(span.file).range(span), text)),
         )
@@ -388,11 +389,11 @@ def _meant(each: Diagnostic, positions_of: PositionsOf) -> Edit | None:
 
 def _fix_all(analysis: Analysis, positions_of: PositionsOf) -> Iterator[types.CodeAction]:
     positions = positions_of(str(analysis.path))
-    edits = [each.edit for each in analysis.diagnostics if each.edit is not None]
-    own = (each for each in edits if each.span.file == str(analysis.path))
+    edits = [diagnostic.edit for diagnostic in analysis.diagnostics if diagnostic.edit is not None]
+    own = (edit for edit in edits if edit.span.file == str(analysis.path))
     changes = [
-        types.TextEdit(positions.range(each.span), each.text)
-        for each in applicable_together(positions.text, own)
+        types.TextEdit(positions.range(edit.span), edit.text)
+        for edit in applicable_together(positions.text, own)
     ]
     if changes:
         yield types.CodeAction(
@@ -406,21 +407,21 @@ def _waivers(
     analysis: Analysis, here: Sequence[Diagnostic], positions_of: PositionsOf
 ) -> Iterator[types.CodeAction]:
     positions = positions_of(str(analysis.path))
-    for each in here:
-        unreadable = each.severity is Severity.ERROR and each.code.startswith(_UNREADABLE)
-        if unreadable or each.code == NOT_WAIVABLE:
+    for finding in here:
+        unreadable = finding.severity is Severity.ERROR and finding.code.startswith(_UNREADABLE)
+        if unreadable or finding.code == NOT_WAIVABLE:
             continue
-        start, _ = positions.line_at(positions.offsets(each.span)[0])
-        page = find_page(each.code)
-        name = page.slug if page is not None else each.code
+        start, _ = positions.line_at(positions.offsets(finding.span)[0])
+        page = find_page(finding.code)
+        name = page.slug if page is not None else finding.code
         line = positions.text[start:]
         indent = line[: len(line) - len(line.lstrip(" "))]
         comment = f"{indent}# r2bspec: ignore[{name}] TODO: why this is intended\n"
         edit = types.TextEdit(positions.range_of_offsets(start, start), comment)
         yield types.CodeAction(
-            title=f"Waive {each.code} here, with a reason",
+            title=f"Waive {finding.code} here, with a reason",
             kind=types.CodeActionKind.QuickFix,
-            diagnostics=[to_diagnostic(each, each.span.file, positions_of)],
+            diagnostics=[to_diagnostic(finding, finding.span.file, positions_of)],
             edit=_edits(str(analysis.path), edit),
         )
 

@@ -23,7 +23,7 @@ from r2bspec.check.engine import check_cases, context_of
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.diagnostics import Path as TreePath
 from r2bspec.errors import UsageError
-from r2bspec.language.declaration import Rule, rule_at
+from r2bspec.language.declaration import ValueRule, rule_at
 from r2bspec.language.document import Source
 from r2bspec.language.load_spec import LoadedSpec, load_cases, load_spec
 from r2bspec.language.located_tree import TreeNode, to_plain
@@ -67,7 +67,7 @@ def tentative_context(loaded: LoadedSpec) -> Context | None:
 def _repair(plain: dict[str, Any], found: Iterable[Diagnostic]) -> bool:
     """Remove what errors are about, deepest first, and fill in what is then missing."""
     before = copy.deepcopy(plain)
-    paths = [one.path for one in found if one.severity is Severity.ERROR]
+    paths = [finding.path for finding in found if finding.severity is Severity.ERROR]
     for path in sorted(paths, key=len, reverse=True):
         if path:
             _remove(plain, path)
@@ -109,7 +109,7 @@ def _fill(value: Any, path: TreePath) -> None:
         _fill(below, (*path, key))
 
 
-def _example(rule: Rule) -> Any:
+def _example(rule: ValueRule) -> Any:
     return copy.deepcopy(rule.about.examples[0]) if rule.about.examples else "example"
 
 
@@ -139,7 +139,7 @@ class Analysis:
     @property
     def context(self) -> Context | None:
         """The context of the first case that has one."""
-        return next((each for each in self.contexts if each is not None), None)
+        return next((context for context in self.contexts if context is not None), None)
 
     @cached_property
     def known(self) -> Context | None:
@@ -176,9 +176,9 @@ def analyse(path: Path, text: str, unsaved: Mapping[Path, str] | None = None) ->
     with unsaved_files(unsaved or {}), shared_lookups():
         cases = load_cases(text, file=str(path))
         files = DocumentFiles(cases[0].base_dir)
-        contexts = tuple(context_of(each, files=files) for each in cases)
-        found = check_cases(cases, contexts=contexts)
-    return Analysis(path, text, cases, contexts, tuple(found))
+        contexts = tuple(context_of(case, files=files) for case in cases)
+        findings = check_cases(cases, contexts=contexts)
+    return Analysis(path, text, cases, contexts, tuple(findings))
 
 
 _IS_SPEC: Final = re.compile(r"^r2bspec[ \t]*:", re.MULTILINE)
@@ -224,7 +224,7 @@ class OpenSpecs:
             UsageError: with it, too many would be open; the document counts as closed.
         """
         self.generation += 1
-        others = [len(each.text) for known, each in self._documents.items() if known != path]
+        others = [len(each.text) for other, each in self._documents.items() if other != path]
         if len(others) >= MAX_EDITOR_DOCUMENTS:
             self.close(path)
             raise UsageError(
@@ -240,8 +240,8 @@ class OpenSpecs:
     def close(self, path: Path) -> None:
         """Forget a text; what is on disk counts again."""
         self.generation += 1
-        for known in (self._documents, self._latest, self._valid):
-            known.pop(path, None)
+        for documents in (self._documents, self._latest, self._valid):
+            documents.pop(path, None)
 
     def touch(self) -> None:
         """Take notice that a file on disk has changed."""
@@ -297,9 +297,9 @@ class OpenSpecs:
         """The open specs of which the findings may change with a document."""
         specs = self.specs()
         readers = [
-            each
-            for each in specs
-            if each != path and str(path) in getattr(self._latest.get(each), "sources", ())
+            spec
+            for spec in specs
+            if spec != path and str(path) in getattr(self._latest.get(spec), "sources", ())
         ]
         if path in specs:
             return [path, *readers]
@@ -323,7 +323,9 @@ class OpenSpecs:
         An analysis asks on a thread of its own, while documents are opened and closed.
         """
         documents = list(self._documents.values())
-        return {each.resolved: each.text for each in documents if not each.is_too_long}
+        return {
+            document.resolved: document.text for document in documents if not document.is_too_long
+        }
 
 
 def _resolved(path: Path) -> Path:

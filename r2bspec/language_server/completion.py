@@ -14,10 +14,15 @@ from typing import Any, Final
 from lsprotocol import types
 
 from r2bspec.diagnostics.code_pages import all_pages
-from r2bspec.language.declaration import Rule, rule_at
+from r2bspec.language.declaration import ValueRule, rule_at
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.messages import Position
-from r2bspec.language_server.positions import CursorContext, Proposal, TextPositions, cursor_context
+from r2bspec.language_server.positions import (
+    CompletionProposal,
+    CursorContext,
+    TextPositions,
+    cursor_context,
+)
 from r2bspec.language_server.proposed_names import (
     environment_names,
     names_as_keys,
@@ -42,7 +47,7 @@ def snippet_text(body: Mapping[str, Any]) -> str:
     return "\n".join(_lines(body))
 
 
-def key_snippet(key: str, rule: Rule) -> str:
+def key_snippet(key: str, rule: ValueRule) -> str:
     """A key with room for its value below it; empty where the value follows on the same line.
 
     Args:
@@ -63,7 +68,7 @@ def key_snippet(key: str, rule: Rule) -> str:
     return "\n".join([f"{key}:", *stops])
 
 
-def _is_collection(rule: Rule) -> bool:
+def _is_collection(rule: ValueRule) -> bool:
     return not {"object", "array"}.isdisjoint(rule.kinds)
 
 
@@ -194,27 +199,27 @@ class _Insertion:
 
 def _keys(
     analysis: Analysis | None, context: CursorContext, where: _Insertion
-) -> Iterator[Proposal]:
-    found = [*_schema_keys(context), *names_as_keys(analysis, context)]
+) -> Iterator[CompletionProposal]:
+    items = [*_schema_keys(context), *names_as_keys(analysis, context)]
     if not context.has_colon:
-        found += _schema_snippets(context)
+        items += _schema_snippets(context)
     is_block = where.client.snippets and where.is_block and not context.has_colon
-    for each in found:
-        if each.label not in context.siblings:
-            yield _with_room(each, context) if is_block else each
+    for key in items:
+        if key.label not in context.siblings:
+            yield _with_room(key, context) if is_block else key
 
 
 def _first_keys(
     analysis: Analysis | None, context: CursorContext, where: _Insertion
-) -> Iterator[Proposal]:
+) -> Iterator[CompletionProposal]:
     """The keys of a map that has none yet; on a line of their own, as YAML needs it."""
     if not where.is_after_key:
         yield from _keys(analysis, context, where)
     elif where.client.snippets:
         own_line = replace(where, before="")
-        for each in _keys(analysis, context, own_line):
-            text = f"\n{each.insert or each.label}".replace("\n", f"\n{_STEP}")
-            yield replace(each, insert=text if each.is_snippet else _plain(text), is_snippet=True)
+        for key in _keys(analysis, context, own_line):
+            text = f"\n{key.insert or key.label}".replace("\n", f"\n{_STEP}")
+            yield replace(key, insert=text if key.is_snippet else _plain(text), is_snippet=True)
 
 
 def _plain(text: str) -> str:
@@ -222,20 +227,20 @@ def _plain(text: str) -> str:
     return re.sub(r"[\\$}]", r"\\\g<0>", text)
 
 
-def _with_room(each: Proposal, context: CursorContext) -> Proposal:
+def _with_room(each: CompletionProposal, context: CursorContext) -> CompletionProposal:
     """A key with room for its map or its list below it."""
     rule = rule_at((*context.path, each.label))
     text = key_snippet(each.label, rule) if rule is not None and not each.is_snippet else ""
     return replace(each, insert=text, is_snippet=True) if text else each
 
 
-def _schema_keys(context: CursorContext) -> Iterator[Proposal]:
+def _schema_keys(context: CursorContext) -> Iterator[CompletionProposal]:
     owner = rule_at(context.path)
     if owner is None or owner.keys is None:
         return
     required = owner.required
     for order, (key, below) in enumerate(owner.keys.items()):
-        yield Proposal(
+        yield CompletionProposal(
             key,
             detail=_type_text(below) + (", required" if key in required else ""),
             documentation=below.description,
@@ -245,7 +250,7 @@ def _schema_keys(context: CursorContext) -> Iterator[Proposal]:
         )
 
 
-def _type_text(rule: Rule) -> str:
+def _type_text(rule: ValueRule) -> str:
     kind = " or ".join(rule.kinds)
     if rule.is_parsed and rule.quantity is not None:
         kind = rule.quantity.kind
@@ -253,70 +258,72 @@ def _type_text(rule: Rule) -> str:
     return kind if default in (None, {}, [], "") else f"{kind}, default {default}"
 
 
-def _schema_snippets(context: CursorContext) -> Iterator[Proposal]:
+def _schema_snippets(context: CursorContext) -> Iterator[CompletionProposal]:
     rule = rule_at(context.path)
-    for each in rule.snippets if rule is not None else ():
-        if isinstance(each.get("body"), dict):
-            label = each["label"]
+    for snippet in rule.snippets if rule is not None else ():
+        if isinstance(snippet.get("body"), dict):
+            label = snippet["label"]
             is_key = rule is not None and label in (rule.keys or ())
-            yield Proposal(
+            yield CompletionProposal(
                 f"{label} with its keys" if is_key else label,
                 detail="snippet",
-                insert=snippet_text(each["body"]),
+                insert=snippet_text(snippet["body"]),
                 kind=types.CompletionItemKind.Snippet,
                 is_snippet=True,
                 order=900,
             )
 
 
-def _references(analysis: Analysis | None, kind: str) -> Iterator[Proposal]:
+def _references(analysis: Analysis | None, kind: str) -> Iterator[CompletionProposal]:
     """The variables, and the names of the environment that the spec lists."""
     if analysis is None:
         return
     if kind != "env":
         for name in names_of(analysis, "variable"):
-            yield Proposal(
+            yield CompletionProposal(
                 name if kind else f"$(var {name})",
                 detail=variable_value(analysis, name),
                 kind=types.CompletionItemKind.Variable,
             )
     if kind != "var":
         for name in environment_names(analysis):
-            yield Proposal(
+            yield CompletionProposal(
                 name if kind else f"$(env {name})",
                 detail="of the environment",
                 kind=types.CompletionItemKind.Constant,
             )
 
 
-def _codes() -> Iterator[Proposal]:
+def _codes() -> Iterator[CompletionProposal]:
     for code, page in all_pages().items():
-        yield Proposal(page.slug, detail=code, documentation=page.why)
-        yield Proposal(code, detail=page.slug, documentation=page.why)
+        yield CompletionProposal(page.slug, detail=code, documentation=page.why)
+        yield CompletionProposal(code, detail=page.slug, documentation=page.why)
 
 
-def _items(proposals: Iterable[Proposal], where: _Insertion) -> list[types.CompletionItem]:
-    found: dict[str, types.CompletionItem] = {}
+def _items(
+    proposals: Iterable[CompletionProposal], where: _Insertion
+) -> list[types.CompletionItem]:
+    items: dict[str, types.CompletionItem] = {}
     replaced = where.positions.range_of_offsets(where.start, where.end)
-    for each in proposals:
-        if each.label in found or (each.is_snippet and not where.client.snippets):
+    for proposal in proposals:
+        if proposal.label in items or (proposal.is_snippet and not where.client.snippets):
             continue
-        found[each.label] = types.CompletionItem(
-            label=each.label,
-            kind=each.kind,
-            detail=each.detail or None,
-            documentation=types.MarkupContent(types.MarkupKind.Markdown, each.documentation)
-            if each.documentation
+        items[proposal.label] = types.CompletionItem(
+            label=proposal.label,
+            kind=proposal.kind,
+            detail=proposal.detail or None,
+            documentation=types.MarkupContent(types.MarkupKind.Markdown, proposal.documentation)
+            if proposal.documentation
             else None,
-            sort_text=f"{each.order:05d}{each.label}",
-            filter_text=each.label,
-            text_edit=types.TextEdit(replaced, where.indented(each.insert or each.label)),
+            sort_text=f"{proposal.order:05d}{proposal.label}",
+            filter_text=proposal.label,
+            text_edit=types.TextEdit(replaced, where.indented(proposal.insert or proposal.label)),
             insert_text_format=types.InsertTextFormat.Snippet
-            if each.is_snippet
+            if proposal.is_snippet
             else types.InsertTextFormat.PlainText,
-            insert_text_mode=_mode(where.client) if "\n" in each.insert else None,
+            insert_text_mode=_mode(where.client) if "\n" in proposal.insert else None,
         )
-    return list(found.values())
+    return list(items.values())
 
 
 def _mode(client: ClientCapabilities) -> types.InsertTextMode:

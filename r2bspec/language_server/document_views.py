@@ -28,11 +28,11 @@ from r2bspec.language.located_tree import (
 from r2bspec.language.value_trace import UnknownPathError, provenance
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.messages import Position
-from r2bspec.language_server.positions import Place, TextPositions, place_at, walk
+from r2bspec.language_server.positions import DocumentPlace, TextPositions, place_at, walk
 from r2bspec.language_server.symbols import Occurrence, occurrence_at
 from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.time_estimate import estimate_time
-from r2bspec.plan.wiring.wiring import Endpoint
+from r2bspec.plan.wiring.wiring import WiredEndpoint
 
 
 def hover(analysis: Analysis, positions: TextPositions, position: Position) -> types.Hover | None:
@@ -67,7 +67,7 @@ def _about_key(path: Path) -> Iterator[str]:
         yield f"Default: `{default}`"
 
 
-def _about_value(analysis: Analysis, place: Place) -> Iterator[str]:
+def _about_value(analysis: Analysis, place: DocumentPlace) -> Iterator[str]:
     """The value after substitution, where it is not the text that is written."""
     tree = analysis.loaded.tree
     node = lookup(tree, place.path)
@@ -97,12 +97,12 @@ def _about_symbol(analysis: Analysis, occurrence: Occurrence) -> Iterator[str]:
     for phase in context.wiring.phases:
         ends = (*phase.publishers(name), *phase.subscriptions(name))
         if ends:
-            known = ", ".join(sorted({f"`{each.type}`" for each in ends if each.type}))
+            known = ", ".join(sorted({f"`{end.type}`" for end in ends if end.type}))
             yield f"Type: {known or 'unknown'}"
-            yield "\n".join(f"- {_endpoint(each)}" for each in ends)
+            yield "\n".join(f"- {_endpoint(end)}" for end in ends)
 
 
-def _endpoint(end: Endpoint) -> str:
+def _endpoint(end: WiredEndpoint) -> str:
     verb = "published by" if end.is_publisher else "subscribed to by"
     text = f"{verb} {end.owner}"
     if end.own_name and end.is_node:
@@ -117,22 +117,22 @@ def _about_requirement(analysis: Analysis, path: Path) -> Iterator[str]:
     context = analysis.context
     if context is None:
         return
-    for each in context.known_metrics:
-        if each.located.path != path:
+    for metric in context.known_metrics:
+        if metric.located.path != path:
             continue
-        requirement = each.located.requirement
-        yield f"`{requirement.text.strip()}`: {each.info.description}"
-        about = definition(each.info)
+        requirement = metric.located.requirement
+        yield f"`{requirement.text.strip()}`: {metric.info.description}"
+        about = definition(metric.info)
         yield f"{about.text}\n\nFormula: {about.formula}"
-        at, benchmark = each.located.at, context.spec.benchmark
+        at, benchmark = metric.located.at, context.spec.benchmark
         if at is not None:
             played = round(at.hz * benchmark.duration.seconds) * benchmark.iterations
             yield (
                 f"Judged at {at} from {played:,} steps "
                 f"({benchmark.iterations} iterations of {benchmark.duration}), "
-                f"at {each.located.confidence:.0%} confidence."
+                f"at {metric.located.confidence:.0%} confidence."
             )
-        yield from _about_sample(each)
+        yield from _about_sample(metric)
 
 
 def _about_sample(each: KnownMetric) -> Iterator[str]:
@@ -166,7 +166,7 @@ def inlay_hints(analysis: Analysis, positions: TextPositions) -> Iterator[types.
 
 
 def _time_of_run(context: Context) -> str:
-    if any(each.severity == "error" for each in context.loaded.diagnostics):
+    if any(diagnostic.severity == "error" for diagnostic in context.loaded.diagnostics):
         return ""
     try:
         plan = compile_plan(

@@ -186,7 +186,7 @@ def walk(tree: TreeNode, path: Path = ()) -> Iterator[tuple[Path, Span | None, T
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class DocumentPlace:
     """The innermost key or value at a place.
 
     Attributes:
@@ -198,21 +198,21 @@ class Place:
     is_key: bool
 
 
-def place_at(tree: TreeNode, file: str, place: tuple[int, int]) -> Place | None:
+def place_at(tree: TreeNode, file: str, place: tuple[int, int]) -> DocumentPlace | None:
     """The innermost key or value at a place; None where there is none, as in a comment."""
 
     def contains(span: Span) -> bool:
         start, end = (span.line, span.column), (span.end_line, span.end_column)
         return span.file == file and start <= place <= end
 
-    innermost: Place | None = None
+    innermost: DocumentPlace | None = None
     for path, key_span, node in walk(tree):
         if innermost is not None and path[: len(innermost.path)] != innermost.path:
             continue
         if key_span is not None and contains(key_span):
-            return Place(path, key_span, is_key=True)
+            return DocumentPlace(path, key_span, is_key=True)
         if contains(node.span):
-            innermost = Place(path, node.span, is_key=False)
+            innermost = DocumentPlace(path, node.span, is_key=False)
     return innermost
 
 
@@ -339,7 +339,7 @@ def _marked(tree: TreeNode) -> tuple[Path, bool, str, frozenset[str]] | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Proposal:
+class CompletionProposal:
     """One thing that can be written.
 
     Attributes:

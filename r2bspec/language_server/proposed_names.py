@@ -15,12 +15,12 @@ from lsprotocol import types
 
 from r2bspec.check.check_context import Context
 from r2bspec.diagnostics import Path
-from r2bspec.language.declaration import Rule, rule_at
+from r2bspec.language.declaration import ValueRule, rule_at
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, lookup
 from r2bspec.language.names import MESSAGE_TYPE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.positions import CursorContext, Proposal
+from r2bspec.language_server.positions import CompletionProposal, CursorContext
 from r2bspec.language_server.proposed_values import (
     any_file,
     executables,
@@ -38,19 +38,19 @@ from r2bspec.plan.installed_packages import installed_message_types
 from r2bspec.plan.wiring.name_resolution import expand
 from r2bspec.plan.wiring.wiring import NodeWiring
 
-ProposalSource = Callable[[Analysis, CursorContext], Iterator[Proposal]]
+ProposalSource = Callable[[Analysis, CursorContext], Iterator[CompletionProposal]]
 """What can be written at the path of a context."""
 
 
-def message_types(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def message_types(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
     """Message types: of the topic in the same map, of the spec, of this machine."""
     known = analysis.known
     if known is not None:
         owner = context.path[:-1]
         for used in dict.fromkeys(_of_topics(known, owner, _topics_beside(analysis, owner))):
             yield _proposal(used, "of this topic", 1)
-        ends = [each for phase in known.wiring.phases for each in phase.endpoints]
-        for used in dict.fromkeys(each.type for each in ends if each.type):
+        ends = [endpoint for phase in known.wiring.phases for endpoint in phase.endpoints]
+        for used in dict.fromkeys(end.type for end in ends if end.type):
             yield _proposal(used, "used in this spec", 5)
     for name in sorted(installed_message_types()):
         yield _proposal(name, "installed", 600)
@@ -58,13 +58,15 @@ def message_types(analysis: Analysis, context: CursorContext) -> Iterator[Propos
         yield _proposal(name, "", 610)
 
 
-def _proposal(name: str, detail: str, order: int) -> Proposal:
-    return Proposal(name, detail, kind=types.CompletionItemKind.Struct, order=order)
+def _proposal(name: str, detail: str, order: int) -> CompletionProposal:
+    return CompletionProposal(name, detail, kind=types.CompletionItemKind.Struct, order=order)
 
 
-def _topic(name: str, detail: str, *, documentation: str = "", order: int = 5) -> Proposal:
+def _topic(
+    name: str, detail: str, *, documentation: str = "", order: int = 5
+) -> CompletionProposal:
     field = types.CompletionItemKind.Field
-    return Proposal(name, detail, documentation, kind=field, order=order)
+    return CompletionProposal(name, detail, documentation, kind=field, order=order)
 
 
 def _topics_beside(analysis: Analysis, owner: Path) -> Iterator[str]:
@@ -79,7 +81,7 @@ def _topics_beside(analysis: Analysis, owner: Path) -> Iterator[str]:
 
 def _of_topics(known: Context, owner: Path, topics: Iterator[str]) -> Iterator[str]:
     """The types of topics, without what the entry that is written says itself."""
-    names = {expand(each, "", known.wiring.namespace) for each in topics if each}
+    names = {expand(topic, "", known.wiring.namespace) for topic in topics if topic}
     for phase in known.wiring.phases:
         for end in phase.endpoints:
             if end.topic in names and end.type and owner not in {end.path, end.path[: len(owner)]}:
@@ -102,17 +104,17 @@ def variable_value(analysis: Analysis, name: str) -> str:
 def environment_names(analysis: Analysis) -> list[str]:
     """The names of the environment that the spec may use."""
     listed = (lookup(tree, ("environment",)) for tree in analysis.written.values())
-    return list(dict.fromkeys(name for each in listed for name in _texts(each)))
+    return list(dict.fromkeys(name for value in listed for name in _texts(value)))
 
 
-def bag_topics(analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
+def bag_topics(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
     """The topics of the recordings, with their types."""
     bag = analysis.known.bag if analysis.known is not None else None
     for name, info in (bag.topics if bag is not None else {}).items():
         yield _topic(name, info.type)
 
 
-def graph_topics(analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
+def graph_topics(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
     """The topics of the spec, relative to its namespace, with their types."""
     spec_context = analysis.known
     if spec_context is None:
@@ -120,28 +122,30 @@ def graph_topics(analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
     for phase in reversed(spec_context.wiring.phases):
         for topic in phase.topics:
             ends = (*phase.publishers(topic), *phase.subscriptions(topic))
-            known = next((each.type for each in ends if each.type), "")
+            known = next((end.type for end in ends if end.type), "")
             lines = "\n".join(_owners(topic, ends))
             yield _topic(spec_context.relative_name(topic), known, documentation=lines)
 
 
 def _owners(topic: str, ends: Iterable[Any]) -> Iterator[str]:
     yield f"`{topic}`"
-    for each in ends:
-        yield f"- {'published' if each.is_publisher else 'subscribed to'} by {each.owner}"
+    for end in ends:
+        yield f"- {'published' if end.is_publisher else 'subscribed to'} by {end.owner}"
 
 
-def input_topics(analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
+def input_topics(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
     """The topics that the graph needs and does not publish; then those that are loaded."""
     spec_context = analysis.known
     if spec_context is None:
         return
     phase = spec_context.wiring.measure
     for topic in phase.topics:
-        readers = [each for each in phase.subscriptions(topic) if each.is_node]
-        publishers = [each for each in phase.publishers(topic) if each.is_node]
+        readers = [
+            subscription for subscription in phase.subscriptions(topic) if subscription.is_node
+        ]
+        publishers = [publisher for publisher in phase.publishers(topic) if publisher.is_node]
         if readers and not publishers:
-            known = next((each.type for each in readers if each.type), "")
+            known = next((reader.type for reader in readers if reader.type), "")
             yield _topic(spec_context.relative_name(topic), known, order=1)
     # Before the graph is written, the recorded names are the best that is known.
     for name, info in (spec_context.bag.topics if spec_context.bag is not None else {}).items():
@@ -159,22 +163,22 @@ def _node_at(analysis: Analysis, path: Path) -> NodeWiring | None:
     )
 
 
-def own_topics(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def own_topics(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
     """The topics of a node by their names in its code."""
     node = _node_at(analysis, context.path)
     if node is None:
         return
-    found = {**(node.interface.publishes or {}), **(node.interface.subscribes or {})}
-    for name, type_name in found.items():
+    endpoints = {**(node.interface.publishes or {}), **(node.interface.subscribes or {})}
+    for name, type_name in endpoints.items():
         yield _topic(name, type_name)
 
 
-def parameters(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def parameters(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
     """The declared parameters of a node, with their types and defaults."""
     node = _node_at(analysis, context.path)
     for name, info in ((node.interface.parameters or {}) if node is not None else {}).items():
         default = "" if info.default is None else f", default {info.default}"
-        yield Proposal(
+        yield CompletionProposal(
             name,
             f"{info.type or 'parameter'}{default}",
             kind=types.CompletionItemKind.Property,
@@ -182,34 +186,34 @@ def parameters(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]
         )
 
 
-def containers(analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
+def containers(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
     """The containers of the spec."""
     for name in names_of(analysis, "container"):
-        yield Proposal(name, "container", kind=types.CompletionItemKind.Module, order=5)
+        yield CompletionProposal(name, "container", kind=types.CompletionItemKind.Module, order=5)
 
 
-def variables(analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
+def variables(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
     """The variables of the spec, with their values."""
     for name in names_of(analysis, "variable"):
         value = variable_value(analysis, name)
-        yield Proposal(name, value, kind=types.CompletionItemKind.Variable, order=5)
+        yield CompletionProposal(name, value, kind=types.CompletionItemKind.Variable, order=5)
 
 
-def inputs(analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
+def inputs(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
     """The inputs of the player."""
     known = analysis.known
     for name in known.spec.playback.inputs if known is not None else ():
         yield _topic(name, "input")
 
 
-def rates(analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
+def rates(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
     """The rates of the benchmark."""
     known = analysis.known
     for rate in known.spec.benchmark.rates if known is not None else ():
-        yield Proposal(str(rate), "a rate of the benchmark", order=5)
+        yield CompletionProposal(str(rate), "a rate of the benchmark", order=5)
 
 
-def parameter_values(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def parameter_values(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
     """The default of the parameter that is written."""
     node = _node_at(analysis, context.path)
     known = (node.interface.parameters or {}) if node is not None else {}
@@ -217,23 +221,25 @@ def parameter_values(analysis: Analysis, context: CursorContext) -> Iterator[Pro
     if info is not None and info.default is not None and not isinstance(info.default, list):
         default = info.default
         text = str(default).lower() if isinstance(default, bool) else str(default)
-        yield Proposal(text, f"default, {info.type or 'parameter'}", order=1)
+        yield CompletionProposal(text, f"default, {info.type or 'parameter'}", order=1)
 
 
-def axes(analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
+def axes(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
     """The variables of the matrix: those that cases differ in."""
     for name in _axes(analysis):
         detail = ", ".join(_texts(_axes(analysis)[name]))
-        yield Proposal(name, detail, kind=types.CompletionItemKind.Variable, order=3)
+        yield CompletionProposal(name, detail, kind=types.CompletionItemKind.Variable, order=3)
 
 
-def axis_values(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def axis_values(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
     """The values of the variable that is written, in the cases of the matrix."""
     for text in _texts(_axes(analysis).get(str(context.path[-1]))):
-        yield Proposal(text, "of a case", kind=types.CompletionItemKind.EnumMember, order=3)
+        yield CompletionProposal(
+            text, "of a case", kind=types.CompletionItemKind.EnumMember, order=3
+        )
 
 
-def case_variables(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def case_variables(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
     """The variables in which a case can differ: those of the matrix, then all others."""
     yield from axes(analysis, context)
     yield from variables(analysis, context)
@@ -251,10 +257,12 @@ def _axes(analysis: Analysis) -> dict[str, TreeNode]:
 
 def _texts(axis: TreeNode | None) -> list[str]:
     items = axis.items if isinstance(axis, ListNode) else ()
-    return [each.text for each in items if isinstance(each, ScalarNode)]
+    return [item.text for item in items if isinstance(item, ScalarNode)]
 
 
-def proposed_values(analysis: Analysis | None, context: CursorContext) -> Iterator[Proposal]:
+def proposed_values(
+    analysis: Analysis | None, context: CursorContext
+) -> Iterator[CompletionProposal]:
     """The values that can be written at the path of a context."""
     known = list(_from_sources(_VALUES, analysis, context))
     rule = rule_at(context.path)
@@ -270,7 +278,9 @@ def proposed_values(analysis: Analysis | None, context: CursorContext) -> Iterat
     yield from known or (_examples(rule) if rule is not None else ())
 
 
-def names_as_keys(analysis: Analysis | None, context: CursorContext) -> Iterator[Proposal]:
+def names_as_keys(
+    analysis: Analysis | None, context: CursorContext
+) -> Iterator[CompletionProposal]:
     """The names that can be the keys of the map at the path of a context."""
     for proposal in _from_sources(_KEYS, analysis, context):
         key = f"{proposal.insert or proposal.label}: "
@@ -281,7 +291,7 @@ def _from_sources(
     table: Mapping[ProposalSource, tuple[str, ...]],
     analysis: Analysis | None,
     context: CursorContext,
-) -> Iterator[Proposal]:
+) -> Iterator[CompletionProposal]:
     if analysis is None:
         return
     for source, patterns in table.items():
@@ -299,30 +309,30 @@ def _matches(path: Path, pattern: Sequence[str]) -> bool:
     )
 
 
-def _declared_values(rule: Rule, context: CursorContext) -> Iterator[Proposal]:
+def _declared_values(rule: ValueRule, context: CursorContext) -> Iterator[CompletionProposal]:
     yield from quantities(rule, context.before)
     if rule.kinds == ("boolean",):
-        yield from (Proposal(each, order=10) for each in ("true", "false"))
+        yield from (CompletionProposal(text, order=10) for text in ("true", "false"))
     default = rule.shown_default
     if rule.const is not None:
-        yield Proposal(str(rule.const), order=10)
+        yield CompletionProposal(str(rule.const), order=10)
     for word in rule.words:
-        yield Proposal(
+        yield CompletionProposal(
             str(word),
             detail="default" if word == default else "",
             kind=types.CompletionItemKind.EnumMember,
             order=10,
         )
     if isinstance(default, str | int | float) and default != "" and not rule.is_choice:
-        yield Proposal(
+        yield CompletionProposal(
             str(default).lower() if isinstance(default, bool) else str(default), "default", order=20
         )
 
 
-def _examples(rule: Rule) -> Iterator[Proposal]:
+def _examples(rule: ValueRule) -> Iterator[CompletionProposal]:
     for example in rule.about.examples:
         if isinstance(example, str) and rule.quantity is not Requirement:
-            yield Proposal(example, "example", order=800)
+            yield CompletionProposal(example, "example", order=800)
 
 
 _VALUES: Final[Mapping[ProposalSource, tuple[str, ...]]] = {

@@ -15,11 +15,11 @@ from typing import Final
 from lsprotocol import types
 
 from r2bspec.bags.recording import BAG_FORMATS
-from r2bspec.language.declaration import Rule
+from r2bspec.language.declaration import ValueRule
 from r2bspec.language.located_tree import ScalarNode, lookup
 from r2bspec.language.quantities import QUANTITIES, Duration, Quantity
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.positions import CursorContext, Proposal
+from r2bspec.language_server.positions import CompletionProposal, CursorContext
 from r2bspec.language_server.symbols import definitions_in, names_of
 from r2bspec.plan.installed_packages import (
     ament_packages,
@@ -31,33 +31,33 @@ from r2bspec.plan.installed_packages import (
 _MAX_FILES: Final = 200
 
 
-def recordings(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def recordings(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
     """Datasets, and the recordings below the folder of the spec."""
     from r2bspec.bags.recording import DataError
     from r2bspec.datasets.catalogue import known_datasets
 
     try:
         for name in known_datasets():
-            yield Proposal(name, "dataset", kind=types.CompletionItemKind.Module, order=5)
+            yield CompletionProposal(name, "dataset", kind=types.CompletionItemKind.Module, order=5)
     except DataError:
         pass
-    suffixes = tuple(each.suffix for each in BAG_FORMATS)
+    suffixes = tuple(format_.suffix for format_ in BAG_FORMATS)
     yield from _files(analysis, context, suffixes, bags=True)
 
 
-def yaml_files(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def yaml_files(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
     """YAML files, and the folders in which others may be."""
     yield from _files(analysis, context, (".yaml", ".yml"))
 
 
-def any_file(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def any_file(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
     """Files and folders."""
     yield from _files(analysis, context, ())
 
 
 def _files(
     analysis: Analysis, context: CursorContext, suffixes: Sequence[str], *, bags: bool = False
-) -> Iterator[Proposal]:
+) -> Iterator[CompletionProposal]:
     """Files and folders below the folder of the spec; with suffixes, only files that have one."""
     written = context.before.rpartition("/")[0]
     home = analysis.path.parent
@@ -68,48 +68,58 @@ def _files(
         entries = sorted(os.scandir(folder), key=lambda each: each.name)[:_MAX_FILES]
     except (OSError, ValueError):
         return
-    for each in entries:
-        if each.name.startswith((".", "__")) or each.name == analysis.path.name:
+    for entry in entries:
+        if entry.name.startswith((".", "__")) or entry.name == analysis.path.name:
             continue
-        is_folder = each.is_dir()
-        if is_folder or not suffixes or FilePath(each.name).suffix in suffixes:
+        is_folder = entry.is_dir()
+        if is_folder or not suffixes or FilePath(entry.name).suffix in suffixes:
             kind = types.CompletionItemKind.Folder if is_folder else types.CompletionItemKind.File
-            name = f"{written}/{each.name}" if written else each.name
-            if is_folder and bags and (FilePath(each.path) / "metadata.yaml").is_file():
+            name = f"{written}/{entry.name}" if written else entry.name
+            if is_folder and bags and (FilePath(entry.path) / "metadata.yaml").is_file():
                 # With './' before it, it is not taken for the name of a dataset.
                 name = name if written else f"./{name}"
-                yield Proposal(name, "recording", kind=types.CompletionItemKind.Module, order=1)
+                yield CompletionProposal(
+                    name, "recording", kind=types.CompletionItemKind.Module, order=1
+                )
             else:
-                yield Proposal(name, kind=kind, order=400)
+                yield CompletionProposal(name, kind=kind, order=400)
 
 
-def python_classes(analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
+def python_classes(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
     """The reference nodes, and the classes in Python files next to the spec, without imports."""
     from r2bspec.plan.wiring.node_interface import reference_node_interfaces
 
     for name in reference_node_interfaces():
-        yield Proposal(name, "reference node", kind=types.CompletionItemKind.Class, order=300)
+        yield CompletionProposal(
+            name, "reference node", kind=types.CompletionItemKind.Class, order=300
+        )
     home = analysis.path.parent
     files = [*sorted(home.glob("*.py")), *sorted(home.glob("nodes/*.py"))][:_MAX_FILES]
     for file in files:
         place = f"./{file.relative_to(home).as_posix()}"
-        classes = (each for each in definitions_in(file) or () if isinstance(each, ast.ClassDef))
-        for each in classes:
-            yield Proposal(f"{place}:{each.name}", kind=types.CompletionItemKind.Class, order=5)
+        classes = (
+            definition
+            for definition in definitions_in(file) or ()
+            if isinstance(definition, ast.ClassDef)
+        )
+        for class_ in classes:
+            yield CompletionProposal(
+                f"{place}:{class_.name}", kind=types.CompletionItemKind.Class, order=5
+            )
 
 
-def packages(_analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
+def packages(_analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
     """The packages that are installed, and those of the catalogue."""
     from r2bspec.plan.wiring.node_interface import catalogue_packages
 
     installed = ament_packages()
     for name in sorted(installed):
-        yield Proposal(name, "installed", kind=types.CompletionItemKind.Module, order=10)
+        yield CompletionProposal(name, "installed", kind=types.CompletionItemKind.Module, order=10)
     for name in sorted(set(catalogue_packages()) - installed):
-        yield Proposal(name, "known", kind=types.CompletionItemKind.Module, order=20)
+        yield CompletionProposal(name, "known", kind=types.CompletionItemKind.Module, order=20)
 
 
-def plugins(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def plugins(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
     """The composable nodes of the package that the node names."""
     from r2bspec.plan.wiring.node_interface import catalogue_nodes
 
@@ -117,29 +127,33 @@ def plugins(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
     installed = package_plugins(package)
     for name in sorted({*catalogue_nodes(package), *installed} - {""}):
         detail = "installed" if name in installed else "known"
-        yield Proposal(name, detail, kind=types.CompletionItemKind.Class, order=5)
+        yield CompletionProposal(name, detail, kind=types.CompletionItemKind.Class, order=5)
 
 
-def executables(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def executables(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
     """The executables of the package that the node names."""
     from r2bspec.plan.wiring.node_interface import catalogue_nodes
 
     package = _package_beside(analysis, context)
     installed = package_executables(package)
-    known = {each.executable for each in catalogue_nodes(package).values() if each.executable}
+    known = {
+        catalogue_node.executable
+        for catalogue_node in catalogue_nodes(package).values()
+        if catalogue_node.executable
+    }
     for name in sorted({*known, *installed}):
         detail = "installed" if name in installed else "known"
-        yield Proposal(name, detail, kind=types.CompletionItemKind.File, order=5)
+        yield CompletionProposal(name, detail, kind=types.CompletionItemKind.File, order=5)
 
 
-def launch_files(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def launch_files(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
     """The launch files of the package that the node names."""
     share = package_share(_package_beside(analysis, context))
     folder = share / "launch" if share is not None else None
-    for each in sorted(folder.iterdir() if folder is not None and folder.is_dir() else ()):
-        if "launch" in each.name:
-            name = f"launch/{each.name}"
-            yield Proposal(name, "installed", kind=types.CompletionItemKind.File, order=5)
+    for path in sorted(folder.iterdir() if folder is not None and folder.is_dir() else ()):
+        if "launch" in path.name:
+            name = f"launch/{path.name}"
+            yield CompletionProposal(name, "installed", kind=types.CompletionItemKind.File, order=5)
 
 
 def _package_beside(analysis: Analysis, context: CursorContext) -> str:
@@ -163,7 +177,7 @@ _BOUNDS: Final = {
 }
 
 
-def quantities(rule: Rule, before: str) -> Iterator[Proposal]:
+def quantities(rule: ValueRule, before: str) -> Iterator[CompletionProposal]:
     """The units after a number, at a value that is a quantity.
 
     Args:
@@ -175,7 +189,7 @@ def quantities(rule: Rule, before: str) -> Iterator[Proposal]:
         yield from _units(kind, before.split(), ends_in_space=before.endswith(" "))
 
 
-def requirements(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def requirements(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
     """Metrics; after a metric the operators; after an operator the bounds with their units."""
     words = context.before.split()
     ends_in_space = context.before.endswith(" ")
@@ -183,14 +197,14 @@ def requirements(analysis: Analysis, context: CursorContext) -> Iterator[Proposa
         yield from _metrics(analysis)
     elif len(words) == 1 or (len(words) == 2 and not ends_in_space):
         yield from (
-            Proposal(each, kind=types.CompletionItemKind.Operator, order=index)
-            for index, each in enumerate(_OPERATORS)
+            CompletionProposal(operator, kind=types.CompletionItemKind.Operator, order=index)
+            for index, operator in enumerate(_OPERATORS)
         )
     elif words[1] in _OPERATORS:
         yield from _bounds(_dimension(words[0]), words[2:], ends_in_space=ends_in_space)
 
 
-def _metrics(analysis: Analysis) -> Iterator[Proposal]:
+def _metrics(analysis: Analysis) -> Iterator[CompletionProposal]:
     from r2bspec.judge.measure.metric_catalogue import (
         METRICS,
         MetricError,
@@ -210,7 +224,7 @@ def _metrics(analysis: Analysis) -> Iterator[Proposal]:
                 info = find_metric(name)
             except MetricError:
                 continue
-        proposal = Proposal(
+        proposal = CompletionProposal(
             name,
             detail=info.dimension,
             documentation=f"{info.description}\n\nFor example: `{example_requirement(info)}`",
@@ -220,14 +234,16 @@ def _metrics(analysis: Analysis) -> Iterator[Proposal]:
         yield proposal
         if info.scope == "monitor" and len(monitors) > 1:
             for monitor in monitors:
-                yield Proposal(
+                yield CompletionProposal(
                     f"{monitor}.{name}",
                     proposal.detail,
                     proposal.documentation,
                     kind=proposal.kind,
                     order=300 + order,
                 )
-    yield Proposal("sustained", "the rate is sustained", kind=types.CompletionItemKind.Function)
+    yield CompletionProposal(
+        "sustained", "the rate is sustained", kind=types.CompletionItemKind.Function
+    )
 
 
 def _dimension(metric: str) -> str:
@@ -241,33 +257,39 @@ def _dimension(metric: str) -> str:
     return ""
 
 
-def _bounds(dimension: str, words: Sequence[str], *, ends_in_space: bool) -> Iterator[Proposal]:
+def _bounds(
+    dimension: str, words: Sequence[str], *, ends_in_space: bool
+) -> Iterator[CompletionProposal]:
     """What can follow an operator, after the words that are written of it."""
     kind = _QUANTITIES.get(dimension)
     if not words:
-        yield from (Proposal(each, dimension, order=5) for each in _BOUNDS.get(dimension, ()))
+        yield from (
+            CompletionProposal(text, dimension, order=5) for text in _BOUNDS.get(dimension, ())
+        )
     elif kind is None:
         return
     elif len(words) == 1 or (len(words) == 2 and not ends_in_space):
         yield from _units(kind, words, ends_in_space=ends_in_space)
         if len(words) == 1 and not ends_in_space and _NUMBER.match(words[0]):
-            yield Proposal(f"{words[0]} % of baseline", "of the base version", order=30)
+            yield CompletionProposal(f"{words[0]} % of baseline", "of the base version", order=30)
             if dimension == "rate":
-                yield Proposal(f"{words[0]} % of offered", "of the rate played", order=31)
+                yield CompletionProposal(f"{words[0]} % of offered", "of the rate played", order=31)
     elif len(words) == 2:
         if words[1] == "%":
-            yield Proposal("of baseline", "of the base version", order=30)
-        yield Proposal("in 99 % of 1 s windows", "in a share of short windows", order=40)
+            yield CompletionProposal("of baseline", "of the base version", order=30)
+        yield CompletionProposal("in 99 % of 1 s windows", "in a share of short windows", order=40)
 
 
 def _units(
     kind: type[Quantity], words: Sequence[str], *, ends_in_space: bool
-) -> Iterator[Proposal]:
+) -> Iterator[CompletionProposal]:
     if not words or len(words) > 2 or not _NUMBER.match(words[0]):
         return
     # With a space after it, the number is a word of its own, which a proposal does not replace.
     number = f"{words[0]} " if len(words) == 1 and not ends_in_space else ""
-    for order, unit in enumerate(each for each in kind.units if each not in _SPELLINGS):
-        yield Proposal(
+    for order, unit in enumerate(
+        unit_name for unit_name in kind.units if unit_name not in _SPELLINGS
+    ):
+        yield CompletionProposal(
             f"{number}{unit}", kind.kind, kind=types.CompletionItemKind.Unit, order=1 + order
         )

@@ -86,8 +86,10 @@ class SpecLanguageServer:
         """Take over what the editor is, and say what is answered."""
         self.abilities = params.capabilities
         general = params.capabilities.general
-        wanted = general.position_encodings if general is not None else None
-        self.encoding = next((each for each in wanted or () if each in ENCODINGS), "utf-16")
+        encodings = general.position_encodings if general is not None else None
+        self.encoding = next(
+            (encoding for encoding in encodings or () if encoding in ENCODINGS), "utf-16"
+        )
         root = [messages.Named(params.root_uri)] if params.root_uri else []
         self._positions = TextPositions("", self.encoding)
         self.change_folders(params.workspace_folders or root)
@@ -100,10 +102,10 @@ class SpecLanguageServer:
         self, added: Sequence[messages.Named], removed: Sequence[messages.Named] = ()
     ) -> None:
         """Take over which folders of this machine the workspace has."""
-        gone = {path_of(each.uri) for each in removed}
-        known = [each for each in self.folders if each not in gone]
-        known += [path for each in added if (path := path_of(each.uri)).is_absolute()]
-        self.folders = list(dict.fromkeys(known))
+        gone = {path_of(folder.uri) for folder in removed}
+        folders_known = [folder for folder in self.folders if folder not in gone]
+        folders_known += [path for folder in added if (path := path_of(folder.uri)).is_absolute()]
+        self.folders = list(dict.fromkeys(folders_known))
 
     def text_of(self, path: Path) -> str:
         """The text of a file: as it is open, or what is on disk; empty if there is none."""
@@ -147,7 +149,9 @@ class SpecLanguageServer:
         before = self.specs.document(path)
         if before is None:
             raise invalid_params("a document that is not open cannot be changed")
-        if before.is_too_long and all(each.range for each in params.content_changes):
+        if before.is_too_long and all(
+            content_change.range for content_change in params.content_changes
+        ):
             return
         try:
             text = edited(before.text, params.content_changes, self.encoding)
@@ -191,7 +195,7 @@ class SpecLanguageServer:
         A thread cannot be stopped: two analyses at a time would only slow each other down.
         """
         await self._quiet()
-        while path := next((each for each in self.specs.specs() if each in self._waiting), None):
+        while path := next((spec for spec in self.specs.specs() if spec in self._waiting), None):
             generation = self.specs.generation
             try:
                 analysis = await asyncio.to_thread(self.specs.analyse, path)
@@ -226,12 +230,14 @@ class SpecLanguageServer:
             self._send(file, [])
         for file, diagnostics in found.items():
             others = [
-                each
+                finding
                 for root, files in self._published.items()
                 if root != str(analysis.path) and file in files
-                for each in self._of_other(root, file)
+                for finding in self._of_other(root, file)
             ]
-            self._send(file, [*diagnostics, *(each for each in others if each not in diagnostics)])
+            self._send(
+                file, [*diagnostics, *(other for other in others if other not in diagnostics)]
+            )
         self._published[str(analysis.path)] = frozenset(found)
 
     def _of_other(self, root: str, file: str) -> list[types.Diagnostic]:
@@ -241,7 +247,7 @@ class SpecLanguageServer:
 
     def _clear_others(self) -> None:
         """Remove the diagnostics of specs that were closed, or are none any more."""
-        open_now = {str(each) for each in self.specs.specs()}
+        open_now = {str(spec) for spec in self.specs.specs()}
         for root in self._published.keys() - open_now:
             for file in self._published.pop(root):
                 if not any(file in files for files in self._published.values()):
@@ -268,7 +274,7 @@ class SpecLanguageServer:
         if name in _SUFFIXES and status == 0:
             self._show_text(name, output)
         else:
-            lines = [each for each in output.splitlines() if each.strip()]
+            lines = [output_line for output_line in output.splitlines() if output_line.strip()]
             for line in lines:
                 log(line)
             kind = types.MessageType.Info if status == 0 else types.MessageType.Warning
@@ -409,7 +415,7 @@ def _add_documents(server: SpecLanguageServer) -> None:
     @on(types.WORKSPACE_DID_CHANGE_WATCHED_FILES, messages.FileParams)
     def files_changed(params: messages.FileParams) -> None:
         server.files_changed()
-        if any(each.uri.endswith("/result.json") for each in params.changes):
+        if any(change.uri.endswith("/result.json") for change in params.changes):
             server.refresh_lenses()
 
     @on(types.WORKSPACE_DID_CHANGE_WORKSPACE_FOLDERS, messages.FolderParams)

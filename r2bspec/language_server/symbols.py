@@ -23,7 +23,7 @@ from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.positions import place_at, walk
 from r2bspec.plan.installed_packages import python_target
 from r2bspec.plan.wiring.name_resolution import expand
-from r2bspec.plan.wiring.wiring import Endpoint
+from r2bspec.plan.wiring.wiring import WiredEndpoint
 from r2bspec.safe_io.limits import MAX_SEARCHED_PYTHON_BYTES
 from r2bspec.safe_io.safe_file import RefusedFileError, read_text
 
@@ -61,8 +61,8 @@ class Occurrence:
 
 def occurrences(analysis: Analysis) -> tuple[Occurrence, ...]:
     """Every place of every symbol, in the document and the files that it extends."""
-    found = [*_written_names(analysis), *_topics(analysis)]
-    return tuple(dict.fromkeys(found))
+    names = [*_written_names(analysis), *_topics(analysis)]
+    return tuple(dict.fromkeys(names))
 
 
 def occurrence_at(analysis: Analysis, place: tuple[int, int]) -> Occurrence | None:
@@ -80,13 +80,15 @@ def occurrence_at(analysis: Analysis, place: tuple[int, int]) -> Occurrence | No
 
 def places_of(analysis: Analysis, symbol: Symbol) -> list[Occurrence]:
     """Every place of one symbol, definitions first."""
-    found = [each for each in occurrences(analysis) if each.symbol == symbol]
-    return sorted(found, key=lambda each: not each.is_definition)
+    places = [occurrence for occurrence in occurrences(analysis) if occurrence.symbol == symbol]
+    return sorted(places, key=lambda each: not each.is_definition)
 
 
 def names_of(analysis: Analysis, kind: SymbolKind) -> list[str]:
     """The names of all symbols of a kind that are defined."""
-    defined = (each.symbol for each in occurrences(analysis) if each.is_definition)
+    defined = (
+        occurrence.symbol for occurrence in occurrences(analysis) if occurrence.is_definition
+    )
     return list(dict.fromkeys(symbol.name for symbol in defined if symbol.kind == kind))
 
 
@@ -143,10 +145,10 @@ def _in_scalar(
 
 
 def _references(text: str, span: Span, source: Source) -> Iterator[Occurrence]:
-    for each in references(text):
-        if isinstance(each, Reference) and each.kind == "var":
-            place = inner_span(source, span, text, each.name_start, len(each.name))
-            yield Occurrence(Symbol("variable", each.name), place, each.name)
+    for reference in references(text):
+        if isinstance(reference, Reference) and reference.kind == "var":
+            place = inner_span(source, span, text, reference.name_start, len(reference.name))
+            yield Occurrence(Symbol("variable", reference.name), place, reference.name)
 
 
 def _in_requirement(
@@ -159,7 +161,9 @@ def _in_requirement(
     possible = [(1, Symbol("monitor", match[1]))]
     if match[1] in _PROCESS_FAMILIES:
         possible += [(2, Symbol("node", match[2])), (2, Symbol("container", match[2]))]
-    group, symbol = next((each for each in possible if each[1] in defined), (0, None))
+    group, symbol = next(
+        (candidate for candidate in possible if candidate[1] in defined), (0, None)
+    )
     if symbol is not None:
         place = inner_span(source, node.span, node.text, match.start(group), len(symbol.name))
         yield Occurrence(symbol, place, symbol.name)
@@ -181,7 +185,7 @@ def _topics(analysis: Analysis) -> Iterator[Occurrence]:
                 yield Occurrence(symbol, span, text, end.is_publisher, namespace)
 
 
-def _written_topic(tree: TreeNode, endpoint: Endpoint) -> tuple[str, Span | None]:
+def _written_topic(tree: TreeNode, endpoint: WiredEndpoint) -> tuple[str, Span | None]:
     if endpoint.topic_is_key and endpoint.path:
         owner = lookup(tree, endpoint.path[:-1])
         name = str(endpoint.path[-1])
@@ -242,13 +246,16 @@ def rename(analysis: Analysis, place: tuple[int, int], new_name: str) -> dict[Sp
             raise RenameError(f"'{new_name}' is no name: use letters, digits and underscores")
         if places_of(analysis, Symbol(symbol.kind, new_name)):
             raise RenameError(f"there is already a {symbol.kind} '{new_name}'")
-        return {each.span: new_name for each in places_of(analysis, symbol)}
+        return {occurrence_place.span: new_name for occurrence_place in places_of(analysis, symbol)}
     if not _TOPIC.match(new_name):
         raise RenameError(f"'{new_name}' is no topic: use letters, digits, underscores and '/'")
     full = expand(new_name, "", occurrence.namespace)
     if full != symbol.name and places_of(analysis, Symbol("topic", full)):
         raise RenameError(f"there is already a topic {full}")
-    return {each.span: _as_written(each, full) for each in places_of(analysis, symbol)}
+    return {
+        occurrence_place.span: _as_written(occurrence_place, full)
+        for occurrence_place in places_of(analysis, symbol)
+    }
 
 
 def renamable(analysis: Analysis, place: tuple[int, int]) -> Occurrence:
@@ -262,14 +269,14 @@ def renamable(analysis: Analysis, place: tuple[int, int]) -> Occurrence:
         raise RenameError("no name that can be changed is here")
     if occurrence.symbol.kind == "topic":
         _check_topic(analysis, occurrence.symbol)
-    for each in places_of(analysis, occurrence.symbol):
-        if each.span.file.startswith(("--", "$")):
-            raise RenameError(f"'{each.text}' comes from an option or the environment")
+    for occurrence_place in places_of(analysis, occurrence.symbol):
+        if occurrence_place.span.file.startswith(("--", "$")):
+            raise RenameError(f"'{occurrence_place.text}' comes from an option or the environment")
     return occurrence
 
 
 def _check_topic(analysis: Analysis, symbol: Symbol) -> None:
-    places = {each.span for each in places_of(analysis, symbol)}
+    places = {place.span for place in places_of(analysis, symbol)}
     context = analysis.context
     for phase in context.wiring.phases if context is not None else ():
         for end in (*phase.publishers(symbol.name), *phase.subscriptions(symbol.name)):
@@ -300,10 +307,10 @@ def _class_definition(folder: FilePath, text: str) -> Iterator[Span]:
     classes = definitions_in(target.file)
     if classes is None:
         return
-    for each in classes:
-        if each.name == target.name:
-            column = each.col_offset + 1
-            yield Span(file, each.lineno, column, each.lineno, column + len(each.name))
+    for class_ in classes:
+        if class_.name == target.name:
+            column = class_.col_offset + 1
+            yield Span(file, class_.lineno, column, class_.lineno, column + len(class_.name))
             return
     yield Span.of_file(file)
 
@@ -314,4 +321,8 @@ def definitions_in(file: FilePath) -> tuple[ast.ClassDef | ast.FunctionDef, ...]
         module = ast.parse(read_text(file, max_bytes=MAX_SEARCHED_PYTHON_BYTES))
     except (OSError, RefusedFileError, SyntaxError, ValueError, RecursionError, MemoryError):
         return None
-    return tuple(each for each in module.body if isinstance(each, ast.ClassDef | ast.FunctionDef))
+    return tuple(
+        definition
+        for definition in module.body
+        if isinstance(definition, ast.ClassDef | ast.FunctionDef)
+    )

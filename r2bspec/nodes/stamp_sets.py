@@ -24,13 +24,13 @@ class StampSets:
 
     def add(self, topic: str, stamp_ns: int, message: Any) -> tuple[Any, ...] | None:
         """Take a message; return the set that it completes, in the order of the topics, if any."""
-        others = [each for name, each in self._waiting.items() if name != topic]
+        others = [waiting for name, waiting in self._waiting.items() if name != topic]
         own = self._waiting[topic]
         if own.pop(stamp_ns, None) is not None:
             self.discarded += 1
         own[stamp_ns] = message
-        if all(stamp_ns in each for each in others):
-            return tuple(each.pop(stamp_ns) for each in self._waiting.values())
+        if all(stamp_ns in other for other in others):
+            return tuple(waiting.pop(stamp_ns) for waiting in self._waiting.values())
         if len(own) > self._depth:
             # A dict keeps the order of insertion, so its first key has waited longest.
             del own[next(iter(own))]

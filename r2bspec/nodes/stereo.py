@@ -108,9 +108,9 @@ def disparity(
             f"the right one {right.shape[1]}x{right.shape[0]}"
         )
     steps = matcher.compute(left, right)
-    found: NDArray[np.float32] = steps.astype(np.float32) * np.float32(DISPARITY_STEP_PX)
-    found -= np.float32(offset_px)
-    return found
+    disparities: NDArray[np.float32] = steps.astype(np.float32) * np.float32(DISPARITY_STEP_PX)
+    disparities -= np.float32(offset_px)
+    return disparities
 
 
 def valid_window(parameters: MatcherParameters, width: int, height: int) -> ValidWindow:
@@ -185,6 +185,6 @@ def colors(pixels: Pixels, encoding: str) -> NDArray[np.uint32]:
         return pixels.astype(np.uint32) * np.uint32(0x010101)
     if encoding not in _CHANNELS:
         raise ValueError(f"image encoding {encoding!r} is not one of mono8, {', '.join(_CHANNELS)}")
-    red, green, blue = (pixels[:, :, each].astype(np.uint32) for each in _CHANNELS[encoding])
+    red, green, blue = (pixels[:, :, channel].astype(np.uint32) for channel in _CHANNELS[encoding])
     packed: Any = (red << np.uint32(16)) | (green << np.uint32(8)) | blue
     return np.asarray(packed, np.uint32)

@@ -157,7 +157,7 @@ def flow_yaml(value: ParameterValue) -> str:
     Without quotes, rcl would read ``"10"`` as a number.
     """
     if isinstance(value, list):
-        return f"[{', '.join(flow_yaml(each) for each in value)}]"
+        return f"[{', '.join(flow_yaml(item) for item in value)}]"
     if isinstance(value, float) and not math.isfinite(value):
         return ".nan" if math.isnan(value) else ".inf" if value > 0 else "-.inf"
     return json.dumps(value, ensure_ascii=False)

@@ -85,12 +85,12 @@ def _diff_lists(path: Path, before: Any, after: Any) -> Iterator[PlanDifference]
 def _by_identity(path: Path, members: Any) -> dict[str | int, Any] | None:
     """The members by identity; None if they have none, or if one occurs twice."""
     keys = _IDENTITY_KEYS.get("bag topics" if path[:1] == ("dataset",) else str(path[-1]))
-    if keys is None or not all(isinstance(each, dict) for each in members):
+    if keys is None or not all(isinstance(member, dict) for member in members):
         return None
-    found: dict[str | int, Any] = {
-        " ".join(str(each.get(key)) for key in keys): each for each in members
+    by_name: dict[str | int, Any] = {
+        " ".join(str(member.get(key)) for key in keys): member for member in members
     }
-    return found if len(found) == len(members) else None
+    return by_name if len(by_name) == len(members) else None
 
 
 def _json_text(value: Any) -> str:
@@ -179,7 +179,9 @@ def graph_differences(base: Plan, head: Plan) -> list[PlanDifference]:
 
     Parameters of a node stand in the command line of its process, too.
     """
-    differences = [each for each in diff_plans(base, head) if _change(each) != "neither"]
+    differences = [
+        diff_plan for diff_plan in diff_plans(base, head) if _change(diff_plan) != "neither"
+    ]
     changed: dict[object, set[str]] = defaultdict(set)
     for difference in differences:
         match difference.path:
@@ -191,7 +193,10 @@ def graph_differences(base: Plan, head: Plan) -> list[PlanDifference]:
     repeating = {
         process
         for process, names in changed.items()
-        if len({_without_parameters(each.get(str(process), ()), names) for each in arguments}) == 1
+        if len(
+            {_without_parameters(argument.get(str(process), ()), names) for argument in arguments}
+        )
+        == 1
     }
     return [
         difference
@@ -229,11 +234,11 @@ def single_run_plan(plan: Plan) -> Plan:
     at_peak = plan.play_at_peak
     return msgspec.structs.replace(
         plan,
-        play=tuple(_single_iteration(each) for each in plan.play),
+        play=tuple(_single_iteration(play) for play in plan.play),
         play_at_peak=_single_iteration(at_peak) if at_peak is not None else None,
         starts=1,
         search=plan.search if searched else None,
-        phases=tuple(each for each in plan.phases if searched or each != "search"),
+        phases=tuple(phase for phase in plan.phases if searched or phase != "search"),
         gate=msgspec.structs.replace(plan.gate, confirm=False, time_budget_ns=0),
     )
 

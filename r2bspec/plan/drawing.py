@@ -70,13 +70,13 @@ class _FigureBuilder:
 def figure(plan: Plan) -> Figure:
     """The figure of a plan: both phases, and the messages between them."""
     sketch = _FigureBuilder(plan)
-    sources = tuple(each.source for each in plan.datasets) or (plan.dataset.source,)
+    sources = tuple(dataset.source for dataset in plan.datasets) or (plan.dataset.source,)
     played = any(sources)
     bag = FigureBox(sketch.id_of("", "bag", ""), "bag", sources)
     phases = [
         phase
         for phase in ("preprocess", "measure")
-        if any(each.phase == phase for each in plan.processes)
+        if any(process.phase == phase for process in plan.processes)
     ]
     groups = tuple(_group(sketch, phase) for phase in phases)
     if played:
@@ -87,8 +87,12 @@ def figure(plan: Plan) -> Figure:
 
 def _group(sketch: _FigureBuilder, phase: str) -> Group:
     plan = sketch.plan
-    topics = [each for each in plan.topics if each.phase == phase]
-    seen = {owner for each in topics for owner in (*each.writers, *each.readers)}
+    topics = [planned_topic for planned_topic in plan.topics if planned_topic.phase == phase]
+    seen = {
+        owner
+        for planned_topic in topics
+        for owner in (*planned_topic.writers, *planned_topic.readers)
+    }
     boxes = [*_harness_boxes(sketch, phase, seen)]
     nodes = [
         (node.name, node.target or node.plugin or _program(process.argv[0]))
@@ -115,11 +119,11 @@ def _harness_boxes(sketch: _FigureBuilder, phase: str, seen: set[str]) -> list[F
     plan = sketch.plan
     if phase == "preprocess":
         names = ["loader"] if "loader" in seen else []
-        if any(not each.bag_topic for each in plan.inputs):
+        if any(not input_.bag_topic for input_ in plan.inputs):
             names.append("recorder")
     else:
         player = ["player"] if plan.inputs or "player" in seen else []
-        names = [*player, *(f"monitor {each.name}" for each in plan.monitors)]
+        names = [*player, *(f"monitor {monitor.name}" for monitor in plan.monitors)]
     return [FigureBox(sketch.id_of(phase, "owner", name), "harness", (name,)) for name in names]
 
 
@@ -134,13 +138,13 @@ def _subscriber_boxes(plan: Plan, subscriber: str, topic: str) -> list[str]:
     if subscriber == "loader":
         return ["recorder"]
     if subscriber == "monitor":
-        return [f"monitor {each.name}" for each in plan.monitors if each.topic == topic]
+        return [f"monitor {monitor.name}" for monitor in plan.monitors if monitor.topic == topic]
     return [subscriber]
 
 
 def _join_phases(sketch: _FigureBuilder, bag: str) -> None:
     player = sketch.id_of("measure", "owner", "player")
-    if any(each.bag_topic for each in sketch.plan.inputs):
+    if any(input_.bag_topic for input_ in sketch.plan.inputs):
         sketch.arrows.append(Arrow(bag, player, stored=True))
     if ("preprocess", "owner", "loader") in sketch.ids:
         sketch.arrows.append(Arrow(bag, sketch.id_of("preprocess", "owner", "loader")))

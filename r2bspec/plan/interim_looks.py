@@ -62,8 +62,8 @@ def iterations_of_starts(iterations: int, starts: int, most: int = 0) -> tuple[r
 
 
 def _equal_parts(before: int, number: int, parts: int) -> tuple[range, ...]:
-    each, rest = divmod(number, parts)
-    ends = [before + part * each + min(part, rest) for part in range(parts + 1)]
+    size, rest = divmod(number, parts)
+    ends = [before + part * size + min(part, rest) for part in range(parts + 1)]
     return tuple(range(first + 1, end + 1) for first, end in pairwise(ends) if end > first)
 
 

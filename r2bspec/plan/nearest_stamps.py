@@ -27,10 +27,10 @@ def pair_nearest(
         stamps_ns: the stamps of each input, in the order of its messages.
         slops_ns: the slop of each input; that of a pair is the larger one of its two.
     """
-    positions = [{stamp: place for place, stamp in enumerate(each)} for each in stamps_ns]
-    ordered = [sorted(each) for each in positions]
+    positions = [{stamp: place for place, stamp in enumerate(stamp_ns)} for stamp_ns in stamps_ns]
+    ordered = [sorted(position) for position in positions]
     lead = min(range(len(ordered)), key=lambda number: len(ordered[number]))
-    found = []
+    groups = []
     for stamp in ordered[lead]:
         members = [
             stamp
@@ -39,13 +39,13 @@ def pair_nearest(
             for number, others in enumerate(ordered)
         ]
         step = [
-            places[each]
-            for places, each in zip(positions, members, strict=True)
-            if each is not None
+            places[stamps]
+            for places, stamps in zip(positions, members, strict=True)
+            if stamps is not None
         ]
         if len(step) == len(members):
-            found.append(tuple(step))
-    return tuple(found)
+            groups.append(tuple(step))
+    return tuple(groups)
 
 
 def _partner(stamp: int, leads: Sequence[int], others: Sequence[int], slop_ns: int) -> int | None:

@@ -448,7 +448,7 @@ class Plan(Pacing, frozen=True, kw_only=True):
     @property
     def topic_monitors(self) -> tuple[MonitorPlan, ...]:
         """The monitors of topics; the others have the answers to calls."""
-        return tuple(each for each in self.monitors if each.name not in self.called)
+        return tuple(monitor for monitor in self.monitors if monitor.name not in self.called)
 
     @property
     def plays(self) -> tuple[PlayPlan, ...]:

@@ -22,7 +22,7 @@ from r2bspec.language.spec import Container, Node, ProcessSettings, Spec, Starte
 from r2bspec.plan.command_lines import HARNESS_ARGV, NATIVE_ARGV, container_argv, node_argv
 from r2bspec.plan.plan import ExternalPlan, JoinPlan, LifecyclePlan, NodePlan, ProcessPlan
 from r2bspec.plan.wiring.build_wiring import harness_topic
-from r2bspec.plan.wiring.wiring import Endpoint, NodeWiring, Phase, PhaseWiring, Wiring
+from r2bspec.plan.wiring.wiring import NodeWiring, Phase, PhaseWiring, WiredEndpoint, Wiring
 
 HARNESS_PROCESS_NAMES = ("loader", "player", "monitor")
 """Names of the processes of the harness."""
@@ -88,8 +88,8 @@ def reserved_names(spec: Spec) -> tuple[str, ...]:
     ``system`` is not a process, but the whole machine in the names of metrics.
     """
     # In the graph: of the process in which the overhead is measured.
-    one = has_single_harness(spec) or spec.harness.placement == "graph"
-    harness = (HARNESS_NAME,) if one else ()
+    single = has_single_harness(spec) or spec.harness.placement == "graph"
+    harness = (HARNESS_NAME,) if single else ()
     shared = (
         (SHARED_PROCESS_NAME, SHARED_CONTAINER_NAME) if spec.graph.placement == "shared" else ()
     )
@@ -217,7 +217,7 @@ def _single_harness(spec: Spec, wiring: Wiring) -> ProcessPlan:
         and node.node.container not in spec.containers
         and node.shares_process
     ]
-    python = [each for each in placed if each.role == "host"]
+    python = [process for process in placed if process.role == "host"]
     # Python nodes need an interpreter, whose process then hosts the native parts, too.
     argv = HARNESS_ARGV if python else NATIVE_ARGV
     return _joint_process(HARNESS_NAME, "harness", argv, python)
@@ -263,7 +263,7 @@ def _node(node: NodeWiring) -> NodePlan:
     )
 
 
-class Place(msgspec.Struct, frozen=True):
+class PartPlacement(msgspec.Struct, frozen=True):
     """Where one part of the harness runs.
 
     Attributes:
@@ -285,7 +285,9 @@ class Place(msgspec.Struct, frozen=True):
     external: bool = False
 
 
-def find_places(spec: Spec, wiring: Wiring, processes: Iterable[ProcessPlan]) -> tuple[Place, ...]:
+def find_places(
+    spec: Spec, wiring: Wiring, processes: Iterable[ProcessPlan]
+) -> tuple[PartPlacement, ...]:
     """The place of the player, unless the benchmark is live, and of each monitor.
 
     Args:
@@ -293,7 +295,7 @@ def find_places(spec: Spec, wiring: Wiring, processes: Iterable[ProcessPlan]) ->
         wiring: which node reads and publishes which topic.
         processes: of the graph.
     """
-    owners = {node.node: each.name for each in processes for node in each.nodes}
+    owners = {node.node: process.name for process in processes for node in process.nodes}
     phase = wiring.measure
     places = []
     if not spec.live:
@@ -308,25 +310,25 @@ def find_places(spec: Spec, wiring: Wiring, processes: Iterable[ProcessPlan]) ->
     return tuple(places)
 
 
-def _nodes_of(phase: PhaseWiring, endpoints: Iterable[Endpoint]) -> list[NodeWiring]:
+def _nodes_of(phase: PhaseWiring, endpoints: Iterable[WiredEndpoint]) -> list[NodeWiring]:
     names = {endpoint.owner for endpoint in endpoints if endpoint.is_node}
     return [node for node in phase.nodes if node.name in names]
 
 
 def _place(
     part: str, path: Path, named: str, owners: dict[str, str], nodes: Sequence[NodeWiring]
-) -> Place:
+) -> PartPlacement:
     """The place of a part, whose topics these nodes read or publish."""
     processes = tuple(dict.fromkeys(owners.values()))
     if named:
         name, _, program = named.partition("/")
         process = owners.get(name, name if name in processes else "")
-        return Place(part, path, process, program, named=named, choices=processes)
-    likely = tuple(dict.fromkeys(owners[each.key] for each in nodes if each.key in owners))
+        return PartPlacement(part, path, process, program, named=named, choices=processes)
+    likely = tuple(dict.fromkeys(owners[node.key] for node in nodes if node.key in owners))
     if nodes and not likely:
-        return Place(part, path, choices=processes, external=True)
+        return PartPlacement(part, path, choices=processes, external=True)
     choices = likely or processes
-    return Place(part, path, choices[0] if len(choices) == 1 else "", choices=choices)
+    return PartPlacement(part, path, choices[0] if len(choices) == 1 else "", choices=choices)
 
 
 def join_processes(
@@ -343,13 +345,13 @@ def join_processes(
     )
 
 
-def _joined(process: ProcessPlan, places: Sequence[Place]) -> ProcessPlan:
+def _joined(process: ProcessPlan, places: Sequence[PartPlacement]) -> ProcessPlan:
     if not places:
         return process
-    programs = [each.program for each in places if each.program]
+    programs = [place.program for place in places if place.program]
     join = JoinPlan(
-        player=any(each.path == ("harness",) for each in places),
-        monitors=tuple(each.part for each in places if each.path != ("harness",)),
+        player=any(place.path == ("harness",) for place in places),
+        monitors=tuple(place.part for place in places if place.path != ("harness",)),
         program=programs[0] if programs else "",
     )
     return msgspec.structs.replace(process, join=join)

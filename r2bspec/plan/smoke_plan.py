@@ -27,8 +27,8 @@ def smoke_plan(plan: Plan) -> Plan:
     once = msgspec.structs.replace(
         play, duration_ns=min(play.duration_ns, _ITERATION_NS), iterations=1, max_iterations=0
     )
-    phases = [each for each in plan.phases if each not in _LEFT_OUT]
-    after = next((each for each in ("truth", "collect") if each in phases), None)
+    phases = [phase for phase in plan.phases if phase not in _LEFT_OUT]
+    after = next((phase for phase in ("truth", "collect") if phase in phases), None)
     phases.insert(len(phases) if after is None else phases.index(after), "play")
     return msgspec.structs.replace(
         plan,
@@ -38,8 +38,8 @@ def smoke_plan(plan: Plan) -> Plan:
         search=None,
         sustained_hz=(),
         objectives={
-            name: msgspec.structs.replace(each, level="off")
-            for name, each in plan.objectives.items()
+            name: msgspec.structs.replace(objective, level="off")
+            for name, objective in plan.objectives.items()
         },
         starts=1,
         phases=tuple(phases),
@@ -50,7 +50,9 @@ def smoke_plan(plan: Plan) -> Plan:
 
 def is_smoke_plan(plan: Plan) -> bool:
     """Whether a plan has objectives that a smoke run does not judge."""
-    return bool(plan.objectives) and all(one.level == "off" for one in plan.objectives.values())
+    return bool(plan.objectives) and all(
+        objective.level == "off" for objective in plan.objectives.values()
+    )
 
 
 def _lowest_of_search(plan: Plan) -> PlayPlan:

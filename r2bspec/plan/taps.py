@@ -14,7 +14,7 @@ _TAP_PREFIX = "tap."
 
 def all_taps(monitors: Iterable[MonitorPlan]) -> tuple[TapPlan, ...]:
     """Every tapped topic once, even if several monitors have it."""
-    return tuple({tap.topic: tap for each in monitors for tap in each.taps}.values())
+    return tuple({tap.topic: tap for monitor in monitors for tap in monitor.taps}.values())
 
 
 def tap_monitors(monitors: Iterable[MonitorPlan]) -> tuple[MonitorPlan, ...]:
@@ -47,8 +47,8 @@ def hops_to(
     """
     if not monitor.taps:
         return ()
-    topics = {each.name: each for each in plan.topics if each.phase == "measure"}
-    inputs = {each.topic for each in plan.inputs}
+    topics = {topic_.name: topic_ for topic_ in plan.topics if topic_.phase == "measure"}
+    inputs = {input_.topic for input_ in plan.inputs}
     on_path = [*(tap.topic for tap in monitor.taps), monitor.topic]
     hops = {
         (PLAYER if source in inputs else source, target)
@@ -59,7 +59,7 @@ def hops_to(
     for topic in leave_out:
         before = [source for source, target in hops if target == topic]
         after = [target for source, target in hops if source == topic]
-        hops = {each for each in hops if topic not in each}
+        hops = {hop for hop in hops if topic not in hop}
         hops |= {(source, target) for source in before for target in after if source != target}
     return _sort_by_distance(hops)
 
@@ -67,7 +67,7 @@ def hops_to(
 def _is_hop(source: TopicPlan | None, target: TopicPlan | None) -> bool:
     if source is None or target is None:
         return False
-    return any(each.startswith("/") for each in {*source.readers} & {*target.writers})
+    return any(name.startswith("/") for name in {*source.readers} & {*target.writers})
 
 
 def _sort_by_distance(hops: Collection[tuple[str, str]]) -> tuple[tuple[str, str], ...]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from r2bspec.language.spec import Monitor, MonitorSettings, Spec
 from r2bspec.plan.plan import InputPlan, MonitorPlan, TapPlan, TopicPlan
 from r2bspec.plan.wiring.build_wiring import harness_topic
-from r2bspec.plan.wiring.wiring import Endpoint, PhaseWiring, Wiring
+from r2bspec.plan.wiring.wiring import PhaseWiring, WiredEndpoint, Wiring
 
 
 def plan_inputs(spec: Spec, wiring: Wiring) -> tuple[InputPlan, ...]:
@@ -66,7 +66,9 @@ def _preprocess_topics(spec: Spec, wiring: Wiring) -> Iterator[TopicPlan]:
             yield _topic(phase, name, readers)
 
 
-def _topic(phase: PhaseWiring, name: str, readers: tuple[Endpoint, ...] | None = None) -> TopicPlan:
+def _topic(
+    phase: PhaseWiring, name: str, readers: tuple[WiredEndpoint, ...] | None = None
+) -> TopicPlan:
     writers = phase.publishers(name)
     readers = phase.subscriptions(name) if readers is None else readers
     return TopicPlan(
@@ -84,7 +86,7 @@ def _topic(phase: PhaseWiring, name: str, readers: tuple[Endpoint, ...] | None =
     )
 
 
-def _owners(endpoints: tuple[Endpoint, ...]) -> tuple[str, ...]:
+def _owners(endpoints: tuple[WiredEndpoint, ...]) -> tuple[str, ...]:
     # The loader is also the recorder: one process has both roles.
     names = ("loader" if endpoint.owner == "recorder" else endpoint.owner for endpoint in endpoints)
     return tuple(dict.fromkeys(names))
@@ -143,5 +145,5 @@ def _taps(monitor: Monitor, wiring: Wiring) -> tuple[TapPlan, ...]:
     )
 
 
-def _type(endpoints: tuple[Endpoint, ...]) -> str:
+def _type(endpoints: tuple[WiredEndpoint, ...]) -> str:
     return next((endpoint.type for endpoint in endpoints if endpoint.type), "")

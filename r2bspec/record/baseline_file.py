@@ -60,9 +60,9 @@ class BaselineRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     def find(self, at_hz: float | None, monitor: str | None, metric: str) -> BaselineSeries:
         """A metric; without values if the baseline does not have it."""
-        for one in self.series:
-            if (one.at_hz, one.monitor, one.metric) == (at_hz, monitor, metric):
-                return one
+        for series in self.series:
+            if (series.at_hz, series.monitor, series.metric) == (at_hz, monitor, metric):
+                return series
         return BaselineSeries(at_hz=at_hz, monitor=monitor, metric=metric, values=())
 
 

@@ -47,8 +47,8 @@ class MetricNoise(msgspec.Struct, frozen=True, kw_only=True):
 
     def margin(self, pairs: int) -> float | None:
         """The smallest margin for this number of pairs, or for the next smaller known one."""
-        known = [int(number) for number in self.margins if int(number) <= pairs]
-        return self.margins[str(max(known))] if known else None
+        pair_counts = [int(number) for number in self.margins if int(number) <= pairs]
+        return self.margins[str(max(pair_counts))] if pair_counts else None
 
 
 class Calibration(msgspec.Struct, frozen=True, kw_only=True):

@@ -97,38 +97,38 @@ def merge_runs(
     segments: list[Segment] = []
     starts = 0
     for number, record in enumerate(records, start=1):
-        for one in record.segments:
-            key = (one.kind, one.rate_hz)
+        for played in record.segments:
+            key = (played.kind, played.rate_hz)
             # A repetition has the index of the segment that it replaces.
-            counts[key] = counts.get(key, 0) + (not one.rerun_of)
+            counts[key] = counts.get(key, 0) + (not played.rerun_of)
             segments.append(
                 msgspec.structs.replace(
-                    one,
-                    id=prefixed_id(number, one.id),
+                    played,
+                    id=prefixed_id(number, played.id),
                     index=counts[key],
-                    rerun_of=prefixed_id(number, one.rerun_of) if one.rerun_of else "",
-                    start=starts + one.start,
+                    rerun_of=prefixed_id(number, played.rerun_of) if played.rerun_of else "",
+                    start=starts + played.start,
                 )
             )
         # Each run has processes of its own.
-        starts += max((one.start for one in record.segments), default=0)
+        starts += max((segment_record.start for segment_record in record.segments), default=0)
     merged = msgspec.structs.replace(
         whole,
-        processes=tuple(each for record in records for each in record.processes),
+        processes=tuple(process for record in records for process in record.processes),
         segments=tuple(segments),
         search=_search(records),
         sustained=tuple(
-            msgspec.structs.replace(each, segment=prefixed_id(number, each.segment))
+            msgspec.structs.replace(probe, segment=prefixed_id(number, probe.segment))
             for number, record in enumerate(records, start=1)
-            for each in record.sustained
+            for probe in record.sustained
         ),
-        events=tuple(each for record in records for each in record.events),
+        events=tuple(event for record in records for event in record.events),
         harness_overhead=records[0].harness_overhead if records else (),
         confirmation=None,
-        output_gaps=tuple(each for record in records for each in record.output_gaps),
+        output_gaps=tuple(output_gap for record in records for output_gap in record.output_gaps),
         differences=records[0].differences if records else (),
-        left_out=tuple(dict.fromkeys(each for record in records for each in record.left_out)),
-        unplayed=tuple(dict.fromkeys(each for record in records for each in record.unplayed)),
+        left_out=tuple(dict.fromkeys(text for record in records for text in record.left_out)),
+        unplayed=tuple(dict.fromkeys(text for record in records for text in record.unplayed)),
         # Every run compares the same images; the first one that did so speaks for all.
         accuracy=next((record.accuracy for record in records if record.accuracy), ()),
         identity=common_identity(record.identity for record in records or [whole]),
@@ -144,33 +144,33 @@ def prefixed_id(number: int, own: str) -> str:
 
 def _search(records: Sequence[RunRecord]) -> SearchRecord | None:
     """The bracket that contains the brackets of all runs."""
-    found = [record.search for record in records if record.search is not None]
-    if not found:
+    searches = [record.search for record in records if record.search is not None]
+    if not searches:
         return None
-    holds = [each.holds_hz for each in found if each.holds_hz is not None]
-    fails = [each.fails_hz for each in found if each.fails_hz is not None]
-    limits = {each.limited_by for each in found}
-    proofs = {each.proof for each in found}
+    holds = [search.holds_hz for search in searches if search.holds_hz is not None]
+    fails = [search.fails_hz for search in searches if search.fails_hz is not None]
+    limits = {search.limited_by for search in searches}
+    proofs = {search.proof for search in searches}
     order: tuple[Limit, ...] = ("interrupted", "player", "interference", "range", "graph")
     return SearchRecord(
         probes=tuple(
-            msgspec.structs.replace(each, segment=prefixed_id(number, each.segment))
+            msgspec.structs.replace(probe, segment=prefixed_id(number, probe.segment))
             for number, record in enumerate(records, start=1)
-            for each in (record.search.probes if record.search is not None else ())
+            for probe in (record.search.probes if record.search is not None else ())
         ),
-        holds_hz=min(holds) if len(holds) == len(found) else None,
-        fails_hz=max(fails) if len(fails) == len(found) else None,
-        limited_by=next(each for each in order if each in limits),
-        precision=max(each.precision for each in found),
-        confidence=min(each.confidence for each in found),
-        proof=next((each for each in ("open", "probes", "confirmed") if each in proofs), ""),
-        proof_s=min(each.proof_s for each in found),
-        lost_at_most=max((each.lost_at_most or 0.0 for each in found), default=None),
-        max_lost=max((each.max_lost or 0.0 for each in found), default=None) or None,
-        unsteady=tuple(dict.fromkeys(text for each in found for text in each.unsteady)),
-        unsteady_ratio=max(each.unsteady_ratio for each in found),
-        watched_s=min(each.watched_s for each in found),
-        refuted=next((each.refuted for each in found if each.refuted), ""),
+        holds_hz=min(holds) if len(holds) == len(searches) else None,
+        fails_hz=max(fails) if len(fails) == len(searches) else None,
+        limited_by=next(limit for limit in order if limit in limits),
+        precision=max(search.precision for search in searches),
+        confidence=min(search.confidence for search in searches),
+        proof=next((proof for proof in ("open", "probes", "confirmed") if proof in proofs), ""),
+        proof_s=min(search.proof_s for search in searches),
+        lost_at_most=max((search.lost_at_most or 0.0 for search in searches), default=None),
+        max_lost=max((search.max_lost or 0.0 for search in searches), default=None) or None,
+        unsteady=tuple(dict.fromkeys(text for search in searches for text in search.unsteady)),
+        unsteady_ratio=max(search.unsteady_ratio for search in searches),
+        watched_s=min(search.watched_s for search in searches),
+        refuted=next((search.refuted for search in searches if search.refuted), ""),
     )
 
 
@@ -281,22 +281,22 @@ class PairedComparison:
 
     def dropped(self, *, confirms: bool = False) -> tuple[PairRecord, ...]:
         """The pairs whose repetition was not usable either."""
-        kept = {each.number for each in self.usable_pairs(confirms=confirms)}
-        found = {
-            each.number: each
-            for each in self.record.pairs
-            if each.confirms == confirms and each.number not in kept
+        kept = {usable_pair.number for usable_pair in self.usable_pairs(confirms=confirms)}
+        topics = {
+            pair.number: pair
+            for pair in self.record.pairs
+            if pair.confirms == confirms and pair.number not in kept
         }
-        return tuple(found.values())
+        return tuple(topics.values())
 
     def _first(
         self, fits: Callable[[PairRecord], bool], *, confirms: bool
     ) -> tuple[PairRecord, ...]:
-        found: dict[int, PairRecord] = {}
-        for each in self.record.pairs:
-            if each.confirms == confirms and fits(each):
-                found.setdefault(each.number, each)
-        return tuple(found[number] for number in sorted(found))
+        pairs: dict[int, PairRecord] = {}
+        for pair in self.record.pairs:
+            if pair.confirms == confirms and fits(pair):
+                pairs.setdefault(pair.number, pair)
+        return tuple(pairs[number] for number in sorted(pairs))
 
     def run(self, pair: PairRecord, side: Side) -> Run:
         """One run of a pair.

@@ -210,8 +210,8 @@ def _file_changes(base: dict[str, str], head: dict[str, str]) -> Iterator[str]:
     added = head.keys() - base.keys()
     for path in sorted(removed):
         # The same file in another place, first with the same content, then with another one.
-        alike = [each for each in sorted(added) if _name(each) == _name(path)]
-        same = [each for each in alike if head[each] == base[path]]
+        alike = [path_ for path_ in sorted(added) if _name(path_) == _name(path)]
+        same = [path_ for path_ in alike if head[path_] == base[path]]
         if same or len(alike) == 1:
             moved = (same or alike)[0]
             removed, added = removed - {path}, added - {moved}
@@ -254,4 +254,4 @@ def describe_machine(machine: Mapping[str, Any]) -> str:
         ", ".join(map(str, machine.get("gpus") or ())),
         str(machine.get("cpu_governor") or ""),
     )
-    return " · ".join(each for each in parts if each)
+    return " · ".join(part for part in parts if part)

@@ -68,14 +68,14 @@ def read_stacks(path: Path, folder: Path) -> Stacks:
         RefusedFileError: it is too large, is no file, or leads out of the folder.
         OSError: it cannot be read.
     """
-    found: dict[tuple[str, ...], int] = {}
+    counts: dict[tuple[str, ...], int] = {}
     content = read_bytes(path, max_bytes=MAX_STACKS_BYTES, folders=[folder])
     for line in content.decode(errors="replace").splitlines():
         frames, _, count = line.rpartition(" ")
         if frames and count.isascii() and count.isdecimal() and len(count) < 16:
             stack = tuple(frames.split(";"))
-            found[stack] = found.get(stack, 0) + int(count)
-    return found
+            counts[stack] = counts.get(stack, 0) + int(count)
+    return counts
 
 
 def _frame(name: str) -> str:

@@ -219,18 +219,18 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def disturbed(self) -> tuple[str, ...]:
         """The host interference in the last probe that it explains; empty for none."""
-        found = [probe.disturbed for probe in self.probes if probe.explained]
-        return found[-1] if found else ()
+        reasons = [probe.disturbed for probe in self.probes if probe.explained]
+        return reasons[-1] if reasons else ()
 
     @property
     def open_hz(self) -> tuple[float, ...]:
         """The rates in the bracket whose probes were undecided, ascending."""
         lower, upper = self.holds_hz or 0.0, self.fails_hz or float("inf")
         decided = {probe.rate_hz for probe in self.probes if probe.holds is not None}
-        found = {
+        rates_hz = {
             probe.rate_hz for probe in self.probes if probe.holds is None and not probe.keeps_up
         } - decided
-        return tuple(sorted(rate for rate in found if lower < rate < upper))
+        return tuple(sorted(rate for rate in rates_hz if lower < rate < upper))
 
 
 class ThreadSchedulingRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -266,7 +266,7 @@ class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
     def ended_as_told(self) -> bool:
         """Whether it exited with 0, or because of a signal that the run has sent to it."""
         code = self.exit_code
-        return code in {0, None} or any(code in {-each, 128 + each} for each in self.signals)
+        return code in {0, None} or any(code in {-signal, 128 + signal} for signal in self.signals)
 
 
 class HarnessOverheadRecord(msgspec.Struct, frozen=True, kw_only=True):

@@ -58,19 +58,19 @@ def to_text(comparisons: Sequence[Comparison], width: int = 100) -> str:
 
     buffer = io.StringIO()
     page = console(buffer, width=max(width, 60), color_system=None, legacy_windows=False)
-    for one in comparisons:
-        page.print(heading(title(one), ""))
-        for difference in one.differences:
+    for comparison in comparisons:
+        page.print(heading(title(comparison), ""))
+        for difference in comparison.differences:
             page.print(f"  ! {difference}", markup=False, highlight=False)
-        made = frame(["", "metric", "base", "head", "ratio", "bounds"])
+        grid = frame(["", "metric", "base", "head", "ratio", "bounds"])
         # Where there is little room, these two are folded, and outcomes and values stay whole.
-        for column in (made.columns[1], made.columns[-1]):
+        for column in (grid.columns[1], grid.columns[-1]):
             column.no_wrap, column.overflow = False, "fold"
-        for line in one.lines:
+        for line in comparison.lines:
             cells = (metric_text(line), *numbers(line))
-            made.add_row(Text(OUTCOME_TEXTS[line.outcome]), *map(Text, cells))
-        page.print(made)
-        page.print(summary(one), highlight=False)
+            grid.add_row(Text(OUTCOME_TEXTS[line.outcome]), *map(Text, cells))
+        page.print(grid)
+        page.print(summary(comparison), highlight=False)
         page.print()
     page.print(Text(ADVICE, style=DIM_STYLE))
     return "".join(f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines())
@@ -78,7 +78,10 @@ def to_text(comparisons: Sequence[Comparison], width: int = 100) -> str:
 
 def to_markdown(comparisons: Sequence[Comparison]) -> str:
     """What has changed visible, the rest folded."""
-    return "\n".join(line for one in comparisons for line in _markdown(one)) + f"\n{ADVICE}\n"
+    return (
+        "\n".join(line for comparison in comparisons for line in _markdown(comparison))
+        + f"\n{ADVICE}\n"
+    )
 
 
 def _markdown(one: Comparison) -> Iterator[str]:
@@ -86,7 +89,7 @@ def _markdown(one: Comparison) -> Iterator[str]:
     yield ""
     yield escaped(summary(one))
     yield ""
-    yield from (f"> Difference: {escaped(each)}  " for each in one.differences)
+    yield from (f"> Difference: {escaped(difference)}  " for difference in one.differences)
     yield ""
     header = ("", "metric", "base", "head", "ratio", "bounds")
     rows = {
@@ -137,7 +140,7 @@ def title(one: Comparison) -> str:
 
 def summary(one: Comparison) -> str:
     """The number of metrics by outcome."""
-    counts = {each: sum(line.outcome == each for line in one.lines) for each in _ORDER}
+    counts = {outcome: sum(line.outcome == outcome for line in one.lines) for outcome in _ORDER}
     texts = [f"{count} {outcome}" for outcome, count in counts.items() if count]
     return f"{', '.join(texts)}, at {show(one.confidence, 'share')} confidence."
 
@@ -152,13 +155,13 @@ def to_csv(comparisons: Sequence[Comparison]) -> str:
     """RFC 4180 with a header line; unknown values are empty."""
     rows = (
         (
-            *(one.base.source, one.head.source),
+            *(comparison.base.source, comparison.head.source),
             *(line.offered_hz, line.monitor, line.metric, line.unit),
             *(line.base, line.head, line.ratio, line.lower, line.upper, line.margin),
             *(line.outcome, line.reason),
         )
-        for one in comparisons
-        for line in one.lines
+        for comparison in comparisons
+        for line in comparison.lines
     )
     return csv_text(HEADER, rows)
 
@@ -177,7 +180,7 @@ left out."""
 
 def to_github(comparisons: Sequence[Comparison]) -> str:
     """The commands, a line each: for each result a summary, then its metrics, the worse first."""
-    return "".join(f"{line}\n" for one in comparisons for line in _commands(one))
+    return "".join(f"{line}\n" for comparison in comparisons for line in _commands(comparison))
 
 
 def _commands(one: Comparison) -> Iterator[str]:

@@ -84,7 +84,7 @@ def render(
 
 
 def _json(diagnostics: Sequence[Diagnostic], _files: Iterable[str]) -> str:
-    findings = [_json_finding(found) for found in diagnostics]
+    findings = [_json_finding(diagnostic) for diagnostic in diagnostics]
     report = {
         "version": 1,
         "errors": _count(findings, Severity.ERROR),
@@ -105,7 +105,8 @@ def _json_finding(found: Diagnostic) -> dict[str, Any]:
         **msgspec.to_builtins(found.span),
         "path": list(found.path),
         "related": [
-            {"message": one.message, **msgspec.to_builtins(one.span)} for one in found.related
+            {"message": related.message, **msgspec.to_builtins(related.span)}
+            for related in found.related
         ],
         "edit": {"text": found.edit.text, **msgspec.to_builtins(found.edit.span)}
         if found.edit
@@ -138,7 +139,10 @@ def _sarif(diagnostics: Sequence[Diagnostic], files: Iterable[str]) -> str:
                 },
                 "columnKind": "unicodeCodePoints",
                 "artifacts": [{"location": _location(file)} for file in files],
-                "results": [_sarif_result(one, codes.index(one.code)) for one in diagnostics],
+                "results": [
+                    _sarif_result(diagnostic, codes.index(diagnostic.code))
+                    for diagnostic in diagnostics
+                ],
             }
         ],
     }
@@ -173,8 +177,8 @@ def _sarif_result(found: Diagnostic, rule: int) -> dict[str, Any]:
     }
     if found.related:
         result["relatedLocations"] = [
-            _place(one.span) | {"id": number, "message": {"text": one.message}}
-            for number, one in enumerate(found.related, start=1)
+            _place(related.span) | {"id": number, "message": {"text": related.message}}
+            for number, related in enumerate(found.related, start=1)
         ]
     if found.edit is not None:
         change = {
@@ -234,14 +238,16 @@ def _junit(diagnostics: Sequence[Diagnostic], files: Iterable[str]) -> str:
     from junitparser import JUnitXml, TestSuite
 
     by_file: dict[str, list[Diagnostic]] = {file: [] for file in files}
-    for found in diagnostics:
-        by_file.setdefault(found.span.file, []).append(found)
+    for diagnostic in diagnostics:
+        by_file.setdefault(diagnostic.span.file, []).append(diagnostic)
     xml = JUnitXml("r2bspec validate")
     for file, inside in by_file.items():
         suite = TestSuite(printable(file))
-        unusable = any(_is_error(one) and one.code[3] in _DOCUMENT_FAMILIES for one in inside)
+        unusable = any(
+            _is_error(finding) and finding.code[3] in _DOCUMENT_FAMILIES for finding in inside
+        )
         for family, title in FAMILIES.items():
-            own = [one for one in inside if one.code[3] == family]
+            own = [finding for finding in inside if finding.code[3] == family]
             if not own and family in _OPTIONAL_FAMILIES:
                 continue
             was_checked = not unusable or family in _DOCUMENT_FAMILIES
@@ -261,14 +267,14 @@ def _case(name: str, file: str, inside: list[Diagnostic], *, was_checked: bool) 
     from junitparser import Failure, Skipped, TestCase
 
     case = TestCase(name, printable(file))
-    errors = [one for one in inside if _is_error(one)]
+    errors = [finding for finding in inside if _is_error(finding)]
     if not was_checked and not inside:
         case.result = [Skipped("not checked: the document itself has errors")]
     if errors:
         failure = Failure(_message(errors[0]), errors[0].code)
-        failure.text = "\n".join(_line(one) for one in errors)
+        failure.text = "\n".join(_line(error) for error in errors)
         case.result = [failure]
-    others = [_line(one) for one in inside if not _is_error(one)]
+    others = [_line(finding) for finding in inside if not _is_error(finding)]
     if others:
         case.system_out = "\n".join(others)
     return case
@@ -297,7 +303,7 @@ _ORDER = tuple(_COMMANDS)
 
 def _github(diagnostics: Sequence[Diagnostic], _files: Iterable[str]) -> str:
     ordered = sorted(diagnostics, key=lambda found: _ORDER.index(found.severity))
-    lines = [_annotation(found) for found in ordered[:MAX_ANNOTATIONS]]
+    lines = [_annotation(finding) for finding in ordered[:MAX_ANNOTATIONS]]
     if len(ordered) > MAX_ANNOTATIONS:
         lines.append(
             f"{len(ordered) - MAX_ANNOTATIONS} more findings are not annotated; see the log"

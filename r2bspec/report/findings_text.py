@@ -97,7 +97,7 @@ def render_text(
     diagnostics: Iterable[Diagnostic], sources: Mapping[str, str], *, colour: bool = False
 ) -> str:
     """The findings in their order, a block of lines each; `sources` are texts by file name."""
-    return "\n".join(_block(found, sources, colour=colour) for found in diagnostics)
+    return "\n".join(_block(diagnostic, sources, colour=colour) for diagnostic in diagnostics)
 
 
 def _block(found: Diagnostic, sources: Mapping[str, str], *, colour: bool) -> str:
@@ -122,9 +122,9 @@ def _block(found: Diagnostic, sources: Mapping[str, str], *, colour: bool) -> st
         lines += [f"{margin} {bar}", *source_line]
     if found.help:
         lines.append(f"{margin} {equals} help: {printable(found.help)}")
-    for one in found.related:
-        lines.append(f"{margin} {equals} {_place(one.span)}: {printable(one.message)}")
-        lines += show(one.span, _QUIET)
+    for related in found.related:
+        lines.append(f"{margin} {equals} {_place(related.span)}: {printable(related.message)}")
+        lines += show(related.span, _QUIET)
     return "\n".join(lines) + "\n"
 
 

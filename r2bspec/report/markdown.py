@@ -57,7 +57,7 @@ def _lines(report_input: ReportInput) -> Iterator[str]:
         yield " · ".join(map(code, facts))
         yield ""
     if compared := [*wording.comparison(result)]:
-        yield from (f"{escaped(each)}  " for each in compared)
+        yield from (f"{escaped(output_line)}  " for output_line in compared)
         yield ""
     if verdict.requirements:
         verbose = report_input.verbose
@@ -71,7 +71,7 @@ def _lines(report_input: ReportInput) -> Iterator[str]:
 
 def _bounds_heading(verdict: Verdict) -> str:
     """The heading of the bounds, with their confidence if it is the same for all."""
-    confidences = {one.confidence for one in verdict.requirements}
+    confidences = {requirement.confidence for requirement in verdict.requirements}
     return f"{show(confidences.pop(), 'share', 4)} bounds" if len(confidences) == 1 else "bounds"
 
 

@@ -221,14 +221,15 @@ def _where(verdict: RequirementVerdict, *, several: bool) -> str:
 
 def accuracy_notes(result: Result) -> Iterator[str]:
     """What the comparison with the truth found, a sentence or two for each monitor."""
-    for one in result.accuracy:
-        found = ", ".join(
+    for accuracy in result.accuracy:
+        values_text = ", ".join(
             f"{name.removeprefix('accuracy.')} {show(value, 'share')}"
-            for name, value in one.values.items()
+            for name, value in accuracy.values.items()
         )
-        said = one.problem or f"{found or 'no values'}. {one.text}".strip()
-        compared = f"{one.outputs:,} of {one.steps:,} steps compared"
-        yield f"Accuracy of {one.monitor}, {one.kind} of {one.of}, {compared}: {said}"
+        said = accuracy.problem or f"{values_text or 'no values'}. {accuracy.text}".strip()
+        compared = f"{accuracy.outputs:,} of {accuracy.steps:,} steps compared"
+        of = f"{accuracy.kind} of {accuracy.of}"
+        yield f"Accuracy of {accuracy.monitor}, {of}, {compared}: {said}"
 
 
 def _exit_notes(result: Result) -> Iterator[str]:
@@ -242,26 +243,32 @@ def _exit_notes(result: Result) -> Iterator[str]:
 
 def profile_notes(profiles: Sequence[ProfileRecord]) -> Iterator[str]:
     """The files of each profile, or why there are none, a sentence each."""
-    for one in profiles:
-        at = f" {at_rate(one.rate_hz)}" if one.rate_hz else ""
-        heading = f"Profile of {one.process}{at}, with {one.profiler}"
-        if not one.files:
-            yield f"{heading}, is missing: {one.error}"
+    for profile in profiles:
+        at = f" {at_rate(profile.rate_hz)}" if profile.rate_hz else ""
+        heading = f"Profile of {profile.process}{at}, with {profile.profiler}"
+        if not profile.files:
+            yield f"{heading}, is missing: {profile.error}"
             continue
-        yield f"{heading}: {', '.join(one.files)}" + (f" ({one.error})" if one.error else "")
+        yield f"{heading}: {', '.join(profile.files)}" + (
+            f" ({profile.error})" if profile.error else ""
+        )
 
 
 def unplayed_notes(result: Result) -> Iterator[str]:
     """The messages of inputs that were not played, a sentence for each input."""
-    for one in result.unplayed:
-        agreed = ", as 'playback.unpaired' allows" if one.agreed else ""
-        yield f"{'Warning: ' if one.is_warning else ''}{one.text}{agreed}"
+    for text in result.unplayed:
+        agreed = ", as 'playback.unpaired' allows" if text.agreed else ""
+        yield f"{'Warning: ' if text.is_warning else ''}{text.text}{agreed}"
 
 
 def affected_iteration_notes(disturbed: Sequence[DisturbedIteration]) -> Iterator[str]:
     """The iterations affected by host interference, its causes, and the reruns, by rate."""
     for rate_hz in dict.fromkeys(iteration.rate_hz for iteration in disturbed):
-        texts = [_affected_iteration_text(each) for each in disturbed if each.rate_hz == rate_hz]
+        texts = [
+            _affected_iteration_text(iteration)
+            for iteration in disturbed
+            if iteration.rate_hz == rate_hz
+        ]
         at = f" {at_rate(rate_hz)}" if rate_hz else ""
         yield f"Host interference{at}: {_listed(texts)}"
 
@@ -315,7 +322,9 @@ def _interference_summary(result: Result) -> str:
 
 def _disturbed_start_notes(starts: Sequence[StartRecord]) -> Iterator[str]:
     """The starts that other programs disturbed while their processes came up."""
-    texts = [f"{each.number} ({', '.join(each.disturbed)})" for each in starts if each.disturbed]
+    texts = [
+        f"{start.number} ({', '.join(start.disturbed)})" for start in starts if start.disturbed
+    ]
     if texts:
         number = f"{len(texts)} of {len(starts)}"
         yield f"Host interference while {number} starts came up: {_listed(texts)}"
@@ -343,7 +352,9 @@ def _disturbed_probe_text(one: Probe) -> str:
 
 def _disturbed_overhead_notes(result: Result) -> Iterator[str]:
     """What disturbed the measurement of the harness overhead."""
-    reasons = dict.fromkeys(each for one in result.harness_overhead for each in one.disturbed)
+    reasons = dict.fromkeys(
+        reason for overhead in result.harness_overhead for reason in overhead.disturbed
+    )
     if reasons:
         yield f"Host interference while the harness overhead was measured: {', '.join(reasons)}"
 
@@ -369,8 +380,11 @@ def _live_notes(result: Result) -> Iterator[str]:
 def _reception_notes(result: Result) -> Iterator[str]:
     """What latencies include because the middleware does not say when messages were received."""
     rmw = wording.loaded_rmw(result)
-    seen = [each for rate in result.metrics.rates for each in rate.pooled.monitors.values()]
-    received, untimed = sum(each.received for each in seen), sum(each.untimed for each in seen)
+    seen = [monitor for rate in result.metrics.rates for monitor in rate.pooled.monitors.values()]
+    received, untimed = (
+        sum(sample.received for sample in seen),
+        sum(sample.untimed for sample in seen),
+    )
     if 2 * untimed > received:
         what = "gives no times of reception"
     elif rmw and received and middleware_named(rmw).stamps_when_taken:

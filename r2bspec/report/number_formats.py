@@ -97,21 +97,21 @@ def render_histogram(report_input: ReportInput) -> bytes:
 def _values(report_input: ReportInput) -> tuple[NDArray[np.float64], int | None]:
     """The latencies, and the number of lost messages; None where it is unknown."""
     samples = report_input.samples
-    found = [
+    values = [
         (rate, monitor)
         for rate in sorted(samples.iterations if samples else ())
         for monitor in (samples.monitors if samples else ())
         if report_input.rate_hz in {None, rate} and report_input.monitor in {None, monitor}
     ]
-    if samples is None or len(found) != 1:
+    if samples is None or len(values) != 1:
         raise ReportError(
-            f"hdrhistogram has one monitor at one rate, but this run has {len(found)} of them",
+            f"hdrhistogram has one monitor at one rate, but this run has {len(values)} of them",
             hint="Use placeholders in the path: "
             "--report 'hdrhistogram=latency-{monitor}-{rate}.hgrm'",
         )
-    ((rate, monitor),) = found
-    seen = [one.monitors[monitor] for one in samples.iterations[rate]]
-    lost = None if seen[0].own_pace else sum(one.missed for one in seen)
+    ((rate, monitor),) = values
+    seen = [iteration.monitors[monitor] for iteration in samples.iterations[rate]]
+    lost = None if seen[0].own_pace else sum(sample.missed for sample in seen)
     return known_latencies(seen), lost
 
 

@@ -148,17 +148,17 @@ def _requirements(report_input: ReportInput) -> _Family:
 def _ratios(report_input: ReportInput) -> _Family:
     about = "Head over base, for requirements of the baseline."
     family = _Family("r2bspec_baseline_ratio", "gauge", about, "ratio")
-    for one in report_input.result.verdict.requirements:
-        if one.compared is None:
+    for requirement in report_input.result.verdict.requirements:
+        if requirement.compared is None:
             continue
         labels = {
             "benchmark": report_input.result.name,
-            "requirement": one.text.strip(),
-            "monitor": one.monitor or "",
-            "offered_hz": _rate(one.at_hz) if one.at_hz is not None else "",
+            "requirement": requirement.text.strip(),
+            "monitor": requirement.monitor or "",
+            "offered_hz": _rate(requirement.at_hz) if requirement.at_hz is not None else "",
         }
         for name in ("estimate", "lower", "upper", "limit"):
-            family.add({**labels, "value": name}, getattr(one, name))
+            family.add({**labels, "value": name}, getattr(requirement, name))
     return family
 
 

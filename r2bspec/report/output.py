@@ -84,8 +84,12 @@ def console(stream: TextIO | None = None, **options: Any) -> Console:
         """Replaces control characters where styles are not part of the text yet."""
 
         def render(self, *arguments: Any, **named: Any) -> Any:
-            for each in super().render(*arguments, **named):
-                yield each if each.control else Segment(plain_text.plain(each.text), each.style)
+            for segment in super().render(*arguments, **named):
+                yield (
+                    segment
+                    if segment.control
+                    else Segment(plain_text.plain(segment.text), segment.style)
+                )
 
     target = _WithoutCommands(sys.stdout if stream is None else stream)
     return PlainConsole(file=cast("TextIO", target), **options)

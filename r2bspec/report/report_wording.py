@@ -46,7 +46,7 @@ def sentences(one: RequirementVerdict) -> list[str]:
 
 def several_monitors(verdict: Verdict) -> bool:
     """Whether requirements need the monitor's name to be distinguished."""
-    return len({one.monitor for one in verdict.requirements} - {None}) > 1
+    return len({requirement.monitor for requirement in verdict.requirements} - {None}) > 1
 
 
 def requirement_text(one: RequirementVerdict, *, name_monitor: bool) -> str:
@@ -130,12 +130,12 @@ def peak_text(search: SearchRecord) -> str:
     }
     lower, upper = search.holds_hz, search.upper_hz
     if lower is None:
-        found = "not found" if upper is None else f"below {show(upper, 'Hz')}"
+        peak = "not found" if upper is None else f"below {show(upper, 'Hz')}"
     elif upper is None:
-        found = f"at least {show(lower, 'Hz')}"
+        peak = f"at least {show(lower, 'Hz')}"
     else:
-        found = f"between {show(lower, 'Hz')} and {show(upper, 'Hz')}"
-    parts = [found, limits[search.limited_by]]
+        peak = f"between {show(lower, 'Hz')} and {show(upper, 'Hz')}"
+    parts = [peak, limits[search.limited_by]]
     if search.limited_by == "interference":
         parts.append(f"during the probes above, {'; '.join(search.disturbed)}")
     if search.open_hz:
@@ -144,7 +144,7 @@ def peak_text(search: SearchRecord) -> str:
         parts.insert(1, f"undecided from {first} to {last}" if several else f"undecided at {first}")
     if sure := bracket_confidence(search):
         parts.append(sure)
-    parts += [f"{each[:1].lower()}{each[1:]}" for each in peak_doubts(search)]
+    parts += [f"{peak_doubt[:1].lower()}{peak_doubt[1:]}" for peak_doubt in peak_doubts(search)]
     return " · ".join([*parts, f"{len(search.probes)} probes"])
 
 
@@ -166,14 +166,16 @@ def comparison(result: Result) -> Iterator[str]:
             yield f"Compared with {pairs.against}, in {played} of interleaved runs."
         if pairs.environment:
             yield f"The environment of the base differs in {', '.join(sorted(pairs.environment))}."
-        yield from (f"Difference from base to head: {each}" for each in pairs.differences)
+        yield from (
+            f"Difference from base to head: {difference}" for difference in pairs.differences
+        )
     if earlier is not None:
         runs = "1 run" if len(earlier.run_ids) == 1 else f"{len(earlier.run_ids)} runs"
         if earlier.kind == "history":
             yield f"Compared with {runs} of the history {earlier.source}."
         else:
             yield f"Compared with the stored run {earlier.source} (advisory)."
-        yield from (f"Difference: {each}" for each in earlier.differences)
+        yield from (f"Difference: {difference}" for difference in earlier.differences)
 
 
 def revisions(result: Result) -> tuple[str, str]:
@@ -234,12 +236,12 @@ def starts_text(starts: Sequence[StartRecord]) -> str:
     """
     if not starts:
         return ""
-    confirming = sum(each.confirms for each in starts)
+    confirming = sum(start.confirms for start in starts)
     number = len(starts) - confirming
     text = f"{number} start{'s' if number > 1 else ''}"
     if confirming:
         text += f" and {confirming} to confirm"
-    cost_s = statistics.median(each.cost_ns for each in (starts[1:] or starts)) / 1e9
+    cost_s = statistics.median(start.cost_ns for start in (starts[1:] or starts)) / 1e9
     return f"{text}, {show(cost_s, 's', 2)}{' each' if len(starts) > 1 else ''}"
 
 
@@ -251,7 +253,9 @@ def overhead_placement(overheads: tuple[HarnessOverheadRecord, ...]) -> str:
 
 def joined_notes(result: Result) -> Iterator[str]:
     """In which processes of the graph player and monitors ran."""
-    seen = dict.fromkeys((each.name, each.parts) for each in result.processes if each.parts)
+    seen = dict.fromkeys(
+        (process.name, process.parts) for process in result.processes if process.parts
+    )
     for name, parts in seen:
         yield (
             f"Process {name} contains the {' and the '.join(parts)} of the harness: its processor "
@@ -262,12 +266,15 @@ def joined_notes(result: Result) -> Iterator[str]:
 def overhead_notes(result: Result) -> Iterator[str]:
     """With which placement of the harness the overhead was measured, and how large it is."""
     where = overhead_placement(result.harness_overhead)
-    known = [
-        each.latency_p50_ns for each in result.harness_overhead if each.latency_p50_ns is not None
+    latencies_ns = [
+        overhead.latency_p50_ns
+        for overhead in result.harness_overhead
+        if overhead.latency_p50_ns is not None
     ]
-    if where and known:
+    if where and latencies_ns:
         placement = result.harness_overhead[0].placement
+        overhead = show(max(latencies_ns) / 1e9, "s")
         yield (
-            f"The harness overhead is about {show(max(known) / 1e9, 's')} at p50 without the load "
-            f"of the graph, {where} (harness.placement: {placement}); the latencies contain it"
+            f"The harness overhead is about {overhead} at p50 without the load of the graph, {where} "
+            f"(harness.placement: {placement}); the latencies contain it"
         )

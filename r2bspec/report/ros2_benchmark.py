@@ -67,7 +67,7 @@ def _at_peak(run: Run, rates: dict[float, list[Segment]]) -> list[Segment]:
         if search.holds_hz in rates:
             return rates[search.holds_hz]
         named = {probe.segment for probe in search.probes if probe.rate_hz == search.holds_hz}
-        probes = [each for each in run.record.segments if each.id in named]
+        probes = [segment for segment in run.record.segments if segment.id in named]
         if probes:
             return probes[-1:]
     return rates[max(rates)] if rates else []
@@ -79,7 +79,7 @@ def _rate_figures(run: Run, loads: _MachineLoad, segments: Sequence[Segment]) ->
         return {}
     found: dict[str, Any] = {}
     for monitor in run.plan.monitors:
-        seen = [_MonitorFigures.of(run, each, monitor) for each in segments]
+        seen = [_MonitorFigures.of(run, segment, monitor) for segment in segments]
         figures = {f"{BASIC_PREFIX}.{key}": value for key, value in _figures(seen).items()}
         if len(run.plan.monitors) == 1:
             found |= figures
@@ -91,19 +91,19 @@ def _rate_figures(run: Run, loads: _MachineLoad, segments: Sequence[Segment]) ->
 
 
 def _figures(seen: Sequence[_MonitorFigures]) -> dict[str, float]:
-    latency = np.concatenate([each.latency for each in seen])
-    jitter = np.concatenate([each.jitter for each in seen])
-    found: dict[str, float | None] = {
-        "RECEIVED_DURATION": _mean([each.duration for each in seen]),
-        "MEAN_PLAYBACK_FRAME_RATE": _mean([each.playback_hz for each in seen]),
-        "MEAN_FRAME_RATE": _mean([each.rate_hz for each in seen]),
-        "NUM_MISSED_FRAMES": _mean([each.missed for each in seen]),
-        "NUM_FRAMES_SENT": _mean([each.sent for each in seen]),
-        "FIRST_SENT_RECEIVED_LATENCY": _mean([each.first_to_first for each in seen]),
-        "LAST_SENT_RECEIVED_LATENCY": _mean([each.last_to_last for each in seen]),
+    latency = np.concatenate([series.latency for series in seen])
+    jitter = np.concatenate([series.jitter for series in seen])
+    figures: dict[str, float | None] = {
+        "RECEIVED_DURATION": _mean([series.duration for series in seen]),
+        "MEAN_PLAYBACK_FRAME_RATE": _mean([series.playback_hz for series in seen]),
+        "MEAN_FRAME_RATE": _mean([series.rate_hz for series in seen]),
+        "NUM_MISSED_FRAMES": _mean([series.missed for series in seen]),
+        "NUM_FRAMES_SENT": _mean([series.sent for series in seen]),
+        "FIRST_SENT_RECEIVED_LATENCY": _mean([series.first_to_first for series in seen]),
+        "LAST_SENT_RECEIVED_LATENCY": _mean([series.last_to_last for series in seen]),
     }
     if latency.size:
-        found |= {
+        figures |= {
             "FIRST_INPUT_LATENCY": _mean([float(e.latency[0]) for e in seen if e.latency.size]),
             "LAST_INPUT_LATENCY": _mean([float(e.latency[-1]) for e in seen if e.latency.size]),
             "MAX_LATENCY": float(latency.max()),
@@ -111,13 +111,13 @@ def _figures(seen: Sequence[_MonitorFigures]) -> dict[str, float]:
             "MEAN_LATENCY": float(latency.mean()),
         }
     if jitter.size:
-        found |= {
+        figures |= {
             "MAX_JITTER": float(jitter.max()),
             "MIN_JITTER": float(jitter.min()),
             "MEAN_JITTER": float(jitter.mean()),
             "STD_DEV_JITTER": float(jitter.std()),
         }
-    return {key: value for key, value in found.items() if value is not None}
+    return {key: value for key, value in figures.items() if value is not None}
 
 
 class _MonitorFigures:
@@ -162,8 +162,8 @@ def _rate(times_ns: NDArray[np.int64]) -> float | None:
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return sum(known) / len(known) if known else None
+    values_known = [value for value in values if value is not None]
+    return sum(values_known) / len(values_known) if values_known else None
 
 
 class _MachineLoad:
@@ -183,15 +183,15 @@ class _MachineLoad:
     def during(self, segments: Sequence[Segment]) -> dict[str, float]:
         """Only while messages were played; idle time would lower the load."""
         inside = np.zeros(self._times.size, dtype=np.bool_)
-        for each in segments:
-            first = bisect_left(self._times, each.began_ns)
-            inside[first : bisect_right(self._times, each.ended_ns)] = True
-        found: dict[str, float] = {}
+        for segment in segments:
+            first = bisect_left(self._times, segment.began_ns)
+            inside[first : bisect_right(self._times, segment.ended_ns)] = True
+        shares: dict[str, float] = {}
         if self._cpu.size:
-            found |= _summary("OVERALL_CPU", self._cpu[inside[:-1] & inside[1:]])
+            shares |= _summary("OVERALL_CPU", self._cpu[inside[:-1] & inside[1:]])
         if self._memory.size:
-            found |= _summary("HOST_MEMORY", self._memory[inside])
-        return found
+            shares |= _summary("HOST_MEMORY", self._memory[inside])
+        return shares
 
 
 def _summary(what: str, values: NDArray[np.float64]) -> dict[str, float]:
@@ -210,7 +210,7 @@ def _metadata(report_input: ReportInput, run: Run) -> dict[str, Any]:
     machine = record.machine
     system = " ".join(str(machine[key]) for key in ("os", "kernel") if machine.get(key))
     search = record.search
-    found = {
+    metadata = {
         "NAME": plan.title or plan.name,
         "TEST_DATETIME": record.started_at,
         "TEST_FILE_PATH": str(report_input.spec_file)
@@ -232,4 +232,4 @@ def _metadata(report_input: ReportInput, run: Run) -> dict[str, Any]:
         "CONFIG": report_input.result.spec or None,
         "GENERATOR": f"r2bspec {record.versions.get('r2bspec', '')}".strip(),
     }
-    return {key: value for key, value in found.items() if value is not None}
+    return {key: value for key, value in metadata.items() if value is not None}

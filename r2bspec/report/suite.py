@@ -118,9 +118,9 @@ class SuiteSummary(msgspec.Struct, frozen=True, kw_only=True):
 
 def worst_status(statuses: Iterable[int]) -> ExitStatus:
     """The worst exit status; 0 for none."""
-    by_number = {each.value: each for each in ExitStatus}
-    found = [by_number[each] for each in statuses]
-    return max(found, key=_severity, default=ExitStatus.OK)
+    by_number = {status.value: status for status in ExitStatus}
+    worst = [by_number[status] for status in statuses]
+    return max(worst, key=_severity, default=ExitStatus.OK)
 
 
 def _severity(status: ExitStatus) -> int:
@@ -261,12 +261,12 @@ def to_text(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byte
     buffer = io.StringIO()
     page = console(buffer, width=_WIDEST, color_system=None, legacy_windows=False)
     header = _header(summary)
-    made = table(header)
-    for column, title in zip(made.columns, header, strict=True):
+    grid = table(header)
+    for column, title in zip(grid.columns, header, strict=True):
         column.justify = "right" if title in _NUMBERS else "left"
     for _, cells in _table(summary):
-        made.add_row(*map(Text, cells))
-    page.print(made)
+        grid.add_row(*map(Text, cells))
+    page.print(grid)
     lines = [f"{_count_text(summary)}\n"]
     if summary.runs:
         lines += ["\n", *(f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines())]
@@ -296,7 +296,8 @@ def to_html(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byte
         for run, cells in _table(summary)
     )
     header = "".join(
-        f'<th scope="col"{_class_of(each)}>{html.escape(each)}</th>' for each in _header(summary)
+        f'<th scope="col"{_class_of(column)}>{html.escape(column)}</th>'
+        for column in _header(summary)
     )
     reasons = "\n".join(
         f"<p>{html.escape(printable_lines(text))}</p>" for text in _paragraphs(summary)

@@ -155,7 +155,7 @@ def _table_width(section: RenderableType, console: Console) -> int:
     """The width of the widest table of a section; 0 without tables."""
     parts = section.renderables if isinstance(section, Group) else [section]
     tables = [part for part in parts if isinstance(part, Table)]
-    return max((console.measure(each).maximum for each in tables), default=0)
+    return max((console.measure(table).maximum for table in tables), default=0)
 
 
 def to_text(
@@ -203,7 +203,7 @@ def header(result: Result) -> RenderableType:
         lines.append(
             Text(f"judged by the objectives and the gate of {result.judged_by}", style=DIM_STYLE)
         )
-    lines += [Text(each, style=DIM_STYLE) for each in wording.comparison(result)]
+    lines += [Text(line, style=DIM_STYLE) for line in wording.comparison(result)]
     return Group(*(line for line in lines if line.plain))
 
 

@@ -80,15 +80,15 @@ class _BoundedTable(Table):
 
 def table(columns: Sequence[str]) -> Table:
     """A table whose first column is a name and whose others are numbers."""
-    made = _BoundedTable(
+    grid = _BoundedTable(
         box=None,
         pad_edge=False,
         padding=(0, 2, 0, 0),
         header_style=DIM_STYLE,
     )
     for number, name in enumerate(columns):
-        made.add_column(name, justify="left" if number == 0 else "right", no_wrap=True)
-    return made
+        grid.add_column(name, justify="left" if number == 0 else "right", no_wrap=True)
+    return grid
 
 
 _MIN_WIDTHS = {
@@ -127,17 +127,17 @@ def monitor_sections(result: Result, width: int) -> Iterator[RenderableType]:
 
 def _section(title: str, rows: list[Measured], columns: list[str], family: str) -> RenderableType:
     """The table of a monitor, with one family of times."""
-    made = table(["offered", *(METRICS[metric].title for metric in columns)])
+    grid = table(["offered", *(METRICS[metric].title for metric in columns)])
     columns = [metric.replace("latency.", f"{family}.") for metric in columns]
     aside = family
     for row in rows:
-        made.add_row(row.offered, *map(row.text, columns))
+        grid.add_row(row.offered, *map(row.text, columns))
         count = len(row.rate.iterations)
         if count > 1:
             aside = f"{family}; below each line, the range over the iterations"
             ranges = (f"× {count}", *map(row.range_text, columns))
-            made.add_row(*(Text(text, style=DIM_STYLE) for text in ranges))
-    return Group(heading(title, aside), made)
+            grid.add_row(*(Text(text, style=DIM_STYLE) for text in ranges))
+    return Group(heading(title, aside), grid)
 
 
 def hop_sections(metrics: RunMetrics) -> Iterator[RenderableType]:
@@ -145,7 +145,7 @@ def hop_sections(metrics: RunMetrics) -> Iterator[RenderableType]:
     for row in measured(metrics):
         if not row.seen.hops:
             continue
-        made = table(
+        grid = table(
             [
                 "from → to",
                 *map(part_title, SHORT_PERCENTILES),
@@ -154,7 +154,7 @@ def hop_sections(metrics: RunMetrics) -> Iterator[RenderableType]:
             ]
         )
         for hop in row.seen.hops:
-            made.add_row(
+            grid.add_row(
                 f"{hop.source} → {hop.target}",
                 *(show(part_value(hop.latency, part), "s") for part in SHORT_PERCENTILES),
                 show(hop.matched, "count"),
@@ -162,7 +162,7 @@ def hop_sections(metrics: RunMetrics) -> Iterator[RenderableType]:
             )
         at = at_rate(row.rate.offered_hz, row.rate.pace)
         aside = f"path to {row.monitor} {at}; percentiles do not add up"
-        yield Group(heading("hops", aside), made)
+        yield Group(heading("hops", aside), grid)
 
 
 _MEMORY_WIDTH = 9
@@ -199,11 +199,11 @@ def budget_section(verdict: Verdict) -> RenderableType | None:
     ]
     if not rows:
         return None
-    made = table(["requirement", "interval", *get_args(VarianceSource)])
+    grid = table(["requirement", "interval", *get_args(VarianceSource)])
     titles: dict[str, list[str]] = {}
     for row, budget in rows:
         shares = (share_text(part.share) for part in budget.parts)
-        made.add_row(row.title, f"± {show(budget.half_width, row.verdict.unit)}", *shares)
+        grid.add_row(row.title, f"± {show(budget.half_width, row.verdict.unit)}", *shares)
         for sentence in budget_sentences(budget):
             titles.setdefault(sentence, []).append(row.title)
     lines: list[RenderableType] = []
@@ -211,16 +211,16 @@ def budget_section(verdict: Verdict) -> RenderableType | None:
         more = f" and {len(others)} more" if others else ""
         text = sentence if len(others) + 1 == len(rows) else f"{first}{more}: {sentence}"
         lines.append(Padding(Text(text, style=DIM_STYLE), (0, 0, 0, 2), expand=False))
-    return Group(heading("uncertainty", BUDGET_CAPTION), made, *lines[:MAX_TABLE_ROWS])
+    return Group(heading("uncertainty", BUDGET_CAPTION), grid, *lines[:MAX_TABLE_ROWS])
 
 
 def harness_overhead_section(overheads: tuple[HarnessOverheadRecord, ...]) -> RenderableType | None:
     """The latency of harness and transport without the graph; None if not measured."""
     if not overheads:
         return None
-    made = table(["input", "size", "at", "p50", "p99", "received"])
+    grid = table(["input", "size", "at", "p50", "p99", "received"])
     for overhead in overheads:
-        made.add_row(
+        grid.add_row(
             overhead.topic,
             show(float(overhead.bytes), "B"),
             show_rate(overhead.rate_hz, "recording"),
@@ -229,7 +229,7 @@ def harness_overhead_section(overheads: tuple[HarnessOverheadRecord, ...]) -> Re
         )
     where = overhead_placement(overheads)
     what = f"latency without the graph{where and ', '}{where}; included in the latencies above"
-    return Group(heading("harness overhead", what), made)
+    return Group(heading("harness overhead", what), grid)
 
 
 def _ns(value: int | None) -> str:
@@ -238,30 +238,32 @@ def _ns(value: int | None) -> str:
 
 def _load_table(rates: tuple[RateMetrics, ...]) -> RenderableType:
     columns = ["process", *(show_rate(rate.offered_hz, rate.pace) for rate in rates), "memory"]
-    made = table([*columns, "faults"])
+    grid = table([*columns, "faults"])
     names = dict.fromkeys(name for rate in rates for name in rate.pooled.processes)
     for name in names:
         uses = [rate.pooled.processes.get(name) for rate in rates]
-        made.add_row(name, *map(_cpu, uses), _memory(uses), _faults(uses))
+        grid.add_row(name, *map(_cpu, uses), _memory(uses), _faults(uses))
     machine = [rate.pooled.machine for rate in rates]
     if any(machine):
-        made.add_row("whole machine", *map(_cpu, machine), _memory(machine), "")
+        grid.add_row("whole machine", *map(_cpu, machine), _memory(machine), "")
     frequencies = [_frequencies(rate) for rate in rates]
     if any(frequencies):
-        made.add_row(_FREQUENCY_LABEL, *(text or "-" for text in frequencies), "", "")
+        grid.add_row(_FREQUENCY_LABEL, *(text or "-" for text in frequencies), "", "")
     if any(rate.pooled.playback.sent is not None for rate in rates):
-        made.add_row(
+        grid.add_row(
             _PLAYED_LABEL, *(show(rate.pooled.playback.rate_hz, "Hz") for rate in rates), "", ""
         )
-        made.add_row(_LATE_LABEL, *map(_lateness, rates), "", "")
-    return made
+        grid.add_row(_LATE_LABEL, *map(_lateness, rates), "", "")
+    return grid
 
 
 def _frequencies(rate: RateMetrics) -> str:
     """The range over the iterations; empty if it is unknown."""
-    around = (one.interference for one in rate.iterations)
-    known = [each.frequency_hz for each in around if each is not None and each.frequency_hz]
-    return show_range(min(known), max(known), "Hz") if known else ""
+    around = (iteration.interference for iteration in rate.iterations)
+    frequencies = [
+        sample.frequency_hz for sample in around if sample is not None and sample.frequency_hz
+    ]
+    return show_range(min(frequencies), max(frequencies), "Hz") if frequencies else ""
 
 
 def _cpu(use: UseMetrics | None) -> str:
@@ -276,13 +278,13 @@ def _percent(share: float) -> str:
 
 
 def _memory(uses: list[UseMetrics | None]) -> str:
-    known = [use.memory_max_bytes for use in uses if use and use.memory_max_bytes is not None]
-    return show(float(max(known)), "B") if known else "-"
+    memories = [use.memory_max_bytes for use in uses if use and use.memory_max_bytes is not None]
+    return show(float(max(memories)), "B") if memories else "-"
 
 
 def _faults(uses: list[UseMetrics | None]) -> str:
-    known = [use.faults_per_message for use in uses if use and use.faults_per_message is not None]
-    return significant(max(known), 2) if known else "-"
+    faults = [use.faults_per_message for use in uses if use and use.faults_per_message is not None]
+    return significant(max(faults), 2) if faults else "-"
 
 
 def _lateness(rate: RateMetrics) -> str:
@@ -320,58 +322,58 @@ def phase_table(record: RunRecord, before_ns: int = 0, after_ns: int = 0) -> Tab
         before_ns: from the start of the command to the first phase; 0 if unknown.
         after_ns: from the end of the last phase to the end of the reports.
     """
-    made = table(["phase", "took", "CPU", ""])
-    made.columns[-1].justify = "left"
-    made.columns[-1].no_wrap = False
+    grid = table(["phase", "took", "CPU", ""])
+    grid.columns[-1].justify = "left"
+    grid.columns[-1].no_wrap = False
     if before_ns:
-        made.add_row("command", _short_time(before_ns), "", "interpreter, validating, planning")
+        grid.add_row("command", _short_time(before_ns), "", "interpreter, validating, planning")
     for phases in _by_name(record.phases):
         name = phases[0].name if len(phases) == 1 else f"{phases[0].name} ({len(phases)} times)"
-        cpu_ns = sum(each.cpu_ns for each in phases)
-        made.add_row(name, _short_time(took_ns(phases)), _short_time(cpu_ns), waits_text(phases))
+        cpu_ns = sum(phase.cpu_ns for phase in phases)
+        grid.add_row(name, _short_time(took_ns(phases)), _short_time(cpu_ns), waits_text(phases))
     if after_ns:
-        made.add_row("report", _short_time(after_ns), "", "metrics, verdict, reports")
+        grid.add_row("report", _short_time(after_ns), "", "metrics, verdict, reports")
     whole_ns = before_ns + took_ns(record.phases) + after_ns
     asked_ns = asked_playing_ns(record)
-    made.add_row("in all", _short_time(whole_ns), "", "")
-    made.add_row(
+    grid.add_row("in all", _short_time(whole_ns), "", "")
+    grid.add_row(
         "beyond the playing", _short_time(whole_ns - asked_ns), "", f"of {_short_time(asked_ns)}"
     )
-    return made
+    return grid
 
 
 def took_ns(phases: Iterable[PhaseTime]) -> int:
     """How long phases took together."""
-    return sum(each.took_ns for each in phases)
+    return sum(phase.took_ns for phase in phases)
 
 
 def asked_playing_ns(record: RunRecord) -> int:
     """How long the iterations and sustained rates of a run were played; a search is not counted."""
     return sum(
-        each.ended_ns - each.began_ns
-        if not each.rate_hz
-        else round(each.steps / each.rate_hz * 1e9)
-        for each in record.segments
-        if each.kind in _ASKED_KINDS
+        segment.ended_ns - segment.began_ns
+        if not segment.rate_hz
+        else round(segment.steps / segment.rate_hz * 1e9)
+        for segment in record.segments
+        if segment.kind in _ASKED_KINDS
     )
 
 
 def waits_text(phases: Sequence[PhaseTime]) -> str:
     """The longest waits of phases: ``relay: ready 0.41 s, endpoints: matched 0.1 s``."""
-    found: dict[str, int] = {}
-    for wait in (wait for each in phases for wait in each.waits):
-        found[wait.what] = found.get(wait.what, 0) + wait.took_ns
-    longest = sorted(found.items(), key=lambda each: each[1], reverse=True)[:_SHOWN_WAITS]
+    waits: dict[str, int] = {}
+    for wait in (wait for phase in phases for wait in phase.waits):
+        waits[wait.what] = waits.get(wait.what, 0) + wait.took_ns
+    longest = sorted(waits.items(), key=lambda each: each[1], reverse=True)[:_SHOWN_WAITS]
     return ", ".join(
         f"{what} {_short_time(took)}" for what, took in longest if took >= _SHORTEST_WAIT_NS
     )
 
 
 def _by_name(phases: Iterable[PhaseTime]) -> list[list[PhaseTime]]:
-    found: dict[str, list[PhaseTime]] = {}
-    for each in phases:
-        found.setdefault(each.name, []).append(each)
-    return list(found.values())
+    by_phase: dict[str, list[PhaseTime]] = {}
+    for phase in phases:
+        by_phase.setdefault(phase.name, []).append(phase)
+    return list(by_phase.values())
 
 
 def _short_time(time_ns: int) -> str:

@@ -83,7 +83,7 @@ def phases(run: Run, end_ns: int | None = None) -> list[tuple[str, int, int]]:
 
 def expected_answers(run: Run, monitor: str) -> Iterator[ExpectedAnswer]:
     """Every expected output, in the order of playing, of the segments where pairs are known."""
-    (plan,) = (each for each in run.plan.monitors if each.name == monitor)
+    (plan,) = (monitor_plan for monitor_plan in run.plan.monitors if monitor_plan.name == monitor)
     for segment in run.record.segments:
         playback, rows, matched = match_segment(run, segment, plan)
         if not matched.pairs_known:
@@ -102,7 +102,7 @@ def expected_answers(run: Run, monitor: str) -> Iterator[ExpectedAnswer]:
 def load_samples(run: Run) -> Iterator[LoadSample]:
     """Every sample except the first of each process, by process."""
     samples = ProcessSamples(run.resources())
-    names = {number: each.name for number, each in enumerate(run.record.processes)}
+    names = {number: process.name for number, process in enumerate(run.record.processes)}
     for index, name in {**names, MACHINE_INDEX: WHOLE_MACHINE}.items():
         of_one = samples.rows(index)
         of_one = of_one[spaced_indices(of_one["time_ns"])]
@@ -154,27 +154,27 @@ def _events(run: Run) -> Iterator[dict[str, Any]]:
             "ph": "X", "pid": _RUN, "tid": 1, "name": name, "cat": "phase",
             "ts": at(began), "dur": round((ended - began) / 1e3, 3),
         }  # fmt: skip
-    for each in run.record.segments:
+    for segment in run.record.segments:
         yield {
             "ph": "X", "pid": _RUN, "tid": 2,
-            "name": f"{each.kind} {show_rate(each.rate_hz, pace)}",
-            "cat": "segment", "ts": at(each.began_ns),
-            "dur": round((each.ended_ns - each.began_ns) / 1e3, 3),
-            "args": {"id": each.id, "rate_hz": each.rate_hz, "complete": each.complete},
+            "name": f"{segment.kind} {show_rate(segment.rate_hz, pace)}",
+            "cat": "segment", "ts": at(segment.began_ns),
+            "dur": round((segment.ended_ns - segment.began_ns) / 1e3, 3),
+            "args": {"id": segment.id, "rate_hz": segment.rate_hz, "complete": segment.complete},
         }  # fmt: skip
     for number, monitor in enumerate(run.plan.monitors):
         pid = _MESSAGES + number
         yield _named("process_name", pid, 0, f"in flight: {monitor.name}")
-        for count, one in enumerate(expected_answers(run, monitor.name)):
-            lost = one.received_ns is None
-            ended = one.segment.ended_ns if one.received_ns is None else one.received_ns
+        for count, answer in enumerate(expected_answers(run, monitor.name)):
+            lost = answer.received_ns is None
+            ended = answer.segment.ended_ns if answer.received_ns is None else answer.received_ns
             shared = {"cat": "message", "id": f"{number}.{count}", "pid": pid, "tid": 0}
             name = "lost" if lost else "message"
-            args = {"segment": one.segment.id, "step": one.step}
+            args = {"segment": answer.segment.id, "step": answer.step}
             yield {
-                "ph": "b", "name": name, "ts": at(one.published_ns), "args": args, **shared
+                "ph": "b", "name": name, "ts": at(answer.published_ns), "args": args, **shared
             }  # fmt: skip
-            yield {"ph": "e", "name": name, "ts": at(max(ended, one.published_ns)), **shared}
+            yield {"ph": "e", "name": name, "ts": at(max(ended, answer.published_ns)), **shared}
     for load in load_samples(run):
         values = {"CPU %": round(load.cpu * 100, 2)}
         yield _counter(f"CPU {load.process}", at(load.at_ns), values)
@@ -193,7 +193,7 @@ def _counter(name: str, at: float, values: dict[str, float]) -> dict[str, Any]:
 def _first_ns(run: Run) -> int:
     rows = run.resources()
     times = [at_ns for at_ns, _ in run.record.events]
-    times += [each.began_ns for each in run.record.segments]
+    times += [segment.began_ns for segment in run.record.segments]
     times += [int(rows["time_ns"].min())] if rows.size else []
     return min(times, default=0)
 
@@ -309,12 +309,12 @@ def _of_messages(run: Run, monitor: str) -> _Stream:
 
 
 def _of_metrics(report_input: ReportInput, run: Run, monitor: str) -> _Stream:
-    ended = {each.id: each.ended_ns for each in run.record.segments}
+    ended = {segment.id: segment.ended_ns for segment in run.record.segments}
     for rate in report_input.result.metrics.rates:
-        for one in rate.iterations:
+        for iteration in rate.iterations:
             content = {
                 "offered_hz": rate.offered_hz,
-                "segment": one.segment,
-                "metrics": msgspec.to_builtins(one.monitors[monitor]),
+                "segment": iteration.segment,
+                "metrics": msgspec.to_builtins(iteration.monitors[monitor]),
             }
-            yield ended[one.segment], "metrics", f"/r2bspec/{monitor}/metrics", content
+            yield ended[iteration.segment], "metrics", f"/r2bspec/{monitor}/metrics", content

@@ -55,9 +55,9 @@ def parse_report_requests(options: Iterable[str]) -> tuple[ReportRequest, ...]:
         ReportError: a library that one of them needs is missing.
     """
     requests = [_parse(option) for option in options]
-    for one in requests:
-        check_installed(one.format)
-    paths = [one.path for one in requests]
+    for parsed in requests:
+        check_installed(parsed.format)
+    paths = [given.path for given in requests]
     for path in paths:
         if paths.count(path) > 1:
             where = "standard output" if path == STDOUT else repr(path)
@@ -81,7 +81,7 @@ def _parse(option: str) -> ReportRequest:
 
 def takes_stdout(requests: Sequence[ReportRequest]) -> bool:
     """Whether one of the reports is written to standard output."""
-    return any(one.path == STDOUT for one in requests)
+    return any(request.path == STDOUT for request in requests)
 
 
 def write_reports(requests: Iterable[ReportRequest], report_input: ReportInput) -> None:
@@ -112,9 +112,9 @@ def _contents(request: ReportRequest, report_input: ReportInput) -> Iterator[tup
         return
     for rate in report_input.result.metrics.rates:
         for monitor in rate.pooled.monitors:
-            one = replace(report_input, monitor=monitor, rate_hz=rate.offered_hz)
+            single = replace(report_input, monitor=monitor, rate_hz=rate.offered_hz)
             path = request.path.replace("{monitor}", file_name(monitor))
-            yield path.replace("{rate}", rate_name(rate.offered_hz, rate.pace)), render(one)
+            yield path.replace("{rate}", rate_name(rate.offered_hz, rate.pace)), render(single)
 
 
 def file_name(text: str) -> str:
@@ -174,8 +174,8 @@ def write_folder_reports(
         return
     from r2bspec.compare.report_input import read_folder
 
-    found = replace(read_folder(folder, spec_file=spec_file), verbose=verbose)
-    write_reports(requests, replace(found, suite_page=suite_page))
+    reports = replace(read_folder(folder, spec_file=spec_file), verbose=verbose)
+    write_reports(requests, replace(reports, suite_page=suite_page))
 
 
 def write_failure_reports(

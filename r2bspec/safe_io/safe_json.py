@@ -34,25 +34,27 @@ def check_values(value: Any, free: frozenset[str] = frozenset()) -> None:
     """
     waiting: list[tuple[str, Any]] = [("$", value)]
     while waiting:
-        place, each = waiting.pop()
-        if isinstance(each, str) and len(each) > MAX_TEXT_CHARACTERS:
+        place, given_value = waiting.pop()
+        if isinstance(given_value, str) and len(given_value) > MAX_TEXT_CHARACTERS:
             raise ValueError(f"a text has more than {MAX_TEXT_CHARACTERS:,} characters at {place}")
-        if isinstance(each, bool | str | bytes) or each is None:
+        if isinstance(given_value, bool | str | bytes) or given_value is None:
             continue
-        if isinstance(each, int | float):
-            limit = MAX_INTEGER if isinstance(each, int) else MAX_NUMBER
-            if not -limit <= each <= limit and each == each:  # NaN is a number of its own
+        if isinstance(given_value, int | float):
+            limit = MAX_INTEGER if isinstance(given_value, int) else MAX_NUMBER
+            if (
+                not -limit <= given_value <= limit and given_value == given_value
+            ):  # NaN is a number of its own
                 raise ValueError(f"a number is out of range at {place}")
-        elif isinstance(each, msgspec.Struct):
+        elif isinstance(given_value, msgspec.Struct):
             waiting += [
-                (f"{place}.{name}", getattr(each, name))
-                for name in each.__struct_fields__
+                (f"{place}.{name}", getattr(given_value, name))
+                for name in given_value.__struct_fields__
                 if name not in free
             ]
-        elif isinstance(each, dict):
-            waiting += [(f"{place}[...]", one) for pair in each.items() for one in pair]
-        elif isinstance(each, list | tuple):
-            waiting += [(f"{place}[{number}]", one) for number, one in enumerate(each)]
+        elif isinstance(given_value, dict):
+            waiting += [(f"{place}[...]", item) for pair in given_value.items() for item in pair]
+        elif isinstance(given_value, list | tuple):
+            waiting += [(f"{place}[{number}]", one) for number, one in enumerate(given_value)]
 
 
 T = TypeVar("T")

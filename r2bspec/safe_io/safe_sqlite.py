@@ -79,14 +79,14 @@ def check_schema(connection: sqlite3.Connection, tables: Collection[str]) -> Non
     ).fetchall()
     if len(rows) > MAX_SCHEMA_OBJECTS:
         raise RefusedDataError(f"it has more than {MAX_SCHEMA_OBJECTS:,} tables", hint=_HINT)
-    wanted = {name.lower() for name in tables}
+    table_names = {name.lower() for name in tables}
     for kind, name, sql in rows:
         if kind not in ("table", "index"):
             what = kind if kind in ("view", "trigger") else "part that is no table"
             raise RefusedDataError(f"it contains a {what}", hint=_HINT)
         if _VIRTUAL.match(sql or ""):
             raise RefusedDataError("it contains a virtual table", hint=_HINT)
-        if kind == "table" and str(name).lower() in wanted:
+        if kind == "table" and str(name).lower() in table_names:
             columns = connection.execute("SELECT hidden FROM pragma_table_xinfo(?)", (name,))
             if any(hidden in _GENERATED for (hidden,) in columns):
                 raise RefusedDataError(f"its table {name!r} has a generated column", hint=_HINT)

@@ -111,7 +111,7 @@ class Chromium:
 
     def events(self, session: str) -> list[dict[str, Any]]:
         """Everything that the browser told of a page so far."""
-        return [each for each in self._events if each.get("sessionId") == session]
+        return [event for event in self._events if event.get("sessionId") == session]
 
     def _receive(self) -> dict[str, Any]:
         while b"\0" not in self._buffer:

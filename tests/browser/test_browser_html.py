@@ -121,7 +121,9 @@ def test_it_renders_with_a_clean_console(
         numbers_agree(page, folder)
         assert page.console() == []
         assert page.evaluate("document.querySelectorAll('.tools').length > 0") is scripts
-        assert [each for each in page.requests() if "favicon" not in each] == [address(server)]
+        assert [request for request in page.requests() if "favicon" not in request] == [
+            address(server)
+        ]
 
 
 def test_it_reads_fully_under_the_policy_of_jenkins(

@@ -58,4 +58,4 @@ def test_names_stay_in_their_boxes_and_are_whole_where_the_pointer_is(
         titles = page.evaluate(
             "[...document.querySelectorAll('svg#profile-0 g > title')].map((e) => e.textContent)"
         )
-        assert any(each.startswith("caller number 3 of the node: ") for each in titles)
+        assert any(title.startswith("caller number 3 of the node: ") for title in titles)

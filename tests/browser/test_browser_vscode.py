@@ -163,7 +163,7 @@ def test_lenses_completion_and_the_graph(window: Window) -> None:
     window.type("\n    ")
     window.press(SPACE, CONTROL)
     rows = window.wait_for(".suggest-widget.visible .monaco-list-row", "confidence")
-    assert any(each.startswith("when") for each in rows)
+    assert any(row.startswith("when") for row in rows)
     window.pick(">r2bspec: Draw", "Draw the Graph")
     window.wait_for(".tab", "Graph of right.r2b.yaml")
 

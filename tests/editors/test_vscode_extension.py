@@ -37,10 +37,10 @@ def test_the_problem_matcher_reads_what_validate_prints(
     assert main(["validate", str(spec)]) == 1
     pattern = matcher()
     lines = capsys.readouterr().out.splitlines()
-    (found,) = filter(None, (re.match(pattern["regexp"], each) for each in lines))
+    (found,) = filter(None, (re.match(pattern["regexp"], output_line) for output_line in lines))
     keys = ("file", "line", "column", "severity", "code")
     line = text.splitlines().index("  iterations: 10") + 1
-    assert [found[pattern[each]] for each in keys] == [str(spec), str(line), "3", "error", "R2B101"]
+    assert [found[pattern[key]] for key in keys] == [str(spec), str(line), "3", "error", "R2B101"]
     assert found[pattern["message"]] == "unknown key 'iteratons' in 'benchmark'"
 
 
@@ -68,7 +68,7 @@ def test_the_lock_file_names_no_registry() -> None:
     lock = json.loads((EXTENSION / "package-lock.json").read_text("utf-8"))
     packages = {name: each for name, each in lock["packages"].items() if name}
     assert [name for name, each in packages.items() if "resolved" in each] == []
-    assert all(each["integrity"].startswith("sha512-") for each in packages.values())
+    assert all(package["integrity"].startswith("sha512-") for package in packages.values())
 
 
 @pytest.mark.timeout(500)

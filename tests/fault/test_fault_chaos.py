@@ -127,7 +127,7 @@ def freeze(attempt: Attempt) -> None:
 
 def corrupt(attempt: Attempt) -> None:
     """Overwrite, cut or delete a file of the run folder, or all of them."""
-    files = [each for each in sorted(attempt.running.folder.rglob("*")) if each.is_file()]
+    files = [path for path in sorted(attempt.running.folder.rglob("*")) if path.is_file()]
     if not files:
         return
     victim = attempt.dice.choice(files)

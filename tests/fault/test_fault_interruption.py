@@ -155,7 +155,7 @@ def test_a_run_that_is_interrupted_keeps_what_it_has(bench: Bench, number: signa
     assert number.name in kept(bench, done, iterations=1)
     assert done.result()["status"] == "incomplete"
     # Everybody had the time to leave in good order.
-    assert [each.exit_code for each in done.run().record.processes] == [0, 0, 0, 0]
+    assert [process.exit_code for process in done.run().record.processes] == [0, 0, 0, 0]
 
 
 def test_a_run_can_be_interrupted_while_its_graph_comes_up(bench: Bench) -> None:
@@ -231,7 +231,7 @@ def test_another_run_is_not_disturbed_when_one_is_killed(bench: Bench) -> None:
         victim.wait_for(SECOND_ITERATION)
         survivor.wait_for("warming up")
         # Nor by the loss of its watchdog, which only those need whose controller is killed.
-        (watchdog,) = [each for each in bench.processes() if watches(each, survivor)]
+        (watchdog,) = [process for process in bench.processes() if watches(process, survivor)]
         watchdog.kill()
         victim.process.kill()
         done = survivor.finish()
@@ -254,5 +254,5 @@ def test_a_process_that_is_killed_is_named(bench: Bench, name: str) -> None:
     assert done.status == 4
     assert f"process {name} was killed by SIGKILL" in done.error
     assert f"{name} was killed by SIGKILL" in kept(bench, done, iterations=1)
-    codes = {each.name: each.exit_code for each in done.run().record.processes}
+    codes = {process.name: process.exit_code for process in done.run().record.processes}
     assert codes == dict.fromkeys(NAMES, 0) | {name: -signal.SIGKILL}

@@ -90,7 +90,7 @@ def look(process: psutil.Process) -> Seen:
         pid=process.pid,
         folder=Path(process.cwd()),
         # Threads of the middleware, too, which inherit it.
-        slices={slice_of(each.id) for each in process.threads()},
+        slices={slice_of(thread.id) for thread in process.threads()},
     )
 
 
@@ -100,7 +100,7 @@ def shared_by(bench: Bench, running: Running) -> dict[Path, int]:
     for process in bench.processes():
         with contextlib.suppress(psutil.Error):
             if process.environ().get("R2BSPEC_RUN_ID") is not None:
-                mapped |= {Path(each.path) for each in process.memory_maps()}
+                mapped |= {Path(memory_map.path) for memory_map in process.memory_maps()}
     # Ports below those of domain 0 are shared by all runs, and may be another program's.
     segments = [
         each
@@ -151,7 +151,7 @@ def looked(tmp_path_factory: pytest.TempPathFactory) -> Looked:
                 done = running.finish()
         finally:
             os.umask(mask)
-    made = {each for each in bench.folder.rglob("*") if each not in before}
+    made = {file for file in bench.folder.rglob("*") if file not in before}
     return Looked(done, seen, json.loads(printed.stdout), made, shared)
 
 
@@ -325,10 +325,10 @@ class Checks(Node):
         assert "refused: '***'" in done.error
     assert "all of them" in done.log("setup.get")
     said = {"stdout": done.stdout, "stderr": done.stderr} | {
-        str(each): each.read_bytes().decode("latin-1")
-        for each in done.folder.rglob("*")
+        str(path): path.read_bytes().decode("latin-1")
+        for path in done.folder.rglob("*")
         # The log of a process has what it printed, unchanged.
-        if each.is_file() and each.parent.name != "logs"
+        if path.is_file() and path.parent.name != "logs"
     }
     for part in (value, "quoted", "of two lines"):
         assert [name for name, text in said.items() if part in text] == []

@@ -118,7 +118,7 @@ def test_a_node_that_hangs_is_measured_up_to_then_and_killed_in_the_end(done: Fi
     assert 0 < found["missed"] < ALL
     assert found["answered"] + found["missed"] == ALL
     assert "hangs" in done.log("stubborn")
-    codes = {each.name: each.exit_code for each in done.run().record.processes}
+    codes = {process.name: process.exit_code for process in done.run().record.processes}
     assert codes["stubborn"] == -9
     # The others have left in good order.
     assert {code for name, code in codes.items() if name != "stubborn"} == {0}
@@ -126,7 +126,7 @@ def test_a_node_that_hangs_is_measured_up_to_then_and_killed_in_the_end(done: Fi
 
 def test_who_had_to_be_killed_is_told(done: Finished) -> None:
     (said,) = [
-        each for each in done.events() if each.startswith("killed, because they did not exit: ")
+        event for event in done.events() if event.startswith("killed, because they did not exit: ")
     ]
     assert "stubborn" in said
     # The daemon has no name but that of its program.
@@ -137,7 +137,7 @@ def test_who_had_to_be_killed_is_told(done: Finished) -> None:
 def test_a_daemon_that_a_node_has_started_ends_with_the_run(done: Finished) -> None:
     words = done.log("daemons").split()
     pid, session = words[words.index("daemon") + 1 :][:2]
-    process = next(each for each in done.run().record.processes if each.name == "daemons")
+    process = next(listed for listed in done.run().record.processes if listed.name == "daemons")
     # It had left the session of its parent; that it is gone is seen after each test.
     assert int(session) not in {process.pid, int(pid)}
 

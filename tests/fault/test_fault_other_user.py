@@ -60,13 +60,13 @@ def as_other_user(uid: int, action: Callable[[], Any]) -> Any:
 def accessible(paths: list[str]) -> list[str]:
     """The paths of which this process can read or change something, or list a folder."""
     found = []
-    for each in paths:
+    for path in paths:
         for flags in (os.O_RDONLY, os.O_WRONLY):
             try:
-                os.close(os.open(each, flags | os.O_NONBLOCK))
+                os.close(os.open(path, flags | os.O_NONBLOCK))
             except OSError:
                 continue
-            found.append(each)
+            found.append(path)
     return found
 
 
@@ -87,10 +87,14 @@ def test_another_user_reads_and_changes_nothing_of_a_run(tmp_path: Path) -> None
     spec["benchmark"] |= {"iterations": 30}
     with bench.start(spec) as running:
         running.wait_for_messages("out", 5)
-        files = [str(each) for each in running.folder.rglob("*")]
+        files = [str(path) for path in running.folder.rglob("*")]
         segments = [str(each) for each in SHARED_MEMORY.iterdir() if each.name not in before]
         # Locks and ports of Fast DDS are for all programs; what they carry is in the segments.
-        segments = [each for each in segments if "_port" not in each and not each.endswith("_el")]
+        segments = [
+            segment
+            for segment in segments
+            if "_port" not in segment and not segment.endswith("_el")
+        ]
         assert len(files) > 10
         seen = as_other_user(uid, lambda: accessible([str(running.folder), *files, *segments]))
         visible = as_other_user(uid, lambda: accessible([str(bench.folder)]))

@@ -68,7 +68,7 @@ def test_what_does_not_fit_is_refused_before_player_and_nodes_start(bench: Bench
     assert "--shm-size=" in done.error
     assert "transport: udp" in done.error
     # These import ROS while the recording is read, and have no shared memory without a role.
-    started = {each.role: each for each in done.run().record.processes}
+    started = {process.role: process for process in done.run().record.processes}
     assert set(started) <= {"host", "observer"}
     assert {each.exit_code for each in started.values()} <= {0, -signal.SIGTERM}
 

@@ -101,7 +101,7 @@ def test_no_run_is_lost_or_counted_twice_while_workers_are_killed(
     names = [run["name"] for run in summary["runs"]]
     assert names == [f"relay[title=run{number}]" for number in range(RUNS)]
     assert [run["outcome"] for run in summary["runs"] if not run["rows"]] == []
-    done = Counter(each.run for each in client.events("done"))
+    done = Counter(event.run for event in client.events("done"))
     assert set(done.values()) == {1}
     assert len(done) == RUNS
     found = client.runs()
@@ -125,7 +125,7 @@ def test_a_client_that_was_killed_is_resumed(hosts: Fleet, bench: Bench, tmp_pat
     found = again.runs()
     assert {path: run.record.run_id for path, run in found.items() if path in before} == before
     assert len(again.kept()) == len(again.summary()["runs"]) == 3
-    done = Counter(each.run for each in again.events("done"))
+    done = Counter(event.run for event in again.events("done"))
     assert all(count == 1 for path, count in done.items() if path in before)
     assert [run["outcome"] for run in again.summary()["runs"] if not run["rows"]] == []
 
@@ -142,7 +142,7 @@ def test_the_scheduler_may_be_restarted(hosts: Fleet, bench: Bench, tmp_path: Pa
     client.finish()
     assert len(client.runs()) >= 2, client.stderr
     assert [run["outcome"] for run in client.summary()["runs"] if not run["rows"]] == []
-    assert Counter(each.run for each in client.events("done")).most_common(1)[0][1] == 1
+    assert Counter(event.run for event in client.events("done")).most_common(1)[0][1] == 1
     assert overlapping(list(client.runs().values())) == []
 
 
@@ -152,7 +152,7 @@ def test_two_clients_share_the_hosts(hosts: Fleet, bench: Bench, tmp_path: Path)
     clients = [
         hosts.client(spec, "--hosts", "a", output=tmp_path / f"out{number}") for number in (1, 2)
     ]
-    found = [run for each in clients for run in each.finish().runs().values()]
+    found = [run for client in clients for run in client.finish().runs().values()]
     assert len({run.record.run_id for run in found}) == len(found) >= 2
     assert overlapping(found) == []
     refused = hosts.client(spec, output=tmp_path / "out3")
@@ -188,7 +188,7 @@ def test_a_pair_stays_on_its_host(hosts: Fleet, bench: Bench, tmp_path: Path) ->
     (run,) = done.summary()["runs"]
     assert (run["host"], run["outcome"] != "error") == ("c", True), done.stderr
     folders = sorted((tmp_path / "out" / "c" / "relay").glob("*/0*/record.json"))
-    assert {each.parent.parent.name for each in folders} == {"base", "head"}
+    assert {folder.parent.parent.name for folder in folders} == {"base", "head"}
 
 
 def test_files_of_a_spec_need_the_permission_of_the_host(
@@ -217,7 +217,7 @@ def test_files_of_a_spec_need_the_permission_of_the_host(
     hosts.start_worker("a", "--label", "robot=a", "--allow-python")
     done = hosts.run(path, "--hosts", "a", output=tmp_path / "out2")
     assert list(done.kept()) == ["a/relay"], done.stderr
-    sent = {each.name for each in hosts.folder.glob("host-a/work/*/*")}
+    sent = {file.name for file in hosts.folder.glob("host-a/work/*/*")}
     assert {"own.py", "helper.py"} <= sent
     assert "other.py" not in sent
 

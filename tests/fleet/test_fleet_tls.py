@@ -47,7 +47,7 @@ def test_a_fleet_with_certificates_runs_and_refuses_those_without(tmp_path: Path
         assert list(done.kept()) == ["a/relay"], done.stderr
         strangers = tmp_path / "strangers"
         make_certificates(strangers)
-        words = [each.replace(str(made), str(strangers)) for each in words]
+        words = [word.replace(str(made), str(strangers)) for word in words]
         refused = hosts.run(spec, *words, output=tmp_path / "out2")
         assert refused.status == 2
         assert "do not trust each other" in refused.stderr

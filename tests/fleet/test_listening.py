@@ -44,7 +44,11 @@ def test_scheduler_and_worker_listen_on_the_loopback_interface_only(tmp_path: Pa
             assert list(client.hosts) == ["a"]
             assert listening(psutil.Process()) & {"0.0.0.0", "::"} == set()  # noqa: S104
         # A worker has one port: that of Dask's own messages.
-        ports = [each for each in worker.net_connections("inet") if each.status == "LISTEN"]
+        ports = [
+            net_connection
+            for net_connection in worker.net_connections("inet")
+            if net_connection.status == "LISTEN"
+        ]
         assert len(ports) == 1
 
 

@@ -93,7 +93,9 @@ def test_who_reaches_scheduler_or_worker_runs_code_as_the_documentation_says(
         assert hosts.scheduler is not None
         worker = psutil.Process(hosts.workers["a"].pid)
         (port,) = (
-            each.laddr.port for each in worker.net_connections("inet") if each.status == "LISTEN"
+            net_connection.laddr.port
+            for net_connection in worker.net_connections("inet")
+            if net_connection.status == "LISTEN"
         )
         for pid, address in (
             (hosts.scheduler.pid, hosts.address),

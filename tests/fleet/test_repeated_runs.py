@@ -60,14 +60,16 @@ def test_an_invalid_run_is_made_again_on_its_host_and_no_oftener(tmp_path: Path)
         done = hosts.run(*words, output=tmp_path / "once")
         (kept,) = done.kept()
         # A busy machine may make it invalid once more.
-        assert [each.state for each in done.events("invalid", "done")][:1] == ["invalid"]
-        assert {each.host for each in done.events("sent")} == {done.events("done")[0].host}
-        assert len({each.identity for each in done.events("sent")}) == len(done.events("sent")) > 1
+        assert [event.state for event in done.events("invalid", "done")][:1] == ["invalid"]
+        assert {event.host for event in done.events("sent")} == {done.events("done")[0].host}
+        assert (
+            len({event.identity for event in done.events("sent")}) == len(done.events("sent")) > 1
+        )
         (run,) = done.summary()["runs"]
         assert run["outcome"] != "invalid"
         assert f"{kept}.invalid-1" in done.runs()
         always = hosts.run(doubling(bench, once=False), "--hosts", "b", output=tmp_path / "always")
-        assert [each.state for each in always.events("invalid", "done")] == ["invalid", "done"]
+        assert [event.state for event in always.events("invalid", "done")] == ["invalid", "done"]
         (run,) = always.summary()["runs"]
         assert (run["outcome"], always.status) == ("invalid", 4)
 

@@ -112,13 +112,13 @@ def test_a_result_goes_on_where_the_slow_link_of_the_client_broke(tmp_path: Path
         done.finish()
     assert list(done.kept()) == ["near/relay"], done.stderr
     folder = tmp_path / "out" / "near" / "relay"
-    size = sum(each.stat().st_size for each in folder.rglob("*") if each.is_file())
+    size = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
     assert size > 5 * PIECE_BYTES
     assert link.cuts == 1
     assert len(done.events("lost")) == 1
     # From the beginning it would be three pieces more.
     assert size * 0.9 < link.passed < size + 2 * PIECE_BYTES
     # The host kept it for the client, and played it once.
-    assert {each.identity for each in done.events("sent", "done")} == {
+    assert {event.identity for event in done.events("sent", "done")} == {
         done.events("done")[0].identity
     }

@@ -71,7 +71,7 @@ def test_the_run_of_a_frozen_worker_is_made_elsewhere(
     wait_until_it_plays(hosts, frozen)
     hosts.workers[frozen].send_signal(signal.SIGSTOP)
     client.finish()
-    assert [each.host for each in client.events("lost")] == [frozen], client.stderr
+    assert [event.host for event in client.events("lost")] == [frozen], client.stderr
     (done,) = client.events("done")
     assert done.host != frozen
     assert_made_once(client)
@@ -79,7 +79,7 @@ def test_the_run_of_a_frozen_worker_is_made_elsewhere(
     hosts.workers[frozen].send_signal(signal.SIGCONT)
     wait_until(lambda: hosts.is_back(frozen, 2), "the frozen worker")
     again = hosts.run(spec, "--hosts", "any", "--resume", output=tmp_path / "out")
-    assert [each.host for each in again.events("sent")] == [frozen, done.host]
+    assert [event.host for event in again.events("sent")] == [frozen, done.host]
     assert_made_once(again)
 
 

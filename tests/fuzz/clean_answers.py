@@ -110,7 +110,7 @@ def faults(code: int, said: bytes) -> list[tuple[bool, str]]:
 
 def _shows_secret(said: bytes) -> bool:
     pieces = {SECRET[at : at + _PIECE] for at in range(len(SECRET) - _PIECE + 1)}
-    return any(each.encode() in said for each in pieces)
+    return any(piece.encode() in said for piece in pieces)
 
 
 def _asked(arguments: tuple[str, ...], place: Path, cpu_s: float) -> str:

@@ -557,7 +557,7 @@ def _fleet(data: bytes, folder: Path) -> None:
 def _fleet_seeds() -> Iterator[bytes]:
     from r2bspec.fleet.bundle import Job, SentFile, SentRecording, make_bundle
     from r2bspec.fleet.host_store import pack_run
-    from r2bspec.fleet.messages import Call, Played, Problem, RunState, answer_of, request_of
+    from r2bspec.fleet.messages import Call, FleetRunState, Problem, RunEnded, answer_of, request_of
     from r2bspec.plan.prepared_benchmark import PreparedBenchmark
     from r2bspec.record.run_folder import open_run
 
@@ -580,10 +580,10 @@ def _fleet_seeds() -> Iterator[bytes]:
     ]
     yield from map(request_of, calls)
     problem = Problem(code="R2B600", message="x")
-    for value in ({"0" * 64: 1}, Played(outcome="pass", problem=problem), b"ab"):
+    for value in ({"0" * 64: 1}, RunEnded(outcome="pass", problem=problem), b"ab"):
         yield answer_of(b"x", value)
     yield answer_of(b"x", problem=problem)
-    yield msgspec.msgpack.encode(RunState(name="x", p99_ns=5))
+    yield msgspec.msgpack.encode(FleetRunState(name="x", p99_ns=5))
     yield b'{"at": "", "suite": "x"}\n{"at": "", "run": "a", "host": "h", "state": "sent"}\n'
 
 

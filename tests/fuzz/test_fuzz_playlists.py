@@ -62,25 +62,25 @@ def playing(player: LonePlayer, tmp_path: Path) -> Playing:
 
 def test_whole_ones_are_played(playing: Playing, files: list[PlaybackFiles]) -> None:
     # Steps and what is between them; in the recording, two rounds of three messages.
-    played = [playing(each.playlist, each.playback, each.buffers) for each in files]
+    played = [playing(file.playlist, file.playback, file.buffers) for file in files]
     assert played == [f"played 4: {16 * (4 + 3)} bytes", f"played 4: {16 * (3 + 3)} bytes"]
 
 
 def test_a_truncated_one_is_refused(playing: Playing, files: list[PlaybackFiles]) -> None:
-    for each in files:
-        for size in range(0, len(each.playlist), 5):
-            found = playing(each.playlist[:size], each.playback, each.buffers)
+    for file in files:
+        for size in range(0, len(file.playlist), 5):
+            found = playing(file.playlist[:size], file.playback, file.buffers)
             assert "is damaged" in found
-        for size in range(0, len(each.playback), 5):
-            found = playing(each.playlist, each.playback[:size], each.buffers)
+        for size in range(0, len(file.playback), 5):
+            found = playing(file.playlist, file.playback[:size], file.buffers)
             assert "is damaged" in found
 
 
 def test_a_source_that_the_player_does_not_have_is_refused(
     playing: Playing, files: list[PlaybackFiles]
 ) -> None:
-    for each in files:
-        found = playing(each.playlist, each.playback, each.buffers[:1])
+    for file in files:
+        found = playing(file.playlist, file.playback, file.buffers[:1])
         assert "is damaged" in found
 
 
@@ -90,8 +90,8 @@ def test_a_buffer_that_is_too_short_is_refused(
     short = tmp_path / "short"
     for size in (0, 15, 31):
         short.write_bytes(bytes(size))
-        for each in files:
-            found = playing(each.playlist, each.playback, (short, each.buffers[1]))
+        for file in files:
+            found = playing(file.playlist, file.playback, (short, file.buffers[1]))
             assert "a buffer shorter than its index" in found
 
 

@@ -132,10 +132,11 @@ def report(specs: Iterable[Path]) -> str:
     rest: list[str] = []
     for spec in specs:
         name = spec.relative_to(ROOT).as_posix()
-        for one in outcomes(spec):
-            counts[one.mutant.kind, one.fate] += 1
-            if one.fate in ("elsewhere", "meant", "silent"):
-                rest.append(f"{one.fate:<10} {name}: {one.mutant.label} | {one.why or 'no reason'}")
+        for outcome in outcomes(spec):
+            counts[outcome.mutant.kind, outcome.fate] += 1
+            if outcome.fate in ("elsewhere", "meant", "silent"):
+                why = outcome.why or "no reason"
+                rest.append(f"{outcome.fate:<10} {name}: {outcome.mutant.label} | {why}")
     head = "Written by mutation_score.py, which explains the words. What is not held is listed."
     return "\n".join([head, "", *table(counts), "", *sorted(rest)]) + "\n"
 

@@ -28,7 +28,7 @@ def _nowhere(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_mutants_of_a_small_spec() -> None:
-    made = {one.label: one for one in mutants(SMALL)}
+    made = {mutant.label: mutant for mutant in mutants(SMALL)}
     assert {one.kind for one in made.values()} == set(KINDS)
     assert "labels: {bee: x} # kept" in made["delete    labels.a: is gone"].text
     assert "labels: {a: 1} # kept" in made["delete    labels.bee: is gone"].text

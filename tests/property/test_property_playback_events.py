@@ -34,8 +34,8 @@ def cyclic(draw: Any) -> CyclicSchedule:
     at = st.floats(0, length, exclude_max=True)
     rows = st.tuples(*[POSITIONS] * len(columns))
     between = [
-        BetweenMessage(draw(at), each, draw(POSITIONS))
-        for each in others
+        BetweenMessage(draw(at), other, draw(POSITIONS))
+        for other in others
         for _ in range(draw(st.integers(1, 3)))
     ]
     shifts = st.tuples(*[SHIFTS] * len(columns))

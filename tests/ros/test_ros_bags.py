@@ -123,7 +123,7 @@ def test_every_message_of_every_format_goes_through(tmp_path: Path) -> None:
     done = bench.run(relays(bags, topics, dict.fromkeys(FORMATS, IMAGE), "stamp"))
     done.assert_complete()
     run = done.run()
-    names = {each.name for each in run.record.processes}
+    names = {process.name for process in run.record.processes}
     assert names == {"harness.observer", "player", "graph", "monitor"}
     (segment,) = done.segments()
     sent = sorted(run.playback(segment)["stamp_ns"])

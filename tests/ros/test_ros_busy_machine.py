@@ -85,7 +85,7 @@ def test_a_strict_gate_accepts_no_pass_from_a_busy_machine(bench: Bench) -> None
     done = usable(bench.run(spec(sleeper(1.0), "strict", "latency.p50 < 60 s")))
     assert (done.status, done.outcome) == (3, "inconclusive")
     assert "'interference: strict' accepts no such PASS" in done.words
-    reruns = [each for each in done.run().record.segments if each.rerun_of]
+    reruns = [segment for segment in done.run().record.segments if segment.rerun_of]
     assert reruns, "what was affected is played again"
 
 
@@ -93,7 +93,7 @@ def test_a_tolerant_gate_judges_as_measured_and_says_what_was_there(bench: Bench
     done = usable(bench.run(spec(sleeper(1.0), "tolerate", "latency.p50 < 60 s")))
     assert (done.status, done.outcome) == (0, "pass")
     assert SAID in done.words
-    assert not [each for each in done.run().record.segments if each.rerun_of]
+    assert not [segment for segment in done.run().record.segments if segment.rerun_of]
 
 
 def test_a_peak_among_strangers_is_at_best_a_lower_bound(bench: Bench) -> None:
@@ -119,8 +119,8 @@ def test_a_peak_among_strangers_is_at_best_a_lower_bound(bench: Bench) -> None:
     )
     search = done.run().record.search
     assert search is not None
-    assert all(SAID in " ".join(each.disturbed) for each in search.probes)
-    failed = {each.rate_hz: each for each in search.probes if each.holds is False}
+    assert all(SAID in " ".join(probe.disturbed) for probe in search.probes)
+    failed = {probe.rate_hz: probe for probe in search.probes if probe.holds is False}
     if search.limited_by == "graph":
         # Only a failure that the strangers cannot explain bounds it from above.
         assert search.fails_hz is not None
@@ -133,5 +133,5 @@ def test_a_peak_among_strangers_is_at_best_a_lower_bound(bench: Bench) -> None:
 def test_nothing_of_the_strangers_is_left_out() -> None:
     """The fixture's programs do run: otherwise the other tests show nothing."""
     me = psutil.Process()
-    busy = [each for each in me.children() if BUSY in each.cmdline()]
+    busy = [child for child in me.children() if BUSY in child.cmdline()]
     assert len(busy) == len(os.sched_getaffinity(0))

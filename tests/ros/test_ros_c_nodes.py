@@ -35,8 +35,8 @@ def test_programs_get_their_arguments_and_are_waited_for(bench: Bench) -> None:
     done.assert_counts(STEPS)
     # The shortest latency is no matter of the machine: the relay computes for that long.
     assert done.monitor()["latency"]["min"] >= 0.0025
-    nodes = [each for each in done.run().record.processes if each.role == "command"]
-    assert {(each.name, each.exit_code, each.signals) for each in nodes} == {
+    nodes = [process for process in done.run().record.processes if process.role == "command"]
+    assert {(node.name, node.exit_code, node.signals) for node in nodes} == {
         (name, 0, (signal.SIGINT,)) for name in ("relay", "threads", "late")
     }
     assert_nothing_was_played_before_it_was_loaded(done.log("late"), done.run().record.segments)
@@ -54,7 +54,7 @@ def test_nothing_is_played_before_a_late_node_is_ready(bench: Bench) -> None:
 def assert_nothing_was_played_before_it_was_loaded(log: str, segments: tuple[Segment, ...]) -> None:
     found = re.search(r"the model is loaded at (\d+) ns", log)
     assert found
-    assert int(found[1]) < min(each.began_ns for each in segments)
+    assert int(found[1]) < min(segment.began_ns for segment in segments)
 
 
 def test_a_crash_is_named_by_its_signal_and_loses_nothing(bench: Bench) -> None:
@@ -65,7 +65,7 @@ def test_a_crash_is_named_by_its_signal_and_loses_nothing(bench: Bench) -> None:
     assert "process node was killed by SIGSEGV" in done.error
     run = done.run()
     assert run.record.status == "incomplete"
-    (node,) = [each for each in run.record.processes if each.name == "node"]
+    (node,) = [process for process in run.record.processes if process.name == "node"]
     assert (node.exit_code, node.signals) == (-signal.SIGSEGV, ())
     (segment,) = done.segments()
     assert not segment.complete

@@ -78,7 +78,7 @@ def test_nested_messages_and_sequences_of_them_are_made() -> None:
         ]
     }
     request = fill_message(SetParameters.Request(), values)
-    assert [each.name for each in request.parameters] == ["ratio", "names"]
+    assert [parameter.name for parameter in request.parameters] == ["ratio", "names"]
     assert request.parameters[0].value.double_value == 2.0
     assert list(request.parameters[1].value.string_array_value) == ["a", "b"]
 

@@ -113,7 +113,7 @@ def with_talker() -> dict[str, Any]:
 
 def test_the_spec_of_the_test_below_is_valid(bench: Bench) -> None:
     findings = validate(bench.write(with_talker()))
-    assert [each for each in findings if each.severity == "error"] == []
+    assert [finding for finding in findings if finding.severity == "error"] == []
 
 
 @pytest.mark.skipif(

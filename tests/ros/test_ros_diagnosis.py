@@ -439,8 +439,8 @@ def test_a_recording_without_what_is_loaded(
 ) -> None:
     output = bench.folder / "not made"
     said = refused(relay_spec(data_loader=loader), output)
-    for each in words:
-        assert each in said
+    for word in words:
+        assert word in said
     assert not output.exists()
 
 

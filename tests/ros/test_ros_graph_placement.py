@@ -46,7 +46,7 @@ def c_relay(**changes: Any) -> dict[str, Any]:
 
 
 def process(done: Finished, name: str) -> ProcessRecord:
-    (found,) = [each for each in done.run().record.processes if each.name == name]
+    (found,) = [listed for listed in done.run().record.processes if listed.name == name]
     return found
 
 
@@ -70,7 +70,7 @@ def test_player_and_monitors_run_where_their_topics_are(bench: Bench) -> None:
     done = bench.run(relay_spec(harness=GRAPH, graph=graph, monitors=monitors))
     for monitor in monitors:
         done.assert_counts(STEPS, monitor)
-    ended = [(each.name, each.role, each.exit_code) for each in done.run().record.processes]
+    ended = [(listed.name, listed.role, listed.exit_code) for listed in done.run().record.processes]
     assert ended == [
         ("harness.observer", "observer", 0),
         ("first", "host", 0),
@@ -102,9 +102,9 @@ def test_every_start_joins_fresh_processes(bench: Bench) -> None:
     spec["benchmark"] |= {"starts": 2, "iterations": 4, "duration": "250 ms"}
     done = bench.run(spec)
     done.assert_counts(4 * 5)
-    names = Counter(each.name for each in done.run().record.processes)
+    names = Counter(listed.name for listed in done.run().record.processes)
     assert names == {"harness.observer": 2, "first": 2, "second": 2}
-    joined = {each.name: each.parts for each in done.run().record.processes if each.parts}
+    joined = {listed.name: listed.parts for listed in done.run().record.processes if listed.parts}
     assert joined == {"first": ("player",), "second": ("monitor",)}
     assert "Process first contains the player of the harness" in done.stdout
 

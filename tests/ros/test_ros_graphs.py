@@ -168,7 +168,7 @@ def notes(bench: Bench, done: Finished) -> dict[str, dict[int, int]]:
 
 def test_the_run_is_complete(done: Finished) -> None:
     done.assert_complete()
-    assert [each.exit_code for each in done.run().record.processes] == [0] * 7
+    assert [process.exit_code for process in done.run().record.processes] == [0] * 7
     assert done.run().record.differences == ()
 
 
@@ -193,7 +193,7 @@ def test_all_inputs_of_a_step_have_the_same_stamp(
     done: Finished, notes: dict[str, dict[int, int]]
 ) -> None:
     run = done.run()
-    played = np.concatenate([run.playback(each)["stamp_ns"] for each in run.record.segments])
+    played = np.concatenate([run.playback(segment)["stamp_ns"] for segment in run.record.segments])
     assert set(notes["left"]) == set(notes["right"]) == set(played.tolist())
 
 
@@ -214,7 +214,7 @@ def test_the_buffer_is_played_round_and_round(
 
 
 def test_what_has_no_partner_is_counted(done: Finished) -> None:
-    said = [each for each in done.events() if "no partner" in each]
+    said = [event for event in done.events() if "no partner" in event]
     found = done.run().record.unplayed
     assert said == [f"{each.clause} and are not played" for each in found]
     assert [(each.count, each.total) for each in found] == [(1, 5), (1, 5)]

@@ -120,7 +120,7 @@ def test_it_runs(everything: Finished) -> None:
 def test_setup_steps_run_once_and_in_order(bench: Bench, everything: Finished) -> None:
     assert (bench.folder / "model").read_text() == "made "
     assert everything.log("setup.note") == "noted\n"
-    names = [each.name for each in everything.run().record.processes]
+    names = [process.name for process in everything.run().record.processes]
     assert names[:2] == ["setup.model", "setup.note"]
     # What is there is not made again.
     assert "kept: kept already exists" in everything.events()
@@ -128,14 +128,14 @@ def test_setup_steps_run_once_and_in_order(bench: Bench, everything: Finished) -
 
 def test_later_steps_were_done(everything: Finished) -> None:
     assert everything.log("after_ready.command") == "stands\n"
-    ended = {each.name: each.exit_code for each in everything.run().record.processes}
+    ended = {process.name: process.exit_code for process in everything.run().record.processes}
     assert ended["after_ready.call"] == 0
 
 
 def test_several_bags_are_one_recording_with_one_window(everything: Finished) -> None:
     # From 10 ms after the first message of both: the left one's first is out.
     (noted,) = [
-        each for each in everything.events() if "kept/left" in each and "kept/right" in each
+        event for event in everything.events() if "kept/left" in event and "kept/right" in event
     ]
     assert noted == "/r2b/kept/left: 4 messages, /r2b/kept/right: 4 messages"
 

@@ -141,7 +141,9 @@ def test_a_process_that_ends_meanwhile_is_named_and_nobody_waits_for_its_answer(
     done = chain(lifecycle="active", late={"parameters": {"fails": "dies"}})
     assert done.status == 4
     assert "/r2b/late could not configure: process late exited with status 3" in done.error
-    (observer,) = (each for each in done.run().record.processes if each.name == "harness.observer")
+    (observer,) = (
+        process for process in done.run().record.processes if process.name == "harness.observer"
+    )
     assert (observer.exit_code, observer.signals) == (0, ())
 
 

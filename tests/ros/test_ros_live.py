@@ -77,13 +77,13 @@ def test_the_run_is_complete_without_loader_and_player(done: Finished) -> None:
     assert done.status == 3, done.stderr
     record = done.run().record
     assert record.status == "complete"
-    assert {each.name for each in record.processes} == {
+    assert {process.name for process in record.processes} == {
         "harness.observer",
         "monitor",
         "source",
         "relay",
     }
-    assert [each.kind for each in record.segments][-2:] == ["iteration", "iteration"]
+    assert [segment.kind for segment in record.segments][-2:] == ["iteration", "iteration"]
 
 
 def test_each_segment_has_what_was_received_in_its_time_and_the_offset_of_the_clocks(

@@ -61,7 +61,9 @@ def test_a_smoke_run_plays_one_short_iteration(bench: Bench) -> None:
     done = bench.run(relay_spec(slos=slos, benchmark=benchmark), "--smoke")
     done.assert_complete()
     record = done.run().record
-    assert [each.kind for each in record.segments if each.kind != "warm_up"] == ["iteration"]
+    assert [segment.kind for segment in record.segments if segment.kind != "warm_up"] == [
+        "iteration"
+    ]
     (iteration,) = done.segments()
     assert iteration.steps <= 41
     assert record.search is None
@@ -78,11 +80,11 @@ def test_a_rate_whose_failure_nothing_can_change_ends(bench: Bench) -> None:
     }
     benchmark = short(iterations=4, duration="500 ms", rates=["10 Hz", "20 Hz"])
     done = bench.run(relay_spec(slos=slos, benchmark=benchmark), "--abort-on-fail")
-    played = [each.rate_hz for each in done.segments()]
+    played = [segment.rate_hz for segment in done.segments()]
     assert played.count(10) == 4
     assert 1 <= played.count(20) < 4
     record = done.run().record
-    assert [each.rate_hz for each in record.ended_rates] == [20]
+    assert [ended_rate.rate_hz for ended_rate in record.ended_rates] == [20]
     assert record.ended_rates[0].iterations == played.count(20)
     (sentence,) = record.left_out
     assert "20 Hz was ended" in sentence
@@ -103,7 +105,7 @@ def test_recorded_outputs_are_a_bag_with_a_latency_for_each_output(bench: Bench)
     store = get_typestore(Stores.ROS2_JAZZY)
     stamps: dict[str, list[int]] = {}
     latencies_ms: list[float] = []
-    assert [each.name for each in (done.folder / "outputs").glob("*.mcap")] == ["outputs.mcap"]
+    assert [path.name for path in (done.folder / "outputs").glob("*.mcap")] == ["outputs.mcap"]
     with Reader(done.folder / "outputs") as reader:
         for connection, _, data in reader.messages():
             message: Any = store.deserialize_cdr(data, connection.msgtype)

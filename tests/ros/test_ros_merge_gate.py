@@ -94,7 +94,11 @@ def test_a_slower_node_does_not_pass(workspace: Workspace) -> None:
     assert re.search(rf"{BASE}.*cost\.py changed", gated.summary)
     result = json.loads((gated.folder / "result.json").read_text())
     requirements = result["verdict"]["requirements"]
-    (ratio,) = [one["estimate"] for one in requirements if one["objective"] == "fast"]
+    (ratio,) = [
+        requirement["estimate"]
+        for requirement in requirements
+        if requirement["objective"] == "fast"
+    ]
     assert ratio > 1.05
 
 

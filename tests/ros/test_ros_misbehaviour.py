@@ -85,7 +85,7 @@ def test_a_node_that_fails_ends_the_run_and_what_was_measured_is_kept(
     assert record.status == done.result()["status"] == "incomplete"
     assert words in record.reason
     # The first iteration is whole, the second is there as far as it went.
-    assert [(each.id, each.complete) for each in done.segments()] == [
+    assert [(segment.id, segment.complete) for segment in done.segments()] == [
         ("rate-20Hz-001", True),
         ("rate-20Hz-002", False),
     ]

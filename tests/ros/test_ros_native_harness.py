@@ -146,7 +146,7 @@ class Harness:
 
     def match(self, *ends: ManagedProcess, count: int = 1) -> None:
         deadline = time.monotonic() + HANG_S
-        while any(self.ask(each, protocol.CountMatches()).counts[TOPIC] < count for each in ends):
+        while any(self.ask(end, protocol.CountMatches()).counts[TOPIC] < count for end in ends):
             assert time.monotonic() < deadline
             self.children.pump(0.02)
 
@@ -199,7 +199,7 @@ def test_messages_arrive_as_they_were_with_the_stamp_of_their_step(
     again = msgspec.structs.replace(OUT, name=".again")
     recorder = harness.start_observer()
     harness.discover(recorder)
-    harness.ask(recorder, protocol.Record(monitors=(again,), folder=str(harness.rows)))
+    harness.ask(recorder, protocol.RecordMessages(monitors=(again,), folder=str(harness.rows)))
     harness.match(recorder)
     harness.match(player, count=2)
     steps = 3 * len(SIZES)
@@ -237,7 +237,7 @@ def test_a_command_stops_it_between_two_steps(
     # The next playback goes on with the next message of the round.
     harness.ask(player, protocol.Play(rate_hz=50.0, steps=1), protocol.Played)
     rows = harness.received("out", done.steps + 1)
-    sizes = [len(each) for each in messages()]
+    sizes = [len(message) for message in messages()]
     assert rows["bytes"].tolist() == [sizes[n % len(sizes)] for n in range(done.steps + 1)]
 
 
@@ -323,12 +323,12 @@ def sanitized(environment: dict[str, str]) -> dict[str, str]:
     names = ("libasan.so", "libubsan.so", "libstdc++.so")
     found = [
         subprocess.run(
-            [*find_compiler(), f"-print-file-name={each}"],
+            [*find_compiler(), f"-print-file-name={name}"],
             stdout=subprocess.PIPE,
             text=True,
             check=True,
         ).stdout.strip()
-        for each in names
+        for name in names
     ]
     # What is preloaded first by the harness itself allocates nothing.
     options = f"{environment['ASAN_OPTIONS']}:verify_asan_link_order=0"

@@ -22,7 +22,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Bench:
 def spec(nodes: dict[str, Any], outputs: dict[str, str], inputs: list[str]) -> dict[str, Any]:
     """All nodes side by side: each reads an input of its own, and has a monitor of its own."""
     return relay_spec(
-        playback={"inputs": {each: quick_input("loaded") for each in inputs}},
+        playback={"inputs": {input_: quick_input("loaded") for input_ in inputs}},
         graph={"nodes": nodes},
         monitors={key: {"topic": name, "format": IMAGE} for key, name in outputs.items()},
     )

@@ -131,7 +131,7 @@ def test_nodes_without_keyword_arguments_run_as_they_are(bench: Bench, placement
         done.assert_complete()
         if not done.monitor()["missed"] and not done.monitor("timed")["missed"]:
             break
-    assert {"bright", "middle", "last"} <= {each.name for each in done.run().record.processes}
+    assert {"bright", "middle", "last"} <= {process.name for process in done.run().record.processes}
     assert "R2B233" not in done.stderr
     # It spins its nodes itself, and is asked from outside.
     assert "/r2b/last has no topic 'lost' to remap to /r2b/nowhere" in done.stderr

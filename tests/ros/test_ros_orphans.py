@@ -55,7 +55,7 @@ def test_the_processor_time_of_an_orphaned_grandchild_is_the_runs_own(
     done.assert_complete()
     run = done.run()
     (segment,) = done.segments()
-    index = [each.name for each in run.record.processes].index("relay")
+    index = [process.name for process in run.record.processes].index("relay")
 
     rows = run.resources()
     rows = rows[rows["process"] == index]

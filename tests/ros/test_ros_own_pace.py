@@ -88,7 +88,7 @@ def test_nothing_is_missed_where_nothing_is_expected(done: Finished) -> None:
 
 
 def test_what_the_threads_of_the_node_were_given_is_in_the_record(done: Finished) -> None:
-    threads = {each.name: each.scheduling for each in done.run().record.processes}
+    threads = {process.name: process.scheduling for process in done.run().record.processes}
     assert sum(each.count for each in threads["ticks"]) > 1
     assert {each.policy for each in threads["ticks"]} == {"batch"}
     assert threads["monitor"] == ()

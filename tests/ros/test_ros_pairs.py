@@ -45,17 +45,17 @@ def compared(bench: Bench) -> Finished:
 def test_runs_are_interleaved_whole_and_fresh(compared: Finished) -> None:
     pairs = open_comparison(compared.folder)
     assert pairs.record.status == "complete"
-    orders = tuple(one.order for one in pairs.record.pairs if not one.again)
+    orders = tuple(pairing.order for pairing in pairs.record.pairs if not pairing.again)
     assert orders == pair_orders(2, pairs.record.seed)
     assert sorted(orders) == ["AB", "BA"]
     began, pids = [], []
-    for one in pairs.record.pairs:
-        for side in ("base", "head") if one.order == "AB" else ("head", "base"):
-            run = pairs.run(one, side)
+    for pair in pairs.record.pairs:
+        for side in ("base", "head") if pair.order == "AB" else ("head", "base"):
+            run = pairs.run(pair, side)
             assert run.record.status == "complete"
             began.append(min(segment.began_ns for segment in run.record.segments))
-            pids += [each.pid for each in run.record.processes]
-            (relay,) = [each for each in run.plan.processes if each.name == "relay"]
+            pids += [process.pid for process in run.record.processes]
+            (relay,) = [process for process in run.plan.processes if process.name == "relay"]
             wanted = {"base": 30.0, "head": 5.0}[side]
             assert relay.nodes[0].parameters["service_time_ms"] == wanted
     assert began == sorted(began)

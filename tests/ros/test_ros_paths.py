@@ -212,8 +212,8 @@ def test_one_answer_to_two_inputs_has_their_stamp_whatever_its_type(done: Finish
 
 def test_no_message_is_in_no_segment(done: Finished) -> None:
     run = done.run()
-    stamps = np.concatenate([run.playback(each)["stamp_ns"] for each in run.record.segments])
+    stamps = np.concatenate([run.playback(segment)["stamp_ns"] for segment in run.record.segments])
     seen = np.concatenate(
-        [run.monitor(each, "procrastinates")["stamp_ns"] for each in run.record.segments]
+        [run.monitor(segment, "procrastinates")["stamp_ns"] for segment in run.record.segments]
     )
     assert sorted(seen.tolist()) == sorted(stamps.tolist())

@@ -36,7 +36,9 @@ def test_one_process_plays_watches_and_holds_the_nodes(beside: Finished) -> None
     beside.assert_complete()
     record = beside.run().record
     # The processes that import ROS are started ahead of their turn: the order says nothing.
-    assert sorted((each.name, each.role, each.exit_code) for each in record.processes) == [
+    assert sorted(
+        (process.name, process.role, process.exit_code) for process in record.processes
+    ) == [
         ("harness", "harness", 0),
         ("harness.observer", "observer", 0),
     ]
@@ -63,7 +65,7 @@ def test_player_and_monitor_share_a_process_apart_from_the_graph(bench: Bench) -
     done = bench.run(relay_spec(harness=IN_ONE))
     done.assert_complete()
     record = done.run().record
-    assert sorted((each.name, each.exit_code) for each in record.processes) == [
+    assert sorted((process.name, process.exit_code) for process in record.processes) == [
         ("harness", 0),
         ("harness.observer", 0),
         ("relay", 0),

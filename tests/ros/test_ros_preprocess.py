@@ -111,8 +111,8 @@ def test_everything_that_came_out_is_played_in_its_order(notes: list[list[str]])
 
 
 def test_no_shortfall_is_reported_where_there_is_none(done: Finished) -> None:
-    assert [each for each in done.events() if "came out" in each] == []
-    assert [each for each in done.events() if "no partner" in each] == []
+    assert [event for event in done.events() if "came out" in event] == []
+    assert [event for event in done.events() if "no partner" in event] == []
 
 
 def test_preprocessors_are_gone_before_anything_is_measured(
@@ -121,7 +121,7 @@ def test_preprocessors_are_gone_before_anything_is_measured(
     run = done.run()
     named = {each.name: number for number, each in enumerate(run.record.processes)}
     rows = run.resources()
-    first_ns = min(each.began_ns for each in run.record.segments)
+    first_ns = min(segment.began_ns for segment in run.record.segments)
     for name in ("loader", "preprocess.prepare"):
         assert run.record.processes[named[name]].exit_code == 0
         assert np.all(rows["time_ns"][rows["process"] == named[name]] < first_ns)
@@ -149,7 +149,7 @@ def test_a_shortfall_of_a_chain_names_the_topic_and_the_counts(tmp_path: Path) -
     assert "/r2b/halved: the preprocessors published 3 messages for 6 inputs" in done.events()
     numbers = {line.split()[0] for line in (tmp_path / "notes").read_text().splitlines()}
     assert numbers == {"0", "2", "4"}
-    names = [each.name for each in done.run().record.processes]
+    names = [process.name for process in done.run().record.processes]
     assert set(names[:3]) == {"loader", "preprocess.prepare", "preprocess.first"}
     assert set(names[3:]) == {"harness.observer", "player", "notebook", "monitor"}
 

@@ -63,7 +63,11 @@ def assert_measured_before(done: Finished) -> None:
     (iteration,) = done.segments()
     assert run.monitor(iteration, "out").size == STEPS
     profile = the_profile(done)
-    counting = [each for each in run.record.segments if each.kind != "warm_up" or each.start == 1]
+    counting = [
+        segment
+        for segment in run.record.segments
+        if segment.kind != "warm_up" or segment.start == 1
+    ]
     assert max(each.ended_ns for each in counting) <= profile.began_ns < profile.ended_ns
     (phase_ns,) = [at for at, text in run.record.events if text == "phase profile"]
     assert max(each.ended_ns for each in counting) <= phase_ns
@@ -81,12 +85,12 @@ def test_py_spy_shows_the_functions_of_a_python_node(bench: Bench) -> None:
     done = bench.run(graph(relay_node(10.0)), "--profile", "py-spy", "--report", f"html={page}")
     assert_measured_before(done)
     assert the_profile(done).error == ""
-    assert any("_on_message" in each for each in functions(done))
+    assert any("_on_message" in function for function in functions(done))
     assert "Profile of node at 20 Hz, with py-spy: profile/node/node.folded" in done.stdout
     assert "_on_message" in page.read_text().partition('<h2 id="profile">')[2]
     assert len(done.run().record.starts) == 1
     # The profile is no segment, and no part of the judgement.
-    assert {each.kind for each in done.run().record.segments} == {"warm_up", "iteration"}
+    assert {segment.kind for segment in done.run().record.segments} == {"warm_up", "iteration"}
 
 
 @pytest.mark.parametrize("placement", ["separate", pytest.param("graph", marks=only_nightly())])
@@ -127,7 +131,9 @@ def test_nsys_starts_the_named_node_anew(
     assert "-r output:=middle" in called
     # A start of its own, which is none of those that are measured.
     assert len(done.run().record.starts) == 1
-    ended = [each for each in done.run().record.processes if each.name in {"node", "other"}]
+    ended = [
+        process for process in done.run().record.processes if process.name in {"node", "other"}
+    ]
     assert sorted((each.name, each.exit_code) for each in ended) == [
         *(("node", 0), ("node", 0)),
         *(("other", 0), ("other", 0)),

@@ -61,7 +61,7 @@ def done(bench: Bench) -> Finished:
 
 def at_rates(done: Finished) -> list[Segment]:
     """The iterations at the rates of the spec, which come before those at the peak."""
-    return [each for each in done.segments() if each.rate_hz in RATES_HZ]
+    return [segment for segment in done.segments() if segment.rate_hz in RATES_HZ]
 
 
 def peak(done: Finished) -> SearchRecord:
@@ -99,7 +99,7 @@ def test_the_folder_has_everything_and_nothing_else(done: Finished) -> None:
 
 
 def test_the_phases_come_in_the_order_of_the_plan(done: Finished) -> None:
-    phases = [each.removeprefix("phase ") for each in done.events() if each.startswith("phase ")]
+    phases = [event.removeprefix("phase ") for event in done.events() if event.startswith("phase ")]
     assert phases == list(done.run().plan.phases)
     times = [time_ns for time_ns, _ in done.run().record.events]
     assert times == sorted(times)
@@ -107,9 +107,9 @@ def test_the_phases_come_in_the_order_of_the_plan(done: Finished) -> None:
 
 def test_every_process_of_the_plan_ran_and_ended_politely(done: Finished) -> None:
     run = done.run()
-    planned = {each.name for each in run.plan.processes}
-    assert {each.name for each in run.record.processes} == planned | {"harness.observer"}
-    assert [each.exit_code for each in run.record.processes] == [0, 0, 0, 0]
+    planned = {process.name for process in run.plan.processes}
+    assert {process.name for process in run.record.processes} == planned | {"harness.observer"}
+    assert [process.exit_code for process in run.record.processes] == [0, 0, 0, 0]
 
 
 def test_progress_goes_to_standard_error_and_the_report_to_standard_output(done: Finished) -> None:
@@ -123,10 +123,10 @@ def test_progress_goes_to_standard_error_and_the_report_to_standard_output(done:
 
 
 def test_there_is_a_segment_for_every_rate_and_iteration(done: Finished) -> None:
-    played = [(each.rate_hz, each.index) for each in at_rates(done)]
+    played = [(at_rate.rate_hz, at_rate.index) for at_rate in at_rates(done)]
     # All rates in turn, so that a slow drift of the machine hits all.
     assert played == [(rate, index) for index in (1, 2) for rate in RATES_HZ]
-    assert all(each.complete for each in done.run().record.segments)
+    assert all(segment.complete for segment in done.run().record.segments)
 
 
 def test_every_step_was_sent_received_and_matched(done: Finished) -> None:
@@ -139,7 +139,7 @@ def test_every_step_was_sent_received_and_matched(done: Finished) -> None:
 
 def test_no_stamp_is_ever_played_twice(done: Finished) -> None:
     run = done.run()
-    stamps = np.concatenate([run.playback(each)["stamp_ns"] for each in run.record.segments])
+    stamps = np.concatenate([run.playback(segment)["stamp_ns"] for segment in run.record.segments])
     assert np.all(np.diff(stamps) > 0)
 
 
@@ -165,7 +165,7 @@ def test_no_answer_comes_sooner_than_the_node_can_give_it(done: Finished) -> Non
 
 def test_messages_arrive_as_large_as_they_were_sent(done: Finished) -> None:
     run = done.run()
-    sizes = np.concatenate([run.monitor(each, "out")["bytes"] for each in at_rates(done)])
+    sizes = np.concatenate([run.monitor(at_rate, "out")["bytes"] for at_rate in at_rates(done)])
     assert np.unique(sizes).size == 1
     assert sizes[0] > WIDTH * HEIGHT * 3
 
@@ -176,7 +176,7 @@ def test_every_process_was_sampled_while_it_ran(done: Finished) -> None:
     for number in range(4):
         used = rows[rows["process"] == number]["cpu_s"]
         assert np.all(np.diff(used) >= 0)
-    names = [each.name for each in done.run().record.processes]
+    names = [process.name for process in done.run().record.processes]
     relay = rows[rows["process"] == names.index("relay")]
     assert relay["cpu_s"].max() > 0.1
     assert relay["memory_bytes"].max() > 10_000_000
@@ -200,7 +200,7 @@ def test_the_peak_lies_in_a_bracket_of_the_precision_that_was_asked(done: Finish
         capacity is not None and (capacity.upper_hz or 300.0) / capacity.lower_hz <= 1 + PRECISION
     )
     if search.proof == "confirmed" and known and not search.unsteady:
-        refuted = [each for each in search.probes if each.purpose == "confirmation"][:-1]
+        refuted = [probe for probe in search.probes if probe.purpose == "confirmation"][:-1]
         assert refuted or search.fails_hz / lower_hz <= 1 + PRECISION + 1e-9
 
 
@@ -232,7 +232,9 @@ def test_what_is_shown_of_the_peak_is_what_was_proved(done: Finished) -> None:
     if search.proof == "open":
         assert "no rate was confirmed" in done.words
     if search.proof == "confirmed":
-        (last,) = [each for each in search.probes if each.holds and each.purpose == "confirmation"]
+        (last,) = [
+            probe for probe in search.probes if probe.holds and probe.purpose == "confirmation"
+        ]
         assert last.rate_hz == search.holds_hz
         # As long as was asked for, or until enough messages were played to bound the losses. The
         # count of messages divided by their rate may round below it.
@@ -246,7 +248,7 @@ def test_iterations_are_played_at_the_peak_and_judged(done: Finished) -> None:
     holds_hz = peak(done).holds_hz
     if holds_hz is None:
         skip_for_load("relay 10 messages a second")
-    played = [each for each in done.segments() if each not in at_rates(done)]
+    played = [segment for segment in done.segments() if segment not in at_rates(done)]
     assert len(played) == ITERATIONS
     assert all(math.isclose(each.rate_hz, holds_hz) for each in played)
     requirement = done.requirement("received")

@@ -70,8 +70,8 @@ def values(what: Any) -> Iterator[Any]:
         for value in what:
             yield from values(value)
     elif hasattr(what, "__dataclass_fields__"):
-        for each in fields(what):
-            yield from values(getattr(what, each.name))
+        for field in fields(what):
+            yield from values(getattr(what, field.name))
     elif isinstance(what, msgspec.Struct):
         yield msgspec.to_builtins(what)
     else:

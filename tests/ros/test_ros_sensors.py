@@ -110,7 +110,7 @@ def test_two_cameras_that_are_not_in_step_are_played_at_a_rate(bench: Bench, kee
     assert (seen["sent"], seen["answered"]) == (20, 20)
     assert seen["unmatched"] == seen["overdue"]
     # The difference of the stamps is as recorded: the node, which allows 5 ms, has paired them.
-    assert any("1 of 10 messages of /r2b/left have no partner" in each for each in done.events())
+    assert any("1 of 10 messages of /r2b/left have no partner" in event for event in done.events())
 
 
 @only_nightly()
@@ -158,7 +158,7 @@ def test_a_node_of_a_third_of_the_rate_keeps_stamps_and_misses_nothing(done: Fin
 
 def test_an_input_with_its_own_rate_keeps_its_messages_between_two_steps(done: Finished) -> None:
     assert done.monitor()["answered"] == done.monitor()["sent"] == 30
-    assert any("/r2b/fast: 66 messages between the 10 steps" in each for each in done.events())
+    assert any("/r2b/fast: 66 messages between the 10 steps" in event for event in done.events())
     log = done.log("counts")
     numbers = [int(line.split()[-3]) for line in log.splitlines() if "fast messages" in line]
     # 66 messages for 10 images: 6 or 7 between any two, whatever order they are taken in.

@@ -68,11 +68,11 @@ def done(bench: Bench) -> Finished:
 
 def starts_of(done: Finished, kind: str) -> list[tuple[str, int]]:
     """The segments of a kind with their starts; reruns are no iterations of their own."""
-    return [(each.id, each.start) for each in done.segments(kind) if not each.rerun_of]
+    return [(segment.id, segment.start) for segment in done.segments(kind) if not segment.rerun_of]
 
 
 def pids(done: Finished, name: str) -> list[int]:
-    return [each.pid for each in done.run().record.processes if each.name == name]
+    return [process.pid for process in done.run().record.processes if process.name == name]
 
 
 def phase(done: Finished, name: str, number: int = 0) -> tuple[int, int]:
@@ -93,10 +93,10 @@ def test_each_start_has_fresh_processes_and_its_part_of_the_iterations(done: Fin
     assert len(set(warmed)) == len(warmed)
     assert {start for _, start in warmed} == {1, 2}
     # Those that import ROS are started before the player.
-    names = [each.name for each in done.run().record.processes]
+    names = [process.name for process in done.run().record.processes]
     assert names[:4] == [*PROCESSES]
     assert sorted(names) == sorted(2 * PROCESSES)
-    assert len({each.pid for each in done.run().record.processes}) == 2 * len(PROCESSES)
+    assert len({process.pid for process in done.run().record.processes}) == 2 * len(PROCESSES)
     # The node itself says so, in one log.
     said = [line for line in done.log("relay").splitlines() if line.startswith("start ")]
     assert said == [
@@ -111,7 +111,7 @@ def test_a_start_is_complete_before_its_first_iteration(done: Finished) -> None:
         # Others can have had a part of the time of each, and no more.
         assert 0.0 <= start.taken <= 1.0
         assert bool(start.disturbed) >= bool(start.taken)
-        own = [each for each in record.segments if each.start == start.number]
+        own = [segment for segment in record.segments if segment.start == start.number]
         assert all(start.began_ns < each.began_ns for each in own)
         assert all(start.ready_ns < each.began_ns for each in own if each.kind == "iteration")
     # What does not depend on the processes is done once.
@@ -130,7 +130,7 @@ def test_nodes_are_idle_while_the_overhead_is_measured(done: Finished) -> None:
     record, rows = done.run().record, done.run().resources()
     began_ns, ended_ns = phase(done, "harness_overhead")
     for name in ("relay", "harness.observer"):
-        index = [each.name for each in record.processes].index(name)
+        index = [process.name for process in record.processes].index(name)
         used = rows[rows["process"] == index]
         meanwhile = used[(used["time_ns"] > began_ns) & (used["time_ns"] <= ended_ns)]["cpu_s"]
         assert meanwhile.size, name
@@ -198,7 +198,7 @@ def test_a_node_that_exits_in_a_later_start_leaves_what_was_measured(bench: Benc
     assert "(in start 2)" in record.reason
     assert starts_of(done, "iteration") == [("rate-20Hz-001", 1), ("rate-20Hz-002", 1)]
     # The second start was never ready.
-    assert [each.number for each in record.starts] == [1]
+    assert [start.number for start in record.starts] == [1]
 
 
 # Confirmation
@@ -227,11 +227,11 @@ def test_a_failure_is_confirmed_by_as_many_fresh_starts(bench: Bench) -> None:
         for number, start in enumerate(starts, start=1)
     ]
     record = done.run().record
-    assert [each.confirms for each in record.starts] == [False, False, True, True]
+    assert [start.confirms for start in record.starts] == [False, False, True, True]
     # The harness of the confirmation is compared with that of the run, once.
     assert done.events().count("phase harness_overhead") == 2
     assert len(set(pids(done, "relay"))) == 4
-    assert all(each.exit_code is not None for each in record.processes)
+    assert all(process.exit_code is not None for process in record.processes)
     # A disturbance may make the fresh batch unusable; then it says so, and nothing fails.
     assert done.outcome in {"fail", "inconclusive"}
     if done.outcome == "fail":

@@ -71,7 +71,7 @@ def done(bench: Bench) -> Finished:
 def played(done: Finished) -> list[Any]:
     """What was played in each iteration."""
     run = done.run()
-    return [run.playback(each) for each in run.record.segments if each.kind == "iteration"]
+    return [run.playback(segment) for segment in run.record.segments if segment.kind == "iteration"]
 
 
 def test_the_run_is_complete(done: Finished) -> None:
@@ -102,7 +102,7 @@ def test_all_stamps_of_a_round_are_those_of_the_recording_shifted_by_one_constan
 
 def test_no_stamp_is_played_twice(done: Finished) -> None:
     run = done.run()
-    stamps = np.concatenate([run.playback(each)["stamp_ns"] for each in run.record.segments])
+    stamps = np.concatenate([run.playback(segment)["stamp_ns"] for segment in run.record.segments])
     assert np.unique(stamps).size == stamps.size
     assert np.all(np.diff(stamps) > 0)
 

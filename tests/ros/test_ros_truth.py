@@ -55,7 +55,7 @@ def run(
         slos={
             "all": {
                 "at": "20 Hz",
-                "require": [f"{kind}.{each}" for kind, texts in required.items() for each in texts],
+                "require": [f"{kind}.{text}" for kind, texts in required.items() for text in texts],
             }
         },
     )
@@ -146,7 +146,7 @@ def test_by_order_the_latency_of_a_node_that_drops_is_unknown(given_up: Finished
     if given_up.outcome != "invalid":
         assert "Match by stamp" in latency["remedy"]
         notes = given_up.requirement("DropsSome.drop_rate")["notes"]
-        assert any("cancel out" in each for each in notes)
+        assert any("cancel out" in note for note in notes)
     assert "the latency is unknown" in given_up.words
 
 

@@ -86,7 +86,7 @@ def grid(
     show(
         title,
         [corner, *columns],
-        ([name, *(cell(row, each) for each in columns.values())] for name, row in rows.items()),
+        ([name, *(cell(row, column) for column in columns.values())] for name, row in rows.items()),
     )
 
 

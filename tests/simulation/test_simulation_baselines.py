@@ -85,11 +85,11 @@ def test_calibration_finds_the_noise_floor() -> None:
         base, head = paired_values(random, 1, 20, 1.0, drift=0.0)
         floors.append(noise_floor((head / base)[0].tolist(), 0.95))
     truth = 0.02 * np.sqrt(2)
-    assert np.mean([one.deviation for one in floors]) == pytest.approx(
+    assert np.mean([floor.deviation for floor in floors]) == pytest.approx(
         truth, rel=0.03 + noise(0.03)
     )
-    assert np.mean([one.upper >= truth for one in floors]) >= 0.93 - noise(0.05)
-    assert np.mean([one.biased for one in floors]) <= 0.13 + noise(0.06)
+    assert np.mean([floor.upper >= truth for floor in floors]) >= 0.93 - noise(0.05)
+    assert np.mean([floor.biased for floor in floors]) <= 0.13 + noise(0.06)
 
 
 def test_one_stored_run_cries_wolf_the_louder_the_longer() -> None:

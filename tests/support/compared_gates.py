@@ -131,5 +131,5 @@ def side(document: dict[str, Any] | str, file: str = "head.r2b.yaml") -> Prepare
     """The compiled document."""
     text = document if isinstance(document, str) else str(yaml.safe_dump(document, sort_keys=False))
     loaded = load_spec(text, file=file)
-    assert loaded.spec is not None, [each.message for each in loaded.diagnostics]
+    assert loaded.spec is not None, [diagnostic.message for diagnostic in loaded.diagnostics]
     return PreparedBenchmark(compile_plan(loaded.spec, BAG), Path(), "", loaded=loaded)

@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.recording import DataError, Message, Window
+from r2bspec.bags.recording import DataError, RecordedMessage, TimeWindow
 from r2bspec.datasets.ground_truth import GroundTruth, read_ground_truth
 
 STRING = "std_msgs/msg/String"
@@ -22,7 +22,7 @@ START_NS = 1_700_000_000_000_000_000
 
 # What the shared dataset holds: two frames of each camera, a turn of the lidar, ten readings of
 # the IMU.
-WINDOW = Window(start_ns=0, end_ns=50_000_000)
+WINDOW = TimeWindow(start_ns=0, end_ns=50_000_000)
 
 
 def refusal_of(action: Callable[..., object], *arguments: Any, **more: Any) -> DataError:
@@ -174,7 +174,7 @@ def truth_of(folder: Path) -> GroundTruth:
 
 
 @cache
-def decoded(folder: Path, topic: str) -> list[tuple[Message, Any]]:
+def decoded(folder: Path, topic: str) -> list[tuple[RecordedMessage, Any]]:
     """Messages of a topic of a made dataset, raw and decoded; nobody changes them."""
     info = index_bag(folder).find(topic)
     assert info is not None

@@ -16,7 +16,7 @@ from r2bspec.fleet.fleet_runs import FleetRun
 from r2bspec.fleet.host_service import HostService
 from r2bspec.fleet.host_store import ENDED_FILE, JOB_FILE, RUN_FOLDER
 from r2bspec.fleet.hosts import HostFacts
-from r2bspec.fleet.messages import Played, Problem
+from r2bspec.fleet.messages import Problem, RunEnded
 from r2bspec.language.load_spec import load_spec
 from r2bspec.plan.compile_plan import compile_plan
 from ros_runs import Bench, relay_spec
@@ -45,7 +45,7 @@ class Service(HostService):
         self.plays += 1
         job = msgspec.json.decode((spool / JOB_FILE).read_bytes(), type=Job)
         write_run(spool / RUN_FOLDER, job.head.plan, secrets.token_hex(8))
-        played = Played(outcome="pass", problem=self.problem)
+        played = RunEnded(outcome="pass", problem=self.problem)
         (spool / ENDED_FILE).write_bytes(msgspec.json.encode(played))
         return 0
 

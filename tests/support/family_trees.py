@@ -13,7 +13,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from r2bspec.ipc.process_cleanup import Session, SessionLeader
+from r2bspec.ipc.process_cleanup import ProcessSession, SessionLeader
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 
 _DEADLINE_S = 30.0
@@ -94,7 +94,7 @@ class Family:
         return pids
 
     @property
-    def sessions(self) -> list[Session]:
+    def sessions(self) -> list[ProcessSession]:
         """The sessions that were opened."""
         return [process.session for process in self._started]
 

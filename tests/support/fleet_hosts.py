@@ -98,10 +98,10 @@ class Client:
     def runs(self) -> dict[str, Run]:
         """Every complete run folder, by its path in the suite."""
         found = {}
-        for each in sorted(self.folder.rglob("record.json")):
-            run = open_run(each.parent)
+        for path in sorted(self.folder.rglob("record.json")):
+            run = open_run(path.parent)
             assert run.record.status == "complete"
-            found[str(each.parent.relative_to(self.folder))] = run
+            found[str(path.parent.relative_to(self.folder))] = run
         return found
 
     def kept(self) -> dict[str, Run]:
@@ -258,9 +258,7 @@ def fleet(folder: Path, *names: str, **options: Any) -> Iterator[Fleet]:
 
 def overlapping(runs: Sequence[Run]) -> list[tuple[str, str]]:
     """Runs that were made at the same time, as pairs of their names."""
-    times = sorted(
-        (each.record.started_at, each.record.ended_at, str(each.folder)) for each in runs
-    )
+    times = sorted((run.record.started_at, run.record.ended_at, str(run.folder)) for run in runs)
     return [
         (before[2], after[2]) for before, after in itertools.pairwise(times) if after[0] < before[1]
     ]

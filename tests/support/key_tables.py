@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Sequence
 
-from r2bspec.language.declaration import Rule, language
+from r2bspec.language.declaration import ValueRule, language
 
 _TABLE_BLOCK = re.compile(r"<!-- keys of (?P<path>\S+) -->\n.*?<!-- end -->", re.DOTALL)
 
@@ -46,7 +46,7 @@ _HEAD = ("| key | value | meaning |", "| --- | --- | --- |")
 
 def _rows(path: str) -> dict[str, str]:
     """The row of each key of the map at a path."""
-    owner: Rule | None = language()
+    owner: ValueRule | None = language()
     for part in path.split(".") if path != "spec" else ():
         owner = owner.below(part) if owner is not None else None
     if owner is None or owner.keys is None:
@@ -59,7 +59,7 @@ def _rows(path: str) -> dict[str, str]:
     return rows
 
 
-def _kind(rule: Rule) -> str:
+def _kind(rule: ValueRule) -> str:
     words = [f"`{word}`" for word in rule.words]
     if rule.is_parsed and rule.quantity is not None:
         return _cell(" or ".join([rule.quantity.kind, *words]))
@@ -73,7 +73,7 @@ def _kind(rule: Rule) -> str:
     return ", ".join([*words, *shown])
 
 
-def _default(rule: Rule, required: bool) -> str:
+def _default(rule: ValueRule, required: bool) -> str:
     if required:
         return "required"
     default = rule.shown_default
@@ -81,7 +81,7 @@ def _default(rule: Rule, required: bool) -> str:
     return f"default `{_flow(default)}`" if shown else ""
 
 
-def _example(rule: Rule) -> str:
+def _example(rule: ValueRule) -> str:
     """An example, unless the column of values or a table of its own shows one."""
     if not rule.about.examples or rule.is_choice or rule.const is not None or rule.keys is not None:
         return ""

@@ -163,7 +163,7 @@ class OpenDocument:
             types.CompletionParams(self.id, position)
         )
         assert isinstance(answer, types.CompletionList)
-        return {each.label: each for each in answer.items}
+        return {item.label: item for item in answer.items}
 
     async def hover(self, text: str) -> str:
         position = await self.write(text)
@@ -211,9 +211,9 @@ def edited(text: str, edits: Sequence[types.TextEdit | object]) -> str:
     starts = [0]
     for line in lines:
         starts.append(starts[-1] + len(line) + 1)
-    changes = [each for each in edits if isinstance(each, types.TextEdit)]
-    for each in sorted(changes, key=lambda one: one.range.start.line, reverse=True):
-        first = starts[each.range.start.line] + each.range.start.character
-        last = starts[each.range.end.line] + each.range.end.character
-        text = text[:first] + each.new_text + text[last:]
+    changes = [edit for edit in edits if isinstance(edit, types.TextEdit)]
+    for change in sorted(changes, key=lambda one: one.range.start.line, reverse=True):
+        first = starts[change.range.start.line] + change.range.start.character
+        last = starts[change.range.end.line] + change.range.end.character
+        text = text[:first] + change.new_text + text[last:]
     return text

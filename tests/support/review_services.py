@@ -119,7 +119,7 @@ def review_service(
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
     service = ReviewService(
-        f"http://127.0.0.1:{server.server_port}", [dict(one) for one in comments], refused
+        f"http://127.0.0.1:{server.server_port}", [dict(comment) for comment in comments], refused
     )
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
     thread.start()

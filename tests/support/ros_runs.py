@@ -176,12 +176,14 @@ class Finished:
     def requirement(self, text: str) -> Any:
         """The verdict of the only requirement that begins with a text."""
         requirements = self.result()["verdict"]["requirements"]
-        (found,) = (each for each in requirements if each["text"].startswith(text))
+        (found,) = (
+            requirement for requirement in requirements if requirement["text"].startswith(text)
+        )
         return found
 
     def segments(self, kind: str = "iteration") -> list[Segment]:
         """The segments of a kind, in the order in which they were played."""
-        return [each for each in self.run().record.segments if each.kind == kind]
+        return [segment for segment in self.run().record.segments if segment.kind == kind]
 
     @property
     def words(self) -> str:
@@ -287,7 +289,7 @@ class Running:
         self.folder = folder
         self._bench = bench
         # Runs also use, and leave alone, what the dead of others have left.
-        self._before = {each.name for each in _SHARED_MEMORY.glob("fast*")}
+        self._before = {path.name for path in _SHARED_MEMORY.glob("fast*")}
         self._output = {
             name: (bench.folder / f".{name}-{next(_numbers)}") for name in ("stdout", "stderr")
         }
@@ -342,10 +344,10 @@ class Running:
         deadline = time.monotonic() + HANG_S
         while True:
             log = str(self.folder / "logs" / f"{name}.log")
-            for each in self._bench.processes():
+            for process in self._bench.processes():
                 with contextlib.suppress(psutil.Error, OSError):
-                    if str(Path(f"/proc/{each.pid}/fd/1").readlink()) == log:
-                        return each
+                    if str(Path(f"/proc/{process.pid}/fd/1").readlink()) == log:
+                        return process
             assert self.process.poll() is None, f"ended without {name}:\n{self.stderr()}"
             assert time.monotonic() < deadline, f"process {name} was never seen"
             time.sleep(0.02)
@@ -356,8 +358,12 @@ class Running:
         deadline = time.monotonic() + HANG_S
         wanted = None
         while True:
-            rows = [each for each in _open_files(process) if each.name == f"{monitor_name}.rows"]
-            received = sum(ArrivalReader(each, MONITOR_FIELDS).count() for each in rows)
+            rows = [
+                open_file
+                for open_file in _open_files(process)
+                if open_file.name == f"{monitor_name}.rows"
+            ]
+            received = sum(ArrivalReader(row, MONITOR_FIELDS).count() for row in rows)
             wanted = received + count if wanted is None else wanted
             if received >= wanted:
                 return
@@ -388,14 +394,14 @@ class Running:
 def _open_files(process: psutil.Process) -> list[Path]:
     """The regular files that a process has open."""
     with contextlib.suppress(psutil.Error):
-        return [Path(each.path) for each in process.open_files()]
+        return [Path(open_file.path) for open_file in process.open_files()]
     return []
 
 
 def note_segments(bench: Bench, before: set[str]) -> None:
     """Take note of the shared memory that is in use now, but for what was there before."""
-    for each in bench.processes():
-        _seen_segments.update(dict.fromkeys(_maps(each.pid) - before, bench))
+    for process in bench.processes():
+        _seen_segments.update(dict.fromkeys(_maps(process.pid) - before, bench))
 
 
 def _bench_of(process: psutil.Process) -> Bench | None:

@@ -138,7 +138,10 @@ def decode(text: str) -> Log:
     log = msgspec.json.decode(text, type=Log)
     for run in log.runs:
         rules = [rule.id for rule in run.tool.driver.rules]
-        if any(rules[one.rule_index : one.rule_index + 1] != [one.rule_id] for one in run.results):
+        if any(
+            rules[result.rule_index : result.rule_index + 1] != [result.rule_id]
+            for result in run.results
+        ):
             raise msgspec.ValidationError("a ruleIndex that is not that of the ruleId")
     return log
 

@@ -69,7 +69,7 @@ def _cyclic_events(
     columns = schedule.columns or tuple(range(len(schedule.steps[0])))
     extras = schedule.between
     starts = [each.at for each in extras]
-    inputs = sum(1 << each for each in columns) if schedule.columns else ALL_INPUTS
+    inputs = sum(1 << column for column in columns) if schedule.columns else ALL_INPUTS
     for step in range(steps):
         place = (first + step) % length
         shifts = (
@@ -159,8 +159,8 @@ def _write_buffers(folder: Path, schedule: Schedule) -> list[str]:
     used: dict[int, int] = {}
     if isinstance(schedule, TimelineSchedule):
         inputs = schedule.inputs
-        for each in schedule.messages:
-            used[each.input] = max(used.get(each.input, 0), each.position + 1)
+        for message in schedule.messages:
+            used[message.input] = max(used.get(message.input, 0), message.position + 1)
     else:
         columns = schedule.columns or range(len(schedule.steps[0]))
         for column, positions in zip(columns, zip(*schedule.steps, strict=True), strict=True):

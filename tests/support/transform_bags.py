@@ -45,11 +45,11 @@ def read_transforms(data: bytes) -> list[tuple[str, str, int]]:
     message = _store().deserialize_cdr(data, TF_TYPE)
     return [
         (
-            each.header.frame_id,
-            each.child_frame_id,
-            each.header.stamp.sec * 10**9 + each.header.stamp.nanosec,
+            transform.header.frame_id,
+            transform.child_frame_id,
+            transform.header.stamp.sec * 10**9 + transform.header.stamp.nanosec,
         )
-        for each in message.transforms
+        for transform in message.transforms
     ]
 
 

@@ -122,4 +122,4 @@ class TypingEditor:
 
     def _offset(self, position: types.Position) -> int:
         lines = self.text.split("\n")
-        return sum(len(each) + 1 for each in lines[: position.line]) + position.character
+        return sum(len(line) + 1 for line in lines[: position.line]) + position.character

@@ -138,8 +138,8 @@ def test_a_spec_is_a_test_of_ament(cmake: CMake) -> None:
         name: {each["name"]: each["value"] for each in test["properties"]}
         for name, test in tests.items()
     }
-    assert all(each["LABELS"] == ["r2bspec"] for each in properties.values())
-    assert all(each["RUN_SERIAL"] is True for each in properties.values())
+    assert all(property_["LABELS"] == ["r2bspec"] for property_ in properties.values())
+    assert all(property_["RUN_SERIAL"] is True for property_ in properties.values())
     assert (properties["broken"]["TIMEOUT"], properties["every"]["TIMEOUT"]) == (600, 30)
     for name in ("camera", "every"):
         assert properties[name]["SKIP_RETURN_CODE"] == 3

@@ -17,7 +17,7 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from r2bspec.bags.recording import DataError, Message, Selection, unreadable
+from r2bspec.bags.recording import DataError, RecordedMessage, Selection, unreadable
 from r2bspec.bags.storage.storage import decompress_message, no_profiles, stored_topic
 from r2bspec.safe_io import decompression_budget as budget
 from r2bspec.safe_io.limits import MAX_PIECE_BYTES
@@ -80,13 +80,13 @@ class McapStorage:
         self.start_ns = statistics.start_time
         self.end_ns = statistics.end_time
 
-    def messages(self, selection: Selection) -> Iterator[Message]:
+    def messages(self, selection: Selection) -> Iterator[RecordedMessage]:
         """As `Storage.messages`."""
         connections = [link for link in self._connections if link.topic in selection.names]
         read = self._file.messages if self._indexed else self._messages_by_time
         stored = read(connections, selection.start_ns, selection.stop_ns)
         messages = (
-            Message(topic=connection.topic, time_ns=time_ns, data=decompress_message(data))
+            RecordedMessage(topic=connection.topic, time_ns=time_ns, data=decompress_message(data))
             for connection, time_ns, data in stored
         )
         limits = budget.DecompressionBudget(self._stored_bytes, self.message_count)
@@ -107,7 +107,7 @@ class McapStorage:
         import numpy as np
 
         scan = self._file.messages_scan
-        times = np.fromiter((each[1] for each in scan(connections, start_ns, stop_ns)), np.int64)
+        times = np.fromiter((row[1] for row in scan(connections, start_ns, stop_ns)), np.int64)
         # oldest[i]: the smallest time of message i and all after it.
         oldest = np.minimum.accumulate(times[::-1])[::-1]
         heap: list[tuple[int, int, Connection, bytes]] = []
@@ -134,7 +134,7 @@ def _check_unpacked_sizes(stored_bytes: int, chunks: list[Any]) -> None:
 
 def _is_indexed(file: Any) -> bool:
     """Whether the index lists every message that the statistics count."""
-    if any(not each.message_index_offsets for each in file.chunks):
+    if any(not chunk_index.message_index_offsets for chunk_index in file.chunks):
         return False
     listed: Counter[int] = Counter()
     for chunk in file.chunks:
@@ -213,11 +213,11 @@ def _check_summary(path: Path) -> bool:
             return bool(start)
         end = size - len(_MAGIC) - 4
         begin = stream.seek(start or size - _FOOTER.size)
-        found = 0
+        record_count = 0
         while begin < end and (block := stream.read(min(_BLOCK_BYTES, end - begin))):
-            found = crc32(block, found)
+            record_count = crc32(block, record_count)
             begin += len(block)
-    if found != stated:
+    if record_count != stated:
         raise ValueError("the checksum of its summary is wrong")
     return bool(start)
 

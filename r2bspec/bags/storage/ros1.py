@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from r2bspec.bags.recording import DataError, Message, Selection, TopicInfo, error_text
+from r2bspec.bags.recording import DataError, RecordedMessage, Selection, TopicInfo, error_text
 from r2bspec.safe_io import decompression_budget as budget
 from r2bspec.safe_io.limits import MAX_DEFINITION_LINES, MAX_FIXED_VALUES
 from r2bspec.safe_io.safe_file import open_regular
@@ -47,29 +47,29 @@ class Ros1Storage:
             self._reader.close()
             raise
         self.topics = tuple(
-            TopicInfo(name=each.topic, type=_type(each), count=each.msgcount)
-            for each in self._reader.connections
+            TopicInfo(name=connection.topic, type=_type(connection), count=connection.msgcount)
+            for connection in self._reader.connections
         )
         self.message_count = sum(topic.count for topic in self.topics)
         self.start_ns = self._reader.start_time
         # rosbags gives the first instant after the last message.
         self.end_ns = self._reader.end_time - 1
 
-    def messages(self, selection: Selection) -> Iterator[Message]:
+    def messages(self, selection: Selection) -> Iterator[RecordedMessage]:
         """As `Storage.messages`.
 
         Raises:
             DataError: a type cannot be converted (R2B306).
         """
         connections = [link for link in self._reader.connections if link.topic in selection.names]
-        converters = {each.id: self._converter(each) for each in connections}
+        converters = {connection_.id: self._converter(connection_) for connection_ in connections}
         stored = budget.spend_for_each(
             self._reader.messages(connections, selection.start_ns, selection.stop_ns),
             budget.DecompressionBudget(self._stored_bytes),
         )
         for connection, time_ns, data in stored:
             converted = converters[connection.id](data)
-            yield Message(topic=connection.topic, time_ns=time_ns, data=converted)
+            yield RecordedMessage(topic=connection.topic, time_ns=time_ns, data=converted)
 
     def close(self) -> None:
         """As `Storage.close`."""
@@ -113,7 +113,9 @@ def _check_index(path: Path, reader: Reader) -> None:
     stated: Counter[int] = Counter()
     for chunk in reader.chunk_infos:
         stated.update(chunk.connection_counts)
-    if +stated != +Counter({each.id: each.msgcount for each in reader.connections}):
+    if +stated != +Counter(
+        {connection.id: connection.msgcount for connection in reader.connections}
+    ):
         raise ValueError("the numbers of messages in its index and its chunks differ")
 
 
@@ -188,7 +190,7 @@ def _converter(recorded: str, definition: str, wanted: str) -> _Converter:
     _check_size(source, recorded)
     target = get_typestore(Stores.ROS2_JAZZY)
     # A user-defined type is assumed to be equal in ROS 2, except for types that it contains.
-    own = {name: each for name, each in source.fielddefs.items() if name not in target.fielddefs}
+    own = {name: field for name, field in source.fielddefs.items() if name not in target.fielddefs}
     target.register(own)
     if is_same_wireformat(source, target, recorded, wanted):
         return lambda data: bytes(target.ros1_to_cdr(data, wanted))

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from r2bspec.bags.recording import DataError, Message, Selection, unreadable
+from r2bspec.bags.recording import DataError, RecordedMessage, Selection, unreadable
 from r2bspec.bags.storage.storage import check_topics, decompress_ahead, no_profiles, stored_topic
 from r2bspec.safe_io.decompression_budget import DecompressionBudget
 from r2bspec.safe_io.limits import MAX_DEFINITIONS, MAX_TOPIC_TEXT_BYTES, MAX_VALUE_BYTES
@@ -54,7 +54,7 @@ class SqliteStorage:
         self.end_ns = self._reader.end_time - 1
         _check_time(self.start_ns)
         _check_time(self.end_ns)
-        topic_total = sum(each.count for each in self.topics)
+        topic_total = sum(topic.count for topic in self.topics)
         if topic_total != self.message_count:
             self.close()
             raise unreadable(
@@ -64,7 +64,7 @@ class SqliteStorage:
                 "the file is damaged; copy or record it again",
             )
 
-    def messages(self, selection: Selection) -> Iterator[Message]:
+    def messages(self, selection: Selection) -> Iterator[RecordedMessage]:
         """As `Storage.messages`."""
         links = [link for link in self._reader.connections if link.topic in selection.names]
         stored: Iterator[tuple[tuple[str, int], bytes]]
@@ -77,7 +77,7 @@ class SqliteStorage:
             stored, DecompressionBudget(self._stored_bytes)
         ):
             _check_time(time_ns)
-            yield Message(topic=topic, time_ns=time_ns, data=data)
+            yield RecordedMessage(topic=topic, time_ns=time_ns, data=data)
 
     def close(self) -> None:
         """As `Storage.close`."""
@@ -114,7 +114,7 @@ def _check_topics(path: Path) -> bool:
         ((number, *lengths),) = database.execute(
             "SELECT count(*), max(length(name)), max(length(type)) FROM topics"
         )
-        check_topics(number, max(each or 0 for each in lengths))
+        check_topics(number, max(length or 0 for length in lengths))
         ((others,),) = database.execute(
             "SELECT count(*) FROM topics WHERE typeof(name) <> 'text' OR typeof(type) <> 'text'"
             " OR typeof(serialization_format) <> 'text'"
@@ -188,11 +188,11 @@ def _check_complete(path: Path, display_path: Path) -> None:
     (valid_for,) = struct.unpack_from(">I", head, 92)
     # 65,536 does not fit into the field and is written as 1.
     expected = pages * (65_536 if page_bytes == 1 else page_bytes)
-    found = path.stat().st_size
-    if changed == valid_for and found < expected:
+    file_size = path.stat().st_size
+    if changed == valid_for and file_size < expected:
         raise unreadable(
             display_path,
-            f"it has {found:,} bytes of {expected:,}",
+            f"it has {file_size:,} bytes of {expected:,}",
             "the file is incomplete; copy or record it again",
         )
     for suffix, magics in _JOURNALS.items():

@@ -63,7 +63,7 @@ class Storage(Protocol):
     start_ns: int
     end_ns: int
 
-    def messages(self, selection: recording.Selection) -> Iterator[recording.Message]:
+    def messages(self, selection: recording.Selection) -> Iterator[recording.RecordedMessage]:
         """The selected messages in time order, as CDR."""
         ...
 

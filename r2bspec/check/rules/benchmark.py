@@ -24,7 +24,7 @@ from r2bspec.plan.interim_looks import InterimLooks
 def rate_without_effect(context: Context) -> Findings:
     """Rates and searches in playback modes without a selectable rate."""
     monitors = context.spec.monitors.values()
-    if context.spec.benchmark.search and monitors and all(each.own_pace for each in monitors):
+    if context.spec.benchmark.search and monitors and all(monitor.own_pace for monitor in monitors):
         yield Finding(
             message="'search' has no effect: every monitor has 'match: own_pace', and outputs that "
             "answer no input have no backlog",

@@ -15,7 +15,7 @@ from r2bspec.language.node_kinds import PYTHON
 from r2bspec.language.spec import Container, Node, ProcessSettings
 from r2bspec.language.spec_graph import PROCESS_KEYS
 from r2bspec.plan.plan import ProcessPlan
-from r2bspec.plan.process_plans import Place, find_places, graph_processes, reserved_names
+from r2bspec.plan.process_plans import PartPlacement, find_places, graph_processes, reserved_names
 from r2bspec.plan.wiring.wiring import NodeWiring, PhaseWiring
 
 
@@ -337,9 +337,9 @@ def harness_place_unknown(context: Context) -> Findings:
             help="remove one of 'graph.placement: harness' and 'harness.placement: graph'",
         )
         return
-    first: dict[str, Place] = {}
+    first: dict[str, PartPlacement] = {}
     processes = tuple(graph_processes(spec, wiring))
-    single = {each.name for each in processes if each.role != "command"}
+    single = {process.name for process in processes if process.role != "command"}
     for place in find_places(spec, wiring, processes):
         if not place.process:
             yield Finding(
@@ -365,7 +365,7 @@ def harness_place_unknown(context: Context) -> Findings:
                 )
 
 
-def _place_message(place: Place) -> str:
+def _place_message(place: PartPlacement) -> str:
     what = "the player" if place.path == ("harness",) else f"monitor {quote(place.part)}"
     does = "read the inputs" if place.path == ("harness",) else "publish its topic"
     if place.named:
@@ -375,7 +375,7 @@ def _place_message(place: Place) -> str:
     return f"it is not decided which process gets {what}: several may {does}"
 
 
-def _place_help(place: Place) -> str:
+def _place_help(place: PartPlacement) -> str:
     if place.external or not place.choices:
         return "let r2bspec start the nodes, or write 'harness: {placement: separate}'"
     where = "harness" if place.path == ("harness",) else f"monitors.{place.part}"

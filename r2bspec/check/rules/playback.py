@@ -22,7 +22,7 @@ from r2bspec.check.rule import (
 from r2bspec.diagnostics.quote import did_you_mean, quote, quoted_list, suggestion
 from r2bspec.plan.nearest_stamps import pair_nearest
 from r2bspec.plan.topic_plans import direct_bag_topic
-from r2bspec.plan.wiring.wiring import Endpoint, PhaseWiring
+from r2bspec.plan.wiring.wiring import PhaseWiring, WiredEndpoint
 from r2bspec.record.run_record import UNPAIRED_HELP, UnplayedMessages
 
 
@@ -35,7 +35,7 @@ def playback_source_without_publisher(context: Context) -> Findings:
             yield _source_finding(context, phase, source)
 
 
-def _source_finding(context: Context, phase: PhaseWiring, source: Endpoint) -> Finding:
+def _source_finding(context: Context, phase: PhaseWiring, source: WiredEndpoint) -> Finding:
     shown = context.relative_name(source.topic)
     unknown = phase.possible_publishers
     instead = [

@@ -26,7 +26,7 @@ from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import MAX_SUGGESTIONS, did_you_mean, quote, quoted_list, suggestion
 from r2bspec.plan.wiring.name_resolution import SHARED_TOPICS
 from r2bspec.plan.wiring.node_interface import InterfaceSource
-from r2bspec.plan.wiring.wiring import Endpoint, NodeWiring, PhaseWiring
+from r2bspec.plan.wiring.wiring import NodeWiring, PhaseWiring, WiredEndpoint
 
 
 @rule("R2B201")
@@ -98,7 +98,7 @@ class _UnpublishedTopic:
 
     context: Context
     phase: PhaseWiring
-    subscription: Endpoint
+    subscription: WiredEndpoint
     published: tuple[str, ...]
 
     @cached_property
@@ -236,7 +236,7 @@ def topic_without_subscription(context: Context) -> Findings:
             )
 
 
-def _is_intended(publisher: Endpoint) -> bool:
+def _is_intended(publisher: WiredEndpoint) -> bool:
     """Whether the spec names the topic. Graphs often leave other outputs of a node unused."""
     if publisher.topic in SHARED_TOPICS:
         return False
@@ -244,7 +244,7 @@ def _is_intended(publisher: Endpoint) -> bool:
 
 
 def _unsubscribed_finding(
-    context: Context, phase: PhaseWiring, publisher: Endpoint, subscribed: list[str]
+    context: Context, phase: PhaseWiring, publisher: WiredEndpoint, subscribed: list[str]
 ) -> Finding:
     shown = context.relative_name(publisher.topic)
     played = publisher.owner == "player"
@@ -273,7 +273,7 @@ def topic_with_two_publishers(context: Context) -> Findings:
 
 
 def _two_publishers(
-    context: Context, phase: PhaseWiring, first: Endpoint, second: Endpoint
+    context: Context, phase: PhaseWiring, first: WiredEndpoint, second: WiredEndpoint
 ) -> Finding:
     shown = quote(context.relative_name(first.topic))
     if first.owner == second.owner:
@@ -293,7 +293,7 @@ def _two_publishers(
     )
 
 
-def _publisher_label(endpoint: Endpoint) -> str:
+def _publisher_label(endpoint: WiredEndpoint) -> str:
     return _HARNESS_LABELS.get(endpoint.owner, endpoint.owner.rpartition("/")[2])
 
 

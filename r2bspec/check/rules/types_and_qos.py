@@ -24,7 +24,7 @@ from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, quote
 from r2bspec.plan.installed_packages import ros_package_advice, top_level_names
 from r2bspec.plan.this_machine import find_module
-from r2bspec.plan.wiring.wiring import Endpoint, PhaseWiring
+from r2bspec.plan.wiring.wiring import PhaseWiring, WiredEndpoint
 
 
 @rule("R2B202")
@@ -103,7 +103,7 @@ def _confirmed(context: Context) -> set[Path]:
     }
 
 
-def _uncertainty(endpoint: Endpoint) -> int:
+def _uncertainty(endpoint: WiredEndpoint) -> int:
     """Rank of an endpoint's type: the bag is certain, a format is only stated."""
     if endpoint.owner == "loader":
         return 0
@@ -113,7 +113,7 @@ def _uncertainty(endpoint: Endpoint) -> int:
 
 
 def _type_finding(
-    context: Context, phase: PhaseWiring, trusted: Endpoint, wrong: Endpoint
+    context: Context, phase: PhaseWiring, trusted: WiredEndpoint, wrong: WiredEndpoint
 ) -> Finding:
     topic = quote(context.relative_name(trusted.topic))
     place = wrong.type_path or wrong.path
@@ -139,19 +139,19 @@ def _type_finding(
     )
 
 
-def _mismatch_text(wrong: Endpoint, topic: str) -> str:
+def _mismatch_text(wrong: WiredEndpoint, topic: str) -> str:
     if wrong.is_node:
         return f"{_endpoint_label(wrong)} {_verb(wrong)} {topic} as {wrong.type}"
     return f"the format of {topic} is {wrong.type}"
 
 
-def _type_help(trusted: Endpoint, wrong: Endpoint) -> str:
+def _type_help(trusted: WiredEndpoint, wrong: WiredEndpoint) -> str:
     if wrong.type_parameter:
         return f"set its parameter {quote(wrong.type_parameter)} to {trusted.type}"
     return "" if wrong.is_node else f"write {trusted.type}, or use another topic"
 
 
-def _endpoint_label(endpoint: Endpoint) -> str:
+def _endpoint_label(endpoint: WiredEndpoint) -> str:
     if endpoint.monitor:
         return f"monitor {endpoint.monitor}"
     if endpoint.is_node:
@@ -159,7 +159,7 @@ def _endpoint_label(endpoint: Endpoint) -> str:
     return f"the {endpoint.owner}"
 
 
-def _verb(endpoint: Endpoint) -> str:
+def _verb(endpoint: WiredEndpoint) -> str:
     return "publishes" if endpoint.is_publisher else "subscribes to"
 
 
@@ -177,7 +177,9 @@ def qos_incompatible(context: Context) -> Findings:
                         yield with_endpoint_records(context, phase, finding, *ends)
 
 
-def _incompatibility(publisher: Endpoint, subscription: Endpoint) -> tuple[str, str, str] | None:
+def _incompatibility(
+    publisher: WiredEndpoint, subscription: WiredEndpoint
+) -> tuple[str, str, str] | None:
     """The requested value, the offered value and the QoS field; None if they are compatible."""
     if publisher.qos is None or subscription.qos is None:
         return None
@@ -191,8 +193,8 @@ def _incompatibility(publisher: Endpoint, subscription: Endpoint) -> tuple[str, 
 def _qos_finding(
     context: Context,
     phase: PhaseWiring,
-    publisher: Endpoint,
-    subscription: Endpoint,
+    publisher: WiredEndpoint,
+    subscription: WiredEndpoint,
     problem: tuple[str, str, str],
 ) -> Finding:
     requested, offered, field = problem

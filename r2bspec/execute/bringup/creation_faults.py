@@ -14,7 +14,7 @@ from typing import Final, Literal
 import msgspec
 
 from r2bspec.diagnostics import did_you_mean
-from r2bspec.execute.errors import GraphMismatchError, ProcessDiedError, ProcessFailedError
+from r2bspec.execute.errors import GraphDifferencesError, ProcessDiedError, ProcessFailedError
 from r2bspec.plan.installed_packages import ament_packages, package_plugins, ros_package_advice
 from r2bspec.plan.plan import NodePlan
 from r2bspec.record.run_record import Difference
@@ -146,7 +146,7 @@ def _refused(name: str, reason: str) -> Fault:
     return Fault(f"parameter {name!r} was refused: {reason.strip()}", "parameter", name)
 
 
-def not_loaded(node: NodePlan, container: str, reason: str, output: str) -> GraphMismatchError:
+def not_loaded(node: NodePlan, container: str, reason: str, output: str) -> GraphDifferencesError:
     """The error for a component that its container has refused.
 
     Args:
@@ -160,7 +160,7 @@ def not_loaded(node: NodePlan, container: str, reason: str, output: str) -> Grap
     return _error(NOT_LOADED, node, fault, message, output)
 
 
-def not_created(died: ProcessDiedError, nodes: Iterable[NodePlan]) -> GraphMismatchError | None:
+def not_created(died: ProcessDiedError, nodes: Iterable[NodePlan]) -> GraphDifferencesError | None:
     """The error for a process that an exception has ended before its node was complete.
 
     None if it ended for another reason, or has several nodes.
@@ -185,7 +185,7 @@ def not_created(died: ProcessDiedError, nodes: Iterable[NodePlan]) -> GraphMisma
     return _error(NOT_CREATED, only[0], fault, message, "" if uncaught is None else str(died))
 
 
-def not_made(failed: ProcessFailedError, nodes: Iterable[NodePlan]) -> GraphMismatchError | None:
+def not_made(failed: ProcessFailedError, nodes: Iterable[NodePlan]) -> GraphDifferencesError | None:
     """The error for a Python node whose host says that it could not be created; else None.
 
     Args:
@@ -205,7 +205,7 @@ def not_made(failed: ProcessFailedError, nodes: Iterable[NodePlan]) -> GraphMism
 
 def _error(
     code: str, node: NodePlan, fault: Fault, message: str, output: str
-) -> GraphMismatchError:
+) -> GraphDifferencesError:
     difference = Difference(
         code=code,
         message=message,
@@ -214,4 +214,4 @@ def _error(
         name=fault.name,
         help=fault.help,
     )
-    return GraphMismatchError([difference], message, fault.help, details=output)
+    return GraphDifferencesError([difference], message, fault.help, details=output)

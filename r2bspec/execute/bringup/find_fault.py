@@ -84,8 +84,8 @@ def _reachable_topics(facts: GraphFacts) -> list[str]:
         nodes = facts.topics[topic].all_subscribers - {*HARNESS}
         reached += sorted(
             name
-            for name, each in facts.topics.items()
-            if name not in reached and nodes & each.all_publishers
+            for name, planned_topic in facts.topics.items()
+            if name not in reached and nodes & planned_topic.all_publishers
         )
     return reached
 

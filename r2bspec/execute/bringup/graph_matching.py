@@ -31,7 +31,7 @@ from r2bspec.execute.bringup.spec_mismatches import (
     spins_nodes,
     unmatched_remapping,
 )
-from r2bspec.execute.errors import GraphMismatchError, NotReadyError, RunError
+from r2bspec.execute.errors import GraphDifferencesError, NotReadyError, RunError
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.protocol import weakest_offer
@@ -175,8 +175,8 @@ class PhaseGraph:
     def observer(self, monitor: ManagedProcess | None = None) -> GraphObserver:
         """Observes the graph; with a monitor, messages can be traced."""
         plan, phase, supervisor = self.plan, self.phase, self.supervisor
-        known = tuple(self.launcher.endpoints_in(plan, phase))
-        return GraphObserver(supervisor, supervisor.observer(), plan, phase, known, monitor)
+        endpoints = tuple(self.launcher.endpoints_in(plan, phase))
+        return GraphObserver(supervisor, supervisor.observer(), plan, phase, endpoints, monitor)
 
     def _not_ready_error(
         self, missing: Mapping[str, tuple[int, int]], certain: Collection[str], stalled_s: float
@@ -258,7 +258,9 @@ class PhaseGraph:
         if not differences:
             return otherwise(text(), hint=waiting[0].difference.help if waiting else hint)
         details = text({difference.message for difference in differences})
-        return GraphMismatchError(differences, text(), differences[0].help or hint, details=details)
+        return GraphDifferencesError(
+            differences, text(), differences[0].help or hint, details=details
+        )
 
     def _is_permanent(self, fault: find_fault.Fault) -> bool:
         """Whether a fault persists, so that neither a longer wait nor another attempt helps.
@@ -292,7 +294,7 @@ class PhaseGraph:
 
     def _check_remappings(self, observer: ManagedProcess) -> None:
         """Record the remappings without effect of nodes that no Python host has asked."""
-        known = {(each.owner, each.name) for each in self.launcher.differences}
+        known = {(difference.owner, difference.name) for difference in self.launcher.differences}
         opaque = {
             node.name
             for process in self.plan.processes
@@ -327,12 +329,12 @@ class PhaseGraph:
         What Python nodes say of themselves is already recorded.
         """
         differences = self.launcher.differences
-        known = {(difference.owner, difference.name) for difference in differences}
+        known_differences = {(difference.owner, difference.name) for difference in differences}
         rules = [rule for rule in self.remapped_topics() if rule.topic in topics]
         differences += [
             unmatched_remapping(rule.node, rule.before, rule.topic, facts.topics_of(rule.node))
             for rule in find_fault.unmatched(facts, rules)
-            if (rule.node, rule.before) not in known
+            if (rule.node, rule.before) not in known_differences
         ]
 
     def subscription_counts(self, topics: Iterable[str]) -> dict[str, int]:
@@ -345,9 +347,14 @@ class PhaseGraph:
     def expected_subscriptions(self, topic: str) -> int:
         """How many subscriptions a topic of the harness must match: the planned, at least one."""
         planned = (
-            each for each in self.plan.topics if each.name == topic and each.phase == self.phase
+            planned_topic
+            for planned_topic in self.plan.topics
+            if planned_topic.name == topic and planned_topic.phase == self.phase
         )
-        return max(1, len({node for each in planned for node in each.readers} - {*HARNESS}))
+        return max(
+            1,
+            len({node for planned_topic in planned for node in planned_topic.readers} - {*HARNESS}),
+        )
 
     def wait_for_mutual_discovery(self, harness_endpoints: Iterable[EndpointKey]) -> None:
         """Wait until the nodes and the harness have discovered each other from both sides.
@@ -371,10 +378,12 @@ class PhaseGraph:
             while any(undiscovered.values()) and time.monotonic() < deadline:
                 for child, waiting in undiscovered.items():
                     if waiting:
-                        found = supervisor.request(child, protocol.CountMatches(), protocol.Matched)
+                        matches = supervisor.request(
+                            child, protocol.CountMatches(), protocol.Matched
+                        )
                         counts = {
-                            "publishes": found.counts,
-                            "subscribes": found.publisher_counts,
+                            "publishes": matches.counts,
+                            "subscribes": matches.publisher_counts,
                         }
                         waiting -= {
                             (topic, kind, does)
@@ -435,7 +444,11 @@ def related_differences(
 ) -> str:
     """Other differences of the nodes with faults, as text to append to a sentence."""
     owners = {fault.owner for fault in faults}
-    related = (each.message for each in launch_differences if each.owner in owners)
+    related = (
+        launch_difference.message
+        for launch_difference in launch_differences
+        if launch_difference.owner in owners
+    )
     return "".join(f"; {message}" for message in related)
 
 

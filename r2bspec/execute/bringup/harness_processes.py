@@ -198,7 +198,9 @@ class GraphJoins:
         deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline:
             self.poll()
-            for hello, connection in [one for one in self._asking if one[0].process == child.name]:
+            for hello, connection in [
+                pair for pair in self._asking if pair[0].process == child.name
+            ]:
                 self._asking.remove((hello, connection))
                 if is_target_process(hello, program):
                     return hello, connection
@@ -275,10 +277,10 @@ def is_target_process(hello: Hello, program: str) -> bool:
         hello: what it says of itself.
         program: of a launch file, the name of the node or of its executable; else empty.
     """
-    names = [Path(each).name for each in (hello.executable, *hello.arguments[:2])]
+    names = [Path(word).name for word in (hello.executable, *hello.arguments[:2])]
     if program:
         return program in names or f"__node:={program}" in hello.arguments
-    return not any(each in names for each in _WRAPPERS)
+    return not any(wrapper in names for wrapper in _WRAPPERS)
 
 
 def _hello(connection: socket.socket) -> Hello | None:
@@ -320,7 +322,9 @@ class HarnessProcesses:
 
     def __init__(self, launcher: Launcher, processes: Iterable[ProcessPlan]) -> None:
         self._launcher = launcher
-        self._plans = {each.role: each for each in processes if each.role in {*_PARTS, "harness"}}
+        self._plans = {
+            process.role: process for process in processes if process.role in {*_PARTS, "harness"}
+        }
         self._process: ManagedProcess | None = None
 
     def start(self, part: str) -> ManagedProcess:
@@ -366,7 +370,7 @@ class GraphHarness:
         rows_dir: Path,
     ) -> None:
         self._launcher = launcher
-        self._plans = {each.name: each for each in plan.monitors}
+        self._plans = {monitor.name: monitor for monitor in plan.monitors}
         self._taps = tap_monitors(plan.monitors)
         self._configure_player = configure_player
         self._rows_dir = rows_dir
@@ -397,8 +401,8 @@ class GraphHarness:
             return self._rows_dir
         folder = self._rows_dir / f"monitor-{len(self._monitors) + 1}"
         folder.mkdir()
-        for each in monitors:
-            rows = f"{each.name}.rows"
+        for monitor in monitors:
+            rows = f"{monitor.name}.rows"
             (self._rows_dir / rows).symlink_to(folder / rows)
         return folder
 
@@ -437,18 +441,18 @@ class MonitorGroup(ManagedProcess):
         self._members = list(members)
         self._asked: list[ManagedProcess] = []
         self._matched: list[protocol.Matched] = []
-        for each, _ in self._members:
-            each.inbox = _Forwarding(self, each)
+        for member, _ in self._members:
+            member.inbox = _Forwarding(self, member)
 
     def send(self, message: Any) -> None:
         """Send a command to those that it is for."""
-        commands = {each: self._part_of(message, names) for each, names in self._members}
+        commands = {asked: self._part_of(message, names) for asked, names in self._members}
         if isinstance(message, protocol.StartTap | protocol.StopTap):
             commands = {self._members[0][0]: message}
-        self._asked = [each for each, command in commands.items() if command is not None]
+        self._asked = [asked for asked, command in commands.items() if command is not None]
         self._matched.clear()
-        for each in self._asked:
-            each.send(commands[each])
+        for member in self._asked:
+            member.send(commands[member])
 
     def _part_of(self, message: Any, names: frozenset[str]) -> Any:
         """What a command says to the monitor of some topics; None if nothing."""
@@ -461,7 +465,9 @@ class MonitorGroup(ManagedProcess):
         """Take the answer of one of them; with the last, the answer is complete."""
         self._matched.append(matched)
         if len(self._matched) == len(self._asked):
-            counts = {topic: count for one in self._matched for topic, count in one.counts.items()}
+            counts = {
+                topic: count for match in self._matched for topic, count in match.counts.items()
+            }
             self.inbox.append(protocol.Matched(counts=counts))
 
 

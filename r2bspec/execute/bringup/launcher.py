@@ -285,7 +285,9 @@ class Launcher:
         left_out = {*without}
         ready = msgspec.structs.replace(
             ready,
-            endpoints=tuple(each for each in ready.endpoints if each[0] not in left_out),
+            endpoints=tuple(
+                endpoint for endpoint in ready.endpoints if endpoint[0] not in left_out
+            ),
             undeclared=tuple(each for each in ready.undeclared if each[0] not in left_out),
             unmatched=tuple(each for each in ready.unmatched if each[0] not in left_out),
         )
@@ -328,8 +330,13 @@ class Launcher:
 
     def endpoints_in(self, plan: Plan, phase: str) -> list[tuple[str, str, str, str]]:
         """The endpoints of the Python nodes of a phase."""
-        nodes = {node.name for each in plan.processes if each.phase == phase for node in each.nodes}
-        return [each for each in self.endpoints if each[0] in nodes]
+        nodes = {
+            node.name
+            for process in plan.processes
+            if process.phase == phase
+            for node in process.nodes
+        }
+        return [endpoint for endpoint in self.endpoints if endpoint[0] in nodes]
 
     def has_created(self, owner: str) -> bool:
         """Whether a node, or every node if it is unknown, has all of its endpoints.
@@ -430,7 +437,7 @@ class Launcher:
         in_value = self._environment.secrets.in_value
         calls = tuple(
             msgspec.structs.replace(
-                call, request={}, each=tuple(in_value(each) for each in call.requests)
+                call, request={}, each=tuple(in_value(request) for request in call.requests)
             )
             for name, call in plan.called.items()
             if name == call.name
@@ -465,5 +472,5 @@ class Launcher:
 
 def message_packages(plan: Plan) -> tuple[str, ...]:
     """The packages of all messages that a plan names."""
-    types = (each.type for each in plan.topics)
-    return tuple(sorted({each.partition("/")[0] for each in types if each}))
+    types = (topic.type for topic in plan.topics)
+    return tuple(sorted({type_.partition("/")[0] for type_ in types if type_}))

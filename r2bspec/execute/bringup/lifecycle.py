@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.bringup.observe_graph import HARNESS
 from r2bspec.execute.bringup.readiness import StartDeadline
-from r2bspec.execute.errors import GraphMismatchError, NotReadyError, ProcessDiedError
+from r2bspec.execute.errors import GraphDifferencesError, NotReadyError, ProcessDiedError
 from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.language.spec import LifecycleState
@@ -194,7 +194,9 @@ class LifecycleNodes:
 
     def _process_of(self, name: str) -> ManagedProcess:
         process = next(
-            each for each in self._processes() if any(node.name == name for node in each.nodes)
+            listed
+            for listed in self._processes()
+            if any(node.name == name for node in listed.nodes)
         )
         return next(each for each in self.supervisor if each.name == process.name)
 
@@ -211,7 +213,9 @@ class LifecycleNodes:
     def _has_unknown_programs(self) -> bool:
         """Whether a program may be there to change states, although it has no client now."""
         return any(each.phase == self.phase for each in self.plan.external) or any(
-            not has_planned_name(each, node) for each in self._processes() for node in each.nodes
+            not has_planned_name(process, node)
+            for process in self._processes()
+            for node in process.nodes
         )
 
     def waiting(self, topics: Iterable[str]) -> tuple[WaitingNode, ...]:
@@ -227,13 +231,13 @@ class LifecycleNodes:
             return ()
         topics = {*topics}
         planned = [
-            {*each.writers, *each.readers} - {*HARNESS}
-            for each in self.plan.topics
-            if each.phase == self.phase and each.name in topics
+            {*topic.writers, *topic.readers} - {*HARNESS}
+            for topic in self.plan.topics
+            if topic.phase == self.phase and topic.name in topics
         ]
         # What publishes or reads a topic may be unknown.
         anyone = len(planned) < len(topics) or not all(planned)
-        own = {node.name for each in self._processes() for node in each.nodes}
+        own = {node.name for process in self._processes() for node in process.nodes}
         return tuple(
             WaitingNode(
                 not_activated(name, state, managers, started=name in own),
@@ -247,7 +251,7 @@ class LifecycleNodes:
         )
 
     def _processes(self) -> Iterator[ProcessPlan]:
-        return (each for each in self.plan.processes if each.phase == self.phase)
+        return (process for process in self.plan.processes if process.phase == self.phase)
 
 
 class WaitingNode(NamedTuple):
@@ -302,8 +306,8 @@ def _exception(child: ManagedProcess, begin: str) -> str:
 
 def _mismatch(
     code: str, name: str, transition: str, message: str, help_text: str, details: str = ""
-) -> GraphMismatchError:
+) -> GraphDifferencesError:
     difference = Difference(
         code=code, message=message, part="lifecycle", owner=name, name=transition, help=help_text
     )
-    return GraphMismatchError([difference], f"{message}{details}", help_text, details=details)
+    return GraphDifferencesError([difference], f"{message}{details}", help_text, details=details)

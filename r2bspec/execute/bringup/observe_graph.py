@@ -262,7 +262,7 @@ class GraphObserver:
             if publishers
         )
         self._ask_monitor(protocol.StartTap(monitors=watches))
-        self._wait_for_matches({each.topic for each in watches})
+        self._wait_for_matches({watch.topic for watch in watches})
         files = {
             watch.topic: ArrivalReader(path, MONITOR_FIELDS)
             for watch in watches
@@ -339,7 +339,7 @@ class GraphObserver:
             time.monotonic() - changed < _QUIET_PERIOD_S
             and time.monotonic() - began < _MAX_QUIET_WAIT_S
         ):
-            counts = [each.count() for each in files]
+            counts = [file.count() for file in files]
             if counts != last:
                 last, changed = counts, time.monotonic()
             self.supervisor.pump(_POLL_S)
@@ -357,7 +357,7 @@ def guarded_topics(plan: Plan) -> tuple[str, ...]:
     None where nodes of others take part, or a process loads another middleware than the observer,
     so that it cannot be known by its identifiers.
     """
-    if plan.external or any(RMW_VARIABLE in each.env for each in plan.processes):
+    if plan.external or any(RMW_VARIABLE in process.env for process in plan.processes):
         return ()
     topics = [source.topic for source in plan.inputs]
     topics += [monitor.topic for monitor in plan.topic_monitors]
@@ -375,7 +375,9 @@ def foreign_publishers(supervisor: ProcessSupervisor, observer: ManagedProcess) 
     # The observer knows processes by their environment, which one may have lost or may hide.
     pids = supervisor.pids()
     is_own = middleware_of(os.environ).may_be_endpoint_of
-    foreign = (_describe(each) for each in seen if not is_own(bytes.fromhex(each.gid), pids))
+    foreign = (
+        _describe(publisher) for publisher in seen if not is_own(bytes.fromhex(publisher.gid), pids)
+    )
     return tuple(dict.fromkeys(foreign))
 
 

@@ -111,9 +111,11 @@ class IdleNodes:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._processes = {
-            each.name: each for each in plan.processes if each.phase == phase and each.nodes
+            process.name: process
+            for process in plan.processes
+            if process.phase == phase and process.nodes
         }
-        self._has_external = any(each.phase == phase for each in plan.external)
+        self._has_external = any(node.phase == phase for node in plan.external)
         self._supervisor = supervisor
         self._idle = IdleTime(self._pids, clock)
 
@@ -130,15 +132,17 @@ class IdleNodes:
         Raises:
             RunError: the observer does not respond.
         """
-        if self._has_external or any(starts_others(each) for each in self._processes.values()):
+        if self._has_external or any(
+            starts_others(process) for process in self._processes.values()
+        ):
             return False
-        found = self._supervisor.request(
+        matches = self._supervisor.request(
             observer,
             protocol.ListParameters(exclude=(), timeout_ns=_ANSWER_NS),
             protocol.ParameterLists,
             _REPLY_TIMEOUT_S,
         )
-        return all_answer(self._processes.values(), found)
+        return all_answer(self._processes.values(), matches)
 
     def _pids(self) -> Iterator[int]:
         for child in self._supervisor:
@@ -319,8 +323,8 @@ def _is_in_graph(plan: ProbePlan, supervisor: ProcessSupervisor, observer: Manag
         graph = supervisor.request(observer, protocol.ListGraph(), protocol.GraphSnapshot)
         return plan.target in graph.services
     command = protocol.Discover(topics=(plan.target,))
-    found = supervisor.request(observer, command, protocol.Discovered)
-    return bool(found.writers[plan.target] and found.readers[plan.target])
+    answer = supervisor.request(observer, command, protocol.Discovered)
+    return bool(answer.writers[plan.target] and answer.readers[plan.target])
 
 
 class LogSearch:

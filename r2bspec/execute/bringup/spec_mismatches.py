@@ -15,7 +15,7 @@ import msgspec
 
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.execute.bringup.find_fault import RemappedTopic
-from r2bspec.execute.errors import GraphMismatchError
+from r2bspec.execute.errors import GraphDifferencesError
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import has_planned_name
@@ -48,9 +48,9 @@ def require_declared_parameters(ready: protocol.Ready) -> None:
         raise _mismatch(differences)
 
 
-def _mismatch(differences: Sequence[Difference]) -> GraphMismatchError:
+def _mismatch(differences: Sequence[Difference]) -> GraphDifferencesError:
     message = "; ".join(difference.message for difference in differences)
-    return GraphMismatchError(differences, message, hint=differences[0].help)
+    return GraphDifferencesError(differences, message, hint=differences[0].help)
 
 
 def undeclared_parameter(node: str, name: str, known: Sequence[str]) -> Difference:

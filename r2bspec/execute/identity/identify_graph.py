@@ -216,7 +216,9 @@ class _GraphIdentifier:
 
         An installation that is older than the sources has both.
         """
-        folder = next((each for each in installed.parents if each.name == "site-packages"), None)
+        folder = next(
+            (parent for parent in installed.parents if parent.name == "site-packages"), None
+        )
         if folder is None:
             return
         inside = installed.relative_to(folder)

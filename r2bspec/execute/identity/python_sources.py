@@ -47,7 +47,7 @@ _INSTALLED_FOLDERS: Final = frozenset({"site-packages", "dist-packages"})
 
 
 @dataclass(frozen=True)
-class Distribution:
+class InstalledDistribution:
     """An installed distribution.
 
     Attributes:
@@ -134,7 +134,7 @@ class ModuleSearch:
         self.folders = tuple(dict.fromkeys([*self._current, *inherited]))
         self.find = cache(self._find)
         self.imports_of = cache(_imports_of)
-        self._record = cache(partial(Distribution.read, name="RECORD"))
+        self._record = cache(partial(InstalledDistribution.read, name="RECORD"))
         self._names_in = cache(_listed_names)
         self._first_parts = cache(self._first_parts_in)
 
@@ -153,16 +153,16 @@ class ModuleSearch:
             return _path_spec(name, [*first]) if first else None
         folders = [*first, *self.folders]
         # A workspace of colcon has a folder for each package.
-        found = _path_spec(name, [each for each in folders if self._may_have(each, name)])
-        if found is None:
+        spec = _path_spec(name, [folder for folder in folders if self._may_have(folder, name)])
+        if spec is None:
             # An editable installation has a finder of its own.
             with contextlib.suppress(ImportError, ValueError, AttributeError):
-                found = importlib.util.find_spec(name)
-        if found is not None and found.origin and str(_root(found)) in self._gone:
+                spec = importlib.util.find_spec(name)
+        if spec is not None and spec.origin and str(_root(spec)) in self._gone:
             return None
-        return found
+        return spec
 
-    def owner(self, spec: ModuleSpec) -> Distribution | None:
+    def owner(self, spec: ModuleSpec) -> InstalledDistribution | None:
         """The distribution that a top-level module is from; None if it is from none."""
         folder = _root(spec)
         if folder is None or folder.name not in _INSTALLED_FOLDERS:
@@ -174,9 +174,11 @@ class ModuleSearch:
             self._by_folder.get(str(folder), ()),
             key=lambda each: (each.plain != plain, plain not in each.plain),
         )
-        return next((each for each in installed if self._owns(each, spec.name, inside)), None)
+        return next(
+            (package for package in installed if self._owns(package, spec.name, inside)), None
+        )
 
-    def _owns(self, distribution: Distribution, module: str, inside: str) -> bool:
+    def _owns(self, distribution: InstalledDistribution, module: str, inside: str) -> bool:
         """Whether a distribution has installed a file or a folder, by its path below the folder."""
         record = self._record(distribution) if distribution.kind == "dist-info" else b""
         if not record:
@@ -188,7 +190,7 @@ class ModuleSearch:
             for end in (b",", b"/")
         )
 
-    def distribution(self, name: str) -> Distribution | None:
+    def distribution(self, name: str) -> InstalledDistribution | None:
         """An installed distribution by its name."""
         return self._installed.get(_plain(name))
 
@@ -197,10 +199,10 @@ class ModuleSearch:
         versions: dict[str, str] = {}
         waiting = [*distributions]
         while waiting and len(versions) < _MAX_DISTRIBUTIONS:
-            found = self.distribution(waiting.pop())
-            if found is not None and found.name not in versions:
-                versions[found.name] = found.version
-                waiting += found.requirements
+            distribution = self.distribution(waiting.pop())
+            if distribution is not None and distribution.name not in versions:
+                versions[distribution.name] = distribution.version
+                waiting += distribution.requirements
         return versions
 
     def _may_have(self, folder: str, module: str) -> bool:
@@ -213,7 +215,7 @@ class ModuleSearch:
         return None if names is None else frozenset(name.partition(".")[0] for name in names)
 
     @cached_property
-    def _by_folder(self) -> dict[str, list[Distribution]]:
+    def _by_folder(self) -> dict[str, list[InstalledDistribution]]:
         """What is installed, by folders in the order in which they are searched."""
         return {
             folder: [*_distributions_in(folder, self._names_in(folder) or ())]
@@ -221,20 +223,20 @@ class ModuleSearch:
         }
 
     @cached_property
-    def _installed(self) -> dict[str, Distribution]:
+    def _installed(self) -> dict[str, InstalledDistribution]:
         """What is installed, by plain names; what is found first counts."""
         in_order = list(chain.from_iterable(self._by_folder.values()))
         return {distribution.plain: distribution for distribution in reversed(in_order)}
 
 
-def _distributions_in(folder: str, names: Iterable[str]) -> Iterator[Distribution]:
+def _distributions_in(folder: str, names: Iterable[str]) -> Iterator[InstalledDistribution]:
     for name in names:
         match = name.endswith("-info") and (
             _METADATA.fullmatch(name) or _EGG_WITHOUT_VERSION.fullmatch(name)
         )
         if match:
             parts = match.groupdict()
-            distribution = Distribution(
+            distribution = InstalledDistribution(
                 name=parts["name"].replace("_", "-"),
                 version=parts.get("version", ""),
                 folder=folder,
@@ -256,7 +258,12 @@ def _variable_at_start(name: str) -> str:
         return ""
     start = f"{name}=".encode()
     return next(
-        (os.fsdecode(each[len(start) :]) for each in variables if each.startswith(start)), ""
+        (
+            os.fsdecode(variable[len(start) :])
+            for variable in variables
+            if variable.startswith(start)
+        ),
+        "",
     )
 
 

@@ -23,7 +23,7 @@ import msgspec
 import numpy as np
 
 from r2bspec.bags.bag_writer import LATENCY_TYPE, latency_message, write_output_bag
-from r2bspec.bags.recording import Message
+from r2bspec.bags.recording import RecordedMessage
 from r2bspec.datasets.ground_truth import GroundTruth, read_disparity, read_ground_truth
 from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
@@ -87,7 +87,7 @@ class OutputRecorder:
             # Publishers that keep messages for late subscriptions send those of earlier segments.
             began_ns = int(playback["published_ns"][0])
             offset_ns = int(np.median(playback["stamp_ns"] - playback["published_ns"]))
-        monitors = {each.topic: each for each in self.plan.monitors}
+        monitors = {monitor_plan.topic: monitor_plan for monitor_plan in self.plan.monitors}
         types: dict[str, str] = {}
         streams = []
         for watch in watches:
@@ -135,10 +135,12 @@ def _latencies(
 ) -> Rows:
     """The latency of each message in ns; `NO_MATCH` for one that answers no step."""
     steps = select_expected_steps(playback, plan.inputs, monitor)
-    found = match(steps, rows, monitor.match, ratio_of(monitor, segment.played_before))
+    steps_of = match(steps, rows, monitor.match, ratio_of(monitor, segment.played_before))
     latencies = np.full(rows.size, NO_MATCH, dtype=np.int64)
-    known = found.step != NO_MATCH
-    latencies[known] = rows["received_ns"][known] - steps["published_ns"][found.step[known]]
+    is_known = steps_of.step != NO_MATCH
+    latencies[is_known] = (
+        rows["received_ns"][is_known] - steps["published_ns"][steps_of.step[is_known]]
+    )
     return latencies
 
 
@@ -151,7 +153,7 @@ def _messages(
     *,
     began_ns: int,
     offset_ns: int,
-) -> Iterator[Message]:
+) -> Iterator[RecordedMessage]:
     """The messages of a topic from `began_ns` on, each followed by its latency."""
     for received_ns, latency_ns, data in zip(
         rows["received_ns"].tolist(), latencies.tolist(), read_messages(content), strict=False
@@ -159,9 +161,11 @@ def _messages(
         if received_ns < began_ns:
             continue
         time_ns = received_ns + offset_ns
-        yield Message(topic=topic, time_ns=time_ns, data=data)
+        yield RecordedMessage(topic=topic, time_ns=time_ns, data=data)
         if latency_topic and latency_ns != NO_MATCH:
-            yield Message(topic=latency_topic, time_ns=time_ns, data=latency_message(latency_ns))
+            yield RecordedMessage(
+                topic=latency_topic, time_ns=time_ns, data=latency_message(latency_ns)
+            )
 
 
 @contextlib.contextmanager
@@ -184,7 +188,7 @@ def recorded_messages(
     def ask(message: Any) -> protocol.Matched:
         return supervisor.request(supervisor.observer(), message, protocol.Matched)
 
-    ask(protocol.Record(monitors=monitors, folder=str(folder)))
+    ask(protocol.RecordMessages(monitors=monitors, folder=str(folder)))
     deadline = time.monotonic() + _MATCH_TIMEOUT_S
     while time.monotonic() < deadline:
         counts = ask(protocol.CountMatches()).counts
@@ -219,7 +223,7 @@ class TruthComparison:
             RunError: a process does not respond, or exited.
         """
         monitors = [monitor for monitor in self.plan.monitors if monitor.truth is not None]
-        watches = _subscriptions("truth", {each.topic: each.type for each in monitors})
+        watches = _subscriptions("truth", {monitor.topic: monitor.type for monitor in monitors})
         rows = {watch.topic: self.rows_dir / f"{watch.name}.rows" for watch in watches}
         first = PlaybackReader(self.rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS).count()
         rate_hz = _lowest_rate_hz(self.plan)
@@ -249,10 +253,10 @@ class TruthComparison:
         schedule = self.schedule
         length = len(schedule.steps)
         if not isinstance(schedule, CyclicSchedule):
-            stamps = [frozenset({each.stamp_ns}) for each in schedule.steps]
+            stamps = [frozenset({step.stamp_ns}) for step in schedule.steps]
             return [stamps[number % length] for number in range(count)]
         columns = schedule.columns or range(len(self.plan.inputs))
-        recorded = [self._buffered_stamps(self.plan.inputs[each].source) for each in columns]
+        recorded = [self._buffered_stamps(self.plan.inputs[column].source) for column in columns]
         by_place = [
             frozenset(stamps[position] for stamps, position in zip(recorded, step, strict=True))
             for step in schedule.steps
@@ -352,8 +356,8 @@ def _compare_disparity(
     for stamps, message in outputs:
         image = message.image
         if (at := stamps & stamps_ns) and image.encoding == "32FC1":
-            found = np.frombuffer(image.data, ">f4" if image.is_bigendian else "<f4")
-            pixels = found.reshape(image.height, image.step // 4)[:, : image.width]
+            values = np.frombuffer(image.data, ">f4" if image.is_bigendian else "<f4")
+            pixels = values.reshape(image.height, image.step // 4)[:, : image.width]
             true = read_disparity(folder, pair, min(at))
             accuracy.add(pixels.astype(np.float32), message.min_disparity, true)
     return accuracy
@@ -367,7 +371,9 @@ def _compare_tag(folder: Path, known: GroundTruth, topic: str, outputs: Outputs)
     """
     del folder
     sightings: Mapping[str, Any] = known.tag.sightings if known.tag is not None else {}
-    by_stamp = {each.stamp_ns: each for each in sightings[f"/{topic.removeprefix('/')}"]}
+    by_stamp = {
+        sighting.stamp_ns: sighting for sighting in sightings[f"/{topic.removeprefix('/')}"]
+    }
     accuracy = TagAccuracy()
     for stamps, message in outputs:
         at = stamps & by_stamp.keys()
@@ -375,7 +381,7 @@ def _compare_tag(folder: Path, known: GroundTruth, topic: str, outputs: Outputs)
             continue
         seen = by_stamp[min(at)]
         true = TagPose(seen.position_m, seen.orientation_xyzw) if seen.visible else None
-        accuracy.add([_tag_pose(each) for each in message.poses], true)
+        accuracy.add([_tag_pose(pose) for pose in message.poses], true)
     return accuracy
 
 
@@ -386,6 +392,6 @@ def _tag_pose(pose: Any) -> TagPose:
 
 def _lowest_rate_hz(plan: Plan) -> float:
     """The lowest rate of the plan; 0 where the recording sets it."""
-    rates = [each.rate_hz for each in plan.play] + list(plan.sustained_hz)
+    rates = [play.rate_hz for play in plan.play] + list(plan.sustained_hz)
     rates += [plan.search.min_hz] if plan.search is not None else []
     return min(rates, default=0.0)

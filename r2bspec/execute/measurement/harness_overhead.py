@@ -156,8 +156,8 @@ class HarnessOverhead:
 
             def is_enough() -> bool:
                 return all(
-                    len(found := latencies_ns(steps, answers)) >= length.fewest
-                    and median_is_known(found)
+                    len(latencies := latencies_ns(steps, answers)) >= length.fewest
+                    and median_is_known(latencies)
                     for _, steps, answers in received()
                 )
 
@@ -230,23 +230,23 @@ class HarnessOverhead:
 
 def can_be_measured(inputs: tuple[InputPlan, ...]) -> bool:
     """Whether no message that is played meanwhile is kept for subscriptions of the graph."""
-    return not any(each.qos.durability == "transient_local" for each in inputs)
+    return not any(input_.qos.durability == "transient_local" for input_ in inputs)
 
 
 def _quietest(
     measure: Callable[[], tuple[Interference, tuple[HarnessOverheadRecord, ...]]],
 ) -> tuple[HarnessOverheadRecord, ...]:
     """Measure, and once more if others disturbed that; the one from which they took less."""
-    found, records = measure()
-    if not found.reasons:
+    latencies, records = measure()
+    if not latencies.reasons:
         return records
     again, other = measure()
-    return other if not again.reasons or again.taken < found.taken else records
+    return other if not again.reasons or again.taken < latencies.taken else records
 
 
 def overhead_rate_hz(plan: Plan) -> float:
     """The rate at which the overhead of a plan is measured: the lowest of its results."""
-    rates = [*(each.rate_hz for each in plan.play), *plan.sustained_hz]
+    rates = [*(play.rate_hz for play in plan.play), *plan.sustained_hz]
     rates += [plan.search.min_hz] if plan.search and not rates else []
     return min(rates, default=_DEFAULT_HZ)
 
@@ -279,16 +279,16 @@ def overhead_record(
 
 def latencies_ns(playback: Rows, received: Rows) -> Rows:
     """The latencies of those messages that have arrived; the arguments are those of a record."""
-    found = match(playback, received, "stamp" if (received["stamp_ns"] != 0).any() else "order")
-    answered = found.first_row >= 0
-    arrived_ns = received["received_ns"][found.first_row[answered]]
+    matches = match(playback, received, "stamp" if (received["stamp_ns"] != 0).any() else "order")
+    answered = matches.first_row >= 0
+    arrived_ns = received["received_ns"][matches.first_row[answered]]
     latency_ns: Rows = arrived_ns - playback["published_ns"][answered]
     return latency_ns
 
 
 def _quantile(values_ns: Rows, q: float) -> int | None:
-    found = percentile(values_ns.astype(float), q)
-    return None if found is None else round(found)
+    value = percentile(values_ns.astype(float), q)
+    return None if value is None else round(value)
 
 
 class OverheadLength(NamedTuple):

@@ -203,13 +203,15 @@ class Measurement:
             if self._all_ended:
                 # The largest number that a rate has is that of a confirmation run.
                 segments = self.segment_player.segments
-                played = max(each.index for each in segments if each.kind == "iteration")
+                played = max(segment.index for segment in segments if segment.kind == "iteration")
                 verdict = None
                 break
             if played not in looks.iterations:
                 continue
             verdict = self._judge_so_far()
-            counted = [one for one in verdict.requirements if one.level == "error"]
+            counted = [
+                requirement for requirement in verdict.requirements if requirement.level == "error"
+            ]
             look = looks.completed_looks(played)
             if decide_after_look(looks, look, counted) != "go on":
                 break
@@ -217,10 +219,10 @@ class Measurement:
             if not self._budget.allows(f"no more than {played} iterations", more_s):
                 break
             still_open = [
-                one.text
-                for one in counted
-                if (one.outcome == "inconclusive" or one.early)
-                and METHODS[one.method].rests_on == "iterations"
+                requirement.text
+                for requirement in counted
+                if (requirement.outcome == "inconclusive" or requirement.early)
+                and METHODS[requirement.method].rests_on == "iterations"
             ]
             if still_open:
                 self._context.note(f"open after {played} iterations: {', '.join(still_open)}")
@@ -272,7 +274,9 @@ class Measurement:
         while iterations := iterations_to_rerun(verdict):
             iteration = iterations[0]
             name = iteration.segment
-            play = next(each for each in self._plays if each.rate_hz == iteration.rate_hz)
+            play = next(
+                candidate for candidate in self._plays if candidate.rate_hz == iteration.rate_hz
+            )
             if not self._budget.allows(
                 f"no rerun of {name}, which host interference affected", play.duration_ns / 1e9
             ):
@@ -303,11 +307,17 @@ def iterations_to_rerun(verdict: Verdict) -> Sequence[DisturbedIteration]:
 
     None can where a requirement fails anyway, or where the reruns so far were affected, too.
     """
-    counted = [each for each in verdict.requirements if each.level == "error"]
-    futile = sum(bool(each.rerun_of) for each in verdict.disturbed)
-    if futile >= MAX_FUTILE_REPLAYS or any(each.outcome == "fail" for each in counted):
+    counted = [requirement for requirement in verdict.requirements if requirement.level == "error"]
+    futile = sum(bool(iteration.rerun_of) for iteration in verdict.disturbed)
+    if futile >= MAX_FUTILE_REPLAYS or any(
+        requirement.outcome == "fail" for requirement in counted
+    ):
         return []
-    rates = [each.at_hz for each in counted if each.weakened and each.at_hz is not None]
+    rates = [
+        requirement.at_hz
+        for requirement in counted
+        if requirement.weakened and requirement.at_hz is not None
+    ]
     return [
         iteration
         for iteration in verdict.disturbed

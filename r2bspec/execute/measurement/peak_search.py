@@ -387,9 +387,9 @@ class PeakSearch:
             lost_at_most=lower.lost_at_most if lower is not None else None,
             max_lost=self._overload.loss + self._precision / 2,
             capacity=self._overload.record(),
-            unsteady=tuple(each.text for each in unsteady),
+            unsteady=tuple(part.text for part in unsteady),
             watched_s=sum(play.played_s for play in [*self._overload.shown, *self._others]),
-            unsteady_ratio=max((each.ratio for each in unsteady), default=1.0),
+            unsteady_ratio=max((part.ratio for part in unsteady), default=1.0),
         )
 
     def _aim(self) -> bool:
@@ -484,7 +484,7 @@ class PeakSearch:
             own = estimate_capacity([play.after(play.played_s / 3)], self._confidence)
             if outcome.probe.holds is False or own is None:
                 return
-            next_hz = min(each for each in self._failed_hz if each > rate_hz)
+            next_hz = min(failed_hz for failed_hz in self._failed_hz if failed_hz > rate_hz)
             lost = outcome.drop_share > self._overload.loss + self._precision / 4
             if own.hz < _KEPT_UP * rate_hz and (lost or not outcome.probe.keeps_up):
                 self._fails_hz = min(max(rate_hz, own.upper_hz), next_hz)
@@ -539,9 +539,9 @@ class PeakSearch:
     def _highest_kept(self) -> Probe | None:
         """The highest rate below the upper end that was sustained in a probe."""
         kept = [
-            each
-            for each in self._probes
-            if (each.keeps_up or each.holds) and each.rate_hz < (self._fails_hz or math.inf)
+            probe
+            for probe in self._probes
+            if (probe.keeps_up or probe.holds) and probe.rate_hz < (self._fails_hz or math.inf)
         ]
         return max(kept, key=lambda each: each.rate_hz, default=None)
 
@@ -612,8 +612,9 @@ class PeakSearch:
             return None
         below_hz, above_hz = around[0], around[-1]
         down, up = (
-            1 + min(max(self._precision, self._open[each]), _MAX_STEP) * 2.0 ** (len(around) // 2)
-            for each in (below_hz, above_hz)
+            1
+            + min(max(self._precision, self._open[bound_hz]), _MAX_STEP) * 2.0 ** (len(around) // 2)
+            for bound_hz in (below_hz, above_hz)
         )
         # A gap of one step is as narrow as possible.
         if below_hz / lower_hz > down * 1.001:
@@ -636,18 +637,18 @@ def unexplained_end(probes: Sequence[Probe], lower_hz: float, fails_hz: float) -
         explanation; None if there is none. An upper end at which no probe was played is a bound of
         the capacity, of which no disturbed play is a part: that stays.
     """
-    if not any(math.isclose(each.rate_hz, fails_hz) for each in probes):
+    if not any(math.isclose(probe.rate_hz, fails_hz) for probe in probes):
         return fails_hz
-    if not any(each.disturbed for each in probes):
+    if not any(probe.disturbed for probe in probes):
         return fails_hz
     clean_hz = [
-        each.rate_hz
-        for each in probes
-        if each.holds is False
-        and not each.explained
-        and not each.by_player
-        and each.rate_hz > lower_hz
+        probe.rate_hz
+        for probe in probes
+        if probe.holds is False
+        and not probe.explained
+        and not probe.by_player
+        and probe.rate_hz > lower_hz
     ]
-    if any(math.isclose(each, fails_hz) for each in clean_hz):
+    if any(math.isclose(rate_hz, fails_hz) for rate_hz in clean_hz):
         return fails_hz
     return min(clean_hz, default=None)

@@ -115,7 +115,7 @@ class RateProber:
         self._conditions = search.holds if search else ()
         self._criterion = Criterion(
             precision=search.precision if search else _DEFAULT_PRECISION,
-            loss=max((_allowed_loss(each) for each in self._conditions), default=0.0),
+            loss=max((_allowed_loss(condition) for condition in self._conditions), default=0.0),
             confidence=search.confidence if search else CONFIDENCE,
         )
         self._affected = AffectedProbes(
@@ -167,7 +167,7 @@ class RateProber:
             search_s=SEARCH_PROBES * self._limit_s + SEARCH_CONFIRMATIONS * confirm_s,
             stages=_stages(self._plan),
             loss=self._criterion.loss,
-            conditions=any(not _allowed_loss(each) for each in self._conditions),
+            conditions=any(not _allowed_loss(condition) for condition in self._conditions),
             allows=allows,
         )
 
@@ -176,7 +176,7 @@ class RateProber:
         if play.enough:
             # Of several inputs that have one output, each output takes as many steps.
             steps_per_output = max(
-                (each.ratio_inputs / each.ratio_outputs for each in self._plan.monitors),
+                (monitor.ratio_inputs / monitor.ratio_outputs for monitor in self._plan.monitors),
                 default=1.0,
             )
             needed = math.ceil(self._criterion.messages_without_loss * max(steps_per_output, 1.0))
@@ -266,8 +266,8 @@ class RateProber:
 
 def _stages(plan: Plan) -> int:
     """How many queues there may be in a row: at most one for each node."""
-    graph = [each for each in plan.processes if each.phase == "measure"]
-    return sum(len(each.nodes) + (each.role == "command") for each in graph) or 1
+    graph = [process for process in plan.processes if process.phase == "measure"]
+    return sum(len(process.nodes) + (process.role == "command") for process in graph) or 1
 
 
 def _state_text(judgement: ProbeJudgement) -> str:
@@ -312,13 +312,13 @@ class _InterimMonitor:
 
     def watch(self, observation: SegmentObservation, elapsed_s: float) -> bool:
         """Whether the result is clear; called while playing."""
-        due = [each for each in self._looks[self._number : -1] if each.at_s <= elapsed_s]
+        due = [look for look in self._looks[self._number : -1] if look.at_s <= elapsed_s]
         if not due:
             return False
         self._number += len(due)
         judgements = [
-            judge_interim(each, self._criterion, due[-1])
-            for each in self._estimate_all(observation)
+            judge_interim(estimate, self._criterion, due[-1])
+            for estimate in self._estimate_all(observation)
         ]
         worst = worst_judgement(judgements)
         state = True if worst.keeps_up else worst.holds
@@ -333,14 +333,14 @@ class _InterimMonitor:
         return worst_judgement(
             [
                 judge_final(
-                    each,
+                    estimate,
                     self._criterion,
                     self._ended_at or self._looks[-1],
                     judged,
                     whole=self._play.whole,
                     proven_hz=self._play.proven_hz,
                 )
-                for each, judged in zip(estimates, decided, strict=True)
+                for estimate, judged in zip(estimates, decided, strict=True)
             ]
         )
 

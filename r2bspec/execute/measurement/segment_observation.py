@@ -84,7 +84,9 @@ class SegmentObservation:
     def matched(self, name: str) -> MatchedMonitor:
         """The steps that count for a monitor, and how its messages answer them."""
         if name not in self._matched:
-            monitor = next(each for each in self._plan.monitors if each.name == name)
+            monitor = next(
+                monitor_plan for monitor_plan in self._plan.monitors if monitor_plan.name == name
+            )
             self._matched[name] = match_monitor(
                 self.playback,
                 self.monitors[name],
@@ -117,15 +119,15 @@ def outstanding_answers(matched: Iterable[MatchedMonitor]) -> Outstanding:
 
     As many messages as steps do not suffice: where some are answered twice, others still wait.
     """
-    found: Outstanding = "nothing"
-    for each in matched:
-        answers = each.matching.first_row
+    outstanding: Outstanding = "nothing"
+    for answer in matched:
+        answers = answer.matching.first_row
         if not answers.size or (answers != NO_MATCH).all():
             continue
-        if answers[-1] == NO_MATCH and not _contains_last_step(each):
+        if answers[-1] == NO_MATCH and not _contains_last_step(answer):
             return "tail"
-        found = "gaps"
-    return found
+        outstanding = "gaps"
+    return outstanding
 
 
 def _contains_last_step(matched: MatchedMonitor) -> bool:
@@ -286,11 +288,11 @@ class ProgressView:
         # Monitors first: a step that is in the monitors' rows must be in the player's.
         received = [(by_stamp, *rows.latest()) for by_stamp, rows in self._monitors]
         played_start, played = self._playback.latest()
-        found = []
+        values = []
         for by_stamp, start, rows in received:
             shift = None if by_stamp else start - played_start
-            found.append(percentile(_latencies_ns(played, rows, shift), 0.99))
-        return max((int(each) for each in found if each is not None), default=None)
+            values.append(percentile(_latencies_ns(played, rows, shift), 0.99))
+        return max((int(value) for value in values if value is not None), default=None)
 
     def cores(self) -> Mapping[str, float]:
         """Processor time per time of each process lately; 1 is one core."""

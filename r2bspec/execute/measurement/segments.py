@@ -341,7 +341,7 @@ class SegmentPlayer:
 
     def _drain(self, kind: SegmentKind, rate_hz: float, first: dict[str, int]) -> None:
         """Wait for answers; what is missing when this returns counts as lost."""
-        if any(each.own_pace for each in self._plan.monitors):
+        if any(monitor.own_pace for monitor in self._plan.monitors):
             self._await_end(rate_hz, first)
         self._await_answers(kind, first)
         if kind == "warm_up":
@@ -358,7 +358,11 @@ class SegmentPlayer:
     def _watch_unasked(self, first: dict[str, int]) -> None:
         """By order, only silence tells an answer from what comes whether inputs do or not."""
         rows = self._observe(first).monitors
-        waits = [watch_s(rows[each.name]) for each in self._plan.monitors if each.match == "order"]
+        waits = [
+            watch_s(rows[monitor.name])
+            for monitor in self._plan.monitors
+            if monitor.match == "order"
+        ]
         self._supervisor.pump_for(max(waits, default=0.0))
 
     def _await_answers(self, kind: SegmentKind, first: dict[str, int]) -> None:
@@ -386,8 +390,8 @@ class SegmentPlayer:
             return True
         played = counts[""] - first[""]
         return all(
-            (counts[each.name] - first[each.name] + 1) * each.ratio_inputs > played
-            for each in self._plan.monitors
+            (counts[monitor.name] - first[monitor.name] + 1) * monitor.ratio_inputs > played
+            for monitor in self._plan.monitors
         )
 
     def _look(self, timer: DrainTimer, now_s: float, first: dict[str, int]) -> bool:

@@ -104,7 +104,7 @@ def require_joinable(name: str, argv: Sequence[str]) -> None:
     reason = why_not_joinable(Path(argv[0]))
     if not reason:
         return
-    others = [found for word in argv[1:] if (found := shutil.which(word)) is not None]
+    others = [program_path for word in argv[1:] if (program_path := shutil.which(word)) is not None]
     if "user" not in reason and any(not why_not_joinable(Path(other)) for other in others):
         return
     raise not_joinable(name, f"{argv[0]} {reason}")

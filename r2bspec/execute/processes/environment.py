@@ -34,7 +34,7 @@ from r2bspec.execute.errors import SecretNotSetError, WorkspaceError
 from r2bspec.ipc.protocol import MODULES_FOLDER_VARIABLE, RUN_ID_VARIABLE
 from r2bspec.language.secrets import REDACTED, is_secret_variable, secret_reference
 from r2bspec.language.variables import OPENING
-from r2bspec.middleware.middleware import Transport, inherited_variables, middleware_of
+from r2bspec.middleware.middleware import MessageTransport, inherited_variables, middleware_of
 from r2bspec.plan.plan import NodePlan, Plan
 
 _INHERITED_PATTERNS = (
@@ -113,7 +113,7 @@ class RunEnvironment:
             # Processes run in the folder of the spec; the user means where they are themselves.
             # An empty entry, which a colon too many makes, would be the current folder to Python:
             # what lies there, a stranger's checkout perhaps, must not shadow modules.
-            folders = (str(Path(each).absolute()) for each in path.split(os.pathsep) if each)
+            folders = (str(Path(folder).absolute()) for folder in path.split(os.pathsep) if folder)
             self._common["PYTHONPATH"] = os.pathsep.join(folders)
         self._common |= {
             RUN_ID_VARIABLE: run_id,
@@ -126,7 +126,7 @@ class RunEnvironment:
         self.middleware = middleware_of(self._common)
         for name in self.middleware.removed_variables:
             self._common.pop(name, None)
-        self.transport = Transport(plan.transport, largest_message_bytes, plan.segment_bytes)
+        self.transport = MessageTransport(plan.transport, largest_message_bytes, plan.segment_bytes)
         self._common |= self.middleware.configure(self.transport, scratch)
         self.segment_bytes = self.middleware.segment_bytes(self.transport)
 
@@ -229,11 +229,11 @@ def texts(value: Any) -> Iterator[str]:
     if isinstance(value, str):
         yield value
     elif isinstance(value, dict):
-        for each in value.values():
-            yield from texts(each)
+        for entry in value.values():
+            yield from texts(entry)
     elif isinstance(value, list | tuple):
-        for each in value:
-            yield from texts(each)
+        for entry in value:
+            yield from texts(entry)
 
 
 def make_redactor(names: Iterable[str], environ: Mapping[str, str]) -> Callable[[str], str]:
@@ -244,16 +244,16 @@ def make_redactor(names: Iterable[str], environ: Mapping[str, str]) -> Callable[
         environ: where their values are, and those of all others.
     """
     patterns = tuple(names)
-    found: set[str] = set()
+    secrets: set[str] = set()
     for name, value in environ.items():
         named = any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)
         length = _MIN_SECRET_LENGTH if named else _MIN_UNNAMED_LENGTH
         if len(value) >= length and is_secret_variable(name, value):
-            found.update(_forms(value))
-    if not found:
+            secrets.update(_forms(value))
+    if not secrets:
         return str
     # A secret may contain another one.
-    pattern = re.compile("|".join(map(re.escape, sorted(found, key=len, reverse=True))))
+    pattern = re.compile("|".join(map(re.escape, sorted(secrets, key=len, reverse=True))))
     return lambda text: pattern.sub(REDACTED, text)
 
 
@@ -318,11 +318,11 @@ def workspace_environments(texts: Iterable[str]) -> dict[str, str]:
     Raises:
         WorkspaceError: one of them does not exist, or cannot be sourced.
     """
-    found: dict[str, str] = {}
+    environments: dict[str, str] = {}
     for text in texts:
-        with applied_environment(found):
-            found |= workspace_environment(text)
-    return found
+        with applied_environment(environments):
+            environments |= workspace_environment(text)
+    return environments
 
 
 def workspace_environment(text: str) -> dict[str, str]:
@@ -377,7 +377,7 @@ def _source_setup_file(path: Path) -> dict[str, str]:
             f"{path} cannot be sourced: {lines[-1] if lines else f'status {done.returncode}'}"
         )
     text = done.stdout.decode(errors="surrogateescape")
-    after = dict(each.split("=", 1) for each in text.split("\0") if "=" in each)
+    after = dict(assignment.split("=", 1) for assignment in text.split("\0") if "=" in assignment)
     changes = {name: value for name, value in after.items() if os.environ.get(name) != value}
     changes |= {name: "" for name in os.environ if name not in after}
     return {

@@ -90,12 +90,12 @@ def _cpu_model() -> str:
 
 def _threads_per_core(root: Path = Path("/")) -> int | None:
     """How many hardware threads share a core, at most; None where the kernel does not say."""
-    found = [
+    siblings = [
         int(mask.replace(",", ""), 16).bit_count()
         for path in root.glob("sys/devices/system/cpu/cpu[0-9]*/topology/thread_siblings")
         if (mask := _read(path))
     ]
-    return max(found, default=None)
+    return max(siblings, default=None)
 
 
 def _gpus() -> list[str]:
@@ -151,7 +151,7 @@ def unwritable_log(folder: Path) -> Path | None:
     """
     if _has_room(folder):
         return None
-    logs = [each for each in (folder / "logs").rglob("*") if each.is_file()]
+    logs = [path for path in (folder / "logs").rglob("*") if path.is_file()]
     return max(logs, key=lambda each: each.lstat().st_size, default=None)
 
 

@@ -89,14 +89,14 @@ def resolve_command(words: Sequence[str], what: str) -> list[str]:
     """
     argv = [_resolve(word) for word in words]
     if "/" not in argv[0]:
-        found = shutil.which(argv[0])
-        if found is None:
+        program = shutil.which(argv[0])
+        if program is None:
             raise errors.NotInstalledError(
                 f"{what}: program {argv[0]!r} is not on PATH",
                 hint="Install it, or correct the command in the spec.",
                 code="R2B621",
             )
-        argv[0] = found
+        argv[0] = program
     return argv
 
 
@@ -108,8 +108,8 @@ def _resolve(word: str) -> str:
             return str(harness_program())
     if word == "$(included_launch)":
         return str(Path(harness.__file__).with_name("included_launch.py"))
-    found = _EXECUTABLE.fullmatch(word)
-    return str(find_executable(found["package"], found["name"])) if found else word
+    matched = _EXECUTABLE.fullmatch(word)
+    return str(find_executable(matched["package"], matched["name"])) if matched else word
 
 
 def find_executable(package: str, name: str) -> Path:
@@ -352,13 +352,13 @@ def require_free_shared_memory(
             "segments (transport: {kind: shared_memory, segment: ...}).",
         )
     # The observer, which no plan lists, runs with the measured graph.
-    processes = sum(each.phase == phase for each in plan.processes) + (phase == "measure")
-    wanted = middleware.required_shm_bytes(processes, segment_bytes)
-    if free < wanted:
-        suggested_mib = -(-wanted * 5 // (4 << 20))  # with some to spare
+    processes = sum(process.phase == phase for process in plan.processes) + (phase == "measure")
+    required_bytes = middleware.required_shm_bytes(processes, segment_bytes)
+    if free < required_bytes:
+        suggested_mib = -(-required_bytes * 5 // (4 << 20))  # with some to spare
         raise errors.SharedMemoryError(
             f"{folder} has {show(free, 'B')} free; the {processes} processes of the {phase} phase "
-            f"need {show(wanted, 'B')}, a segment of {show(segment_bytes, 'B')} each",
+            f"need {show(required_bytes, 'B')}, a segment of {show(segment_bytes, 'B')} each",
             hint=f"Make it larger (in a container: --shm-size={suggested_mib}m; else: mount -o "
             f"remount,size={suggested_mib}m {folder}), or state transport: udp, or smaller "
             "segments (transport: {kind: shared_memory, segment: ...}). 'r2bspec doctor --clean' "

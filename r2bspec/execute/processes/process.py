@@ -25,7 +25,7 @@ import msgspec
 
 from r2bspec.ipc import protocol
 from r2bspec.ipc.native_protocol import NativeCodec
-from r2bspec.ipc.process_cleanup import Session, SessionLeader, kill_process_groups
+from r2bspec.ipc.process_cleanup import ProcessSession, SessionLeader, kill_process_groups
 from r2bspec.record.run_record import ThreadSchedulingRecord
 
 MAX_LOG_BYTES = 32 << 20
@@ -153,26 +153,26 @@ def shorten_slice(pid: int, slice_ns: int = SLICE_NS) -> bool:
     Returns:
         Whether the kernel has accepted it.
     """
-    found = _attributes(pid)
-    if found is None or found.policy != _SCHED_OTHER:
+    attributes = _attributes(pid)
+    if attributes is None or attributes.policy != _SCHED_OTHER:
         return False
-    found.runtime_ns = slice_ns
+    attributes.runtime_ns = slice_ns
     set_call, _ = _SYSCALLS[platform.machine()]
-    return _syscall(set_call, pid, ctypes.byref(found), 0) == 0
+    return _syscall(set_call, pid, ctypes.byref(attributes), 0) == 0
 
 
 def slice_of(pid: int) -> int:
     """The time slice of a process, in nanoseconds; 0 if the kernel does not tell."""
-    found = _attributes(pid)
-    return 0 if found is None else int(found.runtime_ns)
+    attributes = _attributes(pid)
+    return 0 if attributes is None else int(attributes.runtime_ns)
 
 
 def _attributes(pid: int) -> _SchedAttr | None:
-    found = _SchedAttr(size=ctypes.sizeof(_SchedAttr))
+    attributes = _SchedAttr(size=ctypes.sizeof(_SchedAttr))
     calls = _SYSCALLS.get(platform.machine())
-    if calls is None or _syscall(calls[1], pid, ctypes.byref(found), found.size, 0) != 0:
+    if calls is None or _syscall(calls[1], pid, ctypes.byref(attributes), attributes.size, 0) != 0:
         return None
-    return found
+    return attributes
 
 
 def _syscall(number: int, pid: int, *arguments: object) -> int:
@@ -267,7 +267,7 @@ class ManagedProcess:
         return self.process.poll() is None
 
     @property
-    def session(self) -> Session:
+    def session(self) -> ProcessSession:
         """The session that it opened."""
         return self.process.session
 

@@ -82,11 +82,11 @@ class InterferenceReader:
         self._cores = sorted(os.sched_getaffinity(0))
         groups = [*_control_groups(root)]
         self._pressure = next(
-            (each for each in (group / "cpu.pressure" for group in groups) if each.exists()),
+            (path for path in (group / "cpu.pressure" for group in groups) if path.exists()),
             root / "proc/pressure/cpu",
         )
         self._quota_files = [
-            each for each in (group / "cpu.stat" for group in groups) if each.exists()
+            path for path in (group / "cpu.stat" for group in groups) if path.exists()
         ]
         self._thermal_files = [
             *root.glob("sys/devices/system/cpu/cpu*/thermal_throttle/core_throttle_total_time_ms")
@@ -104,12 +104,12 @@ class InterferenceReader:
         self._count_cycles(used_s)
         quota = _largest(_QUOTA, self._quota_files)
         heat = _largest(_THERMAL, self._thermal_files)
-        known = [seconds for seconds in (quota, heat) if not math.isnan(seconds)]
+        throttled_s = [seconds for seconds in (quota, heat) if not math.isnan(seconds)]
         return InterferenceReading(
             busy_s=sum(used_s.values()),
             stolen_s=sum(getattr(core, "steal", math.nan) for core in ours.values()),
             waited_s=_counted(_PRESSURE, self._pressure),
-            throttled_s=sum(known) if known else quota,
+            throttled_s=sum(throttled_s) if throttled_s else quota,
             cycles=self._cycles,
         )
 
@@ -171,7 +171,7 @@ def minor_faults(pid: int) -> int:
     """
     try:
         fields = Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()
-        return sum(int(fields[each - _AFTER_NAME]) for each in (_MINOR, _MINOR_OF_CHILDREN))
+        return sum(int(fields[field - _AFTER_NAME]) for field in (_MINOR, _MINOR_OF_CHILDREN))
     except (OSError, IndexError, ValueError):
         return 0
 
@@ -212,7 +212,7 @@ class OrphanFinder:
         self._owners |= descendants
         for pid in running - self._belongs.keys():
             self._belongs[pid] = pid in descendants or self._has_run_id(pid)
-        found: dict[int, int] = {}
+        counts: dict[int, int] = {}
         for pid, ours in self._belongs.items():
             if ours and pid not in descendants and pid not in leaders and pid != os.getpid():
                 if pid not in self._owners:
@@ -221,8 +221,8 @@ class OrphanFinder:
                         # The controller has just started it, and is about to add it.
                         continue
                     self._owners[pid] = leaders.get(session, unknown)
-                found[pid] = self._owners[pid]
-        return found
+                counts[pid] = self._owners[pid]
+        return counts
 
     def _has_run_id(self, pid: int) -> bool:
         try:
@@ -429,7 +429,7 @@ class ResourceSampler:
             for number, process in processes
             if process is not None
         }
-        members = {each.pid: number for number, tree in trees.items() for each in tree}
+        members = {listed.pid: number for number, tree in trees.items() for listed in tree}
         orphans: dict[int, list[psutil.Process]] = {}
         for pid, number in self._orphans.find(members, leaders, ORPHANS_INDEX).items():
             with contextlib.suppress(psutil.Error):
@@ -462,7 +462,7 @@ class ResourceSampler:
         if process is not None:
             self._resident[process.pid] = use.resident
             self._update_cores(process.pid, now_ns, use.cpu_s)
-        pids = [each.pid for each in (*tree, *orphans)]
+        pids = [listed.pid for listed in (*tree, *orphans)]
         waited_s = self._waits.update(number, pids)
         self._rows += _RESOURCES.pack(
             now_ns, number, use.cpu_s, use.resident, waited_s, use.minor_faults
@@ -535,17 +535,17 @@ class _Use:
         Raises:
             psutil.NoSuchProcess: the process has exited.
         """
-        found: dict[int, float] = {}
+        times_s: dict[int, float] = {}
         resident, faults = 0, 0
-        for each in tree:
+        for listed in tree:
             try:
-                found[each.pid], memory = _read_use(each)
+                times_s[listed.pid], memory = _read_use(listed)
                 resident += memory
-                faults += minor_faults(each.pid)
+                faults += minor_faults(listed.pid)
             except psutil.NoSuchProcess:
-                if each is process:
+                if listed is process:
                     raise
-        self._tree, self.resident = found, resident
+        self._tree, self.resident = times_s, resident
         # Descendants that have lost their parents take theirs with them.
         self.minor_faults = max(self.minor_faults, faults)
 
@@ -557,19 +557,19 @@ class _Use:
 
     def read_orphans(self, orphans: list[psutil.Process]) -> None:
         """Read the orphans that run; the time of one that has exited stays counted."""
-        running = {each.pid for each in orphans}
+        running = {survivor.pid for survivor in orphans}
         # If its parent is an orphan, too, that one's times have it now.
         self._orphans = {
             pid: use for pid, use in self._orphans.items() if pid in running or not use.has_parent
         }
-        for each in orphans:
+        for found_orphan in orphans:
             with contextlib.suppress(psutil.Error):
-                used_s, memory = _read_use(each)
-                self._orphans[each.pid] = _OrphanUse(used_s, each.ppid() in running)
+                used_s, memory = _read_use(found_orphan)
+                self._orphans[found_orphan.pid] = _OrphanUse(used_s, found_orphan.ppid() in running)
                 # Of a tree that has ended, it is counted already.
-                self._ended_s -= self._ended_tree.pop(each.pid, 0.0)
+                self._ended_s -= self._ended_tree.pop(found_orphan.pid, 0.0)
                 self.resident += memory
-        orphans_s = sum(each.cpu_s for each in self._orphans.values())
+        orphans_s = sum(survivor.cpu_s for survivor in self._orphans.values())
         # One that exits between the readings of its parent and its own is missing in this sample.
         self.cpu_s = max(self.cpu_s, sum(self._tree.values()) + self._ended_s + orphans_s)
 

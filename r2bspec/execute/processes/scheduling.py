@@ -46,8 +46,8 @@ def require_permitted(processes: Sequence[ProcessPlan]) -> None:
     """
     for plan in processes:
         _try(plan, plan)
-        for wanted in plan.scheduling.threads if plan.scheduling else ():
-            _try(plan, wanted)
+        for thread in plan.scheduling.threads if plan.scheduling else ():
+            _try(plan, thread)
 
 
 def _try(plan: ProcessPlan, wanted: ProcessPlan | ThreadScheduling) -> None:
@@ -153,15 +153,15 @@ def schedule_threads(plan: ProcessPlan, pid: int) -> tuple[ThreadSchedulingRecor
     scheduling = plan.scheduling
     if scheduling is None and not plan.cpus and not plan.nice:
         return ()
-    for wanted in scheduling.threads if scheduling else ():
-        named = [task for task, name in _threads(pid) if fnmatchcase(name, wanted.name)]
+    for thread in scheduling.threads if scheduling else ():
+        named = [task for task, name in _threads(pid) if fnmatchcase(name, thread.name)]
         for task in named:
             with contextlib.suppress(ProcessLookupError):
-                _apply(plan.name, wanted, task)
+                _apply(plan.name, thread, task)
         if not named:
             known = ", ".join(sorted({name for _, name in _threads(pid)})) or "none"
             raise RunError(
-                f"process {plan.name} has no thread {wanted.name!r} when the graph is ready",
+                f"process {plan.name} has no thread {thread.name!r} when the graph is ready",
                 hint=f"Its threads: {known}.",
                 code="R2B653",
             )

@@ -99,7 +99,7 @@ class ProcessSupervisor:
 
     def observer(self) -> ManagedProcess:
         """A process that can report what discovery shows: the observer or the loader."""
-        return next(each for each in self if each.role in {"observer", "loader"})
+        return next(process for process in self if process.role in {"observer", "loader"})
 
     def start(
         self,
@@ -133,7 +133,8 @@ class ProcessSupervisor:
         # What was checked is run, whatever its path leads to by now.
         opened = descriptor_of(command[0])
         env = env | {
-            protocol.control_variable(part): str(each.fileno()) for part, each in theirs.items()
+            protocol.control_variable(part): str(socket_end.fileno())
+            for part, socket_end in theirs.items()
         }
         log_start = 0
         try:
@@ -148,7 +149,7 @@ class ProcessSupervisor:
                     stdout=output,
                     stderr=subprocess.STDOUT,
                     pass_fds=[
-                        *(each.fileno() for each in theirs.values()),
+                        *(socket_end.fileno() for socket_end in theirs.values()),
                         *([] if opened is None else [opened]),
                     ],
                     umask=umask,
@@ -168,8 +169,8 @@ class ProcessSupervisor:
                 code="R2B621",
             ) from error
         finally:
-            for each in theirs.values():
-                each.close()
+            for end in theirs.values():
+                end.close()
         self._notify_watchdog(f"session {process.pid} {process.session.started}\n")
         own_ends = {part: pair[0] for part, pair in channels.items()}
         child = ManagedProcess(
@@ -372,7 +373,7 @@ class ProcessSupervisor:
         """The processes of the run: those that were started, and all others that run now."""
         started = {child.pid for child in self._all}
         living = run_processes(self._run_id, [child.session for child in self._all])
-        return frozenset(started | {each.pid for each in living})
+        return frozenset(started | {process.pid for process in living})
 
     def records(self) -> tuple[ProcessRecord, ...]:
         """Every process that was started, with its exit status."""

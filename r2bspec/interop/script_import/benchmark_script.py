@@ -24,14 +24,14 @@ from r2bspec.interop.script_import.launch_parts import IncludeAction, LaunchPart
 from r2bspec.interop.script_import.values import (
     Construct,
     Foreign,
-    Instance,
+    ImportNote,
     Method,
-    Note,
     Scope,
     ScriptClass,
     ScriptFunction,
     ScriptLimitError,
     ScriptModule,
+    ScriptObject,
     Unknown,
 )
 
@@ -127,7 +127,7 @@ class BenchmarkScript:
     late_hooks: list[Construct]
     clients: list[ScriptClient]
     comments: source_files.ScriptComments
-    notes: list[Note]
+    notes: list[ImportNote]
     imports: dict[str, Span]
     texts: dict[str, str]
 
@@ -154,7 +154,7 @@ class Settings:
     """
 
     script: BenchmarkScript
-    notes: list[Note]
+    notes: list[ImportNote]
     mode: str = field(init=False)
     is_mode_known: bool = field(init=False)
     namespace: str = field(init=False)
@@ -193,7 +193,7 @@ class Settings:
         value = self.value(key) if value is None else value
         reason = value.reason if isinstance(value, Unknown) else "its value is not understood"
         place = value.place if isinstance(value, Unknown) else self.script.config.place_of(key)
-        self.notes.append(Note(f"{key!r} is left out: {reason}", place))
+        self.notes.append(ImportNote(f"{key!r} is left out: {reason}", place))
 
     def comments(self, key: str) -> list[str]:
         """The author's comments above a key."""
@@ -205,22 +205,28 @@ class Settings:
         infos = self.value("monitor_info_list")
         for info in infos if isinstance(infos, list | tuple) else []:
             calculators = info.get("calculators", 1) if isinstance(info, Construct) else None
-            for each in calculators if isinstance(calculators, list | tuple) else []:
-                config = each.get("config", 0, {}) if isinstance(each, Construct) else None
+            for calculator in calculators if isinstance(calculators, list | tuple) else []:
+                config = (
+                    calculator.get("config", 0, {}) if isinstance(calculator, Construct) else None
+                )
                 prefix = config.get("report_prefix", "") if isinstance(config, dict) else None
                 if isinstance(prefix, str):
-                    yield str(info.get("service_name", 0, "monitor_node0")), prefix, each.place
+                    yield (
+                        str(info.get("service_name", 0, "monitor_node0")),
+                        prefix,
+                        calculator.place,
+                    )
 
     def note_rest(self) -> None:
         """Note the keys that no part of a spec is made from."""
         config = self.script.config
         for key, value in config.keywords.items():
             if key not in _DEFAULTS and key not in _TOOL_KEYS:
-                self.notes.append(Note(f"{key!r} is no known key", config.place_of(key)))
+                self.notes.append(ImportNote(f"{key!r} is no known key", config.place_of(key)))
             elif isinstance(value, Unknown) and key in _DEFAULTS:
                 self.lose(key)
         if config.get("config_file_path", 0) is not None:
-            self.notes.append(Note("the configuration file is not read", config.place))
+            self.notes.append(ImportNote("the configuration file is not read", config.place))
 
 
 def read_benchmark_script(file: Path, package_paths: Sequence[Path] = ()) -> BenchmarkScript:
@@ -247,7 +253,7 @@ class _ScriptEvaluation:
         self.reader = reader
         self.module = module
         self.evaluator = Evaluator(reader)
-        self.notes: list[Note] = []
+        self.notes: list[ImportNote] = []
 
     def benchmark(self) -> BenchmarkScript:
         self.evaluator.run_module(self.module)
@@ -295,10 +301,10 @@ class _ScriptEvaluation:
         setup, description = names.get("launch_setup"), names.get("generate_test_description")
         if isinstance(description, ScriptFunction):
             # launch_testing may pass a test context as an argument.
-            made = self.evaluator.call(description, place=place)
+            actions = self.evaluator.call(description, place=place)
             given = (
-                made.get("launch_setup", 0, made.get("nodes", 0))
-                if isinstance(made, Construct)
+                actions.get("launch_setup", 0, actions.get("nodes", 0))
+                if isinstance(actions, Construct)
                 else None
             )
             if isinstance(given, list | tuple):
@@ -314,7 +320,7 @@ class _ScriptEvaluation:
 
     def _run_hooks(self, kind: ScriptClass, *, late: bool) -> list[Construct]:
         """What the hooks do, of those before or after the benchmark."""
-        instance = Instance(kind)
+        instance = ScriptObject(kind)
         for name, function in list(kind.names.items()):
             is_hook = name.endswith("_hook") or "test_" in name
             if (
@@ -341,7 +347,7 @@ class _ScriptEvaluation:
 
     def _client(self, node: ast.Call, scope: Scope) -> ScriptClient:
         kind, position = _CLIENTS[_last_name(node.func)]
-        values = [self.evaluator.value(each, scope) for each in node.args[position : position + 2]]
+        values = [self.evaluator.value(arg, scope) for arg in node.args[position : position + 2]]
         types = [value.name.replace(".", "/") for value in values[:1] if isinstance(value, Foreign)]
         names = [value for value in values[1:] if isinstance(value, str)]
         return ScriptClient(kind, "".join(types), "".join(names), scope.place(node))
@@ -354,7 +360,7 @@ class _ScriptEvaluation:
         try:
             launched = python_launch_file(self.reader, file, include.arguments)
         except source_files.UnusableScriptError as error:
-            self.notes.append(Note(error.finding.message, include.source.place))
+            self.notes.append(ImportNote(error.finding.message, include.source.place))
             return None
         if not launched.has(_LOADER):
             return None

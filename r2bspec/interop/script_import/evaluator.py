@@ -21,7 +21,7 @@ from r2bspec.interop.script_import.source_files import ScriptReader
 from r2bspec.interop.script_import.values import (
     Construct,
     Foreign,
-    Note,
+    ImportNote,
     NotKnownError,
     Scope,
     ScriptClass,
@@ -36,7 +36,7 @@ _LOGGING = frozenset({"info", "warning", "error", "debug"})
 
 
 @dataclass(frozen=True, slots=True)
-class Ended:
+class BlockExit:
     """The end of a block by ``return``, ``break``, ``continue`` or ``raise``."""
 
     kind: str
@@ -154,7 +154,7 @@ class Evaluator(Expressions):
             raise NotKnownError("the arguments do not fit the function")
         return names
 
-    def _block(self, statements: list[ast.stmt], scope: Scope) -> Ended | None:
+    def _block(self, statements: list[ast.stmt], scope: Scope) -> BlockExit | None:
         for statement in statements:
             self.steps.count()
             ended = self._statement(statement, scope)
@@ -162,7 +162,7 @@ class Evaluator(Expressions):
                 return ended
         return None
 
-    def _statement(self, node: ast.stmt, scope: Scope) -> Ended | None:
+    def _statement(self, node: ast.stmt, scope: Scope) -> BlockExit | None:
         match node:
             case ast.Expr(value=value):
                 result = self.value(value, scope)
@@ -186,9 +186,9 @@ class Evaluator(Expressions):
             case ast.ClassDef():
                 self._define_class(node, scope)
             case ast.Return(value=value):
-                return Ended("return", None if value is None else self.value(value, scope))
+                return BlockExit("return", None if value is None else self.value(value, scope))
             case ast.Raise() | ast.Break() | ast.Continue():
-                return Ended(type(node).__name__.lower())
+                return BlockExit(type(node).__name__.lower())
             case ast.If():
                 return self._if(node, scope)
             case ast.For():
@@ -243,7 +243,7 @@ class Evaluator(Expressions):
             if isinstance(member, ScriptFunction):
                 member.scope = scope
 
-    def _if(self, node: ast.If, scope: Scope) -> Ended | None:
+    def _if(self, node: ast.If, scope: Scope) -> BlockExit | None:
         condition = self.value(node.test, scope)
         decided = truth(condition)
         if decided is not None:
@@ -261,7 +261,7 @@ class Evaluator(Expressions):
             self._skip(reason, node, branches, scope)
         return None
 
-    def _for(self, node: ast.For, scope: Scope) -> Ended | None:
+    def _for(self, node: ast.For, scope: Scope) -> BlockExit | None:
         values = self.value(node.iter, scope)
         if not isinstance(values, list | tuple | dict | str):
             reason = "what this loop goes over is not known, so it was not imported"
@@ -275,7 +275,7 @@ class Evaluator(Expressions):
                 return None if ended.kind == "break" else ended
         return self._block(node.orelse, scope)
 
-    def _while(self, node: ast.While, scope: Scope) -> Ended | None:
+    def _while(self, node: ast.While, scope: Scope) -> BlockExit | None:
         while True:
             self.steps.count()
             condition = self.value(node.test, scope)
@@ -344,7 +344,7 @@ class Evaluator(Expressions):
         return module
 
     def _note(self, reason: str, node: ast.AST, scope: Scope) -> None:
-        self.notes.append(Note(reason, scope.place(node)))
+        self.notes.append(ImportNote(reason, scope.place(node)))
 
     def _skip(self, reason: str, node: ast.AST, statements: list[ast.stmt], scope: Scope) -> None:
         """Note that statements are not evaluated: every name that they would bind is unknown."""

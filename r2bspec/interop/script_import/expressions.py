@@ -23,10 +23,9 @@ from r2bspec.interop.script_import.values import (
     Construct,
     Foreign,
     ImageSize,
-    Instance,
+    ImportNote,
     LaunchText,
     Method,
-    Note,
     NotKnownError,
     PlacedDict,
     PlacedTuple,
@@ -35,6 +34,7 @@ from r2bspec.interop.script_import.values import (
     ScriptFunction,
     ScriptLimitError,
     ScriptModule,
+    ScriptObject,
     StepCounter,
     Unknown,
     require_known,
@@ -70,7 +70,7 @@ class Expressions:
     def __init__(self, launch_values: Mapping[str, Any], steps: StepCounter) -> None:
         self.launch_values = launch_values
         self.steps = steps
-        self.notes: list[Note] = []
+        self.notes: list[ImportNote] = []
 
     def value(self, node: ast.expr, scope: Scope) -> Any:
         """The value of an expression, which may be unknown."""
@@ -183,7 +183,7 @@ class Expressions:
                 return foreign_constant(f"{full}.{name}") or Foreign(f"{full}.{name}")
             case ScriptModule():
                 return owner.scope.find(name, Foreign(f"{owner.file.stem}.{name}"))
-            case Instance():
+            case ScriptObject():
                 if name in owner.names:
                     return owner.names[name]
                 return self._class_attribute(owner.kind, owner, name)
@@ -206,7 +206,7 @@ class Expressions:
             return value
         if value.kind == "classmethod":
             return BoundFunction(value, kind)
-        return BoundFunction(value, owner) if isinstance(owner, Instance) else value
+        return BoundFunction(value, owner) if isinstance(owner, ScriptObject) else value
 
     def _limited(self, values: Iterator[Any]) -> list[Any]:
         """The values as a list of a limited size."""
@@ -378,14 +378,14 @@ class Expressions:
                 container = self.value(owner, scope)
                 if isinstance(container, Foreign | Construct):
                     reason = "what is set here belongs to another package"
-                    self.notes.append(Note(reason, scope.place(target)))
+                    self.notes.append(ImportNote(reason, scope.place(target)))
                 self._set_item(container, self.value(key, scope), value)
             case _:
-                self.notes.append(Note("an assignment of this kind", scope.place(target)))
+                self.notes.append(ImportNote("an assignment of this kind", scope.place(target)))
 
     @staticmethod
     def _set_attribute(owner: Any, name: str, value: Any, place: Span) -> None:
-        if isinstance(owner, Instance | ScriptClass):
+        if isinstance(owner, ScriptObject | ScriptClass):
             owner.names[name] = value
         elif isinstance(owner, Construct):
             owner.keywords[name] = value
@@ -459,7 +459,7 @@ class Expressions:
                 return known_functions.call_method(owner, name, arguments, keywords)
             case Construct(name=name):
                 return Construct(f"{name}()", arguments, keywords, place, owner=function)
-            case Instance():
+            case ScriptObject():
                 called = self.attribute(function, "__call__")
                 if isinstance(called, BoundFunction):
                     return self.call_value(called, arguments, keywords, place)
@@ -506,8 +506,8 @@ class Expressions:
 
     def _instance(
         self, kind: ScriptClass, arguments: list[Any], keywords: dict[str, Any]
-    ) -> Instance:
-        instance = Instance(kind)
+    ) -> ScriptObject:
+        instance = ScriptObject(kind)
         constructor = kind.find("__init__")
         if isinstance(constructor, ScriptFunction):
             with contextlib.suppress(NotKnownError):

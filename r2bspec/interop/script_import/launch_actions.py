@@ -35,7 +35,7 @@ from r2bspec.interop.script_import.substitutions import condition_value
 from r2bspec.interop.script_import.values import (
     Construct,
     Foreign,
-    Note,
+    ImportNote,
     ScriptLimitError,
     StepCounter,
     Unknown,
@@ -115,7 +115,7 @@ class _Collector:
         changed = changed_scope(action, scope, self.steps)
         if isinstance(changed, Unknown):
             reason = f"what {action.short_name} sets is not known: {changed.reason}"
-            self.parts.ignored.append(Note(reason, changed.place))
+            self.parts.ignored.append(ImportNote(reason, changed.place))
         elif changed is not None:
             return changed
         elif (add := _ACTIONS.get(action.short_name)) is not None:
@@ -266,13 +266,17 @@ class _Collector:
         containers = self.parts.containers.values()
         for node, target in self.targets:
             if isinstance(target, Construct):
-                same = [each for each in containers if each.source is target]
+                same = [container for container in containers if container.source is target]
                 last = self.reader.text(target, "name")
             else:
                 last = target.rpartition("/")[2]
                 full = f"/{target.strip('/')}"
-                same = [each for each in containers if each.full_name == full]
-            alike = [each for each in containers if each.full_name.rpartition("/")[2] == last]
+                same = [container for container in containers if container.full_name == full]
+            alike = [
+                container
+                for container in containers
+                if container.full_name.rpartition("/")[2] == last
+            ]
             if same or len(alike) == 1:
                 node.container = (same or alike)[0].name
                 continue

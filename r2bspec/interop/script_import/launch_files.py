@@ -22,7 +22,7 @@ from r2bspec.interop.script_import.launch_texts import performed
 from r2bspec.interop.script_import.substitutions import condition_value
 from r2bspec.interop.script_import.values import (
     Construct,
-    Note,
+    ImportNote,
     NotKnownError,
     ScriptFunction,
     Unknown,
@@ -70,7 +70,7 @@ class LaunchFile:
     """
 
     actions: list[Any] = field(default_factory=list)
-    notes: list[Note] = field(default_factory=list)
+    notes: list[ImportNote] = field(default_factory=list)
     values: dict[str, Any] = field(default_factory=dict)
     arguments: list[LaunchArgument] = field(default_factory=list)
 
@@ -96,7 +96,7 @@ class LaunchFile:
         if choices and isinstance(value, str) and value not in choices:
             shown = ", ".join(choices)
             reason = f"{clip(value)!r} is no choice of the launch argument {name!r}: {shown}"
-            self.notes.append(Note(reason, argument.place))
+            self.notes.append(ImportNote(reason, argument.place))
 
 
 def python_launch_file(
@@ -144,7 +144,7 @@ class _Evaluation:
         for effect in self.evaluator.trace.effects:
             if not effect.name.startswith(_HARMLESS):
                 reason = f"what {clip(effect.name)} does before the launch"
-                self.launch.notes.append(Note(reason, effect.place))
+                self.launch.notes.append(ImportNote(reason, effect.place))
         return self.launch
 
     def _follow(self, actions: list[Any], level: int) -> None:
@@ -187,10 +187,10 @@ class _Evaluation:
         before = self.launch.values.get(str(name))
         if not isinstance(name, str) or not isinstance(value, str) or not is_certain:
             reason = "a launch argument that is set to something that is not known"
-            self.launch.notes.append(Note(reason, action.place))
+            self.launch.notes.append(ImportNote(reason, action.place))
         elif before is not None and before != value:
             reason = f"the launch argument {name!r} has another value before this action"
-            self.launch.notes.append(Note(reason, action.place))
+            self.launch.notes.append(ImportNote(reason, action.place))
         else:
             self.launch.values[name] = str(value)
 

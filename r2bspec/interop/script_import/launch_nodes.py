@@ -19,7 +19,13 @@ from r2bspec.interop.script_import.launch_parts import (
 from r2bspec.interop.script_import.launch_scope import Scope, join_namespaces
 from r2bspec.interop.script_import.launch_texts import parameter_value, performed
 from r2bspec.interop.script_import.substitutions import split_words
-from r2bspec.interop.script_import.values import Construct, Note, PlacedTuple, StepCounter, Unknown
+from r2bspec.interop.script_import.values import (
+    Construct,
+    ImportNote,
+    PlacedTuple,
+    StepCounter,
+    Unknown,
+)
 from r2bspec.plan.command_lines import THREADED_CONTAINER, flow_yaml
 
 _CONTAINER_EXECUTABLES: Final = frozenset(
@@ -65,11 +71,11 @@ class NodeReader:
 
     def lose(self, reason: str, action: Construct) -> None:
         """Note something that a node would need and the file does not tell."""
-        self.parts.ignored.append(Note(reason, action.place))
+        self.parts.ignored.append(ImportNote(reason, action.place))
 
     def change(self, what: str, action: Construct) -> None:
         """Note something that a run does in another way."""
-        self.parts.changes.append(Note(what, action.place))
+        self.parts.changes.append(ImportNote(what, action.place))
 
     def text(self, action: Construct, key: str, position: int | None = None) -> str:
         """A keyword argument that is a text; empty, with a note, where it is not known."""
@@ -79,7 +85,7 @@ class NodeReader:
         text = performed(value, action, self.steps)
         if isinstance(text, Unknown):
             what = f"the {key} of {action.short_name} is not known: {text.reason}"
-            self.parts.ignored.append(Note(what, text.place))
+            self.parts.ignored.append(ImportNote(what, text.place))
             return ""
         return str(text)
 
@@ -90,7 +96,7 @@ class NodeReader:
             text = performed(value, action, self.steps)
             if isinstance(text, Unknown):
                 what = f"an argument of {action.short_name} is not known: {text.reason}"
-                self.parts.ignored.append(Note(what, text.place))
+                self.parts.ignored.append(ImportNote(what, text.place))
             else:
                 words.append(str(text))
         return words
@@ -281,18 +287,23 @@ class NodeReader:
         own = []
         for pair in listed(action.get("remappings")):
             if isinstance(pair, Unknown) or not isinstance(pair, list | tuple) or len(pair) != 2:
-                why = pair if isinstance(pair, Unknown) else Note("it is no pair", action.place)
-                self.parts.ignored.append(Note(f"a remapping: {why.reason}", why.place))
+                why = (
+                    pair if isinstance(pair, Unknown) else ImportNote("it is no pair", action.place)
+                )
+                self.parts.ignored.append(ImportNote(f"a remapping: {why.reason}", why.place))
                 continue
             names = [performed(part, action, self.steps) for part in pair]
             lost = next((part for part in names if isinstance(part, Unknown)), None)
             if lost is not None:
-                self.parts.ignored.append(Note(f"a remapping: {lost.reason}", lost.place))
+                self.parts.ignored.append(ImportNote(f"a remapping: {lost.reason}", lost.place))
             elif all(names):
                 default = action.place_of("remappings")
                 place = pair.place if isinstance(pair, PlacedTuple) else default
                 own.append(Remapping(str(names[0]), str(names[1]), place))
-        return [*(each for each in scope.remappings if each.node in {"", name}), *own]
+        return [
+            *(remapping for remapping in scope.remappings if remapping.node in {"", name}),
+            *own,
+        ]
 
 
 def listed(value: Any) -> list[Any]:

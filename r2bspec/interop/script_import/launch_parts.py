@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from r2bspec.diagnostics import Span
-from r2bspec.interop.script_import.values import Construct, Note
+from r2bspec.interop.script_import.values import Construct, ImportNote
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,11 @@ class NodeAction:
 
     def remapped(self, source: str) -> str:
         """What the node calls `source` in the graph; by default itself."""
-        targets = (each.target for each in self.remappings if each.source.lstrip("/") == source)
+        targets = (
+            remapping.target
+            for remapping in self.remappings
+            if remapping.source.lstrip("/") == source
+        )
         return next(targets, source)
 
 
@@ -146,8 +150,8 @@ class LaunchParts:
     nodes: list[NodeAction] = field(default_factory=list)
     containers: dict[str, ContainerAction] = field(default_factory=dict)
     includes: list[IncludeAction] = field(default_factory=list)
-    ignored: list[Note] = field(default_factory=list)
-    changes: list[Note] = field(default_factory=list)
+    ignored: list[ImportNote] = field(default_factory=list)
+    changes: list[ImportNote] = field(default_factory=list)
     missing: dict[str, list[Construct]] = field(default_factory=dict)
 
     @property

@@ -20,7 +20,7 @@ from r2bspec.diagnostics.quote import clip
 from r2bspec.interop.script_import.launch_files import LaunchArgument, LaunchFile
 from r2bspec.interop.script_import.source_files import SYNTAX, ScriptReader, UnusableScriptError
 from r2bspec.interop.script_import.substitutions import condition_value, split_words, substituted
-from r2bspec.interop.script_import.values import Construct, LaunchText, Note, Unknown
+from r2bspec.interop.script_import.values import Construct, ImportNote, LaunchText, Unknown
 from r2bspec.safe_io.limits import MAX_MARKUP_DEPTH
 from r2bspec.safe_io.safe_yaml import load_values
 
@@ -235,7 +235,7 @@ class _Markup:
                 self._lose(f"<{clip(entity.name)}> has no form in a spec")
 
     def _lose(self, reason: str) -> None:
-        self.launch.notes.append(Note(reason, self.place))
+        self.launch.notes.append(ImportNote(reason, self.place))
 
     def _declare(self, entity: _Entity) -> None:
         name = entity.get("name")
@@ -348,7 +348,10 @@ class _Markup:
         self.place = entity.place
         if entity.children:
             self.steps.count(len(entity.children))
-            return {self._text(each.get("name")): self._value(each) for each in entity.all("param")}
+            return {
+                self._text(parameter.get("name")): self._value(parameter)
+                for parameter in entity.all("param")
+            }
         value = entity.values.get("value", "")
         text = self._text(value) if isinstance(value, str) else value
         if not isinstance(text, str):

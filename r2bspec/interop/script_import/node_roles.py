@@ -144,7 +144,8 @@ def played_inputs(player: NodeAction | None) -> list[PlayedInput]:
     if player is None:
         return []
     matches = (
-        re.fullmatch(r"/?(?:buffer/)?input(\d{1,3})", each.source) for each in player.remappings
+        re.fullmatch(r"/?(?:buffer/)?input(\d{1,3})", remapping.source)
+        for remapping in player.remappings
     )
     return [
         PlayedInput(
@@ -177,8 +178,8 @@ class _Roles:
         self.others = others
         self.namespace = namespace
         inputs = played_inputs(graph.player)
-        played = {self._topic(each.topic, each.player) for each in inputs}
-        buffers = {self._topic(each.source, each.player) for each in inputs}
+        played = {self._topic(input_.topic, input_.player) for input_ in inputs}
+        buffers = {self._topic(input_.source, input_.player) for input_ in inputs}
         loaders = [graph.loader] if graph.loader is not None else []
         self.before = (self._targets(loaders) | buffers) - played
         self.after = played | self._targets(graph.monitors)
@@ -212,7 +213,9 @@ class _Roles:
         return topic_in(member.namespace or self.namespace, topic)
 
     def _targets(self, nodes: list[NodeAction]) -> set[str]:
-        return {self._topic(each.target, node) for node in nodes for each in node.remappings}
+        return {
+            self._topic(remapping.target, node) for node in nodes for remapping in node.remappings
+        }
 
     def _topics(self, member: Member) -> set[str]:
         names = [remapping.target for remapping in member.remappings]

@@ -73,14 +73,14 @@ class _Mistakes:
                         "graph it is named after",
                         remapping.place,
                     )
-        for each in self.inputs:
-            side = _side(each.source)
-            if side and _side(each.topic) not in {"", side}:
+        for input_ in self.inputs:
+            side = _side(input_.source)
+            if side and _side(input_.topic) not in {"", side}:
                 yield _finding(
                     "R2B720",
-                    f"the {side} buffer {each.source!r} is played on {each.topic!r}",
+                    f"the {side} buffer {input_.source!r} is played on {input_.topic!r}",
                     "the graph gets the cameras exchanged",
-                    each.player.source.place_of("remappings"),
+                    input_.player.source.place_of("remappings"),
                 )
 
     def names_used_twice(self) -> Iterator[Diagnostic]:
@@ -227,24 +227,25 @@ class _Mistakes:
         loader = self.graph.loader
         if loader is None or self.graph.preprocessors:
             return
-        loaded = {topic_in(loader.namespace, each.target) for each in loader.remappings}
-        for each in self.inputs:
-            topic = topic_in(each.player.namespace, each.source)
-            buffer = f"buffer/input{each.number}"
-            is_renamed = any(remapping.source == buffer for remapping in each.player.remappings)
+        loaded = {topic_in(loader.namespace, remapping.target) for remapping in loader.remappings}
+        for input_ in self.inputs:
+            topic = topic_in(input_.player.namespace, input_.source)
+            buffer = f"buffer/input{input_.number}"
+            is_renamed = any(remapping.source == buffer for remapping in input_.player.remappings)
             # The loader also publishes the topics that it does not rename, under their own names.
             is_recorded = "/" not in topic.removeprefix(f"{self.settings.namespace}/")
             if is_renamed and topic not in loaded and not is_recorded:
                 yield _finding(
                     "R2B727",
-                    f"nothing publishes {topic!r}, which input {each.number} of the player buffers",
+                    f"nothing publishes {topic!r}, which input {input_.number} of the player "
+                    "buffers",
                     "the run ends with 'start_recording service returned with a timeout (0 "
                     "messages recorded)'",
-                    each.player.source.place_of("remappings"),
+                    input_.player.source.place_of("remappings"),
                 )
 
     def monitored_inputs(self) -> Iterator[Diagnostic]:
-        played = {each.full_topic for each in self.inputs}
+        played = {input_.full_topic for input_ in self.inputs}
         for node in self.graph.monitors:
             topic = topic_in(node.namespace, node.remapped("output"))
             if topic in played:

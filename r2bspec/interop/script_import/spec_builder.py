@@ -30,7 +30,7 @@ from r2bspec.interop.script_import.spec_text import (
     relative_folder,
     unique_name,
 )
-from r2bspec.interop.script_import.values import ImageSize, Note
+from r2bspec.interop.script_import.values import ImageSize, ImportNote
 from r2bspec.language.names import MESSAGE_TYPE, MONITOR_NAME, NAME
 
 _NOT_IMPORTED: Final = "R2B710"
@@ -77,7 +77,7 @@ def build_spec(script: BenchmarkScript, folder: Path) -> ImportedSpec:
 class _SpecBuilder:
     def __init__(self, script: BenchmarkScript, folder: Path) -> None:
         self.script = script
-        notes: list[Note] = []
+        notes: list[ImportNote] = []
         self.settings = Settings(script, notes)
         self.namespace = self.settings.namespace
         script_folder = relative_folder(script.module.file.parent, folder)
@@ -103,7 +103,7 @@ class _SpecBuilder:
         top = self._head(name)
         notes = [*self.script.notes, *self.values.notes]
         missing = self._missing_modules()
-        found = [
+        entries = [
             *missing,
             *(_finding(_NOT_IMPORTED, Severity.WARNING, note) for note in notes),
             *(_finding(_CHANGED, Severity.INFO, note) for note in self.values.changes),
@@ -112,7 +112,7 @@ class _SpecBuilder:
         return ImportedSpec(
             name,
             self._text(top, notes),
-            tuple(dict.fromkeys(sorted(found, key=lambda finding: finding.sort_key))),
+            tuple(dict.fromkeys(sorted(entries, key=lambda finding: finding.sort_key))),
             self.script.texts,
             is_whole=not missing,
         )
@@ -147,7 +147,7 @@ class _SpecBuilder:
         top.add("variables", self._variables())
         return top
 
-    def _text(self, top: Block, notes: list[Note]) -> str:
+    def _text(self, top: Block, notes: list[ImportNote]) -> str:
         lost = [f"  {Path(n.place.file).name}:{n.place.line}: {n.reason}" for n in notes]
         top.below += ["Not imported:", *dict.fromkeys(lost), ""] if lost else []
         top.below.append(_NO_OBJECTIVES)
@@ -252,7 +252,7 @@ class _SpecBuilder:
             if isinstance(member, NodeAction)
             for remapping in member.remappings
         ]
-        for topic in (*read, *(each.source for each in self.inputs)):
+        for topic in (*read, *(input_.source for input_ in self.inputs)):
             if f"/{topic}" in recorded:
                 # The loader of ros2_benchmark publishes every topic of the recording.
                 topics.setdefault(f"/{topic}", topic)
@@ -276,8 +276,8 @@ class _SpecBuilder:
         if self.graph.player is None:
             self.values.lose("the script has no playback node", self.script.config.place)
         inputs = Block()
-        for each in self.inputs:
-            self._add_input(inputs, each)
+        for input_ in self.inputs:
+            self._add_input(inputs, input_)
         block.add("inputs", inputs)
         return block
 
@@ -424,5 +424,5 @@ class _SpecBuilder:
         ]
 
 
-def _finding(code: str, severity: Severity, note: Note) -> Diagnostic:
+def _finding(code: str, severity: Severity, note: ImportNote) -> Diagnostic:
     return Diagnostic(code, severity, note.reason, note.place)

@@ -411,7 +411,9 @@ def _command(effect: Construct) -> tuple[list[str], str, str]:
     if program and isinstance(first, list):
         options = [str(option) for option in first]
         start = "--saveEngine="
-        created = next((each.removeprefix(start) for each in options if each.startswith(start)), "")
+        created = next(
+            (option.removeprefix(start) for option in options if option.startswith(start)), ""
+        )
         name = identifier(_stem(created)) if created else "convert_model"
         return [program, *options], created, name
     if effect.name in {"os.makedirs", "os.mkdir"} and isinstance(first, str):

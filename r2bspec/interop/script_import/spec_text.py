@@ -23,9 +23,9 @@ from r2bspec.interop.script_import.source_files import ScriptComments
 from r2bspec.interop.script_import.values import (
     Construct,
     ImageSize,
+    ImportNote,
     LaunchText,
     NamedNumber,
-    Note,
     NotKnownError,
     ScriptLimitError,
     Unknown,
@@ -40,7 +40,7 @@ _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ufeff\ud800-\udfff]")
 
 
 @dataclass(slots=True)
-class Entry:
+class TextEntry:
     """A key with its value and comments."""
 
     key: str
@@ -53,7 +53,7 @@ class Entry:
 class Block:
     """A map that is written one key per line."""
 
-    entries: list[Entry] = field(default_factory=list)
+    entries: list[TextEntry] = field(default_factory=list)
     below: list[str] = field(default_factory=list)
 
     @classmethod
@@ -69,7 +69,7 @@ class Block:
         is_empty = isinstance(value, list | dict) and not value
         if value is None or is_empty or (isinstance(value, Block) and not value):
             return
-        self.entries.append(Entry(key, value, tuple(above), after))
+        self.entries.append(TextEntry(key, value, tuple(above), after))
 
     def __bool__(self) -> bool:
         return bool(self.entries or self.below)
@@ -100,7 +100,7 @@ def comment_lines(texts: Iterable[str], indent: str) -> list[str]:
 def flow(value: Any) -> str:
     """A value on one line."""
     if isinstance(value, dict):
-        inside = ", ".join(f"{flow(key)}: {flow(each)}" for key, each in value.items())
+        inside = ", ".join(f"{flow(key)}: {flow(item)}" for key, item in value.items())
         return f"{{{inside}}}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(flow, value))}]"
@@ -128,7 +128,7 @@ def _quoted(text: str) -> str:
     return f'"{escaped}"'
 
 
-def _entry(entry: Entry, indent: str) -> list[str]:
+def _entry(entry: TextEntry, indent: str) -> list[str]:
     above = list(entry.above)
     after = f" # {_CONTROL.sub('?', entry.after)}" if entry.after else ""
     if after and not isinstance(entry.value, Block):
@@ -140,12 +140,12 @@ def _entry(entry: Entry, indent: str) -> list[str]:
     head = f"{indent}{scalar(entry.key)}:"
     value = entry.value
     if isinstance(value, Block):
-        inner = [line for each in value.entries for line in _entry(each, indent + "  ")]
+        inner = [line for nested in value.entries for line in _entry(nested, indent + "  ")]
         below = comment_lines(value.below, indent + "  ")
         if not value.entries:
             return [
                 *lines,
-                *(f"{indent}# {entry.key}: {each[len(indent) + 4 :]}" for each in below),
+                *(f"{indent}# {entry.key}: {line[len(indent) + 4 :]}" for line in below),
             ]
         return [*lines, head + after, *below, *inner]
     if isinstance(value, dict | list | tuple):
@@ -157,23 +157,25 @@ def _entry(entry: Entry, indent: str) -> list[str]:
 
 
 def _has_block(value: Any) -> bool:
-    return not isinstance(value, dict) and any(isinstance(each, Block) for each in value)
+    return not isinstance(value, dict) and any(isinstance(item, Block) for item in value)
 
 
 def _long(value: Any, indent: str) -> list[str]:
     if isinstance(value, dict):
-        return [line for key, each in value.items() for line in _entry(Entry(key, each), indent)]
+        return [
+            line for key, nested in value.items() for line in _entry(TextEntry(key, nested), indent)
+        ]
     lines = []
-    for each in value:
-        if isinstance(each, Block):
-            inner = [line for one in each.entries for line in _entry(one, indent + "  ")]
+    for item in value:
+        if isinstance(item, Block):
+            inner = [line for entry in item.entries for line in _entry(entry, indent + "  ")]
             inner = inner or [f"{indent}  {{}}"]
             lines.append(f"{indent}- {inner[0].strip()}")
             lines += inner[1:]
-        elif isinstance(each, dict | list | tuple):
-            lines.append(f"{indent}- {flow(each)}")
+        elif isinstance(item, dict | list | tuple):
+            lines.append(f"{indent}- {flow(item)}")
         else:
-            lines.append(f"{indent}- {scalar(each)}")
+            lines.append(f"{indent}- {scalar(item)}")
     return lines
 
 
@@ -215,17 +217,17 @@ class SpecValues:
     comments: ScriptComments
     variables: dict[str, Any] = field(default_factory=dict)
     environment: list[str] = field(default_factory=list)
-    notes: list[Note] = field(default_factory=list)
-    changes: list[Note] = field(default_factory=list)
+    notes: list[ImportNote] = field(default_factory=list)
+    changes: list[ImportNote] = field(default_factory=list)
     share_folder: Callable[[str], str] = "/opt/ros/jazzy/share/{}".format
 
     def lose(self, reason: str, place: Span) -> None:
         """Note something that has no form in the spec."""
-        self.notes.append(Note(reason, place))
+        self.notes.append(ImportNote(reason, place))
 
     def change(self, what: str, place: Span) -> None:
         """Note something that the spec says in another way."""
-        self.changes.append(Note(what, place))
+        self.changes.append(ImportNote(what, place))
 
     def convert(self, value: Any, place: Span) -> Any:
         """A value of a spec.

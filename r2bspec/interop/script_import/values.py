@@ -1,9 +1,10 @@
 """What an evaluated script can hold beside Python's own values, and the limits of all of it.
 
 A call of something that is not in the script is a `Construct`: its full name, arguments and place.
-What the script does not determine is an `Unknown`: a `Note` with the reason and the place where it
-began. Within an expression, `NotKnownError` carries it to where the value is used. Places are those
-of findings: lines and columns count from 1, and what spans lines is marked at its beginning.
+What the script does not determine is an `Unknown`: an `ImportNote` with the reason and the place
+where it began. Within an expression, `NotKnownError` carries it to where the value is used. Places
+are those of findings: lines and columns count from 1, and what spans lines is marked at its
+beginning.
 
 A script may be hostile. So every step is counted, texts and containers have a largest size, and a
 container counts with everything in it: a list that contains itself twice, sixty times over, is
@@ -85,7 +86,7 @@ def check_size(*values: Any) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Note:
+class ImportNote:
     """Something in the script that was not followed, and why."""
 
     reason: str
@@ -93,7 +94,7 @@ class Note:
 
 
 @dataclass(frozen=True, slots=True)
-class Unknown(Note):
+class Unknown(ImportNote):
     """A value that the script alone does not determine."""
 
 
@@ -326,7 +327,7 @@ class ScriptClass:
 
 
 @dataclass(slots=True, eq=False)
-class Instance:
+class ScriptObject:
     """An object of a class of a script."""
 
     kind: ScriptClass

@@ -39,10 +39,10 @@ def quantile(part: str) -> float | None:
 
     None if `part` is no percentile; p0 and p00 are none, because they are the minimum.
     """
-    found = _PERCENTILE.fullmatch(part)
-    if found is None or int(found[1]) == 0:
+    percentile = _PERCENTILE.fullmatch(part)
+    if percentile is None or int(percentile[1]) == 0:
         return None
-    return float(f"0.{int(found[1]):02d}{found[2] or ''}")
+    return float(f"0.{int(percentile[1]):02d}{percentile[2] or ''}")
 
 
 def _ascending(part: str) -> tuple[int, float]:
@@ -51,7 +51,7 @@ def _ascending(part: str) -> tuple[int, float]:
 
 
 PARTS: Final = tuple(
-    sorted((each for each in Distribution.__struct_fields__ if each != "n"), key=_ascending)
+    sorted((name for name in Distribution.__struct_fields__ if name != "n"), key=_ascending)
 )
 """Every part, as complete tables and exports have them, in ascending order except the mean."""
 

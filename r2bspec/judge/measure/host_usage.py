@@ -177,13 +177,13 @@ _MIN_LATENCY_DIFFERENCE_NS = 100_000
 
 def pool_resource_use(samples: Iterable[ResourceUse | None]) -> ResourceUse | None:
     """The mean of the means, the largest of the maxima, the sum of the counts; None without any."""
-    known = [one for one in samples if one is not None]
+    known = [sample for sample in samples if sample is not None]
     if not known:
         return None
-    means = [one.cpu_mean for one in known if one.cpu_mean is not None]
-    busiest = [one.cpu_max for one in known if one.cpu_max is not None]
-    memory = [one.memory_max_bytes for one in known if one.memory_max_bytes is not None]
-    faults = [one.minor_faults for one in known if one.minor_faults is not None]
+    means = [sample.cpu_mean for sample in known if sample.cpu_mean is not None]
+    busiest = [sample.cpu_max for sample in known if sample.cpu_max is not None]
+    memory = [sample.memory_max_bytes for sample in known if sample.memory_max_bytes is not None]
+    faults = [sample.minor_faults for sample in known if sample.minor_faults is not None]
     return ResourceUse(
         cpu_mean=sum(means) / len(means) if means else None,
         cpu_max=max(busiest, default=None),
@@ -306,12 +306,12 @@ def harness_slowdown(
     Returns:
         None if the harness overhead of no input is in both.
     """
-    before = {(each.topic, each.rate_hz): each.latency_p50_ns for each in usual}
+    before = {(overhead.topic, overhead.rate_hz): overhead.latency_p50_ns for overhead in usual}
     ratios = [
-        each.latency_p50_ns / known
-        if each.latency_p50_ns - known > _MIN_LATENCY_DIFFERENCE_NS
+        overhead.latency_p50_ns / known
+        if overhead.latency_p50_ns - known > _MIN_LATENCY_DIFFERENCE_NS
         else 1.0
-        for each in now
-        if each.latency_p50_ns and (known := before.get((each.topic, each.rate_hz)))
+        for overhead in now
+        if overhead.latency_p50_ns and (known := before.get((overhead.topic, overhead.rate_hz)))
     ]
     return max(ratios, default=None)

@@ -46,7 +46,7 @@ received up to this long before its step was published is not early."""
 
 
 @dataclass(frozen=True)
-class Ratio:
+class StepRatio:
     """How many outputs belong to how many steps, and the position of the graph's count.
 
     Attributes:
@@ -79,10 +79,10 @@ class Ratio:
         return -(-self.outputs // self.inputs)
 
 
-ONE_TO_ONE = Ratio()
+ONE_TO_ONE = StepRatio()
 
 
-def ratio_of(plan: MonitorPlan, played_before: int) -> Ratio:
+def ratio_of(plan: MonitorPlan, played_before: int) -> StepRatio:
     """The ratio of a monitor in a segment.
 
     Args:
@@ -91,7 +91,7 @@ def ratio_of(plan: MonitorPlan, played_before: int) -> Ratio:
     """
     if plan.match == "stamp" and plan.ratio_inputs == plan.ratio_outputs:
         return ONE_TO_ONE
-    return Ratio(plan.ratio_inputs, plan.ratio_outputs, played_before)
+    return StepRatio(plan.ratio_inputs, plan.ratio_outputs, played_before)
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ def match(
     playback: Rows,
     monitor: Rows,
     by: Literal["stamp", "order", "own_pace"],
-    ratio: Ratio = ONE_TO_ONE,
+    ratio: StepRatio = ONE_TO_ONE,
 ) -> Matching:
     """Match messages to steps.
 
@@ -244,7 +244,7 @@ def _answers_by_order(playback: Rows, monitor: Rows, expected: int) -> NDArray[n
 
 
 def _answers_of_groups(
-    matched: NDArray[np.int64], steps: int, ratio: Ratio
+    matched: NDArray[np.int64], steps: int, ratio: StepRatio
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
     """Assign messages to the expected outputs of their groups, as many as possible.
 
@@ -346,14 +346,14 @@ def select_expected_steps(
         inputs: of the plan.
         monitor: of the plan; without 'answers', every step counts.
     """
-    wanted = np.int64(input_mask(inputs, monitor.answers))
-    found: Rows = playback[(playback["inputs"] & wanted) == wanted]
-    return found
+    mask = np.int64(input_mask(inputs, monitor.answers))
+    rows: Rows = playback[(playback["inputs"] & mask) == mask]
+    return rows
 
 
 def input_mask(inputs: Sequence[InputPlan], topics: Sequence[str]) -> int:
     """The set of the inputs on these topics, as bits."""
-    return sum(1 << number for number, each in enumerate(inputs) if each.topic in topics)
+    return sum(1 << number for number, input_ in enumerate(inputs) if input_.topic in topics)
 
 
 @dataclass(frozen=True)
@@ -370,7 +370,7 @@ class MatchedMonitor:
 
     steps: Rows
     rows: Rows
-    ratio: Ratio
+    ratio: StepRatio
     matching: Matching
     own_pace: bool = False
 
@@ -420,7 +420,7 @@ class StepStamps:
         """
         if not self._offsets_ns.size or not received.size:
             return received
-        found = received.copy()
+        rows = received.copy()
         # Where a stamp belongs to two steps, the earlier one counts.
         for inputs_ns, steps_ns in (
             _ascending(*self._stamps(playback, first)),
@@ -431,8 +431,8 @@ class StepStamps:
             place = np.searchsorted(inputs_ns, received["stamp_ns"])
             place = np.minimum(place, inputs_ns.size - 1)
             belongs = inputs_ns[place] == received["stamp_ns"]
-            found["stamp_ns"][belongs] = steps_ns[place[belongs]]
-        return found
+            rows["stamp_ns"][belongs] = steps_ns[place[belongs]]
+        return rows
 
     def remember(self, playback: Rows, first: int) -> None:
         """Keep the stamps of steps that have been played; arguments as in `replace`."""

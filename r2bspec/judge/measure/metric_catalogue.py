@@ -355,10 +355,15 @@ def _unknown_metric(
     """The error for an unknown name: if its first word is a family, only that family is listed."""
     family = name.partition(".")[0]
     everything = names(processes)
-    known = tuple(one for one in everything if one.partition(".")[0] == family) or everything
+    known = (
+        tuple(metric_name for metric_name in everything if metric_name.partition(".")[0] == family)
+        or everything
+    )
     close = did_you_mean(name, known)
     return MetricError(
-        message, tuple(prefix + one for one in known), prefix + close if close else ""
+        message,
+        tuple(prefix + metric_name for metric_name in known),
+        prefix + close if close else "",
     )
 
 
@@ -474,10 +479,10 @@ def find_metric(name: str) -> MetricInfo:
 
 def groups() -> Iterator[tuple[str, tuple[MetricInfo, ...]]]:
     """The metrics by stem, in the order of the catalogue."""
-    found: dict[str, list[MetricInfo]] = {}
+    families: dict[str, list[MetricInfo]] = {}
     for info in METRICS.values():
-        found.setdefault(stem(info), []).append(info)
-    for name, infos in found.items():
+        families.setdefault(stem(info), []).append(info)
+    for name, infos in families.items():
         yield name, tuple(infos)
 
 

@@ -157,7 +157,7 @@ def window_values(
     """
     if samples.monitors[monitor].own_pace:
         return _values_at_own_pace(info, samples.monitors[monitor], samples, window_ns)
-    found: list[float] = []
+    values: list[float] = []
     lost: list[float] = []
     without = 0
     whole = samples.monitors[monitor]
@@ -167,14 +167,14 @@ def window_values(
     for seen in windows(whole, samples.segment.ended_ns, window_ns, period_ns):
         value = monitor_value(info, seen)
         if value is not None and seen.answered:
-            found.append(value)
+            values.append(value)
         elif seen.missed:
-            found.append(worst)
+            values.append(worst)
         else:
             without += 1
             continue
         lost.append(seen.missed / seen.expected)
-    return WindowValues(tuple(found), without, tuple(lost))
+    return WindowValues(tuple(values), without, tuple(lost))
 
 
 def _values_at_own_pace(

@@ -226,7 +226,7 @@ def _measure_rate(
     reruns: Mapping[str, SegmentSamples],
     pace: Pace,
 ) -> RateMetrics:
-    iterations = tuple(measure_segment(one) for one in samples)
+    iterations = tuple(measure_segment(sample) for sample in samples)
     return RateMetrics(
         offered_hz=rate_hz,
         iterations=iterations,
@@ -235,25 +235,25 @@ def _measure_rate(
         spread={name: _spread(iterations, name) for name in samples[0].monitors},
         reruns=tuple(
             measure_segment(again)
-            for one in samples
-            if (again := reruns.get(one.segment.id)) is not None
+            for sample in samples
+            if (again := reruns.get(sample.segment.id)) is not None
         ),
     )
 
 
 def _pooled(samples: Sequence[SegmentSamples]) -> SegmentMetrics:
-    machine = pool_resource_use(one.machine for one in samples)
-    sent = sum(one.playback.sent for one in samples if not one.playback.live)
-    names = dict.fromkeys(name for one in samples for name in one.processes)
+    machine = pool_resource_use(sample.machine for sample in samples)
+    sent = sum(sample.playback.sent for sample in samples if not sample.playback.live)
+    names = dict.fromkeys(name for sample in samples for name in sample.processes)
     processes = {
-        name: pool_resource_use(one.processes.get(name) for one in samples) for name in names
+        name: pool_resource_use(sample.processes.get(name) for sample in samples) for name in names
     }
     return SegmentMetrics(
         segment="",
         index=None,
-        playback=_playback(pool_playback([one.playback for one in samples])),
+        playback=_playback(pool_playback([sample.playback for sample in samples])),
         monitors={
-            name: _monitor(pool_monitor([one.monitors[name] for one in samples]))
+            name: _monitor(pool_monitor([sample.monitors[name] for sample in samples]))
             for name in samples[0].monitors
         },
         processes={name: _use(used, sent) for name, used in processes.items() if used is not None},
@@ -263,19 +263,23 @@ def _pooled(samples: Sequence[SegmentSamples]) -> SegmentMetrics:
 
 def _spread(iterations: Sequence[SegmentMetrics], monitor: str) -> dict[str, Spread]:
     """The range over the iterations of the main metrics."""
-    seen = [one.monitors[monitor] for one in iterations]
+    seen = [iteration.monitors[monitor] for iteration in iterations]
     columns: dict[str, list[float | None]] = {
-        "throughput.mean": [one.throughput_hz for one in seen],
+        "throughput.mean": [sample.throughput_hz for sample in seen],
         **{
-            f"latency.{part}": [part_value(one.latency, part) for one in seen]
+            f"latency.{part}": [part_value(sample.latency, part) for sample in seen]
             for part in ("mean", *MAIN_PERCENTILES, "max")
         },
-        f"jitter.{TAIL_PERCENTILE}": [part_value(one.jitter, TAIL_PERCENTILE) for one in seen],
+        f"jitter.{TAIL_PERCENTILE}": [
+            part_value(sample.jitter, TAIL_PERCENTILE) for sample in seen
+        ],
         **{
-            f"age.{part}": [part_value(one.age, part) for one in seen if one.age is not None]
+            f"age.{part}": [
+                part_value(sample.age, part) for sample in seen if sample.age is not None
+            ]
             for part in (*MAIN_PERCENTILES, "max")
         },
-        "drop_rate": [one.drop_rate for one in seen],
+        "drop_rate": [sample.drop_rate for sample in seen],
     }
     known = {
         name: [value for value in values if value is not None] for name, values in columns.items()

@@ -57,7 +57,7 @@ def own_period_s(segment: Segment, matched: MatchedMonitor) -> float | None:
 
 def pooled_period_s(periods_s: Sequence[float | None]) -> float | None:
     """The period over several segments: the median, if at least half of them have one."""
-    known = [each for each in periods_s if each is not None]
+    known = [period_s for period_s in periods_s if period_s is not None]
     return float(np.median(known)) if known and 2 * len(known) >= len(periods_s) else None
 
 

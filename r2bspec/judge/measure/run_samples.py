@@ -136,7 +136,9 @@ def merged_samples(merged: MergedRun, runs: Sequence[RunSamples]) -> RunSamples:
         iterations={rate: tuple(played) for rate, played in iterations.items()},
         sustained=sustained,
         incomplete=tuple(
-            each.id for each in segments.values() if each.kind == "iteration" and not each.complete
+            segment.id
+            for segment in segments.values()
+            if segment.kind == "iteration" and not segment.complete
         ),
         reruns=reruns,
         mode=merged.plan.playback_mode,
@@ -154,7 +156,9 @@ class _PlayedStamps:
         """The stamps in their order, and the begin of the first segment of each."""
         segments = sorted(self._run.record.segments, key=lambda segment: segment.began_ns)
         played = [self._run.playback(segment)["stamp_ns"] for segment in segments]
-        began = np.repeat([each.began_ns for each in segments], [each.size for each in played])
+        began = np.repeat(
+            [segment.began_ns for segment in segments], [rows.size for rows in played]
+        )
         stamps, first = np.unique(np.concatenate(played), return_index=True)
         return stamps, began[first]
 
@@ -177,7 +181,9 @@ def _read_rows(run: Run, segment: Segment, played: _PlayedStamps) -> SegmentRows
     taps = dict.fromkeys(tap.topic for monitor in run.plan.monitors for tap in monitor.taps)
     return SegmentRows(
         playback=run.playback(segment),
-        monitors={each.name: run.monitor(segment, each.name) for each in run.plan.monitors},
+        monitors={
+            monitor.name: run.monitor(segment, monitor.name) for monitor in run.plan.monitors
+        },
         taps={} if segment.live else {topic: run.tap(segment, topic) for topic in taps},
         played_earlier=partial(played.before, segment.began_ns),
     )
@@ -221,17 +227,21 @@ def segment_samples(
         matched: the match of each monitor, where the caller has it already.
     """
     if segment.live:
-        monitors = {name: live_samples(segment, each) for name, each in rows.monitors.items()}
+        monitors = {name: live_samples(segment, row) for name, row in rows.monitors.items()}
     else:
         matched = matched or {
-            each.name: match_monitor(
-                rows.playback, rows.monitors[each.name], each, plan.inputs, segment.played_before
+            monitor.name: match_monitor(
+                rows.playback,
+                rows.monitors[monitor.name],
+                monitor,
+                plan.inputs,
+                segment.played_before,
             )
-            for each in plan.monitors
+            for monitor in plan.monitors
         }
         monitors = {
-            each.name: _monitor(plan, segment, rows, each, matched[each.name])
-            for each in plan.monitors
+            monitor.name: _monitor(plan, segment, rows, monitor, matched[monitor.name])
+            for monitor in plan.monitors
         }
     return SegmentSamples(
         segment=segment,
@@ -249,7 +259,7 @@ def _monitor(
     taps = {tap.topic: rows.taps[tap.topic] for tap in monitor.taps}
     hops = hop_samples(plan, monitor, matched.steps, taps, matched.rows, matched.matching)
     if not matched.matching.pairs_known:
-        hops = tuple(each for each in hops if each.target != monitor.topic)
+        hops = tuple(hop for hop in hops if hop.target != monitor.topic)
     return replace(
         monitor_samples(segment, matched),
         overdue=_overdue(rows, matched) if monitor.match == "stamp" else 0,
@@ -346,27 +356,27 @@ def run_samples(
             peak_hz=record.search.holds_hz if record.search else None,
             monitors=tuple(monitor.name for monitor in plan.monitors),
             iterations={rate: tuple(played) for rate, played in first_played.items()},
-            sustained={each.rate_hz: of_segment(each) for each in sustained if each.complete},
-            incomplete=tuple(each.id for each in iterations if not each.complete),
+            sustained={probe.rate_hz: of_segment(probe) for probe in sustained if probe.complete},
+            incomplete=tuple(iteration.id for iteration in iterations if not iteration.complete),
             reruns=reruns,
             mode=plan.playback_mode,
         )
 
     first = session(
         record,
-        [each for each in record.segments if each.kind == "iteration"],
-        [each for each in record.segments if each.kind == "sustained"],
+        [segment for segment in record.segments if segment.kind == "iteration"],
+        [segment for segment in record.segments if segment.kind == "sustained"],
     )
     fresh = record.confirmation
     if fresh is None:
         return first
-    probed = {each.segment for each in (fresh.search.probes if fresh.search else ())}
-    probed_for = {each.segment for each in fresh.sustained}
-    again = [each for each in record.segments if each.kind == "confirmation"]
+    probed = {probe.segment for probe in (fresh.search.probes if fresh.search else ())}
+    probed_for = {probe.segment for probe in fresh.sustained}
+    again = [segment for segment in record.segments if segment.kind == "confirmation"]
     second = session(
         msgspec.structs.replace(record, search=fresh.search, sustained=fresh.sustained),
-        [each for each in again if each.id not in probed | probed_for],
-        [each for each in again if each.id in probed_for],
+        [rerun for rerun in again if rerun.id not in probed | probed_for],
+        [rerun for rerun in again if rerun.id in probed_for],
     )
     if second.peak_hz is None:
         # The segments at the peak are then played at the peak of the first session.
@@ -381,16 +391,18 @@ def _calibrated(session: RunSamples, calibration: float | None) -> RunSamples:
         return session
 
     def with_calibration(one: SegmentSamples) -> SegmentSamples:
-        known = one.interference or HostInterference()
-        return replace(one, interference=msgspec.structs.replace(known, calibration=calibration))
+        interference = one.interference or HostInterference()
+        return replace(
+            one, interference=msgspec.structs.replace(interference, calibration=calibration)
+        )
 
     return replace(
         session,
         iterations={
-            rate: tuple(with_calibration(one) for one in found)
-            for rate, found in session.iterations.items()
+            rate: tuple(with_calibration(sample) for sample in samples)
+            for rate, samples in session.iterations.items()
         },
-        reruns={name: with_calibration(one) for name, one in session.reruns.items()},
+        reruns={name: with_calibration(rerun) for name, rerun in session.reruns.items()},
     )
 
 

@@ -87,11 +87,11 @@ class StepTimes:
     @classmethod
     def joined(cls, parts: Sequence[StepTimes]) -> StepTimes:
         """Those of several segments, at least one, one after the other."""
-        newest = [each.newest_ns for each in parts if each.newest_ns is not None]
+        newest = [part.newest_ns for part in parts if part.newest_ns is not None]
         return cls(
-            due_ns=np.concatenate([each.due_ns for each in parts]),
-            published_ns=np.concatenate([each.published_ns for each in parts]),
-            received_ns=np.concatenate([each.received_ns for each in parts]),
+            due_ns=np.concatenate([part.due_ns for part in parts]),
+            published_ns=np.concatenate([part.published_ns for part in parts]),
+            received_ns=np.concatenate([part.received_ns for part in parts]),
             newest_ns=np.concatenate(newest) if newest else None,
         )
 
@@ -230,9 +230,9 @@ class MonitorSamples:
 
 def known_latencies(seen: Sequence[MonitorSamples]) -> Seconds:
     """The latencies of a monitor over several iterations; none if those of one are unknown."""
-    if any(one.unknown_latency for one in seen):
+    if any(sample.unknown_latency for sample in seen):
         return np.empty(0)
-    return np.concatenate([one.times["latency"] for one in seen])
+    return np.concatenate([sample.times["latency"] for sample in seen])
 
 
 @dataclass(frozen=True)
@@ -302,7 +302,9 @@ class RunSamples:
 
         1 where the verdict is of this start alone; also without any iteration.
         """
-        return min((len(set(starts_of(found))) for found in self.iterations.values()), default=1)
+        return min(
+            (len(set(starts_of(iteration))) for iteration in self.iterations.values()), default=1
+        )
 
     def iterations_at(self, at_hz: float | None) -> tuple[SegmentSamples, ...]:
         """The iterations at a rate; none if there is no rate."""
@@ -319,7 +321,7 @@ class RunSamples:
 
 def starts_of(iterations: Sequence[SegmentSamples]) -> tuple[int, ...]:
     """The start of the graph's processes that each iteration was played in."""
-    return tuple(one.segment.start for one in iterations)
+    return tuple(iteration.segment.start for iteration in iterations)
 
 
 @dataclass(frozen=True)
@@ -500,21 +502,21 @@ def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
     Times are concatenated, so that each message weighs the same; no interval spans two
     iterations. The throughput is the mean of the iterations' throughputs.
     """
-    counts = {name: sum(getattr(one, name) for one in samples) for name in _COUNTS}
+    counts = {name: sum(getattr(sample, name) for sample in samples) for name in _COUNTS}
     return MonitorSamples(
-        steps=StepTimes.joined([one.steps for one in samples]),
+        steps=StepTimes.joined([sample.steps for sample in samples]),
         times={
-            family: np.concatenate([one.times[family] for one in samples])
-            if all(one.knows(family) for one in samples)
+            family: np.concatenate([sample.times[family] for sample in samples])
+            if all(sample.knows(family) for sample in samples)
             else np.empty(0)
             for family in samples[0].times
         },
-        throughput_hz=sum(one.throughput_hz for one in samples) / len(samples),
+        throughput_hz=sum(sample.throughput_hz for sample in samples) / len(samples),
         by_order=samples[0].by_order,
         per_step=samples[0].per_step,
-        hops=pool_hops([one.hops for one in samples]),
+        hops=pool_hops([sample.hops for sample in samples]),
         own_pace=samples[0].own_pace,
-        own_period_s=pooled_period_s([one.own_period_s for one in samples]),
+        own_period_s=pooled_period_s([sample.own_period_s for sample in samples]),
         **counts,
     )
 
@@ -522,9 +524,9 @@ def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
 def pool_playback(samples: Sequence[PlaybackSamples]) -> PlaybackSamples:
     """The playback of several iterations, at least one; its rate is the mean of theirs."""
     return PlaybackSamples(
-        sent=sum(one.sent for one in samples),
-        rate_hz=sum(one.rate_hz for one in samples) / len(samples),
-        lateness=np.concatenate([one.lateness for one in samples]),
-        planned_hz=sum(one.planned_hz for one in samples) / len(samples),
+        sent=sum(sample.sent for sample in samples),
+        rate_hz=sum(sample.rate_hz for sample in samples) / len(samples),
+        lateness=np.concatenate([sample.lateness for sample in samples]),
+        planned_hz=sum(sample.planned_hz for sample in samples) / len(samples),
         live=samples[0].live,
     )

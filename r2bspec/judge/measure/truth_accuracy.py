@@ -157,7 +157,7 @@ class TagAccuracy:
         if true is None:
             return
         self.visible += 1
-        answers = [offset(each, true) for each in found if answers_tag(each, true)]
+        answers = [offset(answer, true) for answer in found if answers_tag(answer, true)]
         if answers:
             self.errors.append(min(answers))
 
@@ -191,7 +191,7 @@ def offset(found: TagPose, true: TagPose) -> float:
 
 def angle_deg(found: TagPose, true: TagPose) -> float:
     """The angle between both rotations: 2 acos |p . q| of unit quaternions."""
-    lengths = [math.hypot(*each.orientation_xyzw) for each in (found, true)]
+    lengths = [math.hypot(*pose.orientation_xyzw) for pose in (found, true)]
     if not all(length and math.isfinite(length) for length in lengths):
         return 180.0
     dot = math.fsum(

@@ -75,10 +75,10 @@ def show_range(low: float, high: float, unit: str) -> str:
 
 def _scale(unit: str, name: str) -> float:
     """The factor from a number with the unit `name` to `unit`."""
-    known = {label: factor for factor, label in (*_TIMES, *_SIZES, *_FREQUENCIES)}
+    factors = {label: factor for factor, label in (*_TIMES, *_SIZES, *_FREQUENCIES)}
     if unit == "share":
         return 0.01
-    return known.get(name, 1.0) if unit in {"s", "B", "Hz"} else 1.0
+    return factors.get(name, 1.0) if unit in {"s", "B", "Hz"} else 1.0
 
 
 def _scaled(value: float, scales: tuple[tuple[float, str], ...], digits: int) -> str:

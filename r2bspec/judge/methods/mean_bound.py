@@ -99,7 +99,11 @@ def judge_mean(case: RequirementCase, record: RunRecord) -> Decision:
 def _messages(case: RequirementCase) -> list[Seconds]:
     """The messages behind the value of each iteration; nothing where it has none."""
     family = case.info.family
-    return [one.times[family] for one in case.monitor_samples if family in one.times]
+    return [
+        monitor_sample.times[family]
+        for monitor_sample in case.monitor_samples
+        if family in monitor_sample.times
+    ]
 
 
 def _without_lost(case: RequirementCase, decision: Decision) -> Decision:
@@ -107,7 +111,7 @@ def _without_lost(case: RequirementCase, decision: Decision) -> Decision:
     if case.monitor is None or case.info.family not in LOSS_SENSITIVE_FAMILIES:
         return decision
     seen = case.monitor_samples
-    lost, expected = sum(one.missed for one in seen), sum(one.expected for one in seen)
+    lost, expected = sum(sample.missed for sample in seen), sum(sample.expected for sample in seen)
     if not lost:
         return decision
     share = show(lost / expected, "share")

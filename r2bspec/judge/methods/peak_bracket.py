@@ -133,18 +133,18 @@ def _kept(search: SearchRecord) -> str:
 
 def peak_doubts(search: SearchRecord) -> tuple[str, ...]:
     """Why a bracket has no confidence, without full stops; empty if it has."""
-    found: list[str] = []
+    doubts: list[str] = []
     if search.proof == "open":
-        found.append("No rate was confirmed when it was played whole")
+        doubts.append("No rate was confirmed when it was played whole")
     elif search.proof == "probes":
         lost = ""
         if search.lost_at_most is not None:
             lost = f", at most {show(search.lost_at_most, 'share', 2)} lost"
-        found.append(f"Only in probes of {show(search.proof_s, 's')}{lost}")
-    found += [f"Not steady: {each}" for each in search.unsteady]
+        doubts.append(f"Only in probes of {show(search.proof_s, 's')}{lost}")
+    doubts += [f"Not steady: {reason}" for reason in search.unsteady]
     if search.refuted:
-        found.append(search.refuted[:1].upper() + search.refuted[1:])
-    return tuple(found)
+        doubts.append(search.refuted[:1].upper() + search.refuted[1:])
+    return tuple(doubts)
 
 
 def _undecided_text(search: SearchRecord) -> str:
@@ -208,14 +208,14 @@ def with_refuted_peak(samples: RunSamples) -> RunSamples:
 
 def _refutation(samples: RunSamples, search: SearchRecord, peak_hz: float) -> str:
     played = [
-        each
+        iteration
         for rate_hz, iterations in samples.iterations.items()
         if math.isclose(rate_hz, peak_hz)
-        for each in iterations
+        for iteration in iterations
     ]
     confidence = 1 - (1 - (search.confidence or CONFIDENCE)) / 2
     for name in samples.monitors:
-        seen = [each.monitors[name] for each in played if name in each.monitors]
+        seen = [sample.monitors[name] for sample in played if name in sample.monitors]
         reason = _grows(seen, search, confidence, peak_hz) or _loses(seen, search, confidence)
         if reason:
             number = f"{len(seen)} iterations" if len(seen) > 1 else "the iteration"
@@ -226,9 +226,9 @@ def _refutation(samples: RunSamples, search: SearchRecord, peak_hz: float) -> st
 def _grows(
     seen: Sequence[MonitorSamples], search: SearchRecord, confidence: float, peak_hz: float
 ) -> str:
-    found = [_latencies(each) for each in seen]
-    usable = [each for each in found if each[0].size >= _MIN_OUTPUTS]
-    if not usable or len(usable) < len(found):
+    latencies = [_latencies(sample) for sample in seen]
+    usable = [latency for latency in latencies if latency[0].size >= _MIN_OUTPUTS]
+    if not usable or len(usable) < len(latencies):
         return ""
     if len(usable) == 1:
         # One iteration is a play like a probe.
@@ -252,7 +252,10 @@ def _latencies(seen: MonitorSamples) -> tuple[NDArray[np.float64], NDArray[np.fl
 
 
 def _loses(seen: Sequence[MonitorSamples], search: SearchRecord, confidence: float) -> str:
-    expected, missed = sum(each.expected for each in seen), sum(each.missed for each in seen)
+    expected, missed = (
+        sum(sample.expected for sample in seen),
+        sum(sample.missed for sample in seen),
+    )
     if not expected or search.max_lost is None:
         return ""
     if lower_bound(missed, expected, confidence) <= search.max_lost:

@@ -76,9 +76,9 @@ def observed_value(case: RequirementCase) -> float | None:
     if info.quantile is not None:
         return _pooled_percentile(case, info.quantile)
     values = [
-        found
-        for one in case.iterations
-        if (found := metric_value(info, case.monitor, one)) is not None
+        value
+        for iteration in case.iterations
+        if (value := metric_value(info, case.monitor, iteration)) is not None
     ]
     if not values:
         return None
@@ -95,7 +95,7 @@ def observed_value(case: RequirementCase) -> float | None:
 def _pooled_percentile(case: RequirementCase, quantile: float) -> float | None:
     family = case.info.family
     if case.info.scope == "playback":
-        lateness = np.concatenate([one.playback.lateness for one in case.iterations])
+        lateness = np.concatenate([iteration.playback.lateness for iteration in case.iterations])
         return percentile(lateness, quantile)
     pooled = pool_monitor(case.monitor_samples)
     lost = pooled.missed if family in LOSS_SENSITIVE_FAMILIES else 0
@@ -108,10 +108,10 @@ def _count_messages(case: RequirementCase) -> int:
     if info.scope == "monitor":
         seen = case.monitor_samples
         if info.family in seen[0].times and info.family not in LOSS_SENSITIVE_FAMILIES:
-            return sum(one.times[info.family].size for one in seen)
-        return sum(one.expected for one in seen)
+            return sum(sample.times[info.family].size for sample in seen)
+        return sum(sample.expected for sample in seen)
     if info.scope == "playback":
-        return sum(one.playback.sent for one in case.iterations)
+        return sum(iteration.playback.sent for iteration in case.iterations)
     return len(case.iterations)
 
 
@@ -138,7 +138,7 @@ def _observation_text(case: RequirementCase, seen: float, n: int) -> str:
     if info.part in {"min", "max"}:
         extreme = "smallest" if info.part == "min" else "largest"
         if math.isinf(seen):
-            missed = sum(one.missed for one in case.monitor_samples)
+            missed = sum(monitor_sample.missed for monitor_sample in case.monitor_samples)
             return f"{show(missed, 'count')} of {show(n, 'count')} outputs never arrived"
         of = f"{show(n, 'count')} {counted_noun(case)}"
         if info.scope not in {"monitor", "playback"}:
@@ -161,26 +161,26 @@ OBSERVATION = DecisionMethod(
 def judge_accuracy(case: RequirementCase, record: RunRecord) -> Decision:
     """Decide a requirement on a metric of scope ``truth``."""
     kind = kind_of(case.info.name)
-    found = next(
+    estimate = next(
         (one for one in record.accuracy if one.kind == kind and one.monitor == case.monitor),
         None,
     )
-    if found is None:
+    if estimate is None:
         return undecided(
             "The messages of this run were not compared with a truth.",
             f"Add 'truth: {{kind: {kind}, ...}}' to the monitor, and run to the end.",
         )
-    if found.problem:
-        return undecided(found.problem, "Use a recording with a ground truth of its images.")
-    value = found.values.get(case.info.name)
+    if estimate.problem:
+        return undecided(estimate.problem, "Use a recording with a ground truth of its images.")
+    value = estimate.values.get(case.info.name)
     seen = "has no value" if value is None else f"is {show(value, case.info.unit)}"
-    answers = f"{found.outputs:,} of {found.steps:,} steps were answered and compared."
+    answers = f"{estimate.outputs:,} of {estimate.steps:,} steps were answered and compared."
     return Decision(
         outcome="pass" if value is not None and case.is_met(value) else "fail",
         method="comparison with truth",
-        reason=f"{case.info.name} {seen}. {f'{found.text} {answers}'.strip()}",
+        reason=f"{case.info.name} {seen}. {f'{estimate.text} {answers}'.strip()}",
         estimate=value,
-        n=found.outputs,
+        n=estimate.outputs,
     )
 
 

@@ -83,7 +83,7 @@ from r2bspec.record.run_record import RunRecord
 def judge_share(case: RequirementCase, record: RunRecord) -> Decision:
     """Decide a requirement on ``drop_rate``: missed outputs, of the expected ones."""
     seen = case.monitor_samples
-    missed = [np.logical_not(one.steps.answered) for one in seen]
+    missed = [np.logical_not(around.steps.answered) for around in seen]
     sample = effective_sample(missed, case.design(case.limit))
     if not sample.n:
         return undecided("No step was played.")
@@ -114,12 +114,12 @@ def _observations(
 ) -> Observations:
     """The bad messages of each iteration that has any messages, for the budget."""
     kept = [
-        (one, start) for one, start in zip(bad, starts_of(case.iterations), strict=True) if one.size
+        (row, start) for row, start in zip(bad, starts_of(case.iterations), strict=True) if row.size
     ]
     return Observations(
-        values=[float(one.mean()) for one, _ in kept],
+        values=[float(row.mean()) for row, _ in kept],
         starts=[start for _, start in kept],
-        rows=[one.astype(np.float64) for one, _ in kept],
+        rows=[row.astype(np.float64) for row, _ in kept],
         by_level=test.clustering in {"iterations", "starts"},
         scale=scale,
     )
@@ -172,8 +172,8 @@ def _notes(
         return notes
     several = len(set(starts)) > 1
     numbers = np.array(starts if several else range(len(seen)))
-    missed = np.bincount(numbers, [one.missed for one in seen])
-    expected = np.bincount(numbers, [one.expected for one in seen])
+    missed = np.bincount(numbers, [sample.missed for sample in seen])
+    expected = np.bincount(numbers, [sample.expected for sample in seen])
     shares = (missed[expected > 0] / expected[expected > 0]).tolist()
     pieces = "starts" if several else "iterations"
     return (
@@ -295,7 +295,7 @@ def values_by_iteration(case: RequirementCase) -> tuple[list[Seconds], int]:
     """The messages of each iteration, in order, and how many are lost (infinitely off)."""
     family = case.info.family
     if case.info.scope == "playback":
-        return [one.playback.lateness for one in case.iterations], 0
+        return [iteration.playback.lateness for iteration in case.iterations], 0
     seen = case.monitor_samples
     lost = sum(one.missed for one in seen) if family in LOSS_SENSITIVE_FAMILIES else 0
     worst = math.inf if case.is_upper_bound else -math.inf
@@ -341,17 +341,17 @@ def judge_windows(case: RequirementCase, record: RunRecord) -> Decision:
             reason=f"{case.info.name} is a metric of a run, not of a window.",
         )
     worst = math.inf if case.is_upper_bound else -math.inf
-    found = [
-        window_values(case.info, case.monitor or "", one, windows.window_ns, worst)
-        for one in case.iterations
+    observed = [
+        window_values(case.info, case.monitor or "", iteration, windows.window_ns, worst)
+        for iteration in case.iterations
     ]
-    pieces = [np.array(one.values) for one in found]
+    pieces = [np.array(one.values) for one in observed]
     if not any(piece.size for piece in pieces):
-        return _without_windows(case, windows, found)
+        return _without_windows(case, windows, observed)
     if case.is_equality:
         return _judge_equality(case, record, windows, pieces)
     decision = _judge_ordered(case, record, windows, pieces)
-    return _without_lost(case, record, windows, found, decision)
+    return _without_lost(case, record, windows, observed, decision)
 
 
 def _without_lost(
@@ -368,15 +368,15 @@ def _without_lost(
     of_latency = case.info.family in LOSS_SENSITIVE_FAMILIES
     if not (of_latency and case.info.statistic == "mean" and case.is_upper_bound):
         return decision
-    lossy = [np.array([share > MAX_LOST_SHARE for share in one.lost]) for one in found]
+    lossy = [np.array([share > MAX_LOST_SHARE for share in observed.lost]) for observed in found]
     number = sum(int(np.count_nonzero(flags)) for flags in lossy)
     if decision.outcome != "pass" or not number:
         return decision
     counted = [
-        np.where(flags, math.inf, one.values) if flags.size else np.array(one.values)
-        for one, flags in zip(found, lossy, strict=True)
+        np.where(flags, math.inf, observed.values) if flags.size else np.array(observed.values)
+        for observed, flags in zip(found, lossy, strict=True)
     ]
-    total = sum(len(one.values) for one in found)
+    total = sum(len(observed.values) for observed in found)
     left_out = (
         f"{show(number, 'count')} of {show(total, 'count')} {counted_noun(case)} lost more "
         f"than {show(MAX_LOST_SHARE, 'share')} of their outputs, which a mean leaves out"
@@ -397,7 +397,7 @@ def _without_windows(
     case: RequirementCase, windows: WindowCondition, found: list[WindowValues]
 ) -> Decision:
     length = show(windows.window_ns / 1e9, "s")
-    if any(one.without for one in found):
+    if any(observed.without for observed in found):
         reason = f"A window of {length} has too few messages for {case.info.name}."
     else:
         reason = f"No iteration is as long as a window of {length}."

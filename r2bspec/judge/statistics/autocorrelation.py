@@ -120,7 +120,7 @@ def _lag_one(values: Sequence[float]) -> float | None:
     """The estimate r_1; None if the values are all the same."""
     mean = math.fsum(values) / max(len(values), 1)
     deviations = [value - mean for value in values]
-    squares = math.fsum(one * one for one in deviations)
+    squares = math.fsum(deviation * deviation for deviation in deviations)
     if not squares > 0:
         return None
     return math.fsum(a * b for a, b in pairwise(deviations)) / squares

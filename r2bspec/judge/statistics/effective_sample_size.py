@@ -136,7 +136,7 @@ def effective_sample(
         design: their starts, and what is asked.
     """
     return effective_sample_of_rows(
-        pad_rows(pieces, fill=False), np.array([one.size for one in pieces]), design
+        pad_rows(pieces, fill=False), np.array([piece.size for piece in pieces]), design
     )
 
 
@@ -174,7 +174,8 @@ def effective_sample_of_rows(
     # Digits that the order of additions decides, which differs between processors, are cut off
     # before anything is compared. The effective sample has at least one message.
     cause, largest = max(
-        ((cause, round(found, 6)) for cause, found in estimates.items()), key=lambda one: one[1]
+        ((cause, round(estimate, 6)) for cause, estimate in estimates.items()),
+        key=lambda one: one[1],
     )
     return EffectiveSample(
         n=n, bad=bad, bursts=bursts, inflation=min(largest, float(n)), cause=cause

@@ -119,25 +119,25 @@ def level_margin(
     Returns:
         None with fewer than two levels, or where the middle half of one is lost.
     """
-    kept = [one for one in values if one.size]
-    numbers = [start for start, one in zip(starts, values, strict=False) if one.size]
+    kept = [value for value in values if value.size]
+    numbers = [start for start, row in zip(starts, values, strict=False) if row.size]
     groups = _by_start(kept, numbers) if len(set(numbers)) >= _MIN_LEVELS else []
-    levels = [middle_half(one) for one in kept]
+    levels = [middle_half(row) for row in kept]
     if len(kept) < _MIN_LEVELS or not all(map(math.isfinite, levels)):
         return None
     inside = _deviation_within(kept, levels)
-    found = [_margin(levels, inside, q, confidence, "iterations", serial=not groups)]
+    margins = [_margin(levels, inside, q, confidence, "iterations", serial=not groups)]
     if groups:
-        by_start = [middle_half(one) for one in groups]
-        found.append(_margin(by_start, inside, q, confidence, "starts", serial=True))
-    return max(found, key=lambda one: one.tail)
+        by_start = [middle_half(group) for group in groups]
+        margins.append(_margin(by_start, inside, q, confidence, "starts", serial=True))
+    return max(margins, key=lambda one: one.tail)
 
 
 def _by_start(
     values: Sequence[NDArray[np.float64]], starts: Sequence[int]
 ) -> list[NDArray[np.float64]]:
     return [
-        np.concatenate([one for one, own in zip(values, starts, strict=True) if own == start])
+        np.concatenate([row for row, own in zip(values, starts, strict=True) if own == start])
         for start in dict.fromkeys(starts)
     ]
 
@@ -157,7 +157,7 @@ def middle_ends(values: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _deviation_within(values: Sequence[NDArray[np.float64]], levels: Sequence[float]) -> float:
-    apart = [np.abs(one - level) for one, level in zip(values, levels, strict=True)]
+    apart = [np.abs(row - level) for row, level in zip(values, levels, strict=True)]
     return _MAD_TO_DEVIATION * float(np.median(np.concatenate(apart)))
 
 
@@ -256,8 +256,8 @@ class RankedMessages:
         """F at one of the levels, and which estimate it is."""
         if level not in self._found:
             least = self.ordered[self.n - level] if level else math.nan
-            found = effective_sample_of_rows(self._rows >= least, self._sizes, self._design)
-            self._found[level] = found.inflation, found.cause
+            effective = effective_sample_of_rows(self._rows >= least, self._sizes, self._design)
+            self._found[level] = effective.inflation, effective.cause
         return self._found[level]
 
     def level_margin(self, q: float, confidence: float) -> LevelMargin | None:
@@ -305,12 +305,12 @@ class RankedMessages:
 
 def _levels(n: int) -> tuple[int, ...]:
     """The k at which F is worked out, ascending, from 0 to n."""
-    found = set(range(min(_EXACT_LEVELS, n) + 1))
+    levels = set(range(min(_EXACT_LEVELS, n) + 1))
     level = float(_EXACT_LEVELS)
     while level < n:
         level *= _LEVEL_GROWTH
-        found.add(min(math.ceil(level), n))
-    return tuple(sorted(found | {n - k for k in found}))
+        levels.add(min(math.ceil(level), n))
+    return tuple(sorted(levels | {n - k for k in levels}))
 
 
 def percentile_interval(

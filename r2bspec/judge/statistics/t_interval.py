@@ -217,22 +217,22 @@ def hierarchical_interval(
     numbers = list(dict.fromkeys(starts))
     serial = len(numbers) < 2
     inflation = serial_inflation(values) if serial else 1.0
-    found = HierarchicalInterval(
+    interval = HierarchicalInterval(
         mean_interval(values, confidence, resolution, inflation),
         "iterations",
         len(values),
         inflation,
     )
     if serial:
-        return found
+        return interval
     means = [
         statistics.fmean(value for value, own in zip(values, starts, strict=True) if own == number)
         for number in numbers
     ]
     inflation = serial_inflation(means)
     by_start = mean_interval(means, confidence, resolution, inflation)
-    if _width(by_start) < _width(found.interval):
-        return found
+    if _width(by_start) < _width(interval.interval):
+        return interval
     return HierarchicalInterval(by_start, "starts", len(means), inflation)
 
 
@@ -312,9 +312,9 @@ def paired_ratio(
     logs = [math.log(b / a) for a, b in zip(base, head, strict=True)]
     # Rounding both values to the resolution moves the logarithm by resolution / value of each.
     relative = math.sqrt(2) * resolution / min((*base, *head), default=1.0)
-    found = mean_interval(logs, confidence, relative)
+    interval = mean_interval(logs, confidence, relative)
     return RatioInterval.of_logarithms(
-        found.mean, found.lower, found.upper, found.deviation, len(logs)
+        interval.mean, interval.lower, interval.upper, interval.deviation, len(logs)
     )
 
 
@@ -363,7 +363,7 @@ class RunValues:
         logs: dict[int, list[float]] = {}
         for value, start in zip(self.values, self.starts, strict=False):
             logs.setdefault(start, []).append(math.log(value))
-        return [math.exp(math.fsum(each) / len(each)) for each in logs.values()]
+        return [math.exp(math.fsum(log) / len(log)) for log in logs.values()]
 
 
 def welch_ratio_of_runs(
@@ -379,13 +379,13 @@ def welch_ratio_of_runs(
     Raises:
         ValueError: fewer than two values on a side, or a value that is not positive.
     """
-    found = welch_ratio(base.values, head.values, confidence)
+    interval = welch_ratio(base.values, head.values, confidence)
     a, b = base.of_starts(), head.of_starts()
     if min(len(a), len(b)) < 2:
-        return found, "iterations"
+        return interval, "iterations"
     by_start = welch_ratio(a, b, confidence)
-    if by_start.upper / by_start.lower < found.upper / found.lower:
-        return found, "iterations"
+    if by_start.upper / by_start.lower < interval.upper / interval.lower:
+        return interval, "iterations"
     return by_start, "starts"
 
 
@@ -409,17 +409,17 @@ def predicted_ratio(history: Sequence[float], new: float, confidence: float) -> 
     """
     *logs, latest = _logarithms((*history[-MAX_HISTORY_RUNS:], new))
     m = len(logs)
-    found = mean_interval(logs, confidence)
+    interval = mean_interval(logs, confidence)
     t = t_quantile(m - 1, confidence)
-    half = t * found.deviation * math.sqrt(1 + 1 / m)
-    difference = latest - found.mean
+    half = t * interval.deviation * math.sqrt(1 + 1 / m)
+    difference = latest - interval.mean
     step = t * math.sqrt(math.fsum((b - a) ** 2 for a, b in pairwise(logs)) / (m - 1))
     last = latest - logs[-1]
     return RatioInterval.of_logarithms(
         difference,
         min(difference - half, last - step),
         max(difference + half, last + step),
-        found.deviation,
+        interval.deviation,
         m,
     )
 
@@ -461,14 +461,14 @@ def noise_floor(ratios: Sequence[float], confidence: float) -> NoiseFloor:
     from scipy.special import chdtri
 
     logs = [math.log(ratio) for ratio in ratios]
-    found = mean_interval(logs, confidence)
+    interval = mean_interval(logs, confidence)
     freedom = len(logs) - 1
     quantile = float(chdtri(freedom, confidence))
     return NoiseFloor(
-        deviation=found.deviation,
-        upper=found.deviation * math.sqrt(freedom / quantile),
-        bias=found.mean,
-        biased=found.lower > 0 or found.upper < 0,
+        deviation=interval.deviation,
+        upper=interval.deviation * math.sqrt(freedom / quantile),
+        bias=interval.mean,
+        biased=interval.lower > 0 or interval.upper < 0,
         n=len(logs),
     )
 

@@ -99,11 +99,11 @@ def sampling_variance(rows: Sequence[NDArray[np.float64]]) -> float:
     covariances = lagged_products(deviations, lags) / pairs
     if not covariances[0] > 0:
         return 0.0
-    weight, found = float(np.mean(1 / sizes)), 0.0
+    weight, variance = float(np.mean(1 / sizes)), 0.0
     for _ in range(_ROUNDS):
-        raised = covariances + found
-        found = float(raised[0]) * geyer_inflation(raised / raised[0]) * weight
-    return min(found, float(covariances[0]))
+        raised = covariances + variance
+        variance = float(raised[0]) * geyer_inflation(raised / raised[0]) * weight
+    return min(variance, float(covariances[0]))
 
 
 @dataclass(frozen=True)
@@ -128,10 +128,10 @@ class NestedSample:
         """From one value for each iteration, the start of each, and v."""
         y, numbers = np.array(values, dtype=np.float64), np.array(starts)
         groups = [y[numbers == number] for number in dict.fromkeys(starts)]
-        sizes = np.array([one.size for one in groups])
+        sizes = np.array([group.size for group in groups])
         n, s = int(sizes.sum()), len(groups)
-        inside = math.fsum(float(((one - one.mean()) ** 2).sum()) for one in groups)
-        between = math.fsum(float(one.size * (one.mean() - y.mean()) ** 2) for one in groups)
+        inside = math.fsum(float(((group - group.mean()) ** 2).sum()) for group in groups)
+        between = math.fsum(float(group.size * (group.mean() - y.mean()) ** 2) for group in groups)
         own = inside / (n - s) if n > s else sampling
         of_starts = 0.0
         if s > 1:
@@ -274,5 +274,7 @@ def pieces_for(growth: float, m: int, confidence: float | None) -> int | None:
     def few(number: int) -> float:
         return 1.0 if confidence is None else t_quantile(max(number - 1, 1), confidence)
 
-    wanted = range(m + 1, MAX_PIECES + 1)
-    return next((one for one in wanted if one / m * (few(m) / few(one)) ** 2 >= growth), None)
+    counts = range(m + 1, MAX_PIECES + 1)
+    return next(
+        (count for count in counts if count / m * (few(m) / few(count)) ** 2 >= growth), None
+    )

@@ -23,10 +23,10 @@ _NAME = re.compile(r"^name: .*$", re.MULTILINE)
 @cache
 def templates() -> dict[str, str]:
     """The text of every template, by name."""
-    found = sorted(files(__name__).iterdir(), key=lambda file: file.name)
+    template_files = sorted(files(__name__).iterdir(), key=lambda file: file.name)
     return {
         file.name.removesuffix(SUFFIX): file.read_text(encoding="utf-8")
-        for file in found
+        for file in template_files
         if file.name.endswith(SUFFIX)
     }
 

@@ -155,7 +155,11 @@ class _PartialInterface:
     def settle_parameters_in_topics(self) -> None:
         """Leave out topics that are named by parameters whose default the text does not say."""
         for side, topics in self.topics.items():
-            for topic in [each for each in topics if each.startswith("$(parameter ")]:
+            for topic in [
+                planned_topic
+                for planned_topic in topics
+                if planned_topic.startswith("$(parameter ")
+            ]:
                 name = topic.removeprefix("$(parameter ").removesuffix(")")
                 declared = (self.parameters or {}).get(name)
                 if declared is None or not isinstance(declared.default, str):

@@ -18,7 +18,7 @@ from r2bspec.plan.wiring.companion_files import NO_COMPANION_FILES, CompanionFil
 from r2bspec.plan.wiring.name_resolution import Remapper, expand, join_namespaces, node_name
 from r2bspec.plan.wiring.parameter_files import merged_parameters
 from r2bspec.plan.wiring.python_source import KEYWORDS
-from r2bspec.plan.wiring.wiring import Endpoint, NodeWiring, PhaseWiring, Wiring
+from r2bspec.plan.wiring.wiring import NodeWiring, PhaseWiring, WiredEndpoint, Wiring
 
 TF_MESSAGE_TYPE = "tf2_msgs/msg/TFMessage"
 
@@ -121,9 +121,11 @@ def _nodes(
         )
 
 
-def _data_endpoints(spec: Spec, namespace: str, types: Mapping[str, str]) -> Iterator[Endpoint]:
+def _data_endpoints(
+    spec: Spec, namespace: str, types: Mapping[str, str]
+) -> Iterator[WiredEndpoint]:
     for bag_topic, target in spec.data_loader.topics.items():
-        yield Endpoint(
+        yield WiredEndpoint(
             owner="loader",
             is_publisher=True,
             topic=harness_topic(target, namespace),
@@ -133,7 +135,7 @@ def _data_endpoints(spec: Spec, namespace: str, types: Mapping[str, str]) -> Ite
         )
     for name, played in spec.playback.inputs.items():
         place: Path = ("playback", "inputs", name)
-        yield Endpoint(
+        yield WiredEndpoint(
             owner="recorder",
             is_publisher=False,
             topic=harness_topic(played.source, namespace),
@@ -143,7 +145,7 @@ def _data_endpoints(spec: Spec, namespace: str, types: Mapping[str, str]) -> Ite
         )
 
 
-def _transform_endpoints(spec: Spec, owner: str) -> Iterator[Endpoint]:
+def _transform_endpoints(spec: Spec, owner: str) -> Iterator[WiredEndpoint]:
     """The recorded transforms, if the spec publishes them."""
     loader = spec.data_loader
     static = QoS(durability="transient_local", depth=1)
@@ -152,7 +154,7 @@ def _transform_endpoints(spec: Spec, owner: str) -> Iterator[Endpoint]:
         (loader.publish_tf_static, "/tf_static", static),
     ):
         if enabled:
-            yield Endpoint(
+            yield WiredEndpoint(
                 owner=owner,
                 is_publisher=True,
                 topic=topic,
@@ -163,10 +165,10 @@ def _transform_endpoints(spec: Spec, owner: str) -> Iterator[Endpoint]:
             )
 
 
-def _play_endpoints(spec: Spec, namespace: str) -> Iterator[Endpoint]:
+def _play_endpoints(spec: Spec, namespace: str) -> Iterator[WiredEndpoint]:
     for name, played in spec.playback.inputs.items():
         place: Path = ("playback", "inputs", name)
-        yield Endpoint(
+        yield WiredEndpoint(
             owner="player",
             is_publisher=True,
             topic=harness_topic(name, namespace),
@@ -179,7 +181,7 @@ def _play_endpoints(spec: Spec, namespace: str) -> Iterator[Endpoint]:
         )
     for name, monitor in spec.monitors.items():
         place = ("monitors", name)
-        yield Endpoint(
+        yield WiredEndpoint(
             owner="monitor",
             is_publisher=False,
             topic=harness_topic(monitor.topic, namespace),
@@ -192,7 +194,7 @@ def _play_endpoints(spec: Spec, namespace: str) -> Iterator[Endpoint]:
         )
 
 
-def _node_endpoints(nodes: tuple[NodeWiring, ...]) -> Iterator[Endpoint]:
+def _node_endpoints(nodes: tuple[NodeWiring, ...]) -> Iterator[WiredEndpoint]:
     for node in nodes:
         interface = node.interface
         for section, topics, origin in (
@@ -207,7 +209,7 @@ def _node_endpoints(nodes: tuple[NodeWiring, ...]) -> Iterator[Endpoint]:
 
 def _endpoint(
     node: NodeWiring, own_name: str, kind: str, declared_under: str, *, is_publisher: bool
-) -> Endpoint:
+) -> WiredEndpoint:
     """An endpoint of a node, with the place that decides its topic: remapping, key or node."""
     topic, rule = node.names.resolve(own_name)
     declared = (*node.path, declared_under, own_name) if declared_under else ()
@@ -215,7 +217,7 @@ def _endpoint(
     parameter = "" if declared else node.interface.type_parameters.get(own_name, "")
     parameter_is_set = parameter in node.node.parameters
     declared_qos = node.node.qos.get(own_name)
-    return Endpoint(
+    return WiredEndpoint(
         owner=node.name,
         is_publisher=is_publisher,
         topic=topic,

@@ -42,7 +42,9 @@ def qos_profile(call: ast.Call, position: int, names: SourceNames) -> QoS | None
 
 def declared_parameter(call: ast.Call) -> tuple[str, ParameterInfo] | None:
     """The parameter of ``declare_parameter(name, value)``; None if its name is no literal."""
-    has_descriptor = any(each.arg == "descriptor" for each in call.keywords) or len(call.args) > 2
+    has_descriptor = (
+        any(keyword.arg == "descriptor" for keyword in call.keywords) or len(call.args) > 2
+    )
     name, value = argument(call, 0, "name"), argument(call, 1, "value")
     return _declared(name, value, has_descriptor=has_descriptor)
 

@@ -63,7 +63,7 @@ def helper_of(call: ast.Call, names: SourceNames) -> NodeHelper | None:
     helper = NODE_HELPERS.get(names.full_name(call.func))
     if helper is None:
         return None
-    given = next((each.value for each in call.keywords if each.arg == "node"), None)
+    given = next((keyword.value for keyword in call.keywords if keyword.arg == "node"), None)
     if given is None and len(call.args) > helper.node:
         given = call.args[helper.node]
     return helper if given is not None and is_name(given, "self") else None

@@ -69,4 +69,4 @@ def _module_file(importing: Path, level: int, module: str) -> Path | None:
         folder = folder.parent
     place = folder.joinpath(*module.split(".")) if module else folder
     files = (place.with_name(f"{place.name}.py"), place / "__init__.py")
-    return next((each for each in files if each.is_file()), None)
+    return next((file for file in files if file.is_file()), None)

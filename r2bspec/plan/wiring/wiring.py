@@ -55,7 +55,7 @@ class NodeWiring(msgspec.Struct, frozen=True):
         return self.node.kind.shares_process and not self.start.needs_own_process
 
 
-class Endpoint(msgspec.Struct, frozen=True):
+class WiredEndpoint(msgspec.Struct, frozen=True):
     """A publisher or a subscription of a topic.
 
     Attributes:
@@ -95,9 +95,9 @@ _TOPIC = attrgetter("topic")
 
 
 def _grouped(
-    endpoints: Iterable[Endpoint], key: Callable[[Endpoint], str]
-) -> dict[str, tuple[Endpoint, ...]]:
-    groups: dict[str, list[Endpoint]] = {}
+    endpoints: Iterable[WiredEndpoint], key: Callable[[WiredEndpoint], str]
+) -> dict[str, tuple[WiredEndpoint, ...]]:
+    groups: dict[str, list[WiredEndpoint]] = {}
     for endpoint in endpoints:
         groups.setdefault(key(endpoint), []).append(endpoint)
     return {name: tuple(group) for name, group in groups.items()}
@@ -109,18 +109,18 @@ class PhaseWiring:
 
     phase: Phase
     nodes: tuple[NodeWiring, ...]
-    endpoints: tuple[Endpoint, ...]
+    endpoints: tuple[WiredEndpoint, ...]
 
     @cached_property
-    def _publishers(self) -> dict[str, tuple[Endpoint, ...]]:
+    def _publishers(self) -> dict[str, tuple[WiredEndpoint, ...]]:
         return _grouped((end for end in self.endpoints if end.is_publisher), _TOPIC)
 
     @cached_property
-    def _subscriptions(self) -> dict[str, tuple[Endpoint, ...]]:
+    def _subscriptions(self) -> dict[str, tuple[WiredEndpoint, ...]]:
         return _grouped((end for end in self.endpoints if not end.is_publisher), _TOPIC)
 
     @cached_property
-    def _by_owner(self) -> dict[str, tuple[Endpoint, ...]]:
+    def _by_owner(self) -> dict[str, tuple[WiredEndpoint, ...]]:
         return _grouped(self.endpoints, attrgetter("owner"))
 
     @cached_property
@@ -128,11 +128,11 @@ class PhaseWiring:
         """Every known topic, sorted."""
         return tuple(sorted(self._publishers.keys() | self._subscriptions.keys()))
 
-    def publishers(self, topic: str) -> tuple[Endpoint, ...]:
+    def publishers(self, topic: str) -> tuple[WiredEndpoint, ...]:
         """The known publishers of a topic."""
         return self._publishers.get(topic, ())
 
-    def subscriptions(self, topic: str) -> tuple[Endpoint, ...]:
+    def subscriptions(self, topic: str) -> tuple[WiredEndpoint, ...]:
         """The known subscriptions of a topic."""
         return self._subscriptions.get(topic, ())
 
@@ -144,7 +144,7 @@ class PhaseWiring:
         """The node with that full name; None for a part of the harness."""
         return self._by_name.get(owner)
 
-    def endpoints_of(self, owner: str) -> tuple[Endpoint, ...]:
+    def endpoints_of(self, owner: str) -> tuple[WiredEndpoint, ...]:
         """The endpoints of a node or of a part of the harness."""
         return self._by_owner.get(owner, ())
 
@@ -167,7 +167,7 @@ class PhaseWiring:
         return self._reachable([topic], self.publishers)
 
     def _reachable(
-        self, topics: Iterable[str], entered_by: Callable[[str], tuple[Endpoint, ...]]
+        self, topics: Iterable[str], entered_by: Callable[[str], tuple[WiredEndpoint, ...]]
     ) -> frozenset[str]:
         """Walk through the nodes that own an endpoint of a topic, to their opposite endpoints."""
         visited: set[str] = set()

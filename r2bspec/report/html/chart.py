@@ -117,11 +117,11 @@ def _declare(element: ET.Element, key: str, value: str) -> None:
     if not key or key in {"font-family", "font-stretch"}:
         return
     if key == "font":
-        found = _FONT.fullmatch(value)
-        if found is not None:
-            element.set("font-size", found["size"])
-            if found["weight"]:
-                element.set("font-weight", found["weight"])
+        matched = _FONT.fullmatch(value)
+        if matched is not None:
+            element.set("font-size", matched["size"])
+            if matched["weight"]:
+                element.set("font-weight", matched["weight"])
         return
     element.set(key, value)
 
@@ -309,8 +309,8 @@ def _scale(axes: Axes, height_in: float, x_unit: str, y_unit: str) -> dict[str, 
     wide, high = WIDTH_IN * _POINTS_PER_INCH, height_in * _POINTS_PER_INCH
     return {
         "box": [
-            round(each, 1)
-            for each in (box.x0 * wide, (1 - box.y1) * high, box.x1 * wide, (1 - box.y0) * high)
+            round(pixel, 1)
+            for pixel in (box.x0 * wide, (1 - box.y1) * high, box.x1 * wide, (1 - box.y0) * high)
         ],
         "x": [*map(float, axes.get_xlim()), axes.get_xscale(), x_unit],
         "y": [*map(float, axes.get_ylim()), axes.get_yscale(), y_unit],

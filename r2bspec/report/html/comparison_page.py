@@ -26,23 +26,23 @@ def _page(comparisons: Sequence[Comparison]) -> Iterator[str]:
     yield '<meta name="generator" content="r2bspec">'
     yield f"<title>Comparison with {_text(comparisons[0].base.source)}</title>"
     yield f"<style>\n{style.read_text('utf-8')}\n</style>\n</head>\n<body>\n<main>"
-    for one in comparisons:
-        yield f"<section>\n<h2>{_text(title(one))}</h2>\n<p>{_text(summary(one))}</p>"
-        if one.differences:
+    for comparison in comparisons:
+        yield f"<section>\n<h2>{_text(title(comparison))}</h2>\n<p>{_text(summary(comparison))}</p>"
+        if comparison.differences:
             yield "<p>Differences between the runs:</p>\n<ul>"
-            yield from (f"<li>{_text(each)}</li>" for each in one.differences)
+            yield from (f"<li>{_text(difference)}</li>" for difference in comparison.differences)
             yield "</ul>"
         yield '<div class="wide" tabindex="0" role="region" aria-label="Table of metrics">'
         yield '<table border="1" cellspacing="0" cellpadding="4">\n<thead><tr>'
-        yield from (f'<th scope="col">{each}</th>' for each in _HEADER)
+        yield from (f'<th scope="col">{header}</th>' for header in _HEADER)
         yield "</tr></thead>\n<tbody>"
-        yield from map(_row, one.lines)
+        yield from map(_row, comparison.lines)
         yield "</tbody>\n</table>\n</div>\n</section>"
     yield f"<p>{_text(ADVICE)}</p>\n</main>\n</body>\n</html>"
 
 
 def _row(line: ComparisonLine) -> str:
-    cells = "".join(f'<td class="n">{_text(each) or "–"}</td>' for each in numbers(line))
+    cells = "".join(f'<td class="n">{_text(number) or "–"}</td>' for number in numbers(line))
     return (
         f'<tr class="{_STYLES[line.outcome]}"><td class="outcome"><strong>'
         f"{_text(OUTCOME_TEXTS[line.outcome])}</strong></td>"
@@ -53,5 +53,7 @@ def _row(line: ComparisonLine) -> str:
 
 def _text(text: str) -> str:
     """Text as HTML shows it; control characters, which HTML cannot contain, are replaced."""
-    plain = "".join(each if each.isprintable() else "\N{REPLACEMENT CHARACTER}" for each in text)
+    plain = "".join(
+        character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text
+    )
     return escape(plain)

@@ -125,10 +125,10 @@ def _boxes(root: _Call, total: int) -> Iterator[_Box]:
     while waiting:
         call, before, level = waiting.pop()
         yield _Box(call.name, call.samples, call.samples / total, before / total, level)
-        for _, each in sorted(call.called.items()):
-            if each.samples >= _MIN_SHARE * total:
-                waiting.append((each, before, level + 1))
-            before += each.samples
+        for _, child in sorted(call.called.items()):
+            if child.samples >= _MIN_SHARE * total:
+                waiting.append((child, before, level + 1))
+            before += child.samples
 
 
 def _description(stacks: Stacks, total: int) -> str:

@@ -76,7 +76,7 @@ def route(
         gap: the room between two columns.
         row_gap: the room between two rows.
     """
-    others = [each for each in boxes if each not in (tail, head)]
+    others = [box for box in boxes if box not in (tail, head)]
     start, end = (tail.right, tail.middle_y), (head.x, head.middle_y)
     if end[0] > start[0]:
         curve = list(_curve(start, end))
@@ -90,15 +90,15 @@ def route(
         for lane in _lanes((tail, head, *others), (start[1] + end[1]) / 2, row_gap)
     ]
     obstacles = [*others, tail, head]
-    free = (each for each in candidates if _is_free(_along(each[1:-1]), obstacles))
+    free = (candidate for candidate in candidates if _is_free(_along(candidate[1:-1]), obstacles))
     chosen = next(free, candidates[0])
     return _moves(start) + "".join(f"L{x:.0f} {y:.0f}" for x, y in chosen[1:])
 
 
 def _lanes(boxes: Sequence[Rectangle], wanted: float, row_gap: float) -> list[float]:
     """The heights between rows, those nearest to the direct way first."""
-    heights = {each.y - row_gap / 2 for each in boxes}
-    heights |= {each.bottom + row_gap / 2 for each in boxes}
+    heights = {box.y - row_gap / 2 for box in boxes}
+    heights |= {box.bottom + row_gap / 2 for box in boxes}
     return sorted(heights, key=lambda height: (abs(height - wanted), height))
 
 
@@ -216,10 +216,10 @@ def lay_out(plan: Plan, annotations: Mapping[str, Sequence[str]]) -> Drawing:
             continue
         top = y + (_TITLE_HEIGHT if title else 0)
         # Room on the left for arrows that come from another frame.
-        found = _layers(boxes, sketch.arrows, annotations, _COLUMN_GAP / 2 + _PADDING, top)
-        placed |= found
-        right = max(box.right for box in found.values()) + _COLUMN_GAP / 2 + _PADDING
-        bottom = max(box.bottom for box in found.values()) + _PADDING
+        layers = _layers(boxes, sketch.arrows, annotations, _COLUMN_GAP / 2 + _PADDING, top)
+        placed |= layers
+        right = max(box.right for box in layers.values()) + _COLUMN_GAP / 2 + _PADDING
+        bottom = max(box.bottom for box in layers.values()) + _PADDING
         if title:
             frames.append(PhaseFrame(0, y, right, bottom - y, title))
         widest = max(widest, right)
@@ -249,9 +249,9 @@ def _layers(
     left: float,
     top: float,
 ) -> dict[str, PlacedBox]:
-    known = {box.id: box for box in boxes}
-    feeds = [(a.tail, a.head) for a in arrows if a.tail in known and a.head in known]
-    layer = _layer_indices([*known], feeds)
+    boxes_by_id = {box.id: box for box in boxes}
+    feeds = [(a.tail, a.head) for a in arrows if a.tail in boxes_by_id and a.head in boxes_by_id]
+    layer = _layer_indices([*boxes_by_id], feeds)
     placed: dict[str, PlacedBox] = {}
     x = left
     for number in range(max(layer.values()) + 1):
@@ -280,7 +280,7 @@ def _layer_indices(names: list[str], feeds: list[tuple[str, str]]) -> dict[str, 
     rank: dict[int, int] = {}
     for component in nx.topological_sort(components):
         rank[component] = max(
-            (rank[each] + 1 for each in components.predecessors(component)), default=0
+            (rank[predecessor] + 1 for predecessor in components.predecessors(component)), default=0
         )
     return {name: rank[components.graph["mapping"][name]] for name in names}
 

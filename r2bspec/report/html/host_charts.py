@@ -98,19 +98,26 @@ def _latency_chart(name: str, what: str, seen: Sequence[_Seen], note: str) -> ch
 
     def paint(sketch: chart.ChartBuilder) -> None:
         axes = sketch.figure.subplots()
-        timed = [one for one in seen if one.metrics.latency.n]
-        for one in timed:
-            _curve(sketch, axes, one, hosts.index(one.host), rates.index(one.pace), len(rates) > 1)
-        percentile_axes(axes, max((_expected(one.metrics) for one in timed), default=2))
-        medians = [one.metrics.latency.p50 or 0.0 for one in timed]
-        largest = max((one.metrics.latency.max or 0.0 for one in timed), default=0.0)
+        timed = [around for around in seen if around.metrics.latency.n]
+        for sample in timed:
+            _curve(
+                sketch,
+                axes,
+                sample,
+                hosts.index(sample.host),
+                rates.index(sample.pace),
+                len(rates) > 1,
+            )
+        percentile_axes(axes, max((_expected(around.metrics) for around in timed), default=2))
+        medians = [around.metrics.latency.p50 or 0.0 for around in timed]
+        largest = max((around.metrics.latency.max or 0.0 for around in timed), default=0.0)
         is_wide = bool(medians) and 0 < min(medians) * MIN_LOG_RATIO < largest
         chart.scale_values(axes, logarithmic=is_wide)
         if sketch.labels:
             sketch.figure.legend(loc="outside upper left", ncols=4)
         sketch.register_axes(axes, "percentile", "ms")
         lost = "A curve ends short of 100 % by the share of messages that were lost."
-        is_short = any(one.metrics.missed for one in seen)
+        is_short = any(around.metrics.missed for around in seen)
         sketch.note = f"{lost} {note}".rstrip() if is_short else note
 
     return chart.draw(name, f"Latency by percentile and host: {what}", description, 3.4, paint)
@@ -160,13 +167,19 @@ def _throughput_chart(name: str, what: str, seen: Sequence[_Seen], note: str) ->
 
     def paint(sketch: chart.ChartBuilder) -> None:
         axes = sketch.figure.subplots()
-        for place, one in enumerate(seen):
-            axes.barh(place, one.metrics.throughput_hz, color=chart.colour(hosts.index(one.host)))
-            if one.rate.offered_hz:
+        for place, sample in enumerate(seen):
+            axes.barh(
+                place, sample.metrics.throughput_hz, color=chart.colour(hosts.index(sample.host))
+            )
+            if sample.rate.offered_hz:
                 ends = (place - 0.4, place + 0.4)
-                axes.vlines(one.rate.offered_hz, *ends, color=chart.PALETTE["ink"], linewidth=1.6)
-        labels = [f"{one.host}, {one.pace}" if len(rates) > 1 else one.host for one in seen]
-        axes.set_yticks(range(len(seen)), labels=[printable(each) for each in labels])
+                axes.vlines(
+                    sample.rate.offered_hz, *ends, color=chart.PALETTE["ink"], linewidth=1.6
+                )
+        labels = [
+            f"{around.host}, {around.pace}" if len(rates) > 1 else around.host for around in seen
+        ]
+        axes.set_yticks(range(len(seen)), labels=[printable(label) for label in labels])
         axes.invert_yaxis()
         axes.grid(axis="y", visible=False)
         axes.set_xlim(left=0)
@@ -179,6 +192,6 @@ def _throughput_chart(name: str, what: str, seen: Sequence[_Seen], note: str) ->
 
 def _in_order(seen: Sequence[_Seen]) -> tuple[list[str], list[str]]:
     """Hosts, and rates as text, each once."""
-    return list(dict.fromkeys(one.host for one in seen)), list(
-        dict.fromkeys(one.pace for one in seen)
+    return list(dict.fromkeys(sample.host for sample in seen)), list(
+        dict.fromkeys(sample.pace for sample in seen)
     )

@@ -98,17 +98,19 @@ def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verd
                 label = show_rate(rate, pace_of(samples.mode))
                 _curve(sketch, axes, number, label, values, lost)
         limits = [
-            one
-            for one in verdict.requirements
-            if one.monitor == monitor and one.at_hz in rates and _is_drawn(one)
+            requirement
+            for requirement in verdict.requirements
+            if requirement.monitor == monitor
+            and requirement.at_hz in rates
+            and _is_drawn(requirement)
         ]
-        for one in limits:
-            _bar(axes, one, rates.index(one.at_hz or 0.0))
+        for limit in limits:
+            _bar(axes, limit, rates.index(limit.at_hz or 0.0))
         percentile_axes(axes, total)
         is_wide = bool(median) and largest > MIN_LOG_RATIO * min(median)
         chart.scale_values(axes, logarithmic=is_wide)
-        for one in limits:
-            _label(axes, one)
+        for limit in limits:
+            _label(axes, limit)
         if sketch.labels:
             sketch.figure.legend(loc="outside upper left", ncols=6)
         sketch.register_axes(axes, "percentile", "ms")
@@ -120,9 +122,9 @@ def _pooled(
     iterations: tuple[SegmentSamples, ...], monitor: str
 ) -> tuple[NDArray[np.float64], int]:
     """All latencies at a rate in ascending order, and how many messages were lost."""
-    seen = [one.monitors[monitor] for one in iterations]
+    seen = [iteration.monitors[monitor] for iteration in iterations]
     values = np.sort(known_latencies(seen))
-    return values, sum(one.missed for one in seen)
+    return values, sum(sample.missed for sample in seen)
 
 
 def _curve(
@@ -243,13 +245,13 @@ def messages_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdic
         for row, rate in enumerate(shown):
             axes = grid[row][0]
             limits = [
-                one
-                for one in verdict.requirements
-                if one.monitor == monitor
-                and one.at_hz == rate
-                and "latency." in one.metric
+                requirement
+                for requirement in verdict.requirements
+                if requirement.monitor == monitor
+                and requirement.at_hz == rate
+                and "latency." in requirement.metric
                 # The limit of a ratio is no time.
-                and one.compared is None
+                and requirement.compared is None
             ]
             number = row + len(rates) - len(shown)
             thin |= _row(sketch, axes, samples, monitor, rate, number, limits)
@@ -286,7 +288,11 @@ def _row(
         kept + 1, values[kept] * 1e3, ".", color=chart.colour(number), markersize=3, label=label
     )
     sketch.series(line, label)
-    drawn = [(one.limit * 1e3, _ink(one)) for one in limits if one.limit is not None]
+    drawn = [
+        (output_line.limit * 1e3, _ink(output_line))
+        for output_line in limits
+        if output_line.limit is not None
+    ]
     top = float(np.nanmax(values)) * 1e3 if kept.size else 1.0
     top = max(top, *(limit for limit, _ in drawn), 0.0)
     axes.set_ylim(0, top * 1.25)
@@ -319,9 +325,9 @@ def _row(
         color=chart.PALETTE["bad" if count else "quiet"],
     )
     if limits:
-        worst = min((one.outcome for one in limits), key=_WORST_FIRST.index)
+        worst = min((output_line.outcome for output_line in limits), key=_WORST_FIRST.index)
         axes.set_title(
-            printable("limit: " + " · ".join(one.text.strip() for one in limits)),
+            printable("limit: " + " · ".join(output_line.text.strip() for output_line in limits)),
             loc="left",
             fontsize=8,
             color=chart.PALETTE[chart.OUTCOME_COLOURS[worst]],
@@ -353,9 +359,9 @@ def ecdf_chart(
         axes = sketch.figure.subplots()
         for number, rate in enumerate(rates):
             for run, style, side in ((samples, "-", "this run"), (baseline, "--", "baseline")):
-                seen = [one.monitors[monitor] for one in run.iterations[rate]]
+                seen = [iteration.monitors[monitor] for iteration in run.iterations[rate]]
                 values = np.sort(known_latencies(seen))
-                total = values.size + sum(one.missed for one in seen)
+                total = values.size + sum(sample.missed for sample in seen)
                 if not values.size:
                     continue
                 ranks = np.unique(np.linspace(1, values.size, _CURVE_POINTS).astype(np.int64))

@@ -51,7 +51,7 @@ def loads_chart(name: str, run: Run) -> Chart | None:
         panels = sketch.figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
         upper, lower = panels[:2]
         most = 1
-        names = [(number, each.name) for number, each in enumerate(run.record.processes)]
+        names = [(number, listed.name) for number, listed in enumerate(run.record.processes)]
         # A confirmation run starts processes of the same names: they keep their colours.
         places = {
             process: place for place, process in enumerate(dict.fromkeys(n for _, n in names))

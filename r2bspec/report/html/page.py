@@ -102,10 +102,10 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
     charts = _charts(report_input, monitors)
     line = headline(result)
     around = [
-        each
+        note
         for rate in metrics.rates
         for iteration in rate.iterations
-        if (each := iteration.interference)
+        if (note := iteration.interference)
     ]
     return {
         "source": report_input,
@@ -125,7 +125,7 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "reason": reason_after(line, result.verdict),
         "profiles": [*profile_notes(result.profiles)],
         "has_interference": bool(around),
-        "has_frequency": any(each.frequency_hz for each in around),
+        "has_frequency": any(sample.frequency_hz for sample in around),
         "affected": defaultdict(
             str, {part.segment: "; ".join(part.reasons) for part in result.verdict.disturbed}
         ),
@@ -134,7 +134,9 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "graph": lay_out(report_input.run.plan, _annotations(metrics))
         if report_input.run
         else None,
-        "charts": {key: [_safe(chart) for chart in found] for key, found in charts.items()},
+        "charts": {
+            key: [_safe(chart) for chart in chart_list] for key, chart_list in charts.items()
+        },
         "number": Numbers(msgspec.to_builtins(result)),
         "measured": partial(result_table.measured, metrics),
         "iterations": partial(result_table.measured_iterations, metrics),
@@ -217,12 +219,12 @@ def _baseline_charts(report_input: ReportInput, monitors: list[str]) -> Iterator
 def _annotations(metrics: RunMetrics) -> dict[str, list[str]]:
     """The annotations of the graph at the player and at each monitor."""
     rates = metrics.rates[-_MAX_SHOWN_RATES:]
-    found = {"player": [f"plays {show_rate(rate.offered_hz, rate.pace)}" for rate in rates]}
+    texts = {"player": [f"plays {show_rate(rate.offered_hz, rate.pace)}" for rate in rates]}
     for name in dict.fromkeys(name for rate in rates for name in rate.pooled.monitors):
-        found[f"monitor {name}"] = [
+        texts[f"monitor {name}"] = [
             f"{show_rate(rate.offered_hz, rate.pace)}: {show(seen.throughput_hz, 'Hz')}, "
             f"{part_title(TAIL_PERCENTILE)} {show(part_value(seen.latency, TAIL_PERCENTILE), 's')}"
             for rate in rates
             if (seen := rate.pooled.monitors[name])
         ]
-    return found
+    return texts

@@ -81,7 +81,7 @@ def _min_delivered(metrics: RunMetrics) -> float:
     delivered = [probe.delivered_hz for probe in all_probes(metrics)]
     for rate in metrics.rates:
         delivered += [
-            one.low for name in rate.spread if (one := rate.spread[name].get(_THROUGHPUT))
+            interval.low for name in rate.spread if (interval := rate.spread[name].get(_THROUGHPUT))
         ]
         delivered += [seen.throughput_hz for seen in rate.pooled.monitors.values()]
     return min(delivered, default=0.0)
@@ -106,10 +106,10 @@ def _monitor(
         "linewidth": 1,
     }
     (line,) = upper.plot(
-        x, [one.throughput_hz for one in seen], label=printable(monitor), zorder=4, **style
+        x, [sample.throughput_hz for sample in seen], label=printable(monitor), zorder=4, **style
     )
     sketch.series(line, f"{monitor}: throughput")
-    drops = [(one.drop_rate or 0) * 100 for one in seen]
+    drops = [(sample.drop_rate or 0) * 100 for sample in seen]
     (line,) = lower.plot(x, drops, zorder=4, **style)
     sketch.series(line, f"{monitor}: drop rate")
     for rate in metrics.rates:
@@ -158,7 +158,7 @@ def _probe_drops(sketch: chart.ChartBuilder, axes: Axes, metrics: RunMetrics, ru
 
 
 def _lost(run: Run, segment: Segment, monitor: str) -> float:
-    (plan,) = (each for each in run.plan.monitors if each.name == monitor)
+    (plan,) = (monitor_plan for monitor_plan in run.plan.monitors if monitor_plan.name == monitor)
     *_, matched = match_segment(run, segment, plan)
     if not matched.pairs_known or not matched.trigger_steps.size:
         return 0.0
@@ -182,16 +182,29 @@ def _bracket(metrics: RunMetrics, panels: tuple[Axes, Axes]) -> None:
 
 def _limits(upper: Axes, lower: Axes, verdict: Verdict) -> None:
     """A short bar at the rate of each requirement on throughput or drops."""
-    for one in verdict.requirements:
+    for requirement in verdict.requirements:
         # The limit of a ratio is on neither axis.
-        if one.limit is None or one.at_hz is None or one.compared is not None:
+        if (
+            requirement.limit is None
+            or requirement.at_hz is None
+            or requirement.compared is not None
+        ):
             continue
-        ink = chart.PALETTE[chart.OUTCOME_COLOURS[one.outcome]]
-        if one.metric.endswith("throughput.mean"):
-            axes, y = upper, one.limit
-        elif one.metric.endswith("drop_rate"):
-            axes, y = lower, one.limit * 100
+        ink = chart.PALETTE[chart.OUTCOME_COLOURS[requirement.outcome]]
+        if requirement.metric.endswith("throughput.mean"):
+            axes, y = upper, requirement.limit
+        elif requirement.metric.endswith("drop_rate"):
+            axes, y = lower, requirement.limit * 100
         else:
             continue
-        axes.hlines(y, one.at_hz * 0.88, one.at_hz * 1.14, color=ink, linewidth=2.4, zorder=5)
-        chart.inside_label(axes, one.at_hz, y, f"limit {show(one.limit, one.unit)}", ink)
+        axes.hlines(
+            y,
+            requirement.at_hz * 0.88,
+            requirement.at_hz * 1.14,
+            color=ink,
+            linewidth=2.4,
+            zorder=5,
+        )
+        chart.inside_label(
+            axes, requirement.at_hz, y, f"limit {show(requirement.limit, requirement.unit)}", ink
+        )

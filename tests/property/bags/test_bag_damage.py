@@ -75,8 +75,8 @@ def use(bag: Path) -> list[tuple[str, int, bytes]]:
     """Everything that is ever done with a bag; returns its messages."""
     index = index_bag(bag)
     found = [
-        (each.topic, each.time_ns - START_NS, each.data)
-        for each in read_messages(bag, list(index.topics))
+        (message.topic, message.time_ns - START_NS, message.data)
+        for message in read_messages(bag, list(index.topics))
     ]
     assert len(found) == index.message_count
     times = [time_ns for _, time_ns, _ in found]

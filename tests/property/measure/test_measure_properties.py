@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.judge.measure.matching import MatchedMonitor, Ratio, arrivals, match
+from r2bspec.judge.measure.matching import MatchedMonitor, StepRatio, arrivals, match
 from r2bspec.judge.measure.samples import monitor_samples, step_times
 from r2bspec.judge.measure.times import intervals, jitter, percentile
 from r2bspec.judge.measure.units import show
@@ -94,15 +94,15 @@ def test_intervals_add_up(rows: tuple[Rows, Rows]) -> None:
 @given(
     traffic(),
     st.sampled_from(["stamp", "order"]),
-    st.builds(Ratio, st.integers(1, 5), st.integers(1, 4), st.integers(0, 20)),
+    st.builds(StepRatio, st.integers(1, 5), st.integers(1, 4), st.integers(0, 20)),
     st.integers(1, 10**11),
 )
 def test_throughput_is_never_more_than_what_was_offered_and_answered(
-    rows: tuple[Rows, Rows], by: str, ratio: Ratio, length_ns: int
+    rows: tuple[Rows, Rows], by: str, ratio: StepRatio, length_ns: int
 ) -> None:
     playback, monitor = rows
     if by == "stamp":
-        ratio = Ratio()
+        ratio = StepRatio()
     matching = match(playback, monitor, by, ratio)  # type: ignore[arg-type]
     seen = monitor_samples(
         segment_of(10.0, int(playback.size), length_ns=length_ns),
@@ -126,9 +126,9 @@ def test_every_value_can_be_shown(value: float, unit: str) -> None:
 
 @given(
     traffic(),
-    st.builds(Ratio, st.integers(1, 5), st.integers(1, 4), st.integers(0, 20)),
+    st.builds(StepRatio, st.integers(1, 5), st.integers(1, 4), st.integers(0, 20)),
 )
-def test_matching_by_a_ratio_conserves_counts(rows: tuple[Rows, Rows], ratio: Ratio) -> None:
+def test_matching_by_a_ratio_conserves_counts(rows: tuple[Rows, Rows], ratio: StepRatio) -> None:
     playback, monitor = rows
     found = match(playback, monitor, "order", ratio)
     answered = int(np.count_nonzero(found.answered))

@@ -79,7 +79,7 @@ def test_poses_are_sorted_by_tag_id() -> None:
         node.send(paper(1, {1: (40, 88), 0: (200, 88)}), camera_info(1))
         node.send(paper(2, {0: (40, 88), 1: (200, 88)}), camera_info(2))
         node.wait(2)
-    first, second = (one.poses for one in node.detections)
+    first, second = (detection.poses for detection in node.detections)
     assert len(first) == len(second) == 2
     assert first[0].position.x > first[1].position.x
     assert second[0].position.x < second[1].position.x
@@ -101,7 +101,10 @@ def test_an_image_waits_for_its_own_camera_info() -> None:
         # The second is lost; the others differ, and come late and in the wrong order.
         node.send(camera_info(3, 400.0), camera_info(1, 200.0))
         node.wait(2)
-    distances = {one.header.stamp.nanosec: one.poses[0].position.z for one in node.detections}
+    distances = {
+        detection.header.stamp.nanosec: detection.poses[0].position.z
+        for detection in node.detections
+    }
     assert distances == pytest.approx({1: 1.0, 3: 2.0}, rel=0.02)
 
 
@@ -111,4 +114,4 @@ def test_an_uncalibrated_camera_is_passed_over() -> None:
         node.send(paper(1, {0: (128, 88)}), camera_info(1, 0.0))
         node.send(paper(2, {0: (128, 88)}), camera_info(2))
         node.wait(1)
-    assert [one.header.stamp.nanosec for one in node.detections] == [2]
+    assert [detection.header.stamp.nanosec for detection in node.detections] == [2]

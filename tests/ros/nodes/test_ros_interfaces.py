@@ -62,8 +62,11 @@ def test_the_statement_is_what_the_node_declares(path: str) -> None:
 
         names = set(node.list_parameters([], 0).names) - _EVERY_NODES_PARAMETERS
         described = {
-            one.name: (_TYPES[one.type], node.get_parameter(one.name).value)
-            for one in node.describe_parameters(sorted(names))
+            describe_parameter.name: (
+                _TYPES[describe_parameter.type],
+                node.get_parameter(describe_parameter.name).value,
+            )
+            for describe_parameter in node.describe_parameters(sorted(names))
         }
     assert described == {
         name: (one["type"], one["default"]) for name, one in stated["parameters"].items()

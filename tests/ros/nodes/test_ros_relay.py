@@ -72,5 +72,5 @@ def test_the_queue_depth_is_that_of_both_topics() -> None:
     with node_graph() as graph:
         node = graph.add(RelayNode, parameters={"queue_depth": 3})
         endpoints: list[Any] = [*node.publishers, *node.subscriptions]
-        depths = {one.topic_name: one.qos_profile.depth for one in endpoints}
+        depths = {endpoint.topic_name: endpoint.qos_profile.depth for endpoint in endpoints}
     assert (depths["/input"], depths["/output"]) == (3, 3)

@@ -53,7 +53,7 @@ class Resizing:
         self._graph.spin_until(lambda: min(len(self.images), len(self.infos)) >= count)
 
     def steps(self) -> list[int]:
-        assert [one.header for one in self.images] == [one.header for one in self.infos]
+        assert [one.header for one in self.images] == [info.header for info in self.infos]
         return [int(one.header.stamp.nanosec) for one in self.images]
 
 

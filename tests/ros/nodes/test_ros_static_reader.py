@@ -117,9 +117,9 @@ def make(file: Path, context: Context) -> Node:
 def topics(endpoints: Any) -> set[tuple[str, str]]:
     """The topics and types of endpoints of a node, without those of every node."""
     return {
-        (each.topic_name, f"std_msgs/msg/{each.msg_type.__name__}")
-        for each in endpoints
-        if each.topic_name not in {"/rosout", "/parameter_events"}
+        (endpoint.topic_name, f"std_msgs/msg/{endpoint.msg_type.__name__}")
+        for endpoint in endpoints
+        if endpoint.topic_name not in {"/rosout", "/parameter_events"}
     }
 
 

@@ -117,7 +117,7 @@ def test_a_set_is_matched_by_stamp_and_a_cameras_loss_loses_that_set_alone() -> 
         graph.spin_until(lambda: nodes.disparities)
         nodes.send(stereo(3))
         graph.spin_until(lambda: len(nodes.disparities) == 2)
-    assert [each.header.stamp.nanosec for each in nodes.disparities] == [2, 3]
+    assert [disparity.header.stamp.nanosec for disparity in nodes.disparities] == [2, 3]
 
 
 def test_a_camera_without_a_baseline_is_named_and_the_node_goes_on() -> None:
@@ -130,7 +130,7 @@ def test_a_camera_without_a_baseline_is_named_and_the_node_goes_on() -> None:
         graph.spin_until(lambda: any("no baseline" in each.msg for each in said))
         nodes.send(stereo(2))
         graph.spin_until(lambda: nodes.disparities)
-    assert [each.header.stamp.nanosec for each in nodes.disparities] == [2]
+    assert [disparity.header.stamp.nanosec for disparity in nodes.disparities] == [2]
 
 
 def test_a_distorted_line_becomes_straight() -> None:

@@ -23,7 +23,7 @@ def test_a_plan_needs_no_dataset_to_be_made(
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     plan = r2bspec.compile_plan(SPECS / "apriltag_node.r2b.yaml")
-    assert [each.role for each in plan.processes][:2] == ["loader", "host"]
+    assert [process.role for process in plan.processes][:2] == ["loader", "host"]
     assert not any(tmp_path.iterdir())
 
 
@@ -34,7 +34,9 @@ def test_an_invalid_spec_is_refused_with_all_its_errors(tmp_path: Path) -> None:
     with pytest.raises(r2bspec.InvalidSpecError, match="is not valid") as caught:
         r2bspec.prepare(wrong)
     assert caught.value.exit_code == 2
-    found = [each for each in caught.value.diagnostics if each.severity == "error"]
+    found = [
+        diagnostic for diagnostic in caught.value.diagnostics if diagnostic.severity == "error"
+    ]
     assert [each.span.line for each in found] == [
         1 + text.splitlines().index(next(line for line in text.splitlines() if "from:" in line))
     ]

@@ -84,7 +84,7 @@ def test_a_bag() -> None:
     assert "# Not known:\n# - the node under test" in text
     assert "/d455_1_imu (sensor_msgs/msg/Imu)" in text
     assert list(spec().playback.inputs) == ["hawk_0_left_rgb_image"]
-    assert [str(each) for each in spec().benchmark.rates] == ["30 Hz"]
+    assert [str(rate) for rate in spec().benchmark.rates] == ["30 Hz"]
 
 
 def test_no_template_with_sources() -> None:
@@ -118,7 +118,7 @@ def test_a_node_alone() -> None:
 def test_a_node_whose_topics_come_from_parameters() -> None:
     Path("node.py").write_text(COMPUTED)
     made("--node", "./node.py:Talker")
-    assert [each.topic for each in spec().monitors.values()] == ["chatter"]
+    assert [monitor.topic for monitor in spec().monitors.values()] == ["chatter"]
 
 
 def test_a_node_whose_topics_are_computed() -> None:

@@ -30,7 +30,7 @@ from data_bags import (
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.integrity import hash_content, hash_files, verify
-from r2bspec.bags.recording import DataError, Window
+from r2bspec.bags.recording import DataError, TimeWindow
 
 MESSAGES = chatter(40)
 TOPICS = ("/ping", "/pong")
@@ -160,10 +160,10 @@ def bag(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return FORMS[request.param](tmp_path / "bag")
 
 
-def read(bag: Path, window: Window | None = None, topics: Any = TOPICS) -> list[Any]:
+def read(bag: Path, window: TimeWindow | None = None, topics: Any = TOPICS) -> list[Any]:
     return [
-        (each.topic, each.time_ns - START_NS, each.data)
-        for each in read_messages(bag, topics, window)
+        (message.topic, message.time_ns - START_NS, message.data)
+        for message in read_messages(bag, topics, window)
     ]
 
 
@@ -186,9 +186,9 @@ def test_index_messages_and_hash(bag: Path, tmp_path: Path) -> None:
 def test_every_window(bag: Path) -> None:
     step = 10_000_000
     for start, end in ((0, 1), (0, 9), (8, 10), (9, 31), (13, 14), (30, 40), (31, None), (39, 99)):
-        window = Window(start_ns=start * step, end_ns=None if end is None else end * step)
+        window = TimeWindow(start_ns=start * step, end_ns=None if end is None else end * step)
         assert read(bag, window) == MESSAGES[start:end], (start, end)
-    between = Window(start_ns=90_000_001, end_ns=99_999_999)
+    between = TimeWindow(start_ns=90_000_001, end_ns=99_999_999)
     assert read(bag, between) == []
 
 
@@ -210,7 +210,7 @@ def test_files_outside_of_the_window_are_not_unpacked(tmp_path: Path) -> None:
     )
     for name in ("bag_0.db3.zstd", "bag_2.db3.zstd"):
         (bag / name).write_bytes(b"no zstd")
-    window = Window(start_ns=90_000_000, end_ns=310_000_000)
+    window = TimeWindow(start_ns=90_000_000, end_ns=310_000_000)
     assert read(bag, window) == MESSAGES[9:31]
     assert refusal_of(read, bag).code == "R2B304"
 

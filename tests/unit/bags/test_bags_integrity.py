@@ -12,7 +12,7 @@ import pytest
 from data_bags import chatter, refusal_of, storage_file, text, write_bag
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.integrity import hash_content, hash_files, verify
-from r2bspec.bags.recording import Window
+from r2bspec.bags.recording import TimeWindow
 from r2bspec.datasets.synthesis import make
 
 
@@ -59,7 +59,7 @@ def test_files_hash_covers_every_file(bag: Path) -> None:
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Few topics, of which a pair of cameras has a truth of its own."""
     topics = ["/d455_1_imu", "/d455_1_left_ir_image", "/d455_1_right_ir_image"]
-    window = Window(end_ns=20_000_000)
+    window = TimeWindow(end_ns=20_000_000)
     return make("r2b_storage", topics, window, cache_dir=tmp_path_factory.mktemp("made")).path
 
 

@@ -13,7 +13,7 @@ import pytest
 from data_bags import START_NS, edit_metadata, refusal_of, storage_file, text, write_bag
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.recording import DataError, Window
+from r2bspec.bags.recording import DataError, TimeWindow
 
 
 def read(bag: Path, topics: Iterable[str] = ("/ping", "/pong")) -> list[tuple[str, int, bytes]]:
@@ -39,7 +39,7 @@ def test_touches_only_the_named_topics(bag: Path) -> None:
 )
 def test_refuses_windows_that_hold_nothing(bag: Path, start_ns: int, end_ns: int | None) -> None:
     assert (
-        refusal_of(read_messages, bag, ["/ping"], Window(start_ns=start_ns, end_ns=end_ns)).code
+        refusal_of(read_messages, bag, ["/ping"], TimeWindow(start_ns=start_ns, end_ns=end_ns)).code
         == "R2B309"
     )
 

@@ -101,7 +101,7 @@ def test_transforms_get_the_name_that_ros2_knows(tmp_path: Path, store: Any) -> 
     bag = record(tmp_path / "old.bag", store, [("/tf", "tf/msg/tfMessage", message)])
     assert index_bag(bag).topics["/tf"].type == "tf2_msgs/msg/TFMessage"
     found = typestore().deserialize_cdr(only(bag, "/tf").data, "tf2_msgs/msg/TFMessage")
-    assert [each.child_frame_id for each in found.transforms] == ["base", "base"]
+    assert [transform.child_frame_id for transform in found.transforms] == ["base", "base"]
     assert found.transforms[1].transform.translation.y == 2.0
 
 

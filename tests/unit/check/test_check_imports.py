@@ -174,5 +174,5 @@ benchmark: {duration: 10 s}
     file = folder / "live.r2b.yaml"
     file.write_text(text, encoding="utf-8")
     assert "'playback.clock' has no effect: a live benchmark plays nothing" in {
-        each.message for each in load_spec(file).diagnostics
+        diagnostic.message for diagnostic in load_spec(file).diagnostics
     }

@@ -199,7 +199,7 @@ class TestHistory:
 
     def left(self, path: Path) -> list[str]:
         with open_history(path) as opened:
-            return [one.run_id for one in opened.runs()]
+            return [run.run_id for run in opened.runs()]
 
     def test_runs_are_listed(self, path: Path, call: Call) -> None:
         lines = call(

@@ -62,7 +62,7 @@ def test_what_is_waived_can_be_run(tmp_path: Path) -> None:
     file = tmp_path / "a.r2b.yaml"
     document = example(benchmark="{rates: [30 Hz, 30 Hz]}")
     file.write_text(document)
-    assert [one.code for one in prepare(file).diagnostics] == ["R2B512"]
+    assert [diagnostic.code for diagnostic in prepare(file).diagnostics] == ["R2B512"]
     file.write_text(f"{document.rstrip()} # r2bspec: ignore[R2B512] on purpose\n")
     assert prepare(file).diagnostics == ()
 
@@ -72,7 +72,7 @@ def test_what_makes_the_document_unusable_stays_an_error(tmp_path: Path) -> None
     document = example(benchmark="{rates: [30]}").rstrip()
     file.write_text(f"{document} # r2bspec: ignore[R2B109] on purpose\n")
     (checked,) = check_files([str(file)], CheckOptions())
-    assert {one.code for one in checked.findings} == {"R2B109", "R2B043"}
+    assert {finding.code for finding in checked.findings} == {"R2B109", "R2B043"}
     with pytest.raises(InvalidSpecError) as caught:
         prepare(file)
-    assert {one.code for one in caught.value.diagnostics} == {"R2B109", "R2B043"}
+    assert {diagnostic.code for diagnostic in caught.value.diagnostics} == {"R2B109", "R2B043"}

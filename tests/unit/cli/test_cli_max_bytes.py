@@ -81,9 +81,9 @@ def test_an_index_in_the_cache_does_not_stand_in_for_the_check(
     assert entries
     assert "--max-bytes" in call("validate", spec, "--max-bytes", "100 kB").out
     # No other user may read the names of topics, or put an index of theirs there.
-    for each in entries:
-        assert each.stat().st_mode & 0o077 == 0
-        assert each.parent.stat().st_mode & 0o077 == 0
+    for entry in entries:
+        assert entry.stat().st_mode & 0o077 == 0
+        assert entry.parent.stat().st_mode & 0o077 == 0
 
 
 @pytest.mark.parametrize("size", ["0", "-1", "many", "1 s", "9" * 30, "1e999 GiB"])

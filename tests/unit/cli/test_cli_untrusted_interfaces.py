@@ -44,7 +44,7 @@ def test_the_functions_take_what_the_verbs_take(listed: Path, tmp_path: Path) ->
     for function in (api.load, api.compile_plan):
         with pytest.raises(api.InvalidSpecError) as caught:
             function(listed, untrusted=untrusted)
-        assert "R2B143" in {one.code for one in caught.value.diagnostics}
+        assert "R2B143" in {diagnostic.code for diagnostic in caught.value.diagnostics}
     folder = tmp_path / "other"
     folder.mkdir()
     linked = folder / "linked.r2b.yaml"

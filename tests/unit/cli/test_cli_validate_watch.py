@@ -192,8 +192,8 @@ def test_nothing_is_done_while_nothing_changes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     files = [tmp_path / name for name in "abc"]
-    for each in files:
-        each.write_text("1")
+    for file in files:
+        file.write_text("1")
     common = tmp_path / "common"
     polls = Polls(monkeypatch, files, common)
     next(polls.updates)

@@ -104,5 +104,5 @@ def test_each_spec_of_a_suite_is_refused_on_its_own(call: Call) -> None:
     said = call("run", "many", "--require-slos", "--no-lock", "--output", "out", status=2).err
     assert all(f"{name}.r2b.yaml:{REFUSED}" in said for name in "ab")
     runs = json.loads(Path("out/suite.json").read_text())["runs"]
-    assert [each["exit_status"] for each in runs] == [2, 2]
-    assert all("no active objective" in each["reason"] for each in runs)
+    assert [run["exit_status"] for run in runs] == [2, 2]
+    assert all("no active objective" in run["reason"] for run in runs)

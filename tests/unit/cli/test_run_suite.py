@@ -357,7 +357,7 @@ def test_a_smoke_plan_is_one_short_iteration_and_judges_nothing() -> None:
     assert [(each.rate_hz, each.iterations) for each in smoke.play] == [(10, 1)]
     assert smoke.play[0].duration_ns <= 2 * 10**9
     assert (smoke.starts, smoke.search, smoke.sustained_hz) == (1, None, ())
-    assert {each.level for each in smoke.objectives.values()} <= {"off"}
+    assert {objective.level for objective in smoke.objectives.values()} <= {"off"}
     assert smoke.phases == ("start", "play", "collect")
     assert "nothing is judged" in smoke.title
 
@@ -367,9 +367,9 @@ def test_a_smoke_run_needs_no_messages_for_a_verdict(tmp_path: Path) -> None:
     short = ("benchmark.iterations=1", "benchmark.duration=500 ms")
     with pytest.raises(api.InvalidSpecError) as caught:
         api.prepare(spec, sets=short)
-    assert {each.code for each in caught.value.diagnostics} == {"R2B510"}
+    assert {diagnostic.code for diagnostic in caught.value.diagnostics} == {"R2B510"}
     objectives = api.prepare(spec, sets=short, smoke=True).plan.objectives
-    assert {each.level for each in objectives.values()} == {"off"}
+    assert {objective.level for objective in objectives.values()} == {"off"}
 
 
 def test_json_is_printed_also_where_nothing_was_run(call: Call) -> None:

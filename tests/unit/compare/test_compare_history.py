@@ -74,7 +74,7 @@ def test_what_is_added_is_found_again(tmp_path: Path) -> None:
         history.add(entry("a", day=1))
         history.add(entry("b", day=2))
     with open_history(path) as history:
-        assert [one.run_id for one in history.runs()] == ["a", "b"]
+        assert [run.run_id for run in history.runs()] == ["a", "b"]
         assert history.runs(name="another") == ()
         found = history.comparable_runs("host", "plan", "data", 30)
         assert [one.metrics for one in found] == [entry("a").metrics] * 2
@@ -85,7 +85,10 @@ def test_only_runs_alike_are_compared_and_only_the_latest(tmp_path: Path) -> Non
         for day in range(1, 8):
             history.add(entry(f"run{day}", day=day))
         history.add(entry("elsewhere", plan="another", day=9))
-        assert [one.run_id for one in history.comparable_runs("host", "plan", "data", 3)] == [
+        assert [
+            comparable_run.run_id
+            for comparable_run in history.comparable_runs("host", "plan", "data", 3)
+        ] == [
             "run5",
             "run6",
             "run7",
@@ -98,9 +101,10 @@ def test_a_failed_run_is_no_baseline_until_it_is_accepted(tmp_path: Path) -> Non
     with open_history(tmp_path / "h", create=True) as history:
         history.add(entry("good"))
         history.add(entry("bad", outcome="fail", day=2))
-        assert [one.run_id for one in history.comparable_runs("host", "plan", "data", 9)] == [
-            "good"
-        ]
+        assert [
+            comparable_run.run_id
+            for comparable_run in history.comparable_runs("host", "plan", "data", 9)
+        ] == ["good"]
         assert history.accept("bad")
         assert not history.accept("nobody")
         assert len(history.comparable_runs("host", "plan", "data", 9)) == 2
@@ -176,7 +180,7 @@ def test_many_programs_make_one_history_at_once(tmp_path: Path) -> None:
     written = [f"{name}-{run}" for name in names for run in range(3)]
     for number in range(rounds):
         with open_history(tmp_path / str(number)) as history:
-            assert sorted(one.run_id for one in history.runs()) == written
+            assert sorted(run.run_id for run in history.runs()) == written
         assert query(tmp_path / str(number), "PRAGMA journal_mode") == [("wal",)]
 
 

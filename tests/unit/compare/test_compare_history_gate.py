@@ -96,7 +96,9 @@ def test_while_a_history_learns_the_other_requirements_count(machine: Machine) -
     )
     verdict = machine.run(fast, fast).verdict
     assert (verdict.outcome, verdict.exit_code) == ("fail", 1)
-    assert {one.objective: one.learning for one in verdict.requirements} == {
+    assert {
+        requirement.objective: requirement.learning for requirement in verdict.requirements
+    } == {
         "fast": "",
         "no_regression": "1 of 5",
     }
@@ -133,7 +135,7 @@ def test_a_failure_is_confirmed_by_a_fresh_run_and_is_no_baseline(machine: Machi
     contradicted = machine.run(simulated(0.03), simulated(0.02))
     assert contradicted.verdict.outcome == "inconclusive"
     with open_history(machine.history) as history:
-        outcomes = [one.outcome for one in history.runs()]
+        outcomes = [run.outcome for run in history.runs()]
         assert outcomes.count("fail") == 1
     assert machine.run(simulated(0.03), simulated(0.03)).verdict.outcome != "pass"
 
@@ -168,7 +170,9 @@ def test_runs_of_another_length_are_another_history(machine: Machine) -> None:
     longer = replace(simulated(0.02, 0.02), monitors=("detections", "more"))
     for level in LEVELS:
         machine.run(simulated(level))
-    assert {one.learning for one in machine.run(longer).verdict.requirements} == {"1 of 5"}
+    assert {requirement.learning for requirement in machine.run(longer).verdict.requirements} == {
+        "1 of 5"
+    }
 
 
 class TestStored:

@@ -93,11 +93,11 @@ def again(folders: list[str]) -> list[str]:
 def test_the_recorded_order_is_the_order_that_was_played(host: Host) -> None:
     pairs = host.compare().record
     assert pairs.seed
-    assert {each.order for each in pairs.pairs} == {"AB", "BA"}
+    assert {pair.order for pair in pairs.pairs} == {"AB", "BA"}
     played = [
-        getattr(each, side)
-        for each in pairs.pairs
-        for side in (("base", "head") if each.order == "AB" else ("head", "base"))
+        getattr(pair, side)
+        for pair in pairs.pairs
+        for side in (("base", "head") if pair.order == "AB" else ("head", "base"))
     ]
     assert host.folders == played
 
@@ -164,7 +164,7 @@ def test_the_output_of_a_base_that_fails_twice_is_told_once(
 def test_pairs_are_played_again_until_that_decides(host: Host) -> None:
     pairs = host.compare()
     # Two unaffected pairs that agree to 1 % show a difference of 10 %; more are not needed.
-    rerun = {each.number for each in pairs.record.pairs if each.again}
+    rerun = {pair.number for pair in pairs.record.pairs if pair.again}
     assert 2 <= len(rerun) < PAIRS
     assert not any("always busy" in note for note in pairs.record.notes)
 

@@ -60,8 +60,11 @@ def test_the_proposals_pass_on_the_run(tmp_path: Path) -> None:
     slos = load_spec(found.text, file="simulated.r2b.yaml").spec
     assert slos is not None
     verdict = result_of(run, slos.slos, "x").verdict
-    assert [each.outcome for each in verdict.requirements] == ["pass", "pass"]
-    assert [each.metric for each in verdict.requirements] == ["latency.p95", "drop_rate"]
+    assert [requirement.outcome for requirement in verdict.requirements] == ["pass", "pass"]
+    assert [requirement.metric for requirement in verdict.requirements] == [
+        "latency.p95",
+        "drop_rate",
+    ]
     limit, estimate = verdict.requirements[0].limit, verdict.requirements[0].estimate
     assert limit is not None
     assert estimate is not None
@@ -77,15 +80,15 @@ def test_a_short_run_gets_a_lower_percentile(tmp_path: Path) -> None:
 
 def test_one_iteration_shows_no_scatter(tmp_path: Path) -> None:
     found = proposed(run_of(tmp_path, iterations=1, n=3000), SPEC)
-    assert any("it takes 3 iterations" in each for each in found.notes)
-    assert all("latency" not in each for texts in found.added.values() for each in texts)
+    assert any("it takes 3 iterations" in note for note in found.notes)
+    assert all("latency" not in text for texts in found.added.values() for text in texts)
 
 
 def test_losses(tmp_path: Path) -> None:
     (texts,) = proposed(run_of(tmp_path / "few", lost=3), SPEC).added.values()
     assert "drop_rate <= 2 %" in texts
     found = proposed(run_of(tmp_path / "many", lost=50), SPEC)
-    assert any("were lost" in each for each in found.notes)
+    assert any("were lost" in note for note in found.notes)
 
 
 def test_what_the_spec_states_is_left_alone(tmp_path: Path) -> None:
@@ -127,7 +130,7 @@ def test_a_spec_in_flow_style_is_changed_by_hand(tmp_path: Path) -> None:
     text = text.replace("duration: 10 s}", "duration: 10 s, search: {min: 1 Hz, max: 9 Hz}}")
     found = proposed(run, text)
     assert found.text == text
-    assert any(each.startswith("add by hand: measured_at_30_hz:") for each in found.notes)
+    assert any(note.startswith("add by hand: measured_at_30_hz:") for note in found.notes)
 
 
 def test_the_command(

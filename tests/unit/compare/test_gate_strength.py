@@ -405,15 +405,17 @@ class TestAllowing:
             check_gate(side(DOCUMENT), head)
         assert head.loaded is not None
         lines = head.loaded.texts["head.r2b.yaml"].splitlines()
-        assert {lines[each.span.line - 1] for each in caught.value.diagnostics} == {"slos:"}
-        messages = sorted(each.message for each in caught.value.diagnostics)
+        assert {lines[diagnostic.span.line - 1] for diagnostic in caught.value.diagnostics} == {
+            "slos:"
+        }
+        messages = sorted(diagnostic.message for diagnostic in caught.value.diagnostics)
         assert messages[1].endswith("objective fast: gone, was out.latency.p90 < 50 ms at 30 Hz")
 
     def test_the_pipeline_allows_by_name(self) -> None:
         base, head = side(DOCUMENT), side(self.WEAKER)
         with pytest.raises(WeakerGateError) as caught:
             check_gate(base, head, ["duration"])
-        assert {each.path[0] for each in caught.value.diagnostics} == {"slos"}
+        assert {diagnostic.path[0] for diagnostic in caught.value.diagnostics} == {"slos"}
         comparison = check_gate(base, head, ["duration", "objective fast"])
         assert comparison.sentences[-1] == "allowed: duration (2 s, was 4 s)"
 
@@ -432,7 +434,7 @@ class TestAllowing:
         base, head = (replace(side(each), loaded=None) for each in (DOCUMENT, self.WEAKER))
         with pytest.raises(WeakerGateError) as caught:
             check_gate(base, head)
-        assert {each.span.file for each in caught.value.diagnostics} == {"<plan>"}
+        assert {diagnostic.span.file for diagnostic in caught.value.diagnostics} == {"<plan>"}
 
 
 Level = Literal["error", "warn", "info", "off"]

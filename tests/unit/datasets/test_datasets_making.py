@@ -20,13 +20,13 @@ from data_bags import refusal_of
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.integrity import hash_content, verify
-from r2bspec.bags.recording import SyntheticDataset, Window
+from r2bspec.bags.recording import SyntheticDataset, TimeWindow
 from r2bspec.datasets import dataset_cache
 from r2bspec.datasets.synthesis import GENERATOR_VERSION, make
 
 IMU = ["/d455_1_imu"]
 TOPICS = [*IMU, "/d455_1_left_ir_image"]
-WINDOW = Window(start_ns=1_000_000_000, end_ns=1_070_000_000)
+WINDOW = TimeWindow(start_ns=1_000_000_000, end_ns=1_070_000_000)
 
 # Makes a dataset of these topics. With "asking" it says when it begins; with "hold" it stops after
 # the first step and says so, until the file "go" appears; with "full" its files may grow to 10 kB.
@@ -150,7 +150,7 @@ def test_tells_its_progress(tmp_path: Path) -> None:
     make(
         "r2b_storage",
         IMU,
-        Window(end_ns=20_000_000),
+        TimeWindow(end_ns=20_000_000),
         cache_dir=tmp_path,
         progress=lambda done, total: steps.append((done, total)),
     )
@@ -196,7 +196,7 @@ def test_the_remains_of_others_are_removed_unless_they_live(tmp_path: Path) -> N
     holding(process)
     (live,) = (path for path in tmp_path.glob(".making-*") if path != dead)
 
-    make("r2b_storage", IMU, Window(end_ns=20_000_000), cache_dir=tmp_path)
+    make("r2b_storage", IMU, TimeWindow(end_ns=20_000_000), cache_dir=tmp_path)
 
     assert not dead.exists()
     assert live.exists()
@@ -298,14 +298,14 @@ def test_an_unchanged_dataset_is_hashed_once_for_all_processes(
 
 def test_a_made_dataset_is_not_for_other_users(tmp_path: Path) -> None:
     root = tmp_path / "cache" / "datasets"
-    made = make("r2b_storage", IMU, Window(end_ns=20_000_000), cache_dir=root)
+    made = make("r2b_storage", IMU, TimeWindow(end_ns=20_000_000), cache_dir=root)
     assert stat.S_IMODE(made.path.stat().st_mode) == 0o700
     assert {stat.S_IMODE(each.stat().st_mode) for each in made.path.iterdir()} == {0o600}
     assert stat.S_IMODE(root.stat().st_mode) == 0o700
 
 
 def test_a_window_may_hold_no_message(tmp_path: Path) -> None:
-    window = Window(start_ns=1, end_ns=2)
+    window = TimeWindow(start_ns=1, end_ns=2)
     made = make("r2b_storage", IMU, window, cache_dir=tmp_path)
     assert index_bag(made.path).message_count == 0
     assert verify(made.path) == []

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from data_bags import WINDOW, refusal_of
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.recording import SyntheticDataset, Window
+from r2bspec.bags.recording import SyntheticDataset, TimeWindow
 from r2bspec.datasets.catalogue import DURATION_NS, SEQUENCES, describe, message_times_ns
 
 
@@ -62,7 +62,7 @@ def test_sizes_are_exact(storage_room: SyntheticDataset) -> None:
 
 
 WHOLE = [
-    (source, message_times_ns(source, Window(start_ns=0, end_ns=DURATION_NS)))
+    (source, message_times_ns(source, TimeWindow(start_ns=0, end_ns=DURATION_NS)))
     for source in SEQUENCES["r2b_lounge"].sources
 ]
 
@@ -73,7 +73,7 @@ WHOLE = [
     )
 )
 def test_counts_in_a_window_are_those_of_the_whole_inside_it(ends: tuple[int, int]) -> None:
-    window = Window(start_ns=ends[0], end_ns=ends[1])
+    window = TimeWindow(start_ns=ends[0], end_ns=ends[1])
     for source, whole in WHOLE:
         inside = [time_ns for time_ns in whole if window.contains(time_ns)]
         assert message_times_ns(source, window) == inside
@@ -85,13 +85,13 @@ def test_counts_in_a_window_are_those_of_the_whole_inside_it(ends: tuple[int, in
         ("r2b_loung", None, None, "R2B307", "did you mean r2b_lounge?"),
         ("kitchen", None, None, "R2B307", "known datasets: r2b_cafe"),
         ("r2b_storage", ["/d455_rgb_image"], None, "R2B308", "did you mean /d455_1_rgb_image?"),
-        ("r2b_storage", None, Window(end_ns=DURATION_NS + 1), "R2B309", "between"),
-        ("r2b_storage", None, Window(start_ns=5, end_ns=5), "R2B309", "between"),
-        ("r2b_storage", None, Window(start_ns=-1), "R2B309", "between"),
+        ("r2b_storage", None, TimeWindow(end_ns=DURATION_NS + 1), "R2B309", "between"),
+        ("r2b_storage", None, TimeWindow(start_ns=5, end_ns=5), "R2B309", "between"),
+        ("r2b_storage", None, TimeWindow(start_ns=-1), "R2B309", "between"),
     ],
 )
 def test_refuses_what_it_does_not_carry(
-    name: str, topics: list[str] | None, window: Window | None, code: str, words: str
+    name: str, topics: list[str] | None, window: TimeWindow | None, code: str, words: str
 ) -> None:
     error = refusal_of(describe, name, topics, window)
     assert error.code == code

@@ -67,7 +67,7 @@ def watchdog(system: System, pid: int, run_id: str, parent: int = 1) -> None:
 
 
 def orphans(system: System) -> list[int]:
-    return [each.pid for each in find_runs(system).orphans]
+    return [orphan.pid for orphan in find_runs(system).orphans]
 
 
 def test_a_run_with_its_watchdog_lives(system: System) -> None:
@@ -155,7 +155,7 @@ def test_a_segment_without_a_lock_is_dead_unless_it_is_mapped(system: System) ->
         f"7f00-7f10 rw-s 0 00:1 42   {system.shared_memory}/fastdds_mapped\n"
         "7f10-7f20 rw-p 0 00:0 0\n"
     )
-    assert [each.name for each in dead_shm_files(system)] == ["fastdds_dead"]
+    assert [dead_shm_file.name for dead_shm_file in dead_shm_files(system)] == ["fastdds_dead"]
 
 
 def scratch(system: System, run_id: str, *, age_s: float = 60.0) -> Path:
@@ -202,7 +202,7 @@ def test_a_dataset_that_nobody_makes_any_more_is_unfinished(tmp_path: Path) -> N
             [sys.executable, "-c", program, str(tmp_path)], capture_output=True, check=True
         )
     assert said.stdout.strip() == b"['.making-dead']"
-    assert [each.name for each in unfinished_datasets(tmp_path)] == [
+    assert [unfinished_dataset.name for unfinished_dataset in unfinished_datasets(tmp_path)] == [
         ".making-alive",
         ".making-dead",
     ]

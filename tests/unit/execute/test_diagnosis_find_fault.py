@@ -57,8 +57,12 @@ def topic(
 
 def graph(*topics: TopicFacts, played: int | None = 10) -> GraphFacts:
     return GraphFacts(
-        topics={each.name: each for each in topics},
-        inputs=tuple(each.name for each in topics if "player" in each.planned_publishers),
+        topics={planned_topic.name: planned_topic for planned_topic in topics},
+        inputs=tuple(
+            planned_topic.name
+            for planned_topic in topics
+            if "player" in planned_topic.planned_publishers
+        ),
         played=played,
         nodes=frozenset({"/a", "/b", "/c"}),
     )
@@ -270,8 +274,8 @@ def test_the_harness_has_its_names_in_plans_and_its_tracing_subscriptions_are_le
     )
     topic_facts = facts.topics["/in"]
     assert facts.inputs == ("/in",)
-    assert [each.node for each in topic_facts.publishers] == ["player"]
-    assert [each.node for each in topic_facts.subscriptions] == ["/a"]
+    assert [publisher.node for publisher in topic_facts.publishers] == ["player"]
+    assert [subscription.node for subscription in topic_facts.subscriptions] == ["/a"]
     assert topic_facts.passed == 4
 
 

@@ -190,20 +190,20 @@ class Overloaded(Machine):
 
 def test_a_disturbed_overload_shows_no_capacity() -> None:
     found = Overloaded("saturation", BUSY).search()
-    overloads = [each for each in found.probes if each.purpose == "saturation"]
+    overloads = [probe for probe in found.probes if probe.purpose == "saturation"]
     assert overloads
-    assert all(each.explained for each in overloads)
+    assert all(overload.explained for overload in overloads)
     assert found.capacity is None
     # Short probes without interference found the upper end.
-    assert found.fails_hz in [each.rate_hz for each in found.probes if not each.explained]
+    assert found.fails_hz in [probe.rate_hz for probe in found.probes if not probe.explained]
     holds_hz, fails_hz = bracket(found)
     assert holds_hz <= 95.0 < fails_hz
 
 
 def test_an_overload_that_was_hardly_disturbed_shows_the_capacity() -> None:
     found = Overloaded("saturation", Interference(BUSY.reasons, taken=0.009)).search()
-    assert not any(each.explained for each in found.probes)
-    assert any(each.disturbed for each in found.probes)
+    assert not any(probe.explained for probe in found.probes)
+    assert any(probe.disturbed for probe in found.probes)
     assert found.capacity is not None
 
 
@@ -212,11 +212,11 @@ def test_a_bound_of_the_capacity_stays_if_others_disturbed_another_probe(
     elsewhere: Purpose,
 ) -> None:
     found = Overloaded(elsewhere, BUSY).search()
-    assert any(each.disturbed for each in found.probes)
+    assert any(probe.disturbed for probe in found.probes)
     assert found.capacity is not None
     assert found.limited_by == "graph"
     assert found.fails_hz == pytest.approx(95.0 * 1.01)
-    assert found.fails_hz not in [each.rate_hz for each in found.probes]
+    assert found.fails_hz not in [probe.rate_hz for probe in found.probes]
 
 
 @pytest.mark.parametrize(

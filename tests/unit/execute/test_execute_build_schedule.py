@@ -33,8 +33,8 @@ T = 1_000_000
 
 def index(*times: int, stamps: tuple[int, ...] | None = None, header: bool = True) -> BufferIndex:
     """Messages recorded at times after the beginning; stamped then, unless it is said when."""
-    times_ns = tuple(T + each for each in times)
-    stamps_ns = times_ns if stamps is None else tuple(T + each for each in stamps)
+    times_ns = tuple(T + time_ for time_ in times)
+    stamps_ns = times_ns if stamps is None else tuple(T + stamp for stamp in stamps)
     return BufferIndex(
         topic="/topic",
         type="sensor_msgs/msg/Image",
@@ -73,7 +73,7 @@ def test_messages_of_one_stamp_are_one_step_each_at_its_own_time() -> None:
         (100, 3, 0, 1),
         (102, 3, 1, 1),
     ]
-    assert [each.inputs for each in timeline.steps] == [0b011, 0b100, 0b100, 0b011]
+    assert [step.inputs for step in timeline.steps] == [0b011, 0b100, 0b100, 0b011]
 
 
 def test_no_message_is_stamped_later_than_it_is_played() -> None:
@@ -93,7 +93,7 @@ def test_an_input_that_is_translated_is_played_and_stamped_later() -> None:
     pair = index(0, 100)
     timeline = made((played("a"), pair), (played("b", later_ns=20), pair))
     assert due(timeline) == [(0, 0, 0, 0), (20, 1, 1, 0), (100, 2, 0, 1), (120, 3, 1, 1)]
-    assert [each.stamp_ns - T for each in timeline.steps] == [0, 20, 100, 120]
+    assert [step.stamp_ns - T for step in timeline.steps] == [0, 20, 100, 120]
 
 
 @pytest.mark.parametrize(("speed", "offset_ns"), [(0.5, 200), (2.0, 50)])
@@ -108,7 +108,7 @@ def test_speed_changes_the_times_of_play_and_no_stamp(speed: float, offset_ns: i
 def test_what_has_no_header_is_a_step_by_itself_at_its_time() -> None:
     bare = index(0, 50, header=False)
     timeline = made((played("a"), index(0, 100)), (played("b"), bare))
-    assert [each.inputs for each in timeline.steps] == [0b01, 0b10, 0b10, 0b01]
+    assert [step.inputs for step in timeline.steps] == [0b01, 0b10, 0b10, 0b01]
 
 
 @given(st.lists(st.integers(0, 50), min_size=1, max_size=40), st.booleans())
@@ -121,7 +121,7 @@ def test_every_message_is_played_once_and_every_stamp_is_unique(
     assert sorted((m.input, m.position) for m in timeline.messages) == [
         (column, position) for column in (0, 1) for position in range(len(stamps))
     ]
-    found = [each.stamp_ns for each in timeline.steps]
+    found = [step.stamp_ns for step in timeline.steps]
     assert len(set(found)) == len(found)
     assert timeline.stamp_period_ns > max(found) - min(found)
     assert timeline.period_ns > timeline.messages[-1].offset_ns
@@ -140,8 +140,8 @@ def test_a_recorded_timeline_is_that_of_what_came_out() -> None:
     plan = TimelinePlan(speed=1.0, recorded=True, shift_tf=True)
     out = index(900, 907, stamps=(0, 100))
     timeline = made((played("out", bag_topic=""), out), plan=plan)
-    assert [each.offset_ns for each in timeline.messages] == [0, 7]
-    assert [each.stamp_ns - T for each in timeline.steps] == [0, 100]
+    assert [message.offset_ns for message in timeline.messages] == [0, 7]
+    assert [step.stamp_ns - T for step in timeline.steps] == [0, 100]
 
 
 def test_stamps_that_nothing_recorded_has_are_refused() -> None:
@@ -291,8 +291,8 @@ def test_all_inputs_of_a_step_have_one_stamp_and_the_rest_is_counted(
         {indices[column].stamps_ns[position] for column, position in enumerate(step)}
         for step in aligned.steps
     ]
-    assert all(len(each) == 1 for each in stamps)
-    played = [each.pop() for each in stamps]
+    assert all(len(stamp) == 1 for stamp in stamps)
+    played = [stamp.pop() for stamp in stamps]
     # Whatever the order of arrival; what the limit cuts off has a partner all the same.
     assert played == sorted(common)[: limit or None]
     lost = {each.topic: len(each.stamps_ns) - len(common) for each in indices}

@@ -12,7 +12,7 @@ from plans import node_plan, process_plan
 from r2bspec.execute.bringup.creation_faults import not_created, not_loaded, not_made
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.bringup.readiness import StartDeadline
-from r2bspec.execute.errors import GraphMismatchError, ProcessDiedError, ProcessFailedError
+from r2bspec.execute.errors import GraphDifferencesError, ProcessDiedError, ProcessFailedError
 from r2bspec.language.spec import Container
 from r2bspec.plan.command_lines import container_argv
 from r2bspec.record.run_folder import RunFolder
@@ -33,7 +33,7 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
 
 
-def refused(reason: str, package: str = "camera") -> GraphMismatchError:
+def refused(reason: str, package: str = "camera") -> GraphDifferencesError:
     node = node_plan("rectify", namespace="/r2b", package=package, plugin="camera::Rectify")
     error = not_loaded(node, "cpp", reason, "; it printed nothing")
     assert error.exit_code == 2

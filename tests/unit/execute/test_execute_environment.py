@@ -287,7 +287,7 @@ def test_a_plan_has_references_and_is_the_same_whatever_the_values(
 
 def test_every_process_gets_the_value(plan: Plan, tmp_path: Path) -> None:
     made = RunEnvironment(plan, run_id="a", domain=1, scratch=tmp_path, largest_message_bytes=1000)
-    processes = {each.name: each for each in plan.processes}
+    processes = {process.name: process for process in plan.processes}
     assert made.for_node(processes["relay"].env)["KEY"] == VALUE
     assert made.for_harness(processes["relay"].env)["KEY"] == VALUE
     words = made.secrets.in_words(processes["other"].argv)

@@ -23,7 +23,7 @@ def command_words() -> list[tuple[str, list[object]]]:
         tree = ast.parse(text if '"-m"' in text or '"-c"' in text else "")
         for each in ast.walk(tree):
             if isinstance(each, ast.List | ast.Tuple):
-                words = [getattr(one, "value", None) for one in each.elts]
+                words = [getattr(elt, "value", None) for elt in each.elts]
                 if "-m" in words or "-c" in words:
                     found.append((f"{file.relative_to(PACKAGE)}:{each.lineno}", words))
     return found

@@ -62,7 +62,7 @@ def test_the_answer_is_complete_with_that_of_the_last(
     group: MonitorGroup, members: list[Member]
 ) -> None:
     group.send(protocol.CountMatches())
-    assert [each.commands() for each in members] == [[protocol.CountMatches()]] * 2
+    assert [member.commands() for member in members] == [[protocol.CountMatches()]] * 2
     members[1].reply(protocol.Matched(counts={"/b": 2}))
     assert not group.inbox
     members[0].reply(protocol.Matched(counts={"/a": 1}))
@@ -73,7 +73,7 @@ def test_what_is_watched_for_a_while_is_watched_by_the_first(
     group: MonitorGroup, members: list[Member]
 ) -> None:
     group.send(protocol.StartTap(monitors=()))
-    assert [len(each.commands()) for each in members] == [1, 0]
+    assert [len(member.commands()) for member in members] == [1, 0]
     members[0].reply(protocol.Matched(counts={}))
     assert len(group.inbox) == 1
 
@@ -84,14 +84,14 @@ def test_each_subscribes_to_its_own_topics(group: MonitorGroup, members: list[Me
         for name in "ab"
     )
     group.send(protocol.Subscribe(monitors=(b,)))
-    assert [each.commands() for each in members] == [[], [protocol.Subscribe(monitors=(b,))]]
+    assert [asked.commands() for asked in members] == [[], [protocol.Subscribe(monitors=(b,))]]
     members[1].reply(protocol.Matched(counts={"/b": 0}))
     group.send(protocol.Subscribe(monitors=(a, b)))
-    assert [each.commands() for each in members] == [
+    assert [asked.commands() for asked in members] == [
         [protocol.Subscribe(monitors=(each,))] for each in (a, b)
     ]
-    for each in members:
-        each.reply(protocol.Matched(counts={}))
+    for member in members:
+        member.reply(protocol.Matched(counts={}))
     assert len(group.inbox) == 2
 
 

@@ -51,7 +51,7 @@ GRAPH = plan_of(
 
 
 def names(plan: Plan, node: str = "") -> list[str]:
-    return [each.name for each in profiled_processes(plan, node)]
+    return [profiled_process.name for profiled_process in profiled_processes(plan, node)]
 
 
 def test_every_process_of_the_graph_is_observed_unless_one_is_named() -> None:

@@ -90,7 +90,10 @@ def test_real_time_for_the_process_and_threads_by_name(threads: subprocess.Popen
         ),
     )
     require_permitted([plan])
-    seen = {each.thread: each for each in schedule_threads(plan, threads.pid)}
+    seen = {
+        schedule_thread.thread: schedule_thread
+        for schedule_thread in schedule_threads(plan, threads.pid)
+    }
     assert (seen["dds.ev"].policy, seen["dds.ev"].priority) == ("rr", 7)
     assert (seen["dds.shm"].policy, seen["dds.shm"].priority) == ("fifo", 9)
     assert seen["dds.shm"].cpus == (FIRST,)

@@ -24,7 +24,7 @@ from r2bspec.execute.measurement.segment_observation import (
 from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, ArrivalReader
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import RowWriter
-from r2bspec.judge.measure.matching import MatchedMonitor, Ratio, match, match_monitor
+from r2bspec.judge.measure.matching import MatchedMonitor, StepRatio, match, match_monitor
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, MONITOR_FIELDS, PLAYBACK_FIELDS
 from run_simulation import EPOCH_NS, MONITOR_PLAN, Played, monitor_rows, playback_rows
 from scripted_playback import ScriptedPlayback
@@ -52,7 +52,7 @@ def matched(*latency: float) -> MatchedMonitor:
     ],
 )
 def test_what_is_missing(latencies: list[tuple[float, ...]], outstanding: Outstanding) -> None:
-    assert outstanding_answers(matched(*each) for each in latencies) == outstanding
+    assert outstanding_answers(matched(*latency) for latency in latencies) == outstanding
 
 
 @pytest.mark.parametrize(
@@ -215,7 +215,7 @@ def test_a_graph_that_answers_every_tenth_step_is_not_silent_between() -> None:
     playback = playback_rows(Played(20, [0.0] * 30))
     rows = np.zeros(2, MONITOR_DTYPE)
     rows["received_ns"] = EPOCH_NS + np.array([460_000_000, 960_000_000])
-    ratio = Ratio(inputs=10)
+    ratio = StepRatio(inputs=10)
     assert not output_stopped(playback, rows, match(playback, rows, "order", ratio))
 
 

@@ -37,7 +37,7 @@ def stopped(late: int = 0, **inputs: int) -> SilentOutputs:
     topics = [topic(f"/{name}", "player", "/node", passed) for name, passed in inputs.items()]
     facts = GraphFacts(
         topics={one.name: one for one in (*topics, topic("/r2b/out", "/node", "monitor", 0))},
-        inputs=tuple(one.name for one in topics),
+        inputs=tuple(planned_topic.name for planned_topic in topics),
         played=10,
         nodes=frozenset({"/node"}),
     )

@@ -18,7 +18,7 @@ from r2bspec.execute.bringup.spec_mismatches import (
     undeclared,
     unmatched_remappings,
 )
-from r2bspec.execute.errors import GraphMismatchError
+from r2bspec.execute.errors import GraphDifferencesError
 from r2bspec.ipc import protocol
 from r2bspec.ipc.protocol import ParameterLists, Ready
 
@@ -34,7 +34,7 @@ READY = Ready(
 
 
 def test_every_undeclared_parameter_is_named_by_the_code_of_validate() -> None:
-    with pytest.raises(GraphMismatchError, match="'rtae'; .*'size'") as caught:
+    with pytest.raises(GraphDifferencesError, match="'rtae'; .*'size'") as caught:
         require_declared_parameters(READY)
     assert (caught.value.code, caught.value.exit_code) == ("R2B211", 2)
     first, second = caught.value.differences

@@ -82,7 +82,7 @@ def test_phases_follow_each_other_without_gaps() -> None:
     clock.begin("load")
     clock.begin("start")
     phases = clock.phases()
-    assert [each.name for each in phases] == ["prepare", "load", "start"]
+    assert [phase.name for phase in phases] == ["prepare", "load", "start"]
     for before, after in itertools.pairwise(phases):
         assert before.began_ns <= before.ended_ns <= after.began_ns
         # What lies in between is two instructions, not a part of the run.
@@ -124,7 +124,7 @@ def test_the_longest_wait_is_first_and_the_processor_time_is_that_of_the_phase()
         spin(20)
     clock.begin("load")
     prepare, load = clock.phases()
-    assert [each.what for each in prepare.waits] == ["long", "short"]
+    assert [wait.what for wait in prepare.waits] == ["long", "short"]
     assert prepare.cpu_ns >= 21 * MS > load.cpu_ns
 
 
@@ -136,7 +136,7 @@ def test_a_wait_that_fails_is_counted_too() -> None:
     except TimeoutError:
         pass
     (phase,) = clock.phases()
-    assert [each.what for each in phase.waits] == ["relay: ready"]
+    assert [wait.what for wait in phase.waits] == ["relay: ready"]
 
 
 def test_waits_of_several_starts_are_shown_together() -> None:

@@ -377,7 +377,7 @@ def test_a_process_inherits_nothing_but_its_channel(stage: Stage) -> None:
         for each in Path(f"/proc/{second.pid}/fd").iterdir()
         if each.name not in {"0", "1", "2"}
     ]
-    assert len([each for each in kinds if each.startswith("socket:")]) == 1
+    assert len([kind for kind in kinds if kind.startswith("socket:")]) == 1
     assert first.connection is not None
     ours = str(Path(f"/proc/self/fd/{first.connection.fileno()}").readlink())
     assert ours not in kinds
@@ -416,7 +416,7 @@ def test_processes_end_together_where_the_middleware_needs_no_turns(
     waits += "while not pathlib.Path(file[1]).exists(): time.sleep(0.01)\nsys.exit(0)"
     monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
     names = ("first", "second")
-    files = [str(stage.folder / each) for each in names]
+    files = [str(stage.folder / name) for name in names]
     started = [
         stage.start("import pathlib\n" + waits.format(order), name)
         for name, order in zip(names, (files, files[::-1]), strict=True)
@@ -502,7 +502,7 @@ def test_the_record_lists_all_in_order_with_how_they_ended(stage: Stage, impatie
     ]
     assert [each.pid for each in running] == [first.pid, second.pid]
     assert stage.children.close() == ["second"]
-    assert [each.exit_code for each in stage.children.records()] == [0, -signal.SIGKILL]
+    assert [record.exit_code for record in stage.children.records()] == [0, -signal.SIGKILL]
 
 
 # Being interrupted

@@ -125,8 +125,8 @@ def sightings(truth: GroundTruth) -> tuple[TagSighting, ...]:
 
 def test_true_poses_are_right(dataset: Path, truth: GroundTruth) -> None:
     outputs = [
-        (frozenset({each.stamp_ns}), poses((each.position_m, each.orientation_xyzw)))
-        for each in sightings(truth)
+        (frozenset({sighting.stamp_ns}), poses((sighting.position_m, sighting.orientation_xyzw)))
+        for sighting in sightings(truth)
     ]
     found = compare(TAG, outputs, dataset)
     assert found.values == {TAG_MISSED: 0.0, TAG_FALSE: 0.0, TAG_POSITION_ERROR: 0.0}

@@ -107,9 +107,9 @@ def test_only_what_the_plan_names_is_sent_with_what_it_imports(folder: Path) -> 
         "specs/own.py",
         "specs/tool.sh",
     }
-    assert [each.path for each in bundle.files if each.executable] == ["specs/tool.sh"]
+    assert [file.path for file in bundle.files if file.executable] == ["specs/tool.sh"]
     assert bundle.sides[0].base_dir == "specs"
-    assert [each.path for each in bundle.recordings] == ["specs/bag"]
+    assert [recording.path for recording in bundle.recordings] == ["specs/bag"]
     assert {file.path for file in bundle.files if file.recording} == {
         f"specs/bag/{file.name}" for file in (folder / "bag").iterdir()
     }

@@ -28,7 +28,9 @@ FILES = (
 def test_every_option_that_a_file_uses_exists(name: str) -> None:
     words = re.findall(r"(?<![\w-])--[a-z][a-z-]+", (CI / name).read_text())
     helps = [CliRunner().invoke(run_verb, ["--help"]).output]
-    helps += [CliRunner().invoke(each, ["--help"]).output for each in fleet_verb.commands.values()]
+    helps += [
+        CliRunner().invoke(command, ["--help"]).output for command in fleet_verb.commands.values()
+    ]
     ours = set(re.findall(r"--[a-z][a-z-]+", "".join(helps)))
     others = {"--protocol", "--port", "--no-dashboard", "--tls-ca-file", "--tls-cert", "--tls-key"}
     others |= {"--dashboard-address"}
@@ -45,12 +47,12 @@ def test_every_file_says_what_was_not_tried(name: str) -> None:
 def test_kubernetes_selects_the_pods_that_it_makes() -> None:
     documents: list[Any] = list(yaml.safe_load_all((CI / "kubernetes/fleet.yaml").read_text()))
     assert [each["kind"] for each in documents] == ["Deployment", "Service", "DaemonSet"]
-    for each in documents:
-        assert {"apiVersion", "kind", "metadata", "spec"} <= set(each)
-        if each["kind"] == "Service":
+    for document in documents:
+        assert {"apiVersion", "kind", "metadata", "spec"} <= set(document)
+        if document["kind"] == "Service":
             continue
-        pod = each["spec"]["template"]
-        assert each["spec"]["selector"]["matchLabels"] == pod["metadata"]["labels"]
+        pod = document["spec"]["template"]
+        assert document["spec"]["selector"]["matchLabels"] == pod["metadata"]["labels"]
         volumes = {volume["name"] for volume in pod["spec"]["volumes"]}
         for container in pod["spec"]["containers"]:
             assert {mount["name"] for mount in container["volumeMounts"]} == volumes

@@ -59,7 +59,9 @@ def night(tmp_path: Path) -> Night:
 
 def test_a_night_is_judged_by_the_nights_before_it(night: Night) -> None:
     verdicts = [night.run(level).verdict for level in LEVELS]
-    assert [one.requirements[0].outcome for one in verdicts] == ["inconclusive"] * 5 + ["pass"]
+    assert [verdict.requirements[0].outcome for verdict in verdicts] == ["inconclusive"] * 5 + [
+        "pass"
+    ]
     assert verdicts[2].requirements[0].learning == "3 of 5"
     with open_history(night.file) as history:
         assert len(history.runs()) == len(LEVELS)

@@ -23,12 +23,12 @@ from r2bspec.fleet.errors import (
     NotAllowedError,
     TransferError,
 )
-from r2bspec.fleet.fleet_runs import Ended, FleetLimits, FleetRuns
+from r2bspec.fleet.fleet_runs import EndedRun, FleetLimits, FleetRuns
 from r2bspec.fleet.host_service import HostService
 from r2bspec.fleet.host_store import HostStore, remove
 from r2bspec.fleet.hosts import Host
 from r2bspec.fleet.journal import Journal, read_journal
-from r2bspec.fleet.messages import Call, HostState, Played, Problem, read_answer, request_of
+from r2bspec.fleet.messages import Call, HostState, Problem, RunEnded, read_answer, request_of
 
 
 class DirectClient:
@@ -70,7 +70,7 @@ def play(
     before: Callable[..., None],
     limits: FleetLimits = FleetLimits(),  # noqa: B008 - immutable
     **node: Any,
-) -> Ended:
+) -> EndedRun:
     root = folder / "out"
     root.mkdir()
     journal = Journal(root)
@@ -147,7 +147,7 @@ def test_what_a_worker_finds_in_its_folder_is_not_believed(
 
 
 def test_a_run_that_was_played_before_is_not_played_again(service: Service, tmp_path: Path) -> None:
-    answers: list[Played] = []
+    answers: list[RunEnded] = []
 
     def before(what: str, *args: Any) -> None:
         if what == "play":

@@ -24,7 +24,7 @@ from r2bspec.fleet import fleet_runs, host_store
 from r2bspec.fleet.bundle import Job, digest_of
 from r2bspec.fleet.client import _host
 from r2bspec.fleet.errors import FalseAnswerError, HostLostError, TransferError
-from r2bspec.fleet.fleet_runs import Ended, FleetLimits, FleetRun, FleetRuns
+from r2bspec.fleet.fleet_runs import EndedRun, FleetLimits, FleetRun, FleetRuns
 from r2bspec.fleet.host_store import HostStore, pack_run, unpack_run
 from r2bspec.fleet.hosts import Host, HostFacts
 from r2bspec.fleet.journal import Journal, read_journal
@@ -32,7 +32,7 @@ from r2bspec.fleet.messages import (
     FACTS,
     Call,
     HostState,
-    Played,
+    RunEnded,
     answer_of,
     read_answer,
     read_request,
@@ -52,7 +52,7 @@ class Liar(Service):
 
     packed: Packing
 
-    def play(self, job: Job) -> Played:
+    def play(self, job: Job) -> RunEnded:
         """Play, and exchange what was played."""
         played = super().play(job)
         archive = self.store.spool(job.identity) / "run.tar.gz"
@@ -109,7 +109,7 @@ class Suite:
         self.limits = limits or FleetLimits()
         self.notes: list[str] = []
 
-    def play(self, answering: dict[str, Answering], *more: FleetRun) -> list[Ended]:
+    def play(self, answering: dict[str, Answering], *more: FleetRun) -> list[EndedRun]:
         """Play on these hosts; the first has its turn first."""
         journal = Journal(self.root)
         client: Any = SeveralHosts(answering)
@@ -205,7 +205,7 @@ def test_a_result_without_a_run_is_refused(tmp_path: Path) -> None:
 
     def lying(request: bytes) -> bytes:
         is_play = read_request(request)[0] == "play"
-        return answer_of(request, Played(outcome="pass")) if is_play else honest.answer(request)
+        return answer_of(request, RunEnded(outcome="pass")) if is_play else honest.answer(request)
 
     is_found_out(tmp_path, lying, "nothing of the run")
 
@@ -240,7 +240,7 @@ def test_more_than_the_disk_holds_is_not_fetched(tmp_path: Path) -> None:
 
     def lying(request: bytes) -> bytes:
         asked.append(read_request(request)[0])
-        played = Played(outcome="pass", size=64 << 40, sha256="0" * 64)
+        played = RunEnded(outcome="pass", size=64 << 40, sha256="0" * 64)
         return answer_of(request, played) if asked[-1] == "play" else honest.answer(request)
 
     is_found_out(tmp_path, lying, "too much for here")

@@ -55,7 +55,7 @@ def test_the_end_of_the_controller_ends_the_run_and_its_scratch(
     people.start("plain")
     people.start("parent-of-stubborn-stranger", 2)
     people.start("parent-of-nameless", 2)
-    tell(watchdog, *(f"session {each.pid} {each.started}" for each in people.sessions))
+    tell(watchdog, *(f"session {session.pid} {session.started}" for session in people.sessions))
     assert hang_up(watchdog) == 0
     assert people.living() == []
     assert not scratch.exists()

@@ -120,14 +120,14 @@ def test_nodes_of_a_missing_module_are_left_out(tmp_path: Path) -> None:
     )
     read = read_benchmark_script(script)
     spec = build_spec(read, tmp_path)
-    said = [each.message for each in spec.findings if each.code == "R2B710"]
+    said = [finding.message for finding in spec.findings if finding.code == "R2B710"]
     assert any("the node that make_node makes is not known" in each for each in said)
     assert any("make_monitor" in each for each in said)
-    (missing,) = [each for each in spec.findings if each.code == "R2B705"]
+    (missing,) = [finding for finding in spec.findings if finding.code == "R2B705"]
     assert missing.severity == "error"
     assert missing.span.line == 1
     assert "'cell_far'" in missing.message
     assert "make_node, make_monitor" in missing.message
     assert "--package-path" in missing.help
-    assert [each.name for each in read.parts.nodes] == ["own"]
+    assert [node.name for node in read.parts.nodes] == ["own"]
     assert "No monitor of the script is known" in spec.text

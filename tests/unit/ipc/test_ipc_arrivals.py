@@ -47,7 +47,10 @@ class World:
         self._waiting.clear()
 
     def found(self) -> list[int]:
-        return [int(each) for each in arrival_times(np.array(self.rows, list(ARRIVAL_FIELDS)))]
+        return [
+            int(arrival_time_)
+            for arrival_time_ in arrival_times(np.array(self.rows, list(ARRIVAL_FIELDS)))
+        ]
 
 
 @pytest.fixture
@@ -117,8 +120,8 @@ def test_a_reader_of_the_last_rows_knows_a_step_before_them(tmp_path: Path, worl
     world.take()
     path = tmp_path / "out.rows"
     with closing(RowWriter(path, len(ARRIVAL_FIELDS))) as rows:
-        for each in world.rows:
-            rows.append(*each)
+        for row in world.rows:
+            rows.append(*row)
         reader = ArrivalReader(path, MONITOR_FIELDS)
         assert reader.count() == 51
         for start, stop in ((0, None), (1, None), (40, None), (40, 45), (51, None), (60, None)):

@@ -14,7 +14,7 @@ import pytest
 from family_trees import Family, family, wait_for
 from r2bspec.execute.processes.process import ManagedProcess
 from r2bspec.ipc.process_cleanup import (
-    Session,
+    ProcessSession,
     SessionLeader,
     clean_up,
     end_run_processes,
@@ -83,7 +83,7 @@ def test_a_session_that_was_opened_after_the_runs_own_was_gone_is_left_alone(
     people.collect()
     (later,) = people.sessions
     # The run once had a session of this number; its first process was collected before.
-    before = Session(later.pid, started=later.started - 2, held=later.started - 1)
+    before = ProcessSession(later.pid, started=later.started - 2, held=later.started - 1)
     assert run_processes("a run of long ago", [before]) == []
     assert end_run_processes("a run of long ago", [before], grace_s=0.1) == []
     kill_process_groups([before])
@@ -100,7 +100,7 @@ def test_who_was_there_before_the_first_process_was_collected_is_of_the_run(
     (session,) = people.sessions
     assert session.held is not None
     assert start_ticks(session.pid) is None
-    assert [each.pid for each in run_processes("", [session])] == [pid]
+    assert [run_process.pid for run_process in run_processes("", [session])] == [pid]
 
 
 def test_the_group_of_a_process_that_was_collected_is_not_signalled(

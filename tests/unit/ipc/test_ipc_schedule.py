@@ -44,18 +44,18 @@ def test_transforms_lie_between_the_steps_in_every_round() -> None:
         ),
     )
     events = played_events(schedule, 10.0, 4)
-    assert [(each.step, each.offset_ns // 10**6) for each in events] == [
+    assert [(event.step, event.offset_ns // 10**6) for event in events] == [
         (0, 0), (NO_STEP, 25), (NO_STEP, 50), (1, 100), (NO_STEP, 150),
         (2, 200), (NO_STEP, 225), (NO_STEP, 250), (3, 300), (NO_STEP, 350),
     ]  # fmt: skip
-    placed = [each for each in events if each.step == NO_STEP][:3]
+    placed = [event for event in events if event.step == NO_STEP][:3]
     # Recorded stamps, minus the time that corresponds to the event, plus its stamp.
     assert [each.messages for each in placed] == [((1, 4, -100),), ((1, 5, -200),), ((1, 6, -300),)]
 
 
 def test_a_timeline_plays_each_message_at_its_own_time() -> None:
     events = played_events(TIMELINE, 0.0, 3)
-    assert [(each.offset_ns, each.step, each.messages) for each in events] == [
+    assert [(event.offset_ns, event.step, event.messages) for event in events] == [
         (0, NO_STEP, ((2, 0, 0),)),
         (0, 0, ((0, 0, 0),)),
         (5, 1, ((1, 0, 0),)),
@@ -63,15 +63,15 @@ def test_a_timeline_plays_each_message_at_its_own_time() -> None:
         (20, 2, ((0, 1, 0),)),
     ]
     # The second step is complete before the first, and counts with it.
-    assert [each.complete for each in events] == [0, 0, 0, 2, 3]
+    assert [event.complete for event in events] == [0, 0, 0, 2, 3]
 
 
 @given(steps=st.integers(1, 40))
 @settings(deadline=None)
 def test_the_span_of_a_timeline_ends_where_the_next_step_is_due(steps: int) -> None:
     begun: dict[int, int] = {}
-    for each in played_events(TIMELINE, 0.0, steps + 1):
-        begun.setdefault(each.step, each.offset_ns)
+    for played_event in played_events(TIMELINE, 0.0, steps + 1):
+        begun.setdefault(played_event.step, played_event.offset_ns)
     assert TIMELINE.span_ns(0.0, steps) == begun[steps]
 
 

@@ -119,7 +119,7 @@ def test_a_second_run_that_passes_does_not_excuse_a_wrong_output() -> None:
     )
     asked = {"slo": objective("latency.p90 < 100 ms", "accuracy.tag_missed == 0 %", at="30 Hz")}
     found = judge_with_confirmation(asked, run, DecisionPolicy())
-    assert [each.outcome for each in found.requirements] == ["inconclusive", "fail"]
+    assert [requirement.outcome for requirement in found.requirements] == ["inconclusive", "fail"]
     assert found.outcome == "fail"
 
 

@@ -113,13 +113,13 @@ def run(
     again: Mapping[int, tuple[str, HostInterference]] | None = None,
 ) -> RunSamples:
     """A run of iterations that are named by what they would lead to; and of reruns by number."""
-    outcomes = [name for each in iterations for name in each]
+    outcomes = [name for iteration in iterations for name in iteration]
     again = again or {}
     played = [Played(30, LATENCIES[name]) for name in outcomes]
     played += [Played(30, LATENCIES[name]) for name, _ in again.values()]
     samples = Simulation(segments=played).samples()
     found = samples.iterations[30.0]
-    known = [around for each in iterations for around in each.values()]
+    known = [around for iteration in iterations for around in iteration.values()]
     first = tuple(
         replace(one, interference=around)
         for one, around in zip(found[: len(known)], known, strict=True)
@@ -212,7 +212,7 @@ class TestWhatTheyMayDo:
         samples = run({"fail": STOLEN}, {"fail": STOLEN})
         other = msgspec.structs.replace(objective("no_such_metric < 3"), at=None)
         found = judge({"slo": objective(ASKED), "other": other}, samples)
-        assert [one.weakened for one in found.requirements] == [True, False]
+        assert [requirement.weakened for requirement in found.requirements] == [True, False]
         assert found.outcome == "fail"
 
     def test_reruns_that_cannot_change_the_outcome_are_not_played(self) -> None:
@@ -221,7 +221,7 @@ class TestWhatTheyMayDo:
         assert len(iterations_to_rerun(judge(slo, twice))) == 3
         hopeless = {**slo, "other": objective("latency.mean < 1 ms")}
         found = judge(hopeless, twice)
-        assert [one.weakened for one in found.requirements] == [True, False]
+        assert [requirement.weakened for requirement in found.requirements] == [True, False]
         assert iterations_to_rerun(found) == []
         hint = {"slo": msgspec.structs.replace(objective(ASKED), level="warn")}
         assert iterations_to_rerun(judge(hint, twice)) == []

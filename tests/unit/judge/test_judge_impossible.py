@@ -45,8 +45,8 @@ class Ratioed(Simulation):
     def plan(self) -> Plan:
         plan = super().plan()
         monitors = tuple(
-            msgspec.structs.replace(each, ratio_inputs=self.inputs, ratio_outputs=self.outputs)
-            for each in plan.monitors
+            msgspec.structs.replace(monitor, ratio_inputs=self.inputs, ratio_outputs=self.outputs)
+            for monitor in plan.monitors
         )
         return msgspec.structs.replace(plan, monitors=monitors)
 
@@ -105,8 +105,8 @@ def test_answers_before_their_question_are_invalid(tmp_path: Path) -> None:
     assert (found.outcome, found.exit_code) == ("invalid", 4)
     assert "900 of 900 outputs were received before their input was published" in found.reason
     assert "impossible" in found.reason
-    assert {one.outcome for one in found.requirements} == {"inconclusive"}
-    assert all("stamp of their input" in one.remedy for one in found.requirements)
+    assert {requirement.outcome for requirement in found.requirements} == {"inconclusive"}
+    assert all("stamp of their input" in requirement.remedy for requirement in found.requirements)
 
 
 @pytest.mark.parametrize(("share", "outcome"), [(0.009, "pass"), (0.02, "invalid")])
@@ -169,7 +169,7 @@ def test_by_order_one_lost_message_makes_the_latency_unknown(tmp_path: Path, met
 )
 def test_nor_do_other_methods_judge_an_unknown_latency(tmp_path: Path, required: str) -> None:
     run = by_order(required, latency=lossy(1)).write(tmp_path / "run")
-    assert [one.outcome for one in verdict_of(run).requirements] == ["inconclusive"]
+    assert [requirement.outcome for requirement in verdict_of(run).requirements] == ["inconclusive"]
 
 
 def test_nor_is_it_compared_with_a_baseline(tmp_path: Path) -> None:
@@ -182,7 +182,7 @@ def test_nor_is_it_compared_with_a_baseline(tmp_path: Path) -> None:
         decision_policy(run.plan),
         _never_asked,
     )
-    assert [one.outcome for one in found.requirements] == ["inconclusive"]
+    assert [requirement.outcome for requirement in found.requirements] == ["inconclusive"]
     assert "matched by order, and 3 of 900 are missing" in found.requirements[0].reason
 
 
@@ -203,7 +203,7 @@ def test_an_unknown_latency_is_in_no_report(tmp_path: Path) -> None:
         match="order",
     ).write(tmp_path / "run")
     (rate,) = summarise(read_samples(run)).rates
-    first, second = (one.monitors["detections"] for one in rate.iterations)
+    first, second = (iteration.monitors["detections"] for iteration in rate.iterations)
     assert first.latency.p50 == pytest.approx(0.015)
     assert (second.latency.n, second.latency.p50, second.latency_from_due.max) == (0, None, None)
     assert second.unknown_latency
@@ -217,7 +217,9 @@ def test_an_unknown_latency_is_in_no_report(tmp_path: Path) -> None:
         assert renderer(name)(reported)
     traced = renderer("trace")(reported)
     assert b"iteration-001" in traced
-    answers = [one.segment.id for one in expected_answers(run, "detections")]
+    answers = [
+        expected_answer.segment.id for expected_answer in expected_answers(run, "detections")
+    ]
     assert set(answers) == {"iteration-001"}
 
 

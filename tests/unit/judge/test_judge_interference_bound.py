@@ -28,7 +28,7 @@ def some_stalls(draw: st.DrawFn) -> Stalls:
     starts = np.sort(np.random.default_rng(draw(st.integers(0, 99))).uniform(0, 8, number))
     # One after the other where they would overlap.
     gaps = np.maximum.accumulate(starts - np.arange(number) * length)
-    return [(float(each), length) for each in gaps + np.arange(number) * length]
+    return [(float(gap), length) for gap in gaps + np.arange(number) * length]
 
 
 @settings(deadline=None, max_examples=size(60, 300), suppress_health_check=[HealthCheck.too_slow])

@@ -316,7 +316,9 @@ class TestTheWhole:
     def test_a_requirement_without_a_monitor_holds_for_each(self) -> None:
         samples = samples_of(Played(30, latencies(300), silent=("b",)), monitors=("a", "b"))
         verdict = ask(samples, "latency.p50 < 60 ms")
-        assert [(each.monitor, each.outcome) for each in verdict.requirements] == [
+        assert [
+            (requirement.monitor, requirement.outcome) for requirement in verdict.requirements
+        ] == [
             ("a", "pass"),
             ("b", "fail"),
         ]

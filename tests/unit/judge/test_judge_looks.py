@@ -95,7 +95,10 @@ class TestWhatToDoNext:
         ],
     )
     def test_steps(self, outcomes: tuple[Outcome, ...], look: int, step: str) -> None:
-        assert decide_after_look(self.LOOKS, look, [verdict_of(one) for one in outcomes]) == step
+        assert (
+            decide_after_look(self.LOOKS, look, [verdict_of(outcome) for outcome in outcomes])
+            == step
+        )
 
     def test_what_more_iterations_cannot_settle_is_not_played_for(self) -> None:
         open_ = verdict_of("inconclusive", "sequential probe")
@@ -144,7 +147,7 @@ class TestAllLooksTogether:
     def test_the_first_decision_stands_unless_it_turns_out_a_failure(
         self, outcomes: tuple[Outcome, ...], together: str, look: int
     ) -> None:
-        found = combine_looks(self.LOOKS, [verdict_of(one) for one in outcomes])
+        found = combine_looks(self.LOOKS, [verdict_of(outcome) for outcome in outcomes])
         assert (found.outcome, found.look, found.looks) == (together, look, 3)
 
     def test_what_was_only_seen_follows_all_that_was_seen(self) -> None:

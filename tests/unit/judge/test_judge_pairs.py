@@ -48,7 +48,11 @@ def judged(comparison: Comparison, path: Path) -> Verdict:
 
 
 def ratio(verdict: Verdict) -> RequirementVerdict:
-    return next(one for one in verdict.requirements if one.objective == "no_regression")
+    return next(
+        requirement
+        for requirement in verdict.requirements
+        if requirement.objective == "no_regression"
+    )
 
 
 def test_what_is_the_same_passes_and_says_what_it_is_of(tmp_path: Path) -> None:
@@ -79,9 +83,9 @@ def test_what_is_slower_fails_unless_fresh_pairs_contradict(tmp_path: Path) -> N
 
 def test_other_requirements_rest_on_the_runs_of_the_head(tmp_path: Path) -> None:
     one = next(
-        each
-        for each in judged(Comparison(BASE, SAME), tmp_path).requirements
-        if each.objective == "fast"
+        requirement
+        for requirement in judged(Comparison(BASE, SAME), tmp_path).requirements
+        if requirement.objective == "fast"
     )
     assert (one.outcome, one.method, one.n) == ("pass", "exact binomial", 3 * 30)
 
@@ -248,7 +252,7 @@ def test_no_pair_is_played_again_for_what_has_failed_anyway(tmp_path: Path) -> N
     comparison = Comparison(BASE, SLOWER, both, disturbed=EVERYWHERE, load=load)
     pair_set = read_pair_set(comparison.write(tmp_path / "pairs"), {})
     verdict = judge_pair_set(both, pair_set, DecisionPolicy())
-    assert [one.outcome for one in verdict.requirements] == ["inconclusive", "fail"]
+    assert [requirement.outcome for requirement in verdict.requirements] == ["inconclusive", "fail"]
     assert not reruns_can_decide(verdict, both, pair_set, DecisionPolicy())
 
 
@@ -265,7 +269,7 @@ def test_nothing_played_is_no_pass(tmp_path: Path) -> None:
     killed = Comparison([], [], planned=6, status="incomplete", reason="killed")
     verdict = judged(killed, tmp_path)
     assert verdict.outcome == "incomplete"
-    assert all(one.outcome != "pass" for one in verdict.requirements)
+    assert all(requirement.outcome != "pass" for requirement in verdict.requirements)
 
 
 @pytest.mark.parametrize(
@@ -299,8 +303,8 @@ def test_a_silent_head_fails_also_where_the_base_is_silent(tmp_path: Path) -> No
     )
     comparison = Comparison(BASE, SAME, objectives={"no_regression": everything})
     pairs = comparison.write(tmp_path / "pairs")
-    for each in pairs.record.pairs:
-        for folder in (each.base, each.head):
+    for pair in pairs.record.pairs:
+        for folder in (pair.base, pair.head):
             (segment,) = (pairs.folder / folder / "samples").iterdir()
             (segment / "monitor.detections.npy").unlink()
             silent = Simulation(segments=[Played(30.0, latencies(0.02), silent=("detections",))])
@@ -308,7 +312,7 @@ def test_a_silent_head_fails_also_where_the_base_is_silent(tmp_path: Path) -> No
             (mute / "monitor.detections.npy").rename(segment / "monitor.detections.npy")
             renew_digests(pairs.folder / folder)
     verdict = judge_comparison_folder(pairs).result.verdict
-    assert [one.outcome for one in verdict.requirements] == ["fail"] * 3
+    assert [requirement.outcome for requirement in verdict.requirements] == ["fail"] * 3
 
 
 def test_judging_again_gives_the_same_bytes(tmp_path: Path) -> None:
@@ -325,9 +329,9 @@ def test_runs_read_as_one_keep_every_sample(tmp_path: Path) -> None:
     merged = pairs.merged(pairs.usable_pairs(), "head")
     samples = read_samples(merged)
     (iterations,) = samples.iterations.values()
-    assert [one.segment.index for one in iterations] == [1, 2, 3, 4, 5, 6]
-    assert len({one.segment.id for one in iterations}) == 6
-    alone = [read_samples(pairs.run(each, "head")) for each in pairs.usable_pairs()]
+    assert [iteration.segment.index for iteration in iterations] == [1, 2, 3, 4, 5, 6]
+    assert len({iteration.segment.id for iteration in iterations}) == 6
+    alone = [read_samples(pairs.run(usable_pair, "head")) for usable_pair in pairs.usable_pairs()]
     for one, run in zip(iterations, alone, strict=True):
         (own,) = next(iter(run.iterations.values()))
         np.testing.assert_array_equal(

@@ -100,7 +100,7 @@ def test_what_random_times_do_not_settle_stays_open_and_says_between_what() -> N
 def test_a_longer_probe_settles_more() -> None:
     def settled(seconds: float) -> int:
         servers = (Server(100.0, spread=1.0, seed=seed) for seed in range(20))
-        found = [probe(each, 90.0, seconds=seconds).judgement.keeps_up for each in servers]
+        found = [probe(server, 90.0, seconds=seconds).judgement.keeps_up for server in servers]
         assert False not in found
         return found.count(True)
 
@@ -120,9 +120,9 @@ def test_losses_count_only_beyond_what_the_spec_admits(
         sustained(Server(200.0, loses=loses, seed=seed), 100.0, criterion=criterion).judgement
         for seed in range(20)
     ]
-    assert sum(each.holds is holds for each in answers) >= 19
+    assert sum(answer.holds is holds for answer in answers) >= 19
     if not holds:
-        assert any("dropped" in each.reason for each in answers)
+        assert any("dropped" in answer.reason for answer in answers)
 
 
 LOSING_HALF = Criterion(precision=0.02, loss=0.5)
@@ -184,11 +184,11 @@ def test_what_looks_like_an_overload_and_is_none(
 
 def test_looks_share_the_error_and_end_with_the_probe() -> None:
     looks = plan_interim_looks(10.0)
-    assert [each.at_s for each in looks] == pytest.approx(
+    assert [look.at_s for look in looks] == pytest.approx(
         [1, 1.5, 2.25, 3.375, 5.0625, 7.59375, 10]
     )
-    assert sum(each.share for each in looks) == pytest.approx(1.0)
-    assert [each.at_s for each in plan_interim_looks(0.5)] == [0.5]
+    assert sum(look.share for look in looks) == pytest.approx(1.0)
+    assert [plan_interim_look.at_s for plan_interim_look in plan_interim_looks(0.5)] == [0.5]
 
 
 def test_of_several_monitors_the_one_that_does_worst_decides() -> None:
@@ -204,7 +204,7 @@ def test_a_probe_that_saw_no_drop_does_not_show_that_none_is_dropped(
     loses: float, rate_hz: float
 ) -> None:
     servers = [Server(1000.0, loses=loses, seed=seed) for seed in range(size(12, 50))]
-    found = [probe(each, rate_hz).judgement for each in servers]
+    found = [probe(server, rate_hz).judgement for server in servers]
     assert not any(each.holds for each in found)
     assert any(each.keeps_up and "at most" in each.reason for each in found)
 
@@ -248,7 +248,7 @@ def test_the_peak_of_a_graph_that_drops_is_found_in_a_range_just_above_it(share:
 
 def test_what_ended_a_probe_stays_when_the_graph_has_drained() -> None:
     servers = (Server(100.0, spread=1.0, seed=seed) for seed in range(20))
-    found = [probe(each, 90.0, seconds=30.0) for each in servers]
+    found = [probe(server, 90.0, seconds=30.0) for server in servers]
     early = [each for each in found if each.stopped_s < 29.0]
     assert len(early) >= 10
     assert all(each.judgement.keeps_up for each in early)

@@ -264,10 +264,10 @@ class TestSerial:
     def test_of_values_that_are_independent_by_design_only_what_is_significant_counts(self) -> None:
         random = np.random.default_rng(2)
         runs = [random.standard_normal(40).tolist() for _ in range(400)]
-        unaffected = sum(significant_inflation(each) == 1.0 for each in runs)
+        unaffected = sum(significant_inflation(run) == 1.0 for run in runs)
         # One in six exceeds the standard error; the other estimate always adds to it.
         assert 0.78 * 400 <= unaffected <= 0.92 * 400
-        assert all(significant_inflation(each) <= serial_inflation(each) for each in runs)
+        assert all(significant_inflation(run) <= serial_inflation(run) for run in runs)
 
     def test_a_clear_correlation_counts_by_either_estimate(self) -> None:
         climb = [float(n) for n in range(40)]

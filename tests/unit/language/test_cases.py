@@ -52,9 +52,13 @@ def test_one_case_is_chosen_by_its_name(name: str) -> None:
 
 
 def test_a_case_must_be_chosen_where_there_are_several() -> None:
-    assert [one.code for one in load_spec(HEAD + MATRIX + BODY).diagnostics] == ["R2B140"]
+    assert [diagnostic.code for diagnostic in load_spec(HEAD + MATRIX + BODY).diagnostics] == [
+        "R2B140"
+    ]
     for text in (HEAD + MATRIX + BODY, HEAD + BODY):
-        assert [one.code for one in load_spec(text, case="ood").diagnostics] == ["R2B140"]
+        assert [diagnostic.code for diagnostic in load_spec(text, case="ood").diagnostics] == [
+            "R2B140"
+        ]
 
 
 def test_what_an_axis_gives_cannot_be_given_by_an_option() -> None:
@@ -99,7 +103,7 @@ def test_declared_variables_have_their_types() -> None:
 
 def test_a_variable_without_a_value_gets_one_from_an_option() -> None:
     text = HEAD.replace("threads: 1", "threads: {type: integer}") + BODY
-    assert [one.code for one in load_spec(text).diagnostics] == ["R2B132"]
+    assert [diagnostic.code for diagnostic in load_spec(text).diagnostics] == ["R2B132"]
     assert load_spec(text, variables={"threads": "3"}).spec is not None
 
 

@@ -20,7 +20,7 @@ def spec_of(file: Path, **options: object) -> Spec:
 
 
 def codes(file: Path, **options: object) -> list[str]:
-    return [one.code for one in load_spec(file, **options).diagnostics]  # type: ignore[arg-type]
+    return [diagnostic.code for diagnostic in load_spec(file, **options).diagnostics]  # type: ignore[arg-type]
 
 
 def test_maps_are_merged_lists_replaced_and_null_removes() -> None:
@@ -105,7 +105,7 @@ def test_long_chains_of_siblings_end() -> None:
     for order in (1, -1):
         entries = [f"    n{i}: {{extends: n{i + 1}}}\n" for i in range(2000)][::order]
         found = load_spec(NODES + "".join(entries) + "    n2000: {python: my.Node}\n")
-        assert "R2B135" in {one.code for one in found.diagnostics}
+        assert "R2B135" in {diagnostic.code for diagnostic in found.diagnostics}
 
 
 def test_a_sibling_of_a_sibling() -> None:

@@ -39,7 +39,7 @@ def test_the_failing_example_leads_to_the_code(page: Page) -> None:
     "page", [page for page in WITH_EXAMPLES if page.passing], ids=lambda page: page.code
 )
 def test_the_passing_example_does_not(page: Page) -> None:
-    codes = {one.code for one in load_spec(page.passing, environ=ENVIRON).diagnostics}
+    codes = {diagnostic.code for diagnostic in load_spec(page.passing, environ=ENVIRON).diagnostics}
     # Parts of specs lack other parts; nothing else may be wrong with them.
     assert codes <= {"R2B102"}
     assert page.code == "R2B102" or page.code not in codes

@@ -55,6 +55,6 @@ def test_the_python_parser_is_good_enough(monkeypatch: pytest.MonkeyPatch) -> No
     for file, expected in zip(files, native, strict=True):
         loaded = load_spec(file)
         assert loaded.spec == expected.spec
-        assert [one.code for one in loaded.diagnostics] == [
-            one.code for one in expected.diagnostics
+        assert [diagnostic.code for diagnostic in loaded.diagnostics] == [
+            diagnostic.code for diagnostic in expected.diagnostics
         ], file.name

@@ -13,7 +13,7 @@ import msgspec
 import pytest
 
 from r2bspec.diagnostics import Path as TreePath
-from r2bspec.language.declaration import Record, Rule, language, rule_at
+from r2bspec.language.declaration import Record, ValueRule, language, rule_at
 from r2bspec.language.document import Source
 from r2bspec.language.json_schema import published_schema, published_schema_text
 from r2bspec.language.load_spec import load_spec
@@ -26,7 +26,7 @@ ROOT = Path(__file__).parents[3]
 GOLDEN = ROOT / "tests" / "golden" / "language"
 
 
-def rules(rule: Rule, path: TreePath = ()) -> Iterator[tuple[TreePath, Rule]]:
+def rules(rule: ValueRule, path: TreePath = ()) -> Iterator[tuple[TreePath, ValueRule]]:
     """Every rule of the language."""
     yield path, rule
     for key, below in (rule.keys or {}).items():
@@ -51,7 +51,7 @@ def test_every_field_is_a_key_or_made_of_keys() -> None:
     for path, rule in RECORDS:
         assert rule.keys is not None
         assert rule.record is not None
-        written = {each.field for each in rule.keys.values() if not each.loader}
+        written = {key.field for key in rule.keys.values() if not key.loader}
         assert written <= set(rule.record.__struct_fields__), path
         made = set(rule.record.__struct_fields__) - written
         assert made <= {"parameter_sources", "at_peak"}, path

@@ -177,7 +177,7 @@ def test_a_work_tree_of_another_repository(repository: Repository, tmp_path: Pat
     (other / "a.r2b.yaml").write_text(lists("DATA", "TOKEN"))
     untrusted = UntrustedSpecs(base_version("main", other))
     loaded = load_spec(other / "a.r2b.yaml", environ={"DATA": "1"}, untrusted=untrusted)
-    assert [one.code for one in loaded.diagnostics] == ["R2B143"]
+    assert [diagnostic.code for diagnostic in loaded.diagnostics] == ["R2B143"]
 
 
 def test_a_repository_below_the_working_tree_is_not_asked(
@@ -230,7 +230,9 @@ def test_every_case_of_a_matrix_is_refused_alike(repository: Repository) -> None
     repository.write({"a.r2b.yaml": text})
     untrusted = UntrustedSpecs(base_version("main", repository.top))
     cases = load_cases(repository.top / "a.r2b.yaml", environ={"DATA": "1"}, untrusted=untrusted)
-    assert [[one.code for one in each.diagnostics] for each in cases] == [["R2B143"]] * 3
+    assert [[diagnostic.code for diagnostic in case.diagnostics] for case in cases] == [
+        ["R2B143"]
+    ] * 3
 
 
 # ---- the verbs ---------------------------------------------------------------------------------

@@ -517,7 +517,7 @@ def editor() -> Iterator[Editor]:
 
 
 def codes(diagnostics: list[Any]) -> set[str]:
-    return {each["code"] for each in diagnostics}
+    return {diagnostic["code"] for diagnostic in diagnostics}
 
 
 @pytest.mark.parametrize("name", ["a%00b.yaml", "%00", "loop/a.yaml", "x" * 5000, "%FF%FE.yaml"])

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.judge.measure.matching import Ratio, match
+from r2bspec.judge.measure.matching import StepRatio, match
 from r2bspec.judge.measure.run_samples import hop_samples
 from r2bspec.judge.measure.samples import HopSamples, pool_hops
 from r2bspec.language.spec import QoS
@@ -103,8 +103,8 @@ def test_without_taps_there_are_no_hops() -> None:
 
 def test_each_tap_is_watched_once_under_a_name_that_no_monitor_has() -> None:
     twice = (*CHAIN.monitors, msgspec.structs.replace(CHAIN.monitors[0], name="again"))
-    assert [each.topic for each in all_taps(twice)] == ["/a", "/b"]
-    assert [(each.name, each.qos) for each in tap_monitors(twice)] == [
+    assert [tap.topic for tap in all_taps(twice)] == ["/a", "/b"]
+    assert [(tap_monitor.name, tap_monitor.qos) for tap_monitor in tap_monitors(twice)] == [
         ("tap.a", None),
         ("tap.b", None),
     ]
@@ -159,7 +159,7 @@ def test_with_a_ratio_only_steps_that_complete_a_group_lead_to_an_answer() -> No
     (monitor,) = CHAIN.monitors
     every = dict.fromkeys(range(STEPS), 1)
     seen = rows({1: 5, 3: 5})
-    matched = match(PLAYBACK, seen, "order", Ratio(inputs=2))
+    matched = match(PLAYBACK, seen, "order", StepRatio(inputs=2))
     found = hop_samples(
         CHAIN, monitor, PLAYBACK, {"/a": rows(every), "/b": rows(every)}, seen, matched
     )

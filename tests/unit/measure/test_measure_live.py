@@ -74,7 +74,7 @@ def live_run(
 
 def outcomes(run: Run) -> list[str]:
     found = judge(run.plan.objectives, read_samples(run))
-    return [one.outcome for one in found.requirements]
+    return [requirement.outcome for requirement in found.requirements]
 
 
 def test_latency_counts_from_the_stamp_of_the_source(tmp_path: Path) -> None:

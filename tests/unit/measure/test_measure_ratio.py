@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.judge.measure.matching import NO_MATCH, MatchedMonitor, Ratio, match, ratio_of
+from r2bspec.judge.measure.matching import NO_MATCH, MatchedMonitor, StepRatio, match, ratio_of
 from r2bspec.judge.measure.metrics import measure_segment
 from r2bspec.judge.measure.samples import monitor_samples, step_times
 from r2bspec.judge.pipeline import judge
@@ -31,25 +31,25 @@ def received(times_s: list[float]) -> Rows:
 @pytest.mark.parametrize(
     ("ratio", "asked"),
     [
-        (Ratio(), [0, 1, 2, 3, 4, 5, 6]),
-        (Ratio(inputs=3), [2, 5]),
-        (Ratio(inputs=3, before=10), [1, 4]),  # of steps 9 to 11, the last two are here
-        (Ratio(inputs=3, before=12), [2, 5]),
-        (Ratio(inputs=3, outputs=2, before=2), [0, 0, 3, 3, 6, 6]),
-        (Ratio(outputs=2), [0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5, 6, 6]),
-        (Ratio(inputs=8), []),
+        (StepRatio(), [0, 1, 2, 3, 4, 5, 6]),
+        (StepRatio(inputs=3), [2, 5]),
+        (StepRatio(inputs=3, before=10), [1, 4]),  # of steps 9 to 11, the last two are here
+        (StepRatio(inputs=3, before=12), [2, 5]),
+        (StepRatio(inputs=3, outputs=2, before=2), [0, 0, 3, 3, 6, 6]),
+        (StepRatio(outputs=2), [0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5, 6, 6]),
+        (StepRatio(inputs=8), []),
     ],
 )
 def test_answers_are_expected_after_the_last_step_of_each_group(
-    ratio: Ratio, asked: list[int]
+    ratio: StepRatio, asked: list[int]
 ) -> None:
     assert ratio.trigger_steps(7).tolist() == asked
 
 
 def test_segments_in_a_row_expect_what_one_long_segment_would() -> None:
-    ratio, lengths, asked, before = Ratio(inputs=3, outputs=2), (10, 1, 7, 4), [], 0
+    ratio, lengths, asked, before = StepRatio(inputs=3, outputs=2), (10, 1, 7, 4), [], 0
     for steps in lengths:
-        part = Ratio(ratio.inputs, ratio.outputs, before).trigger_steps(steps)
+        part = StepRatio(ratio.inputs, ratio.outputs, before).trigger_steps(steps)
         asked += (part + before).tolist()
         before += steps
     assert asked == ratio.trigger_steps(before).tolist()
@@ -59,12 +59,12 @@ def test_segments_in_a_row_expect_what_one_long_segment_would() -> None:
     ("ratio", "steps", "times_s", "latency_s"),
     [
         # Steps at 0.0, 0.1, ..., 0.5: latency counts from the last step that an answer needs.
-        (Ratio(inputs=3), 6, [0.23, 0.54], [0.03, 0.04]),
-        (Ratio(outputs=2), 2, [0.01, 0.02, 0.11, 0.13], [0.01, 0.02, 0.01, 0.03]),
+        (StepRatio(inputs=3), 6, [0.23, 0.54], [0.03, 0.04]),
+        (StepRatio(outputs=2), 2, [0.01, 0.02, 0.11, 0.13], [0.01, 0.02, 0.01, 0.03]),
     ],
 )
 def test_each_answer_has_its_own_latency(
-    ratio: Ratio, steps: int, times_s: list[float], latency_s: list[float]
+    ratio: StepRatio, steps: int, times_s: list[float], latency_s: list[float]
 ) -> None:
     playback, monitor = played(steps), received(times_s)
     matching = match(playback, monitor, "order", ratio)
@@ -74,7 +74,7 @@ def test_each_answer_has_its_own_latency(
 def test_the_inputs_before_the_first_answer_and_after_the_last_are_no_gap() -> None:
     # Steps at 0.0, 0.1, ..., 1.3: two answers of five, after 40 ms, and four steps without any.
     playback, monitor = played(14), received([0.44, 0.94])
-    ratio, segment = Ratio(inputs=5), segment_of(10.0, 14)
+    ratio, segment = StepRatio(inputs=5), segment_of(10.0, 14)
     matching = match(playback, monitor, "order", ratio)
     seen = monitor_samples(segment, MatchedMonitor(playback, monitor, ratio, matching))
     assert seen.times["interval"] == pytest.approx([0.5])
@@ -93,7 +93,7 @@ def test_the_inputs_before_the_first_answer_and_after_the_last_are_no_gap() -> N
 def test_what_is_beyond_the_ratio_or_short_of_it_is_counted(
     times_s: list[float], missed: int, unmatched: int, early: int
 ) -> None:
-    matching = match(played(6), received(times_s), "order", Ratio(inputs=3))
+    matching = match(played(6), received(times_s), "order", StepRatio(inputs=3))
     counts = (matching.missed, matching.unmatched, matching.early)
     assert counts == (missed, unmatched, early)
 
@@ -108,7 +108,7 @@ def test_a_stamp_knows_no_ratio() -> None:
     plan = MonitorPlan(
         name="a", topic="/a", type="", match="stamp", qos=None, ratio_inputs=2, ratio_outputs=2
     )
-    assert ratio_of(plan, 5) == Ratio()
+    assert ratio_of(plan, 5) == StepRatio()
 
 
 @pytest.mark.parametrize(("inputs", "outputs"), [(1, 1), (3, 1), (1, 3), (3, 2)])
@@ -117,7 +117,7 @@ def test_a_probe_holds_if_the_graph_keeps_up_whatever_the_ratio(
     inputs: int, outputs: int, share: float
 ) -> None:
     # With a share of 0.8 the graph needs a quarter longer for each step than there is.
-    playback, ratio = played(600, 100.0), Ratio(inputs, outputs)
+    playback, ratio = played(600, 100.0), StepRatio(inputs, outputs)
     asked = ratio.trigger_steps(600)
     rng = np.random.default_rng(1)
     times = asked / 100.0 / share + 0.005 + rng.normal(0, 1e-4, asked.size)
@@ -157,7 +157,10 @@ def test_a_run_with_a_ratio_counts_in_answers_and_is_offered_a_third() -> None:
     assert seen.throughput_hz == pytest.approx(10)
     assert seen.times["latency"] == pytest.approx(np.full(30, 0.02))
     asked = {"all": objective("throughput.mean >= 97 % of offered", "missed == 0")}
-    assert [one.outcome for one in judge(asked, samples).requirements] == ["pass", "pass"]
+    assert [requirement.outcome for requirement in judge(asked, samples).requirements] == [
+        "pass",
+        "pass",
+    ]
 
 
 def test_drop_rate_is_of_the_answers_that_were_expected() -> None:
@@ -181,18 +184,18 @@ def with_stamps_of(playback: Rows, steps: list[int], *, late_s: float = 0.01) ->
     ("steps", "ratio", "outputs", "triggers", "missed", "duplicates"),
     [
         # An output of several steps has the latency of the one whose stamp it has.
-        (9, Ratio(inputs=3), [0, 4, 8], [0, 4, 8], 0, 0),
+        (9, StepRatio(inputs=3), [0, 4, 8], [0, 4, 8], 0, 0),
         # Steps that nothing was asked of are not missed.
-        (12, Ratio(inputs=3), [1, 7, 10], None, 1, 0),
+        (12, StepRatio(inputs=3), [1, 7, 10], None, 1, 0),
         # 30 Hz in, a timer of 10 Hz whose period is now three steps, now two or four.
-        (15, Ratio(inputs=3), [2, 5, 9, 11, 13], None, 0, 0),
-        (6, Ratio(inputs=3), list(range(6)), None, 0, 4),
-        (3, Ratio(outputs=2), [0, 0, 1, 2, 2, 2], [0, 0, 1, 1, 2, 2], 1, 1),
+        (15, StepRatio(inputs=3), [2, 5, 9, 11, 13], None, 0, 0),
+        (6, StepRatio(inputs=3), list(range(6)), None, 0, 4),
+        (3, StepRatio(outputs=2), [0, 0, 1, 2, 2, 2], [0, 0, 1, 1, 2, 2], 1, 1),
     ],
 )
 def test_by_stamp_a_group_of_steps_expects_its_outputs(
     steps: int,
-    ratio: Ratio,
+    ratio: StepRatio,
     outputs: list[int],
     triggers: list[int] | None,
     missed: int,
@@ -210,13 +213,13 @@ def test_by_stamp_a_group_of_steps_expects_its_outputs(
 @given(
     steps=st.integers(0, 40),
     outputs=st.lists(st.integers(0, 39), max_size=60),
-    ratio=st.builds(Ratio, inputs=st.integers(1, 5), outputs=st.integers(1, 3)),
+    ratio=st.builds(StepRatio, inputs=st.integers(1, 5), outputs=st.integers(1, 3)),
 )
 def test_by_stamp_every_message_is_counted_once(
-    steps: int, outputs: list[int], ratio: Ratio
+    steps: int, outputs: list[int], ratio: StepRatio
 ) -> None:
     playback = played(steps)
-    monitor = with_stamps_of(playback, [each for each in outputs if each < steps])
+    monitor = with_stamps_of(playback, [output for output in outputs if output < steps])
     found = match(playback, monitor, "stamp", ratio)
     answered = int(found.answered.sum())
     assert answered + found.duplicates + found.unmatched == monitor.size

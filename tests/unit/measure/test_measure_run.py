@@ -30,7 +30,7 @@ def test_each_iteration_is_kept_and_the_pool_adds_them_up() -> None:
     assert metrics.incomplete == ("iteration-005",)
     ten = metrics.rates[0]
     assert len(ten.iterations) == 2
-    assert [one.monitors["detections"].missed for one in ten.iterations] == [0, 1]
+    assert [iteration.monitors["detections"].missed for iteration in ten.iterations] == [0, 1]
     pooled = ten.pooled.monitors["detections"]
     assert (pooled.sent, pooled.answered, pooled.missed) == (40, 39, 1)
     assert (pooled.received, pooled.duplicates, pooled.unmatched) == (42, 1, 2)

@@ -17,7 +17,9 @@ from r2bspec.language.requirement_grammar import RequirementError, parse_require
 
 def test_every_metric_has_a_definition_and_every_definition_a_metric() -> None:
     assert {reference.stem(info) for info in METRICS.values()} == set(reference.definitions())
-    assert all(each.text and each.formula for each in reference.definitions().values())
+    assert all(
+        definition.text and definition.formula for definition in reference.definitions().values()
+    )
 
 
 @pytest.mark.parametrize("name", list(METRICS))

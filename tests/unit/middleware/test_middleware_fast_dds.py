@@ -210,7 +210,7 @@ def test_only_segments_that_these_processes_map_are_made_private(tmp_path: Path)
     (memory / "fastrtps_link").symlink_to(elsewhere)
     names = ("mine", "link", "gone")
     (proc / "7" / "maps").write_text(
-        "".join(f"7f00-7f10 rw-s 0 00:1 42   {memory}/fastrtps_{each}\n" for each in names)
+        "".join(f"7f00-7f10 rw-s 0 00:1 42   {memory}/fastrtps_{name}\n" for name in names)
     )
     assert MIDDLEWARE.readable_shm_files(memory) == ["fastrtps_mine", "fastrtps_other"]
     MIDDLEWARE.make_shm_files_private([7, 8], memory, proc)

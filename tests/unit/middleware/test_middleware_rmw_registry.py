@@ -12,8 +12,8 @@ import pytest
 
 import r2bspec.middleware
 from r2bspec.middleware.middleware import (
+    MessageTransport,
     Middleware,
-    Transport,
     TransportKind,
     inherited_variables,
     known_middlewares,
@@ -56,7 +56,7 @@ def test_where_none_is_selected_ros_loads_fast_dds(environ: dict[str, str]) -> N
 
 
 def test_no_implementation_belongs_to_two() -> None:
-    found = [rmw for each in known_middlewares() for rmw in each.implementations]
+    found = [rmw for middleware in known_middlewares() for rmw in middleware.implementations]
     assert len(found) == len(set(found))
 
 
@@ -68,11 +68,11 @@ def other_dds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Middl
     caches = (known_middlewares, middleware_named)
     with monkeypatch.context() as patch:
         patch.setattr(r2bspec.middleware, "__path__", [*r2bspec.middleware.__path__, str(tmp_path)])
-        for each in caches:
-            each.cache_clear()
+        for cache in caches:
+            cache.cache_clear()
         yield middleware_named("rmw_other_cpp")
-    for each in caches:
-        each.cache_clear()
+    for cache in caches:
+        cache.cache_clear()
     del sys.modules["r2bspec.middleware.other_dds"]
 
 
@@ -91,7 +91,7 @@ def test_one_file_is_all_that_another_one_takes(other_dds: Middleware) -> None:
 @pytest.mark.parametrize("middleware", known_middlewares(), ids=lambda each: each.name)
 def test_the_page_names_what_is_known_of_each(middleware: Middleware) -> None:
     page = PAGE.read_text()
-    variables = [each.replace("*", r"\*") for each in middleware.variables]
+    variables = [variable.replace("*", r"\*") for variable in middleware.variables]
     named = (*middleware.implementations, *variables, *middleware.override_variables)
     for each in (middleware.name, *named, *middleware.removed_variables):
         assert each in page
@@ -117,7 +117,7 @@ def test_only_fast_dds_takes_shared_memory(middleware: Middleware, tmp_path: Pat
     (tmp_path / "fastrtps_0123_el").touch()
     fast = middleware.name == "Fast DDS"
     assert middleware.uses_shared_memory == fast
-    assert bool(middleware.segment_bytes(Transport("shared_memory", 1_000_000))) == fast
+    assert bool(middleware.segment_bytes(MessageTransport("shared_memory", 1_000_000))) == fast
     assert middleware.dead_shm_files(tmp_path) == (["fastrtps_0123"] if fast else [])
     assert middleware.remove_dead_shm_files(tmp_path) == (["fastrtps_0123"] if fast else [])
     assert len(list(tmp_path.iterdir())) == (0 if fast else 2)

@@ -20,7 +20,7 @@ from tag_rendering import angle_deg, rotation_of
 
 from data_bags import truth_of, typestore
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.recording import Window
+from r2bspec.bags.recording import TimeWindow
 from r2bspec.datasets.ground_truth import TagSighting
 from r2bspec.datasets.synthesis import make
 from r2bspec.nodes import camera, images, tag_poses
@@ -55,7 +55,7 @@ def frames(tmp_path_factory: pytest.TempPathFactory) -> list[Frame]:
 
 
 def _frame(start_ns: int, cache: Path) -> Frame:
-    window = Window(start_ns=start_ns, end_ns=start_ns + FRAME_NS)
+    window = TimeWindow(start_ns=start_ns, end_ns=start_ns + FRAME_NS)
     made = make("r2b_storage", [IMAGE, CAMERA_INFO], window, cache_dir=cache)
     kinds = {IMAGE: "sensor_msgs/msg/Image", CAMERA_INFO: "sensor_msgs/msg/CameraInfo"}
     read = {

@@ -20,7 +20,7 @@ import cv2
 
 from data_bags import typestore
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.recording import Window
+from r2bspec.bags.recording import TimeWindow
 from r2bspec.datasets.ground_truth import read_disparity
 from r2bspec.datasets.synthesis import make
 from r2bspec.judge.measure.metric_catalogue import BAD_PIXELS, DENSITY
@@ -38,7 +38,7 @@ class Pair:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        read = {each.topic: each for each in read_messages(folder, TOPICS)}
+        read = {message.topic: message for message in read_messages(folder, TOPICS)}
         self.stamp_ns = read[TOPICS[0]].time_ns
         self._messages = {
             name: typestore().deserialize_cdr(each.data, KINDS[name.split("_rgb_")[1]])
@@ -72,7 +72,7 @@ class Pair:
 
 @pytest.fixture(scope="module")
 def pair(tmp_path_factory: pytest.TempPathFactory) -> Pair:
-    window = Window(start_ns=0, end_ns=10_000_000)
+    window = TimeWindow(start_ns=0, end_ns=10_000_000)
     cache = tmp_path_factory.mktemp("datasets")
     return Pair(make("r2b_datacenter", TOPICS, window, cache_dir=cache).path)
 

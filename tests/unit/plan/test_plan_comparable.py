@@ -60,7 +60,9 @@ def test_words_and_judgement_do_not_change_what_is_measured() -> None:
     assert graph_differences(PLAN, other) == []
     longer = msgspec.structs.replace(PLAN, warm_up=Duration(2))
     assert measured_hash(longer) != measured_hash(PLAN)
-    assert [str(each) for each in load_differences(PLAN, longer)] == ['warm_up: "1 s" -> "2 ns"']
+    assert [str(difference) for difference in load_differences(PLAN, longer)] == [
+        'warm_up: "1 s" -> "2 ns"'
+    ]
 
 
 @pytest.mark.parametrize("field", Plan.__struct_fields__)
@@ -95,17 +97,25 @@ def test_a_parameter_that_differs_is_one_difference() -> None:
     base = relay(["relay", "-p", "gain:=1", "-p", "name:=a"], gain=1, name="a")
     head = relay(["relay", "-p", "gain:=2", "-p", "name:=a"], gain=2, name="a")
     only = "processes.relay.nodes['/relay'].parameters.gain"
-    assert [str(each) for each in graph_differences(base, head)] == [f"{only}: 1 -> 2"]
+    assert [str(graph_difference) for graph_difference in graph_differences(base, head)] == [
+        f"{only}: 1 -> 2"
+    ]
     without = relay(["relay", "-p", "name:=a"], name="a")
-    assert [str(each) for each in graph_differences(without, head)] == [f"{only}: (absent) -> 2"]
+    assert [str(graph_difference) for graph_difference in graph_differences(without, head)] == [
+        f"{only}: (absent) -> 2"
+    ]
 
 
 def test_a_command_line_that_differs_in_more_than_parameters_is_shown() -> None:
     base = relay(["relay", "-p", "gain:=1"], gain=1)
     head = relay(["relay", "--fast", "-p", "gain:=2"], gain=2)
-    assert any(each.path[2] == "argv" for each in graph_differences(base, head))
+    assert any(
+        graph_difference.path[2] == "argv" for graph_difference in graph_differences(base, head)
+    )
     alone = relay(["relay", "-p", "gain:=2"], gain=1)
-    assert [each.path[2] for each in graph_differences(base, alone)] == ["argv"]
+    assert [graph_difference.path[2] for graph_difference in graph_differences(base, alone)] == [
+        "argv"
+    ]
 
 
 def test_a_graph_may_differ_where_its_load_may_not() -> None:

@@ -16,13 +16,13 @@ from r2bspec.plan.wiring.build_wiring import build_wiring
 
 
 def process(name: str, **sections: Any) -> ProcessPlan:
-    return next(each for each in plan(**sections).processes if each.name == name)
+    return next(listed for listed in plan(**sections).processes if listed.name == name)
 
 
 def test_without_preprocessors_nothing_is_loaded_by_a_process() -> None:
     straight = plan(STRAIGHT)
-    assert [each.name for each in straight.processes] == ["player", "relay", "monitor"]
-    assert {each.phase for each in straight.topics} == {"measure"}
+    assert [listed.name for listed in straight.processes] == ["player", "relay", "monitor"]
+    assert {topic.phase for topic in straight.topics} == {"measure"}
 
 
 def test_python_nodes_share_a_process_if_asked_to() -> None:
@@ -32,8 +32,8 @@ def test_python_nodes_share_a_process_if_asked_to() -> None:
         "c": {"command": ["x"]},
     }
     shared = plan(graph={"placement": "shared", "nodes": nodes})
-    hosts = [each for each in shared.processes if each.phase == "measure"]
-    assert [each.name for each in hosts] == ["player", "c", "graph", "monitor"]
+    hosts = [listed for listed in shared.processes if listed.phase == "measure"]
+    assert [host.name for host in hosts] == ["player", "c", "graph", "monitor"]
     graph = hosts[2]
     assert [node.node for node in graph.nodes] == ["a", "b"]
     assert graph.env == {"X": "1", "Y": "2"}
@@ -110,9 +110,9 @@ def test_the_largest_message_is_known_only_if_all_sizes_are() -> None:
 
 def test_without_a_bag_the_plan_says_what_the_spec_knows() -> None:
     blind = compile_plan(spec(PREPROCESSED), None)
-    assert [each.count for each in blind.dataset.topics] == [0, 0]
+    assert [topic.count for topic in blind.dataset.topics] == [0, 0]
     assert blind.dataset.topics[1].bag_topic == "camera/info"
-    assert next(each.type for each in blind.topics if each.name == "/r2b/image") == IMAGE
+    assert next(topic.type for topic in blind.topics if topic.name == "/r2b/image") == IMAGE
 
 
 def test_only_phases_that_happen_are_listed() -> None:

@@ -26,7 +26,7 @@ def graph(placement: str = "separate", **nodes: Any) -> dict[str, Any]:
 
 
 def process(of: Plan, name: str) -> ProcessPlan:
-    return next(each for each in of.processes if each.name == name)
+    return next(listed for listed in of.processes if listed.name == name)
 
 
 # Containers and placement
@@ -59,11 +59,11 @@ def test_arguments_of_a_container_come_before_its_name() -> None:
 
 def test_placement_harness_puts_python_nodes_beside_player_and_monitor() -> None:
     made = plan(STRAIGHT, graph=graph("harness", a=RECTIFY, b=RELAY))
-    assert [(each.name, each.role) for each in made.processes] == [
+    assert [(listed.name, listed.role) for listed in made.processes] == [
         ("harness", "harness"),
         ("a", "container"),
     ]
-    assert [each.node for each in made.processes[0].nodes] == ["b"]
+    assert [node.node for node in made.processes[0].nodes] == ["b"]
 
 
 # Other kinds of nodes
@@ -85,7 +85,9 @@ def test_parameters_of_files_reach_nodes_merged_and_commands_as_files() -> None:
     parameters = {"format": "sensor_msgs/msg/Imu", "own": 1}
     assert process(made, "a").nodes[0].parameters == parameters
     assert process(made, "c").argv[-4:] == ("-p", "own:=1", "--params-file", "p.yaml")
-    topic = next(each for each in made.topics if each.name == "/r2b/input")
+    topic = next(
+        planned_topic for planned_topic in made.topics if planned_topic.name == "/r2b/input"
+    )
     assert topic.type == "sensor_msgs/msg/Imu", "parameters decide types"
 
 
@@ -99,8 +101,8 @@ def test_several_recordings_each_name_what_they_hold() -> None:
         "topics": {"/camera/image": "loaded/image", "/other": "loaded/other"},
     }
     made = compile_plan(spec(STRAIGHT, data_loader=loader), [BAG, None])
-    assert [each.source for each in made.datasets] == ["a", "b"]
-    assert [each.bag_topic for each in made.datasets[0].topics] == ["/camera/image"]
+    assert [dataset.source for dataset in made.datasets] == ["a", "b"]
+    assert [topic.bag_topic for topic in made.datasets[0].topics] == ["/camera/image"]
     assert made.dataset == made.datasets[0]
     assert compile_plan(spec(STRAIGHT), BAG).datasets == ()
 
@@ -121,7 +123,7 @@ def test_a_timeline_has_no_rate() -> None:
 
 def test_a_live_benchmark_loads_and_plays_nothing() -> None:
     made = plan(STRAIGHT, **LIVE)
-    assert [each.name for each in made.processes] == ["relay", "monitor"]
+    assert [listed.name for listed in made.processes] == ["relay", "monitor"]
     assert "load" not in made.phases
     assert made.inputs == ()
     assert "cylinder" not in to_dot(made)
@@ -130,7 +132,7 @@ def test_a_live_benchmark_loads_and_plays_nothing() -> None:
 def test_transforms_are_written_by_the_harness() -> None:
     loader = {**STRAIGHT["data_loader"], "publish_tf": True, "publish_tf_static": True}
     made = plan(STRAIGHT, data_loader=loader)
-    writers = {each.name: each.writers for each in made.topics}
+    writers = {topic.name: topic.writers for topic in made.topics}
     assert writers["/tf"] == writers["/tf_static"] == ("player",)
     assert made.dataset.publish_tf
 

@@ -56,7 +56,7 @@ def test_an_integer_is_not_a_double() -> None:
 
 def test_lists_without_identity_are_compared_by_place() -> None:
     other = plan(benchmark={"rates": ["10 Hz"]})
-    paths = {each.path for each in diff_plans(plan(), other)}
+    paths = {diff_plan.path for diff_plan in diff_plans(plan(), other)}
     assert ("phases", 6) in paths
     assert ("play", "30.0") in paths
     assert ("search",) in paths

@@ -90,7 +90,7 @@ def fields_of_whole_structs() -> set[str]:
     inherited = [
         hint
         for record in structs(*LANGUAGE)
-        if any(issubclass(each, record) for each in structs(plan) if each is not plan.Plan)
+        if any(issubclass(struct, record) for struct in structs(plan) if struct is not plan.Plan)
         for hint in inspect.get_annotations(record).values()
     ]
     hints = [str(hint) for hint in (*own, *inherited)]

@@ -8,7 +8,7 @@ import pytest
 from plan_specs import IMAGE, STRAIGHT, plan, spec
 
 from r2bspec.plan.plan import JoinPlan, Plan
-from r2bspec.plan.process_plans import Place, find_places, graph_processes, process_names
+from r2bspec.plan.process_plans import PartPlacement, find_places, graph_processes, process_names
 from r2bspec.plan.wiring.build_wiring import build_wiring
 
 GRAPH: dict[str, Any] = {"placement": "graph"}
@@ -23,23 +23,23 @@ def places(
     harness: dict[str, Any] = GRAPH,
     monitor: dict[str, Any] | None = None,
     **sections: Any,
-) -> dict[str, Place]:
+) -> dict[str, PartPlacement]:
     """The places of the parts in a graph of these nodes."""
     one = {"topic": "output", "format": IMAGE} | (monitor or {})
     made = spec(
         STRAIGHT, harness=harness, graph={"nodes": nodes}, monitors={"out": one}, **sections
     )
     wiring = build_wiring(made)
-    return {each.part: each for each in find_places(made, wiring, graph_processes(made, wiring))}
+    return {place.part: place for place in find_places(made, wiring, graph_processes(made, wiring))}
 
 
 def joins(made: Plan) -> dict[str, JoinPlan]:
-    return {each.name: each.join for each in made.processes if each.join is not None}
+    return {process.name: process.join for process in made.processes if process.join is not None}
 
 
 def test_the_only_process_gets_all_parts_and_no_process_of_the_harness_is_left() -> None:
     made = plan(STRAIGHT, harness=GRAPH)
-    assert [(each.name, each.role) for each in made.processes] == [("relay", "host")]
+    assert [(process.name, process.role) for process in made.processes] == [("relay", "host")]
     assert joins(made) == {"relay": JoinPlan(player=True, monitors=("output",))}
     assert made.harness.placement == "graph"
 
@@ -56,7 +56,7 @@ def test_nodes_of_one_container_have_one_process() -> None:
 
 
 def test_a_program_of_unknown_topics_is_chosen_if_it_is_alone() -> None:
-    assert {each.process for each in places({"detector": SILENT}).values()} == {"detector"}
+    assert {place.process for place in places({"detector": SILENT}).values()} == {"detector"}
 
 
 @pytest.mark.parametrize("named", ["one", "two"])

@@ -78,7 +78,7 @@ def test_the_number_of_starts_is_part_of_how_is_measured() -> None:
 
 
 def lengths(groups: tuple[range, ...]) -> list[int]:
-    return [len(each) for each in groups]
+    return [len(group) for group in groups]
 
 
 @pytest.mark.parametrize("starts", [1, 2, 3, 5, 7])

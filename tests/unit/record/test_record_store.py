@@ -186,7 +186,7 @@ class TestBrokenFolders:
             path.unlink()
             refused(f"{path} is missing")
             path.write_bytes(whole)
-        first, second = (each for each in files if each.name == "playback.npy")
+        first, second = (file for file in files if file.name == "playback.npy")
         first.write_bytes(second.read_bytes())
         refused(f"{first} is damaged")
 

@@ -52,7 +52,7 @@ def check_harmless(text: str, *, commands: bool = False) -> None:
 def attacked(value: Any) -> Any:
     """The same value with the attack in every text and every key that a format leaves free."""
     if isinstance(value, msgspec.Struct):
-        kinds = {each.name: each.type for each in msgspec.structs.fields(value)}
+        kinds = {field.name: field.type for field in msgspec.structs.fields(value)}
         return msgspec.structs.replace(
             value,
             **{

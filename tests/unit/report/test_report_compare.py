@@ -47,14 +47,14 @@ def compared(
 
 
 def line(comparison: Comparison, metric: str) -> ComparisonLine:
-    (found,) = (each for each in comparison.lines if each.metric == metric)
+    (found,) = (output_line for output_line in comparison.lines if output_line.metric == metric)
     return found
 
 
 def test_a_run_is_the_same_as_itself(tmp_path: Path) -> None:
     comparison = compared(tmp_path, simulated(), simulated())
-    assert {each.outcome for each in comparison.lines} == {"same"}
-    assert all(each.ratio == pytest.approx(1) for each in comparison.lines)
+    assert {output_line.outcome for output_line in comparison.lines} == {"same"}
+    assert all(output_line.ratio == pytest.approx(1) for output_line in comparison.lines)
 
 
 @pytest.mark.parametrize(
@@ -178,7 +178,7 @@ def test_a_result_by_itself_is_enough(tmp_path: Path) -> None:
     comparison = compare(
         read_compared_result(path), read_compared_result(run.folder), margin=0.05, force=False
     )
-    assert {each.outcome for each in comparison.lines} == {"same"}
+    assert {output_line.outcome for output_line in comparison.lines} == {"same"}
 
 
 def test_a_report_of_the_reference_tool_shows_ratios_only(tmp_path: Path) -> None:
@@ -192,7 +192,7 @@ def test_a_report_of_the_reference_tool_shows_ratios_only(tmp_path: Path) -> Non
     )
     assert line(comparison, "latency.mean").monitor == ""
     assert line(comparison, "latency.mean").ratio == pytest.approx(1)
-    assert {each.outcome for each in comparison.lines} == {"can't tell"}
+    assert {output_line.outcome for output_line in comparison.lines} == {"can't tell"}
 
 
 def test_nothing_in_common_is_no_comparison(tmp_path: Path) -> None:
@@ -220,5 +220,9 @@ def test_every_form_says_the_same(tmp_path: Path) -> None:
 
 def test_monitors_are_compared_with_their_own(tmp_path: Path) -> None:
     comparison = compared(tmp_path, TWO, TWO)
-    found = [each.monitor for each in comparison.lines if each.metric == "latency.p50"]
+    found = [
+        output_line.monitor
+        for output_line in comparison.lines
+        if output_line.metric == "latency.p50"
+    ]
     assert found == ["detections", "extra"]

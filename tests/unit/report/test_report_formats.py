@@ -164,7 +164,10 @@ def test_markdown_names_the_confidence_of_its_bounds(reported: Reported) -> None
     source = reported("usual")
     verdict = source.result.verdict
     assert len(verdict.requirements) > 1
-    surer = [msgspec.structs.replace(one, confidence=0.99) for one in verdict.requirements]
+    surer = [
+        msgspec.structs.replace(requirement, confidence=0.99)
+        for requirement in verdict.requirements
+    ]
     for requirements, heading in (
         (verdict.requirements, "| 95 % bounds |"),
         (tuple(surer), "| 99 % bounds |"),
@@ -187,8 +190,10 @@ def test_a_requirement_that_only_warns_is_told_as_one(reported: Reported, name: 
     usual = reported("usual")
     result = usual.result
     warned = tuple(
-        msgspec.structs.replace(one, level="warn", notes=("A look at half of it was open.",))
-        for one in result.verdict.requirements
+        msgspec.structs.replace(
+            requirement, level="warn", notes=("A look at half of it was open.",)
+        )
+        for requirement in result.verdict.requirements
     )
     verdict = msgspec.structs.replace(result.verdict, requirements=warned, outcome="pass")
     changed = msgspec.structs.replace(result, verdict=verdict)

@@ -130,7 +130,7 @@ def test_an_inconclusive_says_what_is_open_and_what_would_decide_it(tmp_path: Pa
     found = result(tmp_path / "two", *required, simulation="few")
     line = headline(found)
     assert line.startswith("? INCONCLUSIVE simulated: 1 of 2 open, latency.p99 ")
-    (verdict,) = (each for each in found.verdict.requirements if each.remedy)
+    (verdict,) = (requirement for requirement in found.verdict.requirements if requirement.remedy)
     assert "limit 40 ms" in line
     remedy = verdict.remedy.rpartition(". ")[2].rstrip(".")
     assert line.endswith(f"; {remedy[:1].lower()}{remedy[1:]}")
@@ -179,9 +179,15 @@ class TestComparison:
 
     def test_a_pass_names_the_ratio_that_is_nearest_to_its_limit(self, tmp_path: Path) -> None:
         fine = self.pairs(tmp_path / "fine", 1.0)
-        (ratio,) = (one for one in fine.verdict.requirements if one.compared is not None)
+        (ratio,) = (
+            requirement
+            for requirement in fine.verdict.requirements
+            if requirement.compared is not None
+        )
         nearer = msgspec.structs.replace(ratio, text="latency.p50 <= 104 % of baseline", limit=1.04)
-        (plain,) = (one for one in fine.verdict.requirements if one.compared is None)
+        (plain,) = (
+            requirement for requirement in fine.verdict.requirements if requirement.compared is None
+        )
         tight = msgspec.structs.replace(plain, limit=(plain.upper or 0.0) * 1.0001)
         for ratios, end in (
             ([ratio], ""),
@@ -229,7 +235,11 @@ class TestComparison:
 
     def test_a_limit_of_its_own_is_not_met_against_the_base(self, tmp_path: Path) -> None:
         found = self.pairs(tmp_path / "pairs", 1.16)
-        (plain,) = (one for one in found.verdict.requirements if one.compared is None)
+        (plain,) = (
+            requirement
+            for requirement in found.verdict.requirements
+            if requirement.compared is None
+        )
         failed = msgspec.structs.replace(plain, outcome="fail", limit=0.02)
         verdict = msgspec.structs.replace(found.verdict, requirements=(failed,))
         changed = msgspec.structs.replace(found, verdict=verdict, changes=("blur.py changed",))

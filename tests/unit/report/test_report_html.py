@@ -65,8 +65,10 @@ def test_it_needs_nothing_from_anywhere_and_loses_nothing_to_a_policy_against_in
             assert attributes.get(key, "#").startswith("#"), (tag, attributes)
     assert len(page.of("script")) == 1
     assert len(page.of("style")) == 1
-    assert not [one for one in page.elements if "style" in one[1]]
-    assert not [one for one in page.elements if any(key.startswith("on") for key in one[1])]
+    assert not [element for element in page.elements if "style" in element[1]]
+    assert not [
+        element for element in page.elements if any(key.startswith("on") for key in element[1])
+    ]
     # Colours are attributes, too: without them every shape would be black.
     for attributes in page.of("path"):
         assert "fill" in attributes or "stroke" in attributes or "id" in attributes
@@ -141,7 +143,7 @@ def test_without_samples_it_says_which_charts_are_missing(
     page = Page(render(ReportInput(result=reported("usual").result)))
     assert "the charts of single messages need the run folder" in page.text
     charts = [one for one in page.of("svg") if one.get("class") != "budget"]
-    assert [one.get("id") for one in charts] == ["offered"]
+    assert [chart.get("id") for chart in charts] == ["offered"]
 
 
 def test_what_happened_around_each_iteration_is_drawn_and_told(tmp_path: Path) -> None:

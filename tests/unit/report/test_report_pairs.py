@@ -32,7 +32,11 @@ def pairs_folder(tmp_path_factory: pytest.TempPathFactory) -> PairedComparison:
 
 
 def ratio(found: ReportInput) -> RequirementVerdict:
-    return next(one for one in found.result.verdict.requirements if one.compared is not None)
+    return next(
+        requirement
+        for requirement in found.result.verdict.requirements
+        if requirement.compared is not None
+    )
 
 
 @pytest.mark.parametrize("name", FORMATS)

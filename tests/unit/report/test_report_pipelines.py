@@ -381,7 +381,7 @@ def test_a_forged_repository_does_not_pass_the_job(forgery: Forgery) -> None:
     forgery.assert_harmless(done)
     artifacts = forgery.place.checkout / "r2bspec-artifacts"
     assert not artifacts.is_symlink()
-    kept = [each for each in artifacts.rglob("*") if each.is_file()]
+    kept = [path for path in artifacts.rglob("*") if path.is_file()]
     assert [each for each in kept if "forged" in each.read_text(errors="replace")] == []
 
 

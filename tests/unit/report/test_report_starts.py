@@ -78,7 +78,7 @@ def test_only_strict_refuses_a_pass_of_a_disturbed_start(usual: Callable[[int], 
         plan = msgspec.structs.replace(run.plan, gate=gate)
         return result_of(replace(run, plan=plan, record=record)).verdict.requirements
 
-    undisturbed = [one.outcome for one in result_of(run).verdict.requirements]
+    undisturbed = [requirement.outcome for requirement in result_of(run).verdict.requirements]
     assert "pass" in undisturbed
     for policy in ("tolerate", "note"):
         assert [one.outcome for one in judged(policy)] == undisturbed
@@ -94,7 +94,11 @@ def test_only_strict_refuses_a_pass_of_a_disturbed_start(usual: Callable[[int], 
 def test_the_budget_is_in_the_text_on_request_and_in_the_page(usual: Callable[[int], Run]) -> None:
     run = usual(3)
     result = result_of(run)
-    budgets = [one.budget for one in result.verdict.requirements if one.budget is not None]
+    budgets = [
+        requirement.budget
+        for requirement in result.verdict.requirements
+        if requirement.budget is not None
+    ]
     assert budgets
     short, long = (to_text(result, verbose=verbose, width=160) for verbose in (False, True))
     assert "uncertainty" not in short

@@ -42,7 +42,11 @@ def test_above_5_percent_it_is_a_warning_in_the_verdict_unless_agreed(
     assert found.verdict.outcome == "pass"
     assert (one.text in found.verdict.reason) == in_verdict
     lines = renderer("github")(ReportInput(result=found)).decode().splitlines()
-    (line,) = (each for each in lines if "r2b/right" in each and "simulated%3A pass" not in each)
+    (line,) = (
+        output_line
+        for output_line in lines
+        if "r2b/right" in output_line and "simulated%3A pass" not in output_line
+    )
     assert line.startswith(command)
 
 

@@ -119,4 +119,4 @@ def test_an_incomplete_run_has_its_reports_too(tmp_path: Path) -> None:
 def test_nothing_else_goes_where_a_report_goes() -> None:
     assert takes_stdout([ReportRequest("json", "-")])
     assert not takes_stdout([ReportRequest("json", "a")])
-    assert {"--report", "--junit-xml"} <= {name for one in judge.params for name in one.opts}
+    assert {"--report", "--junit-xml"} <= {name for param in judge.params for name in param.opts}

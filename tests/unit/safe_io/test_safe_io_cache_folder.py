@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.bags.recording import Window
+from r2bspec.bags.recording import TimeWindow
 from r2bspec.cli.main import main
 from r2bspec.datasets.dataset_cache import KIND
 from r2bspec.datasets.synthesis import make
@@ -130,7 +130,7 @@ def test_a_dataset_of_a_commit_is_not_believed(
     kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """It is rendered again, and the command line says so in one line."""
-    dataset = ("r2b_storage", ["/d455_1_imu"], Window(end_ns=20_000_000))
+    dataset = ("r2b_storage", ["/d455_1_imu"], TimeWindow(end_ns=20_000_000))
     committed = make(*dataset)
     assert committed.path.parent == kept.with_name(KIND)
     (tmp_path / ".git").mkdir()

@@ -14,7 +14,7 @@ from r2bspec.plan.wiring.node_interface import (
     ParameterInfo,
     reference_node_interfaces,
 )
-from r2bspec.plan.wiring.wiring import Endpoint, PhaseWiring
+from r2bspec.plan.wiring.wiring import PhaseWiring, WiredEndpoint
 
 POSES = "geometry_msgs/msg/PoseArray"
 
@@ -43,8 +43,8 @@ def interface(node: dict[str, Any]) -> Interface:
     return wired({"n": node}).nodes[0].interface
 
 
-def owners(endpoints: tuple[Endpoint, ...]) -> list[str]:
-    return [each.owner for each in endpoints]
+def owners(endpoints: tuple[WiredEndpoint, ...]) -> list[str]:
+    return [endpoint.owner for endpoint in endpoints]
 
 
 def test_the_harness_meets_the_nodes_on_topics() -> None:
@@ -55,7 +55,9 @@ def test_the_harness_meets_the_nodes_on_topics() -> None:
     assert owners(measure.publishers("/r2b/image")) == ["player"]
     assert owners(measure.subscriptions("/r2b/image")) == ["/r2b/filter"]
     assert owners(measure.publishers("/r2b/out")) == ["/r2b/filter"]
-    assert [each.monitor for each in measure.subscriptions("/r2b/out")] == ["result"]
+    assert [subscription.monitor for subscription in measure.subscriptions("/r2b/out")] == [
+        "result"
+    ]
     assert measure.topics == ("/r2b/image", "/r2b/out")
 
 
@@ -73,7 +75,8 @@ def test_an_endpoint_points_at_what_decides_its_topic() -> None:
     measure = wired(nodes)
     place = ("graph", "nodes")
     paths = {
-        (each.owner, each.own_name): (each.path, each.topic_is_key) for each in measure.endpoints
+        (endpoint.owner, endpoint.own_name): (endpoint.path, endpoint.topic_is_key)
+        for endpoint in measure.endpoints
     }
     assert paths["/r2b/remapped", "in"] == ((*place, "remapped", "remappings", "in"), False)
     assert paths["/r2b/stated", "other"] == ((*place, "stated", "publishes", "other"), True)

@@ -132,9 +132,9 @@ def test_validate_says_how_a_node_without_keyword_arguments_starts(tmp_path: Pat
 @pytest.mark.parametrize("name", ["Plain", "main"])
 def test_such_a_node_has_a_process_of_its_own(tmp_path: Path, name: str, placement: str) -> None:
     [process] = [
-        each
-        for each in plan(spec(tmp_path, name, placement)).processes
-        if "one" in {node.node for node in each.nodes}
+        listed
+        for listed in plan(spec(tmp_path, name, placement)).processes
+        if "one" in {node.node for node in listed.nodes}
     ]
     assert (process.name, process.role) == ("one", "host")
     assert len(process.nodes) == 1

@@ -62,7 +62,7 @@ def test_what_a_file_says_of_executor_and_state_is_written(bench: Path) -> None:
     ):
         assert main(["init", str(bench / name), "--node", node]) == 0
         nodes = yaml.safe_load((bench / f"{name}.r2b.yaml").read_text())["graph"]["nodes"]
-        entry = next(each for each in nodes.values() if "python" in each)
+        entry = next(node_plan for node_plan in nodes.values() if "python" in node_plan)
         assert entry == {"python": node, **keys}
 
 

@@ -83,7 +83,7 @@ def test_camera_info_is_looked_for_in_the_namespace_of_the_remapped_image(
     rectify = {"package": "image_proc", "plugin": "image_proc::RectifyNode"}
     measure = build_wiring(spec({"rectify": {**rectify, "remappings": remappings}})).measure
     ends = measure.endpoints_of("/r2b/rectify")
-    assert {each.own_name: each.topic for each in ends if not each.is_publisher} == topics
+    assert {end.own_name: end.topic for end in ends if not end.is_publisher} == topics
 
 
 # Source, read literally
