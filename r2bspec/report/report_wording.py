@@ -275,6 +275,6 @@ def overhead_notes(result: Result) -> Iterator[str]:
         placement = result.harness_overhead[0].placement
         overhead = show(max(latencies_ns) / 1e9, "s")
         yield (
-            f"The harness overhead is about {overhead} at p50 without the load of the graph, {where} "
-            f"(harness.placement: {placement}); the latencies contain it"
+            f"The harness overhead is about {overhead} at p50 without the load of the graph, "
+            f"{where} (harness.placement: {placement}); the latencies contain it"
         )
