@@ -133,3 +133,19 @@ def test_a_signal_ends_any_verb_as_interrupted(
     monkeypatch.setattr(cli.command, "main", interrupted)
     assert call("validate", status=130).err == "interrupted\n"
     assert signal.getsignal(number) is before
+
+
+def test_an_interrupt_while_modules_are_imported_is_silent() -> None:
+    code = (
+        "import builtins, os, signal\n"
+        "imports = builtins.__import__\n"
+        "def interrupt(name, *arguments):\n"
+        "    if name == 'click':\n"
+        "        os.kill(os.getpid(), signal.SIGINT)\n"
+        "    return imports(name, *arguments)\n"
+        "builtins.__import__ = interrupt\n"
+        "from r2bspec.__main__ import start\n"
+        "start()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, b"")
