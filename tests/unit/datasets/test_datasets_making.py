@@ -34,7 +34,7 @@ MAKER = textwrap.dedent(
     """
     import json, pathlib, resource, signal, sys, time
     from r2bspec.bags.recording import DataError
-    from r2bspec.bags.recording import Window
+    from r2bspec.bags.recording import TimeWindow
     from r2bspec.datasets.synthesis import GENERATOR_VERSION, make
 
     # A runner in the background may have switched it off.
@@ -55,7 +55,7 @@ MAKER = textwrap.dedent(
         made = make(
             "r2b_storage",
             sys.argv[3:],
-            Window(start_ns=1_000_000_000, end_ns=1_070_000_000),
+            TimeWindow(start_ns=1_000_000_000, end_ns=1_070_000_000),
             cache_dir=root,
             progress=hold if mode == "hold" else None,
         )

@@ -115,8 +115,8 @@ def test_the_group_of_a_process_that_was_collected_is_not_signalled(
 def test_the_calling_process_is_no_member(run_id: str) -> None:
     program = (
         "import os, sys; from r2bspec.ipc.process_cleanup import run_processes; "
-        "from r2bspec.ipc.process_cleanup import Session; "
-        "print([each.pid for each in run_processes(sys.argv[1], [Session.of(os.getsid(0))]) "
+        "from r2bspec.ipc.process_cleanup import ProcessSession; "
+        "print([each.pid for each in run_processes(sys.argv[1], [ProcessSession.of(os.getsid(0))]) "
         "if each.pid == os.getpid()])"
     )
     environment = os.environ | {RUN_ID_VARIABLE: run_id}

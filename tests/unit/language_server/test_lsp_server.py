@@ -99,7 +99,7 @@ async def test_only_findings_of_the_newest_text_are_shown(document: OpenDocument
     while 19 not in shown:
         await document.client.wait_for_notification(types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)
         said = "".join(each.message for each in document.client.diagnostics[document.uri])
-        shown += map(int, re.findall(r"Unknown choice 'number_(\d+)'", said))
+        shown += map(int, re.findall(r"unknown choice 'number_(\d+)'", said))
     assert shown == sorted(shown)
     await document.write(SPEC)
     assert document.worse() == []
