@@ -152,7 +152,7 @@ def test_findings_are_problems(window: Window) -> None:
     window.open("wrong.r2b.yaml")
     window.pick(">Problems: Focus", "Focus on Problems View")
     window.wait_for(".markers-panel .monaco-list-row", "R2B101")
-    window.wait_for(".markers-panel .monaco-list-row", "Unknown key 'lables'")
+    window.wait_for(".markers-panel .monaco-list-row", "unknown key 'lables'")
 
 
 def test_lenses_completion_and_the_graph(window: Window) -> None:

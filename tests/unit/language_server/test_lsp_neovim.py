@@ -46,7 +46,7 @@ def test_a_session_in_neovim(tmp_path: Path) -> None:
     )
     said = dict(line.split(": ", 1) for line in done.stdout.splitlines() if ": " in line)
     assert done.returncode == 0, (done.stdout, done.stderr)
-    assert said["finding"].startswith("R2B104 Unknown choice 'Looping'")
+    assert said["finding"].startswith("R2B104 unknown choice 'Looping'")
     assert said["mended"] == "0"
     assert said["completion"] == "live looping sweeping timeline"
     assert "playback.mode" in said["hover"]
