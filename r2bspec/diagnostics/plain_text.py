@@ -26,6 +26,7 @@ _STYLE = re.compile(r"(\x1b\[[0-9;]*m)")
 # The runner ignores space before a command; our own styles may be there, too.
 _LINE_COMMAND = re.compile(r"(?m)^((?:\x1b\[[0-9;]*m|[^\S\n])*):(?=:)")
 _MARK_COMMAND = re.compile(r"#(?=#\w*\[)")
+_DETAILS = re.compile(r"(:|(?=\n  ))\n")
 _MARK_COMMAND_OF_JSON = re.compile(rb"#(?=#\w*\[)")
 
 
@@ -92,15 +93,16 @@ def short_lines(text: str, most: int = MAX_LINE_CHARACTERS) -> str:
 
 
 def message_text(text: str) -> str:
-    """A message of one line, and below it, indented, what follows a colon and a line break.
+    """A message of one line, and its details below it, indented.
 
-    Those are details, such as the last output of a process. Any other line break is of a name: it
-    would let what follows look like a message of its own.
+    Details, such as the last output of a process, follow a colon and a line break, or are indented
+    already. Any other line break is of a name: it would let what follows look like a message of its
+    own.
     """
-    first, _, details = text.partition(":\n")
+    begin = _DETAILS.search(text)
+    first, details = (text, "") if begin is None else (text[: begin.end(1)], text[begin.end() :])
     below = (line if line.startswith("  ") else f"  {line}" for line in details.splitlines())
-    head = f"{first}:" if details else first
-    return plain("\n".join((head.replace("\n", REPLACEMENT), *below)))
+    return plain("\n".join((first.replace("\n", REPLACEMENT), *below)))
 
 
 def plain_values(value: T) -> T:

@@ -16,7 +16,7 @@ from nightly import size
 pytest.importorskip("rclpy")
 
 from r2bspec import api
-from r2bspec.execute.errors import ProcessFailedError
+from r2bspec.api import GraphMismatchError
 from r2bspec.execute.progress import NullProgress
 from r2bspec.middleware.fast_dds import shm_files
 from ros_runs import Bench, left_behind, note_segments, relay_spec
@@ -80,7 +80,7 @@ def test_run_after_run_nothing_grows(tmp_path: Path) -> None:
     for number in range(RUNS):
         folder = tmp_path / f"run{number}"
         if number % 2:
-            with pytest.raises(ProcessFailedError, match="never comes up"):
+            with pytest.raises(GraphMismatchError, match="never comes up"):
                 api.run(prepared["broken"], folder, progress)
         else:
             api.run(prepared["whole"], folder, progress)

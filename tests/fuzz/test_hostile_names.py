@@ -105,4 +105,5 @@ def test_details_of_a_message_are_below_it() -> None:
     assert message_text("it ended; its last output:\nerror: x\n  y") == (
         "it ended; its last output:\n  error: x\n  y"
     )
+    assert message_text("no messages\n  /a: 0\n/b: 1") == "no messages\n  /a: 0\n  /b: 1"
     assert message_text("a\nb cannot be read") == "a\ufffdb cannot be read"

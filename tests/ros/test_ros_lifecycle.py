@@ -162,7 +162,7 @@ def test_a_node_without_states_is_named(bench: Bench) -> None:
     spec["graph"]["nodes"]["relay"]["lifecycle"] = "active"
     done = bench.run(spec)
     assert done.status == 2
-    assert "R2B238 no-lifecycle-node]: /r2b/relay is no lifecycle node" in done.error
+    assert "R2B238 no-lifecycle-node]: relay is no lifecycle node" in done.error
 
 
 PROGRAM = """#!{python}
