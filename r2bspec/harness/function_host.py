@@ -1,7 +1,7 @@
 """A Python function in a process of its own: one that returns a node, or a program.
 
 Which of the two it is shows when it is called. Its process gets the ROS arguments of the node on
-its command line, as by ``ros2 run``. Whoever uses ROS first decides: a function that initialises it
+its command line, as by ``ros2 run``. The first use of ROS decides: a function that initialises it
 is a program, such as the ``main`` of an ordinary node, which makes its nodes and spins them with
 the executor of its choice; for one that makes a node without that, ROS is initialised, and the node
 that it returns is spun here. A program is seen from outside like any other, and told to end by

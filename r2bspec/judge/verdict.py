@@ -100,7 +100,7 @@ VarianceSource = Literal["starts", "iterations", "sampling", "harness", "clock",
 
 
 class VariancePart(msgspec.Struct, frozen=True, kw_only=True):
-    """What one source has in the variance that an interval stands for.
+    """The share of one source in the variance of an estimate.
 
     Attributes:
         source: see `r2bspec.judge.uncertainty_budget`.

@@ -46,7 +46,7 @@ REPLY_TIMEOUT_S = 10.0
 """For what a process answers at once; it may be in a callback."""
 
 _WATCHDOG_EXIT_S = 5.0
-"""It has little to do at the end; but somebody may have stopped it."""
+"""The watchdog exits at once when it is told to, unless a signal has stopped it."""
 
 _NOT_INSTALLED_PREFIX = "R2B62"
 """The codes for missing software: another attempt would not help."""

@@ -52,11 +52,15 @@ def _namespace(action: Construct, scope: Scope, steps: StepCounter) -> Scope | U
     return replace(scope, namespace=join_namespaces(scope.namespace, str(name)))
 
 
+def _first_unknown(*values: object) -> Unknown | None:
+    """The first of the values that is not known; None if all are."""
+    return next((value for value in values if isinstance(value, Unknown)), None)
+
+
 def _remapping(action: Construct, scope: Scope, steps: StepCounter) -> Scope | Unknown:
     names = [performed(action.get(key, at), action, steps) for at, key in enumerate(("src", "dst"))]
-    for name in names:
-        if isinstance(name, Unknown):
-            return name
+    if unknown := _first_unknown(*names):
+        return unknown
     node, _, source = names[0].rpartition(":")
     remapping = Remapping(source, names[1], action.place, node)
     return replace(scope, remappings=(*scope.remappings, remapping))
@@ -65,9 +69,8 @@ def _remapping(action: Construct, scope: Scope, steps: StepCounter) -> Scope | U
 def _parameter(action: Construct, scope: Scope, steps: StepCounter) -> Scope | Unknown:
     name = performed(action.get("name", 0), action, steps)
     value = parameter_value(action.get("value", 1), action, steps)
-    lost = next((each for each in (name, value) if isinstance(each, Unknown)), None)
-    if lost is not None:
-        return lost
+    if unknown := _first_unknown(name, value):
+        return unknown
     return replace(scope, parameters=(*scope.parameters, {name: value}))
 
 
@@ -89,9 +92,8 @@ def _parameter_file(action: Construct, scope: Scope, steps: StepCounter) -> Scop
 def _variable(action: Construct, scope: Scope, steps: StepCounter) -> Scope | Unknown:
     name = performed(action.get("name", 0), action, steps)
     value = performed(action.get("value", 1), action, steps)
-    lost = next((each for each in (name, value) if isinstance(each, Unknown)), None)
-    if lost is not None:
-        return lost
+    if unknown := _first_unknown(name, value):
+        return unknown
     return replace(scope, environment={**scope.environment, name: str(value)})
 
 
