@@ -13,12 +13,14 @@ A run folder contains::
     loaded_files.json  the files that each process of the graph loaded (`loaded_files`)
     logs/PROCESS.log   the output of each process
     profile/PROCESS/   what a profiler wrote
+    anatomy.npy        events in the processes of an iteration that was observed from inside
 
 All times are CLOCK_MONOTONIC nanoseconds of the host, unless the name says otherwise.
 """
 
 from __future__ import annotations
 
+import enum
 import math
 from typing import Any, Literal
 
@@ -479,6 +481,85 @@ class ProfileRecord(msgspec.Struct, frozen=True, kw_only=True):
     error: str = ""
 
 
+class AnatomyKind(enum.IntEnum):
+    """What happened, in a row of events (`r2bspec.record.sample_arrays.ANATOMY_FIELDS`).
+
+    A publication lasts from the call of rcl to its return, and so does a take. `TRIGGER` is a guard
+    condition: the executor of rclpy triggers one before and after each callback. `CALLBACK` is one
+    of rclcpp, which says itself when a callback begins and ends. `WAIT` is a wait of an executor
+    for work, `TIMER` the call of a timer that is due.
+    """
+
+    PUBLISH = 1
+    TAKE = 2
+    CALLBACK = 3
+    TRIGGER = 4
+    WAIT = 5
+    TIMER = 6
+    SEND_REQUEST = 7
+    TAKE_REQUEST = 8
+    SEND_RESPONSE = 9
+    TAKE_RESPONSE = 10
+    ENQUEUE = 11
+    DEQUEUE = 12
+
+
+AnatomyObjectKind = Literal["publisher", "subscription", "timer", "client", "service", "buffer"]
+
+
+class AnatomyObject(msgspec.Struct, frozen=True, kw_only=True):
+    """What events belong to.
+
+    Attributes:
+        process: indexes `AnatomyRecord.processes`.
+        name: of the topic or service, with its namespace; of a buffer, its topic; or empty.
+        node: the name of its node with its namespace; empty if it is not known.
+    """
+
+    process: int
+    kind: AnatomyObjectKind
+    name: str = ""
+    node: str = ""
+
+
+class AnatomyProcess(msgspec.Struct, frozen=True, kw_only=True):
+    """A process that was observed from inside.
+
+    Attributes:
+        name: of the process of the plan to which it belongs.
+        pid: its id.
+        lost: events for which it had no room.
+    """
+
+    name: str
+    pid: int
+    lost: int = 0
+
+
+class AnatomyRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """What the processes of a start did with each message, observed from inside.
+
+    Attributes:
+        rate_hz: at which the observed iteration was played; 0 for that of the recording.
+        began_ns: of its first step; what an iteration has before is its warm-up.
+        ended_ns: of its last period.
+        processes: those that were observed.
+        objects: those of the events: publishers, subscriptions and others.
+        file: with the events, as a path in the run folder; empty without any.
+        sha256: of the file.
+        errors: what could not be observed, and why, a sentence each.
+    """
+
+    rate_hz: float = 0.0
+    began_ns: int
+    ended_ns: int
+    processes: tuple[AnatomyProcess, ...] = ()
+    objects: tuple[AnatomyObject, ...] = ()
+    file: str = ""
+    sha256: str = ""
+    errors: tuple[str, ...] = ()
+
+
 class EndedRate(msgspec.Struct, frozen=True, kw_only=True):
     """A rate at which not all declared iterations were played, because it could no longer pass.
 
@@ -556,6 +637,7 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     starts: tuple[StartRecord, ...] = ()
     unplayed: tuple[UnplayedMessages, ...] = ()
     profiles: tuple[ProfileRecord, ...] = ()
+    anatomies: tuple[AnatomyRecord, ...] = ()
     ended_rates: tuple[EndedRate, ...] = ()
     accuracy: tuple[AccuracyRecord, ...] = ()
     phases: tuple[PhaseTime, ...] = ()
