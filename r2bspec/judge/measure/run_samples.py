@@ -37,6 +37,7 @@ from r2bspec.judge.measure.matching import (
     match_monitor,
     source_times_ns,
 )
+from r2bspec.judge.measure.metric_catalogue import Subjects
 from r2bspec.judge.measure.samples import (
     HopSamples,
     MonitorSamples,
@@ -142,6 +143,7 @@ def merged_samples(merged: MergedRun, runs: Sequence[RunSamples]) -> RunSamples:
         ),
         reruns=reruns,
         mode=merged.plan.playback_mode,
+        subjects=_subjects(merged.plan, merged.record),
     )
 
 
@@ -307,6 +309,12 @@ def with_host_samples(
     )
 
 
+def _subjects(plan: Plan, record: RunRecord) -> Subjects:
+    """What a run has metrics of: nodes and topics of its plan, and the processes that ran."""
+    ran = dict.fromkeys(process.name for process in record.processes)
+    return msgspec.structs.replace(Subjects.of_plan(plan), processes=tuple(ran))
+
+
 def _ranks(processes: tuple[ProcessRecord, ...]) -> dict[str, int]:
     """The place of each name of a process: those of the harness first.
 
@@ -360,6 +368,7 @@ def run_samples(
             incomplete=tuple(iteration.id for iteration in iterations if not iteration.complete),
             reruns=reruns,
             mode=plan.playback_mode,
+            subjects=_subjects(plan, record),
         )
 
     first = session(
