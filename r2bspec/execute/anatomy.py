@@ -22,8 +22,8 @@ from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.measurement.segments import SegmentHeading
 from r2bspec.execute.processes.prerequisites import build_errors
 from r2bspec.execute.profiled_iteration import profiled_rate
-from r2bspec.ipc.anatomy_files import read_anatomy
 from r2bspec.native.build import anatomy_environment, anatomy_object
+from r2bspec.record.anatomy_files import file_bytes, read_anatomy
 from r2bspec.record.run_record import AnatomyProcess, AnatomyRecord
 
 if TYPE_CHECKING:
@@ -32,14 +32,13 @@ if TYPE_CHECKING:
     from r2bspec.record.run_folder import RunFolder
     from r2bspec.record.run_record import Segment
 
-_ROW_BYTES = 64
 _EVENTS = 16
 """Of one process for each message on a topic: publication, take, callback, waits and timers."""
 
 _SEGMENTS = 4
 """Warm-up and further segments, as multiples of what the plan plays in one start."""
 
-_SMALLEST_BYTES, _LARGEST_BYTES = 8 << 20, 256 << 20
+_FEWEST_EVENTS, _MOST_EVENTS = 100_000, 4_000_000
 _EARLIER_NS = 100_000_000
 """The player is told to play this long before the first step is due, at most."""
 
@@ -55,13 +54,13 @@ def build_preload() -> Path:
 
 
 def room_bytes(plan: Plan) -> int:
-    """How much each process of a start gets for its events."""
+    """The size of the file that each process of a start gets for its events."""
     topics = len(plan.topics) + len(plan.inputs)
     steps = sum(
         max(play.rate_hz, 1.0) * play.duration_ns / 1e9 * play.iterations for play in plan.plays
     )
-    expected = _SEGMENTS * steps / plan.starts * topics * _EVENTS * _ROW_BYTES
-    return min(max(int(expected), _SMALLEST_BYTES), _LARGEST_BYTES)
+    expected = int(_SEGMENTS * steps / plan.starts * topics * _EVENTS)
+    return file_bytes(min(max(expected, _FEWEST_EVENTS), _MOST_EVENTS))
 
 
 @dataclass
@@ -107,15 +106,15 @@ class AnatomyObservation:
         Raises:
             RecordError: the file cannot be written.
         """
-        observed = read_anatomy(self.files)
-        began_ns = observed.rows["began_ns"]
+        rows, objects, processes = read_anatomy(self.files)
+        began_ns = rows["began_ns"]
         inside = (began_ns >= segment.began_ns - _EARLIER_NS) & (began_ns <= until_ns)
-        folder.write_anatomy(segment.id, observed.rows[inside])
+        folder.write_anatomy(segment.id, rows[inside])
         self.record = AnatomyRecord(
             start=self.start,
-            processes=observed.processes,
-            objects=observed.objects,
-            error=lost_events(observed.processes),
+            processes=processes,
+            objects=objects,
+            error=lost_events(processes),
         )
 
 
