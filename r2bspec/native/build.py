@@ -460,7 +460,7 @@ def join_object(flags: Sequence[str] = ()) -> Path:
     Raises:
         BuildError: it cannot be built (R2B668).
     """
-    return _object("r2bspec_join.so", "join.c", flags)
+    return _object("r2bspec_join.so", ("join.c",), flags)
 
 
 def join_environment(join: Path, socket: Path, process: str, preloaded: str) -> dict[str, str]:
@@ -485,7 +485,9 @@ def anatomy_object(flags: Sequence[str] = ()) -> Path:
     Raises:
         BuildError: it cannot be built (R2B668).
     """
-    return _object("r2bspec_anatomy.so", "anatomy.c", ("-ftls-model=initial-exec", *flags))
+    return _object(
+        "r2bspec_anatomy.so", ("anatomy.c", "anatomy_rows.c"), ("-ftls-model=initial-exec", *flags)
+    )
 
 
 def anatomy_environment(
@@ -509,9 +511,9 @@ def anatomy_environment(
     }
 
 
-def _object(name: str, source: str, flags: Sequence[str]) -> Path:
+def _object(name: str, sources: Sequence[str], flags: Sequence[str]) -> Path:
     """An object that needs nothing but libc, by a path that can be preloaded."""
-    path = _build_own(name, "library", (source,), os.environ, flags, libraries=("-ldl", "-pthread"))
+    path = _build_own(name, "library", sources, os.environ, flags, libraries=("-ldl", "-pthread"))
     if any(separator in str(path) for separator in _SEPARATORS):
         return Path(f"/proc/{os.getpid()}/fd/{descriptor_of(str(path))}")
     return path
