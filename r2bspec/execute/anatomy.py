@@ -22,6 +22,7 @@ from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.measurement.segments import SegmentHeading
 from r2bspec.execute.processes.prerequisites import build_errors
 from r2bspec.execute.profiled_iteration import profiled_rate
+from r2bspec.judge.measure.run_samples import ObservedRows
 from r2bspec.native.build import anatomy_environment, anatomy_object
 from r2bspec.record.anatomy_files import file_bytes, read_anatomy
 from r2bspec.record.run_record import AnatomyProcess, AnatomyRecord
@@ -100,8 +101,8 @@ class AnatomyObservation:
             **anatomy_environment(self.preload, self.files, process, self.room_bytes, preloaded),
         }
 
-    def store(self, segment: Segment, until_ns: int, folder: RunFolder) -> None:
-        """Write the events of a segment to the run folder, and what they belong to to the record.
+    def store(self, segment: Segment, until_ns: int, folder: RunFolder) -> ObservedRows:
+        """Keep the events of a segment in the run folder, and what they belong to in the record.
 
         Raises:
             RecordError: the file cannot be written.
@@ -109,13 +110,15 @@ class AnatomyObservation:
         rows, objects, processes = read_anatomy(self.files)
         began_ns = rows["began_ns"]
         inside = (began_ns >= segment.began_ns - _EARLIER_NS) & (began_ns <= until_ns)
-        folder.write_anatomy(segment.id, rows[inside])
+        rows = rows[inside]
+        folder.write_anatomy(segment.id, rows)
         self.record = AnatomyRecord(
             start=self.start,
             processes=processes,
             objects=objects,
             error=lost_events(processes),
         )
+        return ObservedRows(rows, self.record)
 
 
 def lost_events(processes: tuple[AnatomyProcess, ...]) -> str:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from r2bspec.judge.measure.anatomy import Anatomy, anatomy
 from r2bspec.judge.measure.anatomy_growth import grown_parts

@@ -443,14 +443,16 @@ class SegmentPlayer:
         for topic, rows in taps.items():
             folder.write_tap(segment.id, topic, rows)
             self._next_rows[topic] = first[topic] + rows.size
+        observed = None
         if self._anatomy is not None:
-            self._anatomy.store(segment, time.monotonic_ns(), folder)
+            observed = self._anatomy.store(segment, time.monotonic_ns(), folder)
         if segment.complete and segment.kind in _JUDGED_KINDS:
             earlier = self._earlier_stamps()
             rows_of = SegmentRows(
                 observation.playback,
                 observation.monitors,
                 taps,
+                observed,
                 lambda found: np.isin(found, earlier),
             )
             matched = None if segment.live else observation.all_matched()

@@ -1,4 +1,4 @@
-"""Which part of which node or topic grew from one anatomy to another, and what only follows from it.
+"""Which part of which node or topic grew from one anatomy to another, and what only follows.
 
 The values of a part are averaged in `WINDOWS` parts of each iteration, because messages that follow
 each other are alike. With the means m and the variances v of k such averages of base and change,
