@@ -138,7 +138,7 @@ def _read_rows(file: BinaryIO, count: int) -> Rows:
 
 def _are_possible(rows: Rows) -> Any:
     times = [rows[name] for name in rows.dtype.names or () if name.endswith("_ns")]
-    in_time = np.all([(-LONGEST_NS <= each) & (each <= LONGEST_NS) for each in times], axis=0)
+    in_time = np.all([(each >= -LONGEST_NS) & (each <= LONGEST_NS) for each in times], axis=0)
     known = rows["kind"] <= max(AnatomyKind)
     return in_time & known & (rows["began_ns"] <= rows["ended_ns"])
 
