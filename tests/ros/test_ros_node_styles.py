@@ -15,8 +15,10 @@ from ros_runs import IMAGE, Bench, quick_input, relay_spec
 
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory: pytest.TempPathFactory) -> Bench:
-    """A folder of specs, in no repository: what is beside it is not read before it runs."""
-    return Bench(write_workspace(tmp_path_factory.mktemp("workspace")))
+    """A folder of specs, in no workspace: what is beside it is not read before it runs."""
+    folder = write_workspace(tmp_path_factory.mktemp("workspace"))
+    (folder.parent / "src" / "drive_pkg" / "package.xml").unlink()
+    return Bench(folder)
 
 
 def spec(nodes: dict[str, Any], outputs: dict[str, str], inputs: list[str]) -> dict[str, Any]:
