@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from node_styles import write_workspace
-from ros_runs import IMAGE, Bench, quick_input, relay_spec
+from ros_runs import IMAGE, Bench, Finished, quick_input, relay_spec
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def spec(nodes: dict[str, Any], outputs: dict[str, str], inputs: list[str]) -> d
     )
 
 
-def assert_all_answer(bench: Bench, wanted: dict[str, Any]) -> None:
+def assert_all_answer(bench: Bench, wanted: dict[str, Any]) -> Finished:
     # With queues of ten messages, a busy machine loses some by itself.
     for _ in range(3):
         done = bench.run(wanted)
@@ -39,6 +39,7 @@ def assert_all_answer(bench: Bench, wanted: dict[str, Any]) -> None:
             break
     for each in wanted["monitors"]:
         done.assert_counts(20, each)
+    return done
 
 
 def test_programs_factories_and_states(workspace: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -48,7 +49,10 @@ def test_programs_factories_and_states(workspace: Bench, monkeypatch: pytest.Mon
         "lidar_filter": {"python": "./lidar_filter.py:LidarFilter", "lifecycle": "active"},
         "odometry": {"python": "./odometry.py:main"},
         "grasp_server": {"python": "./grasp_server.py:make"},
-        "driver": {"python": "../src/drive_pkg/drive_pkg/driver_node.py:main"},
+        "driver": {
+            "python": "../src/drive_pkg/drive_pkg/driver_node.py:main",
+            "executor": "multi_threaded",
+        },
         "module": {
             "python": "drive_pkg.driver_node.main",
             "remappings": {"goal": "target", "cmd": "drive"},
@@ -70,7 +74,10 @@ def test_programs_factories_and_states(workspace: Bench, monkeypatch: pytest.Mon
         "threshold": "foreground",
     }
     inputs = ["image", "scan", "imu", "camera", "goal", "target", "frame"]
-    assert_all_answer(workspace, spec(nodes, outputs, inputs))
+    done = assert_all_answer(workspace, spec(nodes, outputs, inputs))
+    # Its source is not read, so that only its start shows that it is a program.
+    [found] = done.run().record.differences
+    assert (found.code, found.part, found.owner) == ("R2B239", "executor", "/r2b/driver")
 
 
 @pytest.mark.parametrize(
