@@ -42,7 +42,21 @@ def assert_all_answer(bench: Bench, wanted: dict[str, Any]) -> Finished:
     return done
 
 
+STARTER = """
+import rclpy
+
+
+class Starter(Node):
+    def __init__(self):
+        rclpy.init()
+        super().__init__("starter")
+        output = self.create_publisher(Image, "started", 10)
+        self.create_subscription(Image, "start", output.publish, 10)
+"""
+
+
 def test_programs_factories_and_states(workspace: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    workspace.write_node("starter.py", STARTER)
     monkeypatch.setenv("PYTHONPATH", str(workspace.folder.parent / "src" / "drive_pkg"))
     nodes = {
         "detector": {"python": "./detector.py:main"},
@@ -53,6 +67,7 @@ def test_programs_factories_and_states(workspace: Bench, monkeypatch: pytest.Mon
             "python": "../src/drive_pkg/drive_pkg/driver_node.py:main",
             "executor": "multi_threaded",
         },
+        "starter": {"python": "./starter.py:Starter"},
         "module": {
             "python": "drive_pkg.driver_node.main",
             "remappings": {"goal": "target", "cmd": "drive"},
@@ -70,10 +85,11 @@ def test_programs_factories_and_states(workspace: Bench, monkeypatch: pytest.Mon
         "odometry": "odom",
         "grasp_server": "grasp_view",
         "driver": "cmd",
+        "starter": "started",
         "module": "drive",
         "threshold": "foreground",
     }
-    inputs = ["image", "scan", "imu", "camera", "goal", "target", "frame"]
+    inputs = ["image", "scan", "imu", "camera", "goal", "target", "frame", "start"]
     done = assert_all_answer(workspace, spec(nodes, outputs, inputs))
     # Its source is not read, so that only its start shows that it is a program.
     [found] = done.run().record.differences
