@@ -397,8 +397,8 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         code: of the rule of ``r2bspec validate`` that finds the same error.
-        part: a `parameter` or a `remapping` of a node, its `lifecycle`, `plugin` or `package`, the
-            `node` itself, or an `endpoint`.
+        part: a `parameter` or a `remapping` of a node, its `lifecycle`, `executor`, `plugin` or
+            `package`, the `node` itself, or an `endpoint`.
         owner: the full name of the node, or the part of the harness.
         name: the parameter, the left side of the remapping, the full name of the topic, or the
             transition.
@@ -409,7 +409,16 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
 
     code: str
     message: str
-    part: Literal["parameter", "remapping", "lifecycle", "plugin", "package", "node", "endpoint"]
+    part: Literal[
+        "parameter",
+        "remapping",
+        "lifecycle",
+        "executor",
+        "plugin",
+        "package",
+        "node",
+        "endpoint",
+    ]
     owner: str
     name: str
     topic: str = ""

@@ -19,6 +19,7 @@ from r2bspec.execute.bringup.readiness import StartDeadline, wait_for_exit
 from r2bspec.execute.bringup.spec_mismatches import (
     require_declared_parameters,
     unmatched_remappings,
+    unused_executor,
 )
 from r2bspec.execute.errors import ProcessDiedError
 from r2bspec.execute.processes import prerequisites
@@ -265,6 +266,7 @@ class Launcher:
                 # Nothing is known of its nodes: they are looked at from outside.
                 self.hosts[child] = frozenset()
                 self.programs.add(plan.name)
+                self.differences += unused_executor(plan)
                 self._has_opaque_nodes = True
                 continue
             self.hosts[child] = frozenset(node.name for node in plan.nodes)
