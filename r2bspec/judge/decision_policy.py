@@ -214,6 +214,7 @@ class DecisionPolicy:
         confidence: of every decision, one-sided each way, where the objective has none of its
             own.
         looks: the planned interim looks; None for a run of a fixed length.
+        early: whether that run is the beginning of a longer one, as at a look at pairs.
         inconclusive: what an inconclusive requirement does to the run.
         interference: what host interference does to a requirement.
         confirm: whether a second session, where one was played, has to confirm a FAIL.
@@ -222,6 +223,7 @@ class DecisionPolicy:
 
     confidence: float = CONFIDENCE
     looks: InterimLooks | None = None
+    early: bool = False
     inconclusive: InconclusivePolicy = "report"
     interference: InterferencePolicy = "note"
     confirm: bool = True

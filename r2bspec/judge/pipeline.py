@@ -225,7 +225,7 @@ class JudgedRequirement:
         own = self.objective.confidence
         confidence = own.fraction if own is not None else policy.confidence
         if looks is None:
-            return self._decided_once(samples, confidence)
+            return self._decided_once(samples, confidence, early=policy.early)
         decisions = [
             self._decided_once(
                 first_iterations(samples, end),

@@ -17,7 +17,9 @@ graphs of which every fifth start is slow, three starts miss the slow ones in 51
 in 33 %. So a PASS ends a run before its declared starts only if u <= u*, and if the same counts
 show the requirement though bad messages come in bursts of 20 on average (`burst_tolerance`). All
 else waits for the declared starts, such as windows. A FAIL waits for nothing: what was met is
-enough.
+enough. Of pairs, each is a start of either side, and the limit is that of the ratio: of a head of
+which every fifth start is slow, 21 % pass wrongly where looks end ten pairs, and 10 % with this
+rule, as without looks (docs/proofs/verdicts.md).
 
 At the end
 ----------
@@ -42,6 +44,8 @@ from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods.share_bounds import values_by_iteration
 from r2bspec.judge.requirement_case import RequirementCase
+from r2bspec.judge.statistics.binomial import burst_tolerance
+from r2bspec.judge.statistics.percentile_interval import allowed_share
 from r2bspec.judge.statistics.rule_of_three import min_sample_size, zero_failure_bound
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.language.benchmark_defaults import CONFIDENCE
@@ -50,6 +54,8 @@ _WORSE_BY: Final = 0.2
 
 _HOURS_DIFFER_BY: Final = 0.05
 """Two standard deviations of simulated hours (docs/proofs/verdicts.md)."""
+
+_MIGHT_BREAK: Final = "One that is a fifth worse might break the limit."
 
 _MAX_PROPOSED: Final = 100
 """More starts than this are not proposed."""
@@ -93,15 +99,35 @@ def early_doubt(case: RequirementCase, passed: RequirementVerdict) -> str:
         case: with iterations.
         passed: by a test.
     """
-    test = passed.share
+    test, starts = passed.share, _starts(case)
     if test is not None and not (test.burst_tolerance or 0) >= LONG_BURST:
-        return (
-            f"{_starts(case)} starts have {show(test.n, 'count')} of what is counted, too few to "
-            f"pass if what is beyond the limit comes in bursts of {LONG_BURST:g}."
-        )
-    if _unmet_share(case) <= _room(case, passed):
+        return _burst_text(f"{starts} starts", test.n)
+    if zero_failure_bound(starts, CONFIDENCE) <= _room(case, passed):
         return ""
-    return f"{_unmet_text(case)} One that is a fifth worse might break the limit."
+    return f"{_unmet_text(starts, 'starts')} {_MIGHT_BREAK}"
+
+
+def early_doubt_of_pairs(case: RequirementCase, passed: RequirementVerdict, messages: int) -> str:
+    """The same of a ratio by pairs.
+
+    Args:
+        case: of the ratio.
+        passed: by as many pairs as it counts.
+        messages: of the head, behind its values.
+    """
+    pairs, statistic, quantile = passed.n, case.info.statistic, case.info.quantile
+    if quantile is not None:
+        allowed = allowed_share(max(quantile, 1 - quantile))
+        tolerance = burst_tolerance(0, messages, allowed, passed.confidence)
+        if (tolerance or 0) < LONG_BURST:
+            return _burst_text(f"{pairs} pairs", messages)
+    bound = passed.upper if case.is_upper_bound else passed.lower
+    has_rule = quantile is not None or statistic == "mean" or case.info.scope == "search"
+    if has_rule and bound is not None:
+        room = room_of_mean(bound, case.limit, upper=case.is_upper_bound)
+        if zero_failure_bound(pairs, CONFIDENCE) <= room:
+            return ""
+    return f"{_unmet_text(pairs, 'pairs')} {_MIGHT_BREAK}"
 
 
 def narrow_margin_notes(case: RequirementCase, verdict: RequirementVerdict) -> tuple[str, ...]:
@@ -121,12 +147,12 @@ def narrow_margin_notes(case: RequirementCase, verdict: RequirementVerdict) -> t
         return ()
     passed, margin = verdict.outcome == "pass", abs(case.limit / nearest - 1)
     by = f"by at least {show(margin, 'share', 2)}"
-    room = _room(case, verdict) if passed else math.inf
-    if _starts(case) > 1 and room < _unmet_share(case):
+    starts, room = _starts(case), _room(case, verdict) if passed else math.inf
+    if starts > 1 and room < zero_failure_bound(starts, CONFIDENCE):
         number = min_sample_size(room, CONFIDENCE)
         more = f" {number} starts would rule it out." if number and number <= _MAX_PROPOSED else ""
         slow = "One that is a fifth slower would break the limit, which is met"
-        return (f"{_unmet_text(case)} {slow} {by}.{more}",)
+        return (f"{_unmet_text(starts, 'starts')} {slow} {by}.{more}",)
     if margin >= _HOURS_DIFFER_BY:
         return ()
     met, other = ("met", "slower") if passed else ("missed", "faster")
@@ -137,14 +163,17 @@ def _starts(case: RequirementCase) -> int:
     return len(set(starts_of(case.iterations)))
 
 
-def _unmet_share(case: RequirementCase) -> float:
-    return zero_failure_bound(_starts(case), CONFIDENCE)
-
-
-def _unmet_text(case: RequirementCase) -> str:
+def _unmet_text(number: int, pieces: str) -> str:
     return (
-        f"{_starts(case)} starts do not rule out a kind of start that makes up "
-        f"{show(_unmet_share(case), 'share', 2)} of all."
+        f"{number} {pieces} do not rule out a kind of start that makes up "
+        f"{show(zero_failure_bound(number, CONFIDENCE), 'share', 2)} of all."
+    )
+
+
+def _burst_text(what: str, counted: int) -> str:
+    return (
+        f"{what} have {show(counted, 'count')} of what is counted, too few to pass if what is "
+        f"beyond the limit comes in bursts of {LONG_BURST:g}."
     )
 
 

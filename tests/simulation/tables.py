@@ -35,6 +35,7 @@ from simulated_gates import (
     share_gate,
 )
 from simulated_pair_load import LOAD_WORLDS, LoadWorld, PairGate
+from simulated_pair_looks import HEADS, errors_of_pairs
 from simulated_starts import (
     ADVICE_WORLDS,
     QUANTITIES,
@@ -383,6 +384,31 @@ def pair_numbers() -> None:
     )
 
 
+def pair_looks() -> None:
+    """What it costs to end pairs as soon as they decide, where the head does something rarely."""
+
+    def cell(head: str, case: tuple[str, int]) -> str:
+        quantity, pairs = case
+        designs = ((False, False), (True, False), (True, True))
+        found = [
+            errors_of_pairs(head, quantity, pairs, looks=looks, room=room, runs=400).passed
+            for looks, room in designs
+        ]
+        return " / ".join(f"{100 * passed:.0f}" for passed in found)
+
+    grid(
+        "Pairs on the limit: wrong passes judged once / at looks / at looks with room, in % of 400",
+        "head",
+        {head: head for head in HEADS},
+        {
+            f"{quantity}, {pairs} pairs": (quantity, pairs)
+            for quantity in ("mean", "p99")
+            for pairs in (5, 10, 20)
+        },
+        cell,
+    )
+
+
 def advice() -> None:
     """What becomes of open runs whose advice is followed."""
     grid(
@@ -604,6 +630,7 @@ TABLES = {
         stored,
         pair_load,
         pair_numbers,
+        pair_looks,
         messages,
         shares,
         means,
