@@ -20,6 +20,7 @@ from functools import partial
 from typing import TypeVar
 
 import numpy as np
+from simulated_caveats import share_told, share_told_of_wrong
 from simulated_gates import (
     KINDS,
     MEAN_WORLDS,
@@ -44,6 +45,7 @@ from simulated_starts import (
     components,
     errors,
     follow_advice,
+    limit_of,
     stored_errors,
     time_to_verdict,
 )
@@ -220,6 +222,56 @@ def starts() -> None:
         (
             [name, *map(bold, errors(world, runs=400, looks=True).values())]
             for name, world in START_WORLDS.items()
+        ),
+    )
+
+
+def caveats() -> None:
+    """What wrong verdicts say, and what right ones do."""
+    worlds = chosen(
+        START_WORLDS,
+        "starts differ by 10 %",
+        "messages resemble (0.99)",
+        "iterations resemble (0.8), 5 %",
+        "stalls of 40 messages",
+        "a stop of 0.5 s every 30 s",
+        "1 iteration in 10 is slow",
+        "1 start in 5 is slow",
+        "the hour differs by 2.7 %",
+    )
+    grid(
+        "Wrong passes / wrong fails on the limit that say something, in % of at most 40",
+        "world",
+        worlds,
+        {quantity: quantity for quantity in QUANTITIES},
+        lambda world, quantity: " / ".join(
+            share_told_of_wrong(world, quantity, decision) or "none"
+            for decision in ((1, -1) if world.hour else (1,))
+        ),
+    )
+    steady = chosen(
+        START_WORLDS, "nothing differs", "starts differ by 2.7 %", "starts differ by 5 %"
+    )
+    grid(
+        "Right passes of a latency that are too close, in % of 100, by how much it is met",
+        "world, requirement",
+        {
+            f"{name}, {quantity}": (world, quantity)
+            for name, world in steady.items()
+            for quantity in ("p50", "p99", "mean, throughput")
+        },
+        {f"{margin - 1:.0%}": margin for margin in (1.05, 1.1, 1.2, 1.3)},
+        lambda case, margin: share_told(
+            *case, limit_of(*case) * margin, 1, "met by at least", wanted=100
+        ),
+    )
+    grid(
+        "Right passes of a drop rate of 1 % that say that starts differ, in % of 100, by the truth",
+        "world",
+        steady,
+        {f"{truth:.2%}": truth for truth in (0.005, 0.003, 0.001, 0.0001)},
+        lambda world, truth: share_told(
+            world, "drop rate 1 %", world.quantile(1 - truth), 1, "starts differ", wanted=100
         ),
     )
 
@@ -620,6 +672,7 @@ TABLES = {
     table.__name__: table
     for table in (
         starts,
+        caveats,
         shapes,
         advice,
         budget,
