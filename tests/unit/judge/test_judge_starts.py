@@ -112,6 +112,18 @@ class TestMeans:
         samples = run(*segments, starts=STARTS)
         assert "10 iterations in 5 starts" in one(samples, "latency.mean < 50 ms").reason
 
+    def test_no_latency_is_below_nothing(self) -> None:
+        levels = (0.001, 0.001, 0.002, 0.002, 0.03, 0.03, 0.001, 0.001, 0.002, 0.002)
+        segments = [Played(30, np.full(60, level)) for level in levels]
+        found = one(run(*segments, starts=STARTS), "latency.mean < 10 ms")
+        assert (found.outcome, found.lower) == ("inconclusive", 0)
+        assert "the true mean is 0 s to" in found.reason
+        # What is known of the mean is as little as before.
+        assert found.budget is not None
+        assert found.upper is not None
+        assert found.estimate is not None
+        assert found.budget.half_width == pytest.approx(found.upper - found.estimate)
+
 
 class TestLevels:
     def test_what_moves_the_whole_iteration_leaves_its_percentile_open(self) -> None:
