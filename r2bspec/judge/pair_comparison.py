@@ -68,6 +68,7 @@ from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.pipeline import first_iterations, judge
 from r2bspec.judge.statistics.t_interval import mean_interval
+from r2bspec.judge.unmet_starts import early_doubt_of_pairs
 from r2bspec.judge.validity import PlaybackValidity
 from r2bspec.judge.verdict import EXIT_CODES, Outcome, RequirementVerdict, Verdict, outcome_of
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
@@ -387,13 +388,19 @@ def _judge(objectives: Objectives, pairs: InterleavedRuns, policy: DecisionPolic
     looks = policy.looks
     if looks is None:
         return _judge_once(objectives, pairs, policy)
+    completed = looks.iterations[: max(1, looks.completed_looks(len(pairs.head)))]
     verdicts = [
         _judge_once(
             {name: _at_look(objective, looks, look) for name, objective in objectives.items()},
-            pairs.first(looks.iterations[look - 1]),
-            replace(policy, looks=None, confidence=looks.confidence_at(look, policy.confidence)),
+            pairs.first(end),
+            replace(
+                policy,
+                looks=None,
+                early=end < looks.declared,
+                confidence=looks.confidence_at(look, policy.confidence),
+            ),
         )
-        for look in range(1, max(1, looks.completed_looks(len(pairs.head))) + 1)
+        for look, end in enumerate(completed, start=1)
     ]
     columns = zip(*(verdict.requirements for verdict in verdicts), strict=True)
     requirements = tuple(combine_looks(looks, column, "pairs") for column in columns)
@@ -413,7 +420,11 @@ def _at_look(objective: Objective, looks: InterimLooks, look: int) -> Objective:
 def _judge_once(objectives: Objectives, pairs: InterleavedRuns, policy: DecisionPolicy) -> Verdict:
     verdict = judge(objectives, pairs.merged, policy)
     verdict = judge_baseline_requirements(
-        verdict, objectives, pairs.merged, policy, lambda case: _judge_by_pairs(case, pairs)
+        verdict,
+        objectives,
+        pairs.merged,
+        policy,
+        lambda case: _judge_by_pairs(case, pairs, early=policy.early),
     )
     if not any(requirement.metric == "sustained" for requirement in verdict.requirements):
         return verdict
@@ -427,12 +438,21 @@ def _judge_once(objectives: Objectives, pairs: InterleavedRuns, policy: Decision
     return verdict.with_requirements(requirements, policy.inconclusive)
 
 
-def _judge_by_pairs(case: BaselineCase, pairs: InterleavedRuns) -> RequirementVerdict:
+def _judge_by_pairs(
+    case: BaselineCase, pairs: InterleavedRuns, *, early: bool
+) -> RequirementVerdict:
     base, head = (
         [run_value(case.info, case.monitor, case.at_hz, run) for run in side]
         for side in (pairs.base, pairs.head)
     )
-    return judge_pairs(case, base, head)
+    verdict = judge_pairs(case, base, head)
+    if not early or verdict.outcome != "pass":
+        return verdict
+    seen = replace(case, iterations=pairs.merged.iterations_at(case.at_hz)).monitor_samples
+    family = case.info.family
+    messages = sum(sample.times[family].size for sample in seen if family in sample.times)
+    doubt = early_doubt_of_pairs(case, verdict, messages)
+    return msgspec.structs.replace(verdict.noted(doubt), early=True) if doubt else verdict
 
 
 def _combine_sustained(found: Sequence[RequirementVerdict]) -> RequirementVerdict:

@@ -78,7 +78,7 @@ from r2bspec.judge.statistics.effective_sample_size import (
     effective_sample_of_rows,
     pad_rows,
 )
-from r2bspec.judge.statistics.t_interval import t_quantile
+from r2bspec.judge.statistics.t_interval import deviation_bound, t_quantile
 
 _MAD_TO_DEVIATION = 1.4826
 _MIN_LEVELS = 2
@@ -170,7 +170,7 @@ def _margin(
     *,
     serial: bool,
 ) -> LevelMargin:
-    from scipy.special import chdtri, ndtri
+    from scipy.special import ndtri
 
     m = len(levels)
     mean = math.fsum(levels) / m
@@ -181,8 +181,8 @@ def _margin(
     reach = z**2 * variance / total / (2 * (m - 1)) if total > 0 else 0.0
     t = t_quantile(serial_degrees_of_freedom(m, inflation), confidence)
     half = t * math.sqrt(variance * inflation * (1 / m + reach))
-    largest = (m - 1) * variance / float(chdtri(m - 1, confidence))
-    wider = z * (math.sqrt(largest + inside**2) - math.sqrt(total))
+    largest = deviation_bound(math.sqrt(variance), m, confidence)
+    wider = z * (math.hypot(largest, inside) - math.sqrt(total))
     tail = max(half, math.hypot(t * math.sqrt(variance * inflation / m), wider))
     return LevelMargin(half, tail, math.sqrt(variance), m, pieces, inflation)
 

@@ -149,6 +149,19 @@ def t_quantile(freedom: float, confidence: float) -> float:
     return float(stdtrit(freedom, confidence))
 
 
+def deviation_bound(deviation: float, number: int, confidence: float) -> float:
+    """The upper bound of a standard deviation that so many normal values show, by chi-square.
+
+    Args:
+        deviation: of the values.
+        number: how many values, at least two.
+        confidence: of the bound.
+    """
+    from scipy.special import chdtri
+
+    return deviation * math.sqrt((number - 1) / float(chdtri(number - 1, confidence)))
+
+
 @dataclass(frozen=True)
 class MeanInterval:
     """A mean with its one-sided lower and upper bounds, each at the requested confidence."""
@@ -458,15 +471,11 @@ def noise_floor(ratios: Sequence[float], confidence: float) -> NoiseFloor:
     """
     if any(ratio <= 0 for ratio in ratios):
         raise ValueError("a ratio is positive")
-    from scipy.special import chdtri
-
     logs = [math.log(ratio) for ratio in ratios]
     interval = mean_interval(logs, confidence)
-    freedom = len(logs) - 1
-    quantile = float(chdtri(freedom, confidence))
     return NoiseFloor(
         deviation=interval.deviation,
-        upper=interval.deviation * math.sqrt(freedom / quantile),
+        upper=deviation_bound(interval.deviation, len(logs), confidence),
         bias=interval.mean,
         biased=interval.lower > 0 or interval.upper < 0,
         n=len(logs),
