@@ -1,4 +1,4 @@
-"""Messages without a partner of the same stamp are found before a run, where the bag tells."""
+"""What is asked of outputs that have no input, or no partner of the same stamp."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from check_specs import codes, findings
 from example_spec import example
 from r2bspec.check import bag_facts
 from ros_runs import write_bag
+
+# Messages without a partner of the same stamp are found before a run, where the bag tells.
+
 
 IMAGE = "sensor_msgs/msg/Image"
 LEFT_MS = [33 * number for number in range(60)]
@@ -110,3 +113,78 @@ def test_stamps_of_large_bags_are_not_read_but_messages_are_counted(
         "at least 40 of 60 messages of /r2b/left have no partner of the same stamp; "
         "only their numbers were compared, not their stamps"
     )
+
+
+# Requirements on outputs that come whether inputs do or not.
+
+
+OWN_PACE = """\
+r2bspec: 1
+name: odometry
+data_loader: {bag: r2b_storage, topics: {/d455_1_imu: recorded/imu}}
+playback: {inputs: {imu: {from: recorded/imu, format: sensor_msgs/msg/Imu}}}
+graph:
+  nodes:
+    odometer:
+      command: [cat]
+      subscribes: {imu: sensor_msgs/msg/Imu}
+      publishes: {odom: nav_msgs/msg/Odometry, imu_out: sensor_msgs/msg/Imu}
+monitors:
+  imu: {topic: imu_out, format: sensor_msgs/msg/Imu}
+  odom: {topic: odom, format: nav_msgs/msg/Odometry, match: own_pace}
+benchmark: {duration: 10 s, rates: [200 Hz]}
+slos: {main: {at: 200 Hz, require: [REQUIREMENT]}}
+"""
+
+
+@pytest.mark.parametrize(
+    "requirement",
+    [
+        "odom.throughput.mean >= 49 Hz",
+        "odom.age.p99 < 30 ms",
+        "odom.jitter.p99 < 5 ms",
+        "odom.interval.max < 50 ms",
+        "imu.drop_rate <= 1 %",
+        "imu.throughput.mean >= 97 % of offered",
+    ],
+)
+def test_what_is_known_can_be_required(requirement: str) -> None:
+    assert codes(OWN_PACE.replace("REQUIREMENT", requirement), offline=True) == []
+
+
+@pytest.mark.parametrize(
+    ("requirement", "text"),
+    [
+        ("odom.drop_rate <= 1 %", "not available at monitor odom"),
+        ("odom.latency.p99 < 30 ms", "not available at monitor odom"),
+        # Without a name it is required of both.
+        ("missed == 0", "not available at monitor odom"),
+        ("odom.throughput.mean >= 97 % of offered", "cannot be 'of offered'"),
+    ],
+)
+def test_what_is_unknown_is_refused_at_its_place(requirement: str, text: str) -> None:
+    (found,) = [
+        each
+        for each in findings(OWN_PACE.replace("REQUIREMENT", requirement), offline=True)
+        if each.code == "R2B526"
+    ]
+    assert text in found.message
+    assert found.span is not None
+    assert found.span.line == len(OWN_PACE.splitlines())
+
+
+def test_a_search_needs_outputs_that_answer() -> None:
+    spec = OWN_PACE.replace("REQUIREMENT", "imu.drop_rate <= 1 %").replace(
+        "rates: [200 Hz]", "rates: [200 Hz], search: {min: 20 Hz, max: 400 Hz}"
+    )
+    assert codes(spec, offline=True) == []
+    lonely = spec.replace("  imu: {topic: imu_out, format: sensor_msgs/msg/Imu}\n", "")
+    lonely = lonely.replace("imu.drop_rate <= 1 %", "odom.age.p99 < 30 ms")
+    assert "R2B408" in codes(lonely, offline=True)
+
+
+@pytest.mark.parametrize("key", ["ratio: {inputs: 4}", "taps: true"])
+def test_what_needs_answers_has_no_effect(key: str) -> None:
+    spec = OWN_PACE.replace("REQUIREMENT", "odom.age.p99 < 30 ms")
+    spec = spec.replace("match: own_pace", f"match: own_pace, {key}")
+    assert any("has no effect" in each.message for each in findings(spec, offline=True))
