@@ -1,4 +1,4 @@
-"""Which part of which node or topic grew from one anatomy to another, and what only follows.
+"""Which part of which node or topic grew from one anatomy to another, and what follows from it.
 
 The values of a part are averaged in `WINDOWS` parts of each iteration, because messages that follow
 each other are alike. With the means m and the variances v of k such averages of base and change,
@@ -9,13 +9,23 @@ and a part has grown if its bound is above zero and the growth is at least 3 % o
 the quantile of Student's t for 38 degrees of freedom at 99.95 %: of a hundred parts that did not
 grow, one is named in every twenty comparisons.
 
-What messages wait for follows from what keeps the node's threads busy, and what a node holds back
-from what it still lacks. So a wait, a queue that overflows, and what is held are named after a
-callback on the same threads that has grown, which the growth is then credited to. A thread
-that calls other nodes now than in the base explains a wait by itself.
+A callback in which a node publishes is compared with others in which it does, and one after which
+the node holds the message with others of these: which input of a node comes last may change.
+
+Some parts depend on what else happens, and are named after a part that they follow from, which
+their growth is then credited to:
+
+* a wait, or a queue that overflows, from the callback that grew most on the threads of the node;
+* otherwise a wait from a part before it that grew, because messages come at other times: by as
+  much, at most;
+* what a node holds from what grew most before it, because it lacks another input.
+
+A thread that calls more nodes now than in the base explains a wait by itself.
 
 A message that is overwritten in a queue has no latency; it makes what is known older by a period.
-So the growth of a queue is that of the share of such messages, times the time between two.
+So the growth of a queue is that of the share n / N of such messages, times the time between two.
+Counts are compared by their roots, whose variance is a quarter whatever n is (Anscombe):
+sqrt(n' + 3/8) - sqrt(n + 3/8) has to be above 3.6 sqrt(1/2).
 """
 
 from __future__ import annotations
@@ -29,7 +39,7 @@ import numpy as np
 
 from r2bspec.judge.measure.anatomy import WINDOWS, Anatomy, NodeAnatomy
 from r2bspec.judge.measure.anatomy_events import Ints
-from r2bspec.judge.measure.anatomy_paths import NOT_SEEN, Path
+from r2bspec.judge.measure.anatomy_paths import NOT_SEEN
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import show
 
@@ -42,6 +52,9 @@ _QUEUE: Final = "queue"
 
 _FOLLOWING: Final = frozenset({"wait", "held", _QUEUE})
 """Parts that depend on what else happens, and not on the work for a message alone."""
+
+_SHIFTED: Final = 1.5
+"""A wait grows by what a message before it is late, and a little more where that varies."""
 
 _Key = tuple[str, str, str]
 """The owner of a part, its name, and the topic that tells it from others of this name."""
@@ -106,8 +119,13 @@ def grown_parts(base: Anatomy, change: Anatomy) -> tuple[GrownPart, ...]:
     ]
     found += _overflowing(base, change, latency)
     found = [_beside(part, base, change) for part in found]
-    causes = [part for part in found if part.name not in _FOLLOWING]
-    found = [_following(part, causes, change) for part in found]
+    order = _order(change)
+    causes = [part for part in found if part.name not in _FOLLOWING or part.beside]
+    found = [_following(part, causes, order, change) for part in found]
+    causes = [part for part in found if not part.follows and part.name != "held"]
+    found = [
+        _following(part, causes, order, change) if part.name == "held" else part for part in found
+    ]
     credit: dict[str, float] = {}
     for part in found:
         cause = part.follows or _title(part)
@@ -148,18 +166,22 @@ def _parts(one: Anatomy) -> dict[_Key, _Values]:
     found: dict[_Key, _Values] = {}
     for path in (path for paths in one.paths.values() for path in paths):
         for number, part in enumerate(path.parts):
-            key = (part.owner, part.name, _topic(path, number))
-            if part.name != NOT_SEEN and (
-                key not in found or found[key].at_ns.size < path.began_ns.size
-            ):
-                found[key] = _Values(part.of, path.began_ns, part.seconds, one.window_ns)
+            if part.name == NOT_SEEN:
+                continue
+            hop = sum(each.name == "publish" for each in path.parts[: number + 1]) - 1
+            topic = path.hops[2 * hop + 1]
+            versions = {topic: part.seconds}
+            if part.name == "callback":
+                held = path.held[hop]
+                versions = {
+                    topic: np.where(held, np.nan, part.seconds),
+                    f"{topic} held": np.where(held, part.seconds, np.nan),
+                }
+            for place, seconds in versions.items():
+                key = (part.owner, part.name, place)
+                if key not in found or found[key].at_ns.size < path.began_ns.size:
+                    found[key] = _Values(part.of, path.began_ns, seconds, one.window_ns)
     return found
-
-
-def _topic(path: Path, number: int) -> str:
-    """The topic that a part comes before or after: of a node with several, they are apart."""
-    publishes = sum(part.name == "publish" for part in path.parts[: number + 1])
-    return path.hops[2 * publishes - 1] if publishes else ""
 
 
 def _grown(
@@ -209,18 +231,18 @@ def _overflowing(base: Anatomy, change: Anatomy, latency: dict[str, float]) -> I
         for topic in node.overtaken.keys() & was.overtaken.keys():
             missed, sent = _losses(node, topic)
             missed_before, sent_before = _losses(was, topic)
-            share, share_before = missed / sent, missed_before / sent_before
-            # Of shares of few messages: a queue that lost one may as well have lost none or two.
-            variance = (missed + 1) / sent**2 + (missed_before + 1) / sent_before**2
-            growth, error = share - share_before, math.sqrt(variance)
+            growth = missed / sent - missed_before / sent_before
             period = (change.window_ns[1] - change.window_ns[0]) / 1e9 / sent
-            if growth - _QUANTILE * error > 0:
+            # The base may have had more messages, or fewer.
+            roots = [math.sqrt(n + 0.375) for n in (missed, missed_before * sent / sent_before)]
+            surplus = roots[0] - roots[1] - _QUANTILE * math.sqrt(0.5)
+            if surplus > 0:
                 yield GrownPart(
                     owner=name,
                     of="node",
                     name=_QUEUE,
                     seconds=growth * period,
-                    bound=(growth - _QUANTILE * error) * period,
+                    bound=surplus * (roots[0] + roots[1]) / sent * period,
                     share=growth,
                     latency=latency.get(name, 0.0),
                 )
@@ -251,17 +273,31 @@ def _neighbours(name: str, one: Anatomy) -> set[str]:
     }
 
 
-def _following(part: GrownPart, causes: list[GrownPart], change: Anatomy) -> GrownPart:
+def _order(one: Anatomy) -> dict[str, set[str]]:
+    """Of each node and topic, what lies before it on a path, and itself."""
+    found: dict[str, set[str]] = {}
+    for path in (path for paths in one.paths.values() for path in paths):
+        for number, owner in enumerate(path.hops):
+            found.setdefault(owner, set()).update(path.hops[: number + 1])
+    return found
+
+
+def _following(
+    part: GrownPart, causes: list[GrownPart], order: dict[str, set[str]], change: Anatomy
+) -> GrownPart:
     """The part with what it follows from, if it does."""
     if part.name not in _FOLLOWING or part.beside:
         return part
+    before = [
+        cause for cause in causes if cause.owner in order.get(part.owner, ()) and cause is not part
+    ]
     if part.name == "held":
-        possible = causes
+        possible = before
     else:
         sharing = _neighbours(part.owner, change) | {part.owner}
-        possible = [
-            cause for cause in causes if cause.name == "callback" and cause.owner in sharing
-        ]
+        possible = [each for each in causes if each.name == "callback" and each.owner in sharing]
+    if part.name == "wait" and not possible:
+        possible = [cause for cause in before if cause.seconds * _SHIFTED >= part.seconds]
     if not possible:
         return part
     return replace(part, follows=_title(max(possible, key=lambda cause: cause.seconds)))

@@ -73,6 +73,7 @@ class Path:
         last: whether the message followed the input on this path: those on the other paths to the
             same message of the monitor had been there before, and waited.
         by_timer: whether a node on the path published it without being caused by a message.
+        held: for each hop but the last, whether the node held the message after its callback.
         places: the rows of the send and the take of each hop, by hop.
     """
 
@@ -83,6 +84,7 @@ class Path:
     ended_ns: Ints
     last: Mask
     by_timer: Mask
+    held: tuple[Mask, ...]
     places: tuple[tuple[Ints, Ints], ...]
 
     @property
@@ -242,6 +244,7 @@ class PathSearch:
             ended_ns=times.ended_ns[order],
             last=chain.last[order],
             by_timer=chain.by_timer[order],
+            held=tuple(held[order] for held in chain.held[::-1]),
             places=tuple((send[order], take[order]) for send, take in hops),
         )
 
