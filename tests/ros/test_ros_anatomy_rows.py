@@ -57,7 +57,7 @@ class Recorded:
         return rows[(rows["flags"] & 1) == 0]
 
     def node(self, row: Any) -> str:
-        return self.objects[row["object"] - 1].node
+        return str(self.objects[row["object"] - 1].node)
 
     def after(self, row: Any) -> Any:
         """What the thread did after an event, until it waited or took something else."""
