@@ -9,7 +9,7 @@ confidence of 95 % (order statistics). Nothing is between player and monitor: of
 computes something, the events are a smaller part.
 
 Then 20,000 events a second and more are recorded for a minute: the publication of a message, its
-take, and, where no other has arrived, the attempt to take one. Prints Markdown, and asserts nothing.
+take, and, where no other has arrived, the attempt to take one. Prints Markdown, asserts nothing.
 """
 
 from __future__ import annotations
