@@ -7,13 +7,13 @@ A run folder contains::
     record.json        a `RunRecord`: this module, written last and atomically
     result.json        metrics and verdicts, computed from all of the above
     samples/SEGMENT/   playback.npy, monitor.NAME.npy for each monitor, and tap.TOPIC.npy for
-                       each tapped topic, with dots instead of slashes
+                       each tapped topic, with dots instead of slashes; and anatomy.npy with the
+                       events in the processes of the graph, where they were observed from inside
     resources.npy      CPU and memory of every process over the whole run
     interference.npy   host interference over the whole run
     loaded_files.json  the files that each process of the graph loaded (`loaded_files`)
     logs/PROCESS.log   the output of each process
     profile/PROCESS/   what a profiler wrote
-    anatomy.npy        events in the processes of an iteration that was observed from inside
 
 All times are CLOCK_MONOTONIC nanoseconds of the host, unless the name says otherwise.
 """
@@ -67,9 +67,12 @@ class PhaseTime(msgspec.Struct, frozen=True, kw_only=True):
         return self.ended_ns - self.began_ns
 
 
-SegmentKind = Literal["warm_up", "probe", "sustained", "iteration", "confirmation", "recorded"]
-"""The purpose of a segment; those of the confirmation run after a failure are ``confirmation``, and
-the messages of ``recorded`` are in a bag of the run folder."""
+SegmentKind = Literal[
+    "warm_up", "probe", "sustained", "iteration", "confirmation", "recorded", "anatomy"
+]
+"""The purpose of a segment; those of the confirmation run after a failure are ``confirmation``, the
+messages of ``recorded`` are in a bag of the run folder, and ``anatomy`` is the one that is observed
+from inside where the others are not."""
 
 
 class Segment(msgspec.Struct, frozen=True, kw_only=True):
@@ -537,27 +540,19 @@ class AnatomyProcess(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class AnatomyRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """What the processes of a start did with each message, observed from inside.
+    """What was observed from inside in one start; the samples of its segments have the events.
 
     Attributes:
-        rate_hz: at which the observed iteration was played; 0 for that of the recording.
-        began_ns: of its first step; what an iteration has before is its warm-up.
-        ended_ns: of its last period.
+        start: the start of the graph's processes, as in its segments.
         processes: those that were observed.
         objects: those of the events: publishers, subscriptions and others.
-        file: with the events, as a path in the run folder; empty without any.
-        sha256: of the file.
-        errors: what could not be observed, and why, a sentence each.
+        error: why nothing was observed, or not everything; otherwise empty.
     """
 
-    rate_hz: float = 0.0
-    began_ns: int
-    ended_ns: int
+    start: int
     processes: tuple[AnatomyProcess, ...] = ()
     objects: tuple[AnatomyObject, ...] = ()
-    file: str = ""
-    sha256: str = ""
-    errors: tuple[str, ...] = ()
+    error: str = ""
 
 
 class EndedRate(msgspec.Struct, frozen=True, kw_only=True):

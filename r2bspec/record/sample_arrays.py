@@ -158,7 +158,7 @@ def read_rows(path: Path, dtype: np.dtype[np.void], sha256: str = "") -> Rows:
     return rows
 
 
-_LONGEST_NS = 1 << 62
+LONGEST_NS = 1 << 62
 """Differences of times within this (146 years) are 64-bit integers, too."""
 
 
@@ -166,7 +166,7 @@ def _check_values(rows: Rows, path: Path) -> None:
     names = [name for name in rows.dtype.names or () if name.endswith("_ns")] if rows.size else ()
     for name in names:
         times = rows[name]
-        if times.min() < -_LONGEST_NS or times.max() > _LONGEST_NS:
+        if times.min() < -LONGEST_NS or times.max() > LONGEST_NS:
             raise RecordError(f"{path} is damaged: {name} has a time that cannot be", hint=_HINT)
     for name in rows.dtype.names or ():
         # NaN is what the system does not count; it counts processor time.

@@ -83,7 +83,7 @@ CHANGES: tuple[Change, ...] = (slower, neighbour, larger, shallow, one_thread)
 
 def joined(graph: Graph) -> Anatomy:
     found = observed(graph)
-    return anatomy(found.record, found.rows, found.plan)
+    return anatomy(found.record, found.rows, found.plan, found.window_ns)
 
 
 def pair(seed: int) -> tuple[Anatomy, Anatomy, set[str], str]:

@@ -138,6 +138,7 @@ class Observed:
     record: AnatomyRecord
     rows: Rows
     plan: Plan
+    window_ns: tuple[int, int]
     latency_ns: dict[int, int]
     overtaken: dict[str, int]
 
@@ -353,9 +354,7 @@ def observed(graph: Graph) -> Observed:
     world.run()
     rows = np.array(sorted(world.rows, key=lambda row: row[5]), ANATOMY_DTYPE)
     record = AnatomyRecord(
-        rate_hz=graph.rate_hz,
-        began_ns=START_NS,
-        ended_ns=START_NS + int(graph.steps / graph.rate_hz * 1e9),
+        start=1,
         processes=tuple(
             AnatomyProcess(name=name, pid=1000 + number) for name, number in world.processes.items()
         ),
@@ -363,9 +362,9 @@ def observed(graph: Graph) -> Observed:
             AnatomyObject(process=world.processes[process], kind=kind, name=name, node=node)  # type: ignore[arg-type]
             for process, kind, name, node in world.objects
         ),
-        file="anatomy.npy",
     )
-    return Observed(record, rows, plan_of(graph), world.latency_ns, world.overtaken)
+    window_ns = (START_NS, START_NS + int(graph.steps / graph.rate_hz * 1e9))
+    return Observed(record, rows, plan_of(graph), window_ns, world.latency_ns, world.overtaken)
 
 
 def plan_of(graph: Graph) -> Plan:

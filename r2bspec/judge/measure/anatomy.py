@@ -166,7 +166,7 @@ class Anatomy:
         return np.concatenate(found)
 
 
-def anatomy(record: AnatomyRecord, rows: Rows, plan: Plan) -> Anatomy:
+def anatomy(record: AnatomyRecord, rows: Rows, plan: Plan, window_ns: tuple[int, int]) -> Anatomy:
     """Join the events of an observed iteration.
 
     Rows that are missing, forged or damaged make parts unknown, or messages; they raise nothing.
@@ -175,23 +175,23 @@ def anatomy(record: AnatomyRecord, rows: Rows, plan: Plan) -> Anatomy:
         record: what was observed.
         rows: of type `ANATOMY_DTYPE`.
         plan: of the run.
+        window_ns: the iteration, from its first step to the end of its last period.
     """
     events = join_events(record, rows, plan)
-    began = events.began_ns
-    window = (record.began_ns, record.ended_ns)
-    if window[1] <= window[0]:
-        window = (int(began.min()), int(events.ended_ns.max())) if began.size else (0, 0)
-    search = PathSearch(
-        events, find_causes(events), live=plan.playback_mode == "live", window=window
-    )
+    live = plan.playback_mode == "live"
+    search = PathSearch(events, find_causes(events), live=live, window=window_ns)
     takes = _takes_of_monitors(events, record, plan)
-    within = _within(events.began_ns, window)
+    # What was played in the window belongs to it, whenever the graph gets to it: without the
+    # slowest messages, every percentile would be too small.
+    ended_ns = window_ns[1] if live or not rows.size else int(rows["ended_ns"].max())
+    counted_ns = window_ns[0], max(ended_ns, window_ns[1])
+    within = _within(events.began_ns, counted_ns)
     return Anatomy(
         paths={name: search.paths_to(name, places) for name, places in takes.items()},
-        nodes={node.name: node for node in _nodes(events, record, window)},
+        nodes={node.name: node for node in _nodes(events, record, window_ns, within)},
         transports=_transports(events, within),
         monitored={name: int(within[places].sum()) for name, places in takes.items()},
-        window_ns=window,
+        window_ns=window_ns,
         lost=sum(process.lost for process in record.processes),
         left_out=events.left_out,
         events=events,
@@ -270,12 +270,14 @@ def _timed(began_ns: Ints, ended_ns: Ints, rows: Ints) -> Timed:
     return Timed(at_ns, seconds)
 
 
-def _nodes(events: Events, record: AnatomyRecord, window: tuple[int, int]) -> Iterator[NodeAnatomy]:
+def _nodes(
+    events: Events, record: AnatomyRecord, window: tuple[int, int], within: Mask
+) -> Iterator[NodeAnatomy]:
     names = events.names
     harness = names.is_harness[events.object]
     node = events.node
     acts = (events.is_start | events.is_send) & ~harness & (events.object > 0)
-    rows = np.flatnonzero(acts & _within(events.began_ns, window))
+    rows = np.flatnonzero(acts & within)
     rows = rows[np.argsort(node[rows], kind="stable")]
     overtaken = _overtaken(events, window)
     for of_node in np.split(rows, np.flatnonzero(np.diff(node[rows])) + 1):

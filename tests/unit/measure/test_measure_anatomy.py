@@ -47,7 +47,7 @@ GRAPHS = {
 
 
 def joined(found: Observed) -> Anatomy:
-    return anatomy(found.record, found.rows, found.plan)
+    return anatomy(found.record, found.rows, found.plan, found.window_ns)
 
 
 def total(path: Path) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
@@ -129,7 +129,7 @@ def test_a_clock_that_steps_leaves_times_unseen_and_no_sum_wrong() -> None:
     # Between the arrival of this message and its take, the clock stepped.
     crossing = np.flatnonzero((rows["kind"] == AnatomyKind.TAKE) & (rows["began_ns"] > middle_ns))
     rows["received_ns"][crossing[:3]] -= hour_ns
-    (path,) = anatomy(simulated.record, rows, simulated.plan).paths["out"]
+    (path,) = anatomy(simulated.record, rows, simulated.plan, simulated.window_ns).paths["out"]
     np.testing.assert_allclose(total(path), path.seconds, rtol=0, atol=1e-12)
     unseen = [part for part in path.parts if part.name == NOT_SEEN]
     assert 1 <= sum(np.count_nonzero(part.seconds) for part in unseen) <= 3
@@ -141,7 +141,7 @@ def test_a_middleware_without_times_of_reception_leaves_the_transport_unseen() -
     simulated = observed(CHAIN)
     rows = simulated.rows.copy()
     rows["received_ns"] = 0
-    (path,) = anatomy(simulated.record, rows, simulated.plan).paths["out"]
+    (path,) = anatomy(simulated.record, rows, simulated.plan, simulated.window_ns).paths["out"]
     np.testing.assert_allclose(total(path), path.seconds, rtol=0, atol=1e-12)
     unseen = [part.owner for part in path.parts if part.name == NOT_SEEN]
     assert unseen == ["/in", "/image", "/blurred", "/out"]
@@ -151,7 +151,9 @@ def test_a_middleware_without_times_of_reception_leaves_the_transport_unseen() -
 def test_lost_callbacks_are_not_seen(kind: AnatomyKind) -> None:
     simulated = observed(CHAIN)
     lost = (simulated.rows["kind"] == kind) & (np.arange(simulated.rows.size) % 3 == 0)
-    for path in anatomy(simulated.record, simulated.rows[~lost], simulated.plan).paths["out"]:
+    for path in anatomy(
+        simulated.record, simulated.rows[~lost], simulated.plan, simulated.window_ns
+    ).paths["out"]:
         np.testing.assert_allclose(total(path), path.seconds, rtol=0, atol=1e-12)
 
 
@@ -169,19 +171,17 @@ def test_forged_rows_raise_nothing_and_add_up(seed: int) -> None:
         rows[name][struck] = forged
     rows = rows[random.random(rows.size) < 0.9]
     random.shuffle(rows)
-    for path in anatomy(simulated.record, rows, simulated.plan).paths["out"]:
+    for path in anatomy(simulated.record, rows, simulated.plan, simulated.window_ns).paths["out"]:
         np.testing.assert_allclose(total(path), path.seconds, rtol=1e-9, atol=1e-12)
 
 
 def test_no_rows_are_no_paths() -> None:
     simulated = observed(CHAIN)
-    found = anatomy(simulated.record, simulated.rows[:0], simulated.plan)
+    found = anatomy(simulated.record, simulated.rows[:0], simulated.plan, simulated.window_ns)
     assert found.paths == {"out": ()}
     assert found.names == ()
-    bare = msgspec.structs.replace(
-        simulated.record, processes=(), objects=(), began_ns=0, ended_ns=0
-    )
-    found = anatomy(bare, simulated.rows, simulated.plan)
+    bare = msgspec.structs.replace(simulated.record, processes=(), objects=())
+    found = anatomy(bare, simulated.rows, simulated.plan, simulated.window_ns)
     assert found.left_out == simulated.rows.size
 
 
