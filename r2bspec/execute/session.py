@@ -45,7 +45,7 @@ from r2bspec.execute.measurement.segments import (
     SegmentHeading,
     SegmentPlayer,
 )
-from r2bspec.execute.processes.scheduling import schedule_threads
+from r2bspec.execute.processes.scheduling import has_memory_lock, locked_bytes, schedule_threads
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.run_context import MEASURE_PHASE, RunContext
 from r2bspec.execute.silent_outputs import SilentOutputs
@@ -194,12 +194,13 @@ class Session:
         )
         with deadline.paused():
             self._wait_until_ready(observer)
-        self._schedule_threads()
+        self._schedule_threads(final=False)
         if scipy is not None:
             with self._supervisor.waiting("SciPy: imported"):
                 scipy.join()
         self.look_at_loaded_files()
         self._warm_up(segment_player, silent_outputs, deadline)
+        self._schedule_threads(final=True)
         segment_player.on_output_stopped = silent_outputs.explain_stop
         return segment_player
 
@@ -462,12 +463,18 @@ class Session:
             start=self.start,
         )
 
-    def _schedule_threads(self) -> None:
-        """Schedule threads by their names, now that there are any, and note what all have."""
+    def _schedule_threads(self, *, final: bool) -> None:
+        """Schedule threads by their names, now that there are any, and note what all have.
+
+        Some come with the first messages: at last, those that the plan names must be there.
+        """
         plans = {process.name: process for process in self._plan.processes}
         for child in self._supervisor:
             if child.name in plans:
-                child.scheduling = schedule_threads(plans[child.name], child.pid)
+                plan = plans[child.name]
+                child.scheduling = schedule_threads(plan, child.pid, final=final)
+                if final and has_memory_lock(plan):
+                    child.locked_bytes = locked_bytes(plan, child.pid)
 
     def _wait_until_ready(self, observer: ManagedProcess) -> None:
         """Wait for the readiness probes, run the `after_ready` steps, and check parameters."""

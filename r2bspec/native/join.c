@@ -1,4 +1,6 @@
 /* Brings the harness into a process of the graph: preloaded, so that the program needs no change.
+ * With R2BSPEC_LOCK_MEMORY, it locks the memory of the process: a lock does not survive exec, so that
+ * nobody else can do it.
  *
  * It has the name of rcl's initialisation, which every ROS node calls. Before the first call in a
  * process goes on, it asks the controller over a socket whether this is the process that is meant:
@@ -17,12 +19,14 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <unistd.h>
 
 #define SOCKET_VARIABLE "R2BSPEC_JOIN_SOCKET"
 #define PROCESS_VARIABLE "R2BSPEC_JOIN_PROCESS"
+#define LOCK_VARIABLE "R2BSPEC_LOCK_MEMORY"
 #define MAX_LINE 8192
 #define NOT_INITIALISED 1 /* RCL_RET_ERROR */
 
@@ -146,9 +150,13 @@ __attribute__((visibility("default"))) int rcl_init(
   init_t *init = real_init(__builtin_return_address(0));
   const char *socket_path = getenv(SOCKET_VARIABLE), *process = getenv(PROCESS_VARIABLE);
   /* Once: the parts of the harness initialise contexts of their own, during the first call. */
-  if (init != NULL && socket_path != NULL && process != NULL &&
-      !atomic_flag_test_and_set(&asked)) {
-    join(socket_path, process);
+  if (init != NULL && !atomic_flag_test_and_set(&asked)) {
+    if (getenv(LOCK_VARIABLE) != NULL && mlockall(MCL_CURRENT | MCL_FUTURE) < 0) {
+      perror("r2bspec: the memory of this process cannot be locked");
+    }
+    if (socket_path != NULL && process != NULL) {
+      join(socket_path, process);
+    }
   }
   return init == NULL ? NOT_INITIALISED : init(argc, argv, options, context);
 }

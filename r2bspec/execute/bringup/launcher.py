@@ -25,7 +25,7 @@ from r2bspec.execute.errors import ProcessDiedError
 from r2bspec.execute.processes import prerequisites
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.process import shorten_slice
-from r2bspec.execute.processes.scheduling import apply_to_process
+from r2bspec.execute.processes.scheduling import apply_to_process, has_memory_lock
 from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import NATIVE_ARGV, container_node_name
@@ -116,6 +116,8 @@ class Launcher:
         parts = tuple(parts)
         if self.joins is not None and plan.join is not None:
             variables = self.joins.environment(plan.name, variables)
+        if has_memory_lock(plan):
+            variables |= prerequisites.memory_lock_variables(variables.get("LD_PRELOAD", ""))
         child = self._supervisor.start(
             plan.name,
             plan.role,
