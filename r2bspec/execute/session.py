@@ -249,7 +249,7 @@ class Session:
         monitor = self._parts.start("monitor")
         monitors = (*plan.topic_monitors, *tap_monitors(plan.monitors))
         settings = protocol.ConfigureMonitor(monitors=monitors, rows_dir=str(self.rows_dir))
-        if player is not None and plan.called:
+        if player is not None and plan.called and not plan.inputs:
             calls = self._launcher.call_settings(plan, self.rows_dir)
             launcher.configure_all([(player, calls), (monitor, settings)])
             return player, monitor
@@ -432,10 +432,11 @@ class Session:
         watched = [watch.topic for watch in plan.topic_monitors]
         watched += [tap.topic for tap in all_taps(plan.monitors)]
         expected = {monitor: dict.fromkeys(watched, 1)}
-        if player is not None and plan.called:
+        caller = self._start_caller(player) if player is not None and plan.called else None
+        if caller is not None:
             with supervisor.waiting("services: found"):
-                readiness.wait_for_services(plan, supervisor, player, deadline)
-        elif player is not None:
+                readiness.wait_for_services(plan, supervisor, caller, deadline)
+        if player is not None and plan.inputs:
             transforms = self._graph.subscription_counts(buffered_transforms(self._buffer_dir))
             if TF_STATIC in transforms:
                 expected[observer] = {TF_STATIC: transforms.pop(TF_STATIC)}
@@ -448,6 +449,20 @@ class Session:
         ends = [(source.topic, source.type, "publishes") for source in plan.inputs]
         ends += [(watch.topic, watch.type, "subscribes") for watch in monitors]
         self._graph.wait_for_mutual_discovery(ends)
+
+    def _start_caller(self, player: ManagedProcess) -> ManagedProcess:
+        """The process that calls services: the player, or one that follows its steps.
+
+        It is started when all that is played belongs to the graph.
+        """
+        if not self._plan.inputs:
+            return player
+        caller = self._parts.start("caller")
+        settings = self._launcher.call_settings(
+            self._plan, self.rows_dir, follows=str(self.rows_dir / PLAYBACK_ROWS)
+        )
+        self._launcher.configure(caller, settings)
+        return caller
 
     def _segment_player(
         self, player: ManagedProcess | None, observer: ManagedProcess

@@ -108,7 +108,7 @@ class Launcher:
         """
         if plan.name in self._early:
             return self._early.pop(plan.name)
-        harness = plan.role in {"loader", "player", "monitor", "harness"}
+        harness = plan.role in {"loader", "player", "caller", "monitor", "harness"}
         environment = self._environment
         variables = environment.for_harness(plan.env) if harness else environment.for_node(plan.env)
         if prerequisites.hosts_library(plan):
@@ -436,8 +436,10 @@ class Launcher:
         )
         self._run_helper(name, command, protocol.Called, timeout_s)
 
-    def call_settings(self, plan: Plan, rows_dir: Path) -> protocol.ConfigureCalls:
-        """What a player that calls services is told, with the secrets of its requests."""
+    def call_settings(
+        self, plan: Plan, rows_dir: Path, follows: str = ""
+    ) -> protocol.ConfigureCalls:
+        """What a process that calls services is told, with the secrets of its requests."""
         in_value = self._environment.secrets.in_value
         calls = tuple(
             msgspec.structs.replace(
@@ -446,7 +448,7 @@ class Launcher:
             for name, call in plan.called.items()
             if name == call.name
         )
-        return protocol.ConfigureCalls(calls=calls, rows_dir=str(rows_dir))
+        return protocol.ConfigureCalls(calls=calls, rows_dir=str(rows_dir), follows=follows)
 
     def configure(self, child: ManagedProcess, command: Any) -> protocol.Ready:
         """Send a harness process its configuration and wait until it is ready.
