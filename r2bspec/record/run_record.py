@@ -256,7 +256,8 @@ class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
         exit_code: negative for a signal, None if it is unknown.
         signals: those that the run has sent to it, in order.
         parts: of the harness, if it is a process of the graph that contains some.
-        scheduling: what its threads had when the graph was ready, if the plan asks for something.
+        scheduling: what its threads had after the warm-up, if the plan asks for something.
+        locked_bytes: of its memory and that of its descendants, which was locked then.
     """
 
     name: str
@@ -266,6 +267,7 @@ class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
     signals: tuple[int, ...] = ()
     parts: tuple[str, ...] = ()
     scheduling: tuple[ThreadSchedulingRecord, ...] = ()
+    locked_bytes: int = 0
 
     @property
     def ended_as_told(self) -> bool:
