@@ -150,7 +150,7 @@ def varied_run(number: int, folder: Path) -> Result:
     """One of many runs: other sizes, starts, losses, limits and machines."""
     random = np.random.default_rng(number)
     starts, rate_hz = int(random.choice([1, 3, 5, 10])), float(random.choice([10, 30, 100]))
-    messages = int(rate_hz * random.choice([2, 5]))
+    messages = int(random.choice([60, 400]))
     scatter, level_s = random.choice([0.01, 0.05, 0.2]), random.choice([0.002, 0.02, 0.2])
     lost, played = random.choice([0, 0, 0.002, 0.02]), []
     for _ in range(2 * starts):
