@@ -329,7 +329,7 @@ def _metric_of(
     """
     none = MetricInfo(requirement.metric, "probe", "none", "", "observation", "")
     try:
-        monitor, info = resolve(requirement.metric, samples.monitors, samples.processes)
+        monitor, info = resolve(requirement.metric, samples.monitors, samples.subjects)
     except MetricError as error:
         hint = f"; did you mean {error.suggestion}?" if error.suggestion else "."
         problem = str(error)

@@ -21,6 +21,8 @@
 #include <sys/un.h>
 #include <unistd.h>
 
+#include "next_function.h"
+
 #define SOCKET_VARIABLE "R2BSPEC_JOIN_SOCKET"
 #define PROCESS_VARIABLE "R2BSPEC_JOIN_PROCESS"
 #define MAX_LINE 8192
@@ -28,18 +30,6 @@
 
 typedef int init_t(int, char const *const *, const void *, void *);
 typedef int serve_t(int fd);
-
-/* rclpy loads rcl for itself alone, where RTLD_NEXT does not look: then its caller knows it. */
-static init_t *real_init(void *caller)
-{
-  init_t *found = (init_t *)dlsym(RTLD_NEXT, "rcl_init");
-  Dl_info info;
-  if (found == NULL && dladdr(caller, &info) != 0) {
-    void *library = dlopen(info.dli_fname, RTLD_LAZY | RTLD_NOLOAD);
-    found = library == NULL ? NULL : (init_t *)dlsym(library, "rcl_init");
-  }
-  return found;
-}
 
 /* What this process starts is not to be asked: takes this object from the preloaded ones. */
 static void leave_environment(void)
@@ -143,7 +133,7 @@ __attribute__((visibility("default"))) int rcl_init(
   int argc, char const *const *argv, const void *options, void *context)
 {
   static atomic_flag asked = ATOMIC_FLAG_INIT;
-  init_t *init = real_init(__builtin_return_address(0));
+  init_t *init = (init_t *)next_function("rcl_init", "librcl.so");
   const char *socket_path = getenv(SOCKET_VARIABLE), *process = getenv(PROCESS_VARIABLE);
   /* Once: the parts of the harness initialise contexts of their own, during the first call. */
   if (init != NULL && socket_path != NULL && process != NULL &&

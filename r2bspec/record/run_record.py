@@ -7,7 +7,8 @@ A run folder contains::
     record.json        a `RunRecord`: this module, written last and atomically
     result.json        metrics and verdicts, computed from all of the above
     samples/SEGMENT/   playback.npy, monitor.NAME.npy for each monitor, and tap.TOPIC.npy for
-                       each tapped topic, with dots instead of slashes
+                       each tapped topic, with dots instead of slashes; and anatomy.npy with the
+                       events in the processes of the graph, where they were observed from inside
     resources.npy      CPU and memory of every process over the whole run
     interference.npy   host interference over the whole run
     loaded_files.json  the files that each process of the graph loaded (`loaded_files`)
@@ -19,6 +20,7 @@ All times are CLOCK_MONOTONIC nanoseconds of the host, unless the name says othe
 
 from __future__ import annotations
 
+import enum
 import math
 from typing import Any, Literal
 
@@ -65,9 +67,12 @@ class PhaseTime(msgspec.Struct, frozen=True, kw_only=True):
         return self.ended_ns - self.began_ns
 
 
-SegmentKind = Literal["warm_up", "probe", "sustained", "iteration", "confirmation", "recorded"]
-"""The purpose of a segment; those of the confirmation run after a failure are ``confirmation``, and
-the messages of ``recorded`` are in a bag of the run folder."""
+SegmentKind = Literal[
+    "warm_up", "probe", "sustained", "iteration", "confirmation", "recorded", "anatomy"
+]
+"""The purpose of a segment; those of the confirmation run after a failure are ``confirmation``, the
+messages of ``recorded`` are in a bag of the run folder, and ``anatomy`` is the one that is observed
+from inside where the others are not."""
 
 
 class Segment(msgspec.Struct, frozen=True, kw_only=True):
@@ -392,8 +397,8 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         code: of the rule of ``r2bspec validate`` that finds the same error.
-        part: a `parameter` or a `remapping` of a node, its `lifecycle`, `plugin` or `package`, the
-            `node` itself, or an `endpoint`.
+        part: a `parameter` or a `remapping` of a node, its `lifecycle`, `executor`, `plugin` or
+            `package`, the `node` itself, or an `endpoint`.
         owner: the full name of the node, or the part of the harness.
         name: the parameter, the left side of the remapping, the full name of the topic, or the
             transition.
@@ -404,7 +409,16 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
 
     code: str
     message: str
-    part: Literal["parameter", "remapping", "lifecycle", "plugin", "package", "node", "endpoint"]
+    part: Literal[
+        "parameter",
+        "remapping",
+        "lifecycle",
+        "executor",
+        "plugin",
+        "package",
+        "node",
+        "endpoint",
+    ]
     owner: str
     name: str
     topic: str = ""
@@ -476,6 +490,77 @@ class ProfileRecord(msgspec.Struct, frozen=True, kw_only=True):
     rate_hz: float = 0.0
     began_ns: int
     ended_ns: int
+    error: str = ""
+
+
+class AnatomyKind(enum.IntEnum):
+    """What happened, in a row of events (`r2bspec.record.sample_arrays.ANATOMY_FIELDS`).
+
+    A publication lasts from the call of rcl to its return, and so does a take. `TRIGGER` is a guard
+    condition: the executor of rclpy triggers one before and after each callback. `CALLBACK` is one
+    of rclcpp, which says itself when a callback begins and ends. `WAIT` is a wait of an executor
+    for work, `TIMER` the call of a timer that is due.
+    """
+
+    PUBLISH = 1
+    TAKE = 2
+    CALLBACK = 3
+    TRIGGER = 4
+    WAIT = 5
+    TIMER = 6
+    SEND_REQUEST = 7
+    TAKE_REQUEST = 8
+    SEND_RESPONSE = 9
+    TAKE_RESPONSE = 10
+    ENQUEUE = 11
+    DEQUEUE = 12
+
+
+AnatomyObjectKind = Literal["publisher", "subscription", "timer", "client", "service", "buffer"]
+
+
+class AnatomyObject(msgspec.Struct, frozen=True, kw_only=True):
+    """What events belong to.
+
+    Attributes:
+        process: indexes `AnatomyRecord.processes`.
+        name: of the topic or service, with its namespace; of a buffer, its topic; or empty.
+        node: the name of its node with its namespace; empty if it is not known.
+    """
+
+    process: int
+    kind: AnatomyObjectKind
+    name: str = ""
+    node: str = ""
+
+
+class AnatomyProcess(msgspec.Struct, frozen=True, kw_only=True):
+    """A process that was observed from inside.
+
+    Attributes:
+        name: of the process of the plan to which it belongs.
+        pid: its id.
+        lost: events for which it had no room.
+    """
+
+    name: str
+    pid: int
+    lost: int = 0
+
+
+class AnatomyRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """What was observed from inside in one start; the samples of its segments have the events.
+
+    Attributes:
+        start: the start of the graph's processes, as in its segments.
+        processes: those that were observed.
+        objects: those of the events: publishers, subscriptions and others.
+        error: why nothing was observed, or not everything; otherwise empty.
+    """
+
+    start: int
+    processes: tuple[AnatomyProcess, ...] = ()
+    objects: tuple[AnatomyObject, ...] = ()
     error: str = ""
 
 
@@ -556,6 +641,7 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     starts: tuple[StartRecord, ...] = ()
     unplayed: tuple[UnplayedMessages, ...] = ()
     profiles: tuple[ProfileRecord, ...] = ()
+    anatomies: tuple[AnatomyRecord, ...] = ()
     ended_rates: tuple[EndedRate, ...] = ()
     accuracy: tuple[AccuracyRecord, ...] = ()
     phases: tuple[PhaseTime, ...] = ()

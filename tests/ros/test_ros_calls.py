@@ -90,8 +90,8 @@ def test_nothing_said_leaves_the_defaults() -> None:
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"nmes": []}, "the request has no field 'nmes'; its fields: names"),
-        ({"names": 3}, "names cannot be 3: its type is sequence<string>"),
+        ({"nmes": []}, "nmes of the request: there is no field 'nmes'; did you mean 'names'"),
+        ({"names": 3}, "names of the request: it cannot be 3: its type is sequence<string>"),
     ],
 )
 def test_a_field_that_is_wrong_is_named(values: dict[str, object], said: str) -> None:

@@ -296,6 +296,8 @@ def values_by_iteration(case: RequirementCase) -> tuple[list[Seconds], int]:
     family = case.info.family
     if case.info.scope == "playback":
         return [iteration.playback.lateness for iteration in case.iterations], 0
+    if case.info.scope == "anatomy":
+        return case.observed_times, 0
     seen = case.monitor_samples
     lost = sum(one.missed for one in seen) if family in LOSS_SENSITIVE_FAMILIES else 0
     worst = math.inf if case.is_upper_bound else -math.inf

@@ -17,7 +17,7 @@ from r2bspec.judge.baseline_ratio import (
     judge_history,
     judge_pairs,
 )
-from r2bspec.judge.measure.metric_catalogue import resolve
+from r2bspec.judge.measure.metric_catalogue import Subjects, resolve
 from r2bspec.judge.statistics.autocorrelation import trend
 from r2bspec.judge.statistics.t_interval import (
     noise_floor,
@@ -41,7 +41,7 @@ def asked(text: str = "throughput.mean >= 97 % of baseline") -> BaselineCase:
         objective="no_regression",
         requirement=requirement,
         at_hz=30.0,
-        info=resolve(requirement.metric, ("out",), ("relay",))[1],
+        info=resolve(requirement.metric, ("out",), Subjects(processes=("relay",)))[1],
         monitor="out",
         limit=requirement.bound.value,
     )
