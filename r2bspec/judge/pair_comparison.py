@@ -64,7 +64,7 @@ from r2bspec.judge.baseline_ratio import BaselineCase, judge_pairs
 from r2bspec.judge.confirmation import confirm_run, needs_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks, without_own_confidence
 from r2bspec.judge.interference_bound import REMEDY, best_case_iteration
-from r2bspec.judge.measure.samples import RunSamples
+from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.pipeline import first_iterations, judge
 from r2bspec.judge.statistics.t_interval import mean_interval
@@ -190,18 +190,14 @@ def _examined(
 
 def _without_excess(one: RunSamples, other: RunSamples) -> RunSamples:
     affected = find_affected_iterations(one)
-    return replace(
-        one,
-        iterations={
-            rate: tuple(
-                best_case_iteration(iteration, max(0.0, pair_excess(one, other, rate)))
-                if iteration.segment.id in affected
-                else iteration
-                for iteration in played
-            )
-            for rate, played in one.iterations.items()
-        },
-    )
+
+    def best_case(iteration: SegmentSamples) -> SegmentSamples:
+        if (disturbed := affected.get(iteration.segment.id)) is None:
+            return iteration
+        excess = pair_excess(one, other, disturbed.rate_hz)
+        return best_case_iteration(iteration, max(0.0, excess))
+
+    return one.with_each(best_case)
 
 
 def _taken(run: RunSamples, at_hz: float | None) -> float:

@@ -117,6 +117,11 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
     monitor_held_ns: Count = 0
     start: Number = 1
 
+    @property
+    def length_s(self) -> float:
+        """The length of the sending window in seconds."""
+        return (self.ended_ns - self.began_ns) / 1e9
+
 
 class Probe(msgspec.Struct, frozen=True, kw_only=True):
     """One probe: the offered rate, the delivered rate, and whether the rate is sustained (`holds`).

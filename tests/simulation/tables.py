@@ -276,6 +276,29 @@ def caveats() -> None:
     )
 
 
+def more_starts() -> None:
+    """How many starts have met what is rare."""
+
+    def cell(world: StartWorld, starts: int) -> str:
+        quantities = ("drop rate 1 %", "mean, throughput")
+        found = errors(world, quantities, shape=Shape(starts), runs=200)
+        return " / ".join(f"{100 * found[quantity].passed:.0f}" for quantity in quantities)
+
+    grid(
+        "Starts x 2 iterations, judged once: wrong passes of a drop rate / of a mean, in % of 200",
+        "world",
+        chosen(
+            START_WORLDS,
+            "1 start in 5 is slow",
+            "1 iteration in 10 is slow",
+            "stalls of 40 messages",
+            "starts differ by 10 %",
+        ),
+        {f"{starts} starts": starts for starts in (5, 9, 14, 20)},
+        cell,
+    )
+
+
 def shapes() -> None:
     """How many starts and iterations are needed, by 3,000 messages a run."""
 
@@ -673,6 +696,7 @@ TABLES = {
     for table in (
         starts,
         caveats,
+        more_starts,
         shapes,
         advice,
         budget,

@@ -61,9 +61,7 @@ def judge_mean(case: RequirementCase, record: RunRecord) -> Decision:
             estimate=estimate,
             n=len(values),
         )
-    segment = case.iterations[0].segment
-    window_s = (segment.ended_ns - segment.began_ns) / 1e9
-    step = resolution(case.info, max(values), window_s)
+    step = resolution(case.info, max(values), case.iterations[0].segment.length_s)
     sample = hierarchical_interval(values, starts_of(case.iterations), case.confidence, step)
     interval, shown = sample.interval, _possible(sample, values)
     observed = Observations(values, starts_of(case.iterations), _messages(case))
