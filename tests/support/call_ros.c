@@ -120,7 +120,8 @@ static void publish_in_threads(long count, long each)
   for (long i = 0; i < count; i++) { pthread_join(threads[i], NULL); }
 }
 
-static void publish_in_child(void)
+/* With `again`, the child then executes this program. */
+static void publish_in_child(bool again)
 {
   void *publisher = new_publisher("out", &stamped);
   publish(publisher, 1);
@@ -129,6 +130,7 @@ static void publish_in_child(void)
     rcl_init(0, NULL, NULL, NULL);
     publish(new_publisher("child", &stamped), 10);
     publish(publisher, 10);
+    if (again) { execl("/proc/self/exe", "call_ros", "threads", "1", "5", NULL); }
     _exit(0);
   }
   int status = 1;
@@ -162,7 +164,7 @@ __attribute__((visibility("default"))) int call_ros(const char *what, long first
   if (rcl_init(0, NULL, NULL, NULL) != 0) { return 1; }
   if (strcmp(what, "each") == 0) { call_each(); }
   if (strcmp(what, "threads") == 0) { publish_in_threads(first, second); }
-  if (strcmp(what, "fork") == 0) { publish_in_child(); }
+  if (strcmp(what, "fork") == 0) { publish_in_child(first != 0); }
   if (strcmp(what, "objects") == 0) { make_publishers(first); }
   if (strcmp(what, "measure") == 0) { measure(first); }
   if (strcmp(what, "killed") == 0) { publish(new_publisher("out", &stamped), first); kill(getpid(), SIGKILL); }

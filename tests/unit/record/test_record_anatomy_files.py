@@ -168,6 +168,13 @@ def test_a_forked_child_writes_nothing(tmp_path: Path, how: Linked) -> None:
     assert len(objects) == 1
 
 
+def test_what_a_forked_child_executes_is_recorded(tmp_path: Path) -> None:
+    assert call_ros(tmp_path, "fork", "1").returncode == 0
+    rows, _, processes = read_anatomy(tmp_path)
+    assert sorted(Counter(rows["process"].tolist()).values()) == [3, 5]
+    assert len({each.pid for each in processes}) == 2
+
+
 def test_what_a_killed_process_has_finished_is_read(tmp_path: Path) -> None:
     assert call_ros(tmp_path, "killed", "700").returncode < 0
     assert len(read_anatomy(tmp_path)[0]) == 700
