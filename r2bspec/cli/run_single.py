@@ -256,6 +256,7 @@ def _ways(prepared: PreparedBenchmark, options: RunArguments) -> dict[str, Any]:
         "baseline": stored,
         "abort_on_fail": options.abort_on_fail,
         "record_outputs": options.record_outputs,
+        "anatomy": options.anatomy,
         "profile": options.profile or "",
         "profile_node": options.profile_node or "",
     }
@@ -263,7 +264,7 @@ def _ways(prepared: PreparedBenchmark, options: RunArguments) -> dict[str, Any]:
 
 def show_differences(result: Result, prepared: PreparedBenchmark) -> None:
     """Print differences between graph and spec that did not end the run."""
-    from r2bspec.check.finding_location import differences_to_diagnostics
+    from r2bspec.check.rule import differences_to_diagnostics
 
     if prepared.loaded is not None:
         show_findings(

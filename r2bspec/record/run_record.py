@@ -7,13 +7,13 @@ A run folder contains::
     record.json        a `RunRecord`: this module, written last and atomically
     result.json        metrics and verdicts, computed from all of the above
     samples/SEGMENT/   playback.npy, monitor.NAME.npy for each monitor, and tap.TOPIC.npy for
-                       each tapped topic, with dots instead of slashes
+                       each tapped topic, with dots instead of slashes; and anatomy.npy with the
+                       events in the processes of the graph, where they were observed from inside
     resources.npy      CPU and memory of every process over the whole run
     interference.npy   host interference over the whole run
     loaded_files.json  the files that each process of the graph loaded (`loaded_files`)
     logs/PROCESS.log   the output of each process
     profile/PROCESS/   what a profiler wrote
-    anatomy.npy        events in the processes of an iteration that was observed from inside
 
 All times are CLOCK_MONOTONIC nanoseconds of the host, unless the name says otherwise.
 """
@@ -22,12 +22,20 @@ from __future__ import annotations
 
 import enum
 import math
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
 from r2bspec.language.spec import TruthKind
-from r2bspec.record.graph_identity import GraphIdentity
+from r2bspec.record.graph_identity import GraphIdentity, check_machine_facts
+from r2bspec.safe_io.limits import MAX_SEGMENTS
+
+# What is calculated with is refused where it is read; a damaged record can have any number.
+Count = Annotated[int, msgspec.Meta(ge=0)]
+Number = Annotated[int, msgspec.Meta(ge=1, le=MAX_SEGMENTS)]
+"""Of a segment or a start."""
+Hertz = Annotated[float, msgspec.Meta(ge=0)]
+Confidence = Annotated[float, msgspec.Meta(ge=0, lt=1)]
 
 
 class WaitTime(msgspec.Struct, frozen=True, kw_only=True):
@@ -67,9 +75,12 @@ class PhaseTime(msgspec.Struct, frozen=True, kw_only=True):
         return self.ended_ns - self.began_ns
 
 
-SegmentKind = Literal["warm_up", "probe", "sustained", "iteration", "confirmation", "recorded"]
-"""The purpose of a segment; those of the confirmation run after a failure are ``confirmation``, and
-the messages of ``recorded`` are in a bag of the run folder."""
+SegmentKind = Literal[
+    "warm_up", "probe", "sustained", "iteration", "confirmation", "recorded", "anatomy"
+]
+"""The purpose of a segment; those of the confirmation run after a failure are ``confirmation``, the
+messages of ``recorded`` are in a bag of the run folder, and ``anatomy`` is the one that is observed
+from inside where the others are not."""
 
 
 class Segment(msgspec.Struct, frozen=True, kw_only=True):
@@ -93,18 +104,23 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
 
     id: str
     kind: SegmentKind
-    rate_hz: float
-    index: int
-    steps: int
+    rate_hz: Hertz
+    index: Number
+    steps: Count
     began_ns: int
     ended_ns: int
     complete: bool
-    played_before: int = 0
+    played_before: Count = 0
     rerun_of: str = ""
     live: bool = False
     clock_offset_ns: int | None = None
-    monitor_held_ns: int = 0
-    start: int = 1
+    monitor_held_ns: Count = 0
+    start: Number = 1
+
+    @property
+    def length_s(self) -> float:
+        """The length of the sending window in seconds."""
+        return (self.ended_ns - self.began_ns) / 1e9
 
 
 class Probe(msgspec.Struct, frozen=True, kw_only=True):
@@ -128,11 +144,11 @@ class Probe(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     segment: str
-    rate_hz: float
-    delivered_hz: float
+    rate_hz: Hertz
+    delivered_hz: Hertz
     holds: bool | None
     reason: str
-    confidence: float = 0.0
+    confidence: Confidence = 0.0
     purpose: Literal["probe", "saturation", "confirmation"] = "probe"
     keeps_up: bool | None = None
     lost_at_most: float | None = None
@@ -185,7 +201,7 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
     fails_hz: float | None
     limited_by: Limit
     precision: float = 0.0
-    confidence: float = 0.0
+    confidence: Confidence = 0.0
     proof: Proof = ""
     proof_s: float = 0.0
     lost_at_most: float | None = None
@@ -253,7 +269,8 @@ class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
         exit_code: negative for a signal, None if it is unknown.
         signals: those that the run has sent to it, in order.
         parts: of the harness, if it is a process of the graph that contains some.
-        scheduling: what its threads had when the graph was ready, if the plan asks for something.
+        scheduling: what its threads had after the warm-up, if the plan asks for something.
+        locked_bytes: of its memory and that of its descendants, which was locked then.
     """
 
     name: str
@@ -263,6 +280,7 @@ class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
     signals: tuple[int, ...] = ()
     parts: tuple[str, ...] = ()
     scheduling: tuple[ThreadSchedulingRecord, ...] = ()
+    locked_bytes: int = 0
 
     @property
     def ended_as_told(self) -> bool:
@@ -283,10 +301,10 @@ class HarnessOverheadRecord(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     topic: str
-    bytes: int
-    rate_hz: float
-    sent: int
-    received: int
+    bytes: Count
+    rate_hz: Hertz
+    sent: Count
+    received: Count
     latency_p50_ns: int | None
     latency_p99_ns: int | None
     lateness_p50_ns: int | None
@@ -349,12 +367,12 @@ class UnplayedMessages(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     topic: str
-    count: int
-    total: int
+    count: Count
+    total: Count
     cause: Literal["partner", "recording"] = "partner"
     agreed: bool = False
     at_least: bool = False
-    slop_ns: int = 0
+    slop_ns: Count = 0
 
     @property
     def clause(self) -> str:
@@ -394,8 +412,8 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         code: of the rule of ``r2bspec validate`` that finds the same error.
-        part: a `parameter` or a `remapping` of a node, its `lifecycle`, `plugin` or `package`, the
-            `node` itself, or an `endpoint`.
+        part: a `parameter` or a `remapping` of a node, its `lifecycle`, `executor`, `plugin` or
+            `package`, the `node` itself, or an `endpoint`.
         owner: the full name of the node, or the part of the harness.
         name: the parameter, the left side of the remapping, the full name of the topic, or the
             transition.
@@ -406,7 +424,16 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
 
     code: str
     message: str
-    part: Literal["parameter", "remapping", "lifecycle", "plugin", "package", "node", "endpoint"]
+    part: Literal[
+        "parameter",
+        "remapping",
+        "lifecycle",
+        "executor",
+        "plugin",
+        "package",
+        "node",
+        "endpoint",
+    ]
     owner: str
     name: str
     topic: str = ""
@@ -443,7 +470,7 @@ class StartRecord(msgspec.Struct, frozen=True, kw_only=True):
         taken: the largest share of that time that others can have taken from the run.
     """
 
-    number: int
+    number: Number
     began_ns: int
     ready_ns: int
     overhead_ns: int = 0
@@ -475,7 +502,7 @@ class ProfileRecord(msgspec.Struct, frozen=True, kw_only=True):
     profiler: str
     files: tuple[str, ...] = ()
     stacks: str = ""
-    rate_hz: float = 0.0
+    rate_hz: Hertz = 0.0
     began_ns: int
     ended_ns: int
     error: str = ""
@@ -537,27 +564,19 @@ class AnatomyProcess(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class AnatomyRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """What the processes of a start did with each message, observed from inside.
+    """What was observed from inside in one start; the samples of its segments have the events.
 
     Attributes:
-        rate_hz: at which the observed iteration was played; 0 for that of the recording.
-        began_ns: of its first step; what an iteration has before is its warm-up.
-        ended_ns: of its last period.
+        start: the start of the graph's processes, as in its segments.
         processes: those that were observed.
         objects: those of the events: publishers, subscriptions and others.
-        file: with the events, as a path in the run folder; empty without any.
-        sha256: of the file.
-        errors: what could not be observed, and why, a sentence each.
+        error: why nothing was observed, or not everything; otherwise empty.
     """
 
-    rate_hz: float = 0.0
-    began_ns: int
-    ended_ns: int
+    start: int
     processes: tuple[AnatomyProcess, ...] = ()
     objects: tuple[AnatomyObject, ...] = ()
-    file: str = ""
-    sha256: str = ""
-    errors: tuple[str, ...] = ()
+    error: str = ""
 
 
 class EndedRate(msgspec.Struct, frozen=True, kw_only=True):
@@ -567,8 +586,8 @@ class EndedRate(msgspec.Struct, frozen=True, kw_only=True):
         iterations: how many were played.
     """
 
-    rate_hz: float
-    iterations: int
+    rate_hz: Hertz
+    iterations: Count
 
 
 class AccuracyRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -587,8 +606,8 @@ class AccuracyRecord(msgspec.Struct, frozen=True, kw_only=True):
     monitor: str
     kind: TruthKind
     of: str
-    outputs: int
-    steps: int
+    outputs: Count
+    steps: Count
     values: dict[str, float]
     text: str = ""
     problem: str = ""
@@ -644,3 +663,6 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     identity: GraphIdentity | None = None
     gate: tuple[str, ...] = ()
     samples: dict[str, str] = {}
+
+    def __post_init__(self) -> None:
+        check_machine_facts(self.machine)
