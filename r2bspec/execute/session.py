@@ -31,7 +31,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from r2bspec.execute import errors
+from r2bspec.execute.anatomy import AnatomyObservation
 from r2bspec.execute.bringup import harness_processes, readiness
 from r2bspec.execute.bringup.creation_faults import not_created, not_made
 from r2bspec.execute.bringup.graph_matching import MonitorSubscriptions, PhaseGraph
@@ -82,6 +85,7 @@ class Session:
         player: plays the segments; None before the graph is matched.
         harness_overhead: without the graph; empty before `bring_up`, and in a later start.
         overhead_ns: how long its measurement took.
+        anatomy: its processes, where they are observed from inside.
         unplayed: messages of inputs that are not played.
     """
 
@@ -112,6 +116,9 @@ class Session:
         self._context = context
         self._supervisor = context.supervisor
         self._launcher = launcher
+        self.anatomy = launcher.anatomy = (
+            AnatomyObservation.begin(plan, start, context.scratch) if plan.anatomy else None
+        )
         self._graph = PhaseGraph(plan, MEASURE_PHASE, context.supervisor, launcher, context.note)
         self._buffer_dir = context.buffer_dir
         self.rows_dir = context.scratch / f"rows-{start}"
@@ -476,6 +483,7 @@ class Session:
             static_publisher=observer if self._has_static else None,
             confirms=self.confirms,
             start=self.start,
+            anatomy=self.anatomy,
         )
 
     def _schedule_threads(self, *, final: bool) -> None:
@@ -623,6 +631,15 @@ class StartSequence:
         """
         self._end_running()
         return self._new_session(plan, confirms=False, is_later=True).bring_up()
+
+    def begin_observed(self) -> SegmentPlayer:
+        """As `begin_uncounted`, with processes that are observed from inside.
+
+        Raises:
+            RunError: likewise.
+            NotInstalledError: what observes them cannot be built (R2B668).
+        """
+        return self.begin_uncounted(msgspec.structs.replace(self.plan, anatomy=True))
 
     def _end_running(self) -> None:
         if self.sessions:

@@ -631,6 +631,9 @@ class Benchmark(Pacing, frozen=True, kw_only=True):
         max_iterations: The maximum number of iterations at each rate, played while a verdict is
             inconclusive after 'iterations', in further starts if there are several; 0 means no
             additional ones.
+        anatomy: Observe the processes of the graph from inside in every iteration, for metrics such
+            as NODE.callback.p99 and for the parts of each path. 'run --anatomy' observes one more
+            iteration instead.
         rates: The rates at which the inputs are played: a list, or a range with a 'step' or with
             'count' rates.
         search: Search for the highest sustained rate: the backlog of unanswered messages does not
@@ -644,6 +647,7 @@ class Benchmark(Pacing, frozen=True, kw_only=True):
     iterations: Annotated[int, key(10, minimum=1)] = 10
     starts: Annotated[int | None, key(5, 1, minimum=1, maximum=MAX_STARTS)] = None
     max_iterations: Annotated[int, key(20, minimum=0)] = 0
+    anatomy: bool = False
     rates: Annotated[
         tuple[Rate, ...],
         Written(tuple[_Played, ...] | RateRange),

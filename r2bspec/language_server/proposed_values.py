@@ -207,6 +207,7 @@ def requirements(analysis: Analysis, context: CursorContext) -> Iterator[Complet
 def _metrics(analysis: Analysis) -> Iterator[CompletionProposal]:
     from r2bspec.judge.measure.metric_catalogue import (
         METRICS,
+        NO_SUBJECTS,
         MetricError,
         example_requirement,
         find_metric,
@@ -214,9 +215,9 @@ def _metrics(analysis: Analysis) -> Iterator[CompletionProposal]:
     )
 
     spec_context = analysis.known
-    processes = spec_context.processes if spec_context is not None else ()
+    subjects = spec_context.subjects if spec_context is not None else NO_SUBJECTS
     monitors = names_of(analysis, "monitor")
-    listed = names(processes)
+    listed = names(subjects)
     for order, name in enumerate(listed):
         info = METRICS.get(name)
         if info is None:

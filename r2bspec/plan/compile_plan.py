@@ -108,6 +108,7 @@ def compile_plan(
         requires=msgspec.UNSET if spec.requires is None else spec.requires,
         lifecycle=plan_lifecycle(wiring) or msgspec.UNSET,
         calls=plan_calls(spec, wiring.namespace) or msgspec.UNSET,
+        anatomy=spec.benchmark.anatomy or msgspec.UNSET,
     )
 
 

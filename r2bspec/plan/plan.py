@@ -393,6 +393,7 @@ class Plan(Pacing, frozen=True, kw_only=True):
         requires: what the machine must be; a plan without it has no such key.
         lifecycle: the nodes whose states the run changes, in this order; likewise.
         calls: the services and actions that are called; a plan without them has no such key.
+        anatomy: whether the processes of the graph are observed from inside; likewise.
     """
 
     r2bspec_plan: Literal[1] = 1
@@ -433,6 +434,7 @@ class Plan(Pacing, frozen=True, kw_only=True):
     requires: Requires | msgspec.UnsetType = msgspec.UNSET
     lifecycle: tuple[LifecyclePlan, ...] | msgspec.UnsetType = msgspec.UNSET
     calls: tuple[CallPlan, ...] | msgspec.UnsetType = msgspec.UNSET
+    anatomy: Literal[True] | msgspec.UnsetType = msgspec.UNSET
 
     def states_in(self, phase: str) -> dict[str, LifecycleState]:
         """The nodes of a phase whose states the run changes, in order, with these states."""

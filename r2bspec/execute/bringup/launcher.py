@@ -34,6 +34,7 @@ from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import Difference
 
 if TYPE_CHECKING:
+    from r2bspec.execute.anatomy import AnatomyObservation
     from r2bspec.execute.bringup.harness_processes import GraphJoins
 
 NODE_ROLES = frozenset({"host", "container", "command"})
@@ -61,6 +62,7 @@ class Launcher:
         programs: the names of those that make and spin their nodes themselves.
         rmw: the middleware that processes of the harness have loaded; empty until one says so.
         joins: loads the harness into processes of the graph; None where it runs in its own.
+        anatomy: observes all processes from inside; None where they are not.
     """
 
     def __init__(
@@ -77,6 +79,7 @@ class Launcher:
         self.endpoints: list[tuple[str, str, str, str]] = []
         self.rmw = ""
         self.joins: GraphJoins | None = None
+        self.anatomy: AnatomyObservation | None = None
         self.differences: list[Difference] = []
         self._created_nodes: set[str] = set()
         self._has_opaque_nodes = False
@@ -116,6 +119,8 @@ class Launcher:
         parts = tuple(parts)
         if self.joins is not None and plan.join is not None:
             variables = self.joins.environment(plan.name, variables)
+        if self.anatomy is not None:
+            variables = self.anatomy.environment(plan.name, variables)
         if has_memory_lock(plan):
             variables |= prerequisites.memory_lock_variables(variables.get("LD_PRELOAD", ""))
         child = self._supervisor.start(
