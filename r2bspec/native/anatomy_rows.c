@@ -18,7 +18,6 @@
 #define SLAB_ROWS 256
 #define NAME_BYTES 256
 #define PAGE_BYTES 4096
-#define NS_PER_S INT64_C(1000000000)
 
 _Static_assert(sizeof(row_t) == 64, "a row is a line of the processor's cache");
 
@@ -38,6 +37,8 @@ typedef struct {
   _Alignas(PAGE_BYTES) object_t object[OBJECTS];
   _Alignas(PAGE_BYTES) row_t rows[];
 } file_t;
+
+_Thread_local struct thread thread_now;
 
 /* NULL: nothing is written. */
 static _Atomic(file_t *) opened;

@@ -265,6 +265,10 @@ class Run:
         """
         return self.segment_rows(segment, _ANATOMY, arrays.ANATOMY_DTYPE)
 
+    def has_anatomy(self, segment: Segment) -> bool:
+        """Whether a segment was observed from inside."""
+        return f"{_samples_of(segment.id)}/{_ANATOMY}" in self.record.samples
+
     def segment_rows(self, segment: Segment, file: str, dtype: np.dtype[np.void]) -> arrays.Rows:
         """The rows of one file of a segment.
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
@@ -15,10 +17,11 @@ import numpy as np
 
 from plans import node_plan
 from r2bspec.language.spec import QoS
-from r2bspec.plan.plan import InputPlan, MonitorPlan, Plan, ProcessPlan
+from r2bspec.plan.plan import InputPlan, MonitorPlan, Plan, ProcessPlan, TopicPlan
+from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.record.run_record import AnatomyKind, AnatomyObject, AnatomyProcess, AnatomyRecord
 from r2bspec.record.sample_arrays import ANATOMY_DTYPE, Rows
-from run_simulation import Simulation
+from run_simulation import Played, Simulation
 
 START_NS = 5_000_000_000_000
 CLOCK_NS = 1_800_000_000_000_000_000
@@ -384,12 +387,59 @@ def plan_of(graph: Graph) -> Plan:
     return msgspec.structs.replace(
         Simulation().plan(),
         processes=(*ends, *processes),
+        topics=tuple(
+            TopicPlan(
+                name=topic,
+                type="x/msg/X",
+                phase="measure",
+                writers=tuple(
+                    [f"/r2b/{stage.name}" for stage in graph.stages if stage.output == topic]
+                    or ["player"]
+                ),
+                readers=tuple(
+                    [f"/r2b/{stage.name}" for stage in graph.stages if topic in stage.inputs]
+                    or ["monitor"]
+                ),
+            )
+            for topic in dict.fromkeys(
+                [*graph.inputs, *(stage.output for stage in graph.stages if stage.output)]
+            )
+        ),
         inputs=tuple(
             InputPlan(topic=topic, type="x/msg/X", source="", bag_topic="", qos=QoS())
             for topic in graph.inputs
         ),
         monitors=(MonitorPlan(name="out", topic=graph.output, type="", match="stamp", qos=None),),
     )
+
+
+@dataclass(frozen=True)
+class ObservedSimulation(Simulation):
+    """A run of a graph of one iteration, which was observed from inside."""
+
+    graph: Graph = Graph(stages=())
+
+    @classmethod
+    def of(cls, graph: Graph, **fields: Any) -> ObservedSimulation:
+        """A run with the latencies that the simulated graph had."""
+        latency_ns = observed(graph).latency_ns
+        latency = [latency_ns.get(step, math.nan) / 1e9 for step in range(graph.steps)]
+        played = Played(graph.rate_hz, latency)
+        return cls(segments=[played], monitors=("out",), start_ns=START_NS, graph=graph, **fields)
+
+    def plan(self) -> Plan:
+        """See `Simulation.plan`."""
+        plan = plan_of(self.graph)
+        return msgspec.structs.replace(plan, objectives=dict(self.objectives))
+
+    def write(self, path: Path) -> Run:
+        """See `Simulation.write`."""
+        run = super().write(path)
+        found = observed(self.graph)
+        folder = RunFolder(path)
+        folder.write_anatomy(run.record.segments[0].id, found.rows)
+        folder.write_record(msgspec.structs.replace(run.record, anatomies=(found.record,)))
+        return open_run(path)
 
 
 CHAIN = Graph(

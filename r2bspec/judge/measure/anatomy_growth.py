@@ -40,8 +40,10 @@ import numpy as np
 from r2bspec.judge.measure.anatomy import WINDOWS, Anatomy, NodeAnatomy
 from r2bspec.judge.measure.anatomy_events import Ints
 from r2bspec.judge.measure.anatomy_paths import NOT_SEEN
+from r2bspec.judge.measure.anatomy_summary import join_segment, observed_segments
 from r2bspec.judge.measure.times import Seconds
-from r2bspec.judge.measure.units import show
+from r2bspec.judge.measure.units import at_rate, show
+from r2bspec.record.run_folder import Run
 
 _QUANTILE: Final = 3.6
 
@@ -135,6 +137,26 @@ def grown_parts(base: Anatomy, change: Anatomy) -> tuple[GrownPart, ...]:
             found,
             key=lambda part: (part.follows != "", -credit.get(_title(part), 0.0), -part.seconds),
         )
+    )
+
+
+def grown_texts(base: Run, head: Run) -> tuple[str, ...]:
+    """What grew from one run to another of the same plan, a clause each; empty if nothing did.
+
+    Only causes, at the rates at which an iteration of both was observed from inside; of several
+    runs as one, the last.
+
+    Raises:
+        RecordError: a file of one of the runs is missing or damaged.
+    """
+    before = {segment.rate_hz: (run, segment, one) for run, segment, one in observed_segments(base)}
+    after = {segment.rate_hz: (run, segment, one) for run, segment, one in observed_segments(head)}
+    common = sorted(before.keys() & after.keys())
+    return tuple(
+        f"{part.text} {at_rate(rate)}" if len(common) > 1 else part.text
+        for rate in common
+        for part in grown_parts(join_segment(*before[rate]), join_segment(*after[rate]))
+        if not part.follows
     )
 
 
