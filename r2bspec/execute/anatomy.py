@@ -5,7 +5,7 @@ of its own; after each segment, its events are taken from these. Player and moni
 the graph is: they are the ends of every path.
 
 A run observes either all its starts (``benchmark: {anatomy: true}``), or one more start after
-everything that counts. What observing costs is then in nothing that was measured.
+everything that counts (`r2bspec.execute.profiled_iteration`).
 """
 
 from __future__ import annotations
@@ -15,20 +15,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import msgspec
-
-from r2bspec.errors import R2bspecError, without_output
-from r2bspec.execute.errors import InterruptedRunError
-from r2bspec.execute.measurement.segments import SegmentHeading
 from r2bspec.execute.processes.prerequisites import build_errors
-from r2bspec.execute.profiled_iteration import profiled_rate
 from r2bspec.judge.measure.run_samples import ObservedRows
 from r2bspec.native.build import anatomy_environment, anatomy_object
 from r2bspec.record.anatomy_files import file_bytes, read_anatomy
 from r2bspec.record.run_record import AnatomyProcess, AnatomyRecord
 
 if TYPE_CHECKING:
-    from r2bspec.execute.session import StartSequence
     from r2bspec.plan.plan import Plan
     from r2bspec.record.run_folder import RunFolder
     from r2bspec.record.run_record import Segment
@@ -128,40 +121,3 @@ def lost_events(processes: tuple[AnatomyProcess, ...]) -> str:
         return ""
     each = ", ".join(f"{count} of {name}" for name, count in lost.items())
     return f"There was no room for {sum(lost.values())} events ({each}): parts are missing."
-
-
-@dataclass
-class ObservedIteration:
-    """One more iteration, in one more start that is observed from inside; it counts for nothing.
-
-    Attributes:
-        starts: those of the run.
-    """
-
-    starts: StartSequence
-
-    def play(self, peak_hz: float | None) -> AnatomyRecord:
-        """Start the graph once more and play; whatever fails is a part of the record.
-
-        Raises:
-            InterruptedRunError: a signal interrupted the run.
-        """
-        plan = self.starts.plan
-        rate_hz, duration_ns = profiled_rate(plan, peak_hz)
-        error = ""
-        try:
-            player = self.starts.begin_observed()
-            at = f"{rate_hz:g} Hz, " if rate_hz else ""
-            heading = SegmentHeading("anatomy", "anatomy-001", f"{at}observed from inside")
-            player.play_for(heading, rate_hz, duration_ns)
-        except InterruptedRunError:
-            raise
-        except (R2bspecError, OSError) as failure:
-            error = without_output(str(failure))
-        finally:
-            supervisor = self.starts.context.supervisor
-            # Nothing that ends from here on is a failure of the run.
-            supervisor.end(list(supervisor))
-        session = self.starts.sessions[-1]
-        record = session.anatomy.record if session.anatomy else AnatomyRecord(start=session.start)
-        return msgspec.structs.replace(record, error=error or record.error)

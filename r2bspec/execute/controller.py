@@ -23,7 +23,7 @@ from typing import Any, Literal
 
 from r2bspec.errors import R2bspecError
 from r2bspec.execute import errors
-from r2bspec.execute.anatomy import ObservedIteration, build_preload
+from r2bspec.execute.anatomy import build_preload
 from r2bspec.execute.bringup.harness_processes import build_join_files
 from r2bspec.execute.bringup.launcher import Launcher, message_packages
 from r2bspec.execute.bringup.readiness import run_setup_step
@@ -40,6 +40,7 @@ from r2bspec.execute.processes.resources import ResourceSampler
 from r2bspec.execute.processes.scheduling import require_permitted
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.execute.profiled_iteration import (
+    ObservedIteration,
     ProfiledIteration,
     profiled_processes,
     wait_for_last_sample,

@@ -110,6 +110,8 @@ def _read_file(
     if len(content) < _ROWS_AT or content[: len(_MAGIC)] != _MAGIC:
         raise RecordError(f"{path} is damaged: it has no header of events", hint=_HINT)
     header = np.frombuffer(content, _HEADER, count=1)[0]
+    if int(header["lost"]) > LONGEST_NS:
+        raise RecordError(f"{path} is damaged: it has lost more events than can be", hint=_HINT)
     slabs = min(int(header["slabs"]), int(header["claimed"]))
     readable = min(slabs * _SLAB_ROWS, room + _SLAB_ROWS)
     rows = _read_rows(file, readable)

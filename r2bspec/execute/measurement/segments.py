@@ -452,8 +452,8 @@ class SegmentPlayer:
                 observation.playback,
                 observation.monitors,
                 taps,
-                observed,
                 lambda found: np.isin(found, earlier),
+                observed,
             )
             matched = None if segment.live else observation.all_matched()
             self.samples[segment.id] = segment_samples(self._plan, segment, rows_of, matched)

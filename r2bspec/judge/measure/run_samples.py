@@ -85,16 +85,16 @@ class SegmentRows:
         playback: rows of type `PLAYBACK_DTYPE`, one per step.
         monitors: rows of type `MONITOR_DTYPE` of each monitor, by name.
         taps: rows of type `MONITOR_DTYPE` of each tap, by topic.
-        anatomy: what was observed from inside; None if nothing was.
         played_earlier: which of some stamps are those of steps of earlier segments; called only
             where messages arrived that match no step of this one.
+        anatomy: what was observed from inside; None if nothing was.
     """
 
     playback: Rows
     monitors: Mapping[str, Rows]
     taps: Mapping[str, Rows]
-    anatomy: ObservedRows | None = None
     played_earlier: PlayedEarlier = lambda stamps: np.zeros(stamps.size, np.bool_)
+    anatomy: ObservedRows | None = None
 
 
 @dataclass(frozen=True)
