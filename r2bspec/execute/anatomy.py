@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import resource
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,7 +58,9 @@ def room_bytes(plan: Plan) -> int:
         max(play.rate_hz, 1.0) * play.duration_ns / 1e9 * play.iterations for play in plan.plays
     )
     expected = int(_SEGMENTS * steps / plan.starts * topics * _EVENTS)
-    return file_bytes(min(max(expected, _FEWEST_EVENTS), _MOST_EVENTS))
+    wanted = file_bytes(min(max(expected, _FEWEST_EVENTS), _MOST_EVENTS))
+    limit, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
+    return wanted if limit == resource.RLIM_INFINITY else min(wanted, limit)
 
 
 _MEMORY = Path("/dev/shm")  # noqa: S108 - a folder of its own is made there
