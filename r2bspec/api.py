@@ -298,7 +298,7 @@ def _locked(name: str, lock: HostLock, progress: Progress | None) -> Iterator[No
 def _run_in_folder(
     folder: RunFolder, prepared: PreparedBenchmark, progress: Progress, options: RunOptions
 ) -> Result:
-    from r2bspec.check.finding_location import differences_to_diagnostics
+    from r2bspec.check.rule import differences_to_diagnostics
     from r2bspec.execute.controller import run_plan
     from r2bspec.execute.errors import GraphDifferencesError as Differs
 

@@ -160,10 +160,8 @@ def _resolution(info: MetricInfo, one: RequirementVerdict, samples: RunSamples) 
     iterations = samples.iterations_at(one.at_hz)
     if info.scope == "search" or not iterations:
         return 0.0
-    segment = iterations[0].segment
-    window_s = (segment.ended_ns - segment.began_ns) / 1e9
     values_known = _known(iteration_values(info, one.monitor, one.at_hz, samples))
-    return resolution(info, max(values_known, default=0.0), window_s)
+    return resolution(info, max(values_known, default=0.0), iterations[0].segment.length_s)
 
 
 def iteration_values(

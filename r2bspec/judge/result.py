@@ -11,7 +11,7 @@ from r2bspec.judge.measure.metrics import RunMetrics
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.spec import Scalar
 from r2bspec.record.comparison_folder import PairRecord
-from r2bspec.record.graph_identity import GraphIdentity
+from r2bspec.record.graph_identity import GraphIdentity, check_machine_facts
 from r2bspec.record.run_record import (
     AccuracyRecord,
     Difference,
@@ -149,6 +149,9 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     changes: tuple[str, ...] = ()
     grown: tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET
     gate: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_machine_facts(self.machine)
 
     def monitor_title(self, name: str) -> str:
         """The title of a monitor: its label and its name, or its name alone."""

@@ -19,65 +19,6 @@
 #include "anatomy_rows.h"
 #include "next_function.h"
 
-#define NS_PER_S INT64_C(1000000000)
-
-/* What a thread does now. */
-static _Thread_local struct {
-  uint32_t taken_from; /* the object whose callback is called next */
-  int64_t source_ns;   /* of the message that is being published */
-  unsigned callbacks;  /* that it is in */
-  struct {
-    const void *callback;
-    int64_t began_ns;
-    uint32_t object;
-  } callback[8];
-} me;
-
-/* The functions that are called on. */
-
-#define RCL "librcl.so"
-#define TRACETOOLS "libtracetools.so"
-#define NOT_FOUND 1 /* RCL_RET_ERROR */
-#define EXPORTED __attribute__((visibility("default")))
-
-typedef struct {
-  const char *name, *library;
-  _Atomic(void *) function;
-} next_t;
-
-static void *find_next(next_t *next)
-{
-  void *function = atomic_load_explicit(&next->function, memory_order_relaxed);
-  if (__builtin_expect(function == NULL, 0)) {
-    function = next_function(next->name, next->library);
-    atomic_store_explicit(&next->function, function, memory_order_relaxed);
-  }
-  return function;
-}
-
-/* `next` becomes the function of this name. */
-#define NEXT(type, from, called)                              \
-  static next_t kept = {.name = #called, .library = from}; \
-  type *const next = (type *)find_next(&kept)
-
-/* Handles of rcl are known by what they point to, because a program may copy them. */
-static const void *key_of(const void *handle)
-{
-  return handle == NULL ? NULL : *(void *const *)handle;
-}
-
-static row_t event_of(const void *handle)
-{
-  return (row_t){.object = NUMBER(object_find(key_of(handle))), .began_ns = now_ns()};
-}
-
-static int end_event(uint16_t kind, row_t *event, int status)
-{
-  event->ended_ns = now_ns();
-  rows_add(kind, event);
-  return status;
-}
-
 /* Objects begin and end. */
 
 EXPORTED int rcl_init(int argc, char const *const *argv, const void *options, void *context)
@@ -112,6 +53,8 @@ typedef struct type_support {
   const description_t *(*describe)(const struct type_support *);
 } type_support_t;
 
+#define ONE_MESSAGE 1 /* of another type, and no array of them */
+
 /* Before types described themselves, type supports were shorter, and rcl had not this function. It
  * has described the type already, when its publisher or subscription was made. */
 static bool begins_with_header(const type_support_t *type)
@@ -120,13 +63,14 @@ static bool begins_with_header(const type_support_t *type)
   const description_t *described =
     next == NULL || type->describe == NULL ? NULL : type->describe(type);
   return described != NULL && described->number_of_fields != 0 &&
+         described->fields->type_id == ONE_MESSAGE &&
          described->fields->nested_type_name.data != NULL &&
          strcmp(described->fields->nested_type_name.data, "std_msgs/msg/Header") == 0;
 }
 
 typedef const char *name_t(const void *);
 
-static const char *node_name(const void *node)
+const char *node_name(const void *node)
 {
   NEXT(name_t, RCL, rcl_node_get_fully_qualified_name);
   return next == NULL ? NULL : next(node);
@@ -193,8 +137,6 @@ EXPORTED int rcl_timer_fini(void *timer)
 
 /* Messages. */
 
-enum form { STRUCTURE, LOANED, SERIALIZED };
-
 typedef struct {
   const uint8_t *buffer;
   size_t length;
@@ -202,7 +144,7 @@ typedef struct {
 
 /* A header begins with its stamp, in C, in C++, and after the four bytes that say how the fields of
  * a serialized message are encoded. */
-static int64_t read_stamp(const void *handle, const void *message, enum form form)
+int64_t read_stamp(const void *handle, const void *message, enum form form)
 {
   uint32_t words[2] = {0, 0};
   const serialized_t *serialized = (const serialized_t *)message;
@@ -226,11 +168,11 @@ static int64_t read_stamp(const void *handle, const void *message, enum form for
   {                                                                                            \
     typedef int publish_t(const void *, const void *, void *);                                 \
     NEXT(publish_t, RCL, name);                                                                \
-    row_t event = event_of(publisher);                                                         \
+    row_t event = begin_event(publisher);                                                         \
     event.header_ns = read_stamp(publisher, message, form);                                    \
-    me.source_ns = 0;                                                                          \
+    thread_now.source_ns = 0;                                                                          \
     const int status = next == NULL ? NOT_FOUND : next(publisher, message, allocation);        \
-    event.source_ns = me.source_ns;                                                            \
+    event.source_ns = thread_now.source_ns;                                                            \
     return end_event(PUBLISH, &event, status);                                                 \
   }
 
@@ -252,13 +194,13 @@ typedef struct {
     NEXT(take_t, RCL, name);                                                                   \
     message_info_t own;                                                                        \
     info = info == NULL ? &own : info;                                                         \
-    row_t event = event_of(subscription);                                                      \
+    row_t event = begin_event(subscription);                                                      \
     const int status = next == NULL ? NOT_FOUND : next(subscription, message, info, allocation); \
     if (status != 0) {                                                                         \
       event.flags = TOOK_NOTHING;                                                              \
       return end_event(TAKE, &event, status);                                                  \
     }                                                                                          \
-    me.taken_from = event.object;                                                              \
+    thread_now.taken_from = event.object;                                                              \
     event.source_ns = info->source_ns;                                                         \
     event.received_ns = info->received_ns;                                                     \
     event.header_ns = read_stamp(subscription, message, form);                                 \
@@ -268,33 +210,6 @@ typedef struct {
 TAKES(rcl_take, STRUCTURE)
 TAKES(rcl_take_loaned_message, LOANED)
 TAKES(rcl_take_serialized_message, SERIALIZED)
-
-/* The middleware has stamped the message that this thread publishes. */
-#define STAMPS(name, if_traced)                                                                \
-  EXPORTED void name(const void *publisher, const void *message, int64_t source_ns)            \
-  {                                                                                            \
-    typedef void traced_t(const void *, const void *, int64_t);                                \
-    NEXT(traced_t, TRACETOOLS, name);                                                          \
-    me.source_ns = source_ns;                                                                  \
-    if (next != NULL && (if_traced)) {                                                         \
-      next(publisher, message, source_ns);                                                     \
-    }                                                                                          \
-  }
-
-static bool is_traced(void)
-{
-  typedef bool enabled_t(void);
-  NEXT(enabled_t, TRACETOOLS, ros_trace_enabled_rmw_publish);
-  return next != NULL && next();
-}
-
-EXPORTED bool ros_trace_enabled_rmw_publish(void)
-{
-  return rows_are_open() || is_traced();
-}
-
-STAMPS(ros_trace_rmw_publish, true)
-STAMPS(ros_trace_do_rmw_publish, is_traced())
 
 /* Services. A request has a number, after the id of its client. */
 
@@ -314,13 +229,13 @@ typedef struct {
   {                                                                                            \
     typedef int take_t(const void *, request_info_t *, void *);                                \
     NEXT(take_t, RCL, name);                                                                   \
-    row_t event = event_of(from);                                                              \
+    row_t event = begin_event(from);                                                              \
     const int status = next == NULL ? NOT_FOUND : next(from, info, message);                   \
     if (status != 0) {                                                                         \
       event.flags = TOOK_NOTHING;                                                              \
       return end_event(kind, &event, status);                                                  \
     }                                                                                          \
-    me.taken_from = event.object;                                                              \
+    thread_now.taken_from = event.object;                                                              \
     event.source_ns = info->request.number;                                                    \
     event.received_ns = info->received_ns;                                                     \
     return end_event(kind, &event, status);                                                    \
@@ -333,7 +248,7 @@ EXPORTED int rcl_send_request(const void *client, const void *request, int64_t *
 {
   typedef int send_t(const void *, const void *, int64_t *);
   NEXT(send_t, RCL, rcl_send_request);
-  row_t event = event_of(client);
+  row_t event = begin_event(client);
   const int status = next == NULL ? NOT_FOUND : next(client, request, number);
   event.source_ns = status == 0 ? *number : 0;
   return end_event(SEND_REQUEST, &event, status);
@@ -343,7 +258,7 @@ EXPORTED int rcl_send_response(const void *service, request_t *request, void *re
 {
   typedef int send_t(const void *, request_t *, void *);
   NEXT(send_t, RCL, rcl_send_response);
-  row_t event = event_of(service);
+  row_t event = begin_event(service);
   const int status = next == NULL ? NOT_FOUND : next(service, request, response);
   event.source_ns = status == 0 ? request->number : 0;
   return end_event(SEND_RESPONSE, &event, status);
@@ -355,7 +270,7 @@ EXPORTED int rcl_wait(void *wait_set, int64_t timeout)
 {
   typedef int wait_t(void *, int64_t);
   NEXT(wait_t, RCL, rcl_wait);
-  row_t event = event_of(NULL);
+  row_t event = begin_event(NULL);
   return end_event(WAIT, &event, next == NULL ? NOT_FOUND : next(wait_set, timeout));
 }
 
@@ -363,7 +278,7 @@ EXPORTED int rcl_trigger_guard_condition(void *condition)
 {
   typedef int trigger_t(void *);
   NEXT(trigger_t, RCL, rcl_trigger_guard_condition);
-  row_t event = event_of(NULL);
+  row_t event = begin_event(NULL);
   return end_event(TRIGGER, &event, next == NULL ? NOT_FOUND : next(condition));
 }
 
@@ -372,109 +287,7 @@ EXPORTED int rcl_timer_call_with_info(void *timer, void *info)
 {
   typedef int call_t(void *, void *);
   NEXT(call_t, RCL, rcl_timer_call_with_info);
-  row_t event = event_of(timer);
-  me.taken_from = event.object;
+  row_t event = begin_event(timer);
+  thread_now.taken_from = event.object;
   return end_event(TIMER, &event, next == NULL ? NOT_FOUND : next(timer, info));
-}
-
-/* Callbacks of rclcpp, which may be inside each other. One that an exception has left has no end. */
-
-EXPORTED void ros_trace_callback_start(const void *callback, bool within_process)
-{
-  typedef void traced_t(const void *, bool);
-  NEXT(traced_t, TRACETOOLS, ros_trace_callback_start);
-  const unsigned at = me.callbacks % (sizeof(me.callback) / sizeof(*me.callback));
-  if (next != NULL) {
-    next(callback, within_process);
-  }
-  me.callbacks = at + 1;
-  me.callback[at].callback = callback;
-  me.callback[at].object = me.taken_from;
-  me.callback[at].began_ns = now_ns();
-}
-
-EXPORTED void ros_trace_callback_end(const void *callback)
-{
-  typedef void traced_t(const void *);
-  NEXT(traced_t, TRACETOOLS, ros_trace_callback_end);
-  row_t event = event_of(NULL);
-  unsigned count = me.callbacks;
-  while (count > 0 && me.callback[count - 1].callback != callback) {
-    count--;
-  }
-  if (count > 0) {
-    me.callbacks = count - 1;
-    event.object = me.callback[count - 1].object;
-    event.ended_ns = event.began_ns;
-    event.began_ns = me.callback[count - 1].began_ns;
-    rows_add(CALLBACK, &event);
-  }
-  if (next != NULL) {
-    next(callback);
-  }
-}
-
-/* What C++ nodes of one process hand to each other. A buffer becomes known by its own address, its
- * owner's and its subscription's, in the order in which these are constructed. */
-
-#define TRACES(name, first, second, action)                                                    \
-  EXPORTED void name(const void *first, const void *second)                                    \
-  {                                                                                            \
-    typedef void traced_t(const void *, const void *);                                         \
-    NEXT(traced_t, TRACETOOLS, name);                                                          \
-    if (rows_are_open()) {                                                                     \
-      action;                                                                                  \
-    }                                                                                          \
-    if (next != NULL) {                                                                        \
-      next(first, second);                                                                     \
-    }                                                                                          \
-  }
-
-static void publish_within(const void *publisher, const void *message)
-{
-  row_t event = event_of(publisher);
-  event.flags = WITHIN_PROCESS;
-  event.header_ns = read_stamp(publisher, message, STRUCTURE);
-  (void)end_event(PUBLISH, &event, 0);
-}
-
-TRACES(ros_trace_rclcpp_intra_publish, publisher, message, publish_within(publisher, message))
-TRACES(ros_trace_rclcpp_timer_link_node, timer, node,
-       object_name(object_find(key_of(timer)), NULL, node_name(node)))
-TRACES(ros_trace_rclcpp_buffer_to_ipb, buffer, owner, object_set(owner, object_add(BUFFER, buffer)))
-TRACES(ros_trace_rclcpp_ipb_to_subscription, owner, subscription,
-       object_set(subscription, object_find(owner)))
-TRACES(ros_trace_rclcpp_subscription_init, handle, subscription,
-       object_name_like(object_find(subscription), object_find(key_of(handle))))
-
-/* The place in the buffer says which message it was. */
-static void pass_buffer(uint16_t kind, const void *buffer, uint64_t place)
-{
-  row_t event = event_of(&buffer);
-  event.flags = WITHIN_PROCESS;
-  event.source_ns = (int64_t)place;
-  me.taken_from = kind == DEQUEUE ? event.object : me.taken_from;
-  (void)end_event(kind, &event, 0);
-}
-
-EXPORTED void ros_trace_rclcpp_ring_buffer_enqueue(
-  const void *buffer, uint64_t place, uint64_t size, bool overwritten)
-{
-  typedef void traced_t(const void *, uint64_t, uint64_t, bool);
-  NEXT(traced_t, TRACETOOLS, ros_trace_rclcpp_ring_buffer_enqueue);
-  pass_buffer(ENQUEUE, buffer, place);
-  if (next != NULL) {
-    next(buffer, place, size, overwritten);
-  }
-}
-
-EXPORTED void ros_trace_rclcpp_ring_buffer_dequeue(
-  const void *buffer, uint64_t place, uint64_t size)
-{
-  typedef void traced_t(const void *, uint64_t, uint64_t);
-  NEXT(traced_t, TRACETOOLS, ros_trace_rclcpp_ring_buffer_dequeue);
-  pass_buffer(DEQUEUE, buffer, place);
-  if (next != NULL) {
-    next(buffer, place, size);
-  }
 }

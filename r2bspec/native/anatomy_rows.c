@@ -18,7 +18,6 @@
 #define SLAB_ROWS 256
 #define NAME_BYTES 256
 #define PAGE_BYTES 4096
-#define NS_PER_S INT64_C(1000000000)
 
 _Static_assert(sizeof(row_t) == 64, "a row is a line of the processor's cache");
 
@@ -38,6 +37,8 @@ typedef struct {
   _Alignas(PAGE_BYTES) object_t object[OBJECTS];
   _Alignas(PAGE_BYTES) row_t rows[];
 } file_t;
+
+_Thread_local struct thread thread_now;
 
 /* NULL: nothing is written. */
 static _Atomic(file_t *) opened;
@@ -102,6 +103,8 @@ static bool claim_slab(file_t *file)
   }
   me.id = me.id != 0 ? me.id : (uint32_t)syscall(SYS_gettid);
   me.row = file->rows + (size_t)slab * SLAB_ROWS;
+  /* A handler of a signal may add an event, too: never beyond a slab. */
+  atomic_signal_fence(memory_order_seq_cst);
   me.end = me.row + SLAB_ROWS;
   return true;
 }
@@ -109,13 +112,20 @@ static bool claim_slab(file_t *file)
 void rows_add(uint16_t kind, const row_t *event)
 {
   file_t *file = file_now();
-  if (file == NULL || (me.row == me.end && !claim_slab(file))) {
+  if (file == NULL) {
     return;
   }
   if (event->ended_ns - me.compared_ns > CLOCK_VALID_NS) {
     compare_clocks(event->ended_ns);
   }
-  row_t *row = me.row++;
+  row_t *row = me.row;
+  if (row >= me.end) {
+    if (!claim_slab(file)) {
+      return;
+    }
+    row = me.row;
+  }
+  me.row = row + 1;
   row->object = event->object;
   row->thread = me.id;
   row->flags = event->flags;

@@ -4,7 +4,10 @@
 
 #include <stdatomic.h>
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
+
+#define NS_PER_S INT64_C(1000000000)
 
 /* `AnatomyKind` of record/run_record.py. */
 enum {
@@ -51,5 +54,38 @@ uint32_t object_find(const void *key);
 
 /* Makes an address lead to an object; 0 makes it lead nowhere. */
 void object_set(const void *key, uint32_t object);
+
+/* What a thread does now. */
+extern _Thread_local struct thread {
+  uint32_t taken_from; /* the object whose callback is called next */
+  int64_t source_ns;   /* of the message that it publishes */
+} thread_now;
+
+/* Handles of rcl are known by what they point to, because a program may copy them. */
+static inline const void *key_of(const void *handle)
+{
+  return handle == NULL ? NULL : *(void *const *)handle;
+}
+
+static inline row_t begin_event(const void *handle)
+{
+  return (row_t){.object = NUMBER(object_find(key_of(handle))), .began_ns = now_ns()};
+}
+
+/* Returns the status. */
+static inline int end_event(uint16_t kind, row_t *event, int status)
+{
+  event->ended_ns = now_ns();
+  rows_add(kind, event);
+  return status;
+}
+
+enum form { STRUCTURE, LOANED, SERIALIZED };
+
+/* The header stamp of a message in ns, or 0. */
+int64_t read_stamp(const void *handle, const void *message, enum form form);
+
+/* The full name of a node, or NULL. */
+const char *node_name(const void *node);
 
 #endif

@@ -29,7 +29,7 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.private_files import private_files
@@ -438,10 +438,9 @@ def _build_own(
     sources: Sequence[str],
     environ: Mapping[str, str],
     flags: Sequence[str],
-    **more: Any,
 ) -> Path:
     files, compiler = [_FOLDER / source for source in sources], find_compiler(environ)
-    return build(name, files, find_ros(environ), kind=kind, compiler=compiler, flags=flags, **more)
+    return build(name, files, find_ros(environ), kind=kind, compiler=compiler, flags=flags)
 
 
 SOCKET_VARIABLE = "R2BSPEC_JOIN_SOCKET"
@@ -449,6 +448,9 @@ SOCKET_VARIABLE = "R2BSPEC_JOIN_SOCKET"
 
 PROCESS_VARIABLE = "R2BSPEC_JOIN_PROCESS"
 """Has the name of the process in the plan; what it starts inherits it."""
+
+LOCK_VARIABLE = "R2BSPEC_LOCK_MEMORY"
+"""Whether a process locks its memory; what it starts inherits it."""
 
 _SEPARATORS = " :"
 """No path with one of them can be preloaded."""
@@ -486,7 +488,9 @@ def anatomy_object(flags: Sequence[str] = ()) -> Path:
         BuildError: it cannot be built (R2B668).
     """
     return _object(
-        "r2bspec_anatomy.so", ("anatomy.c", "anatomy_rows.c"), ("-ftls-model=initial-exec", *flags)
+        "r2bspec_anatomy.so",
+        ("anatomy.c", "anatomy_tracepoints.c", "anatomy_rows.c"),
+        ("-ftls-model=initial-exec", *flags),
     )
 
 
@@ -513,7 +517,9 @@ def anatomy_environment(
 
 def _object(name: str, sources: Sequence[str], flags: Sequence[str]) -> Path:
     """An object that needs nothing but libc, by a path that can be preloaded."""
-    path = _build_own(name, "library", sources, os.environ, flags, libraries=("-ldl", "-pthread"))
+    files, no_ros = [_FOLDER / source for source in sources], RosFiles(prefixes=(), wheels=False)
+    libraries = ("-ldl", "-pthread")
+    path = build(name, files, no_ros, kind="library", flags=flags, libraries=libraries)
     if any(separator in str(path) for separator in _SEPARATORS):
         return Path(f"/proc/{os.getpid()}/fd/{descriptor_of(str(path))}")
     return path
@@ -521,3 +527,14 @@ def _object(name: str, sources: Sequence[str], flags: Sequence[str]) -> Path:
 
 def _preload(path: Path, preloaded: str) -> str:
     return f"{path}:{preloaded}" if preloaded else str(path)
+
+
+def lock_environment(join: Path, preloaded: str) -> dict[str, str]:
+    """The variables with which a process locks its memory when it initialises ROS.
+
+    Args:
+        join: from `join_object`.
+        preloaded: what is preloaded into it already.
+    """
+    others = [each for each in preloaded.split(":") if each and each != str(join)]
+    return {"LD_PRELOAD": ":".join([str(join), *others]), LOCK_VARIABLE: "1"}

@@ -272,6 +272,7 @@ def _call(name: str, call: Call, namespace: str) -> plans.CallPlan:
             type=call.action.type,
             request=call.action.goal,
             each=call.each or msgspec.UNSET,
+            every=call.every if call.every > 1 else msgspec.UNSET,
             accepted=f"{name}{ACCEPTED}",
             feedback=f"{name}{FEEDBACK}" if call.feedback else "",
         )
@@ -282,6 +283,7 @@ def _call(name: str, call: Call, namespace: str) -> plans.CallPlan:
         type=service.type,
         request=service.request,
         each=call.each or msgspec.UNSET,
+        every=call.every if call.every > 1 else msgspec.UNSET,
         success=call.success,
     )
 

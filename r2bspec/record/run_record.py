@@ -22,12 +22,20 @@ from __future__ import annotations
 
 import enum
 import math
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
 from r2bspec.language.spec import TruthKind
-from r2bspec.record.graph_identity import GraphIdentity
+from r2bspec.record.graph_identity import GraphIdentity, check_machine_facts
+from r2bspec.safe_io.limits import MAX_SEGMENTS
+
+# What is calculated with is refused where it is read; a damaged record can have any number.
+Count = Annotated[int, msgspec.Meta(ge=0)]
+Number = Annotated[int, msgspec.Meta(ge=1, le=MAX_SEGMENTS)]
+"""Of a segment or a start."""
+Hertz = Annotated[float, msgspec.Meta(ge=0)]
+Confidence = Annotated[float, msgspec.Meta(ge=0, lt=1)]
 
 
 class WaitTime(msgspec.Struct, frozen=True, kw_only=True):
@@ -96,18 +104,23 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
 
     id: str
     kind: SegmentKind
-    rate_hz: float
-    index: int
-    steps: int
+    rate_hz: Hertz
+    index: Number
+    steps: Count
     began_ns: int
     ended_ns: int
     complete: bool
-    played_before: int = 0
+    played_before: Count = 0
     rerun_of: str = ""
     live: bool = False
     clock_offset_ns: int | None = None
-    monitor_held_ns: int = 0
-    start: int = 1
+    monitor_held_ns: Count = 0
+    start: Number = 1
+
+    @property
+    def length_s(self) -> float:
+        """The length of the sending window in seconds."""
+        return (self.ended_ns - self.began_ns) / 1e9
 
 
 class Probe(msgspec.Struct, frozen=True, kw_only=True):
@@ -131,11 +144,11 @@ class Probe(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     segment: str
-    rate_hz: float
-    delivered_hz: float
+    rate_hz: Hertz
+    delivered_hz: Hertz
     holds: bool | None
     reason: str
-    confidence: float = 0.0
+    confidence: Confidence = 0.0
     purpose: Literal["probe", "saturation", "confirmation"] = "probe"
     keeps_up: bool | None = None
     lost_at_most: float | None = None
@@ -188,7 +201,7 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
     fails_hz: float | None
     limited_by: Limit
     precision: float = 0.0
-    confidence: float = 0.0
+    confidence: Confidence = 0.0
     proof: Proof = ""
     proof_s: float = 0.0
     lost_at_most: float | None = None
@@ -256,7 +269,8 @@ class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
         exit_code: negative for a signal, None if it is unknown.
         signals: those that the run has sent to it, in order.
         parts: of the harness, if it is a process of the graph that contains some.
-        scheduling: what its threads had when the graph was ready, if the plan asks for something.
+        scheduling: what its threads had after the warm-up, if the plan asks for something.
+        locked_bytes: of its memory and that of its descendants, which was locked then.
     """
 
     name: str
@@ -266,6 +280,7 @@ class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
     signals: tuple[int, ...] = ()
     parts: tuple[str, ...] = ()
     scheduling: tuple[ThreadSchedulingRecord, ...] = ()
+    locked_bytes: int = 0
 
     @property
     def ended_as_told(self) -> bool:
@@ -286,10 +301,10 @@ class HarnessOverheadRecord(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     topic: str
-    bytes: int
-    rate_hz: float
-    sent: int
-    received: int
+    bytes: Count
+    rate_hz: Hertz
+    sent: Count
+    received: Count
     latency_p50_ns: int | None
     latency_p99_ns: int | None
     lateness_p50_ns: int | None
@@ -352,12 +367,12 @@ class UnplayedMessages(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     topic: str
-    count: int
-    total: int
+    count: Count
+    total: Count
     cause: Literal["partner", "recording"] = "partner"
     agreed: bool = False
     at_least: bool = False
-    slop_ns: int = 0
+    slop_ns: Count = 0
 
     @property
     def clause(self) -> str:
@@ -397,8 +412,8 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         code: of the rule of ``r2bspec validate`` that finds the same error.
-        part: a `parameter` or a `remapping` of a node, its `lifecycle`, `plugin` or `package`, the
-            `node` itself, or an `endpoint`.
+        part: a `parameter` or a `remapping` of a node, its `lifecycle`, `executor`, `plugin` or
+            `package`, the `node` itself, or an `endpoint`.
         owner: the full name of the node, or the part of the harness.
         name: the parameter, the left side of the remapping, the full name of the topic, or the
             transition.
@@ -409,7 +424,16 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
 
     code: str
     message: str
-    part: Literal["parameter", "remapping", "lifecycle", "plugin", "package", "node", "endpoint"]
+    part: Literal[
+        "parameter",
+        "remapping",
+        "lifecycle",
+        "executor",
+        "plugin",
+        "package",
+        "node",
+        "endpoint",
+    ]
     owner: str
     name: str
     topic: str = ""
@@ -446,7 +470,7 @@ class StartRecord(msgspec.Struct, frozen=True, kw_only=True):
         taken: the largest share of that time that others can have taken from the run.
     """
 
-    number: int
+    number: Number
     began_ns: int
     ready_ns: int
     overhead_ns: int = 0
@@ -478,7 +502,7 @@ class ProfileRecord(msgspec.Struct, frozen=True, kw_only=True):
     profiler: str
     files: tuple[str, ...] = ()
     stacks: str = ""
-    rate_hz: float = 0.0
+    rate_hz: Hertz = 0.0
     began_ns: int
     ended_ns: int
     error: str = ""
@@ -562,8 +586,8 @@ class EndedRate(msgspec.Struct, frozen=True, kw_only=True):
         iterations: how many were played.
     """
 
-    rate_hz: float
-    iterations: int
+    rate_hz: Hertz
+    iterations: Count
 
 
 class AccuracyRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -582,8 +606,8 @@ class AccuracyRecord(msgspec.Struct, frozen=True, kw_only=True):
     monitor: str
     kind: TruthKind
     of: str
-    outputs: int
-    steps: int
+    outputs: Count
+    steps: Count
     values: dict[str, float]
     text: str = ""
     problem: str = ""
@@ -639,3 +663,6 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     identity: GraphIdentity | None = None
     gate: tuple[str, ...] = ()
     samples: dict[str, str] = {}
+
+    def __post_init__(self) -> None:
+        check_machine_facts(self.machine)

@@ -28,7 +28,7 @@ _NO_ROS = RosFiles(prefixes=(), wheels=False)
 Linked = Literal["linked", "loaded"]
 """A program is linked to rcl, or loads it for itself alone, as rclpy does."""
 
-_LOADING = "import ctypes, sys; ctypes.CDLL(sys.argv[1]).call_ros(sys.argv[2].encode())"
+_LOADING = "import ctypes, sys; ctypes.CDLL(sys.argv[1]).call_ros(sys.argv[2].encode(), 0, 0)"
 
 
 def _build(name: str, source: str, kind: Kind, flags: Sequence[str], *libraries: str) -> Path:

@@ -113,7 +113,7 @@ class SegmentPlayer:
         monitors = plan.monitors
         self._playback: PlaybackReader | RowReader = (
             RowReader(rows_dir / protocol.CALLED_ROWS, PLAYBACK_FIELDS)
-            if plan.called
+            if plan.called and not plan.inputs
             else PlaybackReader(rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
         )
         self._stall_log = StallLogReader(rows_dir)

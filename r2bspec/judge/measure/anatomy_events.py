@@ -87,6 +87,14 @@ class Names:
         }
         harness = {each.name for each in plan.processes if each.role in _HARNESS_ROLES}
         processes = [process.name for process in record.processes]
+        # A program may name its node otherwise than the spec; a launch file has several.
+        ros_names: dict[str, set[str]] = {}
+        for each in record.objects:
+            if 0 <= each.process < len(processes) and not each.node.startswith(HARNESS):
+                ros_names.setdefault(processes[each.process], set()).add(each.node)
+        renamed = {
+            name: key for name, key in alone.items() if len(ros_names.get(name, set()) - {""}) == 1
+        }
         nodes: dict[str, int] = {"": 0}
         topics: dict[str, int] = {"": 0}
         node_of, topic_of, is_harness = [0], [0], [False]
@@ -96,7 +104,11 @@ class Names:
             if own:
                 name = each.node.removeprefix(HARNESS) or process
             elif each.node:
-                name = keys.get((process, each.node)) or anywhere.get(each.node) or each.node
+                name = (
+                    keys.get((process, each.node))
+                    or anywhere.get(each.node)
+                    or renamed.get(process, each.node)
+                )
             else:
                 name = alone.get(process, process)
             node_of.append(nodes.setdefault(name, len(nodes)))

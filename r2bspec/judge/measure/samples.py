@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -322,6 +322,14 @@ class RunSamples:
             return ()
         rates = self.iterations.items()
         return next((played for rate, played in rates if math.isclose(rate, at_hz)), ())
+
+    def with_each(self, change: Callable[[SegmentSamples], SegmentSamples | None]) -> RunSamples:
+        """The run with each iteration as it is changed, without those that become None."""
+        iterations = {
+            rate: tuple(one for one in map(change, played) if one is not None)
+            for rate, played in self.iterations.items()
+        }
+        return replace(self, iterations=iterations)
 
 
 def starts_of(iterations: Sequence[SegmentSamples]) -> tuple[int, ...]:

@@ -171,7 +171,8 @@ def _notes(
     if outcome == "inconclusive":
         return notes
     several = len(set(starts)) > 1
-    numbers = np.array(starts if several else range(len(seen)))
+    # Not the numbers themselves: a record may have any, and as many counts would be made.
+    _, numbers = np.unique(starts if several else np.arange(len(seen)), return_inverse=True)
     missed = np.bincount(numbers, [sample.missed for sample in seen])
     expected = np.bincount(numbers, [sample.expected for sample in seen])
     shares = (missed[expected > 0] / expected[expected > 0]).tolist()

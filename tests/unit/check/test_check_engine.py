@@ -1,15 +1,28 @@
-"""Rules are run over a spec, and what follows from something already said is left out."""
+"""Rules and their pages are complete, and are run over a spec without saying a thing twice."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 from check_specs import codes, findings
+from rosbags.interfaces import Nodetype
 
+from command_line import Call
 from example_spec import example
+from r2bspec.bags import message_types
+from r2bspec.check.engine import all_rules
+from r2bspec.check.rules.node_settings import parameter_type
 from r2bspec.diagnostics import Severity
+from r2bspec.diagnostics.code_pages import all_pages, find_page
+from r2bspec.diagnostics.quote import quoted_list, suggestion
 from r2bspec.language.load_spec import load_spec
+from r2bspec.report.findings_text import code_with_slug
+
+# Rules are run over a spec, and what follows from something already said is left out.
+
 
 ROOT = Path(__file__).parents[3]
 MISSPELT = example(
@@ -116,3 +129,151 @@ def test_node_code_beside_the_spec_is_read_but_not_executed(tmp_path: Path) -> N
     )
     assert codes(text, file=str(tmp_path / "spec.r2b.yaml")) == []
     assert not witness.exists()
+
+
+# Every rule is complete and well formed; so is every page.
+
+
+def test_causes_come_before_consequences() -> None:
+    found = [rule.code for rule in all_rules()]
+    late = [rule.code for rule in all_rules() if not rule.early]
+    assert late == sorted(late)
+    assert found[len(found) - len(late) :] == late
+    assert len(found) == len(set(found)) > 100, "every code has one rule"
+
+
+def test_a_rule_is_named_as_its_page_which_shows_it_in_a_few_lines() -> None:
+    for rule in all_rules():
+        page = rule.page
+        assert re.fullmatch(r"R2B[2-6]\d\d", rule.code)
+        assert page.slug == rule.find.__name__.replace("_", "-")
+        assert page.title[0].islower() or page.title.startswith("ROS"), rule.code
+        assert bool(page.failing) == bool(page.passing), rule.code
+        failing, passing = set(page.failing.splitlines()), set(page.passing.splitlines())
+        assert len(failing ^ passing) <= 14, rule.code
+
+
+def test_every_code_in_the_sources_has_a_page() -> None:
+    sources = [file.read_text(encoding="utf-8") for file in (ROOT / "r2bspec").rglob("*.py")]
+    used = {code for text in sources for code in re.findall(r'"(R2B\d{3})"', text)}
+    assert used - all_pages().keys() == set()
+
+
+def test_every_page_says_what_and_why_and_has_a_slug_of_its_own() -> None:
+    pages = all_pages()
+    assert len({page.slug for page in pages.values()}) == len(pages)
+    for code, page in pages.items():
+        assert re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", page.slug), code
+        assert len(page.slug) <= 40, code
+        assert page.title, code
+        assert not page.title.endswith("."), code
+        assert page.why.endswith((".", ")")), code
+        assert isinstance(page.severity, Severity)
+        assert find_page(code) == page
+    assert find_page("R2B999") is None
+
+
+# The pieces that rules are made of.
+
+
+def test_the_frequent_types_are_what_rosbags_says() -> None:
+    fields = message_types.typestore().fielddefs
+    for name in message_types.WITH_HEADER | message_types.WITHOUT_HEADER:
+        begins = fields[name][1][0][1] == (Nodetype.NAME, "std_msgs/msg/Header")
+        assert begins is (name in message_types.WITH_HEADER)
+    assert message_types.begins_with_header("geometry_msgs/msg/WrenchStamped") is True
+    assert message_types.begins_with_header("geometry_msgs/msg/Wrench") is False
+    assert message_types.begins_with_header("my_msgs/msg/Thing") is None
+
+
+def test_the_types_of_a_package() -> None:
+    assert "sensor_msgs/msg/Range" in message_types.types_of_same_package("sensor_msgs/msg/Rnage")
+    assert message_types.types_of_same_package("my_msgs/msg/Thing") == frozenset()
+
+
+@pytest.mark.parametrize(
+    ("value", "kind"),
+    [
+        (True, "bool"),
+        (1, "integer"),
+        (1.0, "double"),
+        ("1", "string"),
+        ([True], "bool_array"),
+        ([1, 2], "integer_array"),
+        ([1.0], "double_array"),
+        (["a"], "string_array"),
+        ([], None),
+        ([1, 2.0], None),
+        ([True, 1], None),
+        ([[1]], None),
+        ([1, [1]], None),
+    ],
+)
+def test_parameter_types(value: Any, kind: str | None) -> None:
+    assert parameter_type(value) == kind
+
+
+def test_lists_in_sentences() -> None:
+    assert quoted_list([]) == ""
+    assert quoted_list(["a"]) == "'a'"
+    assert quoted_list(["a", "b", "a"]) == "'a' and 'b'"
+    assert quoted_list(["a", "b", "c"]) == "'a', 'b' and 'c'"
+    assert quoted_list([str(n) for n in range(20)]).endswith("'7' and 12 more")
+
+
+def test_suggestions() -> None:
+    assert suggestion("imgae", ["image", "depth"], "topics") == "did you mean 'image'?"
+    assert suggestion("x", ["image", "depth"], "topics") == "topics: 'depth' and 'image'"
+    assert suggestion("x", [], "topics") == ""
+
+
+# ``r2bspec explain``: what a code means.
+
+
+def test_a_page_has_title_reason_and_both_examples(call: Call) -> None:
+    said = call("explain", "R2B204", status=0).out
+    assert said.startswith(
+        f"{code_with_slug('R2B204')}: remapping matches no topic of the node (error)\n"
+    )
+    assert "ROS ignores a remapping that matches no topic" in said
+    assert "remappings: {inptu: image}" in said
+    assert f"example.r2b.yaml:9:20: error[{code_with_slug('R2B204')}]" in said
+    assert "remappings: {input: image}" in said
+    assert "\x1b" not in said
+
+
+@pytest.mark.parametrize(
+    ("written", "code"),
+    [("r2b204", "R2B204"), ("204", "R2B204"), ("unknown-key", "R2B101"), ("Unknown_Key", "R2B101")],
+)
+def test_a_code_may_be_written_in_short_and_a_slug_is_as_good(
+    written: str, code: str, call: Call
+) -> None:
+    explained = call("explain", written, status=0).out
+    assert explained == call("explain", code, status=0).out
+    assert explained.startswith(code_with_slug(code))
+
+
+def test_every_page_is_shown_by_its_slug(call: Call) -> None:
+    for code, page in all_pages().items():
+        said = call("explain", page.slug, status=0).out
+        assert said.startswith(f"{code} {page.slug}: ")
+        assert all(char.isprintable() or char == "\n" for char in said)
+
+
+def test_without_a_code_all_are_listed(call: Call) -> None:
+    said = call("explain", status=0).out
+    for code, page in all_pages().items():
+        assert f"  {code}  " in said
+        assert f"  {page.slug}  " in said
+        assert page.title in said
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    [("R2B2044", "R2B204"), ("unknown-kye", "unknown-key"), ("R2B999", ""), ("R2B658x9", "")],
+)
+def test_an_unknown_word_is_answered_with_a_close_one(written: str, meant: str, call: Call) -> None:
+    said = call("explain", written, status=2).err
+    assert f"error[R2B601 wrong-usage]: unknown code '{written}'" in said
+    assert (f"did you mean {meant}?" in said) if meant else ("did you mean" not in said)

@@ -1,22 +1,36 @@
-"""The command line as a whole: verbs, help, errors and exit statuses."""
+"""The command line as a whole: verbs, help, options, completion, errors and exit statuses."""
 
 from __future__ import annotations
 
 import os
+import re
+import shlex
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import get_args
 
+import click
+import msgspec
 import pytest
 
 import r2bspec.cli as verbs_package
 from command_line import Call
+from example_spec import example
 from r2bspec._version import __version__
 from r2bspec.cli import main as cli
-from r2bspec.errors import R2bspecError, UsageError
+from r2bspec.cli.main import main
+from r2bspec.cli.reference import docs_folder
+from r2bspec.cli.shared_options import duration, share
+from r2bspec.errors import ExitStatus, R2bspecError, UsageError
+from r2bspec.judge.verdict import EXIT_CODES, OverallOutcome, Verdict
+from r2bspec.language.quantities import Duration, Share
 from r2bspec.report.findings_text import code_with_slug
+
+# The command line as a whole: verbs, help, errors and exit statuses.
+
 
 VERBS = list(cli.VERBS)
 
@@ -149,3 +163,145 @@ def test_an_interrupt_while_modules_are_imported_is_silent() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
     assert (done.returncode, done.stderr) == (-signal.SIGINT, b"")
+
+
+# Every exit status has its number and its meaning.
+
+
+ROOT = Path(__file__).parents[3]
+PACKAGE = ROOT / "r2bspec"
+PAGE = ROOT / "docs" / "running.md"
+
+
+def test_the_numbers_are_the_promised_ones() -> None:
+    assert {each.name: each.value for each in ExitStatus} == {
+        "OK": 0,
+        "FINDINGS_OR_FAILED": 1,
+        "USAGE": 2,
+        "INCONCLUSIVE": 3,
+        "RUN_FAILED": 4,
+        "INTERNAL_ERROR": 70,
+        "INTERRUPTED": 130,
+        "OUTPUT_CLOSED": 141,
+    }
+
+
+def test_the_help_lists_every_status(call: Call) -> None:
+    shown = " ".join(call("--help", status=ExitStatus.OK).out.split())
+    for each in ExitStatus:
+        assert f"{each.value} {each.meaning}" in shown
+
+
+@pytest.mark.parametrize("outcome", ["pass", "fail", "inconclusive", "invalid"])
+def test_the_page_on_verdicts_has_their_statuses(outcome: OverallOutcome) -> None:
+    text = (ROOT / "docs" / "verdicts.md").read_text(encoding="utf-8")
+    row = rf"^\| {outcome.upper()} \| .* \| {EXIT_CODES[outcome].value} \|$"
+    assert re.search(row, text, re.MULTILINE)
+
+
+def test_every_outcome_has_a_status_and_is_stored_as_a_number() -> None:
+    assert set(EXIT_CODES) == set(get_args(OverallOutcome))
+    for outcome, status in EXIT_CODES.items():
+        verdict = Verdict(
+            outcome=outcome, exit_code=status, reason="", requirements=(), unusable=()
+        )
+        assert f'"exit_code":{status.value},'.encode() in msgspec.json.encode(verdict)
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&- <&-"])
+@pytest.mark.parametrize(("words", "status"), [("explain", 0), ("validate none.r2b.yaml", 2)])
+def test_a_stream_that_is_closed_changes_no_status(
+    words: str, status: int, closed: str, tmp_path: Path
+) -> None:
+    program = shlex.quote(sys.executable)
+    ended = subprocess.run(
+        ["/bin/sh", "-c", f"{program} -m r2bspec {words} {closed}"],
+        cwd=tmp_path,
+        capture_output=True,
+        check=False,
+    )
+    assert ended.returncode == status, ended.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+# Options take quantities of the language; a bare number is answered with its unit.
+
+
+def test_a_quantity_is_read_with_its_unit() -> None:
+    assert duration("1 s", "10 min").convert("1500 ms", None, None) == Duration(1_500_000_000)
+    assert share("1 %", "100 %").convert("2.5%", None, None) == Share(0.025)
+
+
+@pytest.mark.parametrize("text", ["20", "20 Hz", "0.5 s", "11 min", "soon"])
+def test_anything_else_is_refused(text: str) -> None:
+    with pytest.raises(click.BadParameter):
+        duration("1 s", "10 min").convert(text, None, None)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "proposal"),
+    [
+        (("interfaces", "a.r2b.yaml", "--timeout", "20"), "'20 s'"),
+        (("compare", "a", "b", "--margin", "5"), "'5 %'"),
+    ],
+)
+def test_the_unit_is_proposed(
+    arguments: tuple[str, ...], proposal: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(list(arguments)) == 2
+    assert proposal in capsys.readouterr().err
+
+
+# What a shell proposes, and the pages that are installed.
+
+
+def proposed(*words: str) -> set[str]:
+    """What r2bspec proposes for the last of these words, as bash asks for it."""
+    environment = os.environ | {
+        "_R2BSPEC_COMPLETE": "bash_complete",
+        "COMP_WORDS": " ".join(["r2bspec", *words]),
+        "COMP_CWORD": str(len(words)),
+    }
+    asked = [sys.executable, "-m", "r2bspec"]
+    done = subprocess.run(asked, env=environment, capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    return {line.partition(",")[2] for line in done.stdout.splitlines() if line}
+
+
+def test_verbs_templates_codes_datasets_and_formats_are_proposed() -> None:
+    assert {"run", "report"} <= proposed("r")
+    assert "minimal" in proposed("init", "--template", "m")
+    assert {"R2B204", "R2B207"} <= proposed("explain", "R2B20")
+    assert "remapping-unmatched" in proposed("explain", "remapping")
+    assert {"latency.p99", "latency.p99_9"} <= proposed("metrics", "latency.p99")
+    assert "r2b_storage" in proposed("data", "verify", "r2b_")
+    assert {"html=", "hdrhistogram="} == proposed("run", "a.r2b.yaml", "--report", "h")
+
+
+def test_cases_and_variables_of_the_spec_are_proposed(tmp_path: Path) -> None:
+    spec = tmp_path / "a.r2b.yaml"
+    matrix = "variables: {threads: 1}\nmatrix: {axes: {threads: [1, 2]}}\n"
+    spec.write_text(example() + matrix)
+    assert proposed("run", str(spec), "--case", "") == {"threads=1", "threads=2", "all"}
+    assert proposed("plan", str(spec), "--var", "t") == {"threads="}
+
+
+def test_a_spec_that_cannot_be_read_proposes_nothing(tmp_path: Path) -> None:
+    assert proposed("run", str(tmp_path / "none.r2b.yaml"), "--case", "t") == set()
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_script_of_a_shell_asks_r2bspec(shell: str, call: Call) -> None:
+    assert f"_R2BSPEC_COMPLETE={shell}_complete" in call("completion", shell, status=0).out
+
+
+def test_every_page_of_the_documentation_is_listed_and_printed(call: Call) -> None:
+    listed = {line.split()[0] for line in call("docs", status=0).out.splitlines()}
+    folder = docs_folder()
+    pages = {file.relative_to(folder).with_suffix("").as_posix() for file in folder.rglob("*.md")}
+    assert listed == pages
+    assert {"language", "running", "metrics"} <= listed
+    assert call("docs", "metrics", status=0).out.startswith("# Metrics\n")
+    assert call("docs", "proofs/verdicts", status=0).out.startswith("# Proofs of the verdicts")
+    assert Path(call("docs", "running", "--path", status=0).out.strip()).is_file()
+    assert "did you mean 'running'?" in call("docs", "runing", status=2).err

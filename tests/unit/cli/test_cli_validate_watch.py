@@ -1,4 +1,4 @@
-"""``r2bspec validate --watch``: every change of a file that a spec reads is checked."""
+"""``r2bspec validate`` of many files, and of files that change."""
 
 from __future__ import annotations
 
@@ -10,14 +10,19 @@ from pathlib import Path
 
 import pytest
 
+import r2bspec.cli.check_files as check_files_module
 from command_line import Call
 from data_bags import chatter, write_bag
 from example_spec import example
+from r2bspec.api import InvalidSpecError, prepare
 from r2bspec.cli import validate
-from r2bspec.cli.check_files import CheckOptions, FileReport, check_file
+from r2bspec.cli.check_files import CheckOptions, FileReport, check_file, check_files
 from r2bspec.cli.validate import SpecWatch
 from r2bspec.safe_io.looked_up_files import looked_up_files, note_lookup, shared_lookups, stamp
 from r2bspec.safe_io.safe_file import is_there, read_text
+
+# ``r2bspec validate --watch``: every change of a file that a spec reads is checked.
+
 
 BASE = """\
 name: relay
@@ -248,3 +253,71 @@ def test_lookups_are_noted_with_the_state_before_the_file_was_read(tmp_path: Pat
     read_text(there, max_bytes=10)
     stamp = (before.st_mtime_ns, before.st_size, before.st_ino, before.st_ctime_ns)
     assert seen.files == {str(there): stamp, str(missing): None}
+
+
+# Many files: shared out among processes, with the results of one process, in its order.
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> list[str]:
+    names = []
+    for number in range(40):
+        file = tmp_path / f"{number}.r2b.yaml"
+        rate = "30 Hz" if number % 3 else number
+        file.write_text(example(benchmark=f"{{rates: [{rate}]}}"))
+        names.append(str(file))
+    return names
+
+
+def test_several_processes_say_what_one_says(
+    files: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    alone = list(check_files(files, CheckOptions(offline=True, resolved=True)))
+    monkeypatch.setattr(check_files_module, "MIN_PARALLEL_FILES", 2)
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
+    together = list(check_files(files, CheckOptions(offline=True, resolved=True)))
+    assert together == alone
+    assert [each.file for each in together] == files
+    assert sum(not each.complete for each in together) == 14
+
+
+def test_texts_are_kept_only_where_findings_point_into_them(files: list[str]) -> None:
+    checked = list(check_files(files[:2], CheckOptions(offline=True)))
+    assert list(checked[0].texts) == [files[0]]
+    assert checked[1].texts == {}
+
+
+def test_a_waiver_holds_for_every_case_of_a_matrix(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Call
+) -> None:
+    """It is used if one case needs it, though another does not."""
+    monkeypatch.chdir(tmp_path)
+    document = example(
+        variables="{rate: 30 Hz}",
+        matrix="{axes: {rate: [30 Hz, 20 Hz]}}",
+        benchmark="{rates: [30 Hz, $(var rate)]}",
+    )
+    Path("a.r2b.yaml").write_text(document)
+    assert "R2B512" in call("validate", "a.r2b.yaml").out
+    Path("a.r2b.yaml").write_text(f"{document.rstrip()} # r2bspec: ignore[R2B512] on purpose\n")
+    assert call("validate", "a.r2b.yaml", status=0).out == "1 file, 2 cases, no problems\n"
+
+
+def test_what_is_waived_can_be_run(tmp_path: Path) -> None:
+    file = tmp_path / "a.r2b.yaml"
+    document = example(benchmark="{rates: [30 Hz, 30 Hz]}")
+    file.write_text(document)
+    assert [diagnostic.code for diagnostic in prepare(file).diagnostics] == ["R2B512"]
+    file.write_text(f"{document.rstrip()} # r2bspec: ignore[R2B512] on purpose\n")
+    assert prepare(file).diagnostics == ()
+
+
+def test_what_makes_the_document_unusable_stays_an_error(tmp_path: Path) -> None:
+    file = tmp_path / "a.r2b.yaml"
+    document = example(benchmark="{rates: [30]}").rstrip()
+    file.write_text(f"{document} # r2bspec: ignore[R2B109] on purpose\n")
+    (checked,) = check_files([str(file)], CheckOptions())
+    assert {finding.code for finding in checked.findings} == {"R2B109", "R2B043"}
+    with pytest.raises(InvalidSpecError) as caught:
+        prepare(file)
+    assert {diagnostic.code for diagnostic in caught.value.diagnostics} == {"R2B109", "R2B043"}

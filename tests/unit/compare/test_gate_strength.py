@@ -1,4 +1,4 @@
-"""A gate cannot weaken itself: each key, weaker and stronger, and how the pipeline allows it."""
+"""A gate cannot weaken itself: each key, each spec of a set, and how the pipeline allows it."""
 
 from __future__ import annotations
 
@@ -15,20 +15,27 @@ from r2bspec.compare.gate_strength import (
     MissingObjectivesError,
     WeakerGateError,
     allowable_names,
+    check_allowed,
     check_gate,
     compare_gates,
     require_objectives,
     weakening_diagnostics,
 )
+from r2bspec.compare.merge_gate import SpecName, missing_specs, spec_name
 from r2bspec.compare.objective_strength import implies
 from r2bspec.errors import UsageError
 from r2bspec.language import spec as language
+from r2bspec.language.load_spec import load_cases
 from r2bspec.language.requirement_grammar import parse_requirement
+from r2bspec.language.yaml_document import to_yaml
 from r2bspec.plan import plan as plans
 from r2bspec.plan.comparability import change_of
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 from r2bspec.plan.smoke_plan import smoke_plan
+
+# A gate cannot weaken itself: each key, weaker and stronger, and how the pipeline allows it.
+
 
 BENCHMARK = ("benchmark",)
 GATE = ("benchmark", "gate")
@@ -452,3 +459,46 @@ def test_a_plan_that_nothing_can_fail_is_refused(level: Level) -> None:
             require_objectives(none)
         assert (caught.value.code, caught.value.exit_code) == ("R2B693", 2)
         assert "slos" in caught.value.hint
+
+
+# Sets of specs: which belong together, and which are gone.
+
+
+MATRIX = SpecName("relay", ("x=1", "x=2"))
+
+
+@pytest.mark.parametrize(
+    ("base", "head", "missing"),
+    [
+        ({"a": "a", "gone": "gone"}, {"a": "other", "new": "new"}, ["spec gone"]),
+        ({"bench/moved": "moved"}, {"new/moved": "moved"}, []),
+        # A spec that stays at its path is the base of no copy, and one is the base of one.
+        ({"a": "same", "b": "same"}, {"a": "same", "c": "same"}, []),
+        ({"a": "same", "b": "same", "c": "same"}, {"a": "same", "d": "same"}, ["spec c"]),
+        # Specs without a name do not belong together.
+        ({"a": ""}, {"b": ""}, ["spec a"]),
+    ],
+)
+def test_specs_belong_together_by_path_and_else_by_name(
+    base: dict[str, str], head: dict[str, str], missing: list[str]
+) -> None:
+    before, after = ({path: SpecName(name) for path, name in each.items()} for each in (base, head))
+    assert [change.name for change in missing_specs(before, after)] == missing
+
+
+def test_a_case_that_is_gone_is_weaker() -> None:
+    assert [*missing_specs({"a": MATRIX}, {"a": MATRIX})] == []
+    head = {"moved": SpecName("relay", ("x=2", "x=3"))}
+    (gone,) = missing_specs({"a": MATRIX}, head)
+    assert gone.name == "case relay[x=1]"
+    (finding,) = weakening_diagnostics([gone], None, "main")
+    assert (finding.span.file, finding.span.line) == ("moved", 1)
+    assert finding.help.endswith("--allow 'case relay[x=1]'")
+    check_allowed([gone.name], ())
+
+
+def test_the_name_and_the_cases_are_those_of_the_document() -> None:
+    matrix = with_value(DOCUMENT, ("matrix",), {"axes": {"threads": [1, 2]}})
+    assert spec_name(load_cases(to_yaml(matrix))) == SpecName("relay", ("threads=1", "threads=2"))
+    assert spec_name(load_cases(to_yaml(DOCUMENT))) == SpecName("relay")
+    assert spec_name(load_cases("name: [")) == SpecName("")

@@ -1,4 +1,4 @@
-"""Datasets are made once, whole or not at all, and always the same."""
+"""Datasets are made once, whole or not at all, always the same, and as the catalogue says."""
 
 from __future__ import annotations
 
@@ -14,19 +14,26 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+import msgspec
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from data_bags import refusal_of
+from data_bags import WINDOW, refusal_of
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.integrity import hash_content, verify
 from r2bspec.bags.recording import SyntheticDataset, TimeWindow
 from r2bspec.datasets import dataset_cache
+from r2bspec.datasets.catalogue import DURATION_NS, SEQUENCES, describe, message_times_ns
 from r2bspec.datasets.synthesis import GENERATOR_VERSION, make
+
+# Datasets are made once, whole or not at all, and always the same.
+
 
 IMU = ["/d455_1_imu"]
 TOPICS = [*IMU, "/d455_1_left_ir_image"]
-WINDOW = TimeWindow(start_ns=1_000_000_000, end_ns=1_070_000_000)
+SEVENTY_MS = TimeWindow(start_ns=1_000_000_000, end_ns=1_070_000_000)
 
 # Makes a dataset of these topics. With "asking" it says when it begins; with "hold" it stops after
 # the first step and says so, until the file "go" appears; with "full" its files may grow to 10 kB.
@@ -91,17 +98,17 @@ def entries(root: Path) -> list[str]:
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> SyntheticDataset:
-    return make("r2b_storage", TOPICS, WINDOW, cache_dir=tmp_path_factory.mktemp("small"))
+    return make("r2b_storage", TOPICS, SEVENTY_MS, cache_dir=tmp_path_factory.mktemp("small"))
 
 
 @pytest.fixture(scope="module")
 def imu(tmp_path_factory: pytest.TempPathFactory) -> SyntheticDataset:
     """What is made at once."""
-    return make("r2b_storage", IMU, WINDOW, cache_dir=tmp_path_factory.mktemp("imu"))
+    return make("r2b_storage", IMU, SEVENTY_MS, cache_dir=tmp_path_factory.mktemp("imu"))
 
 
 def test_is_made_once(small: SyntheticDataset) -> None:
-    again = make("r2b_storage", TOPICS[::-1], WINDOW, cache_dir=small.path.parent)
+    again = make("r2b_storage", TOPICS[::-1], SEVENTY_MS, cache_dir=small.path.parent)
     assert small.made
     assert not again.made
     assert (again.path, again.content_sha256) == (small.path, small.content_sha256)
@@ -112,8 +119,8 @@ def test_holds_only_what_was_asked_for(small: SyntheticDataset) -> None:
     index = index_bag(small.path)
     assert sorted(index.topics) == TOPICS
     times_ns = [message.time_ns - index.start_ns for message in read_messages(small.path, TOPICS)]
-    assert min(times_ns) >= WINDOW.start_ns
-    assert max(times_ns) < (WINDOW.end_ns or 0)
+    assert min(times_ns) >= SEVENTY_MS.start_ns
+    assert max(times_ns) < (SEVENTY_MS.end_ns or 0)
 
 
 def test_is_the_same_in_another_process_on_one_processor(
@@ -139,7 +146,7 @@ def test_every_machine_renders_the_same_bytes(storage_room: SyntheticDataset) ->
 
 
 def test_mcap_says_the_same(small: SyntheticDataset, tmp_path: Path) -> None:
-    mcap = make("r2b_storage", TOPICS, WINDOW, storage="mcap", cache_dir=tmp_path)
+    mcap = make("r2b_storage", TOPICS, SEVENTY_MS, storage="mcap", cache_dir=tmp_path)
     assert index_bag(mcap.path).storage == "mcap"
     assert mcap.content_sha256 == small.content_sha256
     assert hash_content(mcap.path) == small.content_sha256
@@ -214,7 +221,7 @@ def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path: Path) -> None:
 def test_a_cache_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     assert (
-        refusal_of(make, "r2b_storage", IMU, WINDOW, cache_dir=tmp_path / "file" / "cache").code
+        refusal_of(make, "r2b_storage", IMU, SEVENTY_MS, cache_dir=tmp_path / "file" / "cache").code
         == "R2B311"
     )
 
@@ -227,7 +234,7 @@ def entry(small: SyntheticDataset, tmp_path: Path) -> Path:
 
 def test_a_damaged_entry_is_made_anew(small: SyntheticDataset, entry: Path, tmp_path: Path) -> None:
     (entry / "metadata.yaml").unlink()
-    again = make("r2b_storage", TOPICS, WINDOW, cache_dir=tmp_path)
+    again = make("r2b_storage", TOPICS, SEVENTY_MS, cache_dir=tmp_path)
     assert again.made
     assert again.content_sha256 == small.content_sha256
     assert entries(tmp_path) == [small.path.name]
@@ -252,11 +259,11 @@ def test_a_message_that_was_changed_in_the_cache_is_never_used(
     small: SyntheticDataset, entry: Path, tmp_path: Path, known: bool, keep_time: bool
 ) -> None:
     if known:
-        assert not make("r2b_storage", TOPICS, WINDOW, cache_dir=tmp_path).made
+        assert not make("r2b_storage", TOPICS, SEVENTY_MS, cache_dir=tmp_path).made
     (storage,) = entry.glob("*.db3")
     # Most of the file is messages.
     flip(storage, 0.7, keep_time=keep_time)
-    again = make("r2b_storage", TOPICS, WINDOW, cache_dir=tmp_path)
+    again = make("r2b_storage", TOPICS, SEVENTY_MS, cache_dir=tmp_path)
     assert again.made
     assert again.damaged
     assert hash_content(again.path) == small.content_sha256 == again.content_sha256
@@ -267,7 +274,7 @@ def test_a_record_that_was_changed_with_the_messages_unknown_to_the_cache_is_fou
 ) -> None:
     text = (entry / "dataset.json").read_text()
     (entry / "dataset.json").write_text(text.replace(small.content_sha256, "0" * 64))
-    again = make("r2b_storage", TOPICS, WINDOW, cache_dir=tmp_path)
+    again = make("r2b_storage", TOPICS, SEVENTY_MS, cache_dir=tmp_path)
     assert again.damaged
     assert again.content_sha256 == small.content_sha256
 
@@ -283,7 +290,7 @@ def test_an_unchanged_dataset_is_hashed_once_for_all_processes(
 
     monkeypatch.setattr(dataset_cache, "hash_content", count)
     for _ in range(3):
-        assert not make("r2b_storage", TOPICS, WINDOW, cache_dir=tmp_path).made
+        assert not make("r2b_storage", TOPICS, SEVENTY_MS, cache_dir=tmp_path).made
     assert hashed == [entry]
     # What was remembered is the user's own, and only that is believed.
     (memory,) = (tmp_path / dataset_cache.CHECKED_FOLDER).iterdir()
@@ -292,7 +299,7 @@ def test_an_unchanged_dataset_is_hashed_once_for_all_processes(
     memory.unlink()
     (tmp_path / "elsewhere").write_bytes(content)
     memory.symlink_to(tmp_path / "elsewhere")
-    make("r2b_storage", TOPICS, WINDOW, cache_dir=tmp_path)
+    make("r2b_storage", TOPICS, SEVENTY_MS, cache_dir=tmp_path)
     assert len(hashed) == 2
 
 
@@ -312,4 +319,96 @@ def test_a_window_may_hold_no_message(tmp_path: Path) -> None:
 
 
 def test_no_topics_are_no_dataset(tmp_path: Path) -> None:
-    assert refusal_of(make, "r2b_storage", [], WINDOW, cache_dir=tmp_path).code == "R2B308"
+    assert refusal_of(make, "r2b_storage", [], SEVENTY_MS, cache_dir=tmp_path).code == "R2B308"
+
+
+# The catalogue describes what will be made, to the byte, without making it.
+
+
+def test_carries_the_sequences_of_r2b_2023() -> None:
+    assert set(SEQUENCES) == {
+        "r2b_lounge",
+        "r2b_storage",
+        "r2b_hallway",
+        "r2b_datacenter",
+        "r2b_cafe",
+        "r2b_hideaway",
+        "r2b_mezzanine",
+        "r2b_hope",
+    }
+    topics = describe("r2b_storage").topics
+    assert {
+        name: (info.type.rpartition("/")[2], info.rate_hz, info.count)
+        for name, info in topics.items()
+        if not name.endswith("camera_info")
+    } == {
+        "/d455_1_depth": ("Image", 30.0, 300),
+        "/d455_1_imu": ("Imu", 200.0, 2000),
+        "/d455_1_left_ir_image": ("Image", 30.0, 300),
+        "/d455_1_right_ir_image": ("Image", 30.0, 300),
+        "/d455_1_rgb_image": ("Image", 30.0, 300),
+        "/hawk_0_left_rgb_image": ("Image", 30.0, 300),
+        "/hawk_0_right_rgb_image": ("Image", 30.0, 300),
+        "/pandar_xt_32_0_lidar": ("PointCloud2", 10.0, 100),
+    }
+    assert sum(name.endswith("camera_info") for name in topics) == 5
+    assert set(describe("r2b_hope").topics) == {"/image"}
+
+
+def test_the_description_is_the_index_of_what_is_made(storage_room: SyntheticDataset) -> None:
+    described = describe("r2b_storage", None, WINDOW)
+    index = index_bag(storage_room.path)
+    assert msgspec.structs.replace(index, files=()) == described
+
+
+def test_sizes_are_exact(storage_room: SyntheticDataset) -> None:
+    topics = describe("r2b_storage", None, WINDOW).topics
+    sizes = {name: set[int]() for name in topics}
+    for message in read_messages(storage_room.path, topics):
+        sizes[message.topic].add(len(message.data))
+    assert sizes == {name: {info.max_message_bytes} for name, info in topics.items()}
+
+
+WHOLE = [
+    (source, message_times_ns(source, TimeWindow(start_ns=0, end_ns=DURATION_NS)))
+    for source in SEQUENCES["r2b_lounge"].sources
+]
+
+
+@given(
+    st.integers(0, DURATION_NS - 1).flatmap(
+        lambda start: st.tuples(st.just(start), st.integers(start + 1, DURATION_NS))
+    )
+)
+def test_counts_in_a_window_are_those_of_the_whole_inside_it(ends: tuple[int, int]) -> None:
+    window = TimeWindow(start_ns=ends[0], end_ns=ends[1])
+    for source, whole in WHOLE:
+        inside = [time_ns for time_ns in whole if window.contains(time_ns)]
+        assert message_times_ns(source, window) == inside
+
+
+@pytest.mark.parametrize(
+    ("name", "topics", "window", "code", "words"),
+    [
+        ("r2b_loung", None, None, "R2B307", "did you mean r2b_lounge?"),
+        ("kitchen", None, None, "R2B307", "known datasets: r2b_cafe"),
+        ("r2b_storage", ["/d455_rgb_image"], None, "R2B308", "did you mean /d455_1_rgb_image?"),
+        ("r2b_storage", None, TimeWindow(end_ns=DURATION_NS + 1), "R2B309", "between"),
+        ("r2b_storage", None, TimeWindow(start_ns=5, end_ns=5), "R2B309", "between"),
+        ("r2b_storage", None, TimeWindow(start_ns=-1), "R2B309", "between"),
+    ],
+)
+def test_refuses_what_it_does_not_carry(
+    name: str, topics: list[str] | None, window: TimeWindow | None, code: str, words: str
+) -> None:
+    error = refusal_of(describe, name, topics, window)
+    assert error.code == code
+    assert words in error.hint
+
+
+def test_describing_loads_neither_numpy_nor_rosbags() -> None:
+    program = (
+        "import sys, r2bspec.datasets.catalogue as data; data.describe('r2b_storage');"
+        "sys.exit(bool({'numpy', 'rosbags', 'yaml', 'filelock'} & set(sys.modules)))"
+    )
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

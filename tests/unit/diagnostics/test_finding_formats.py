@@ -1,14 +1,25 @@
-"""Findings as text, JSON and workflow commands."""
+"""Findings as text, JSON, workflow commands, JUnit XML and SARIF."""
 
 from __future__ import annotations
 
+import json
 import json as standard_json
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
 
+import sarif_log
+from r2bspec.check import check
 from r2bspec.diagnostics import Certainty, Diagnostic, Edit, Related, Severity, Span
+from r2bspec.language.load_spec import load_spec
 from r2bspec.report.finding_formats import render
-from r2bspec.report.findings_text import MAX_WIDTH, excerpt, render_text
+from r2bspec.report.findings_text import MAX_WIDTH, code_with_slug, excerpt, render_text, slug_of
+
+# Findings as text, JSON and workflow commands.
+
 
 SOURCES = {"a.yaml": "name: x\nrate: 30\n"}
 FOUND = Diagnostic(
@@ -133,3 +144,156 @@ def test_github_keeps_ten_and_errors_first() -> None:
     lines = render("github", [warning] * 9 + [FOUND] * 3, {}).splitlines()
     assert [line.split(" ")[0] for line in lines[:10]] == ["::error"] * 3 + ["::warning"] * 7
     assert lines[10:] == ["2 more findings are not annotated; see the log"]
+
+
+# Findings as JUnit XML: a suite for each file, a case for each family of rules.
+
+
+def found(code: str, severity: Severity, message: str = "wrong") -> Diagnostic:
+    return Diagnostic(code, severity, message, Span("a.yaml", 3, 5, 3, 6), help="put it right")
+
+
+def suites(*diagnostics: Diagnostic, files: tuple[str, ...] = ()) -> list[ET.Element]:
+    return list(ET.fromstring(render("junit", diagnostics, {}, files)))  # noqa: S314
+
+
+def test_a_file_without_findings_is_a_suite_that_passed() -> None:
+    (suite,) = suites(files=("a.yaml",))
+    assert suite.attrib["name"] == "a.yaml"
+    assert (suite.attrib["tests"], suite.attrib["failures"]) == ("7", "0")
+
+
+def test_errors_of_a_family_are_one_failure() -> None:
+    one, two = found("R2B204", Severity.ERROR), found("R2B205", Severity.ERROR, "also")
+    (suite,) = suites(one, two, files=("a.yaml",))
+    (failure,) = suite.iter("failure")
+    assert failure.attrib == {"message": f"{slug_of('R2B204')}: wrong", "type": "R2B204"}
+    assert failure.text is not None
+    assert failure.text.splitlines() == [
+        f"a.yaml:3:5: error[{code_with_slug('R2B204')}]: wrong (put it right)",
+        f"a.yaml:3:5: error[{code_with_slug('R2B205')}]: also (put it right)",
+    ]
+
+
+def test_warnings_fail_nothing_and_are_seen() -> None:
+    (suite,) = suites(found("R2B512", Severity.WARNING))
+    assert suite.attrib["failures"] == "0"
+    (output,) = suite.iter("system-out")
+    assert f"warning[{code_with_slug('R2B512')}]" in str(output.text)
+
+
+def test_what_was_not_looked_at_is_skipped() -> None:
+    (suite,) = suites(found("R2B101", Severity.ERROR))
+    assert suite.attrib["skipped"] == "5"
+
+
+def test_characters_that_xml_forbids_are_replaced() -> None:
+    nasty = Diagnostic("R2B101", Severity.ERROR, "a\x00\x1b<&>", Span("f\x07", 1, 1, 1, 2))
+    (suite,) = suites(nasty)
+    assert suite.attrib["name"] == "f\ufffd"
+
+
+# SARIF: valid by the standard, and what code scanning needs is in it.
+
+
+GOLDEN = Path(__file__).parents[2] / "golden"
+BROKEN = sorted([*(GOLDEN / "language").glob("*.yaml"), *(GOLDEN / "check").glob("*.yaml")])
+
+MISSING_UNIT = Diagnostic(
+    "R2B109",
+    Severity.ERROR,
+    "30 has no unit",
+    Span("a b.yaml", 2, 7, 2, 9),
+    path=("rates", 0),
+    help="write 30 Hz",
+    related=(Related("said here", Span("a b.yaml", 1, 1, 1, 5)),),
+    edit=Edit(Span("a b.yaml", 2, 7, 2, 9), "30 Hz"),
+    certainty=Certainty.ENVIRONMENT,
+)
+
+
+def log_of(*found: Diagnostic, names: tuple[str, ...] = ()) -> dict[str, Any]:
+    """The log; it is as the standard demands."""
+    text = render("sarif", found, {}, names)
+    sarif_log.decode(text)
+    log: dict[str, Any] = json.loads(text)
+    return log
+
+
+@pytest.mark.parametrize("file", BROKEN, ids=lambda file: f"{file.parent.name}/{file.stem}")
+def test_valid_by_the_standard(file: Path) -> None:
+    loaded = load_spec(file.read_bytes(), file=file.name, environ={})
+    found = check(loaded, offline=True)
+    assert len(log_of(*found, names=(file.name,))["runs"][0]["results"]) == len(found)
+
+
+@pytest.mark.parametrize(
+    ("pointer", "value"),
+    [
+        ("version", "2.0.0"),
+        ("runs/0/columnKind", "bytes"),
+        ("runs/0/tool/driver/semanticVersion", 1),
+        ("runs/0/tool/driver/rules/0/id", "R2B100"),
+        ("runs/0/results/0/level", "info"),
+        ("runs/0/results/0/message", "text"),
+        ("runs/0/results/0/severity", "error"),
+        ("runs/0/results/0/locations/0/physicalLocation/region/startLine", 0),
+        ("runs/0/results/0/locations/0/physicalLocation/artifactLocation/uri", "a b.yaml"),
+        ("runs/0/results/0/fixes/0/artifactChanges", []),
+        ("runs/0/artifacts", [{"location": {"uri": "a"}}] * 2),
+    ],
+)
+def test_what_the_standard_forbids_is_seen(pointer: str, value: object) -> None:
+    log = log_of(MISSING_UNIT)
+    *path, key = pointer.split("/")
+    target: Any = log
+    for step in path:
+        target = target[int(step) if isinstance(target, list) else step]
+    target[key] = value
+    with pytest.raises(msgspec.ValidationError):
+        sarif_log.decode(json.dumps(log))
+
+
+def test_nothing_found_is_a_run_without_results() -> None:
+    log = log_of(names=("a.yaml",))
+    assert log["runs"][0]["results"] == []
+    assert log["runs"][0]["artifacts"] == [{"location": {"uri": "a.yaml"}}]
+
+
+def test_a_result() -> None:
+    run = log_of(MISSING_UNIT)["runs"][0]
+    (result,) = run["results"]
+    assert (result["ruleId"], result["level"]) == ("R2B109", "error")
+    assert result["message"]["text"] == "30 has no unit; write 30 Hz"
+    (place,) = result["locations"]
+    physical = place["physicalLocation"]
+    assert physical["artifactLocation"]["uri"] == "a%20b.yaml"
+    assert physical["region"] == {"startLine": 2, "startColumn": 7, "endLine": 2, "endColumn": 9}
+    assert place["logicalLocations"][0]["fullyQualifiedName"] == "rates[0]"
+    assert result["relatedLocations"][0]["message"]["text"] == "said here"
+    (change,) = result["fixes"][0]["artifactChanges"]
+    assert change["replacements"][0]["insertedContent"] == {"text": "30 Hz"}
+    assert result["properties"] == {"certainty": "environment"}
+    rule = run["tool"]["driver"]["rules"][result["ruleIndex"]]
+    assert rule["id"] == "R2B109"
+    assert rule["name"] == "missing-unit"
+    assert rule["shortDescription"]["text"]
+
+
+def test_a_fingerprint_does_not_change_with_the_line() -> None:
+    lower = Diagnostic(
+        MISSING_UNIT.code,
+        MISSING_UNIT.severity,
+        MISSING_UNIT.message,
+        Span("a b.yaml", 9, 7, 9, 9),
+        path=MISSING_UNIT.path,
+    )
+    first, second = log_of(MISSING_UNIT, lower)["runs"][0]["results"]
+    assert first["partialFingerprints"] == second["partialFingerprints"]
+
+
+def test_a_place_outside_of_the_folder_is_an_address() -> None:
+    away = Diagnostic("R2B001", Severity.WARNING, "x", Span("/tmp/a.yaml", 1, 1, 1, 1))  # noqa: S108
+    (result,) = log_of(away)["runs"][0]["results"]
+    place = result["locations"][0]["physicalLocation"]["artifactLocation"]
+    assert place == {"uri": "file:///tmp/a.yaml"}

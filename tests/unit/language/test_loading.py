@@ -1,4 +1,4 @@
-"""What `load_spec` gives."""
+"""What `load_spec` gives, and what it imports."""
 
 from __future__ import annotations
 
@@ -7,11 +7,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from r2bspec.diagnostics import Severity
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.quantities import Duration, Rate
 from r2bspec.language.requirement_grammar import parse_requirement
 from r2bspec.language.spec import BagSource
+
+# What `load_spec` gives.
+
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "language"
 ENVIRON = {"R2B_TEST_DATA": "/data"}
@@ -112,3 +117,47 @@ def test_text_that_looks_like_a_number_stays_text() -> None:
     again = load_spec(loaded.resolved_yaml()).spec
     assert again is not None
     assert again.labels == loaded.spec.labels
+
+
+# What takes long to import is imported where it is needed, and not before.
+
+
+ROOT = Path(__file__).parents[3]
+ROS = ("rclpy", "cv2", "numpy")
+LIBRARIES = (*ROS, "scipy", "rosbags", "rich", "psutil", "networkx", "r2bspec.nodes")
+EXPLAINERS = ("jsonschema", "r2bspec.language.explain_violations")
+STAGES = ("r2bspec.language", "r2bspec.check", "r2bspec.plan", "r2bspec.diagnostics")
+REPORTS = ("matplotlib", "jinja2", "scipy", "mcap", "junitparser", "rich")
+LOAD = "from pathlib import Path; from r2bspec.language.load_spec import load_spec; load_spec(Path"
+MAIN = "from r2bspec.cli.main import main; main"
+
+
+@pytest.mark.parametrize(
+    ("code", "heavy"),
+    [
+        (f"{LOAD}('{GOLDEN}/ok_full.yaml'))", LIBRARIES),
+        (f"{LOAD}('{GOLDEN}/ok_everything.yaml'), environ={{'R2B_TEST_COUNT': '7'}})", EXPLAINERS),
+        (f"{MAIN}(['validate', '{ROOT}/specs/*.r2b.yaml'])", LIBRARIES),
+        (f"{MAIN}(['validate', '{GOLDEN}/version.yaml'])", (*LIBRARIES, "r2bspec.check")),
+        ("import r2bspec", STAGES),
+        (
+            (
+                "from r2bspec.report.format_registry import FORMATS, check_installed;"
+                "[check_installed(name) for name in FORMATS]"
+            ),
+            REPORTS,
+        ),
+        ("import r2bspec.doctor.all_checks", ROS),
+        ("import r2bspec.nodes; dir(r2bspec.nodes)", ROS),
+    ],
+    ids=[
+        *("load", "load without mistakes", "validate", "a document with an error", "the package"),
+        *("formats", "doctor", "nodes"),
+    ],
+)
+def test_nothing_heavy_is_imported(code: str, heavy: tuple[str, ...]) -> None:
+    program = f"import sys; {code}; print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines()[-1] == "[]"

@@ -1,10 +1,21 @@
-"""What an unquoted word means."""
+"""What is read from a document: words, places, and the limits of what hurts."""
 
 from __future__ import annotations
 
+import pathlib
+
 import pytest
 
-from r2bspec.language.yaml_document import ScalarError, resolve
+from nightly import size
+from r2bspec.diagnostics import Path, Span
+from r2bspec.language import yaml_document as composing
+from r2bspec.language.document import Source, inner_span
+from r2bspec.language.load_spec import load_spec
+from r2bspec.language.located_tree import ScalarNode, TreeNode, lookup, span_at, to_plain
+from r2bspec.language.yaml_document import ScalarError, compose, resolve
+from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
+
+# What an unquoted word means.
 
 
 @pytest.mark.parametrize(
@@ -56,3 +67,154 @@ def test_whole_numbers_have_64_bits(text: str) -> None:
 def test_numbers_are_finite(text: str) -> None:
     with pytest.raises(ScalarError, match="finite"):
         resolve(text)
+
+
+# Every key and every value knows where it was written.
+
+
+TEXT = pathlib.Path(__file__).with_name("positions.yaml").read_text(encoding="utf-8")
+
+
+def tree_of(text: str) -> TreeNode:
+    composed = compose(Source("f.yaml", text))
+    assert composed.tree is not None, composed.diagnostics
+    assert composed.diagnostics == ()
+    return composed.tree
+
+
+def shown(span: Span) -> str:
+    """The characters of a span within one line."""
+    line = TEXT.splitlines()[span.line - 1]
+    return f"{span.line}:{span.column} {line[span.column - 1 : span.end_column - 1]}"
+
+
+@pytest.mark.parametrize(
+    ("path", "key", "place"),
+    [
+        (("name",), False, "1:7 relay"),
+        (("name",), True, "1:1 name"),
+        (("nodes", "first", "a"), False, "2:19 1"),  # merged: where it was written
+        (("nodes", "first", "b"), False, "6:8 'three'"),
+        (("nodes", "second", "b"), False, '2:25 "two"'),
+        (("nodes", "second"), True, "7:3 second"),
+        (("list", 0), False, "9:5 10 Hz"),
+        (("list", 1, 1), False, "10:9 y"),
+        (("list", 1), True, "10:5 [x, y]"),
+        (("nodes", "third"), False, "3:1 nodes"),  # missing: the key of what is there
+        (("nodes", "first", "c", "d"), True, "4:3 first"),
+        (("list", 7), False, "8:1 list"),
+        (("name", "deeper"), False, "1:1 name"),
+        (("nowhere",), False, "1:1 name"),
+    ],
+)
+def test_where_things_stand(path: Path, key: bool, place: str) -> None:
+    assert shown(span_at(tree_of(TEXT), path, key=key)) == place
+
+
+def test_a_block_collection_ends_with_its_last_value() -> None:
+    span = span_at(tree_of(TEXT), ("nodes", "first"))
+    assert (span.line, span.column, span.end_line, span.end_column) == (5, 5, 6, 15)
+
+
+def test_a_key_without_value_has_a_place() -> None:
+    assert span_at(tree_of(TEXT), ("empty",)).line == 14
+
+
+def test_plain_data() -> None:
+    assert to_plain(tree_of(TEXT)) == {
+        "name": "relay",
+        "x-base": {"a": 1, "b": "two"},
+        "nodes": {"first": {"a": 1, "b": "three"}, "second": {"a": 1, "b": "two"}},
+        "list": ["10 Hz", ["x", "y"]],
+        "text": "one\ntwo\n",
+        "empty": None,
+    }
+
+
+@pytest.mark.parametrize(
+    ("written", "piece", "columns"),
+    [
+        ("a: latency.p99 < 5 ms", "5 ms", (18, 22)),
+        ("a: 'latency < 5 ms'", "5 ms", (15, 19)),
+        ('a: "x < 5 ms"', "5 ms", (9, 13)),
+        ("a: 'it''s < 5 ms'", "5 ms", (13, 17)),
+        ('a: "\\u0061b < 5 ms"', "5 ms", (15, 19)),
+        ("a: $(var x) $(var x)", "$(var x)", (4, 12)),
+    ],
+)
+def test_columns_inside_a_value(written: str, piece: str, columns: tuple[int, int]) -> None:
+    source = Source("f.yaml", written)
+    node = lookup(tree_of(written), ("a",))
+    assert isinstance(node, ScalarNode)
+    span = inner_span(source, node.span, node.text, node.text.index(piece), len(piece))
+    assert (span.column, span.end_column) == columns
+
+
+def test_the_second_of_two_equal_pieces() -> None:
+    text = "a: x x"
+    span = inner_span(Source("f", text), Span("f", 1, 4, 1, 7), "x x", 2, 1)
+    assert span.column == 6
+
+
+def test_a_piece_on_a_later_line() -> None:
+    text = "a: |\n  one\n  two\n"
+    node = lookup(tree_of(text), ("a",))
+    assert isinstance(node, ScalarNode)
+    span = inner_span(Source("f", text), node.span, node.text, node.text.index("two"), 3)
+    assert (span.line, span.column, span.end_column) == (3, 3, 6)
+
+
+def test_what_cannot_be_found_is_the_whole_value() -> None:
+    whole = Span("f", 1, 4, 1, 12)
+    assert inner_span(Source("f", 'a: "\\x41b"'), whole, "Ab", 0, 1) == whole
+
+
+# Documents made to hurt: each is answered, in bounded time; for memory, see tests/fuzz.
+
+
+@pytest.mark.parametrize(
+    "content", [b"a" * (MAX_DOCUMENT_BYTES + 1), "a" * (MAX_DOCUMENT_BYTES + 1)]
+)
+def test_a_large_document_is_refused(content: str | bytes) -> None:
+    assert [found.code for found in load_spec(content).diagnostics] == ["R2B002"]
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize(
+    "content",
+    [
+        "".join(f"key{i}: 1\n" for i in range(20_000)),
+        "key: 1\n" * 20_000,
+        "benchmark: {rates: [" + "1," * 20_000 + "]}",
+        "variables: {x: 1}\ntitle: '" + "$(var y)" * 20_000 + "'",
+        "title: '" + "$(var " * 20_000 + "'",
+    ],
+    ids=["unknown", "twice", "units", "unset", "unclosed"],
+)
+def test_many_mistakes_are_cut_off(content: str) -> None:
+    found = load_spec(content).diagnostics
+    assert len(found) in (1000, 1001, 1002)
+
+
+def test_shared_values_are_not_copied() -> None:
+    loaded = load_spec("x: &x [" + "1," * 1000 + "]\ny: [" + "*x," * 100 + "]\n")
+    assert "R2B027" not in {found.code for found in loaded.diagnostics}
+
+
+def test_a_file_that_cannot_be_read(tmp_path: pathlib.Path) -> None:
+    for path in (tmp_path, tmp_path / "missing.r2b.yaml"):
+        (found,) = load_spec(path).diagnostics
+        assert found.code == "R2B001"
+
+
+def test_the_python_parser_is_good_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    golden = pathlib.Path(__file__).parents[2] / "golden" / "language"
+    files = sorted(golden.glob("*.yaml"))[:: size(3, 1)]
+    native = [load_spec(file) for file in files]
+    monkeypatch.setattr(composing, "_CParser", None)
+    for file, expected in zip(files, native, strict=True):
+        loaded = load_spec(file)
+        assert loaded.spec == expected.spec
+        assert [diagnostic.code for diagnostic in loaded.diagnostics] == [
+            diagnostic.code for diagnostic in expected.diagnostics
+        ], file.name

@@ -1,21 +1,35 @@
-"""One way to write a plan, the same bytes everywhere, and reading it again."""
+"""One way to write a plan that obeys its schema, reading it again, and two of them compared."""
 
 from __future__ import annotations
 
+import copy
 import json
 import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from jsonschema import Draft202012Validator
 from plan_specs import PREPROCESSED, STRAIGHT, plan
 
 from r2bspec.language.quantities import Duration
-from r2bspec.plan.canonical_json import PlanError, canonical_json, parse_plan, plan_hash, read_plan
+from r2bspec.plan.canonical_json import (
+    PlanError,
+    canonical_json,
+    parse_plan,
+    plan_hash,
+    plan_schema,
+    read_plan,
+)
+from r2bspec.plan.comparability import ABSENT, PlanDifference, diff_plans
+
+# One way to write a plan, the same bytes everywhere, and reading it again.
+
 
 ROOT = Path(__file__).parents[3]
 
@@ -160,3 +174,89 @@ def test_a_plan_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(PlanError) as caught:
         read_plan(tmp_path / "nowhere.json")
     assert caught.value.code == "R2B610"
+
+
+# Plans obey their schema.
+
+
+def test_the_schema_is_one() -> None:
+    Draft202012Validator.check_schema(plan_schema())
+
+
+@pytest.mark.parametrize("document", [PREPROCESSED, STRAIGHT], ids=["preprocessed", "straight"])
+def test_plans_obey_it(document: dict[str, Any]) -> None:
+    Draft202012Validator(plan_schema()).validate(json.loads(canonical_json(plan(document))))
+
+
+@pytest.mark.parametrize("change", [{"unknown": 1}, {"buffer": "10"}, {"r2bspec_plan": 2}])
+def test_what_is_no_plan_does_not(change: dict[str, Any]) -> None:
+    document = copy.deepcopy(json.loads(canonical_json(plan())))
+    assert not Draft202012Validator(plan_schema()).is_valid({**document, **change})
+
+
+# Two plans, compared.
+
+
+def test_equal_plans_do_not_differ() -> None:
+    assert diff_plans(plan(), plan()) == []
+
+
+def test_a_value_that_differs_has_its_path() -> None:
+    resize = PREPROCESSED["preprocessors"]["resize"]
+    wider = {"resize": {**resize, "parameters": {"width": 1280, "height": 480}}}
+    (found,) = diff_plans(plan(), plan(preprocessors=wider))
+    place = ("processes", "preprocess.resize", "nodes", "/r2b/resize", "parameters", "width")
+    assert found == PlanDifference(place, 640, 1280)
+    assert str(found) == (
+        "processes['preprocess.resize'].nodes['/r2b/resize'].parameters.width: 640 -> 1280"
+    )
+
+
+def test_members_are_found_again_wherever_they_stand() -> None:
+    full = plan(STRAIGHT)
+    fewer = msgspec.structs.replace(full, processes=full.processes[1:])
+    (found,) = diff_plans(full, fewer)
+    assert found.path == ("processes", "player")
+    assert found.after is ABSENT
+    assert str(found).endswith("-> (absent)")
+    (added,) = diff_plans(fewer, full)
+    assert added.before is ABSENT
+
+
+def test_another_order_is_a_difference() -> None:
+    full = plan(STRAIGHT)
+    turned = msgspec.structs.replace(full, processes=full.processes[::-1])
+    (found,) = diff_plans(full, turned)
+    assert found.path == ("processes", "order")
+    assert found.before == ["player", "relay", "monitor"]
+
+
+def test_an_integer_is_not_a_double() -> None:
+    def with_gain(gain: Any) -> Any:
+        return plan(STRAIGHT, graph={"nodes": {"n": {"python": "m.N", "parameters": gain}}})
+
+    assert diff_plans(with_gain({"g": 1}), with_gain({"g": 1.0}))
+    assert diff_plans(with_gain({"g": 1}), with_gain({"g": True}))
+
+
+def test_lists_without_identity_are_compared_by_place() -> None:
+    other = plan(benchmark={"rates": ["10 Hz"]})
+    paths = {diff_plan.path for diff_plan in diff_plans(plan(), other)}
+    assert ("phases", 6) in paths
+    assert ("play", "30.0") in paths
+    assert ("search",) in paths
+
+
+@given(st.lists(st.sampled_from("abc"), max_size=4), st.lists(st.sampled_from("abc"), max_size=4))
+def test_there_is_a_difference_if_and_only_if_plans_are_unequal(
+    before: list[str], after: list[str]
+) -> None:
+    full = plan(STRAIGHT)
+
+    def with_monitors(names: list[str]) -> Any:
+        monitor = full.monitors[0]
+        return msgspec.structs.replace(
+            full, monitors=tuple(msgspec.structs.replace(monitor, name=name) for name in names)
+        )
+
+    assert bool(diff_plans(with_monitors(before), with_monitors(after))) == (before != after)

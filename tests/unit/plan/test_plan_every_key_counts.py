@@ -1,16 +1,33 @@
-"""No key is accepted and ignored: each reaches the plan, and something that runs reads it there."""
+"""Each key reaches the plan, and what makes two plans measure the same."""
 
 from __future__ import annotations
 
 import inspect
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
 import msgspec
+import pytest
 
 from r2bspec.language import spec, spec_benchmark, spec_graph
+from r2bspec.language.quantities import Duration
 from r2bspec.plan import plan
+from r2bspec.plan.comparability import (
+    change_of,
+    difference_lines,
+    graph_differences,
+    load_differences,
+    measured_hash,
+    pair_count,
+    single_run_plan,
+)
+from r2bspec.plan.plan import GatePlan, NodePlan, Plan, PlayPlan, ProcessPlan, SearchPlan
+from run_simulation import Simulation, objective
+
+# No key is accepted and ignored: each reaches the plan, and something that runs reads it there.
+
 
 PACKAGE = Path(__file__).parents[3] / "r2bspec"
 COMPILER = ("language", "plan")
@@ -100,3 +117,111 @@ def fields_of_whole_structs() -> set[str]:
         if issubclass(plan.Plan, record) or any(record.__name__ in hint for hint in hints)
         for name in record.__struct_fields__
     }
+
+
+# One pair's share of a plan, and what makes two plans measure the same.
+
+
+PLAY = PlayPlan(rate_hz=30.0, duration_ns=10**9, iterations=7, max_iterations=28)
+PLAN = msgspec.structs.replace(
+    Simulation().plan(),
+    play=(PLAY,),
+    play_at_peak=PLAY,
+    search=SearchPlan(min_hz=1, max_hz=100, precision=0.02, probe_ns=10**9, holds=()),
+    phases=("load", "start", "search", "play", "collect"),
+)
+
+
+def test_a_run_of_a_pair_plays_everything_once_and_confirms_nothing() -> None:
+    found = single_run_plan(PLAN)
+    assert [(each.iterations, each.max_iterations) for each in found.play] == [(1, 0)]
+    assert found.play_at_peak == msgspec.structs.replace(PLAY, iterations=1, max_iterations=0)
+    assert not found.gate.confirm
+    assert found.search is None
+    assert "search" not in found.phases
+    assert pair_count(PLAN) == 7
+    assert pair_count(msgspec.structs.replace(PLAN, play=(), play_at_peak=None)) == 1
+
+
+def test_the_peak_is_searched_for_where_an_objective_asks_for_it() -> None:
+    asking = {"peak": objective("peak.rate >= 97 % of baseline", at="")}
+    found = single_run_plan(msgspec.structs.replace(PLAN, objectives=asking))
+    assert found.search == PLAN.search
+    assert "search" in found.phases
+
+
+def test_words_and_judgement_do_not_change_what_is_measured() -> None:
+    other = msgspec.structs.replace(
+        PLAN,
+        title="Another",
+        labels={"a": "b"},
+        objectives={"o": objective("latency.p50 < 1 s")},
+        gate=GatePlan(confidence=0.9),
+    )
+    assert measured_hash(other) == measured_hash(PLAN)
+    assert graph_differences(PLAN, other) == []
+    longer = msgspec.structs.replace(PLAN, warm_up=Duration(2))
+    assert measured_hash(longer) != measured_hash(PLAN)
+    assert [str(difference) for difference in load_differences(PLAN, longer)] == [
+        'warm_up: "1 s" -> "2 ns"'
+    ]
+
+
+@pytest.mark.parametrize("field", Plan.__struct_fields__)
+def test_of_every_field_it_is_known_what_it_changes(field: str) -> None:
+    assert change_of(field) in ("load", "graph", "neither")
+
+
+def test_what_a_field_changes_follows_from_its_key() -> None:
+    assert {field for field in Plan.__struct_fields__ if change_of(field) == "load"} == {
+        *("dataset", "datasets", "playback_mode", "buffer", "inputs", "monitors", "play"),
+        *("play_at_peak", "timeline", "harness", "search", "warm_up", "transport", "starts"),
+        *("unpaired", "calls"),
+    }
+    assert {field for field in Plan.__struct_fields__ if change_of(field) == "neither"} == {
+        *("objectives", "title", "description", "labels", "generator", "name", "gate", "requires"),
+    }
+    with pytest.raises(KeyError):
+        change_of("a_field_of_tomorrow")
+
+
+def relay(argv: Sequence[str], **parameters: object) -> Plan:
+    node = NodePlan(
+        name="/relay", node="relay", namespace="/", target="", parameters=parameters, remappings={}
+    )
+    process = ProcessPlan(
+        name="relay", role="command", phase="measure", argv=tuple(argv), env={}, nodes=(node,)
+    )
+    return msgspec.structs.replace(PLAN, processes=(process,))
+
+
+def test_a_parameter_that_differs_is_one_difference() -> None:
+    base = relay(["relay", "-p", "gain:=1", "-p", "name:=a"], gain=1, name="a")
+    head = relay(["relay", "-p", "gain:=2", "-p", "name:=a"], gain=2, name="a")
+    only = "processes.relay.nodes['/relay'].parameters.gain"
+    assert [str(graph_difference) for graph_difference in graph_differences(base, head)] == [
+        f"{only}: 1 -> 2"
+    ]
+    without = relay(["relay", "-p", "name:=a"], name="a")
+    assert [str(graph_difference) for graph_difference in graph_differences(without, head)] == [
+        f"{only}: (absent) -> 2"
+    ]
+
+
+def test_a_command_line_that_differs_in_more_than_parameters_is_shown() -> None:
+    base = relay(["relay", "-p", "gain:=1"], gain=1)
+    head = relay(["relay", "--fast", "-p", "gain:=2"], gain=2)
+    assert any(
+        graph_difference.path[2] == "argv" for graph_difference in graph_differences(base, head)
+    )
+    alone = relay(["relay", "-p", "gain:=2"], gain=1)
+    assert [graph_difference.path[2] for graph_difference in graph_differences(base, alone)] == [
+        "argv"
+    ]
+
+
+def test_a_graph_may_differ_where_its_load_may_not() -> None:
+    other = msgspec.structs.replace(PLAN, namespace="other")
+    assert load_differences(PLAN, other) == []
+    (difference,) = graph_differences(PLAN, other)
+    assert list(difference_lines([difference] * 14))[-1] == "2 more differences"

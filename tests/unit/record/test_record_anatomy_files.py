@@ -27,6 +27,7 @@ OBJECTS = [
     ("publisher", "/resolved/out", "/space/node"),
     ("publisher", "/resolved/bare", "/space/node"),
     ("publisher", "/resolved/empty", "/space/node"),
+    ("publisher", "/resolved/several", "/space/node"),
     ("subscription", "/resolved/in", "/space/node"),
     ("client", "/resolved/ask", "/space/node"),
     ("service", "/resolved/answer", "/space/node"),
@@ -38,9 +39,10 @@ EVENTS = [
     ("PUBLISH", "out", 0, 1, 0, 1 * S + 2),
     ("PUBLISH", "bare", 0, 2, 0, 0),
     ("PUBLISH", "empty", 0, 3, 0, 0),
-    ("PUBLISH", "out", 0, 4, 0, 1 * S + 2),
-    ("PUBLISH", "out", 0, 5, 0, 5 * S + 6),
-    ("PUBLISH", "out", 0, 6, 0, 0),
+    ("PUBLISH", "several", 0, 4, 0, 0),
+    ("PUBLISH", "out", 0, 5, 0, 1 * S + 2),
+    ("PUBLISH", "out", 0, 6, 0, 5 * S + 6),
+    ("PUBLISH", "out", 0, 7, 0, 0),
     ("WAIT", "", 0, 0, 0, 0),
     ("TAKE", "in", 1, 0, 0, 0),
     ("TAKE", "in", 0, 1000, 2000, 3 * S + 4),
@@ -59,7 +61,7 @@ EVENTS = [
     ("ENQUEUE", "buffer", 2, 3, 0, 0),
     ("DEQUEUE", "buffer", 2, 3, 0, 0),
     ("CALLBACK", "buffer", 0, 0, 0, 0),
-    ("PUBLISH", "", 0, 7, 0, 0),
+    ("PUBLISH", "", 0, 8, 0, 0),
 ]
 """Kind, object, flags, source, reception and header of what ``call_ros.c`` calls, in its order."""
 
@@ -166,6 +168,13 @@ def test_a_forked_child_writes_nothing(tmp_path: Path, how: Linked) -> None:
     rows, objects, _ = read_anatomy(tmp_path)
     assert rows["source_ns"].tolist() == [1, 2, 3]
     assert len(objects) == 1
+
+
+def test_what_a_forked_child_executes_is_recorded(tmp_path: Path) -> None:
+    assert call_ros(tmp_path, "fork", "1").returncode == 0
+    rows, _, processes = read_anatomy(tmp_path)
+    assert sorted(Counter(rows["process"].tolist()).values()) == [3, 5]
+    assert len({each.pid for each in processes}) == 2
 
 
 def test_what_a_killed_process_has_finished_is_read(tmp_path: Path) -> None:

@@ -1,7 +1,9 @@
-"""Drawings of the HTML report: arrows around boxes, labels inside axes, legends without doubles."""
+"""Drawings of the HTML report and of ``plan --graph html``: arrows, labels, legends, one page."""
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import itertools
 import re
 from collections.abc import Iterator
@@ -11,12 +13,17 @@ import msgspec
 import numpy as np
 import pytest
 
+from command_line import Call
+from html_elements import Page
 from r2bspec import api
 from r2bspec.record.run_folder import RunFolder, open_run
 from r2bspec.report.html.chart import draw, inside_label
 from r2bspec.report.html.graph_drawing import PlacedBox, Rectangle, lay_out, route
 from r2bspec.report.html.load_charts import loads_chart
 from report_runs import USUAL
+
+# Drawings of the HTML report: arrows around boxes, labels inside axes, legends without doubles.
+
 
 SPECS = sorted((Path(__file__).parents[3] / "specs").rglob("*.r2b.yaml"))
 
@@ -96,3 +103,38 @@ def test_processes_of_a_confirmation_run_are_in_the_legend_once(tmp_path: Path) 
     assert chart is not None
     for process in run.record.processes:
         assert chart.svg.count(f">{process.name}<") == 1
+
+
+# ``r2bspec plan --graph html``: the drawing as one page that loads and runs nothing.
+
+
+RELAY = Path(__file__).parents[3] / "specs" / "relay.r2b.yaml"
+_LOADING = {"script", "img", "link", "iframe", "object", "embed", "video", "audio", "base"}
+
+
+def test_the_page_shows_the_plan_and_its_policy_allows_its_style_and_nothing_else(
+    call: Call,
+) -> None:
+    text = call("plan", RELAY, "--graph", "html", status=0).out
+    page = Page(text.encode())
+    style = re.search(r"<style>(.*)</style>", text, re.DOTALL)
+    assert style is not None
+    digest = base64.b64encode(hashlib.sha256(style[1].encode()).digest()).decode()
+    (policy,) = (each["content"] for each in page.of("meta") if "http-equiv" in each)
+    assert policy == f"default-src 'none'; style-src 'sha256-{digest}'"
+    for tag, attributes in page.elements:
+        assert tag not in _LOADING
+        assert not attributes.keys() & {"src", "href", "style", "srcset"}
+        assert not any(name.startswith("on") for name in attributes)
+    assert {"/r2b/relay", "/r2b/relayed", "player"} <= set(page.text.split())
+    assert page.text.count("A relay that takes 10 ms for each message") == 1
+    assert "A run takes about " in page.text
+
+
+def test_names_of_the_spec_are_text(tmp_path: Path, call: Call) -> None:
+    spec = tmp_path / "hostile.r2b.yaml"
+    title = "title: '</title><script>alert(1)</script>'"
+    spec.write_text(re.sub("title: .*", title, RELAY.read_text("utf-8"), count=1), "utf-8")
+    page = Page(call("plan", spec, "--graph", "html", status=0).out.encode())
+    assert not page.of("script")
+    assert "</title><script>alert(1)</script>" in page.text

@@ -1,21 +1,28 @@
-"""What a run says beside its numbers is told by every report that people read."""
+"""What a run says beside its numbers is told by every report that people read, at its lines."""
 
 from __future__ import annotations
 
 import html
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 
+from example_spec import example
 from profiled_runs import MISSING, WHOLE
+from r2bspec.cli.main import main
 from r2bspec.compare.report_input import ReportInput
+from r2bspec.errors import UsageError
 from r2bspec.judge.judge_run import from_json, result_of, to_json
 from r2bspec.judge.measure.distribution import Distribution
 from r2bspec.judge.measure.metrics import HopMetrics
 from r2bspec.judge.result import Result
+from r2bspec.record.comparison_folder import merge_runs
 from r2bspec.record.graph_identity import GraphIdentity, Revision
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import (
@@ -26,7 +33,13 @@ from r2bspec.record.run_record import (
     UnplayedMessages,
 )
 from r2bspec.report.format_registry import renderer
-from report_runs import with_starts
+from r2bspec.report.pipelines import render_github as render
+from r2bspec.report.write_reports import ReportRequest, write_failure_reports
+from report_runs import USUAL, with_starts
+from run_simulation import Played, Simulation, objective
+
+# What a run says beside its numbers is told by every report that people read.
+
 
 SECOND_NS = 10**9
 PARTS = (0.001, 0.002, 0.0021, 0.003, 0.004, 0.0047, 0.005, 0.006)
@@ -228,3 +241,135 @@ def test_what_programs_read_keeps_the_names_and_has_the_overhead(
 
 def test_a_result_comes_back_unchanged(result: Result) -> None:
     assert from_json(to_json(result)) == result
+
+
+# What was not played is said in every report, and in the verdict where it is more than 5 %.
+
+
+FEW = UnplayedMessages(topic="/r2b/right", count=1, total=56)
+SOME = UnplayedMessages(topic="/r2b/right", count=10, total=56)
+MOST = UnplayedMessages(topic="/r2b/right", count=53, total=56)
+AGREED = msgspec.structs.replace(MOST, agreed=True)
+
+
+def unplayed_run(path: Path, *unplayed: UnplayedMessages) -> Run:
+    run = Simulation(
+        segments=[Played(30, np.full(90, 0.02))],
+        objectives={"all": objective("latency.p50 < 50 ms")},
+    ).write(path)
+    return replace(run, record=msgspec.structs.replace(run.record, unplayed=unplayed))
+
+
+@pytest.mark.parametrize(
+    ("one", "in_verdict", "command"),
+    [(FEW, False, "::notice "), (SOME, True, "::warning "), (AGREED, False, "::notice ")],
+)
+def test_above_5_percent_it_is_a_warning_in_the_verdict_unless_agreed(
+    tmp_path: Path, one: UnplayedMessages, in_verdict: bool, command: str
+) -> None:
+    found = result_of(unplayed_run(tmp_path, one))
+    assert found.verdict.outcome == "pass"
+    assert (one.text in found.verdict.reason) == in_verdict
+    lines = renderer("github")(ReportInput(result=found)).decode().splitlines()
+    (line,) = (
+        output_line
+        for output_line in lines
+        if "r2b/right" in output_line and "simulated%3A pass" not in output_line
+    )
+    assert line.startswith(command)
+
+
+def test_runs_as_one_say_it_once(tmp_path: Path) -> None:
+    runs = [unplayed_run(tmp_path / name, SOME) for name in "ab"]
+    merged = merge_runs(runs, folder=tmp_path, plan=runs[0].plan, whole=runs[0].record)
+    assert merged.record.unplayed == (SOME,)
+
+
+# A run that ends before anything is measured says why in the reports that pipelines show.
+
+
+FORMATS = ("markdown", "github", "junit", "html", "json")
+
+
+def test_findings_are_in_the_reports_of_a_spec_that_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("spec.r2b.yaml").write_text(example() + "nonsense: 1\n")
+    reports = [f"--report={name}=out/{name}" for name in FORMATS]
+    assert main(["run", "spec.r2b.yaml", "--output", "run", *reports]) == 2
+    assert {path.name for path in Path("out").iterdir()} == set(FORMATS)
+    markdown = Path("out/markdown").read_text()
+    assert markdown.startswith("### ✘ error R2B602: nothing was measured\n\n    spec.r2b.yaml:")
+    assert "unknown-key" in markdown
+    assert "::error file=spec.r2b.yaml,line=" in Path("out/github").read_text()
+    assert "R2B101" in Path("out/junit").read_text()
+    assert "R2B602" in Path("out/html").read_text()
+    assert json.loads(Path("out/json").read_text())["code"] == "R2B602"
+    assert not Path("run").exists()
+
+
+def test_an_error_without_findings_is_one_at_the_spec(tmp_path: Path) -> None:
+    requests = [ReportRequest(name, str(tmp_path / name)) for name in FORMATS]
+    error = UsageError("no\n```\n<b>base</b>\n::error::x", hint="Fetch it.")
+    write_failure_reports(requests, error, Path("bench/a.r2b.yaml"))
+    lines = (tmp_path / "markdown").read_text().splitlines()[2:]
+    # Nothing in the text ends the block.
+    assert all(line.startswith("    ") for line in lines)
+    (command,) = (tmp_path / "github").read_text().splitlines()
+    assert command.startswith("::error file=bench/a.r2b.yaml,line=1")
+    assert "Fetch it." in command
+
+
+# Annotations point at the lines that state what failed.
+
+
+SPEC = """\
+r2bspec: 1
+name: simulated
+variables: {rate: 30 Hz}
+slos:
+  camera:
+    at: $(var rate)
+    require:
+      - latency.p99 < 60 ms
+      - drop_rate <= 1 %
+"""
+
+
+Annotated = Callable[[Path | None], list[str]]
+
+
+@pytest.fixture
+def annotated(reported: Callable[[str], ReportInput]) -> Annotated:
+    """The annotations of the usual run, whose spec is a file, or unknown."""
+    return lambda spec: render(replace(reported("usual"), spec_file=spec)).decode().splitlines()
+
+
+@pytest.mark.parametrize("content", [None, "", "a: [", "r2bspec: 1\nslos: {camera: {at: 3}}"])
+def test_without_a_line_there_is_still_an_annotation(
+    tmp_path: Path, annotated: Annotated, content: str | None
+) -> None:
+    spec = tmp_path / "a.r2b.yaml"
+    if content is not None:
+        spec.write_text(content)
+    found = annotated(spec if content is not None else None)
+    assert any("drop_rate <= 1 %25" in each and each.startswith("::error ") for each in found)
+
+
+def test_ten_annotations_at_most(tmp_path: Path) -> None:
+    many = replace(USUAL, objectives={"a": objective(*["latency.p50 < 1 ms"] * 30)})
+    run = many.write(tmp_path / "run")
+    found = render(ReportInput(result=result_of(run), run=run)).decode().splitlines()
+    assert sum(each.startswith("::") for each in found) == 10
+    assert found[-1].startswith("21 more requirements")
+
+
+def test_a_file_below_this_folder_is_named_from_here(
+    tmp_path: Path, annotated: Annotated, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    spec = tmp_path / "specs" / "a.r2b.yaml"
+    spec.parent.mkdir()
+    spec.write_text(SPEC)
+    assert all("file=specs/a.r2b.yaml," in each for each in annotated(spec) if each[:2] == "::")

@@ -1,20 +1,35 @@
-"""Files from outside: only regular ones, from allowed folders, up to a size."""
+"""Files, JSON, YAML and databases from outside: only regular ones, within limits."""
 
 from __future__ import annotations
 
+import ast
 import os
+import re
+import sqlite3
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
+import yaml
 
+import r2bspec
+from r2bspec.safe_io import limits
 from r2bspec.safe_io.safe_file import (
     OutsideFolderError,
+    RefusedDataError,
     RefusedFileError,
     TooLargeError,
     open_regular,
     read_bytes,
     read_text,
 )
+from r2bspec.safe_io.safe_json import decode_json, decode_python_json
+from r2bspec.safe_io.safe_sqlite import end_deadline, open_read_only, restrict
+from r2bspec.safe_io.safe_yaml import RefusedYamlError, load_texts, load_values
+
+# Files from outside: only regular ones, from allowed folders, up to a size.
 
 
 def test_a_regular_file_is_read_up_to_the_limit(tmp_path: Path) -> None:
@@ -118,3 +133,193 @@ def test_text_that_is_not_utf8_is_named_by_its_line_and_not_quoted(tmp_path: Pat
     with pytest.raises(RefusedFileError) as refused:
         read_text(tmp_path / "a", max_bytes=99)
     assert str(refused.value) == "it is not UTF-8 (line 2)"
+
+
+# JSON from outside: every problem is one kind of error.
+
+
+@pytest.mark.parametrize("decode", [lambda text: decode_json(text, Any), decode_python_json])
+@pytest.mark.parametrize(
+    "text",
+    [b'{"a":' * 100_000, b"[" * 100_000, b'{"a": "\xff"}', b"{", b"", b"9" * 5000 + b"x"],
+)
+def test_what_is_not_json_or_too_deep_is_one_kind_of_error(decode: Any, text: bytes) -> None:
+    with pytest.raises(msgspec.DecodeError):
+        decode(text)
+
+
+def test_a_type_is_checked_and_unknown_keys_may_be_deep() -> None:
+    class One(msgspec.Struct):
+        a: int
+
+    assert decode_json(b'{"a": 1}', One).a == 1
+    with pytest.raises(msgspec.ValidationError):
+        decode_json(b'{"a": "x"}', One)
+    with pytest.raises(msgspec.DecodeError):
+        decode_json(b'{"b":' * 100_000, One)
+
+
+# YAML that is not a spec: limits on depth, aliases, merge keys and numbers.
+
+
+def _nested_merges(levels: int) -> str:
+    first = "m0: &m0 {" + ", ".join(f"k{i}: 1" for i in range(10)) + "}\n"
+    rest = (
+        f"m{i}: &m{i} {{<<: [{', '.join([f'*m{i - 1}'] * 10)}]}}\n" for i in range(1, levels + 1)
+    )
+    return first + "".join(rest)
+
+
+def test_values_are_those_of_ros() -> None:
+    text = "a: &a {b: yes, n: 0x10, f: 1e3, t: '1', s: 1:59:59}\nc: {<<: *a, d: [1, 2.5, ~]}\n"
+    found = load_values(text)
+    assert found["a"] == {"b": True, "n": 16, "f": "1e3", "t": "1", "s": 7199}
+    assert found["c"] == {**found["a"], "d": [1, 2.5, None]}
+    assert load_texts("a: on\nb: 010\n") == {"a": "on", "b": "010"}
+
+
+@pytest.mark.parametrize("load", [load_values, load_texts])
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("- " * 40_000 + "a", "line 1: values are nested more than 100 levels deep"),
+        ("[" * 40_000, "line 1: values are nested more than 100 levels deep"),
+        (_nested_merges(8), "line 5: aliases expand to more than 200,000 values"),
+        ("a: &a [1, *a]", "line 1: an alias refers to a value that contains it"),
+        ("a:\n" + "- 1\n" * 50_000, "line 49999: there are more than 50,000 values"),
+    ],
+)
+def test_what_exceeds_a_limit_is_refused_with_its_line(
+    load: Callable[..., object], text: str, reason: str
+) -> None:
+    with pytest.raises(RefusedYamlError) as refused:
+        load(text, max_values=50_000)
+    assert str(refused.value) == reason
+
+
+def test_merges_below_the_limit_are_loaded() -> None:
+    assert len(load_values(_nested_merges(3))["m3"]) == 10
+
+
+@pytest.mark.parametrize("value", ["9" * 5000, ":".join(["59"] * 2000), "-0x" + "f" * 5000])
+def test_a_number_that_takes_long_to_convert_is_refused(value: str) -> None:
+    with pytest.raises(RefusedYamlError, match="more than 1,000 characters"):
+        load_values(f"a: {value}")
+    assert load_values(f"a: '{value}'") == {"a": value}
+
+
+@pytest.mark.parametrize(
+    "text", ["a: 2024-99-99", "{[]: 1}", "a: [", "a: *none", "a: !!python/name:os.system", "\0"]
+)
+def test_everything_else_is_an_error_of_yaml(text: str) -> None:
+    with pytest.raises(yaml.YAMLError):
+        load_values(text)
+
+
+# Databases from outside: plain tables, read-only, and queries that end.
+
+
+ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n)"
+
+
+def _database(file: Path, statements: str) -> Path:
+    connection = sqlite3.connect(file)
+    connection.executescript(f"BEGIN; {statements}; COMMIT")
+    connection.close()
+    return file
+
+
+def test_plain_tables_are_read_and_not_written(tmp_path: Path) -> None:
+    file = _database(
+        tmp_path / "a",
+        "CREATE TABLE t(i INTEGER PRIMARY KEY AUTOINCREMENT, d UNIQUE); "
+        "INSERT INTO t(d) VALUES (7); CREATE TABLE other(i); CREATE INDEX by_d ON t(d); ANALYZE",
+    )
+    with open_read_only(file, tables=("t", "none")) as connection:
+        assert connection.execute("SELECT d FROM t").fetchall() == [(7,)]
+        with pytest.raises(sqlite3.OperationalError, match="readonly"):
+            connection.execute("DELETE FROM t")
+
+
+@pytest.mark.parametrize(
+    ("statements", "reason"),
+    [
+        ("CREATE VIEW v AS ENDLESS SELECT i FROM n", "contains a view"),
+        ("CREATE TRIGGER g AFTER INSERT ON t BEGIN DELETE FROM t; END", "contains a trigger"),
+        ("CREATE VIRTUAL TABLE v USING fts4(a)", "contains a virtual table"),
+        ("CREATE TABLE T2(a, b AS (zeroblob(1)) STORED)", "'T2' has a generated column"),
+        ("CREATE TABLE t2(a, b GENERATED ALWAYS AS (1))", "'t2' has a generated column"),
+        (";".join(f"CREATE TABLE a{i}(i)" for i in range(1001)), "more than 1,000 tables"),
+    ],
+)
+def test_a_schema_with_more_than_tables_is_refused(
+    statements: str, reason: str, tmp_path: Path
+) -> None:
+    file = _database(tmp_path / "a", f"CREATE TABLE t(i); {statements}".replace("ENDLESS", ENDLESS))
+    with pytest.raises(RefusedDataError, match=reason), open_read_only(file, tables=("t", "t2")):
+        pass
+
+
+def test_a_query_without_end_is_ended_by_the_deadline() -> None:
+    connection = sqlite3.connect(":memory:")
+    restrict(connection, 0.0)
+    with pytest.raises(sqlite3.OperationalError, match="interrupted"):
+        connection.execute("ENDLESS SELECT count(*) FROM n".replace("ENDLESS", ENDLESS)).fetchall()
+    end_deadline(connection)
+    rows = "ENDLESS SELECT count(*) FROM (SELECT i FROM n LIMIT 200000)".replace("ENDLESS", ENDLESS)
+    assert connection.execute(rows).fetchall() == [(200_000,)]
+    connection.close()
+
+
+def test_a_file_that_is_no_database_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"x" * 5000)
+    with pytest.raises(sqlite3.DatabaseError), open_read_only(tmp_path / "a", tables=()):
+        pass
+
+
+# Promise: every limit on what is read is in one table, with its reason, and is used.
+
+
+TABLE = Path(limits.__file__)
+TEXTS = {
+    file: file.read_text() for file in Path(r2bspec.__file__).parent.rglob("*.py") if file != TABLE
+}
+READERS = {"read_bytes", "read_text", "read_json", "ByteBudget"}
+
+
+def names_of(tree: ast.AST) -> set[str]:
+    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+
+
+def test_every_limit_has_a_reason_and_a_reader() -> None:
+    table = ast.parse(TABLE.read_text()).body
+    rows = [row for row in table if isinstance(row, ast.AnnAssign)]
+    for row in rows:
+        reason = table[table.index(row) + 1]
+        assert isinstance(reason, ast.Expr), ast.unparse(row)
+    used = set[str]().union(*(re.findall(r"\w+", text) for text in TEXTS.values()))
+    assert {ast.unparse(row.target) for row in rows} <= used
+
+
+def test_no_reader_has_a_limit_of_its_own() -> None:
+    for file, text in TEXTS.items():
+        if not READERS & set(re.findall(r"\w+", text)):
+            continue
+        tree = ast.parse(text)
+        constants = {
+            name
+            for node in tree.body
+            if isinstance(node, ast.Assign | ast.AnnAssign)
+            for name in names_of(node)
+            if name.isupper()
+        }
+        calls = [
+            node
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Call) and ast.unparse(node.func) in READERS
+        ]
+        for call in calls:
+            given = [word.value for word in call.keywords if word.arg == "max_bytes"]
+            for value in given + call.args * (ast.unparse(call.func) == "ByteBudget"):
+                assert not isinstance(value, ast.Constant), (file, value.lineno)
+                assert not names_of(value) & constants, (file, value.lineno)

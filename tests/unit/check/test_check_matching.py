@@ -1,0 +1,190 @@
+"""What is asked of outputs that have no input, or no partner of the same stamp."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+from check_specs import codes, findings
+
+from example_spec import example
+from r2bspec.check import check_context
+from ros_runs import write_bag
+
+# Messages without a partner of the same stamp are found before a run, where the bag tells.
+
+
+IMAGE = "sensor_msgs/msg/Image"
+LEFT_MS = [33 * number for number in range(60)]
+
+
+def stereo(
+    tmp_path: Path, right_ms: Iterable[int], playback: str = "", window: str = "{}"
+) -> tuple[str, str]:
+    """A spec that plays both cameras of a bag to one node, and its file."""
+    write_bag(tmp_path / "bag", {"/left": LEFT_MS, "/right": [*right_ms]})
+    text = example(
+        data_loader=f"""
+            bag: ./bag
+            window: {window}
+            topics: {{/left: recorded/left, /right: recorded/right}}
+        """,
+        playback=f"""
+            {playback or "mode: looping"}
+            inputs:
+              left: {{from: recorded/left, format: {IMAGE}}}
+              right: {{from: recorded/right, format: {IMAGE}}}
+        """,
+        graph=f"""
+            nodes:
+              matcher:
+                command: [sh, ./match.sh]
+                subscribes: {{left: {IMAGE}, right: {IMAGE}}}
+                publishes: {{output: {IMAGE}}}
+        """,
+    )
+    return text, str(tmp_path / "spec.r2b.yaml")
+
+
+def shifted(equal: int, total: int) -> list[int]:
+    """Stamps of which the first ones are those of the left camera, and the others are near them."""
+    return [stamp + (number >= equal) * 3 for number, stamp in enumerate(LEFT_MS[:total])]
+
+
+def test_cameras_that_are_not_synchronised_are_an_error(tmp_path: Path) -> None:
+    text, file = stereo(tmp_path, shifted(3, 56))
+    left, right = findings(text, file=file)
+    assert (left.code, right.code) == ("R2B415", "R2B415")
+    assert (left.severity, right.severity) == ("error", "error")
+    assert left.message == "57 of 60 messages of /r2b/left have no partner of the same stamp"
+    assert right.message == "53 of 56 messages of /r2b/right have no partner of the same stamp"
+    assert "mode: timeline" in right.help
+    assert "unpaired: drop" in right.help
+    assert "pairing: {slop: ...}" in right.help
+    assert codes(text, file=file, offline=True) == []
+
+
+@pytest.mark.parametrize(
+    ("paired", "severities"),
+    [(60, []), (57, []), (56, ["warning"] * 2), (30, ["warning"] * 2), (29, ["error"] * 2)],
+)
+def test_above_5_percent_it_is_a_warning_and_above_50_an_error(
+    tmp_path: Path, paired: int, severities: list[str]
+) -> None:
+    text, file = stereo(tmp_path, shifted(paired, 60))
+    assert [each.severity.value for each in findings(text, file=file)] == severities
+
+
+def test_within_a_slop_only_what_has_no_partner_is_missing(tmp_path: Path) -> None:
+    text, file = stereo(tmp_path, shifted(3, 56), "pairing: {slop: 5 ms}")
+    (left,) = findings(text, file=file)
+    assert left.message == "4 of 60 messages of /r2b/left have no partner within 5 ms"
+    text, file = stereo(tmp_path / "narrow", shifted(0, 60), "pairing: {slop: 2 ms}")
+    assert [each.severity.value for each in findings(text, file=file)] == ["error"] * 2
+
+
+def test_only_the_window_counts(tmp_path: Path) -> None:
+    text, file = stereo(tmp_path, shifted(30, 60), window="{end: 900 ms}")
+    assert codes(text, file=file) == []
+
+
+def test_the_spec_can_agree(tmp_path: Path) -> None:
+    text, file = stereo(tmp_path, shifted(3, 56), "unpaired: drop")
+    assert codes(text, file=file) == []
+
+
+def test_a_timeline_plays_everything(tmp_path: Path) -> None:
+    text, file = stereo(tmp_path, shifted(3, 56), "mode: timeline")
+    assert "R2B415" not in codes(text, file=file)
+    text, file = stereo(
+        tmp_path / "both", shifted(3, 56), "mode: timeline\n            unpaired: drop"
+    )
+    assert codes(text, file=file) == ["R2B408"]
+
+
+def test_stamps_of_large_bags_are_not_read_but_messages_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(check_context, "MAX_STAMPS_BYTES", 0)
+    text, file = stereo(tmp_path, shifted(3, 20))
+    (left,) = findings(text, file=file)
+    assert left.message == (
+        "at least 40 of 60 messages of /r2b/left have no partner of the same stamp; "
+        "only their numbers were compared, not their stamps"
+    )
+
+
+# Requirements on outputs that come whether inputs do or not.
+
+
+OWN_PACE = """\
+r2bspec: 1
+name: odometry
+data_loader: {bag: r2b_storage, topics: {/d455_1_imu: recorded/imu}}
+playback: {inputs: {imu: {from: recorded/imu, format: sensor_msgs/msg/Imu}}}
+graph:
+  nodes:
+    odometer:
+      command: [cat]
+      subscribes: {imu: sensor_msgs/msg/Imu}
+      publishes: {odom: nav_msgs/msg/Odometry, imu_out: sensor_msgs/msg/Imu}
+monitors:
+  imu: {topic: imu_out, format: sensor_msgs/msg/Imu}
+  odom: {topic: odom, format: nav_msgs/msg/Odometry, match: own_pace}
+benchmark: {duration: 10 s, rates: [200 Hz]}
+slos: {main: {at: 200 Hz, require: [REQUIREMENT]}}
+"""
+
+
+@pytest.mark.parametrize(
+    "requirement",
+    [
+        "odom.throughput.mean >= 49 Hz",
+        "odom.age.p99 < 30 ms",
+        "odom.jitter.p99 < 5 ms",
+        "odom.interval.max < 50 ms",
+        "imu.drop_rate <= 1 %",
+        "imu.throughput.mean >= 97 % of offered",
+    ],
+)
+def test_what_is_known_can_be_required(requirement: str) -> None:
+    assert codes(OWN_PACE.replace("REQUIREMENT", requirement), offline=True) == []
+
+
+@pytest.mark.parametrize(
+    ("requirement", "text"),
+    [
+        ("odom.drop_rate <= 1 %", "not available at monitor odom"),
+        ("odom.latency.p99 < 30 ms", "not available at monitor odom"),
+        # Without a name it is required of both.
+        ("missed == 0", "not available at monitor odom"),
+        ("odom.throughput.mean >= 97 % of offered", "cannot be 'of offered'"),
+    ],
+)
+def test_what_is_unknown_is_refused_at_its_place(requirement: str, text: str) -> None:
+    (found,) = [
+        each
+        for each in findings(OWN_PACE.replace("REQUIREMENT", requirement), offline=True)
+        if each.code == "R2B526"
+    ]
+    assert text in found.message
+    assert found.span is not None
+    assert found.span.line == len(OWN_PACE.splitlines())
+
+
+def test_a_search_needs_outputs_that_answer() -> None:
+    spec = OWN_PACE.replace("REQUIREMENT", "imu.drop_rate <= 1 %").replace(
+        "rates: [200 Hz]", "rates: [200 Hz], search: {min: 20 Hz, max: 400 Hz}"
+    )
+    assert codes(spec, offline=True) == []
+    lonely = spec.replace("  imu: {topic: imu_out, format: sensor_msgs/msg/Imu}\n", "")
+    lonely = lonely.replace("imu.drop_rate <= 1 %", "odom.age.p99 < 30 ms")
+    assert "R2B408" in codes(lonely, offline=True)
+
+
+@pytest.mark.parametrize("key", ["ratio: {inputs: 4}", "taps: true"])
+def test_what_needs_answers_has_no_effect(key: str) -> None:
+    spec = OWN_PACE.replace("REQUIREMENT", "odom.age.p99 < 30 ms")
+    spec = spec.replace("match: own_pace", f"match: own_pace, {key}")
+    assert any("has no effect" in each.message for each in findings(spec, offline=True))
