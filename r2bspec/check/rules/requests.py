@@ -109,6 +109,8 @@ def service_events_loaded(context: Context) -> Findings:
                 help="call the service under 'playback.calls', with the recorded requests in "
                 f"'each' ('ros2 topic echo {name} --once' shows one while the bag is played)",
                 suppresses={
+                    value_key(("data_loader", "topics", name)),
+                    topic_key("preprocess", context.harness_topic(loaded)),
                     *(value_key(("playback", "inputs", key, "format")) for key in played),
                     *(topic_key("measure", context.harness_topic(key)) for key in played),
                 },
