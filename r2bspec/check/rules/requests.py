@@ -1,12 +1,12 @@
-"""Requests of services and goals of actions: whether their fields fit the installed type."""
+"""Requests of services and goals of actions: whether they fit the type, and recorded ones."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from r2bspec.check.check_context import Context
-from r2bspec.check.rule import Finding, Findings, rule, value_key
+from r2bspec.check.rule import Finding, Findings, rule, topic_key, value_key
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import quote, suggestion
 from r2bspec.language.spec import Spec
@@ -86,3 +86,32 @@ def _finding(call: StatedCall, place: Path, mistake: FieldMistake) -> Finding:
         machine_dependent=True,
         suppressed_by={value_key((*call.path, "type"))},
     )
+
+
+_SERVICE_EVENT: Final = "/_service_event"
+"""The end of the names of topics that service introspection publishes."""
+
+
+@rule("R2B241", early=True)
+def service_events_loaded(context: Context) -> Findings:
+    """Recorded calls of services that are loaded as if they were messages of a topic."""
+    for name, loaded in context.spec.data_loader.topics.items():
+        if name.endswith(_SERVICE_EVENT):
+            service = name.removesuffix(_SERVICE_EVENT)
+            played = [
+                key for key, each in context.spec.playback.inputs.items() if each.source == loaded
+            ]
+            yield Finding(
+                message=f"{quote(name)} has recorded calls of the service {quote(service)}, which "
+                "are not messages that a node gets",
+                path=("data_loader", "topics", name),
+                key=True,
+                help="call the service under 'playback.calls', with the recorded requests in "
+                f"'each' ('ros2 topic echo {name} --once' shows one while the bag is played)",
+                suppresses={
+                    value_key(("data_loader", "topics", name)),
+                    topic_key("preprocess", context.harness_topic(loaded)),
+                    *(value_key(("playback", "inputs", key, "format")) for key in played),
+                    *(topic_key("measure", context.harness_topic(key)) for key in played),
+                },
+            )
