@@ -24,12 +24,7 @@ import msgspec
 
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import Method
-from r2bspec.judge.requirement_case import (
-    Decision,
-    RequirementCase,
-    finite,
-    requirement_verdict,
-)
+from r2bspec.judge.requirement_case import Decision, RequirementCase, finite, requirement_verdict
 from r2bspec.judge.statistics.t_interval import (
     MIN_HISTORY_RUNS,
     RatioInterval,
