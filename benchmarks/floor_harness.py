@@ -6,9 +6,9 @@ import contextlib
 import os
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from typing import Any, cast
 
 from floor_workloads import COPIES, TOPIC, TYPE, Figures, Workload, cpu_ns, figures, write_buffer
@@ -105,13 +105,19 @@ class Floor:
 
 
 @contextlib.contextmanager
-def floor(workload: Workload, transport: str, placement: str) -> Iterator[Floor]:
+def floor(
+    workload: Workload,
+    transport: str,
+    placement: str,
+    variables: Mapping[str, str] = MappingProxyType({}),
+) -> Iterator[Floor]:
     """Bring player and monitor up, warm them up, and end them.
 
     Args:
         workload: what the buffers hold.
         transport: as a spec names it.
         placement: ``two processes`` or ``one process``.
+        variables: further ones of the environment of the processes.
     """
     with (
         tempfile.TemporaryDirectory() as scratch,
@@ -132,7 +138,7 @@ def floor(workload: Workload, transport: str, placement: str) -> Iterator[Floor]
             domain=domain,
             scratch=folder,
             largest_message_bytes=largest_message_bytes(buffers),
-        ).for_harness()
+        ).for_harness(variables)
         children = ProcessSupervisor(run_id, folder, lambda: None)
         stack.callback(children.close)
         # As of a monitor that copies the quality of service of the player.
@@ -156,7 +162,7 @@ def floor(workload: Workload, transport: str, placement: str) -> Iterator[Floor]
         children.request(monitor, protocol.Subscribe(monitors=plans), protocol.Matched, 10.0)
         _wait_for_match(children, player)
         # All of a plan that playing looks at.
-        plan = SimpleNamespace(monitors=plans, inputs=(), drain_timeout_ns=5 * 10**9)
+        plan = SimpleNamespace(monitors=plans, inputs=(), called=(), drain_timeout_ns=5 * 10**9)
         context = SimpleNamespace(
             supervisor=children,
             folder=RunFolder.create(folder / "run"),

@@ -210,6 +210,7 @@ def run(
     baseline: BaselineRecord | None = None,
     abort_on_fail: bool = False,
     record_outputs: bool = False,
+    anatomy: bool = False,
     profile: str = "",
     profile_node: str = "",
     lock: HostLock = "wait",
@@ -227,6 +228,7 @@ def run(
         baseline: a stored run to compare with, advisory; see `stored_baseline`.
         abort_on_fail: end a rate as soon as a requirement at it can no longer be met.
         record_outputs: record the messages of one more iteration in the folder ``outputs``.
+        anatomy: play one more iteration in processes that are observed from inside.
         profile: play one more iteration with this profiler: ``perf``, ``py-spy``, ``nsys``, or the
             words before the command of a process, in which ``$(profile)`` is its file.
         profile_node: the node, or process, that it observes; all nodes if empty.
@@ -251,7 +253,7 @@ def run(
     check_machine(prepared.plan)
     listener = progress or NullProgress()
     options = RunOptions(
-        abort_on_fail, record_outputs, profile, profile_node, identity, tuple(gate)
+        abort_on_fail, record_outputs, anatomy, profile, profile_node, identity, tuple(gate)
     )
     with (
         _locked(prepared.plan.name, lock, listener),
@@ -268,7 +270,7 @@ def run(
                 replace(prepared, plan=plan),
                 listener,
                 # A run that confirms a failure is not profiled again.
-                options if target is folder else replace(options, profile=""),
+                options if target is folder else replace(options, profile="", anatomy=False),
             ),
             prepared.plan,
             folder,

@@ -149,7 +149,7 @@ def _add_missing_source(draft: _Draft, measured: PhaseWiring | None) -> None:
         "'r2bspec init --from-bag BAG' with the same sources.",
     ]
     draft.nodes.nodes.add(unique_name("source", draft.nodes.keys), entry, above)
-    draft.unknown.append(f"where {', '.join(sorted(missing))} come from")
+    draft.unknown.append(f"the publishers of {', '.join(sorted(missing))}")
 
 
 def _wiring(draft: _Draft) -> PhaseWiring | None:

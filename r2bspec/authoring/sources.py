@@ -168,10 +168,13 @@ def check_node_file(target: str, folder: Path) -> None:
         )
 
 
-def is_readable_node(target: str, folder: Path) -> bool:
-    """Whether the source of a node tells topics of it."""
+def why_no_topics(target: str, folder: Path) -> str:
+    """Why the source of a node tells no topics of it; empty if it tells any."""
     interface, _ = read_source(target, folder)
-    return bool(interface.publishes or interface.subscribes)
+    if interface.publishes or interface.subscribes:
+        return ""
+    more = interface.may_publish_more or interface.may_subscribe_more
+    return more or "its source has no publisher and no subscription"
 
 
 def _recording(bag: str, folder: Path) -> DraftRecording:

@@ -36,7 +36,7 @@ from r2bspec.bags.recording import (
 from r2bspec.datasets.catalogue import describe, locate
 from r2bspec.datasets.catalogue import index as index_location
 from r2bspec.diagnostics.diagnostic import Path
-from r2bspec.judge.measure.metric_catalogue import MetricError, MetricInfo, resolve
+from r2bspec.judge.measure.metric_catalogue import MetricError, MetricInfo, Subjects, resolve
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.located_tree import ListNode, MapNode, TreeNode, child, lookup
 from r2bspec.language.quantities import Rate
@@ -319,7 +319,7 @@ class Context:
             MetricError: the metric or the monitor does not exist.
         """
         metric = located.requirement.metric
-        return KnownMetric(located, *resolve(metric, self.spec.outputs, self.processes))
+        return KnownMetric(located, *resolve(metric, self.spec.outputs, self.subjects))
 
     @cached_property
     def known_metrics(self) -> list[KnownMetric]:
@@ -331,9 +331,14 @@ class Context:
         return names
 
     @cached_property
-    def processes(self) -> tuple[str, ...]:
-        """The names of the processes of the measure phase."""
-        return process_names(self.spec, self.wiring)
+    def subjects(self) -> Subjects:
+        """What the measured phase has metrics of, besides its monitors."""
+        measured = self.wiring.measure
+        return Subjects(
+            processes=process_names(self.spec, self.wiring),
+            nodes=tuple(node.key for node in measured.nodes),
+            topics=tuple(topic.removeprefix("/") for topic in measured.topics),
+        )
 
     def harness_topic(self, name: str) -> str:
         """The full name of a topic that the spec names outside of any node."""

@@ -318,7 +318,7 @@ def _path(difference: Difference, context: Context) -> tuple[Path, bool]:
         return ((*node.path, "lifecycle"), False) if written else (node.path, True)
     if difference.part == "node":
         return node.path, True
-    if difference.part in {"plugin", "package"}:
+    if difference.part in {"executor", "plugin", "package"}:
         return (*node.path, difference.part), False
     path = context.parameter_path(node, difference.name)
     if path is not None:

@@ -130,7 +130,7 @@ def init_command(
     _check_node(node, template)
     if has_sources and template != "minimal":
         raise click.UsageError("--template cannot be combined with --from-...")
-    text = ""
+    text = why_no_topics = ""
     findings: tuple[Diagnostic, ...] = ()
     if has_sources or node:
         from r2bspec.authoring import sources
@@ -140,7 +140,9 @@ def init_command(
             sources.check_node_file(node, folder)
         chosen = click.get_current_context().get_parameter_source("template")
         is_default = chosen is click.core.ParameterSource.DEFAULT
-        if has_sources or (is_default and sources.is_readable_node(node, folder)):
+        if node and not has_sources:
+            why_no_topics = sources.why_no_topics(node, folder)
+        if has_sources or (is_default and not why_no_topics):
             given = sources.InitSources(
                 bag, launch, _launch_arguments(launch_arguments), graph, node, timeout_s
             )
@@ -152,6 +154,9 @@ def init_command(
     if not schema.exists():
         _write_new(schema, schema_text)
     print_findings("text", findings, {}, (), err=True)
+    if why_no_topics:
+        echo(f"The topics of {node} are not known, so 'input' and 'output' stand for them:")
+        echo(f"  {why_no_topics}")
     echo(f"created {spec_file}, and {schema} for editors. Next:")
     echo(f"  r2bspec validate {spec_file}    checks it")
     echo(f"  r2bspec run {spec_file}         runs it and judges it by its 'slos:'")

@@ -52,6 +52,7 @@ class RunArguments:
     fail_fast: bool = False
     abort_on_fail: bool = False
     record_outputs: bool = False
+    anatomy: bool = False
     profile: str | None = None
     profile_node: str | None = None
     timings: bool = False
@@ -122,6 +123,7 @@ class RunArguments:
         of_one_run = {
             "--abort-on-fail": self.abort_on_fail,
             "--record-outputs": self.record_outputs,
+            "--anatomy": self.anatomy,
             "--profile": self.profile is not None,
         }
         if self.compares:
@@ -129,6 +131,10 @@ class RunArguments:
         if self.timings and (self.compares or self.needs_suite or self.on is not None):
             raise click.UsageError(
                 "--timings is of one run on this host; 'phases' in each record.json has the times"
+            )
+        if self.profile is not None:
+            _refuse(
+                {"--anatomy": self.anatomy}, "cannot be combined with --profile: run them in turn"
             )
         if self.profile is None:
             _refuse({"--profile-node": self.profile_node is not None}, "needs --profile")
@@ -226,6 +232,8 @@ def _refuse(options: Mapping[str, object], why: str) -> None:
         "--abort-on-fail": "End a rate as soon as a requirement at it can no longer be met.",
         "--record-outputs": "Record inputs and outputs of one more iteration, with latencies, as "
         "MCAP in 'outputs/'.",
+        "--anatomy": "Play one more iteration, which counts for nothing, and observe from inside "
+        "where each millisecond goes.",
     }
 )
 @click.option(

@@ -256,6 +256,7 @@ def _ways(prepared: PreparedBenchmark, options: RunArguments) -> dict[str, Any]:
         "baseline": stored,
         "abort_on_fail": options.abort_on_fail,
         "record_outputs": options.record_outputs,
+        "anatomy": options.anatomy,
         "profile": options.profile or "",
         "profile_node": options.profile_node or "",
     }

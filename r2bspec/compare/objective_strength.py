@@ -19,7 +19,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from r2bspec.compare.gate_change import GateChange, spec_of
-from r2bspec.judge.measure.metric_catalogue import MetricError, resolve
+from r2bspec.judge.measure.metric_catalogue import MetricError, Subjects, resolve
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark
@@ -177,9 +177,8 @@ def subjects(
     still has: a monitor that is gone is a difference of its own.
     """
     names = [monitor_plan.name for monitor_plan in side.plan.monitors]
-    processes = [process.name for process in side.plan.processes]
     try:
-        monitor, metric = resolve(requirement.metric, names, processes)
+        monitor, metric = resolve(requirement.metric, names, Subjects.of_plan(side.plan))
     except MetricError:
         return [("", requirement.metric)]
     if metric.scope not in _OF_MONITORS:

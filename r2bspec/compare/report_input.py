@@ -16,6 +16,7 @@ import msgspec
 from r2bspec.compare.errors import SamplesMissingError, UnreadableResultError
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import build_result, from_json, result_of
+from r2bspec.judge.measure.anatomy_growth import grown_texts
 from r2bspec.judge.measure.metrics import summarise
 from r2bspec.judge.measure.run_samples import merged_samples, read_samples
 from r2bspec.judge.measure.samples import RunSamples
@@ -197,6 +198,7 @@ def judge_comparison_folder(
         verdict=verdict,
         pairs=_pairs_result(pairs),
         base_identity=base.record.identity,
+        grown=grown_texts(base, head),
     )
     return JudgedComparison(result, base, head, first.played.merged)
 

@@ -23,6 +23,7 @@ from typing import Any, Literal
 
 from r2bspec.errors import R2bspecError
 from r2bspec.execute import errors
+from r2bspec.execute.anatomy import build_preload, events_folder
 from r2bspec.execute.bringup.harness_processes import build_join_files
 from r2bspec.execute.bringup.launcher import Launcher, message_packages
 from r2bspec.execute.bringup.readiness import run_setup_step
@@ -39,6 +40,7 @@ from r2bspec.execute.processes.resources import ResourceSampler
 from r2bspec.execute.processes.scheduling import require_permitted
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.execute.profiled_iteration import (
+    ObservedIteration,
     ProfiledIteration,
     profiled_processes,
     wait_for_last_sample,
@@ -66,7 +68,13 @@ from r2bspec.plan.this_machine import find_module
 from r2bspec.record.files import RecordError
 from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.record.run_folder import RunFolder, write_loaded_files
-from r2bspec.record.run_record import AccuracyRecord, Difference, ProfileRecord, RunRecord
+from r2bspec.record.run_record import (
+    AccuracyRecord,
+    AnatomyRecord,
+    Difference,
+    ProfileRecord,
+    RunRecord,
+)
 
 
 @dataclass(frozen=True)
@@ -76,6 +84,7 @@ class RunOptions:
     Attributes:
         abort_on_fail: end a rate as soon as a requirement can no longer be met.
         record_outputs: record the messages of one more iteration in the run folder.
+        anatomy: observe one more iteration from inside.
         profile: a profiler for one more iteration; empty for none (`find_profiler`).
         profile_node: the node, or process, that it observes; all nodes if empty.
         identity: what the graph is made of; looked up if None, after the setup steps.
@@ -84,6 +93,7 @@ class RunOptions:
 
     abort_on_fail: bool = False
     record_outputs: bool = False
+    anatomy: bool = False
     profile: str = ""
     profile_node: str = ""
     identity: GraphIdentity | None = None
@@ -123,8 +133,13 @@ def run_plan(
     with (
         Interrupts() as interrupts,
         tempfile.TemporaryDirectory(prefix=".scratch-", dir=folder.path) as scratch,
+        events_folder(plan, Path(scratch))
+        if options.anatomy or plan.anatomy
+        else contextlib.nullcontext(Path(scratch)) as events,
     ):
-        run = _Run(plan, options, base_dir, folder, run_id, Path(scratch), progress, interrupts)
+        run = _Run(
+            plan, options, base_dir, folder, run_id, Path(scratch), events, progress, interrupts
+        )
         return run.execute()
 
 
@@ -139,6 +154,7 @@ class _Run:
         folder: RunFolder,
         run_id: str,
         scratch: Path,
+        events: Path,
         progress: Progress,
         interrupts: Interrupts,
     ) -> None:
@@ -174,6 +190,7 @@ class _Run:
             folder=folder,
             base_dir=base_dir,
             scratch=scratch,
+            events=events,
             progress=progress,
             resources=resources,
             host=HostWatch(resources, lambda: len(supervisor.records()), self._machine),
@@ -189,6 +206,7 @@ class _Run:
         self._starts = StartSequence(plan, self._context, self._launcher)
         self._accuracy: tuple[AccuracyRecord, ...] = ()
         self._measurements: list[Measurement] = []
+        self._anatomy: AnatomyRecord | None = None
         self._profiles: tuple[ProfileRecord, ...] = ()
         self._budget = TimeBudget(plan.gate.time_budget_ns, states.note)
 
@@ -228,6 +246,7 @@ class _Run:
             except errors.RunError as error:
                 self._starts.name_start(error)
                 raise
+            self._observe_from_inside()
             self._play_with_profiler()
             self._collect()
 
@@ -238,6 +257,8 @@ class _Run:
         if self._options.profile:
             profiled_processes(self._plan, self._options.profile_node)
             require_usable(find_profiler(self._options.profile))
+        if self._options.anatomy or self._plan.anatomy:
+            build_preload()
         prerequisites.check_middleware(self._plan, os.environ)
         run_environment.SecretReferences(self._plan.environment, os.environ).require_set(self._plan)
         self._context.resources.start()
@@ -284,10 +305,13 @@ class _Run:
     def _start_early(self) -> None:
         """Let the processes that come next import ROS while the recordings are read.
 
-        With the harness in the graph they would ask for it, which they can only later.
+        With the harness in the graph they would ask for it, which they can only later; and what
+        observes them from inside is made with their start.
         """
         phase = "preprocess" if "preprocess" in self._plan.phases else MEASURE_PHASE
-        if phase == MEASURE_PHASE and self._plan.harness.placement == "graph":
+        if phase == MEASURE_PHASE and (
+            self._plan.harness.placement == "graph" or self._plan.anatomy
+        ):
             return
         self._early_launcher = self._new_launcher()
         self._early_launcher.start_early(
@@ -382,6 +406,15 @@ class _Run:
         }
         again.measure_confirmation(frozenset(failed), iterations, measurement.peak_hz)
         self._starts.find_foreign_publishers()
+
+    def _observe_from_inside(self) -> None:
+        if not self._options.anatomy or self._plan.anatomy:
+            return
+        wait_for_last_sample(self._starts)
+        self._states.enter(RunState.ANATOMY, "observing one more iteration from inside")
+        self._anatomy = ObservedIteration(self._starts).play(self._measurements[0].peak_hz)
+        if self._anatomy.error:
+            self._context.note(f"anatomy: {self._anatomy.error}")
 
     def _play_with_profiler(self) -> None:
         if not self._options.profile:
@@ -563,6 +596,17 @@ class _Run:
         """The middleware as a process of the harness says; empty until one has."""
         return next(({"rmw": launcher.rmw} for launcher in self._launchers if launcher.rmw), {})
 
+    def _anatomies(self) -> tuple[AnatomyRecord, ...]:
+        """What was observed from inside in each start, and why one more start was not."""
+        observed = {
+            session.start: session.anatomy.record
+            for session in self._starts.sessions
+            if session.anatomy is not None
+        }
+        if self._anatomy is not None:
+            observed[self._anatomy.start] = self._anatomy
+        return tuple(observed.values())
+
     def _record(self, failure: BaseException | None) -> RunRecord:
         status: Literal["complete", "incomplete", "invalid"] = "complete"
         reason = ""
@@ -605,6 +649,7 @@ class _Run:
             ended_rates=tuple(self._budget.ended_rates),
             starts=tuple(self._starts.records),
             unplayed=sessions[0].unplayed if sessions else (),
+            anatomies=self._anatomies(),
             profiles=self._profiles,
             accuracy=self._accuracy,
             phases=self._states.clock.phases(),

@@ -1,6 +1,7 @@
-"""One more iteration with a profiler: what it costs is in nothing that was measured.
+"""One more iteration, with a profiler or observed from inside: what it costs was not measured.
 
-It is played after everything that counts, the confirmation of a failure included. A profiler that
+It is played after everything that counts, the confirmation of a failure included. Processes that
+are observed from inside (`r2bspec.execute.anatomy`) are started afresh. A profiler that
 attaches observes the processes of the last start, which run anyway. One that wraps needs processes
 of its own, which are started afresh. Whatever fails here is part of the record; the verdict stays.
 """
@@ -21,13 +22,13 @@ from r2bspec.diagnostics.quote import clip, printable
 from r2bspec.errors import R2bspecError, UsageError, without_output
 from r2bspec.execute.bringup.launcher import NODE_ROLES
 from r2bspec.execute.errors import InterruptedRunError, RunError
-from r2bspec.execute.measurement.segments import SegmentPlayer
+from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.profilers import AttachedProfiler, Profiler
 from r2bspec.execute.run_context import MEASURE_PHASE
 from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import Plan, ProcessPlan
-from r2bspec.record.run_record import ProfileRecord
+from r2bspec.record.run_record import AnatomyRecord, ProfileRecord
 
 if TYPE_CHECKING:
     from r2bspec.execute.session import StartSequence
@@ -263,3 +264,40 @@ class ProfiledIteration:
     def _relative(self, path: Path) -> str:
         # A profiler may choose names that are no text.
         return printable(path.relative_to(self.folder.path).as_posix())
+
+
+@dataclass
+class ObservedIteration:
+    """One more iteration, in one more start that is observed from inside; it counts for nothing.
+
+    Attributes:
+        starts: those of the run.
+    """
+
+    starts: StartSequence
+
+    def play(self, peak_hz: float | None) -> AnatomyRecord:
+        """Start the graph once more and play; whatever fails is a part of the record.
+
+        Raises:
+            InterruptedRunError: a signal interrupted the run.
+        """
+        plan = self.starts.plan
+        rate_hz, duration_ns = profiled_rate(plan, peak_hz)
+        error = ""
+        try:
+            player = self.starts.begin_observed()
+            at = f"{rate_hz:g} Hz, " if rate_hz else ""
+            heading = SegmentHeading("anatomy", "anatomy-001", f"{at}observed from inside")
+            player.play_for(heading, rate_hz, duration_ns)
+        except InterruptedRunError:
+            raise
+        except (R2bspecError, OSError) as failure:
+            error = without_output(str(failure))
+        finally:
+            supervisor = self.starts.context.supervisor
+            # Nothing that ends from here on is a failure of the run.
+            supervisor.end(list(supervisor))
+        session = self.starts.sessions[-1]
+        record = session.anatomy.record if session.anatomy else AnatomyRecord(start=session.start)
+        return msgspec.structs.replace(record, error=error or record.error)

@@ -31,7 +31,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from r2bspec.execute import errors
+from r2bspec.execute.anatomy import AnatomyObservation
 from r2bspec.execute.bringup import harness_processes, readiness
 from r2bspec.execute.bringup.creation_faults import not_created, not_made
 from r2bspec.execute.bringup.graph_matching import MonitorSubscriptions, PhaseGraph
@@ -45,7 +48,7 @@ from r2bspec.execute.measurement.segments import (
     SegmentHeading,
     SegmentPlayer,
 )
-from r2bspec.execute.processes.scheduling import schedule_threads
+from r2bspec.execute.processes.scheduling import has_memory_lock, locked_bytes, schedule_threads
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.run_context import MEASURE_PHASE, RunContext
 from r2bspec.execute.silent_outputs import SilentOutputs
@@ -82,6 +85,7 @@ class Session:
         player: plays the segments; None before the graph is matched.
         harness_overhead: without the graph; empty before `bring_up`, and in a later start.
         overhead_ns: how long its measurement took.
+        anatomy: its processes, where they are observed from inside.
         unplayed: messages of inputs that are not played.
     """
 
@@ -112,6 +116,9 @@ class Session:
         self._context = context
         self._supervisor = context.supervisor
         self._launcher = launcher
+        self.anatomy = launcher.anatomy = (
+            AnatomyObservation.begin(plan, start, context.events) if plan.anatomy else None
+        )
         self._graph = PhaseGraph(plan, MEASURE_PHASE, context.supervisor, launcher, context.note)
         self._buffer_dir = context.buffer_dir
         self.rows_dir = context.scratch / f"rows-{start}"
@@ -194,12 +201,13 @@ class Session:
         )
         with deadline.paused():
             self._wait_until_ready(observer)
-        self._schedule_threads()
+        self._schedule_threads(final=False)
         if scipy is not None:
             with self._supervisor.waiting("SciPy: imported"):
                 scipy.join()
         self.look_at_loaded_files()
         self._warm_up(segment_player, silent_outputs, deadline)
+        self._schedule_threads(final=True)
         segment_player.on_output_stopped = silent_outputs.explain_stop
         return segment_player
 
@@ -248,7 +256,7 @@ class Session:
         monitor = self._parts.start("monitor")
         monitors = (*plan.topic_monitors, *tap_monitors(plan.monitors))
         settings = protocol.ConfigureMonitor(monitors=monitors, rows_dir=str(self.rows_dir))
-        if player is not None and plan.called:
+        if player is not None and plan.called and not plan.inputs:
             calls = self._launcher.call_settings(plan, self.rows_dir)
             launcher.configure_all([(player, calls), (monitor, settings)])
             return player, monitor
@@ -431,10 +439,11 @@ class Session:
         watched = [watch.topic for watch in plan.topic_monitors]
         watched += [tap.topic for tap in all_taps(plan.monitors)]
         expected = {monitor: dict.fromkeys(watched, 1)}
-        if player is not None and plan.called:
+        caller = self._start_caller(player) if player is not None and plan.called else None
+        if caller is not None:
             with supervisor.waiting("services: found"):
-                readiness.wait_for_services(plan, supervisor, player, deadline)
-        elif player is not None:
+                readiness.wait_for_services(plan, supervisor, caller, deadline)
+        if player is not None and plan.inputs:
             transforms = self._graph.subscription_counts(buffered_transforms(self._buffer_dir))
             if TF_STATIC in transforms:
                 expected[observer] = {TF_STATIC: transforms.pop(TF_STATIC)}
@@ -448,6 +457,20 @@ class Session:
         ends += [(watch.topic, watch.type, "subscribes") for watch in monitors]
         self._graph.wait_for_mutual_discovery(ends)
 
+    def _start_caller(self, player: ManagedProcess) -> ManagedProcess:
+        """The process that calls services: the player, or one that follows its steps.
+
+        It is started when all that is played belongs to the graph.
+        """
+        if not self._plan.inputs:
+            return player
+        caller = self._parts.start("caller")
+        settings = self._launcher.call_settings(
+            self._plan, self.rows_dir, follows=str(self.rows_dir / PLAYBACK_ROWS)
+        )
+        self._launcher.configure(caller, settings)
+        return caller
+
     def _segment_player(
         self, player: ManagedProcess | None, observer: ManagedProcess
     ) -> SegmentPlayer:
@@ -460,14 +483,21 @@ class Session:
             static_publisher=observer if self._has_static else None,
             confirms=self.confirms,
             start=self.start,
+            anatomy=self.anatomy,
         )
 
-    def _schedule_threads(self) -> None:
-        """Schedule threads by their names, now that there are any, and note what all have."""
+    def _schedule_threads(self, *, final: bool) -> None:
+        """Schedule threads by their names, now that there are any, and note what all have.
+
+        Some come with the first messages: at last, those that the plan names must be there.
+        """
         plans = {process.name: process for process in self._plan.processes}
         for child in self._supervisor:
             if child.name in plans:
-                child.scheduling = schedule_threads(plans[child.name], child.pid)
+                plan = plans[child.name]
+                child.scheduling = schedule_threads(plan, child.pid, final=final)
+                if final and has_memory_lock(plan):
+                    child.locked_bytes = locked_bytes(plan, child.pid)
 
     def _wait_until_ready(self, observer: ManagedProcess) -> None:
         """Wait for the readiness probes, run the `after_ready` steps, and check parameters."""
@@ -601,6 +631,15 @@ class StartSequence:
         """
         self._end_running()
         return self._new_session(plan, confirms=False, is_later=True).bring_up()
+
+    def begin_observed(self) -> SegmentPlayer:
+        """As `begin_uncounted`, with processes that are observed from inside.
+
+        Raises:
+            RunError: likewise.
+            NotInstalledError: what observes them cannot be built (R2B668).
+        """
+        return self.begin_uncounted(msgspec.structs.replace(self.plan, anatomy=True))
 
     def _end_running(self) -> None:
         if self.sessions:

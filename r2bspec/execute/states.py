@@ -83,6 +83,9 @@ class RunState(StrEnum):
     CONFIRM = "confirm"
     """The run fails: it is repeated in new processes, as far as the failure depends on it."""
 
+    ANATOMY = "anatomy"
+    """One more iteration, in processes that are observed from inside; these are started anew."""
+
     PROFILE = "profile"
     """One more iteration, with a profiler; one that wraps its processes starts them anew."""
 
@@ -91,7 +94,14 @@ class RunState(StrEnum):
 
 
 _AFTERWARDS = frozenset(
-    {RunState.RECORD, RunState.TRUTH, RunState.CONFIRM, RunState.PROFILE, RunState.COLLECT}
+    {
+        RunState.RECORD,
+        RunState.TRUTH,
+        RunState.CONFIRM,
+        RunState.ANATOMY,
+        RunState.PROFILE,
+        RunState.COLLECT,
+    }
 )
 
 NEXT: Final[Mapping[RunState, frozenset[RunState]]] = MappingProxyType(
@@ -120,6 +130,7 @@ NEXT: Final[Mapping[RunState, frozenset[RunState]]] = MappingProxyType(
         RunState.RECORD: _AFTERWARDS - {RunState.RECORD},
         RunState.TRUTH: _AFTERWARDS - {RunState.RECORD, RunState.TRUTH},
         RunState.CONFIRM: frozenset({RunState.START}),
+        RunState.ANATOMY: frozenset({RunState.START, RunState.COLLECT}),
         RunState.PROFILE: frozenset({RunState.START, RunState.COLLECT}),
         RunState.COLLECT: frozenset(),
     }

@@ -1,9 +1,12 @@
-"""The player that calls services and actions: each in every step, at the time when it is due.
+"""The player that calls services and actions in its steps, or in those of a player of topics.
 
 The load is open: a request is sent whether or not earlier ones are answered. A step is written as a
 step of a playback, and an answer as a message of a monitor with the stamp of its step, so that what
 is computed of them is what is computed of topics: latencies from the request and from its due time,
 and answers that never came.
+
+The steps of another player are seen in the file that it writes. What passes until they are is taken
+from the times of the answers: the graph has no part in it.
 
 Answers are read without an executor, which would take a multiple of the time. Their times are those
 at which the middleware received them.
@@ -17,8 +20,9 @@ import time
 import uuid
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import msgspec
 from rclpy.impl.implementation_singleton import rclpy_implementation as _implementation
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -28,6 +32,7 @@ from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.service_client import ServiceCallError, fill_message, service_class
 from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, read_clocks
+from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import RowWriter
 from r2bspec.ipc.schedule import ALL_INPUTS
 from r2bspec.plan.plan import CallPlan
@@ -42,11 +47,35 @@ _IDLE_S = 0.01
 _EXACT_S = 0.0005
 """Waiting for answers ends so long before a request is due: it may take longer than it is told."""
 
+_BETWEEN_LOOKS_S = 0.0002
+"""Between two looks at what another player has played, about when a step of it is due."""
+
+_NEAR_S = 0.001
+"""A step of another player may come so much earlier than expected from those before."""
+
+_EXPECTED_S = 0.5
+"""For how long after that a step is looked for so often."""
+
+_RARELY_S = 0.002
+"""Between two looks otherwise."""
+
 _CALLS = QoSProfile(depth=1000)
 """Of the client: requests that wait for a busy service are not overwritten on this side."""
 
 _SUCCEEDED = 4
 """action_msgs/msg/GoalStatus.STATUS_SUCCEEDED."""
+
+
+class _Step(NamedTuple):
+    """A step in which services are called.
+
+    Attributes:
+        stamp_ns: that of its inputs.
+        late_ns: how long after its beginning the calls begin.
+    """
+
+    stamp_ns: int
+    late_ns: int = 0
 
 
 class _Answers:
@@ -55,10 +84,11 @@ class _Answers:
     def __init__(self, rows_dir: Path, monitor: str) -> None:
         self._rows = RowWriter(rows_dir / f"{monitor}.rows", len(ARRIVAL_FIELDS))
 
-    def add(self, stamp_ns: int, received_ns: int) -> None:
+    def add(self, step: _Step, received_ns: int) -> None:
         """Write an answer that the middleware received at this system time."""
         taken_ns, difference_ns = read_clocks()
-        self._rows.append(stamp_ns, received_ns, taken_ns, 0, difference_ns)
+        received_ns, taken_ns = received_ns - step.late_ns, taken_ns - step.late_ns
+        self._rows.append(step.stamp_ns, received_ns, taken_ns, 0, difference_ns)
 
 
 class _Exchange:
@@ -131,14 +161,22 @@ class _Call:
 
     def __init__(self, plan: CallPlan) -> None:
         self.target = plan.target
+        self._every = 1 if plan.every is msgspec.UNSET else plan.every
+        self._steps = 0
         self._has_failed = False
 
     def is_there(self) -> bool:
         """Whether a node offers all of it."""
         return all(exchange.is_there() for exchange in self.exchanges)
 
-    def send(self, stamp_ns: int) -> None:
-        """Send the request of the step with this stamp."""
+    def take_step(self, step: _Step) -> None:
+        """Send the request of a step, if it is the last of those of one call."""
+        self._steps += 1
+        if self._steps % self._every == 0:
+            self.send(step)
+
+    def send(self, step: _Step) -> None:
+        """Send the request of a step."""
         raise NotImplementedError
 
     def _say_failed(self, response: Any) -> None:
@@ -171,14 +209,14 @@ class _ServiceCall(_Call):
         self._answers = _Answers(rows_dir, plan.name)
         self.exchanges = (_Exchange(node, kind, plan.target, self._on_answer),)
 
-    def send(self, stamp_ns: int) -> None:
-        self.exchanges[0].send(next(self._requests), stamp_ns)
+    def send(self, step: _Step) -> None:
+        self.exchanges[0].send(next(self._requests), step)
 
-    def _on_answer(self, stamp_ns: int, received_ns: int, response: Any) -> None:
+    def _on_answer(self, step: _Step, received_ns: int, response: Any) -> None:
         if self._success and not getattr(response, self._success):
             self._say_failed(response)
         else:
-            self._answers.add(stamp_ns, received_ns)
+            self._answers.add(step, received_ns)
 
 
 class _ActionCall(_Call):
@@ -203,17 +241,17 @@ class _ActionCall(_Call):
             _Exchange(node, inner.SendGoalService, f"{name}/send_goal", self._on_accepted),
             _Exchange(node, inner.GetResultService, f"{name}/get_result", self._on_result),
         )
-        self._stamps: dict[bytes, int] = {}
+        self._goal_steps: dict[bytes, _Step] = {}
         if plan.feedback:
             self._feedback = _Answers(rows_dir, plan.feedback)
             topic = f"{name}/feedback"
             self.feedback = (_Feedback(node, inner.FeedbackMessage, topic, self._on_feedback),)
 
-    def send(self, stamp_ns: int) -> None:
+    def send(self, step: _Step) -> None:
         goal_id = uuid.uuid4().bytes
         request = self._kind.Impl.SendGoalService.Request(goal=next(self._goals))
         request.goal_id.uuid = list(goal_id)
-        self._stamps[goal_id] = stamp_ns
+        self._goal_steps[goal_id] = step
         self.exchanges[0].send(request, goal_id)
 
     def _on_accepted(self, goal_id: bytes, received_ns: int, response: Any) -> None:
@@ -223,19 +261,53 @@ class _ActionCall(_Call):
         request = self._kind.Impl.GetResultService.Request()
         request.goal_id.uuid = list(goal_id)
         self.exchanges[1].send(request, goal_id)
-        self._accepted.add(self._stamps[goal_id], received_ns)
+        self._accepted.add(self._goal_steps[goal_id], received_ns)
 
     def _on_result(self, goal_id: bytes, received_ns: int, response: Any) -> None:
-        stamp_ns = self._stamps.pop(goal_id)
+        step = self._goal_steps.pop(goal_id)
         if response.status == _SUCCEEDED:
-            self._results.add(stamp_ns, received_ns)
+            self._results.add(step, received_ns)
         else:
             self._say_failed(response)
 
     def _on_feedback(self, goal_id: bytes, received_ns: int) -> None:
         # What comes after the result, or to others, is not waited for.
-        if goal_id in self._stamps:
-            self._feedback.add(self._stamps[goal_id], received_ns)
+        if goal_id in self._goal_steps:
+            self._feedback.add(self._goal_steps[goal_id], received_ns)
+
+
+class _FollowedSteps:
+    """The steps of another player, from now on.
+
+    Args:
+        rows: as in `r2bspec.ipc.playback_file.PlaybackReader`.
+    """
+
+    def __init__(self, rows: Path) -> None:
+        self._reader = PlaybackReader(rows, PLAYBACK_FIELDS)
+        self._taken = self._reader.count()
+        self._last_ns = 0
+        self._period_ns = 0
+
+    def take(self) -> list[_Step]:
+        """The steps that have been played since the last call."""
+        if self._reader.count() <= self._taken:
+            return []
+        rows = self._reader.read(self._taken)
+        self._taken += rows.size
+        begun = rows["published_ns"].tolist()
+        self._period_ns = begun[-1] - (begun[-2] if rows.size > 1 else self._last_ns)
+        self._last_ns = begun[-1]
+        now_ns = time.monotonic_ns()
+        stamps = rows["stamp_ns"].tolist()
+        return [_Step(stamp, now_ns - ns) for stamp, ns in zip(stamps, begun, strict=True)]
+
+    def idle_s(self) -> float:
+        """For how long nothing has to be looked for."""
+        left_s = (self._last_ns + self._period_ns - time.monotonic_ns()) / 1e9 - _NEAR_S
+        if left_s > 0:
+            return min(left_s, _IDLE_S)
+        return _BETWEEN_LOOKS_S if left_s > -_EXPECTED_S else _RARELY_S
 
 
 class CallPlayer:
@@ -243,7 +315,8 @@ class CallPlayer:
 
     def __init__(self, channel: Channel, settings: protocol.ConfigureCalls) -> None:
         self._channel = channel
-        self._node = rclpy_tools.start_node("player")
+        self._followed = _FollowedSteps(Path(settings.follows)) if settings.follows else None
+        self._node = rclpy_tools.start_node("caller" if settings.follows else "player")
         folder = Path(settings.rows_dir)
         self._calls = [
             (_ActionCall if plan.accepted else _ServiceCall)(self._node, plan, folder)
@@ -251,7 +324,8 @@ class CallPlayer:
         ]
         self._exchanges = [exchange for call in self._calls for exchange in call.exchanges]
         self._feedback = [each for call in self._calls for each in call.feedback]
-        self._playback = RowWriter(folder / protocol.CALLED_ROWS, len(PLAYBACK_FIELDS))
+        if self._followed is None:
+            self._playback = RowWriter(folder / protocol.CALLED_ROWS, len(PLAYBACK_FIELDS))
         self._last_stamp_ns = 0
         self._is_over = False
         handle = self._node.context.handle
@@ -267,7 +341,10 @@ class CallPlayer:
         """
         self._channel.send(protocol.Ready(rmw=rclpy_tools.loaded_rmw()))
         while not self._is_over:
-            self._read_answers(_IDLE_S)
+            self._read_answers(_IDLE_S if self._followed is None else self._followed.idle_s())
+            for step in self._followed.take() if self._followed is not None else ():
+                for call in self._calls:
+                    call.take_step(step)
             if not self._channel.wait(0.0):
                 continue
             match self._channel.receive():
@@ -298,7 +375,7 @@ class CallPlayer:
         stamp_ns = self._last_stamp_ns = max(time.time_ns(), self._last_stamp_ns + 1)
         published_ns = time.monotonic_ns()
         for call in self._calls:
-            call.send(stamp_ns)
+            call.take_step(_Step(stamp_ns))
         done_ns = time.monotonic_ns()
         # Before any answer: a step that is answered has been written.
         self._playback.append(stamp_ns, due_ns, published_ns, done_ns, ALL_INPUTS)

@@ -9,6 +9,7 @@ something else than to call it.
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import importlib.util
 import inspect
@@ -17,6 +18,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -142,12 +144,30 @@ def make_node(plan: NodePlan, factory: Any) -> Node:
     """
     make = _with_keywords(plan, factory) if takes_keywords(factory) else factory
     try:
-        node = make()
+        with _initialised_ros():
+            node = make()
     except Exception as error:
         raise NodeError(
             "R2B633", f"node {plan.name} cannot be created: {type(error).__name__}: {error}"
         ) from error
     return checked_node(plan, node)
+
+
+@contextlib.contextmanager
+def _initialised_ros() -> Iterator[None]:
+    """Let a constructor initialise ROS, too: with the same arguments, nothing is left to do."""
+    initialise = Context.init
+
+    def init(context: Context, args: list[str] | None = None, **options: Any) -> None:
+        same = args in (None, sys.argv) and options.get("domain_id") is None
+        if not (same and context.ok()):
+            initialise(context, args, **options)
+
+    Context.init = init  # type: ignore[assignment,method-assign]
+    try:
+        yield
+    finally:
+        Context.init = initialise  # type: ignore[method-assign]
 
 
 def checked_node(plan: NodePlan, made: object) -> Node:
@@ -158,7 +178,10 @@ def checked_node(plan: NodePlan, made: object) -> Node:
     """
     if not isinstance(made, Node):
         raise NodeError(
-            "R2B625", f"{plan.target} returned {type(made).__name__}, not an rclpy node"
+            "R2B633",
+            f"node {plan.name} cannot be created: {plan.target} gives a {type(made).__name__}, not "
+            "an rclpy node",
+            "Name a class that inherits from Node, a function that returns the node, or a main().",
         )
     name = made.get_fully_qualified_name()
     if name != plan.name:

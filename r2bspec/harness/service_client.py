@@ -18,6 +18,7 @@ from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel
 from r2bspec.ipc import protocol
 from r2bspec.plan.plan import NodePlan
+from r2bspec.plan.request_fields import FieldTypes, field_mistakes
 
 _SPIN_S = 0.1
 
@@ -40,47 +41,49 @@ def service_class(type_name: str) -> Any:
         raise ServiceCallError(f"service type {type_name} is not installed") from error
 
 
-def fill_message(message: Any, values: dict[str, Any], path: str = "") -> Any:
+def fill_message(message: Any, values: dict[str, Any]) -> Any:
     """Set the fields of a message from a mapping, nested messages from nested mappings.
 
     Raises:
         ServiceCallError: a field does not exist, or a value has the wrong type.
     """
+    # Messages do not check the types of their fields by default, and would fail when sent.
+    for mistake in field_mistakes(values, message.get_fields_and_field_types(), _fields_of):
+        more = f"; {mistake.help}" if mistake.help else ""
+        raise ServiceCallError(f"{mistake.where} of the request: {mistake.message}{more}")
+    return _fill(message, values)
+
+
+def _fields_of(type_name: str) -> FieldTypes:
+    fields: FieldTypes = _message_class(type_name).get_fields_and_field_types()
+    return fields
+
+
+def _message_class(type_name: str) -> Any:
+    package, _, name = type_name.partition("/")
+    return rclpy_tools.interface_class(f"{package}/msg/{name}")
+
+
+def _fill(message: Any, values: dict[str, Any]) -> Any:
     fields = message.get_fields_and_field_types()
     for name, value in values.items():
-        where = f"{path}.{name}" if path else name
-        if name not in fields:
-            raise ServiceCallError(
-                f"the request has no field {where!r}; its fields: {', '.join(fields)}"
-            )
-        fitting = _field_value(getattr(message, name), fields[name], value, where)
-        try:
-            setattr(message, name, fitting)
-        except (AssertionError, TypeError, ValueError) as error:
-            raise ServiceCallError(
-                f"{where} cannot be {value!r}: its type is {fields[name]}"
-            ) from error
+        setattr(message, name, _field_value(getattr(message, name), fields[name], value))
     return message
 
 
-def _field_value(current: Any, type_name: str, value: Any, where: str) -> Any:
-    """The value of a field; mappings are converted to messages."""
+def _field_value(current: Any, type_name: str, value: Any) -> Any:
+    """The value of a field that fits; mappings are converted to messages."""
     if isinstance(value, dict):
-        return fill_message(current, value, where)
+        return _fill(current, value)
     if isinstance(value, list) and value and isinstance(value[0], dict):
-        element = type_name.removeprefix("sequence<").split("<")[-1].rstrip(">").split(",")[0]
-        package, _, name = element.partition("/")
-        make = rclpy_tools.interface_class(f"{package}/msg/{name}")
-        return [
-            fill_message(make(), fields, f"{where}[{index}]") for index, fields in enumerate(value)
-        ]
-    if type(current) is float and type(value) is int:
-        return float(value)
-    # Messages do not check the types of their fields by default, and would fail when sent.
-    scalar = isinstance(current, bool | int | float | str)
-    if type(value) is not (type(current) if scalar else list):
-        raise ServiceCallError(f"{where} cannot be {value!r}: its type is {type_name}")
-    return value
+        element = type_name.removeprefix("sequence<").split("<")[-1].split("[")[0]
+        make = _message_class(element.rstrip(">").split(",")[0])
+        return [_fill(make(), fields) for fields in value]
+    if isinstance(value, list) and type_name.startswith(
+        ("float", "double", "sequence<float", "sequence<double")
+    ):
+        return [float(each) for each in value]
+    return float(value) if type(current) is float else value
 
 
 def call_service(

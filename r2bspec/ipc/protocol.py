@@ -77,11 +77,14 @@ class ConfigurePlayer(Command, frozen=True, kw_only=True, tag=True):
 class ConfigureCalls(Command, frozen=True, kw_only=True, tag=True):
     """Be a player that calls services; it writes the rows of the playback and of the answers.
 
-    `CountMatches` says of each service whether it is there.
+    `CountMatches` says of each service whether it is there. With `follows`, the rows of a player
+    that plays inputs, the services are called in its steps from now on, and not at times of their
+    own.
     """
 
     calls: tuple[CallPlan, ...]
     rows_dir: str
+    follows: str = ""
 
 
 class LoadSchedule(Command, frozen=True, kw_only=True, tag=True):

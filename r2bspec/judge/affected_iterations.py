@@ -54,7 +54,6 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Final
 
 from r2bspec.judge.interference_bound import (
@@ -232,42 +231,24 @@ def without_affected(
     samples: RunSamples, disturbed: Mapping[str, DisturbedIteration]
 ) -> RunSamples:
     """The run without its affected iterations; unaffected reruns take their places."""
-    kept = {
-        rate: tuple(
-            unaffected
-            for iteration in iterations
-            if (unaffected := _unaffected_or_rerun(iteration, samples, disturbed)) is not None
-        )
-        for rate, iterations in samples.iterations.items()
-    }
-    return replace(samples, iterations=kept)
+    return samples.with_each(lambda one: _unaffected_or_rerun(one, samples, disturbed))
 
 
 def best_case_run(samples: RunSamples, disturbed: Mapping[str, DisturbedIteration]) -> RunSamples:
     """The run with the best case of each affected iteration, or an unaffected rerun."""
-    kept = {
-        rate: tuple(
-            _unaffected_or_rerun(iteration, samples, disturbed) or best_case_iteration(iteration)
-            for iteration in iterations
-        )
-        for rate, iterations in samples.iterations.items()
-    }
-    return replace(samples, iterations=kept)
+    return samples.with_each(
+        lambda one: _unaffected_or_rerun(one, samples, disturbed) or best_case_iteration(one)
+    )
 
 
 def worst_case_run(samples: RunSamples, disturbed: Mapping[str, DisturbedIteration]) -> RunSamples:
     """The run with the worst case of each affected iteration."""
-    return replace(
-        samples,
-        iterations={
-            rate: tuple(
-                worst_case_iteration(iteration, disturbed[iteration.segment.id].taken)
-                if iteration.segment.id in disturbed
-                else iteration
-                for iteration in iterations
-            )
-            for rate, iterations in samples.iterations.items()
-        },
+    return samples.with_each(
+        lambda one: (
+            worst_case_iteration(one, affected.taken)
+            if (affected := disturbed.get(one.segment.id)) is not None
+            else one
+        )
     )
 
 

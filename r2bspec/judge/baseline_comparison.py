@@ -104,7 +104,7 @@ def _judge_requirement(
         reason, remedy = problem
         return msgspec.structs.replace(one, reason=reason, remedy=remedy)
     try:
-        _, info = resolve(requirement.metric, samples.monitors, samples.processes)
+        _, info = resolve(requirement.metric, samples.monitors, samples.subjects)
     except MetricError:
         return one
     if info.scope != "search" and one.at_hz is None:
@@ -160,10 +160,8 @@ def _resolution(info: MetricInfo, one: RequirementVerdict, samples: RunSamples) 
     iterations = samples.iterations_at(one.at_hz)
     if info.scope == "search" or not iterations:
         return 0.0
-    segment = iterations[0].segment
-    window_s = (segment.ended_ns - segment.began_ns) / 1e9
     values_known = _known(iteration_values(info, one.monitor, one.at_hz, samples))
-    return resolution(info, max(values_known, default=0.0), window_s)
+    return resolution(info, max(values_known, default=0.0), iterations[0].segment.length_s)
 
 
 def iteration_values(
@@ -234,7 +232,7 @@ def _default_metrics(run: Run, samples: RunSamples) -> Iterator[TrackedMetric]:
             for name in _MONITOR_METRICS:
                 yield rate, monitor, resolve(name, samples.monitors)[1]
         for process in sorted(graph):
-            yield rate, None, resolve(f"cpu.{process}.mean", (), samples.processes)[1]
+            yield rate, None, resolve(f"cpu.{process}.mean", (), samples.subjects)[1]
     if samples.record.search is not None:
         yield None, None, resolve("peak.rate", ())[1]
 
@@ -245,7 +243,7 @@ def required_metrics(plan: Plan, samples: RunSamples) -> Iterator[TrackedMetric]
         rates = [objective.at.hz] if objective.at is not None else []
         for requirement in objective.require:
             try:
-                monitor, info = resolve(requirement.metric, samples.monitors, samples.processes)
+                monitor, info = resolve(requirement.metric, samples.monitors, samples.subjects)
             except MetricError:
                 continue
             if info.scope in {"search", "probe", "truth"}:

@@ -29,7 +29,9 @@ from r2bspec.judge.measure.samples import (
 )
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
+from r2bspec.judge.statistics.t_interval import by_start, deviation_bound
 from r2bspec.judge.verdict import Outcome, RequirementVerdict
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 
 if TYPE_CHECKING:
     from r2bspec.judge.requirement_case import RequirementCase
@@ -205,15 +207,14 @@ PLAUSIBLE_STALL_S: Final = 0.6
 _MAX_LONGER: Final = 100
 """Runs more than this many times longer are not proposed."""
 
-_LEAST_DIFFERENCE: Final = 0.3
-"""Of starts, in deviations of their messages: what is lost then depends on the start."""
+_ALIKE: Final = 0.85
+"""Starts whose deviation is below this part of that of their messages lose alike, nearly enough."""
 
 _SAME: Final = 0.025
 """Starts that differ by a smaller share of their latency are not told apart."""
 
 _MAD_TO_DEVIATION: Final = 1.4826
-_FEW_LOST: Final = 10
-"""So many lost outputs show by themselves whether starts lose alike."""
+_MAX_PROPOSED_STARTS: Final = 100
 
 
 def share_notes(case: RequirementCase, outcome: Outcome) -> tuple[str, ...]:
@@ -242,35 +243,39 @@ def correlation_notes(pieces: str, number: int, inflation: float) -> tuple[str, 
 
 
 def uneven_start_notes(case: RequirementCase, outcome: Outcome) -> tuple[str, ...]:
-    """That few lost outputs do not show whether starts lose alike, where they are not as fast."""
-    starts = starts_of(case.iterations)
-    numbers, seen = list(dict.fromkeys(starts)), case.monitor_samples
-    lost = sum(sample.missed for sample in seen)
-    if outcome != "pass" or not case.is_upper_bound or lost >= _FEW_LOST or len(numbers) < 2:
+    """That lost outputs do not show whether starts lose alike, where they are not as fast.
+
+    Few starts show the deviation of their latencies roughly, and few lost outputs show nothing of
+    what each start loses. So it is said where the upper bound of that deviation is nearly
+    as large as that of messages (docs/proofs/verdicts.md has how often).
+    """
+    seen, starts = case.monitor_samples, starts_of(case.iterations)
+    number = len(set(starts))
+    if outcome != "pass" or not case.is_upper_bound or number < 2:
         return ()
-    by_start = [
-        np.concatenate(
-            [
-                sample.times["latency"]
-                for sample, own in zip(seen, starts, strict=True)
-                if own == number
-            ]
-        )
-        for number in numbers
-    ]
-    if not all(values.size for values in by_start):
+    groups = by_start([sample.times["latency"] for sample in seen], starts)
+    latencies = [np.concatenate(group) for group in groups]
+    if not all(values.size for values in latencies):
         return ()
-    middles = [float(np.median(values)) for values in by_start]
-    apart = [np.abs(one - middle) for one, middle in zip(by_start, middles, strict=True)]
+    middles = [float(np.median(values)) for values in latencies]
+    apart = [np.abs(one - middle) for one, middle in zip(latencies, middles, strict=True)]
     scatter = _MAD_TO_DEVIATION * float(np.median(np.concatenate(apart)))
     differ = statistics.stdev(middles)
-    if differ <= _LEAST_DIFFERENCE * scatter or differ < _SAME * statistics.fmean(middles):
+    most = deviation_bound(differ, number, CONFIDENCE)
+    if most <= _ALIKE * scatter or differ < _SAME * statistics.fmean(middles):
         return ()
+    lost = sum(sample.missed for sample in seen)
     outputs = {0: "that none was lost does", 1: "one lost output does"}.get(lost, f"{lost} lost do")
+    enough = (
+        f"About {more} starts"
+        for more in range(number + 1, _MAX_PROPOSED_STARTS + 1)
+        if deviation_bound(differ, more, CONFIDENCE) <= _ALIKE * scatter
+    )
     note = (
-        f"The {len(numbers)} starts differ by {show(differ, 's', 2)} in latency (standard "
-        f"deviation; their messages by {show(scatter, 's', 2)}), and {outputs} not show whether "
-        "slower ones lose more. More starts would show it."
+        f"The {number} starts differ by {show(differ, 's', 2)} in latency (standard "
+        f"deviation, up to {show(most, 's', 2)} at {show(CONFIDENCE, 'share')} confidence; their "
+        f"messages by {show(scatter, 's', 2)}), and {outputs} not show whether slower ones lose "
+        f"more. {next(enough, 'More starts')} would show it."
     )
     return (note,)
 
@@ -295,12 +300,7 @@ def stall_notes(
     of_latency = case.info.family in LOSS_SENSITIVE_FAMILIES
     if outcome != "pass" or case.monitor is None or case.is_upper_bound != of_latency:
         return ()
-    played_s = (
-        sum(
-            iteration.segment.ended_ns - iteration.segment.began_ns for iteration in case.iterations
-        )
-        / 1e9
-    )
+    played_s = sum(iteration.segment.length_s for iteration in case.iterations)
     if of_latency:
         margin = max(case.limit - upper, 1e-6)
         stall_s = math.sqrt(2 * margin * played_s / 3)

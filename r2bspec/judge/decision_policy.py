@@ -7,7 +7,7 @@ A growing run is judged at planned looks, among which the error is divided
 (`r2bspec.plan.interim_looks`).
 
 A requirement is decided at the first look that decides it; a PASS before the declared starts, only
-if it has room for what they may meet (`r2bspec.judge.early_pass`). A later look, which another
+if it has room for what they may meet (`r2bspec.judge.unmet_starts`). A later look, which another
 requirement needed, may still turn its PASS into a FAIL, but nothing else: both errors stay
 within the sum.
 
@@ -67,7 +67,7 @@ def decide_after_look(
     A requirement that fails stops the run: a second session in new processes confirms the failure
     or does not (`r2bspec.judge.confirmation`); no more iterations of this session are played. One
     that passes stops it before the declared iterations only if a test has decided it, with room for
-    what was not met (`r2bspec.judge.early_pass`): an observation is the more certain the more was
+    what was not met (`r2bspec.judge.unmet_starts`): an observation is the more certain the more was
     observed. What needs no iterations waits for none.
 
     Args:
@@ -214,6 +214,7 @@ class DecisionPolicy:
         confidence: of every decision, one-sided each way, where the objective has none of its
             own.
         looks: the planned interim looks; None for a run of a fixed length.
+        early: whether that run is the beginning of a longer one, as at a look at pairs.
         inconclusive: what an inconclusive requirement does to the run.
         interference: what host interference does to a requirement.
         confirm: whether a second session, where one was played, has to confirm a FAIL.
@@ -222,6 +223,7 @@ class DecisionPolicy:
 
     confidence: float = CONFIDENCE
     looks: InterimLooks | None = None
+    early: bool = False
     inconclusive: InconclusivePolicy = "report"
     interference: InterferencePolicy = "note"
     confirm: bool = True

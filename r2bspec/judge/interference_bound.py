@@ -286,7 +286,7 @@ def _best_case_samples(
 
 def _best_at_own_pace(segment: Segment, seen: MonitorSamples, waited: float) -> MonitorSamples:
     """No message was held up by more than all of the time that others took."""
-    longest_s = waited * (segment.ended_ns - segment.began_ns) / 1e9
+    longest_s = waited * segment.length_s
     return replace(
         seen,
         times={name: np.maximum(0.0, times - longest_s) for name, times in seen.times.items()},

@@ -15,6 +15,7 @@ from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.judge.baseline_comparison import judge_with_baseline
 from r2bspec.judge.confirmation import confirm_run, needs_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy, decision_policy, without_own_confidence
+from r2bspec.judge.measure.anatomy_summary import anatomy_summaries
 from r2bspec.judge.measure.metrics import RunMetrics, summarise
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.samples import RunSamples
@@ -151,6 +152,7 @@ def build_result(
     pairs: PairsResult | None = None,
     baseline: BaselineResult | None = None,
     base_identity: GraphIdentity | None = None,
+    grown: tuple[str, ...] = (),
 ) -> Result:
     """The result of a run, or of several as one, that has been measured and judged."""
     record, plan = run.record, run.plan
@@ -192,10 +194,12 @@ def build_result(
         starts=record.starts,
         unplayed=record.unplayed,
         profiles=record.profiles,
+        anatomies=anatomy_summaries(run) or msgspec.UNSET,
         accuracy=record.accuracy,
         identity=record.identity,
         base_identity=base_identity,
         changes=changes,
+        grown=grown or msgspec.UNSET,
         gate=record.gate,
     )
 

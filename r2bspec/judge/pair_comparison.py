@@ -64,10 +64,11 @@ from r2bspec.judge.baseline_ratio import BaselineCase, judge_pairs
 from r2bspec.judge.confirmation import confirm_run, needs_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks, without_own_confidence
 from r2bspec.judge.interference_bound import REMEDY, best_case_iteration
-from r2bspec.judge.measure.samples import RunSamples
+from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.pipeline import first_iterations, judge
 from r2bspec.judge.statistics.t_interval import mean_interval
+from r2bspec.judge.unmet_starts import early_doubt_of_pairs
 from r2bspec.judge.validity import PlaybackValidity
 from r2bspec.judge.verdict import EXIT_CODES, Outcome, RequirementVerdict, Verdict, outcome_of
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
@@ -189,18 +190,14 @@ def _examined(
 
 def _without_excess(one: RunSamples, other: RunSamples) -> RunSamples:
     affected = find_affected_iterations(one)
-    return replace(
-        one,
-        iterations={
-            rate: tuple(
-                best_case_iteration(iteration, max(0.0, pair_excess(one, other, rate)))
-                if iteration.segment.id in affected
-                else iteration
-                for iteration in played
-            )
-            for rate, played in one.iterations.items()
-        },
-    )
+
+    def best_case(iteration: SegmentSamples) -> SegmentSamples:
+        if (disturbed := affected.get(iteration.segment.id)) is None:
+            return iteration
+        excess = pair_excess(one, other, disturbed.rate_hz)
+        return best_case_iteration(iteration, max(0.0, excess))
+
+    return one.with_each(best_case)
 
 
 def _taken(run: RunSamples, at_hz: float | None) -> float:
@@ -387,13 +384,19 @@ def _judge(objectives: Objectives, pairs: InterleavedRuns, policy: DecisionPolic
     looks = policy.looks
     if looks is None:
         return _judge_once(objectives, pairs, policy)
+    completed = looks.iterations[: max(1, looks.completed_looks(len(pairs.head)))]
     verdicts = [
         _judge_once(
             {name: _at_look(objective, looks, look) for name, objective in objectives.items()},
-            pairs.first(looks.iterations[look - 1]),
-            replace(policy, looks=None, confidence=looks.confidence_at(look, policy.confidence)),
+            pairs.first(end),
+            replace(
+                policy,
+                looks=None,
+                early=end < looks.declared,
+                confidence=looks.confidence_at(look, policy.confidence),
+            ),
         )
-        for look in range(1, max(1, looks.completed_looks(len(pairs.head))) + 1)
+        for look, end in enumerate(completed, start=1)
     ]
     columns = zip(*(verdict.requirements for verdict in verdicts), strict=True)
     requirements = tuple(combine_looks(looks, column, "pairs") for column in columns)
@@ -413,7 +416,11 @@ def _at_look(objective: Objective, looks: InterimLooks, look: int) -> Objective:
 def _judge_once(objectives: Objectives, pairs: InterleavedRuns, policy: DecisionPolicy) -> Verdict:
     verdict = judge(objectives, pairs.merged, policy)
     verdict = judge_baseline_requirements(
-        verdict, objectives, pairs.merged, policy, lambda case: _judge_by_pairs(case, pairs)
+        verdict,
+        objectives,
+        pairs.merged,
+        policy,
+        lambda case: _judge_by_pairs(case, pairs, early=policy.early),
     )
     if not any(requirement.metric == "sustained" for requirement in verdict.requirements):
         return verdict
@@ -427,12 +434,21 @@ def _judge_once(objectives: Objectives, pairs: InterleavedRuns, policy: Decision
     return verdict.with_requirements(requirements, policy.inconclusive)
 
 
-def _judge_by_pairs(case: BaselineCase, pairs: InterleavedRuns) -> RequirementVerdict:
+def _judge_by_pairs(
+    case: BaselineCase, pairs: InterleavedRuns, *, early: bool
+) -> RequirementVerdict:
     base, head = (
         [run_value(case.info, case.monitor, case.at_hz, run) for run in side]
         for side in (pairs.base, pairs.head)
     )
-    return judge_pairs(case, base, head)
+    verdict = judge_pairs(case, base, head)
+    if not early or verdict.outcome != "pass":
+        return verdict
+    seen = replace(case, iterations=pairs.merged.iterations_at(case.at_hz)).monitor_samples
+    family = case.info.family
+    messages = sum(sample.times[family].size for sample in seen if family in sample.times)
+    doubt = early_doubt_of_pairs(case, verdict, messages)
+    return msgspec.structs.replace(verdict.noted(doubt), early=True) if doubt else verdict
 
 
 def _combine_sustained(found: Sequence[RequirementVerdict]) -> RequirementVerdict:

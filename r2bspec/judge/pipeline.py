@@ -10,6 +10,7 @@ out in their order, each on the verdict of the one before:
     examine_affected_probes         the same for what rests on probes
     refuse_disturbed_starts         the same for starts that others disturbed
     question_unsteady               a verdict that rests on a part unlike the rest becomes open
+    note_narrow_margin              a latency too close to its limit for what was not met says so
 
 A decision is the first that one of `DECISIONS` has: reasons for which nothing can be decided come
 first, and the method of the metric last. The outcome of the run follows from the verdicts on its
@@ -42,7 +43,6 @@ from r2bspec.judge.affected_iterations import (
 )
 from r2bspec.judge.caveats import run_caveats, with_caveats
 from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks
-from r2bspec.judge.early_pass import early_doubt
 from r2bspec.judge.interference_bound import REMEDY
 from r2bspec.judge.measure.metric_catalogue import (
     MetricError,
@@ -75,6 +75,7 @@ from r2bspec.judge.requirement_case import (
 )
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.steady_state import find_unsteady_part, iteration_times
+from r2bspec.judge.unmet_starts import early_doubt, narrow_margin_notes
 from r2bspec.judge.validity import PlaybackValidity
 from r2bspec.judge.verdict import (
     EXIT_CODES,
@@ -224,7 +225,7 @@ class JudgedRequirement:
         own = self.objective.confidence
         confidence = own.fraction if own is not None else policy.confidence
         if looks is None:
-            return self._decided_once(samples, confidence)
+            return self._decided_once(samples, confidence, early=policy.early)
         decisions = [
             self._decided_once(
                 first_iterations(samples, end),
@@ -255,12 +256,12 @@ class JudgedRequirement:
     def _decided_once(
         self, samples: RunSamples, confidence: float, *, early: bool = False
     ) -> RequirementVerdict:
-        case = self._case(samples, confidence)
+        case = self.case(samples, confidence)
         decision = decide_case(case, samples, self.problem)
         verdict = requirement_verdict(case, decision)
         verdict = msgspec.structs.replace(verdict, level=self.objective.level)
         if early and decision.outcome == "pass" and METHODS[decision.method].grows:
-            doubt = early_doubt(case, decision)
+            doubt = early_doubt(case, verdict)
             verdict = (
                 msgspec.structs.replace(verdict.noted(doubt), early=True) if doubt else verdict
             )
@@ -280,7 +281,8 @@ class JudgedRequirement:
             )
         return verdict
 
-    def _case(self, samples: RunSamples, confidence: float) -> RequirementCase:
+    def case(self, samples: RunSamples, confidence: float = CONFIDENCE) -> RequirementCase:
+        """The requirement with the samples to judge it by."""
         if self.problem:
             return RequirementCase(
                 self.name, self.requirement, self.at_hz, self.info, None, math.nan
@@ -327,7 +329,7 @@ def _metric_of(
     """
     none = MetricInfo(requirement.metric, "probe", "none", "", "observation", "")
     try:
-        monitor, info = resolve(requirement.metric, samples.monitors, samples.processes)
+        monitor, info = resolve(requirement.metric, samples.monitors, samples.subjects)
     except MetricError as error:
         hint = f"; did you mean {error.suggestion}?" if error.suggestion else "."
         problem = str(error)
@@ -615,12 +617,22 @@ def question_unsteady(judged: JudgedRequirement, verdict: RequirementVerdict) ->
     )
 
 
+def note_narrow_margin(
+    judged: JudgedRequirement, verdict: RequirementVerdict
+) -> RequirementVerdict:
+    """What the starts have not met is said where it would break the limit."""
+    if judged.problem or not METHODS[verdict.method].grows:
+        return verdict
+    return verdict.noted(*narrow_margin_notes(judged.case(judged.run.samples), verdict))
+
+
 STEPS: Final[tuple[Callable[[JudgedRequirement, RequirementVerdict], RequirementVerdict], ...]] = (
     weaken_affected_failure,
     refuse_affected_pass,
     examine_affected_probes,
     refuse_disturbed_starts,
     question_unsteady,
+    note_narrow_margin,
 )
 
 

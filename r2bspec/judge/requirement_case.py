@@ -7,8 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
 from r2bspec.judge.measure.metric_catalogue import MetricInfo
 from r2bspec.judge.measure.samples import MonitorSamples, SegmentSamples, starts_of
+from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import Method
 from r2bspec.judge.statistics.effective_sample_size import SampleDesign
@@ -62,6 +65,12 @@ class RequirementCase:
         if self.monitor is None:
             return []
         return [iteration.monitors[self.monitor] for iteration in self.iterations]
+
+    @property
+    def observed_times(self) -> list[Seconds]:
+        """What was observed from inside in each iteration, for a metric of a node or topic."""
+        name = self.info.series
+        return [iteration.anatomy.get(name, np.empty(0)) for iteration in self.iterations]
 
     @property
     def is_upper_bound(self) -> bool:

@@ -6,11 +6,12 @@ from typing import Any, Literal
 
 import msgspec
 
+from r2bspec.judge.measure.anatomy_summary import AnatomySummary
 from r2bspec.judge.measure.metrics import RunMetrics
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.spec import Scalar
 from r2bspec.record.comparison_folder import PairRecord
-from r2bspec.record.graph_identity import GraphIdentity
+from r2bspec.record.graph_identity import GraphIdentity, check_machine_facts
 from r2bspec.record.run_record import (
     AccuracyRecord,
     Difference,
@@ -100,11 +101,15 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         starts: of all processes, with what each took; empty where it is not known.
         unplayed: messages of inputs that were not played.
         profiles: of an iteration that counts for nothing.
+        anatomies: where the messages of an iteration spent their time, at each rate that was
+            observed from inside.
         accuracy: of the monitors that were compared with the truth.
         identity: what the graph was made of, with the revision; None where it is not known, or
             was not the same in all runs.
         base_identity: of the base, if this is a comparison or there is a stored run.
         changes: from the base to this run, such as ``blur.py changed``; nodes first.
+        grown: which parts of which nodes and topics grew since the base, such as ``blur: callback
+            +4.1 ms (of +4.3 ms)``; where both were observed from inside.
         gate: what the reader has to know of the gate itself, a sentence each.
     """
 
@@ -137,11 +142,16 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     starts: tuple[StartRecord, ...] = ()
     unplayed: tuple[UnplayedMessages, ...] = ()
     profiles: tuple[ProfileRecord, ...] = ()
+    anatomies: tuple[AnatomySummary, ...] | msgspec.UnsetType = msgspec.UNSET
     accuracy: tuple[AccuracyRecord, ...] = ()
     identity: GraphIdentity | None = None
     base_identity: GraphIdentity | None = None
     changes: tuple[str, ...] = ()
+    grown: tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET
     gate: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_machine_facts(self.machine)
 
     def monitor_title(self, name: str) -> str:
         """The title of a monitor: its label and its name, or its name alone."""

@@ -44,7 +44,6 @@ from r2bspec.judge.measure.times import seconds
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.statistics.autocorrelation import serial_inflation
 from r2bspec.judge.statistics.t_interval import t_quantile
-from r2bspec.record.run_record import Segment
 
 _FASTEST: Final = 0.9
 _OPENINGS_S: Final = (0.5, 2.0)
@@ -142,9 +141,9 @@ class UnsteadyPart:
         ):
             advice = _WARM_UP
         played_s = [
-            _length_s(segment) for segment in samples.record.segments if segment.kind == "warm_up"
+            segment.length_s for segment in samples.record.segments if segment.kind == "warm_up"
         ]
-        needed_s = max(played_s, default=0.0) + _length_s(iterations[0].segment)
+        needed_s = max(played_s, default=0.0) + iterations[0].segment.length_s
         return advice.format(warm_up=f"{math.ceil(needed_s)} s")
 
     def left_out_of(self, samples: RunSamples, at_hz: float) -> RunSamples:
@@ -160,10 +159,6 @@ class UnsteadyPart:
             for rate, played in samples.iterations.items()
         }
         return replace(samples, iterations=kept)
-
-
-def _length_s(segment: Segment) -> float:
-    return (segment.ended_ns - segment.began_ns) / 1e9
 
 
 @dataclass(frozen=True)
@@ -211,7 +206,7 @@ def iteration_times(
 
 
 def _times_of(info: MetricInfo, monitor: str | None, one: SegmentSamples) -> IterationTimes | None:
-    counted, length_s = 1.0, _length_s(one.segment) if one.segment.rate_hz else 0.0
+    counted, length_s = 1.0, one.segment.length_s if one.segment.rate_hz else 0.0
     if monitor is None:
         value = metric_value(info, monitor, one) if info.statistic == "mean" else None
         at_s, values, length_s = np.zeros(1), np.array([value or math.nan]), 0.0

@@ -114,9 +114,7 @@ class Costs:
         ]
         return cls(
             start=_median(starts[1:] or starts),
-            iteration=sum(iteration.ended_ns - iteration.began_ns for iteration in played)
-            / 1e9
-            / max(len(iterations), 1),
+            iteration=sum(segment.length_s for segment in played) / max(len(iterations), 1),
             gap=_median(gaps),
         )
 

@@ -155,10 +155,7 @@ def schedule_problem(offered_hz: float, iterations: Sequence[SegmentSamples]) ->
             f"were due (p99 {show(late_s, 's')})."
         )
     stalled_s = sum(iteration.segment.monitor_held_ns for iteration in iterations) / 1e9
-    played_s = (
-        sum(iteration.segment.ended_ns - iteration.segment.began_ns for iteration in iterations)
-        / 1e9
-    )
+    played_s = sum(iteration.segment.length_s for iteration in iterations)
     if stalled_s > MAX_UNWATCHED_SHARE * played_s:
         return (
             f"The monitor had no processor for {show(stalled_s, 's')}, so the arrival times "

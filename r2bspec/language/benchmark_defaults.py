@@ -13,6 +13,8 @@ from r2bspec.language.quantities import Duration
 
 CONFIDENCE: Final = 0.95
 """One-sided each way: PASS and FAIL are each wrong in at most 5 % of runs."""
+MIN_CONFIDENCE: Final = 0.51
+"""At 50 % a verdict is as good as a coin toss; close to that, quantiles divide by nearly 0."""
 
 CONFIRMATION_CONFIDENCE: Final = 0.9
 """The confidence at which a second run confirms a failure (`r2bspec.judge.confirmation`)."""

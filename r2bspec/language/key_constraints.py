@@ -309,7 +309,7 @@ def _playback(document: _Document) -> Iterator[Diagnostic]:
 
 
 def _calls(document: _Document, mode: str) -> Iterator[Diagnostic]:
-    """Services are called instead of playing anything, by a process of its own."""
+    """Services are called in each step, by a process of its own."""
     calls: Path = ("playback", "calls")
     if document.map_at(*calls) is None:
         return
@@ -317,14 +317,18 @@ def _calls(document: _Document, mode: str) -> Iterator[Diagnostic]:
         yield document.error(
             calls, "'playback.calls' must not be empty", "name a service", "R2B108"
         )
-    unused = [("playback", key) for key in ("inputs", "buffer", "unpaired", "pairing", "clock")]
-    yield from document.without_effect(
-        [("data_loader",), ("preprocessors",), *unused],
-        ": services are called, and no topic is played",
-        "remove '{key}', or 'playback.calls'",
-    )
-    if mode not in ("", "looping"):
+    plays = document.map_at("playback", "inputs") is not None
+    if not plays:
+        unused = [("playback", key) for key in ("buffer", "unpaired", "pairing", "clock")]
+        yield from document.without_effect(
+            [("data_loader",), ("preprocessors",), *unused],
+            ": services are called, and no topic is played",
+            "remove '{key}', or add 'playback.inputs'",
+        )
+    if mode == "live" or (mode not in ("", "looping") and not plays):
         message = f"services cannot be called with 'mode: {mode}'"
+        if mode != "live":
+            message += " where no topic is played"
         yield document.error(("playback", "mode"), message, "remove it, or 'playback.calls'")
     for section, refused in (("harness", ("shared", "graph")), ("graph", ("harness",))):
         placement = document.word(section, "placement") or document.word(section)

@@ -134,7 +134,10 @@ def read_value(
 def required_keys(rule: ValueRule, root: TreeNode) -> tuple[str, ...]:
     """The keys that a map of a document must have: fewer where nothing is played, or called."""
     if lookup(root, ("playback", "calls")) is not None:
-        return rule.required_if_calls
+        if lookup(root, ("playback", "inputs")) is None:
+            return rule.required_if_calls
+        # What is called is monitored; what is played is loaded.
+        return tuple(name for name in rule.required if name != "monitors")
     mode = lookup(root, ("playback", "mode"))
     live = isinstance(mode, ScalarNode) and mode.value == "live"
     return rule.required_if_live if live else rule.required

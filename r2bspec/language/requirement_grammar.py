@@ -32,7 +32,8 @@ _Q = TypeVar("_Q", bound=Quantity)
 Operator = Literal["<", "<=", ">", ">=", "==", "!="]
 
 _WORD = "[A-Za-z][A-Za-z0-9_]*"
-_METRIC = re.compile(rf"\s*(?P<metric>{_WORD}(?:\.{_WORD})*)")
+# The first word may be a topic, without the slash that it begins with.
+_METRIC = re.compile(rf"\s*(?P<metric>{_WORD}(?:/{_WORD})*(?:\.{_WORD})*)")
 _OPERATOR = re.compile(r"\s*(?P<op><=|>=|==|!=|<|>)")
 _DECIMALS = re.compile(r"\.(\d{1,4})\b")
 _OPERATOR_TYPOS = {"=<": "<=", "=>": ">=", "=": "==", "≤": "<=", "≥": ">=", "≠": "!="}

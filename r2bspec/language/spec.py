@@ -349,7 +349,7 @@ class Spec(Record, frozen=True, kw_only=True):
     @property
     def plays_topics(self) -> bool:
         """Whether recorded messages are played."""
-        return not self.live and not self.playback.calls
+        return not self.live and (bool(self.playback.inputs) or not self.playback.calls)
 
     @property
     def has_own_rate(self) -> bool:

@@ -193,6 +193,7 @@ class Call(Record, frozen=True, kw_only=True):
         action: The action and its goal. NAME is measured up to the result, NAME_accepted up to
             the acceptance. A goal that does not succeed counts as missed.
         each: Fields of the request or the goal that differ from call to call, used in turn.
+        every: At which steps it is made: at all of them, or at every 30th.
         success: A field of the response; one in which it is false counts as missed.
         feedback: Whether NAME_feedback is measured, up to the first feedback.
     """
@@ -205,19 +206,22 @@ class Call(Record, frozen=True, kw_only=True):
         tuple[Annotated[RequestFields, key({"tolerance": 0.1}, description="One call.")], ...],
         key([{"tolerance": 0.1}, {"tolerance": 0.5}], at_most=MAX_SPEC_ENTRIES),
     ] = ()
+    every: Annotated[int, key(30, minimum=1)] = 1
     success: Annotated[str, key("success")] = ""
     feedback: bool = False
 
     def answers(self, name: str) -> "dict[str, Monitor]":
         """What is measured of the call with this name: monitors of what a service answers."""
+        ratio = Ratio(inputs=self.every)
         if self.service is not None:
-            return {name: Monitor(topic=self.service.name, format=self.service.type)}
+            service = self.service
+            return {name: Monitor(topic=service.name, format=service.type, ratio=ratio)}
         action = self.action or ActionCall(name="", type="")
         ends = {name: "get_result", f"{name}{ACCEPTED}": "send_goal"}
         if self.feedback:
             ends[f"{name}{FEEDBACK}"] = "feedback"
         return {
-            answer: Monitor(topic=f"{action.name}/_action/{end}", format=action.type)
+            answer: Monitor(topic=f"{action.name}/_action/{end}", format=action.type, ratio=ratio)
             for answer, end in ends.items()
         }
 
@@ -249,8 +253,8 @@ class Playback(Record, frozen=True, kw_only=True):
         buffer: The number of messages to buffer for each input; 0 buffers all of the window.
         inputs: The topics that are played to the graph. All inputs of one step are played together,
             with the same stamp unless 'pairing' allows differences.
-        calls: Services and actions that are called in place of playing topics. Each is measured
-            under its name: its answers are the outputs.
+        calls: Services and actions that are called in each step, with the inputs or without any.
+            Each is measured under its name: its answers are the outputs.
         unpaired: Messages without a partner of the same stamp in all other inputs are not played.
             With mode timeline, those whose stamp no recorded message has are not. refuse warns
             above 5 % of the messages of an input, and stops above 50 %; drop agrees to any number.
@@ -627,6 +631,9 @@ class Benchmark(Pacing, frozen=True, kw_only=True):
         max_iterations: The maximum number of iterations at each rate, played while a verdict is
             inconclusive after 'iterations', in further starts if there are several; 0 means no
             additional ones.
+        anatomy: Observe the processes of the graph from inside in every iteration, for metrics such
+            as NODE.callback.p99 and for the parts of each path. 'run --anatomy' observes one more
+            iteration instead.
         rates: The rates at which the inputs are played: a list, or a range with a 'step' or with
             'count' rates.
         search: Search for the highest sustained rate: the backlog of unanswered messages does not
@@ -640,6 +647,7 @@ class Benchmark(Pacing, frozen=True, kw_only=True):
     iterations: Annotated[int, key(10, minimum=1)] = 10
     starts: Annotated[int | None, key(5, 1, minimum=1, maximum=MAX_STARTS)] = None
     max_iterations: Annotated[int, key(20, minimum=0)] = 0
+    anatomy: bool = False
     rates: Annotated[
         tuple[Rate, ...],
         Written(tuple[_Played, ...] | RateRange),

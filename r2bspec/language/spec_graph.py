@@ -90,7 +90,8 @@ class PolicySettings(Record, frozen=True, kw_only=True):
 
 
 class ThreadScheduling(PolicySettings, frozen=True, kw_only=True):
-    """How the threads of a process with a name are scheduled, from when the graph is ready.
+    """How the threads of a process with a name are scheduled, from when they are there: when the
+    graph is ready, or after the warm-up.
 
     Attributes:
         name: The name of the threads, as 'ps -L -o comm' shows it; * stands for any characters.
@@ -110,11 +111,14 @@ class Scheduling(PolicySettings, frozen=True, kw_only=True):
     refused before the run.
 
     Attributes:
+        memory_lock: Whether a process of ROS locks all of its memory (mlockall), now and later, so
+            that no page of it is waited for.
         threads: Other settings for threads by their names; of several, the last one counts.
     """
 
     about = key({"policy": "fifo", "priority": 40})
 
+    memory_lock: bool = False
     threads: Annotated[
         tuple[ThreadScheduling, ...], key([{"name": "dds.*", "policy": "rr", "priority": 60}])
     ] = ()

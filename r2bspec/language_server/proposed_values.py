@@ -18,6 +18,7 @@ from r2bspec.bags.recording import BAG_FORMATS, DataError
 from r2bspec.datasets.catalogue import known_datasets
 from r2bspec.judge.measure.metric_catalogue import (
     METRICS,
+    NO_SUBJECTS,
     MetricError,
     example_requirement,
     find_metric,
@@ -203,9 +204,9 @@ def requirements(analysis: Analysis, context: CursorContext) -> Iterator[Complet
 
 def _metrics(analysis: Analysis) -> Iterator[CompletionProposal]:
     spec_context = analysis.known
-    processes = spec_context.processes if spec_context is not None else ()
+    subjects = spec_context.subjects if spec_context is not None else NO_SUBJECTS
     monitors = names_of(analysis, "monitor")
-    listed = names(processes)
+    listed = names(subjects)
     for order, name in enumerate(listed):
         info = METRICS.get(name)
         if info is None:

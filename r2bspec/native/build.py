@@ -29,7 +29,7 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.private_files import private_files
@@ -438,10 +438,9 @@ def _build_own(
     sources: Sequence[str],
     environ: Mapping[str, str],
     flags: Sequence[str],
-    **more: Any,
 ) -> Path:
     files, compiler = [_FOLDER / source for source in sources], find_compiler(environ)
-    return build(name, files, find_ros(environ), kind=kind, compiler=compiler, flags=flags, **more)
+    return build(name, files, find_ros(environ), kind=kind, compiler=compiler, flags=flags)
 
 
 SOCKET_VARIABLE = "R2BSPEC_JOIN_SOCKET"
@@ -450,22 +449,20 @@ SOCKET_VARIABLE = "R2BSPEC_JOIN_SOCKET"
 PROCESS_VARIABLE = "R2BSPEC_JOIN_PROCESS"
 """Has the name of the process in the plan; what it starts inherits it."""
 
+LOCK_VARIABLE = "R2BSPEC_LOCK_MEMORY"
+"""Whether a process locks its memory; what it starts inherits it."""
+
 _SEPARATORS = " :"
 """No path with one of them can be preloaded."""
 
 
 def join_object(flags: Sequence[str] = ()) -> Path:
-    """The object to preload; see ``join.c``.
+    """The object to preload into a process that gets the harness; see ``join.c``.
 
     Raises:
         BuildError: it cannot be built (R2B668).
     """
-    path = _build_own(
-        "r2bspec_join.so", "library", ("join.c",), os.environ, flags, libraries=("-ldl",)
-    )
-    if any(separator in str(path) for separator in _SEPARATORS):
-        return Path(f"/proc/{os.getpid()}/fd/{descriptor_of(str(path))}")
-    return path
+    return _object("r2bspec_join.so", ("join.c",), flags)
 
 
 def join_environment(join: Path, socket: Path, process: str, preloaded: str) -> dict[str, str]:
@@ -478,7 +475,66 @@ def join_environment(join: Path, socket: Path, process: str, preloaded: str) -> 
         preloaded: what is preloaded into it already, as in ``LD_PRELOAD``.
     """
     return {
-        "LD_PRELOAD": f"{join}:{preloaded}" if preloaded else str(join),
+        "LD_PRELOAD": _preload(join, preloaded),
         SOCKET_VARIABLE: str(socket),
         PROCESS_VARIABLE: process,
     }
+
+
+def anatomy_object(flags: Sequence[str] = ()) -> Path:
+    """The object to preload into a process whose events are recorded; see ``anatomy.c``.
+
+    Raises:
+        BuildError: it cannot be built (R2B668).
+    """
+    return _object(
+        "r2bspec_anatomy.so",
+        ("anatomy.c", "anatomy_tracepoints.c", "anatomy_rows.c"),
+        ("-ftls-model=initial-exec", *flags),
+    )
+
+
+def anatomy_environment(
+    anatomy: Path, folder: Path, process: str, max_bytes: int, preloaded: str
+) -> dict[str, str]:
+    """The variables with which a process records its events, as does what it starts.
+
+    Args:
+        anatomy: from `anatomy_object`.
+        folder: for the files, one for each process that initialises ROS. In memory (``/dev/shm``),
+            because writing to the page of a disk may wait for the disk.
+        process: its name in the plan.
+        max_bytes: of a file, all of which are taken at once; an event needs 64.
+        preloaded: what is preloaded into it already, as in ``LD_PRELOAD``.
+    """
+    return {
+        "LD_PRELOAD": _preload(anatomy, preloaded),
+        "R2BSPEC_ANATOMY_FOLDER": str(folder),
+        "R2BSPEC_ANATOMY_PROCESS": process,
+        "R2BSPEC_ANATOMY_BYTES": str(max_bytes),
+    }
+
+
+def _object(name: str, sources: Sequence[str], flags: Sequence[str]) -> Path:
+    """An object that needs nothing but libc, by a path that can be preloaded."""
+    files, no_ros = [_FOLDER / source for source in sources], RosFiles(prefixes=(), wheels=False)
+    libraries = ("-ldl", "-pthread")
+    path = build(name, files, no_ros, kind="library", flags=flags, libraries=libraries)
+    if any(separator in str(path) for separator in _SEPARATORS):
+        return Path(f"/proc/{os.getpid()}/fd/{descriptor_of(str(path))}")
+    return path
+
+
+def _preload(path: Path, preloaded: str) -> str:
+    return f"{path}:{preloaded}" if preloaded else str(path)
+
+
+def lock_environment(join: Path, preloaded: str) -> dict[str, str]:
+    """The variables with which a process locks its memory when it initialises ROS.
+
+    Args:
+        join: from `join_object`.
+        preloaded: what is preloaded into it already.
+    """
+    others = [each for each in preloaded.split(":") if each and each != str(join)]
+    return {"LD_PRELOAD": ":".join([str(join), *others]), LOCK_VARIABLE: "1"}

@@ -1,4 +1,6 @@
 /* Brings the harness into a process of the graph: preloaded, so that the program needs no change.
+ * With R2BSPEC_LOCK_MEMORY, it locks the memory of the process: a lock does not survive exec, so that
+ * nobody else can do it.
  *
  * It has the name of rcl's initialisation, which every ROS node calls. Before the first call in a
  * process goes on, it asks the controller over a socket whether this is the process that is meant:
@@ -11,35 +13,24 @@
  * the socket as its channel, and the path of the library that has them. The answer is "ready", or
  * "failed" with a code and a message. The node goes on when the controller closes the connection.
  */
-#include <dlfcn.h>
 #include <errno.h>
-#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <unistd.h>
 
+#include "next_function.h"
+
 #define SOCKET_VARIABLE "R2BSPEC_JOIN_SOCKET"
 #define PROCESS_VARIABLE "R2BSPEC_JOIN_PROCESS"
+#define LOCK_VARIABLE "R2BSPEC_LOCK_MEMORY"
 #define MAX_LINE 8192
-#define NOT_INITIALISED 1 /* RCL_RET_ERROR */
 
 typedef int init_t(int, char const *const *, const void *, void *);
 typedef int serve_t(int fd);
-
-/* rclpy loads rcl for itself alone, where RTLD_NEXT does not look: then its caller knows it. */
-static init_t *real_init(void *caller)
-{
-  init_t *found = (init_t *)dlsym(RTLD_NEXT, "rcl_init");
-  Dl_info info;
-  if (found == NULL && dladdr(caller, &info) != 0) {
-    void *library = dlopen(info.dli_fname, RTLD_LAZY | RTLD_NOLOAD);
-    found = library == NULL ? NULL : (init_t *)dlsym(library, "rcl_init");
-  }
-  return found;
-}
 
 /* What this process starts is not to be asked: takes this object from the preloaded ones. */
 static void leave_environment(void)
@@ -139,16 +130,20 @@ static void join(const char *socket_path, const char *process)
   close(fd);
 }
 
-__attribute__((visibility("default"))) int rcl_init(
+EXPORTED int rcl_init(
   int argc, char const *const *argv, const void *options, void *context)
 {
   static atomic_flag asked = ATOMIC_FLAG_INIT;
-  init_t *init = real_init(__builtin_return_address(0));
+  NEXT(init_t, RCL, rcl_init);
   const char *socket_path = getenv(SOCKET_VARIABLE), *process = getenv(PROCESS_VARIABLE);
   /* Once: the parts of the harness initialise contexts of their own, during the first call. */
-  if (init != NULL && socket_path != NULL && process != NULL &&
-      !atomic_flag_test_and_set(&asked)) {
-    join(socket_path, process);
+  if (next != NULL && !atomic_flag_test_and_set(&asked)) {
+    if (getenv(LOCK_VARIABLE) != NULL && mlockall(MCL_CURRENT | MCL_FUTURE) < 0) {
+      perror("r2bspec: the memory of this process cannot be locked");
+    }
+    if (socket_path != NULL && process != NULL) {
+      join(socket_path, process);
+    }
   }
-  return init == NULL ? NOT_INITIALISED : init(argc, argv, options, context);
+  return next == NULL ? NOT_FOUND : next(argc, argv, options, context);
 }

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,7 +17,7 @@ import msgspec
 
 from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.errors import ExitStatus, R2bspecError
-from r2bspec.language.benchmark_defaults import MAX_STARTS
+from r2bspec.language.benchmark_defaults import MAX_STARTS, MIN_CONFIDENCE
 from r2bspec.language.declaration import decode_text, encode_text
 from r2bspec.language.quantities import Quantity
 from r2bspec.language.requirement_grammar import Requirement
@@ -108,9 +109,19 @@ def _check_ranges(plan: Plan) -> None:
     confidences = [("gate.confidence", plan.gate.confidence)]
     if plan.search is not None:
         confidences.append(("search.confidence", plan.search.confidence))
+    confidences += [
+        (f"objectives.{name}.confidence", objective.confidence.fraction)
+        for name, objective in plan.objectives.items()
+        if objective.confidence is not None
+    ]
     for place, confidence in confidences:
-        if not 0 < confidence < 1:
-            raise ValueError(f"a confidence is between 0 and 1 - at `$.{place}`")
+        if not MIN_CONFIDENCE <= confidence < 1:
+            raise ValueError(
+                f"a confidence is {MIN_CONFIDENCE} or more, and below 1 - at `$.{place}`"
+            )
+    monitors = Counter(monitor.name for monitor in plan.monitors)
+    if twice := next((name for name, count in monitors.items() if count > 1), None):
+        raise ValueError(f"there are two monitors {twice!r} - at `$.monitors`")
     if not 1 <= plan.starts <= MAX_STARTS:
         raise ValueError(f"a plan has 1 to {MAX_STARTS} starts - at `$.starts`")
     for number, play in enumerate(plan.plays):

@@ -108,6 +108,7 @@ def compile_plan(
         requires=msgspec.UNSET if spec.requires is None else spec.requires,
         lifecycle=plan_lifecycle(wiring) or msgspec.UNSET,
         calls=plan_calls(spec, wiring.namespace) or msgspec.UNSET,
+        anatomy=spec.benchmark.anatomy or msgspec.UNSET,
     )
 
 
@@ -271,6 +272,7 @@ def _call(name: str, call: Call, namespace: str) -> plans.CallPlan:
             type=call.action.type,
             request=call.action.goal,
             each=call.each or msgspec.UNSET,
+            every=call.every if call.every > 1 else msgspec.UNSET,
             accepted=f"{name}{ACCEPTED}",
             feedback=f"{name}{FEEDBACK}" if call.feedback else "",
         )
@@ -281,6 +283,7 @@ def _call(name: str, call: Call, namespace: str) -> plans.CallPlan:
         type=service.type,
         request=service.request,
         each=call.each or msgspec.UNSET,
+        every=call.every if call.every > 1 else msgspec.UNSET,
         success=call.success,
     )
 

@@ -133,7 +133,9 @@ class ProcessPlan(ProcessSettings, frozen=True, kw_only=True):
     """
 
     name: str
-    role: Literal["loader", "player", "monitor", "harness", "host", "container", "command"]
+    role: Literal[
+        "loader", "player", "caller", "monitor", "harness", "host", "container", "command"
+    ]
     phase: Literal["preprocess", "measure"]
     argv: tuple[str, ...]
     env: dict[str, str]
@@ -283,6 +285,7 @@ class CallPlan(_Value, frozen=True, kw_only=True):
         target: the full name of the service or the action.
         request: the fields of the request, or of the goal.
         each: fields that replace some of them, in turn; a plan without them has no such key.
+        every: it is called in the last of so many steps; not there if it is in each.
         success: the field of a response that is false if the call has failed; empty for none.
         accepted: of an action, the monitor that has the acceptances of goals; else empty.
         feedback: of an action, the monitor that has the feedback; empty for none.
@@ -293,6 +296,7 @@ class CallPlan(_Value, frozen=True, kw_only=True):
     type: str
     request: dict[str, Any]
     each: tuple[dict[str, Any], ...] | msgspec.UnsetType = msgspec.UNSET
+    every: int | msgspec.UnsetType = msgspec.UNSET
     success: str = ""
     accepted: str = ""
     feedback: str = ""
@@ -389,6 +393,7 @@ class Plan(Pacing, frozen=True, kw_only=True):
         requires: what the machine must be; a plan without it has no such key.
         lifecycle: the nodes whose states the run changes, in this order; likewise.
         calls: the services and actions that are called; a plan without them has no such key.
+        anatomy: whether the processes of the graph are observed from inside; likewise.
     """
 
     r2bspec_plan: Literal[1] = 1
@@ -429,6 +434,7 @@ class Plan(Pacing, frozen=True, kw_only=True):
     requires: Requires | msgspec.UnsetType = msgspec.UNSET
     lifecycle: tuple[LifecyclePlan, ...] | msgspec.UnsetType = msgspec.UNSET
     calls: tuple[CallPlan, ...] | msgspec.UnsetType = msgspec.UNSET
+    anatomy: Literal[True] | msgspec.UnsetType = msgspec.UNSET
 
     def states_in(self, phase: str) -> dict[str, LifecycleState]:
         """The nodes of a phase whose states the run changes, in order, with these states."""

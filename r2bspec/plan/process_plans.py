@@ -13,7 +13,7 @@ process (``in``) where that is not the only possible one.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import msgspec
 
@@ -29,6 +29,9 @@ HARNESS_PROCESS_NAMES = ("loader", "player", "monitor")
 
 HARNESS_NAME = "harness"
 """Name of the process of a harness in a single process."""
+
+CALLER_NAME: Final = "caller"
+"""Name of the process that calls services while the player plays inputs."""
 
 SHARED_PROCESS_NAME = "graph"
 """Name of the process of all Python nodes with ``placement: shared``."""
@@ -48,10 +51,10 @@ def plan_processes(spec: Spec, wiring: Wiring) -> tuple[ProcessPlan, ...]:
     if has_single_harness(spec):
         return (*_preprocess(spec, wiring), _single_harness(spec, wiring), *nodes)
     before = () if spec.live else (_harness_process("player", "measure"),)
-    if spec.playback.calls:
-        before = (
-            ProcessPlan(name="player", role="player", phase="measure", argv=HARNESS_ARGV, env={}),
-        )
+    if spec.playback.calls and not spec.plays_topics:
+        before = (_harness_process("player", "measure", python=True),)
+    elif spec.playback.calls:
+        before = (*before, _harness_process(CALLER_NAME, "measure"))
     return (*_preprocess(spec, wiring), *before, *nodes, _harness_process("monitor", "measure"))
 
 
@@ -93,7 +96,8 @@ def reserved_names(spec: Spec) -> tuple[str, ...]:
     shared = (
         (SHARED_PROCESS_NAME, SHARED_CONTAINER_NAME) if spec.graph.placement == "shared" else ()
     )
-    return (*HARNESS_PROCESS_NAMES, *harness, *shared, "system")
+    caller = (CALLER_NAME,) if spec.playback.calls and spec.plays_topics else ()
+    return (*HARNESS_PROCESS_NAMES, *harness, *shared, *caller, "system")
 
 
 def process_names(spec: Spec, wiring: Wiring) -> tuple[str, ...]:
@@ -202,9 +206,9 @@ def _joint_process(
 
 
 def _harness_process(
-    role: Literal["loader", "player", "monitor"], phase: Phase, *, python: bool = False
+    role: Literal["loader", "player", "monitor", "caller"], phase: Phase, *, python: bool = False
 ) -> ProcessPlan:
-    argv = HARNESS_ARGV if python or role == "loader" else NATIVE_ARGV
+    argv = HARNESS_ARGV if python or role in {"loader", "caller"} else NATIVE_ARGV
     return ProcessPlan(name=role, role=role, phase=phase, argv=argv, env={})
 
 

@@ -32,7 +32,7 @@ from r2bspec.plan.plan import Plan
 from r2bspec.record.files import FolderReader, RecordError, to_json, write_atomically
 from r2bspec.record.graph_identity import common_identity
 from r2bspec.record.run_folder import Run, RunFolder, open_run, read_spec_text, read_stored_plan
-from r2bspec.record.run_record import Limit, RunRecord, SearchRecord, Segment
+from r2bspec.record.run_record import Limit, Number, RunRecord, SearchRecord, Segment
 from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
 from r2bspec.safe_io.limits import MAX_SEGMENTS
 from r2bspec.safe_io.safe_file import is_regular
@@ -198,7 +198,7 @@ class PairRecord(msgspec.Struct, frozen=True, kw_only=True):
         disturbed: the host interference that affected it; otherwise empty.
     """
 
-    number: int
+    number: Number
     order: Literal["AB", "BA"]
     base: str
     head: str
@@ -233,7 +233,7 @@ class PairsRecord(msgspec.Struct, frozen=True, kw_only=True):
     against: str
     control: bool
     seed: int = 0
-    planned: int
+    planned: Number
     started_at: str
     ended_at: str
     status: Literal["complete", "incomplete"]

@@ -235,6 +235,23 @@ the host name: machines of one kind are interchangeable, as in a pool of CI runn
 _FINGERPRINT_DIGITS = 12
 
 
+def check_machine_facts(machine: Mapping[str, Any]) -> None:
+    """See that the facts which are calculated with are what they should be.
+
+    Args:
+        machine: as in `RunRecord.machine`.
+
+    Raises:
+        ValueError: a number is none, or the GPUs are no list.
+    """
+    for name in ("cores", "threads_per_core", "memory_bytes"):
+        value = machine.get(name)
+        if value is not None and not (isinstance(value, int) and value > 0):
+            raise ValueError(f"machine.{name} is no number above 0")
+    if not isinstance(machine.get("gpus") or [], list):
+        raise ValueError("machine.gpus is no list")
+
+
 def fingerprint(machine: Mapping[str, Any]) -> str:
     """Identifies the kind of machine, with twelve hexadecimal digits.
 

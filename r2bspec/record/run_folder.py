@@ -87,6 +87,7 @@ _FOLDER_MODE = 0o700
 
 _RESOURCES = "resources.npy"
 _INTERFERENCE = "interference.npy"
+_ANATOMY = "anatomy.npy"
 
 _SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+=@-]*")
 
@@ -185,6 +186,10 @@ class RunFolder:
         """Write the messages of a tap in a segment."""
         self._write_rows(f"{_samples_of(segment)}/{_tap_file(topic)}", rows, arrays.MONITOR_DTYPE)
 
+    def write_anatomy(self, segment: str, rows: arrays.Rows) -> None:
+        """Write the events in the processes of the graph in a segment."""
+        self._write_rows(f"{_samples_of(segment)}/{_ANATOMY}", rows, arrays.ANATOMY_DTYPE)
+
     def write_resources(self, rows: arrays.Rows) -> None:
         """Write CPU and memory over the whole run: rows of `sample_arrays.RESOURCE_DTYPE`."""
         self._write_rows(_RESOURCES, rows, arrays.RESOURCE_DTYPE)
@@ -251,6 +256,18 @@ class Run:
             RecordError: the file is missing or damaged.
         """
         return self.segment_rows(segment, _tap_file(topic), arrays.MONITOR_DTYPE)
+
+    def anatomy(self, segment: Segment) -> arrays.Rows:
+        """The events in the processes of the graph, in the order in which they began.
+
+        Raises:
+            RecordError: the file is missing or damaged.
+        """
+        return self.segment_rows(segment, _ANATOMY, arrays.ANATOMY_DTYPE)
+
+    def has_anatomy(self, segment: Segment) -> bool:
+        """Whether a segment was observed from inside."""
+        return f"{_samples_of(segment.id)}/{_ANATOMY}" in self.record.samples
 
     def segment_rows(self, segment: Segment, file: str, dtype: np.dtype[np.void]) -> arrays.Rows:
         """The rows of one file of a segment.

@@ -7,7 +7,8 @@ A run folder contains::
     record.json        a `RunRecord`: this module, written last and atomically
     result.json        metrics and verdicts, computed from all of the above
     samples/SEGMENT/   playback.npy, monitor.NAME.npy for each monitor, and tap.TOPIC.npy for
-                       each tapped topic, with dots instead of slashes
+                       each tapped topic, with dots instead of slashes; and anatomy.npy with the
+                       events in the processes of the graph, where they were observed from inside
     resources.npy      CPU and memory of every process over the whole run
     interference.npy   host interference over the whole run
     loaded_files.json  the files that each process of the graph loaded (`loaded_files`)
@@ -19,13 +20,22 @@ All times are CLOCK_MONOTONIC nanoseconds of the host, unless the name says othe
 
 from __future__ import annotations
 
+import enum
 import math
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
 from r2bspec.language.spec import TruthKind
-from r2bspec.record.graph_identity import GraphIdentity
+from r2bspec.record.graph_identity import GraphIdentity, check_machine_facts
+from r2bspec.safe_io.limits import MAX_SEGMENTS
+
+# What is calculated with is refused where it is read; a damaged record can have any number.
+Count = Annotated[int, msgspec.Meta(ge=0)]
+Number = Annotated[int, msgspec.Meta(ge=1, le=MAX_SEGMENTS)]
+"""Of a segment or a start."""
+Hertz = Annotated[float, msgspec.Meta(ge=0)]
+Confidence = Annotated[float, msgspec.Meta(ge=0, lt=1)]
 
 
 class WaitTime(msgspec.Struct, frozen=True, kw_only=True):
@@ -65,9 +75,12 @@ class PhaseTime(msgspec.Struct, frozen=True, kw_only=True):
         return self.ended_ns - self.began_ns
 
 
-SegmentKind = Literal["warm_up", "probe", "sustained", "iteration", "confirmation", "recorded"]
-"""The purpose of a segment; those of the confirmation run after a failure are ``confirmation``, and
-the messages of ``recorded`` are in a bag of the run folder."""
+SegmentKind = Literal[
+    "warm_up", "probe", "sustained", "iteration", "confirmation", "recorded", "anatomy"
+]
+"""The purpose of a segment; those of the confirmation run after a failure are ``confirmation``, the
+messages of ``recorded`` are in a bag of the run folder, and ``anatomy`` is the one that is observed
+from inside where the others are not."""
 
 
 class Segment(msgspec.Struct, frozen=True, kw_only=True):
@@ -91,18 +104,23 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
 
     id: str
     kind: SegmentKind
-    rate_hz: float
-    index: int
-    steps: int
+    rate_hz: Hertz
+    index: Number
+    steps: Count
     began_ns: int
     ended_ns: int
     complete: bool
-    played_before: int = 0
+    played_before: Count = 0
     rerun_of: str = ""
     live: bool = False
     clock_offset_ns: int | None = None
-    monitor_held_ns: int = 0
-    start: int = 1
+    monitor_held_ns: Count = 0
+    start: Number = 1
+
+    @property
+    def length_s(self) -> float:
+        """The length of the sending window in seconds."""
+        return (self.ended_ns - self.began_ns) / 1e9
 
 
 class Probe(msgspec.Struct, frozen=True, kw_only=True):
@@ -126,11 +144,11 @@ class Probe(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     segment: str
-    rate_hz: float
-    delivered_hz: float
+    rate_hz: Hertz
+    delivered_hz: Hertz
     holds: bool | None
     reason: str
-    confidence: float = 0.0
+    confidence: Confidence = 0.0
     purpose: Literal["probe", "saturation", "confirmation"] = "probe"
     keeps_up: bool | None = None
     lost_at_most: float | None = None
@@ -183,7 +201,7 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
     fails_hz: float | None
     limited_by: Limit
     precision: float = 0.0
-    confidence: float = 0.0
+    confidence: Confidence = 0.0
     proof: Proof = ""
     proof_s: float = 0.0
     lost_at_most: float | None = None
@@ -251,7 +269,8 @@ class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
         exit_code: negative for a signal, None if it is unknown.
         signals: those that the run has sent to it, in order.
         parts: of the harness, if it is a process of the graph that contains some.
-        scheduling: what its threads had when the graph was ready, if the plan asks for something.
+        scheduling: what its threads had after the warm-up, if the plan asks for something.
+        locked_bytes: of its memory and that of its descendants, which was locked then.
     """
 
     name: str
@@ -261,6 +280,7 @@ class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
     signals: tuple[int, ...] = ()
     parts: tuple[str, ...] = ()
     scheduling: tuple[ThreadSchedulingRecord, ...] = ()
+    locked_bytes: int = 0
 
     @property
     def ended_as_told(self) -> bool:
@@ -281,10 +301,10 @@ class HarnessOverheadRecord(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     topic: str
-    bytes: int
-    rate_hz: float
-    sent: int
-    received: int
+    bytes: Count
+    rate_hz: Hertz
+    sent: Count
+    received: Count
     latency_p50_ns: int | None
     latency_p99_ns: int | None
     lateness_p50_ns: int | None
@@ -347,12 +367,12 @@ class UnplayedMessages(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     topic: str
-    count: int
-    total: int
+    count: Count
+    total: Count
     cause: Literal["partner", "recording"] = "partner"
     agreed: bool = False
     at_least: bool = False
-    slop_ns: int = 0
+    slop_ns: Count = 0
 
     @property
     def clause(self) -> str:
@@ -392,8 +412,8 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         code: of the rule of ``r2bspec validate`` that finds the same error.
-        part: a `parameter` or a `remapping` of a node, its `lifecycle`, `plugin` or `package`, the
-            `node` itself, or an `endpoint`.
+        part: a `parameter` or a `remapping` of a node, its `lifecycle`, `executor`, `plugin` or
+            `package`, the `node` itself, or an `endpoint`.
         owner: the full name of the node, or the part of the harness.
         name: the parameter, the left side of the remapping, the full name of the topic, or the
             transition.
@@ -404,7 +424,16 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
 
     code: str
     message: str
-    part: Literal["parameter", "remapping", "lifecycle", "plugin", "package", "node", "endpoint"]
+    part: Literal[
+        "parameter",
+        "remapping",
+        "lifecycle",
+        "executor",
+        "plugin",
+        "package",
+        "node",
+        "endpoint",
+    ]
     owner: str
     name: str
     topic: str = ""
@@ -441,7 +470,7 @@ class StartRecord(msgspec.Struct, frozen=True, kw_only=True):
         taken: the largest share of that time that others can have taken from the run.
     """
 
-    number: int
+    number: Number
     began_ns: int
     ready_ns: int
     overhead_ns: int = 0
@@ -473,9 +502,80 @@ class ProfileRecord(msgspec.Struct, frozen=True, kw_only=True):
     profiler: str
     files: tuple[str, ...] = ()
     stacks: str = ""
-    rate_hz: float = 0.0
+    rate_hz: Hertz = 0.0
     began_ns: int
     ended_ns: int
+    error: str = ""
+
+
+class AnatomyKind(enum.IntEnum):
+    """What happened, in a row of events (`r2bspec.record.sample_arrays.ANATOMY_FIELDS`).
+
+    A publication lasts from the call of rcl to its return, and so does a take. `TRIGGER` is a guard
+    condition: the executor of rclpy triggers one before and after each callback. `CALLBACK` is one
+    of rclcpp, which says itself when a callback begins and ends. `WAIT` is a wait of an executor
+    for work, `TIMER` the call of a timer that is due.
+    """
+
+    PUBLISH = 1
+    TAKE = 2
+    CALLBACK = 3
+    TRIGGER = 4
+    WAIT = 5
+    TIMER = 6
+    SEND_REQUEST = 7
+    TAKE_REQUEST = 8
+    SEND_RESPONSE = 9
+    TAKE_RESPONSE = 10
+    ENQUEUE = 11
+    DEQUEUE = 12
+
+
+AnatomyObjectKind = Literal["publisher", "subscription", "timer", "client", "service", "buffer"]
+
+
+class AnatomyObject(msgspec.Struct, frozen=True, kw_only=True):
+    """What events belong to.
+
+    Attributes:
+        process: indexes `AnatomyRecord.processes`.
+        name: of the topic or service, with its namespace; of a buffer, its topic; or empty.
+        node: the name of its node with its namespace; empty if it is not known.
+    """
+
+    process: int
+    kind: AnatomyObjectKind
+    name: str = ""
+    node: str = ""
+
+
+class AnatomyProcess(msgspec.Struct, frozen=True, kw_only=True):
+    """A process that was observed from inside.
+
+    Attributes:
+        name: of the process of the plan to which it belongs.
+        pid: its id.
+        lost: events for which it had no room.
+    """
+
+    name: str
+    pid: int
+    lost: int = 0
+
+
+class AnatomyRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """What was observed from inside in one start; the samples of its segments have the events.
+
+    Attributes:
+        start: the start of the graph's processes, as in its segments.
+        processes: those that were observed.
+        objects: those of the events: publishers, subscriptions and others.
+        error: why nothing was observed, or not everything; otherwise empty.
+    """
+
+    start: int
+    processes: tuple[AnatomyProcess, ...] = ()
+    objects: tuple[AnatomyObject, ...] = ()
     error: str = ""
 
 
@@ -486,8 +586,8 @@ class EndedRate(msgspec.Struct, frozen=True, kw_only=True):
         iterations: how many were played.
     """
 
-    rate_hz: float
-    iterations: int
+    rate_hz: Hertz
+    iterations: Count
 
 
 class AccuracyRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -506,8 +606,8 @@ class AccuracyRecord(msgspec.Struct, frozen=True, kw_only=True):
     monitor: str
     kind: TruthKind
     of: str
-    outputs: int
-    steps: int
+    outputs: Count
+    steps: Count
     values: dict[str, float]
     text: str = ""
     problem: str = ""
@@ -556,9 +656,13 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     starts: tuple[StartRecord, ...] = ()
     unplayed: tuple[UnplayedMessages, ...] = ()
     profiles: tuple[ProfileRecord, ...] = ()
+    anatomies: tuple[AnatomyRecord, ...] = ()
     ended_rates: tuple[EndedRate, ...] = ()
     accuracy: tuple[AccuracyRecord, ...] = ()
     phases: tuple[PhaseTime, ...] = ()
     identity: GraphIdentity | None = None
     gate: tuple[str, ...] = ()
     samples: dict[str, str] = {}
+
+    def __post_init__(self) -> None:
+        check_machine_facts(self.machine)

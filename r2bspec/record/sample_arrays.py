@@ -75,10 +75,34 @@ the time in which the control group had used up its quota, or a core was throttl
 `cycles` is the CPU time of each of these cores times its frequency at the sampling time; it is -1
 in files of versions that did not record it."""
 
+ANATOMY_FIELDS = (
+    ("object", "<u4"),
+    ("process", "<u4"),
+    ("thread", "<u4"),
+    ("kind", "<u2"),
+    ("flags", "<u2"),
+    ("began_ns", "<i8"),
+    ("ended_ns", "<i8"),
+    ("source_ns", "<i8"),
+    ("received_ns", "<i8"),
+    ("header_ns", "<i8"),
+    ("clock_ns", "<i8"),
+)
+"""One row per event in a process that was observed from inside, in the order in which they began
+(`r2bspec.record.run_record.AnatomyRecord`). `object` indexes its objects, from 1 on; 0 is none.
+`process` indexes its processes. `thread` is the thread's id in the system. `kind` is an
+`AnatomyKind`; bit 0 of `flags` says that a take took nothing, bit 1 that the publication or take
+was within a process. `began_ns` and `ended_ns` are on the monotonic clock. `source_ns` is the stamp
+that the middleware gave the message when it was published, and `received_ns` the one that it gave
+it when it was received, both on the system clock; 0 where there is none. For services `source_ns`
+is the sequence number, and for buffers within a process the index in the buffer. `header_ns` is
+the header stamp of the message, or 0. `clock_ns` is the system clock less the monotonic clock."""
+
 PLAYBACK_DTYPE: np.dtype[np.void] = np.dtype(list(PLAYBACK_FIELDS))
 MONITOR_DTYPE: np.dtype[np.void] = np.dtype(list(MONITOR_FIELDS))
 RESOURCE_DTYPE: np.dtype[np.void] = np.dtype(list(RESOURCE_FIELDS))
 INTERFERENCE_DTYPE: np.dtype[np.void] = np.dtype(list(INTERFERENCE_FIELDS))
+ANATOMY_DTYPE: np.dtype[np.void] = np.dtype(list(ANATOMY_FIELDS))
 
 
 def write_rows(path: Path, rows: Rows, dtype: np.dtype[np.void]) -> str:
@@ -134,7 +158,7 @@ def read_rows(path: Path, dtype: np.dtype[np.void], sha256: str = "") -> Rows:
     return rows
 
 
-_LONGEST_NS = 1 << 62
+LONGEST_NS = 1 << 62
 """Differences of times within this (146 years) are 64-bit integers, too."""
 
 
@@ -142,7 +166,7 @@ def _check_values(rows: Rows, path: Path) -> None:
     names = [name for name in rows.dtype.names or () if name.endswith("_ns")] if rows.size else ()
     for name in names:
         times = rows[name]
-        if times.min() < -_LONGEST_NS or times.max() > _LONGEST_NS:
+        if times.min() < -LONGEST_NS or times.max() > LONGEST_NS:
             raise RecordError(f"{path} is damaged: {name} has a time that cannot be", hint=_HINT)
     for name in rows.dtype.names or ():
         # NaN is what the system does not count; it counts processor time.

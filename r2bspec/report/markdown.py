@@ -20,6 +20,7 @@ from r2bspec.judge.measure.metrics import RunMetrics
 from r2bspec.judge.measure.units import show, show_rate
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import Verdict
+from r2bspec.report import anatomy_table
 from r2bspec.report import report_wording as wording
 from r2bspec.report.headline import headline, reason_after
 from r2bspec.report.notes import notes
@@ -66,6 +67,7 @@ def _lines(report_input: ReportInput) -> Iterator[str]:
     yield from (f"> {escaped(note)}  " for note in (*told.shown, told.more) if note)
     yield ""
     yield from folded("Measurements", _measured(result, told.shown))
+    yield from folded("Anatomy", _anatomy(result))
     yield from folded("Environment", _provenance(report_input))
 
 
@@ -143,6 +145,21 @@ def _hops(metrics: RunMetrics, monitor: str) -> Iterator[str]:
         yield ""
         shown = map(part_title, SHORT_PERCENTILES)
         yield from table(("offered", "from → to", *shown, "matched", "missed"), rows)
+
+
+def _anatomy(result: Result) -> Iterator[str]:
+    """Where the messages of an iteration spent their time; nothing if none was observed."""
+    for anatomy in anatomy_table.anatomies_of(result):
+        for path in anatomy.paths:
+            yield f"**{escaped(anatomy_table.title(anatomy, path))}**  "
+            yield escaped(anatomy_table.caption(path))
+            yield ""
+            rows = [[*map(escaped, row)] for row in anatomy_table.part_rows(path)]
+            yield from table(anatomy_table.PART_COLUMNS, rows)
+        rows = [[*map(escaped, row)] for row in anatomy_table.node_rows(anatomy)]
+        yield from table(anatomy_table.NODE_COLUMNS, rows)
+        yield from (f"{escaped(note)}  " for note in anatomy_table.anatomy_notes(anatomy))
+        yield ""
 
 
 def _provenance(report_input: ReportInput) -> Iterator[str]:

@@ -66,8 +66,11 @@ class _Family:
     samples: list[tuple[str, Labels, float]] = field(default_factory=list)
 
     def add(self, labels: Labels, value: float | None, suffix: str = "") -> None:
-        """Add a sample; nothing for None."""
-        if value is not None:
+        """Add a sample; nothing for None, and for a negative time in a summary.
+
+        The format forbids these. An output that came before its step, matched by order, has one.
+        """
+        if value is not None and not (self.kind == "summary" and value < 0):
             self.samples.append((suffix, labels, value))
 
     def add_states(self, labels: Labels, states: Iterable[str], current: str) -> None:

@@ -151,6 +151,8 @@ def peak_text(search: SearchRecord) -> str:
 def comparison(result: Result) -> Iterator[str]:
     """The gate and the baseline of a result, a sentence each; nothing without them."""
     yield from (f"{text[:1].upper()}{text[1:]}" for text in result.gate)
+    if result.grown:
+        yield f"Grown since the base: {'; '.join(result.grown[:_MAX_CHANGES])}."
     # The first line of a report names only some of the changes.
     if len(result.changes) > NAMED_CHANGES:
         more = len(result.changes) - _MAX_CHANGES

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from r2bspec.judge.measure.distribution import PARTS, part_title, part_value
+from r2bspec.judge.measure.metric_catalogue import ANATOMY_SHARES
 from r2bspec.judge.measure.metrics import (
     MonitorMetrics,
     RateMetrics,
@@ -277,6 +278,12 @@ def _segment(segment: SegmentMetrics) -> Iterator[_Value]:
         yield "", f"cpu.{process}.max", "share", use.cpu_max
         yield "", f"memory.{process}.max", "B", use.memory_max_bytes
         yield "", f"minor_faults.{process}.per_message", "count", use.faults_per_message
+    for series, values in (segment.anatomy or {}).items():
+        if series.endswith(ANATOMY_SHARES):
+            yield "", series, "share", values.mean
+            continue
+        for part in PARTS:
+            yield "", f"{series}.{part}", "s", part_value(values, part)
 
 
 def _harness_overhead(overhead: HarnessOverheadRecord) -> Iterator[_Value]:

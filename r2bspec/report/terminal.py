@@ -32,6 +32,7 @@ from r2bspec.report.result_table import RequirementRow, reasons, requirement_row
 from r2bspec.report.terminal_tables import (
     DIM_STYLE,
     OUTCOME_STYLES,
+    anatomy_sections,
     budget_section,
     harness_overhead_section,
     heading,
@@ -135,6 +136,7 @@ def print_report(
         notes_section(notes(result, verbose=verbose)),
         *monitor_sections(result, width),
         *hop_sections(result.metrics),
+        *anatomy_sections(result, verbose=verbose),
         load_section(result.metrics, width),
         harness_overhead_section(result.harness_overhead),
         budget_section(result.verdict) if verbose else None,

@@ -29,6 +29,7 @@ from r2bspec.judge.measure.units import at_rate, show, show_range, show_rate, si
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import OverallOutcome, VarianceSource, Verdict
 from r2bspec.record.run_record import HarnessOverheadRecord, PhaseTime, RunRecord
+from r2bspec.report import anatomy_table
 from r2bspec.report import report_wording as wording
 from r2bspec.report.output import MAX_TABLE_ROWS, console, rows_left_out
 from r2bspec.report.result_table import METRICS, Measured, measured, monitor_names, requirement_rows
@@ -157,6 +158,33 @@ def hop_sections(metrics: RunMetrics) -> Iterator[RenderableType]:
         at = at_rate(row.rate.offered_hz, row.rate.pace)
         aside = f"path to {row.monitor} {at}; percentiles do not add up"
         yield Group(heading("hops", aside), grid)
+
+
+def anatomy_sections(result: Result, *, verbose: bool) -> Iterator[RenderableType]:
+    """For each observed rate a table of the parts of each path, and one of the nodes.
+
+    Without `verbose` only the first path to each monitor, which most messages took.
+    """
+    for anatomy in anatomy_table.anatomies_of(result):
+        first = {path.monitor: path for path in reversed(anatomy.paths)}
+        for path in anatomy.paths:
+            if not verbose and path is not first[path.monitor]:
+                continue
+            grid = table(anatomy_table.PART_COLUMNS)
+            grid.columns[1].justify = "left"
+            for row in anatomy_table.part_rows(path):
+                grid.add_row(*row)
+            about = Text(anatomy_table.caption(path), style=DIM_STYLE)
+            yield Group(heading("anatomy", anatomy_table.title(anatomy, path)), about, grid)
+        lines = [*anatomy_table.anatomy_notes(anatomy)]
+        if more := len(anatomy.paths) - len(first):
+            lines += [] if verbose else [f"--verbose shows the other paths, {more} more"]
+        grid = table(anatomy_table.NODE_COLUMNS)
+        for row in anatomy_table.node_rows(anatomy):
+            grid.add_row(*row)
+        yield Group(heading("nodes", "in the same iteration; load is that of one thread"), grid)
+        if lines:
+            yield Text("\n".join(lines), style=DIM_STYLE)
 
 
 _MEMORY_WIDTH = 9

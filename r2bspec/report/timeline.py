@@ -2,7 +2,8 @@
 
 The Trace Event Format is what Perfetto and chrome://tracing open. Phases and segments are slices,
 messages in flight are asynchronous slices of each monitor, from publication to reception, and CPU
-and memory are counters. A lost message is a slice named ``lost`` that ends with its segment. Times
+and memory are counters. An iteration that was observed from inside has a track for each thread of
+the graph. A lost message is a slice named ``lost`` that ends with its segment. Times
 are microseconds since the first event.
 
 An MCAP file has the metrics over time, for Foxglove. Topics: ``/r2bspec/MONITOR/latency`` with a
@@ -34,6 +35,7 @@ from r2bspec.judge.measure.run_samples import match_segment
 from r2bspec.judge.measure.units import show_rate
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import Segment
+from r2bspec.report.anatomy_trace import observed_events
 
 WHOLE_MACHINE = "whole machine"
 
@@ -180,6 +182,7 @@ def _events(run: Run) -> Iterator[dict[str, Any]]:
         yield _counter(f"CPU {load.process}", at(load.at_ns), values)
         values = {"MiB": round(load.memory_bytes / 2**20, 2)}
         yield _counter(f"memory {load.process}", at(load.at_ns), values)
+    yield from observed_events(run, at)
 
 
 def _named(what: str, pid: int, tid: int, name: str) -> dict[str, Any]:

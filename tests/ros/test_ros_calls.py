@@ -14,7 +14,7 @@ from rcl_interfaces.srv import GetParameters, SetParameters
 
 from c_nodes import c_node
 from r2bspec.harness.service_client import ServiceCallError, fill_message, service_class
-from ros_runs import Bench
+from ros_runs import Bench, quick_input, relay_spec
 from ros_runs import bench as bench
 
 # Every fourth request fails. The service takes longer than its period.
@@ -38,6 +38,14 @@ class Slow(Node):
         self.calls += 1
         response.bool_value = self.calls % 4 != 0
         return response
+
+
+class RelayWithService(Node):
+    def __init__(self, **kwargs):
+        super().__init__("relay", **kwargs)
+        output = self.create_publisher(Image, "output", 10)
+        self.create_subscription(Image, "input", output.publish, 10)
+        self.create_service(BasicTypes, "double", lambda _, response: response)
 
 
 class Planner(Node):
@@ -90,8 +98,8 @@ def test_nothing_said_leaves_the_defaults() -> None:
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"nmes": []}, "the request has no field 'nmes'; its fields: names"),
-        ({"names": 3}, "names cannot be 3: its type is sequence<string>"),
+        ({"nmes": []}, "nmes of the request: there is no field 'nmes'; did you mean 'names'"),
+        ({"names": 3}, "names of the request: it cannot be 3: its type is sequence<string>"),
     ],
 )
 def test_a_field_that_is_wrong_is_named(values: dict[str, object], said: str) -> None:
@@ -125,6 +133,26 @@ def test_a_service_is_called_whether_or_not_it_has_answered(bench: Bench) -> Non
     # The next request does not wait for the answer.
     later = at < played.size - 1
     assert (played["published_ns"][at[later] + 1] < answers["received_ns"][later]).any()
+
+
+def test_services_are_called_in_steps_of_inputs(bench: Bench) -> None:
+    call = {"service": {**SLOW, "name": "double"}, "every": 4}
+    spec = relay_spec(
+        graph={"nodes": {"relay": {"python": "./nodes.py:RelayWithService"}}},
+        playback={"inputs": {"input": quick_input("loaded")}, "calls": {"it": call}},
+    )
+    run = bench.run(spec).run()
+    (segment,) = (each for each in run.record.segments if each.kind == "iteration")
+    played, answers = run.playback(segment), run.monitor(segment, "it")
+    assert played.size == 20
+    assert run.monitor(segment, "out").size > 0
+    at = np.searchsorted(played["stamp_ns"], answers["stamp_ns"])
+    assert 0 < answers.size <= 5
+    assert (played["stamp_ns"][at] == answers["stamp_ns"]).all()
+    assert (np.diff(at) % 4 == 0).all()
+    assert (answers["received_ns"] > played["published_ns"][at]).all()
+    roles = {process.name: process.role for process in run.record.processes}
+    assert (roles["player"], roles["caller"]) == ("player", "caller")
 
 
 def test_a_service_in_c_is_called(bench: Bench) -> None:

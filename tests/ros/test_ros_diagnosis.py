@@ -394,7 +394,7 @@ FAILS = {
     "Hangs": ({4}, "process relay did not respond within 1 s", ""),
     "Dies": ({4}, "process relay exited with status 7", "no licence"),
 }
-ALSO_FAILS = {"nothing": ({2, 4}, "nothing returned NoneType, not an rclpy node", "")}
+ALSO_FAILS = {"nothing": ({2, 4}, "nothing gives a NoneType, not an rclpy node", "")}
 
 
 @pytest.mark.parametrize("kind", [*FAILS, *nightly_of(ALSO_FAILS)])

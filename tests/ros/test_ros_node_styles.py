@@ -10,13 +10,15 @@ import pytest
 pytest.importorskip("rclpy")
 
 from node_styles import write_workspace
-from ros_runs import IMAGE, Bench, quick_input, relay_spec
+from ros_runs import IMAGE, Bench, Finished, quick_input, relay_spec
 
 
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory: pytest.TempPathFactory) -> Bench:
-    """A folder of specs, in no repository: what is beside it is not read before it runs."""
-    return Bench(write_workspace(tmp_path_factory.mktemp("workspace")))
+    """A folder of specs, in no workspace: what is beside it is not read before it runs."""
+    folder = write_workspace(tmp_path_factory.mktemp("workspace"))
+    (folder.parent / "src" / "drive_pkg" / "package.xml").unlink()
+    return Bench(folder)
 
 
 def spec(nodes: dict[str, Any], outputs: dict[str, str], inputs: list[str]) -> dict[str, Any]:
@@ -28,7 +30,7 @@ def spec(nodes: dict[str, Any], outputs: dict[str, str], inputs: list[str]) -> d
     )
 
 
-def assert_all_answer(bench: Bench, wanted: dict[str, Any]) -> None:
+def assert_all_answer(bench: Bench, wanted: dict[str, Any]) -> Finished:
     # With queues of ten messages, a busy machine loses some by itself.
     for _ in range(3):
         done = bench.run(wanted)
@@ -37,16 +39,35 @@ def assert_all_answer(bench: Bench, wanted: dict[str, Any]) -> None:
             break
     for each in wanted["monitors"]:
         done.assert_counts(20, each)
+    return done
+
+
+STARTER = """
+import rclpy
+
+
+class Starter(Node):
+    def __init__(self):
+        rclpy.init()
+        super().__init__("starter")
+        output = self.create_publisher(Image, "started", 10)
+        self.create_subscription(Image, "start", output.publish, 10)
+"""
 
 
 def test_programs_factories_and_states(workspace: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    workspace.write_node("starter.py", STARTER)
     monkeypatch.setenv("PYTHONPATH", str(workspace.folder.parent / "src" / "drive_pkg"))
     nodes = {
         "detector": {"python": "./detector.py:main"},
         "lidar_filter": {"python": "./lidar_filter.py:LidarFilter", "lifecycle": "active"},
         "odometry": {"python": "./odometry.py:main"},
         "grasp_server": {"python": "./grasp_server.py:make"},
-        "driver": {"python": "../src/drive_pkg/drive_pkg/driver_node.py:main"},
+        "driver": {
+            "python": "../src/drive_pkg/drive_pkg/driver_node.py:main",
+            "executor": "multi_threaded",
+        },
+        "starter": {"python": "./starter.py:Starter"},
         "module": {
             "python": "drive_pkg.driver_node.main",
             "remappings": {"goal": "target", "cmd": "drive"},
@@ -64,11 +85,15 @@ def test_programs_factories_and_states(workspace: Bench, monkeypatch: pytest.Mon
         "odometry": "odom",
         "grasp_server": "grasp_view",
         "driver": "cmd",
+        "starter": "started",
         "module": "drive",
         "threshold": "foreground",
     }
-    inputs = ["image", "scan", "imu", "camera", "goal", "target", "frame"]
-    assert_all_answer(workspace, spec(nodes, outputs, inputs))
+    inputs = ["image", "scan", "imu", "camera", "goal", "target", "frame", "start"]
+    done = assert_all_answer(workspace, spec(nodes, outputs, inputs))
+    # Its source is not read, so that only its start shows that it is a program.
+    [found] = done.run().record.differences
+    assert (found.code, found.part, found.owner) == ("R2B239", "executor", "/r2b/driver")
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,10 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from plans import process_plan
+from r2bspec.execute.errors import RunError
+from r2bspec.execute.processes.scheduling import require_permitted
+from r2bspec.language.spec import Scheduling
 from ros_runs import IMAGE, Bench, Finished, relay_spec
 from ros_runs import bench as bench
 
@@ -33,6 +37,17 @@ class Ticks(Node):
 """
 
 
+def may_lock() -> bool:
+    try:
+        require_permitted([process_plan("any", scheduling=Scheduling(memory_lock=True))])
+    except RunError:
+        return False
+    return True
+
+
+MAY_LOCK = may_lock()
+
+
 @pytest.fixture(scope="module")
 def done(bench: Bench) -> Finished:
     spec = relay_spec(
@@ -40,7 +55,10 @@ def done(bench: Bench) -> Finished:
             "nodes": {
                 "ticks": {
                     "python": "./nodes.py:Ticks",
-                    "scheduling": {"threads": [{"name": "*", "policy": "batch"}]},
+                    "scheduling": {
+                        "threads": [{"name": "*", "policy": "batch"}],
+                        "memory_lock": MAY_LOCK,
+                    },
                 }
             }
         },
@@ -92,3 +110,10 @@ def test_what_the_threads_of_the_node_were_given_is_in_the_record(done: Finished
     assert sum(each.count for each in threads["ticks"]) > 1
     assert {each.policy for each in threads["ticks"]} == {"batch"}
     assert threads["monitor"] == ()
+
+
+@pytest.mark.skipif(not MAY_LOCK, reason="a memory lock is not permitted")
+def test_the_memory_of_the_node_is_locked(done: Finished) -> None:
+    locked = {process.name: process.locked_bytes for process in done.run().record.processes}
+    assert locked["ticks"] > 10_000_000
+    assert locked["monitor"] == 0

@@ -150,7 +150,8 @@ class PairGate:
         looks = InterimLooks.after_each_pair(self.pairs)
         for end in looks.iterations:
             verdict = judge_pair_set(objectives, _pair_set(sides, end, looks), policy)
-            if verdict.outcome in _OUTCOMES:
+            early = any(requirement.early for requirement in verdict.requirements)
+            if verdict.outcome in _OUTCOMES and not early:
                 break
         return verdict
 

@@ -29,17 +29,18 @@ from simulated_gates import (
 from nightly import size
 from r2bspec.judge.caveats import LONG_BURST
 from r2bspec.judge.decision_policy import DecisionPolicy
-from r2bspec.judge.early_pass import bound_with_unmet, losses_with_unmet, share_with_unmet
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.statistics.binomial import burst_tolerance, upper_bound
 from r2bspec.judge.statistics.effective_sample_size import SampleDesign, effective_sample
 from r2bspec.judge.statistics.percentile_interval import RankedMessages, percentile_interval
+from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.statistics.t_interval import (
     RunValues,
     hierarchical_interval,
     welch_ratio_of_runs,
 )
 from r2bspec.judge.statistics.variance_components import NestedSample, sampling_variance
+from r2bspec.judge.unmet_starts import room_of_losses, room_of_mean, room_of_percentile
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 from r2bspec.plan.interim_looks import InterimLooks
@@ -350,10 +351,10 @@ def _decided_at(
 def has_room(values: Values, shape: Shape, quantity: str, limit: float, confidence: float) -> bool:
     """Whether a PASS may end a run before its declared starts, as `early_doubt` has it."""
     numbers = shape.numbers[: len(values)]
-    starts = len(set(numbers))
+    unmet = zero_failure_bound(len(set(numbers)), CONFIDENCE)
     if quantity == "mean, throughput":
         found = hierarchical_interval(values.mean(axis=1).tolist(), numbers, confidence)
-        return bound_with_unmet(found.interval.upper, starts, upper=True) < limit
+        return unmet <= room_of_mean(found.interval.upper, limit, upper=True)
     allowed = round(1 - QUANTILES.get(quantity, 0.99), 12)
     over = int(np.count_nonzero(values > limit))
     if (burst_tolerance(over, values.size, allowed, confidence) or 0) < LONG_BURST:
@@ -361,8 +362,8 @@ def has_room(values: Values, shape: Shape, quantity: str, limit: float, confiden
     if quantity == "drop rate 1 %":
         sample = effective_sample(list(values > limit), SampleDesign(numbers, allowed, confidence))
         upper = upper_bound(sample.bad_messages, sample.messages, confidence)
-        return losses_with_unmet(upper, starts) <= allowed
-    return share_with_unmet(list(values), limit, starts) <= allowed
+        return unmet <= room_of_losses(upper, allowed)
+    return unmet <= room_of_percentile(list(values), limit, allowed)
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from functools import partial
 from typing import TypeVar
 
 import numpy as np
+from simulated_caveats import share_told, share_told_of_wrong
 from simulated_gates import (
     KINDS,
     MEAN_WORLDS,
@@ -35,6 +36,7 @@ from simulated_gates import (
     share_gate,
 )
 from simulated_pair_load import LOAD_WORLDS, LoadWorld, PairGate
+from simulated_pair_looks import HEADS, errors_of_pairs
 from simulated_starts import (
     ADVICE_WORLDS,
     QUANTITIES,
@@ -43,6 +45,7 @@ from simulated_starts import (
     components,
     errors,
     follow_advice,
+    limit_of,
     stored_errors,
     time_to_verdict,
 )
@@ -223,6 +226,89 @@ def starts() -> None:
     )
 
 
+def caveats() -> None:
+    """What wrong verdicts say, and what right ones do."""
+    worlds = chosen(
+        START_WORLDS,
+        "starts differ by 10 %",
+        "messages resemble (0.99)",
+        "iterations resemble (0.8), 5 %",
+        "stalls of 40 messages",
+        "a stop of 0.5 s every 30 s",
+        "1 iteration in 10 is slow",
+        "1 start in 5 is slow",
+        "the hour differs by 2.7 %",
+    )
+    grid(
+        "Wrong passes / wrong fails on the limit that say something, in % of at most 40",
+        "world",
+        worlds,
+        {quantity: quantity for quantity in QUANTITIES},
+        lambda world, quantity: " / ".join(
+            share_told_of_wrong(world, quantity, decision) or "none"
+            for decision in ((1, -1) if world.hour else (1,))
+        ),
+    )
+    steady = chosen(
+        START_WORLDS, "nothing differs", "starts differ by 2.7 %", "starts differ by 5 %"
+    )
+    grid(
+        "Right passes of a latency that are too close, in % of 100, by how much it is met",
+        "world, requirement",
+        {
+            f"{name}, {quantity}": (world, quantity)
+            for name, world in steady.items()
+            for quantity in ("p50", "p99", "mean, throughput")
+        },
+        {f"{margin - 1:.0%}": margin for margin in (1.05, 1.1, 1.2, 1.3)},
+        lambda case, margin: share_told(
+            *case, limit_of(*case) * margin, 1, "met by at least", wanted=100
+        ),
+    )
+    grid(
+        "Passes of a drop rate of 1 % that say that starts differ, in % of 100, by the truth",
+        "starts differ by, starts",
+        {
+            f"{differ}, {starts}": (START_WORLDS[f"starts differ by {differ}"], Shape(starts))
+            for differ in ("2.7 %", "5 %", "10 %")
+            for starts in (5, 10)
+        },
+        {f"{truth:.2%}": truth for truth in (0.01, 0.005, 0.003, 0.001)},
+        lambda case, truth: share_told(
+            case[0],
+            "drop rate 1 %",
+            case[0].quantile(1 - truth),
+            1,
+            "starts differ",
+            wanted=100,
+            shape=case[1],
+        ),
+    )
+
+
+def more_starts() -> None:
+    """How many starts have met what is rare."""
+
+    def cell(world: StartWorld, starts: int) -> str:
+        quantities = ("drop rate 1 %", "mean, throughput")
+        found = errors(world, quantities, shape=Shape(starts), runs=200)
+        return " / ".join(f"{100 * found[quantity].passed:.0f}" for quantity in quantities)
+
+    grid(
+        "Starts x 2 iterations, judged once: wrong passes of a drop rate / of a mean, in % of 200",
+        "world",
+        chosen(
+            START_WORLDS,
+            "1 start in 5 is slow",
+            "1 iteration in 10 is slow",
+            "stalls of 40 messages",
+            "starts differ by 10 %",
+        ),
+        {f"{starts} starts": starts for starts in (5, 9, 14, 20)},
+        cell,
+    )
+
+
 def shapes() -> None:
     """How many starts and iterations are needed, by 3,000 messages a run."""
 
@@ -379,6 +465,31 @@ def pair_numbers() -> None:
         "starts differ by",
         {f"{100 * each:g} %": each for each in (0.027, 0.05, 0.1)},
         {f"{pairs} pairs": pairs for pairs in (3, 5, 10, 20, 40)},
+        cell,
+    )
+
+
+def pair_looks() -> None:
+    """What it costs to end pairs as soon as they decide, where the head does something rarely."""
+
+    def cell(head: str, case: tuple[str, int]) -> str:
+        quantity, pairs = case
+        designs = ((False, False), (True, False), (True, True))
+        found = [
+            errors_of_pairs(head, quantity, pairs, looks=looks, room=room, runs=400).passed
+            for looks, room in designs
+        ]
+        return " / ".join(f"{100 * passed:.0f}" for passed in found)
+
+    grid(
+        "Pairs on the limit: wrong passes judged once / at looks / at looks with room, in % of 400",
+        "head",
+        {head: head for head in HEADS},
+        {
+            f"{quantity}, {pairs} pairs": (quantity, pairs)
+            for quantity in ("mean", "p99")
+            for pairs in (5, 10, 20)
+        },
         cell,
     )
 
@@ -594,6 +705,8 @@ TABLES = {
     table.__name__: table
     for table in (
         starts,
+        caveats,
+        more_starts,
         shapes,
         advice,
         budget,
@@ -604,6 +717,7 @@ TABLES = {
         stored,
         pair_load,
         pair_numbers,
+        pair_looks,
         messages,
         shares,
         means,

@@ -14,15 +14,11 @@ from simulated_gates import (
     run_values,
     stored_gate,
 )
+from simulated_pair_looks import HEADS, errors_of_pairs
 
 from nightly import noise, size
 from r2bspec.judge.baseline_comparison import HISTORY_CONFIRMATION_CONFIDENCE
-from r2bspec.judge.statistics.t_interval import (
-    noise_floor,
-    paired_ratio,
-    power_of_pairs,
-    smallest_detectable,
-)
+from r2bspec.judge.statistics.t_interval import noise_floor, paired_ratio, smallest_detectable
 
 pytestmark = pytest.mark.simulation
 
@@ -67,7 +63,8 @@ def test_power_is_what_the_noncentral_t_says(ratio: float, pairs: int) -> None:
         ]
     )
     delta = np.log(0.97 / ratio)
-    expected = power_of_pairs(delta, 0.02 * np.sqrt(2), pairs, 0.95)
+    noncentrality = delta * np.sqrt(pairs) / (0.02 * np.sqrt(2))
+    expected = stats.nct.sf(stats.t.ppf(0.95, pairs - 1), pairs - 1, noncentrality)
     assert failed == pytest.approx(expected, abs=0.03 + noise(0.04))
 
 
@@ -127,3 +124,20 @@ def test_runs_differ_by_what_the_simulation_says() -> None:
     values = run_values(np.random.default_rng(1), 4000, 10).mean(axis=1)
     ratios = np.log(values[::2] / values[1::2])
     assert np.std(ratios) == pytest.approx(0.027, rel=0.05)
+
+
+@pytest.mark.parametrize("quantity", ["mean", "p99"])
+@pytest.mark.parametrize("head", HEADS)
+def test_pairs_that_may_end_early_pass_no_oftener_where_something_is_rare(
+    head: str, quantity: str
+) -> None:
+    runs = size(20, 400)
+    early = errors_of_pairs(head, quantity, 10, runs=runs)
+    whole = errors_of_pairs(head, quantity, 10, looks=False, runs=runs)
+    assert early.passed <= whole.passed + 0.02 + noise(0.1)
+
+
+def test_without_room_they_would() -> None:
+    head, runs = "stalls of 40 messages", size(40, 400)
+    free = errors_of_pairs(head, "p99", 10, room=False, runs=runs)
+    assert free.passed > errors_of_pairs(head, "p99", 10, runs=runs).passed + 0.1

@@ -186,7 +186,9 @@ class Simulation:
             monitors = {name: rows[:0] if name in played.silent else rows for name in self.monitors}
             earlier = [NO_STAMPS, *(rows.playback["stamp_ns"] for _, rows in found)]
             played_earlier = partial(np.isin, test_elements=np.concatenate(earlier))
-            found.append((segment, SegmentRows(playback, monitors, {}, played_earlier)))
+            found.append(
+                (segment, SegmentRows(playback, monitors, {}, played_earlier=played_earlier))
+            )
         return found
 
     def _end_ns(self, played: Sequence[tuple[Segment, SegmentRows]]) -> int:

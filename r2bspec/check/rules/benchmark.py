@@ -14,7 +14,7 @@ from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import pluralize, quote
 from r2bspec.judge.measure.metric_catalogue import METRICS
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
-from r2bspec.language.benchmark_defaults import MIN_ITERATIONS, default_starts
+from r2bspec.language.benchmark_defaults import MIN_CONFIDENCE, MIN_ITERATIONS, default_starts
 from r2bspec.language.quantities import Duration, Rate
 from r2bspec.language.spec import Monitor, Objective
 from r2bspec.plan.interim_looks import InterimLooks
@@ -403,7 +403,7 @@ def time_budget_too_short(context: Context) -> Findings:
 
 @rule("R2B522")
 def confidence_out_of_range(context: Context) -> Findings:
-    """Confidences that are not between 50 % and 100 %."""
+    """Confidences that are not from 51 % to below 100 %."""
     benchmark = context.spec.benchmark
     places: list[tuple[float | None, Path]] = [
         (benchmark.gate.confidence.fraction, ("benchmark", "gate", "confidence"))
@@ -414,10 +414,10 @@ def confidence_out_of_range(context: Context) -> Findings:
         own = objective.confidence
         places.append((None if own is None else own.fraction, ("slos", name, "confidence")))
     for confidence, path in places:
-        if confidence is not None and not 0.5 < confidence < 1:
+        if confidence is not None and not MIN_CONFIDENCE <= confidence < 1:
             yield Finding(
                 message=f"a confidence of {confidence * 100:g} % "
-                + ("cannot be reached" if confidence >= 1 else "is no better than chance"),
+                + ("cannot be reached" if confidence >= 1 else "is hardly better than chance"),
                 path=path,
                 help="use 95 % or, for about 50 % more messages, 99 %",
                 suppresses=frozenset(requirement.subject for requirement in context.requirements),

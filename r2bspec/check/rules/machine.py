@@ -213,7 +213,7 @@ def shared_memory_insufficient(context: Context) -> Findings:
     available_bytes = machine.shared_memory_bytes()
     if available_bytes is None:
         return
-    processes = len(context.processes)
+    processes = len(context.subjects.processes)
     required_bytes = segment.bytes * processes
     if required_bytes > available_bytes:
         yield Finding(

@@ -106,6 +106,21 @@ def count_with_order_matching(context: Context) -> Findings:
                 )
 
 
+@rule("R2B527")
+def metric_unobserved(context: Context) -> Findings:
+    """Requirements on nodes and topics that are not observed from inside."""
+    for metric in context.known_metrics:
+        if metric.info.scope == "anatomy" and not context.spec.benchmark.anatomy:
+            yield Finding(
+                message=f"{quote(metric.info.name)} is only known if a run observes its processes "
+                "from inside",
+                path=metric.located.path,
+                part=metric.located.metric_part,
+                help="add 'anatomy: true' to 'benchmark'",
+                suppresses={metric.located.subject},
+            )
+
+
 _PROBE_STATISTICS = ("search", "sequential")
 """Statistics of the metrics that need a selectable rate."""
 

@@ -53,12 +53,12 @@ def setup_without_creates(context: Context) -> Findings:
 def ready_process_unknown(context: Context) -> Findings:
     """Ready probes of a process that does not exist."""
     for name, probe in context.spec.ready.items():
-        if probe.log is None or probe.log.process in context.processes:
+        if probe.log is None or probe.log.process in context.subjects.processes:
             continue
         yield Finding(
             message=f"unknown process {quote(probe.log.process)}",
             path=("ready", name, "log", "process"),
-            help=suggestion(probe.log.process, context.processes, "processes"),
+            help=suggestion(probe.log.process, context.subjects.processes, "processes"),
         )
 
 

@@ -6,7 +6,7 @@ says nothing where they have not. The types that a spec states itself must exist
 
 from __future__ import annotations
 
-from pathlib import Path as FilePath
+from typing import Final
 
 from r2bspec.bags import message_types
 from r2bspec.check.check_context import Context
@@ -20,9 +20,11 @@ from r2bspec.check.rule import (
     value_key,
     with_endpoint_records,
 )
+from r2bspec.check.rules.requests import stated_calls
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, quote
-from r2bspec.plan.installed_packages import ros_package_advice, top_level_names
+from r2bspec.plan.installed_interfaces import installed_types
+from r2bspec.plan.installed_packages import ros_package_advice
 from r2bspec.plan.this_machine import find_module
 from r2bspec.plan.wiring.wiring import PhaseWiring, WiredEndpoint
 
@@ -216,42 +218,41 @@ def _qos_finding(
     )
 
 
+_KINDS: Final = {"msg": "message", "srv": "service", "action": "action"}
+
+
 @rule("R2B681")
 def message_type_not_installed(context: Context) -> Findings:
-    """Message types that the messages of this machine's ROS do not contain."""
+    """Types of messages, services and actions that are not installed on this machine."""
     stated: dict[str, Path] = {}
     for phase in context.wiring.phases:
         for endpoint in phase.endpoints:
             # The harness publishes and subscribes itself, and must have the types.
             if not endpoint.is_node and endpoint.type_path and endpoint.type:
                 stated.setdefault(endpoint.type, endpoint.type_path)
+    for call in stated_calls(context.spec):
+        stated.setdefault(call.type, (*call.path, "type"))
     if not stated or find_module("rclpy") is None:
         return
     for name, path in stated.items():
-        package, _, message = name.partition("/msg/")
-        messages = _installed_messages(package)
-        if messages is None or message in messages:
+        package, kind, own_name = name.split("/")
+        types = installed_types(package, kind)
+        if types is None or own_name in types:
             continue
+        what = _KINDS[kind]
         yield Finding(
-            message=f"message type {quote(name)} is not installed on this machine"
-            + ("" if not messages else f": its package {package} has no such message"),
+            message=f"{what} type {quote(name)} is not installed on this machine"
+            + ("" if not types else f": its package {package} has no such {what}"),
             path=path,
-            help=f"build the version of {package} that has it, and source its workspace"
-            if messages
-            else ros_package_advice(package),
+            help=_type_advice(package, own_name, types),
             machine_dependent=True,
             suppressed_by={value_key(path)},
         )
 
 
-def _installed_messages(package: str) -> frozenset[str] | None:
-    """The messages of a package: none if it is not installed, None if they are unknown."""
-    if find_module(package) is None:
-        return frozenset()
-    module = find_module(f"{package}.msg")
-    if module is None or not module.origin or not module.origin.endswith("__init__.py"):
-        return None
-    try:
-        return top_level_names(FilePath(module.origin))
-    except SyntaxError:
-        return None
+def _type_advice(package: str, name: str, types: frozenset[str]) -> str:
+    if not types:
+        return ros_package_advice(package)
+    build = f"build the version of {package} that has it, and source its workspace"
+    close = did_you_mean(name, types)
+    return f"did you mean {quote(close)}? Otherwise {build}" if close else build

@@ -308,7 +308,7 @@ def _hello(connection: socket.socket) -> Hello | None:
     return None
 
 
-HarnessRole = Literal["player", "monitor", "harness"]
+HarnessRole = Literal["player", "caller", "monitor", "harness"]
 _PARTS: Final[tuple[HarnessRole, ...]] = ("player", "monitor")
 
 
@@ -323,7 +323,9 @@ class HarnessProcesses:
     def __init__(self, launcher: Launcher, processes: Iterable[ProcessPlan]) -> None:
         self._launcher = launcher
         self._plans = {
-            process.role: process for process in processes if process.role in {*_PARTS, "harness"}
+            process.role: process
+            for process in processes
+            if process.role in {*_PARTS, "caller", "harness"}
         }
         self._process: ManagedProcess | None = None
 

@@ -19,12 +19,13 @@ from r2bspec.execute.bringup.readiness import StartDeadline, wait_for_exit
 from r2bspec.execute.bringup.spec_mismatches import (
     require_declared_parameters,
     unmatched_remappings,
+    unused_executor,
 )
 from r2bspec.execute.errors import ProcessDiedError
 from r2bspec.execute.processes import prerequisites
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.process import shorten_slice
-from r2bspec.execute.processes.scheduling import apply_to_process
+from r2bspec.execute.processes.scheduling import apply_to_process, has_memory_lock
 from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import NATIVE_ARGV, container_node_name
@@ -33,6 +34,7 @@ from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import Difference
 
 if TYPE_CHECKING:
+    from r2bspec.execute.anatomy import AnatomyObservation
     from r2bspec.execute.bringup.harness_processes import GraphJoins
 
 NODE_ROLES = frozenset({"host", "container", "command"})
@@ -60,6 +62,7 @@ class Launcher:
         programs: the names of those that make and spin their nodes themselves.
         rmw: the middleware that processes of the harness have loaded; empty until one says so.
         joins: loads the harness into processes of the graph; None where it runs in its own.
+        anatomy: observes all processes from inside; None where they are not.
     """
 
     def __init__(
@@ -76,6 +79,7 @@ class Launcher:
         self.endpoints: list[tuple[str, str, str, str]] = []
         self.rmw = ""
         self.joins: GraphJoins | None = None
+        self.anatomy: AnatomyObservation | None = None
         self.differences: list[Difference] = []
         self._created_nodes: set[str] = set()
         self._has_opaque_nodes = False
@@ -107,7 +111,7 @@ class Launcher:
         """
         if plan.name in self._early:
             return self._early.pop(plan.name)
-        harness = plan.role in {"loader", "player", "monitor", "harness"}
+        harness = plan.role in {"loader", "player", "caller", "monitor", "harness"}
         environment = self._environment
         variables = environment.for_harness(plan.env) if harness else environment.for_node(plan.env)
         if prerequisites.hosts_library(plan):
@@ -115,6 +119,10 @@ class Launcher:
         parts = tuple(parts)
         if self.joins is not None and plan.join is not None:
             variables = self.joins.environment(plan.name, variables)
+        if self.anatomy is not None:
+            variables = self.anatomy.environment(plan.name, variables)
+        if has_memory_lock(plan):
+            variables |= prerequisites.memory_lock_variables(variables.get("LD_PRELOAD", ""))
         child = self._supervisor.start(
             plan.name,
             plan.role,
@@ -260,6 +268,7 @@ class Launcher:
                 # Nothing is known of its nodes: they are looked at from outside.
                 self.hosts[child] = frozenset()
                 self.programs.add(plan.name)
+                self.differences += unused_executor(plan)
                 self._has_opaque_nodes = True
                 continue
             self.hosts[child] = frozenset(node.name for node in plan.nodes)
@@ -432,8 +441,10 @@ class Launcher:
         )
         self._run_helper(name, command, protocol.Called, timeout_s)
 
-    def call_settings(self, plan: Plan, rows_dir: Path) -> protocol.ConfigureCalls:
-        """What a player that calls services is told, with the secrets of its requests."""
+    def call_settings(
+        self, plan: Plan, rows_dir: Path, follows: str = ""
+    ) -> protocol.ConfigureCalls:
+        """What a process that calls services is told, with the secrets of its requests."""
         in_value = self._environment.secrets.in_value
         calls = tuple(
             msgspec.structs.replace(
@@ -442,7 +453,7 @@ class Launcher:
             for name, call in plan.called.items()
             if name == call.name
         )
-        return protocol.ConfigureCalls(calls=calls, rows_dir=str(rows_dir))
+        return protocol.ConfigureCalls(calls=calls, rows_dir=str(rows_dir), follows=follows)
 
     def configure(self, child: ManagedProcess, command: Any) -> protocol.Ready:
         """Send a harness process its configuration and wait until it is ready.

@@ -24,6 +24,7 @@ from r2bspec.record.run_record import Difference
 
 _PARAMETER_UNKNOWN = "R2B211"
 _REMAPPING_MATCHES_NOTHING = "R2B204"
+_EXECUTOR_OF_PROGRAM = "R2B239"
 
 _CALL_NS = 2_000_000_000
 _REPLY_TIMEOUT_S = 20.0
@@ -70,6 +71,22 @@ def undeclared_parameter(node: str, name: str, known: Sequence[str]) -> Differen
         name=name,
         help=f"did you mean '{close}'?" if close else f"its parameters: {', '.join(known)}",
     )
+
+
+def unused_executor(plan: ProcessPlan) -> Iterator[Difference]:
+    """The executor of the plan, for a process whose function has turned out to be a program."""
+    if plan.executor != "single_threaded":
+        for node in plan.nodes:
+            yield Difference(
+                code=_EXECUTOR_OF_PROGRAM,
+                message=f"'executor' of {node.name} had no effect: {node.target} initialises ROS, "
+                "and spins its nodes itself",
+                part="executor",
+                owner=node.name,
+                name=plan.executor,
+                help="name the class of the node instead, or leave out 'executor'",
+                harmless=True,
+            )
 
 
 def unmatched_remappings(ready: protocol.Ready) -> Iterator[Difference]:

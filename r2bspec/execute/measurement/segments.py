@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,9 @@ from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.plan.taps import tap_monitors
 from r2bspec.record.run_record import Segment, SegmentKind
 from r2bspec.record.sample_arrays import MONITOR_FIELDS, PLAYBACK_DTYPE, PLAYBACK_FIELDS
+
+if TYPE_CHECKING:
+    from r2bspec.execute.anatomy import AnatomyObservation
 
 PLAYBACK_ROWS = "playback"
 """The player's files (`r2bspec.ipc.playback_file`); those of the monitors end in ``.rows``."""
@@ -95,8 +98,10 @@ class SegmentPlayer:
         static_publisher: ManagedProcess | None = None,
         confirms: bool = False,
         start: int = 1,
+        anatomy: AnatomyObservation | None = None,
     ) -> None:
         self._plan = plan
+        self._anatomy = anatomy
         self._start = start
         self._static_publisher = static_publisher
         self._schedule = schedule or CyclicSchedule(steps=())
@@ -108,7 +113,7 @@ class SegmentPlayer:
         monitors = plan.monitors
         self._playback: PlaybackReader | RowReader = (
             RowReader(rows_dir / protocol.CALLED_ROWS, PLAYBACK_FIELDS)
-            if plan.called
+            if plan.called and not plan.inputs
             else PlaybackReader(rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
         )
         self._stall_log = StallLogReader(rows_dir)
@@ -438,6 +443,9 @@ class SegmentPlayer:
         for topic, rows in taps.items():
             folder.write_tap(segment.id, topic, rows)
             self._next_rows[topic] = first[topic] + rows.size
+        observed = None
+        if self._anatomy is not None:
+            observed = self._anatomy.store(segment, time.monotonic_ns(), folder)
         if segment.complete and segment.kind in _JUDGED_KINDS:
             earlier = self._earlier_stamps()
             rows_of = SegmentRows(
@@ -445,6 +453,7 @@ class SegmentPlayer:
                 observation.monitors,
                 taps,
                 lambda found: np.isin(found, earlier),
+                observed,
             )
             matched = None if segment.live else observation.all_matched()
             self.samples[segment.id] = segment_samples(self._plan, segment, rows_of, matched)

@@ -36,7 +36,13 @@ from r2bspec.middleware.middleware import (
     refuse_transport,
     selected_rmw,
 )
-from r2bspec.native.build import BuildError, harness_library, harness_program
+from r2bspec.native.build import (
+    BuildError,
+    harness_library,
+    harness_program,
+    join_object,
+    lock_environment,
+)
 from r2bspec.plan.plan import Plan, ProcessPlan
 from r2bspec.plan.this_machine import PACKAGE_INDEX, ament_prefixes
 
@@ -79,6 +85,19 @@ def build_errors() -> Iterator[None]:
         if limit := limit_error(str(error)):
             raise limit from error
         raise errors.NotInstalledError(str(error), hint=error.hint, code=error.code) from error
+
+
+def memory_lock_variables(preloaded: str) -> dict[str, str]:
+    """The variables with which a process locks its memory.
+
+    Args:
+        preloaded: what is preloaded into it already, as in ``LD_PRELOAD``.
+
+    Raises:
+        NotInstalledError: what locks it cannot be built (R2B668).
+    """
+    with build_errors():
+        return lock_environment(join_object(), preloaded)
 
 
 def resolve_command(words: Sequence[str], what: str) -> list[str]:

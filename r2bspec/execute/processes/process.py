@@ -240,6 +240,7 @@ class ManagedProcess:
         self.parts: dict[str, ManagedProcess] = {}
         self.signals: list[int] = []
         self.scheduling: tuple[ThreadSchedulingRecord, ...] = ()
+        self.locked_bytes = 0
         codec = NativeCodec()
         self._encode: Callable[[Any], bytes] = codec.encode if native else protocol.encode
         self._decode: Callable[[bytes], Any] = codec.decode if native else protocol.decode_reply

@@ -3,7 +3,10 @@
 What the system forbids is found out before anything is started, by trying it on a thread that ends:
 a capability may be there and the control group still refuse. Which limit forbids it is worked out
 only then. Threads and descendants inherit what a process gets before it starts any; threads with a
-name get theirs when the graph is ready, because they do not exist before.
+name get theirs when the graph is ready and after the warm-up, because they do not exist before.
+
+Memory cannot be locked from outside, nor before a program is executed: an object that is preloaded
+does it (``native/join.c``), and what the kernel says of it is read back.
 """
 
 from __future__ import annotations
@@ -34,6 +37,7 @@ _POLICIES: Final = {
     "rr": os.SCHED_RR,
 }
 _NAMES: Final = {number: name for name, number in _POLICIES.items()}
+_CAP_IPC_LOCK: Final = 14
 _CAP_SYS_NICE: Final = 23
 
 
@@ -46,6 +50,8 @@ def require_permitted(processes: Sequence[ProcessPlan]) -> None:
     """
     for plan in processes:
         _try(plan, plan)
+        if has_memory_lock(plan):
+            _require_memory_lock(plan.name)
         for thread in plan.scheduling.threads if plan.scheduling else ():
             _try(plan, thread)
 
@@ -64,6 +70,9 @@ def apply_to_process(plan: ProcessPlan, pid: int) -> None:
     """
     with contextlib.suppress(ProcessLookupError):
         _apply(plan.name, plan, pid)
+        if has_memory_lock(plan):
+            hard = resource.getrlimit(resource.RLIMIT_MEMLOCK)[1]
+            resource.prlimit(pid, resource.RLIMIT_MEMLOCK, (hard, hard))
 
 
 def _apply(name: str, wanted: ProcessPlan | ThreadScheduling, task: int) -> None:
@@ -132,17 +141,77 @@ def _policy_limit(priority: int) -> str:
 
 
 def _capability() -> str:
-    return "" if _has_capability() else ", or the capability CAP_SYS_NICE"
+    return "" if _has_capability(_CAP_SYS_NICE) else ", or the capability CAP_SYS_NICE"
 
 
-def _has_capability() -> bool:
-    status = Path("/proc/self/status").read_text(encoding="utf-8", errors="replace")
-    bits = next((line.split()[1] for line in status.splitlines() if line.startswith("CapEff")), "0")
-    return bool(int(bits, 16) >> _CAP_SYS_NICE & 1)
+def _has_capability(number: int) -> bool:
+    return bool(int(_status(os.getpid(), "CapEff") or "0", 16) >> number & 1)
 
 
-def schedule_threads(plan: ProcessPlan, pid: int) -> tuple[ThreadSchedulingRecord, ...]:
+def _status(pid: int, field: str) -> str:
+    """The first word of a field of ``/proc/PID/status``; empty if it is not there."""
+    try:
+        status = Path(f"/proc/{pid}/status").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
+    lines = (line.split() for line in status.splitlines())
+    return next((words[1] for words in lines if words[0] == f"{field}:" and words[1:]), "")
+
+
+def has_memory_lock(plan: ProcessPlan) -> bool:
+    """Whether a process of a plan locks its memory."""
+    return plan.scheduling is not None and plan.scheduling.memory_lock
+
+
+def _require_memory_lock(name: str) -> None:
+    """Refuse what would fail at an allocation in the middle of a run.
+
+    All that a process maps is locked, much of which it never uses; so a limit below the memory of
+    the machine may be met at any time.
+    """
+    hard = resource.getrlimit(resource.RLIMIT_MEMLOCK)[1]
+    enough = hard == resource.RLIM_INFINITY or hard >= psutil.virtual_memory().total
+    if not enough and not _has_capability(_CAP_IPC_LOCK):
+        raise RunError(
+            f"process {name}: a memory lock is not permitted: RLIMIT_MEMLOCK is {hard >> 10} KiB, "
+            "and 'unlimited' is needed, or the capability CAP_IPC_LOCK",
+            hint="Raise 'memlock' for this user in /etc/security/limits.d, with LimitMEMLOCK= of a "
+            "systemd unit, or with 'docker run --ulimit memlock=-1', and log in again.",
+            code="R2B637",
+        )
+
+
+def locked_bytes(plan: ProcessPlan, pid: int) -> int:
+    """How much memory of a process and its descendants is locked.
+
+    Raises:
+        RunError: none is, although the plan asks for it.
+    """
+    with contextlib.suppress(psutil.Error):
+        process = psutil.Process(pid)
+        family = (process, *process.children(recursive=True))
+        locked = 1024 * sum(int(_status(each.pid, "VmLck") or "0") for each in family)
+        if not locked and process.is_running():
+            raise RunError(
+                f"process {plan.name}: its memory is not locked: it initialises no rcl, or its "
+                "memory is more than can be locked",
+                hint="Its log has the reason of the system, if there is one. A program without ROS "
+                "has to call mlockall itself.",
+                code="R2B637",
+            )
+        return locked
+    return 0
+
+
+def schedule_threads(
+    plan: ProcessPlan, pid: int, *, final: bool = True
+) -> tuple[ThreadSchedulingRecord, ...]:
     """Schedule the threads with a name, of a process and its descendants; what all then have.
+
+    Args:
+        plan: of the process.
+        pid: its id.
+        final: whether a name that no thread has is an error.
 
     Returns:
         As read back from the kernel; empty if the plan asks for nothing.
@@ -158,10 +227,10 @@ def schedule_threads(plan: ProcessPlan, pid: int) -> tuple[ThreadSchedulingRecor
         for task in named:
             with contextlib.suppress(ProcessLookupError):
                 _apply(plan.name, thread, task)
-        if not named:
+        if not named and final:
             known = ", ".join(sorted({name for _, name in _threads(pid)})) or "none"
             raise RunError(
-                f"process {plan.name} has no thread {thread.name!r} when the graph is ready",
+                f"process {plan.name} has no thread {thread.name!r} after the warm-up",
                 hint=f"Its threads: {known}.",
                 code="R2B653",
             )

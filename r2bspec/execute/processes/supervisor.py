@@ -386,6 +386,7 @@ class ProcessSupervisor:
                 signals=tuple(child.signals),
                 parts=tuple(child.parts) if child.has_joined_parts else (),
                 scheduling=child.scheduling,
+                locked_bytes=child.locked_bytes,
             )
             for child in self._all
         )

@@ -4,6 +4,8 @@ Grammar of a metric's name, as a requirement writes it::
 
     metric = [monitor "."] name ["." part]          latency.p99, detections.latency.p99
            | ("cpu" | "memory") "." process "." part    cpu.apriltag.mean
+           | node "." family ["." part]                 blur.callback.p99, blur.load
+           | topic ".transport." part                   camera/image.transport.p50
 
 Also the kinds of truth that messages can be compared with, and the metrics of each. This module
 computes nothing and imports no NumPy, so that a spec can be checked with it.
@@ -29,6 +31,7 @@ from r2bspec.diagnostics import did_you_mean
 from r2bspec.judge.measure.distribution import PERCENTILES, SHORT_PERCENTILES, quantile
 from r2bspec.language.requirement_grammar import Bound
 from r2bspec.language.spec import TruthKind
+from r2bspec.plan.plan import Plan
 
 
 class MetricError(ValueError):
@@ -92,9 +95,10 @@ Statistic = Literal["percentile", "share", "mean", "observation", "search", "seq
 (observation), by the bracket of the search (search), by a probe (sequential) or by comparing
 messages with the truth (truth)."""
 
-Scope = Literal["monitor", "truth", "playback", "process", "machine", "search", "probe"]
-"""What the metric belongs to. Only the metrics of a monitor (monitor, truth) are prefixed with its
-name. Those of scope ``truth`` have a value for the monitors that name a truth of their kind."""
+Scope = Literal["monitor", "truth", "playback", "process", "machine", "search", "probe", "anatomy"]
+"""What the metric belongs to; those of scope ``anatomy`` belong to a node or a topic. Only the
+metrics of a monitor (monitor, truth) are prefixed with its name. Those of scope ``truth`` have a
+value for the monitors that name a truth of their kind."""
 
 _OF_MONITORS = frozenset({"monitor", "truth"})
 
@@ -102,6 +106,38 @@ Dimension = Literal["time", "rate", "size", "share", "count", "none"]
 
 PROCESS = "<process>"
 """Placeholder for the name of any process in the catalogue's names."""
+
+NODE = "<node>"
+TOPIC = "<topic>"
+"""Placeholders for any node of the graph and for any topic, without the slash that it begins with,
+in the names of metrics that are observed from inside."""
+
+
+class Subjects(msgspec.Struct, frozen=True):
+    """What a run has metrics of, besides its monitors.
+
+    Attributes:
+        topics: without the slash that they begin with.
+    """
+
+    processes: tuple[str, ...] = ()
+    nodes: tuple[str, ...] = ()
+    topics: tuple[str, ...] = ()
+
+    @classmethod
+    def of_plan(cls, plan: Plan) -> Subjects:
+        """Those of a run of a plan."""
+        measured = [process for process in plan.processes if process.phase == "measure"]
+        nodes = dict.fromkeys(node.node for process in measured for node in process.nodes)
+        topics = dict.fromkeys(topic.name.removeprefix("/") for topic in plan.topics)
+        return cls(tuple(process.name for process in measured), tuple(nodes), tuple(topics))
+
+    def named_by(self, placeholder: str) -> tuple[str, ...]:
+        """The names that a placeholder stands for."""
+        return {PROCESS: self.processes, NODE: self.nodes, TOPIC: self.topics}[placeholder]
+
+
+NO_SUBJECTS: Final = Subjects()
 
 
 class MetricInfo(msgspec.Struct, frozen=True):
@@ -113,7 +149,7 @@ class MetricInfo(msgspec.Struct, frozen=True):
             one core is 1), ``count``, or empty for none. That of ``sustained``, which has no
             bound, is the unit of the delivered rate.
         quantile: for percentiles, the fraction of messages at or below; otherwise None.
-        process: the process in the name, for scope ``process``.
+        subject: the process, node or topic in the name.
     """
 
     name: str
@@ -123,16 +159,27 @@ class MetricInfo(msgspec.Struct, frozen=True):
     statistic: Statistic
     description: str
     quantile: float | None = None
-    process: str = ""
+    subject: str = ""
 
     @property
     def family(self) -> str:
-        """The name up to the first dot."""
-        return self.name.partition(".")[0]
+        """The name up to the first dot; where that is a node or topic, the word after it."""
+        name = self.name
+        if self.scope == "anatomy":
+            name = name.removeprefix(f"{self.subject}.")
+        return name.partition(".")[0]
+
+    @property
+    def series(self) -> str:
+        """The name of the values behind a metric of a node or topic, such as ``blur.callback``."""
+        head, _, last = self.name.rpartition(".")
+        return head if quantile(last) is not None or last in {"mean", "max"} else self.name
 
     @property
     def part(self) -> str:
         """The name after the last dot, or empty."""
+        if self.scope == "anatomy":
+            return self.name.removeprefix(self.series).removeprefix(".")
         return self.name.rpartition(".")[2] if "." in self.name else ""
 
     def accepts(self, bound: Bound) -> bool:
@@ -168,6 +215,15 @@ _TIME_FAMILIES = {
 """Families that have one value per message."""
 
 
+_ANATOMY_FAMILIES = {
+    "wait": (NODE, "time from when the middleware has received a message to when it is taken"),
+    "take": (NODE, "time to take a message from the middleware"),
+    "callback": (NODE, "time from the beginning of a callback to its end"),
+    "transport": (TOPIC, "time from the stamp of the publication to that of the reception"),
+}
+"""Families of nodes and topics that have one value per message, observed from inside."""
+
+
 def _distribution(family: str, what: str) -> list[MetricInfo]:
     return [
         _metric(f"{family}.min", "monitor", "time", "observation", f"smallest {what}"),
@@ -189,6 +245,29 @@ def _metric(
 ) -> MetricInfo:
     unit, _ = _UNITS_AND_EXAMPLES[dimension]
     return MetricInfo(name, scope, dimension, unit, statistic, description)
+
+
+def _anatomy(family: str, part: str) -> MetricInfo:
+    """A metric of a node or topic, with a placeholder in its name."""
+    subject, what = _ANATOMY_FAMILIES[family]
+    name = f"{subject}.{family}.{part}"
+    q = quantile(part)
+    if q is not None:
+        text = f"{what}: {q * 100:g} % of the values are at or below"
+        info = replace(_metric(name, "anatomy", "time", "percentile", text), quantile=q)
+    elif part == "mean":
+        info = _metric(name, "anatomy", "time", "mean", f"mean {what}")
+    else:
+        info = _metric(name, "anatomy", "time", "observation", f"largest {what}")
+    return replace(info, subject=subject)
+
+
+ANATOMY_SHARES: Final = (".load", ".overtaken", ".share")
+"""How the names of metrics of nodes end that have one value; see `_anatomy_share`."""
+
+
+def _anatomy_share(name: str, description: str) -> MetricInfo:
+    return replace(_metric(name, "anatomy", "share", "mean", description), subject=NODE)
 
 
 _LATENESS_DESCRIPTION = "time from when a publication was due to when it began"
@@ -241,6 +320,14 @@ _CATALOGUE: tuple[MetricInfo, ...] = (
         "truth",
         "mean distance from the true position / distance of the tag",
     ),
+    *(
+        _anatomy(family, part)
+        for family in _ANATOMY_FAMILIES
+        for part in ("mean", *SHORT_PERCENTILES, "max")
+    ),
+    _anatomy_share(f"{NODE}.load", "time in callbacks / window of time"),
+    _anatomy_share(f"{NODE}.overtaken", "messages that it never took / messages sent to it"),
+    _anatomy_share(f"path.{NODE}.share", "mean share of the latency that is spent in the node"),
     _metric("peak.rate", "search", "rate", "search", "highest sustained rate"),
     replace(
         _metric(
@@ -270,7 +357,7 @@ def available_at_own_pace(info: MetricInfo) -> bool:
 
 
 def resolve(
-    metric: str, monitors: Collection[str], processes: Collection[str] = ()
+    metric: str, monitors: Collection[str], subjects: Subjects = NO_SUBJECTS
 ) -> tuple[str | None, MetricInfo]:
     """Find the metric of a requirement's dotted name.
 
@@ -282,7 +369,7 @@ def resolve(
     Args:
         metric: the dotted name as written.
         monitors: the names of the monitors of the spec.
-        processes: the names of the processes with ``cpu`` and ``memory``.
+        subjects: what there are further metrics of.
 
     Returns:
         The monitor's name, or None where the metric belongs to no single monitor; and the
@@ -291,35 +378,35 @@ def resolve(
     Raises:
         MetricError: no such metric, monitor or process.
     """
-    info = _find(metric, processes)
+    info = _find(metric, subjects)
     if info is not None:
         only = next(iter(monitors)) if len(monitors) == 1 and info.scope in _OF_MONITORS else None
         return only, info
     first, _, rest = metric.partition(".")
     if first in monitors:
         if not rest:
-            raise _unknown_metric(metric, f"{metric!r} is a monitor, without a metric", processes)
-        info = _find(rest, processes)
+            raise _unknown_metric(metric, f"{metric!r} is a monitor, without a metric", subjects)
+        info = _find(rest, subjects)
         if info is None:
             raise _unknown_metric(
-                rest, f"there is no metric {rest!r}", processes, prefix=f"{first}."
+                rest, f"there is no metric {rest!r}", subjects, prefix=f"{first}."
             )
         if info.scope not in _OF_MONITORS:
             raise MetricError(
                 f"{rest!r} is not a metric of a monitor", known=(rest,), suggestion=rest
             )
         return first, info
-    if rest and _find(rest, processes) is not None:
+    if rest and _find(rest, subjects) is not None:
         known = tuple(sorted(monitors))
         close = did_you_mean(first, known)
         raise MetricError(
             f"there is no monitor {first!r}", known, f"{close}.{rest}" if close else ""
         )
-    raise _unknown_metric(metric, f"there is no metric {metric!r}", processes)
+    raise _unknown_metric(metric, f"there is no metric {metric!r}", subjects)
 
 
-def _find(name: str, processes: Collection[str]) -> MetricInfo | None:
-    if name in METRICS and PROCESS not in name:
+def _find(name: str, subjects: Subjects) -> MetricInfo | None:
+    if name in METRICS and "<" not in name:
         return METRICS[name]
     family, _, part = name.rpartition(".")
     if quantile(part) is not None:
@@ -327,34 +414,48 @@ def _find(name: str, processes: Collection[str]) -> MetricInfo | None:
             return _percentile(family, part, _TIME_FAMILIES[family])
         if family == "playback.lateness":
             return _percentile(family, part, _LATENESS_DESCRIPTION)
-    return _find_process(family, part, processes)
+    return _find_process(family, part, subjects) or _find_anatomy(name, subjects)
 
 
-def _find_process(family: str, part: str, processes: Collection[str]) -> MetricInfo | None:
+def _find_process(family: str, part: str, subjects: Subjects) -> MetricInfo | None:
     kind, _, process = family.partition(".")
     template = METRICS.get(f"{kind}.{PROCESS}.{part}")
-    if template is None or process not in processes:
+    if template is None or process not in subjects.processes:
         return None
-    return replace(template, name=f"{family}.{part}", process=process)
+    return replace(template, name=f"{family}.{part}", subject=process)
 
 
-def names(processes: Collection[str] = ()) -> tuple[str, ...]:
-    """The names of all metrics, with those of each process written out."""
+def _find_anatomy(name: str, subjects: Subjects) -> MetricInfo | None:
+    first, *rest = name.split(".")
+    is_share = first == "path" and rest[1:] == ["share"]
+    subject = rest[0] if is_share else first
+    placeholder = _ANATOMY_FAMILIES.get(rest[0] if rest else "", (NODE, ""))[0]
+    if subject not in subjects.named_by(placeholder):
+        return None
+    generic = f"path.{NODE}.share" if is_share else ".".join([placeholder, *rest])
+    template = METRICS.get(generic)
+    if template is None and len(rest) == 2 and quantile(rest[1]) and rest[0] in _ANATOMY_FAMILIES:
+        template = _anatomy(rest[0], rest[1])
+    return None if template is None else replace(template, name=name, subject=subject)
+
+
+def names(subjects: Subjects = NO_SUBJECTS) -> tuple[str, ...]:
+    """The names of all metrics, with those of each process, node and topic written out."""
     listed: list[str] = []
     for name in METRICS:
-        if PROCESS in name:
-            listed += [name.replace(PROCESS, process) for process in sorted(processes)]
-        else:
+        placeholder = next((word for word in name.split(".") if word.startswith("<")), None)
+        if placeholder is None:
             listed.append(name)
+        else:
+            named = sorted(subjects.named_by(placeholder))
+            listed += [name.replace(placeholder, subject) for subject in named]
     return tuple(listed)
 
 
-def _unknown_metric(
-    name: str, message: str, processes: Collection[str], prefix: str = ""
-) -> MetricError:
+def _unknown_metric(name: str, message: str, subjects: Subjects, prefix: str = "") -> MetricError:
     """The error for an unknown name: if its first word is a family, only that family is listed."""
     family = name.partition(".")[0]
-    everything = names(processes)
+    everything = names(subjects)
     known = (
         tuple(metric_name for metric_name in everything if metric_name.partition(".")[0] == family)
         or everything
@@ -429,12 +530,16 @@ SCOPES: dict[Scope, str] = {
     "machine": "the machine",
     "search": "the search for the peak",
     "probe": "a probe at one rate",
+    "anatomy": "each node or topic, with 'benchmark: {anatomy: true}'",
 }
 
 
 def stem(info: MetricInfo) -> str:
     """The key of a metric's definition: its name, if necessary without the last part."""
-    template = info.name if not info.process else info.name.replace(info.process, PROCESS, 1)
+    if info.scope == "anatomy":
+        placeholder = _ANATOMY_FAMILIES.get(info.family, (NODE, ""))[0]
+        return f"path.{NODE}.share" if info.family == "path" else f"{placeholder}.{info.family}"
+    template = info.name.replace(info.subject, PROCESS, 1) if info.subject else info.name
     return template if template in definitions() else template.rpartition(".")[0]
 
 
@@ -457,22 +562,25 @@ def example_requirement(info: MetricInfo) -> str:
 
 
 def find_metric(name: str) -> MetricInfo:
-    """The metric of a name, with any monitor or process in it.
+    """The metric of a name, with any monitor, process, node or topic in it.
 
     Raises:
         MetricError: there is none; with what was probably meant.
     """
     first, _, rest = name.partition(".")
-    process = rest.rpartition(".")[0]
     for candidate in (name, rest):
         if candidate in METRICS:
             return METRICS[candidate]
-    processes = (process,) if first in {"cpu", "memory"} else ()
+    named = Subjects(
+        processes=(rest.rpartition(".")[0],) if first in {"cpu", "memory"} else (),
+        nodes=(first, rest.partition(".")[0]),
+        topics=(first,),
+    )
     try:
-        return resolve(name, (), processes)[1]
+        return resolve(name, (), named)[1]
     except MetricError as error:
         with contextlib.suppress(MetricError):
-            return resolve(rest, (), processes)[1]
+            return resolve(rest, (), named)[1]
         close = error.suggestion or did_you_mean(name, names())
         raise MetricError(str(error), error.known, close) from None
 

@@ -58,9 +58,14 @@ def metric_value(info: MetricInfo, monitor: str | None, samples: SegmentSamples)
         case "playback":
             return _playback_value(info, samples)
         case "process":
-            return _use_value(info, samples.processes.get(info.process))
+            return _use_value(info, samples.processes.get(info.subject))
         case "machine":
             return _use_value(info, samples.machine)
+        case "anatomy":
+            times = samples.anatomy.get(info.series)
+            if times is None or not times.size:
+                return None
+            return _time_value(info, times, 0)
         case _:
             raise ValueError(f"{info.name} is not a metric of a segment")
 

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import msgspec
+import numpy as np
 
 from r2bspec.judge.measure.distribution import (
     MAIN_PERCENTILES,
@@ -133,6 +134,10 @@ class SegmentMetrics(msgspec.Struct, frozen=True, kw_only=True):
     `interference` is the host interference, where it was sampled; None if pooled. `start` is the
     start of the processes that it was played in, from 1; 0 if pooled, and in results of versions
     that did not state it.
+
+    Attributes:
+        anatomy: what was observed from inside of each node and topic, such as ``blur.callback``;
+            times in seconds, and shares, which have one value or a few. Unset if nothing was.
     """
 
     segment: str
@@ -143,6 +148,7 @@ class SegmentMetrics(msgspec.Struct, frozen=True, kw_only=True):
     machine: UseMetrics | None
     interference: HostInterference | None = None
     start: int = 0
+    anatomy: dict[str, Distribution] | msgspec.UnsetType = msgspec.UNSET
 
 
 class Spread(msgspec.Struct, frozen=True, kw_only=True):
@@ -217,6 +223,7 @@ def measure_segment(samples: SegmentSamples) -> SegmentMetrics:
         machine=_use(samples.machine) if samples.machine is not None else None,
         interference=samples.interference,
         start=samples.segment.start,
+        anatomy=_anatomy([samples]),
     )
 
 
@@ -258,7 +265,18 @@ def _pooled(samples: Sequence[SegmentSamples]) -> SegmentMetrics:
         },
         processes={name: _use(used, sent) for name, used in processes.items() if used is not None},
         machine=_use(machine) if machine is not None else None,
+        anatomy=_anatomy(samples),
     )
+
+
+def _anatomy(samples: Sequence[SegmentSamples]) -> dict[str, Distribution] | msgspec.UnsetType:
+    names = dict.fromkeys(name for sample in samples for name in sample.anatomy)
+    return {
+        name: distribution(
+            np.concatenate([sample.anatomy[name] for sample in samples if name in sample.anatomy])
+        )
+        for name in names
+    } or msgspec.UNSET
 
 
 def _spread(iterations: Sequence[SegmentMetrics], monitor: str) -> dict[str, Spread]:

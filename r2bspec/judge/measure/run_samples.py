@@ -20,6 +20,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.judge.measure.anatomy import anatomy
 from r2bspec.judge.measure.host_usage import (
     MACHINE_INDEX,
     HostInterference,
@@ -37,6 +38,7 @@ from r2bspec.judge.measure.matching import (
     match_monitor,
     source_times_ns,
 )
+from r2bspec.judge.measure.metric_catalogue import Subjects
 from r2bspec.judge.measure.samples import (
     HopSamples,
     MonitorSamples,
@@ -46,12 +48,12 @@ from r2bspec.judge.measure.samples import (
     monitor_samples,
     playback_samples,
 )
-from r2bspec.judge.measure.times import seconds
+from r2bspec.judge.measure.times import Seconds, seconds
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.plan.taps import PLAYER, hops_to
 from r2bspec.record.comparison_folder import MergedRun, prefixed_id
 from r2bspec.record.run_folder import Run
-from r2bspec.record.run_record import ProcessRecord, RunRecord, Segment
+from r2bspec.record.run_record import AnatomyRecord, ProcessRecord, RunRecord, Segment
 from r2bspec.record.sample_arrays import PLAYBACK_DTYPE, Rows
 
 _HARNESS_ROLES = ("player", "monitor", "harness", "observer")
@@ -60,6 +62,19 @@ NO_STAMPS: NDArray[np.int64] = np.empty(0, np.int64)
 
 
 PlayedEarlier = Callable[[NDArray[np.int64]], NDArray[np.bool_]]
+
+
+@dataclass(frozen=True)
+class ObservedRows:
+    """What was observed from inside in one segment.
+
+    Attributes:
+        rows: of type `ANATOMY_DTYPE`.
+        record: of its start.
+    """
+
+    rows: Rows
+    record: AnatomyRecord
 
 
 @dataclass(frozen=True)
@@ -72,12 +87,14 @@ class SegmentRows:
         taps: rows of type `MONITOR_DTYPE` of each tap, by topic.
         played_earlier: which of some stamps are those of steps of earlier segments; called only
             where messages arrived that match no step of this one.
+        anatomy: what was observed from inside; None if nothing was.
     """
 
     playback: Rows
     monitors: Mapping[str, Rows]
     taps: Mapping[str, Rows]
     played_earlier: PlayedEarlier = lambda stamps: np.zeros(stamps.size, np.bool_)
+    anatomy: ObservedRows | None = None
 
 
 @dataclass(frozen=True)
@@ -142,6 +159,7 @@ def merged_samples(merged: MergedRun, runs: Sequence[RunSamples]) -> RunSamples:
         ),
         reruns=reruns,
         mode=merged.plan.playback_mode,
+        subjects=_subjects(merged.plan, merged.record),
     )
 
 
@@ -185,8 +203,35 @@ def _read_rows(run: Run, segment: Segment, played: _PlayedStamps) -> SegmentRows
             monitor.name: run.monitor(segment, monitor.name) for monitor in run.plan.monitors
         },
         taps={} if segment.live else {topic: run.tap(segment, topic) for topic in taps},
+        anatomy=_observed_rows(run, segment) if run.plan.anatomy else None,
         played_earlier=partial(played.before, segment.began_ns),
     )
+
+
+def _observed_rows(run: Run, segment: Segment) -> ObservedRows | None:
+    """What was observed from inside in a segment.
+
+    Raises:
+        RecordError: its file is missing or damaged.
+    """
+    records = run.record.anatomies
+    record = next((record for record in records if record.start == segment.start), None)
+    return None if record is None else ObservedRows(run.anatomy(segment), record)
+
+
+def observed_values(
+    plan: Plan, segment: Segment, observed: ObservedRows | None
+) -> dict[str, Seconds]:
+    """What was observed of each node and topic in a segment; see `SegmentSamples.anatomy`."""
+    if observed is None:
+        return {}
+    window_ns = segment.began_ns, segment.ended_ns
+    joined = anatomy(observed.record, observed.rows, plan, window_ns)
+    # Requirements name topics without the slash that they begin with.
+    return {
+        name.replace("path./", "path.").removeprefix("/"): joined.values(name)
+        for name in joined.names
+    }
 
 
 def match_segment(run: Run, segment: Segment, monitor: MonitorPlan) -> tuple[Rows, Rows, Matching]:
@@ -247,6 +292,7 @@ def segment_samples(
         segment=segment,
         playback=replace(playback_samples(rows.playback), live=segment.live),
         monitors=monitors,
+        anatomy=observed_values(plan, segment, rows.anatomy),
         processes={},
         machine=None,
     )
@@ -307,6 +353,12 @@ def with_host_samples(
     )
 
 
+def _subjects(plan: Plan, record: RunRecord) -> Subjects:
+    """What a run has metrics of: nodes and topics of its plan, and the processes that ran."""
+    ran = dict.fromkeys(process.name for process in record.processes)
+    return msgspec.structs.replace(Subjects.of_plan(plan), processes=tuple(ran))
+
+
 def _ranks(processes: tuple[ProcessRecord, ...]) -> dict[str, int]:
     """The place of each name of a process: those of the harness first.
 
@@ -360,6 +412,7 @@ def run_samples(
             incomplete=tuple(iteration.id for iteration in iterations if not iteration.complete),
             reruns=reruns,
             mode=plan.playback_mode,
+            subjects=_subjects(plan, record),
         )
 
     first = session(

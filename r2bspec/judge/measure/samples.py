@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from r2bspec.judge.measure.matching import (
     count_reordered,
     source_times_ns,
 )
+from r2bspec.judge.measure.metric_catalogue import NO_SUBJECTS, Subjects
 from r2bspec.judge.measure.own_pace import own_period_s, pooled_period_s
 from r2bspec.judge.measure.times import (
     Seconds,
@@ -251,7 +252,13 @@ class PlaybackSamples:
 
 @dataclass(frozen=True)
 class SegmentSamples:
-    """One segment: playback, monitors, processes, and host interference."""
+    """One segment: playback, monitors, processes, and host interference.
+
+    Attributes:
+        anatomy: what was observed from inside of each node and topic, by its name and the family of
+            the metric, such as ``blur.callback``: the values of single messages, in seconds, in the
+            order in which they began. The load has one value.
+    """
 
     segment: Segment
     playback: PlaybackSamples
@@ -259,6 +266,7 @@ class SegmentSamples:
     processes: Mapping[str, ResourceUse]
     machine: ResourceUse | None
     interference: HostInterference | None = None
+    anatomy: Mapping[str, Seconds] = field(default_factory=dict)
 
     @property
     def live(self) -> bool:
@@ -279,6 +287,7 @@ class RunSamples:
         incomplete: ids of the iterations that were cut short; they are not among the samples.
         confirmation: the confirmation session that was played after a failure, as a run of its own.
         peak_hz: the rate that counts as the peak: the highest sustained rate of the search.
+        subjects: what there are metrics of, besides the monitors.
     """
 
     record: RunRecord
@@ -290,6 +299,7 @@ class RunSamples:
     confirmation: RunSamples | None = None
     peak_hz: float | None = None
     mode: str = "looping"
+    subjects: Subjects = NO_SUBJECTS
 
     @property
     def own_rate(self) -> bool:
@@ -313,10 +323,13 @@ class RunSamples:
         rates = self.iterations.items()
         return next((played for rate, played in rates if math.isclose(rate, at_hz)), ())
 
-    @property
-    def processes(self) -> tuple[str, ...]:
-        """The names of all processes that ran, once each."""
-        return tuple(dict.fromkeys(process.name for process in self.record.processes))
+    def with_each(self, change: Callable[[SegmentSamples], SegmentSamples | None]) -> RunSamples:
+        """The run with each iteration as it is changed, without those that become None."""
+        iterations = {
+            rate: tuple(one for one in map(change, played) if one is not None)
+            for rate, played in self.iterations.items()
+        }
+        return replace(self, iterations=iterations)
 
 
 def starts_of(iterations: Sequence[SegmentSamples]) -> tuple[int, ...]:

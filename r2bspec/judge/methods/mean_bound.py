@@ -12,6 +12,7 @@ stated in a note.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 from r2bspec.judge.caveats import correlation_notes, stall_notes
@@ -60,23 +61,21 @@ def judge_mean(case: RequirementCase, record: RunRecord) -> Decision:
             estimate=estimate,
             n=len(values),
         )
-    segment = case.iterations[0].segment
-    window_s = (segment.ended_ns - segment.began_ns) / 1e9
-    step = resolution(case.info, max(values), window_s)
+    step = resolution(case.info, max(values), case.iterations[0].segment.length_s)
     sample = hierarchical_interval(values, starts_of(case.iterations), case.confidence, step)
-    interval = sample.interval
+    interval, shown = sample.interval, _possible(sample, values)
     observed = Observations(values, starts_of(case.iterations), _messages(case))
-    outcome = case.outcome_of_bounds(interval.lower, interval.upper)
+    outcome = case.outcome_of_bounds(shown.interval.lower, shown.interval.upper)
     decision = Decision(
         outcome=outcome,
         method="t over iterations",
-        reason=_reason(case, sample, outcome),
+        reason=_reason(case, shown, outcome),
         remedy=_remedy(case, sample, observed, Costs.of(case.iterations, record))
         if outcome == "inconclusive"
         else "",
         estimate=interval.mean,
-        lower=interval.lower,
-        upper=interval.upper,
+        lower=shown.interval.lower,
+        upper=shown.interval.upper,
         n=len(values),
         effective_n=sample.number / sample.inflation,
         notes=()
@@ -94,6 +93,16 @@ def judge_mean(case: RequirementCase, record: RunRecord) -> Decision:
         ),
     )
     return _without_lost(case, decision)
+
+
+def _possible(sample: HierarchicalInterval, values: Sequence[float]) -> HierarchicalInterval:
+    """The interval without what no such mean can be: below 0, where none of its values is.
+
+    It covers the truth as often, as the truth is not in what is left out.
+    """
+    least = 0.0 if min(values) >= 0 else -math.inf
+    interval = replace(sample.interval, lower=max(sample.interval.lower, least))
+    return replace(sample, interval=interval)
 
 
 def _messages(case: RequirementCase) -> list[Seconds]:

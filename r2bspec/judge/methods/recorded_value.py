@@ -46,6 +46,9 @@ from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.verdict import Outcome
 from r2bspec.record.run_record import Probe, RunRecord
 
+_OF_MESSAGES = frozenset({"monitor", "playback", "anatomy"})
+"""Scopes of metrics that have a value for each message."""
+
 _COUNT_METRICS = ("sent", "received", "missed", "duplicates", "reordered", "unmatched")
 _FAULT_COUNTS = ("missed", "duplicates", "reordered", "unmatched")
 """Counts of faults: where none was observed, the rule of three applies."""
@@ -97,6 +100,8 @@ def _pooled_percentile(case: RequirementCase, quantile: float) -> float | None:
     if case.info.scope == "playback":
         lateness = np.concatenate([iteration.playback.lateness for iteration in case.iterations])
         return percentile(lateness, quantile)
+    if case.info.scope == "anatomy":
+        return percentile(np.concatenate(case.observed_times), quantile)
     pooled = pool_monitor(case.monitor_samples)
     lost = pooled.missed if family in LOSS_SENSITIVE_FAMILIES else 0
     return percentile(pooled.times[family], quantile, lost)
@@ -112,13 +117,15 @@ def _count_messages(case: RequirementCase) -> int:
         return sum(sample.expected for sample in seen)
     if info.scope == "playback":
         return sum(iteration.playback.sent for iteration in case.iterations)
+    if info.scope == "anatomy":
+        return sum(times.size for times in case.observed_times)
     return len(case.iterations)
 
 
 def _bounds_single_messages(case: RequirementCase, seen: float) -> bool:
     """Whether the observation is that no single message broke the bound."""
     info = case.info
-    if info.scope not in {"monitor", "playback"}:
+    if info.scope not in _OF_MESSAGES:
         return False
     return info.part in {"min", "max"} or (info.name in _FAULT_COUNTS and seen == 0)
 
@@ -141,7 +148,7 @@ def _observation_text(case: RequirementCase, seen: float, n: int) -> str:
             missed = sum(monitor_sample.missed for monitor_sample in case.monitor_samples)
             return f"{show(missed, 'count')} of {show(n, 'count')} outputs never arrived"
         of = f"{show(n, 'count')} {counted_noun(case)}"
-        if info.scope not in {"monitor", "playback"}:
+        if info.scope not in _OF_MESSAGES:
             of = f"{n} iteration{'s' if n > 1 else ''}"
         return f"The {extreme} in {of} is {show(seen, info.unit)}"
     if info.name in _COUNT_METRICS:

@@ -171,7 +171,8 @@ def _notes(
     if outcome == "inconclusive":
         return notes
     several = len(set(starts)) > 1
-    numbers = np.array(starts if several else range(len(seen)))
+    # Not the numbers themselves: a record may have any, and as many counts would be made.
+    _, numbers = np.unique(starts if several else np.arange(len(seen)), return_inverse=True)
     missed = np.bincount(numbers, [sample.missed for sample in seen])
     expected = np.bincount(numbers, [sample.expected for sample in seen])
     shares = (missed[expected > 0] / expected[expected > 0]).tolist()
@@ -296,6 +297,8 @@ def values_by_iteration(case: RequirementCase) -> tuple[list[Seconds], int]:
     family = case.info.family
     if case.info.scope == "playback":
         return [iteration.playback.lateness for iteration in case.iterations], 0
+    if case.info.scope == "anatomy":
+        return case.observed_times, 0
     seen = case.monitor_samples
     lost = sum(one.missed for one in seen) if family in LOSS_SENSITIVE_FAMILIES else 0
     worst = math.inf if case.is_upper_bound else -math.inf

@@ -23,6 +23,10 @@ _COUNTED_NOUNS = {
     "interval": "intervals",
     "jitter": "changes of the interval",
     "playback": "publications",
+    "wait": "messages",
+    "take": "messages",
+    "transport": "messages",
+    "callback": "callbacks",
     "drop_rate": "steps",
 }
 

@@ -78,7 +78,7 @@ from r2bspec.judge.statistics.effective_sample_size import (
     effective_sample_of_rows,
     pad_rows,
 )
-from r2bspec.judge.statistics.t_interval import t_quantile
+from r2bspec.judge.statistics.t_interval import by_start, deviation_bound, t_quantile
 
 _MAD_TO_DEVIATION = 1.4826
 _MIN_LEVELS = 2
@@ -121,25 +121,16 @@ def level_margin(
     """
     kept = [value for value in values if value.size]
     numbers = [start for start, row in zip(starts, values, strict=False) if row.size]
-    groups = _by_start(kept, numbers) if len(set(numbers)) >= _MIN_LEVELS else []
+    groups = by_start(kept, numbers) if len(set(numbers)) >= _MIN_LEVELS else []
     levels = [middle_half(row) for row in kept]
     if len(kept) < _MIN_LEVELS or not all(map(math.isfinite, levels)):
         return None
     inside = _deviation_within(kept, levels)
     margins = [_margin(levels, inside, q, confidence, "iterations", serial=not groups)]
     if groups:
-        by_start = [middle_half(group) for group in groups]
-        margins.append(_margin(by_start, inside, q, confidence, "starts", serial=True))
+        of_starts = [middle_half(np.concatenate(group)) for group in groups]
+        margins.append(_margin(of_starts, inside, q, confidence, "starts", serial=True))
     return max(margins, key=lambda one: one.tail)
-
-
-def _by_start(
-    values: Sequence[NDArray[np.float64]], starts: Sequence[int]
-) -> list[NDArray[np.float64]]:
-    return [
-        np.concatenate([row for row, own in zip(values, starts, strict=True) if own == start])
-        for start in dict.fromkeys(starts)
-    ]
 
 
 def middle_half(values: NDArray[np.float64]) -> float:
@@ -170,7 +161,7 @@ def _margin(
     *,
     serial: bool,
 ) -> LevelMargin:
-    from scipy.special import chdtri, ndtri
+    from scipy.special import ndtri
 
     m = len(levels)
     mean = math.fsum(levels) / m
@@ -181,8 +172,8 @@ def _margin(
     reach = z**2 * variance / total / (2 * (m - 1)) if total > 0 else 0.0
     t = t_quantile(serial_degrees_of_freedom(m, inflation), confidence)
     half = t * math.sqrt(variance * inflation * (1 / m + reach))
-    largest = (m - 1) * variance / float(chdtri(m - 1, confidence))
-    wider = z * (math.sqrt(largest + inside**2) - math.sqrt(total))
+    largest = deviation_bound(math.sqrt(variance), m, confidence)
+    wider = z * (math.hypot(largest, inside) - math.sqrt(total))
     tail = max(half, math.hypot(t * math.sqrt(variance * inflation / m), wider))
     return LevelMargin(half, tail, math.sqrt(variance), m, pieces, inflation)
 

@@ -137,9 +137,19 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final, Literal
+from typing import Final, Literal, TypeVar
 
 from r2bspec.judge.statistics.autocorrelation import serial_degrees_of_freedom, serial_inflation
+
+Value = TypeVar("Value")
+
+
+def by_start(values: Sequence[Value], starts: Sequence[int]) -> list[list[Value]]:
+    """One value for each iteration, by the start that it was played in, in their order."""
+    groups: dict[int, list[Value]] = {}
+    for value, start in zip(values, starts, strict=True):
+        groups.setdefault(start, []).append(value)
+    return [*groups.values()]
 
 
 def t_quantile(freedom: float, confidence: float) -> float:
@@ -147,6 +157,19 @@ def t_quantile(freedom: float, confidence: float) -> float:
     from scipy.special import stdtrit
 
     return float(stdtrit(freedom, confidence))
+
+
+def deviation_bound(deviation: float, number: int, confidence: float) -> float:
+    """The upper bound of a standard deviation that so many normal values show, by chi-square.
+
+    Args:
+        deviation: of the values.
+        number: how many values, at least two.
+        confidence: of the bound.
+    """
+    from scipy.special import chdtri
+
+    return deviation * math.sqrt((number - 1) / float(chdtri(number - 1, confidence)))
 
 
 @dataclass(frozen=True)
@@ -214,8 +237,7 @@ def hierarchical_interval(
     Raises:
         ValueError: fewer than two values.
     """
-    numbers = list(dict.fromkeys(starts))
-    serial = len(numbers) < 2
+    serial = len(set(starts)) < 2
     inflation = serial_inflation(values) if serial else 1.0
     interval = HierarchicalInterval(
         mean_interval(values, confidence, resolution, inflation),
@@ -225,15 +247,12 @@ def hierarchical_interval(
     )
     if serial:
         return interval
-    means = [
-        statistics.fmean(value for value, own in zip(values, starts, strict=True) if own == number)
-        for number in numbers
-    ]
+    means = [statistics.fmean(group) for group in by_start(values, starts)]
     inflation = serial_inflation(means)
-    by_start = mean_interval(means, confidence, resolution, inflation)
-    if _width(by_start) < _width(interval.interval):
+    of_starts = mean_interval(means, confidence, resolution, inflation)
+    if _width(of_starts) < _width(interval.interval):
         return interval
-    return HierarchicalInterval(by_start, "starts", len(means), inflation)
+    return HierarchicalInterval(of_starts, "starts", len(means), inflation)
 
 
 def _width(interval: MeanInterval) -> float:
@@ -360,10 +379,8 @@ class RunValues:
 
     def of_starts(self) -> list[float]:
         """The geometric mean of each start; nothing where starts are not known."""
-        logs: dict[int, list[float]] = {}
-        for value, start in zip(self.values, self.starts, strict=False):
-            logs.setdefault(start, []).append(math.log(value))
-        return [math.exp(math.fsum(log) / len(log)) for log in logs.values()]
+        groups = by_start(self.values, self.starts) if self.starts else []
+        return [math.exp(statistics.fmean(map(math.log, group))) for group in groups]
 
 
 def welch_ratio_of_runs(
@@ -383,10 +400,10 @@ def welch_ratio_of_runs(
     a, b = base.of_starts(), head.of_starts()
     if min(len(a), len(b)) < 2:
         return interval, "iterations"
-    by_start = welch_ratio(a, b, confidence)
-    if by_start.upper / by_start.lower < interval.upper / interval.lower:
+    of_starts = welch_ratio(a, b, confidence)
+    if of_starts.upper / of_starts.lower < interval.upper / interval.lower:
         return interval, "iterations"
-    return by_start, "starts"
+    return of_starts, "starts"
 
 
 MIN_HISTORY_RUNS: Final = 5
@@ -458,34 +475,15 @@ def noise_floor(ratios: Sequence[float], confidence: float) -> NoiseFloor:
     """
     if any(ratio <= 0 for ratio in ratios):
         raise ValueError("a ratio is positive")
-    from scipy.special import chdtri
-
     logs = [math.log(ratio) for ratio in ratios]
     interval = mean_interval(logs, confidence)
-    freedom = len(logs) - 1
-    quantile = float(chdtri(freedom, confidence))
     return NoiseFloor(
         deviation=interval.deviation,
-        upper=interval.deviation * math.sqrt(freedom / quantile),
+        upper=deviation_bound(interval.deviation, len(logs), confidence),
         bias=interval.mean,
         biased=interval.lower > 0 or interval.upper < 0,
         n=len(logs),
     )
-
-
-def power_of_pairs(delta: float, deviation: float, n: int, confidence: float) -> float:
-    """The probability that n pairs decide, if the truth is `delta` beyond the limit.
-
-    Args:
-        delta: logarithm of the true ratio over the limit, on the side that decides, positive.
-        deviation: the noise floor s, positive.
-        n: pairs, at least two.
-        confidence: of the test.
-    """
-    from scipy.special import nctdtr
-
-    limit = t_quantile(n - 1, confidence)
-    return 1 - float(nctdtr(n - 1, delta * math.sqrt(n) / deviation, limit))
 
 
 def smallest_detectable(

@@ -1,14 +1,16 @@
 """Companion files of a spec: recorded interfaces, parameter files, and Python files of nodes.
 
 They are read as data, once, so that wiring and plan are pure functions of values. Python files are
-read in the work tree of git that holds the spec, such as ``src/package/node.py`` beside ``bench/``;
-modules where they are installed. Except for those, and for parameter files that the spec names by
-their paths, nothing outside of the folder of the spec is read, and links out of a folder are not
-followed. All files of a kind have a limit together, over all cases of a spec.
+read in the work tree of git, or else in the colcon workspace, that holds the spec, such as
+``src/package/node.py`` beside ``bench/``; modules where they are installed. Except for those, and
+for parameter files that the spec names by their paths, nothing outside of the folder of the spec is
+read, and links out of a folder are not followed. All files of a kind have a limit together, over
+all cases of a spec.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Mapping
 from functools import cache, partial
@@ -36,6 +38,9 @@ from r2bspec.safe_io.safe_yaml import load_values
 
 INTERFACES_FOLDER = "interfaces"
 """The folder next to a spec with recorded interfaces, one file for each node."""
+
+_MAX_FOLDERS = 500
+"""How many folders below ``src`` are looked at for a package."""
 
 
 class CompanionFiles(msgspec.Struct, frozen=True):
@@ -66,8 +71,22 @@ def interface_file(base_dir: Path, node: str) -> Path:
 
 @shared_lookup
 def source_folder(base_dir: Path) -> Path:
-    """Where the sources of nodes may be read: the work tree of a spec, or else its folder."""
-    return find_work_tree(base_dir) or base_dir
+    """Where sources of nodes may be read: the work tree or workspace of a spec, or its folder."""
+    return find_work_tree(base_dir) or _find_workspace(base_dir) or base_dir
+
+
+def _find_workspace(base_dir: Path) -> Path | None:
+    """The innermost folder around a spec whose ``src`` has a package; None without one."""
+    start = safe_file.real_path(base_dir)
+    return next((top for top in (start, *start.parents) if _has_packages(top / "src")), None)
+
+
+def _has_packages(folder: Path) -> bool:
+    """Whether a folder of a folder is a package, or a repository of packages."""
+    places = [folder / name for name in safe_file.names_if_any(folder)[:_MAX_FOLDERS]]
+    inner = (place / name for place in places for name in safe_file.names_if_any(place))
+    deeper = itertools.islice(inner, _MAX_FOLDERS)
+    return any(safe_file.is_regular(each / "package.xml") for each in (*places, *deeper))
 
 
 def read_companion_files(spec: Spec, base_dir: Path) -> CompanionFiles:
@@ -179,10 +198,17 @@ def read_source(
         folder = module_of(file).folder
     tree = read_python_file(file, folder, budget)
     if tree is None:
-        return unknown_interface(f"{place} cannot be read"), None
+        return unknown_interface(_why_unread(place, file, folder)), None
     path = safe_file.real_path(file)
     try:
         read = partial(read_python_file, folder=folder, budget=budget)
         return read_node_class(tree, name, path, read), read_node_start(tree, name)
     except RecursionError:
         return unknown_interface("its source is nested too deeply"), None
+
+
+def _why_unread(place: str, file: Path, folder: Path) -> str:
+    """Why the source of a node is not read, as `place` names it."""
+    if not safe_file.real_path(file).is_relative_to(safe_file.real_path(folder)):
+        return f"{place} is not read: it is in no git work tree or colcon workspace with the spec"
+    return f"{place} cannot be read as Python"

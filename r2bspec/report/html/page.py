@@ -18,11 +18,13 @@ from r2bspec.judge.measure.distribution import (
     part_title,
     part_value,
 )
-from r2bspec.judge.measure.metrics import RunMetrics
 from r2bspec.judge.measure.units import at_rate, show, show_rate
+from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import VarianceSource
+from r2bspec.plan.plan import Plan
 from r2bspec.record.run_folder import Run, read_stacks
-from r2bspec.report import result_table
+from r2bspec.report import anatomy_table, result_table
+from r2bspec.report.anatomy_table import anatomies_of
 from r2bspec.report.headline import headline, reason_after
 from r2bspec.report.html.chart import Chart
 from r2bspec.report.html.flame_graph import flame_graph
@@ -30,6 +32,7 @@ from r2bspec.report.html.graph_drawing import lay_out
 from r2bspec.report.html.latency_charts import ecdf_chart, messages_chart, percentile_chart
 from r2bspec.report.html.load_charts import load_curve_chart, loads_chart
 from r2bspec.report.html.templates import own_text, render_template
+from r2bspec.report.html.waterfall import waterfalls
 from r2bspec.report.notes import notes, profile_notes
 
 if TYPE_CHECKING:
@@ -123,6 +126,8 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "line": line,
         "reason": reason_after(line, result.verdict),
         "profiles": [*profile_notes(result.profiles)],
+        "anatomies": anatomies_of(result),
+        "anatomy_table": anatomy_table,
         "has_interference": bool(around),
         "has_frequency": any(sample.frequency_hz for sample in around),
         "affected": defaultdict(
@@ -130,7 +135,7 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         ),
         "monitors": monitors,
         "processes": processes,
-        "graph": lay_out(report_input.run.plan, _annotations(metrics))
+        "graph": lay_out(report_input.run.plan, _annotations(result, report_input.run.plan))
         if report_input.run
         else None,
         "charts": {
@@ -176,6 +181,7 @@ def _charts(report_input: ReportInput, monitors: list[str]) -> dict[str, list[Ch
         charts["loads"].append(loads)
     return charts | {
         "latency": [*_latency_charts(report_input, monitors)],
+        "anatomy": [*waterfalls(report_input.result)],
         "baseline": [*_baseline_charts(report_input, monitors)],
         "profiles": [*_flame_graphs(run)] if run is not None else [],
     }
@@ -215,8 +221,9 @@ def _baseline_charts(report_input: ReportInput, monitors: list[str]) -> Iterator
             yield chart
 
 
-def _annotations(metrics: RunMetrics) -> dict[str, list[str]]:
-    """The annotations of the graph at the player and at each monitor."""
+def _annotations(result: Result, plan: Plan) -> dict[str, list[str]]:
+    """The annotations of the graph: at the player, at each monitor, and where time was spent."""
+    metrics = result.metrics
     rates = metrics.rates[-_MAX_SHOWN_RATES:]
     texts = {"player": [f"plays {show_rate(rate.offered_hz, rate.pace)}" for rate in rates]}
     for name in dict.fromkeys(name for rate in rates for name in rate.pooled.monitors):
@@ -226,4 +233,15 @@ def _annotations(metrics: RunMetrics) -> dict[str, list[str]]:
             for rate in rates
             if (seen := rate.pooled.monitors[name])
         ]
+    full = {node.node: node.name for process in plan.processes for node in process.nodes}
+    for anatomy in anatomies_of(result)[-1:]:
+        parts = [part for path in anatomy.paths for part in path.parts]
+        for part in parts:
+            if part.name == "transport":
+                texts[part.owner] = [f"transport {show(part.p50, 's')}, p99 {show(part.p99, 's')}"]
+        for node in anatomy.nodes:
+            texts[full.get(node.name, node.name)] = [
+                f"callback {show(node.callback_p50, 's')}, p99 {show(node.callback_p99, 's')}",
+                f"wait {show(node.wait_p50, 's')}, load {anatomy_table.share(node.load)}",
+            ]
     return texts

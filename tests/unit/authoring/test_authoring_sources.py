@@ -112,7 +112,7 @@ def test_a_node_alone() -> None:
         "/r2b/camera_info",
         "/r2b/hawk_0_left_rgb_image",
     ]
-    assert "# - where /r2b/camera_info, /r2b/hawk_0_left_rgb_image come from" in text
+    assert "# - the publishers of /r2b/camera_info, /r2b/hawk_0_left_rgb_image" in text
 
 
 def test_a_node_whose_topics_come_from_parameters() -> None:
@@ -158,7 +158,7 @@ def test_what_nothing_publishes_comes_from_outside() -> None:
     source = spec().graph.nodes["source"]
     assert source.external
     assert sorted(source.publishes) == ["/camera_info", "/hawk_0_left_rgb_image"]
-    assert "# - where /camera_info, /hawk_0_left_rgb_image come from" in text
+    assert "# - the publishers of /camera_info, /hawk_0_left_rgb_image" in text
 
 
 def test_a_launch_file_and_a_bag() -> None:

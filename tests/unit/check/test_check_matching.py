@@ -10,7 +10,6 @@ from check_specs import codes, findings
 
 from example_spec import example
 from r2bspec.check import check_context
-from r2bspec.judge.measure.metric_catalogue import METRICS, example_requirement
 from ros_runs import write_bag
 
 # Messages without a partner of the same stamp are found before a run, where the bag tells.
@@ -189,36 +188,3 @@ def test_what_needs_answers_has_no_effect(key: str) -> None:
     spec = OWN_PACE.replace("REQUIREMENT", "odom.age.p99 < 30 ms")
     spec = spec.replace("match: own_pace", f"match: own_pace, {key}")
     assert any("has no effect" in each.message for each in findings(spec, offline=True))
-
-
-# Requirements on the answers of services and actions.
-
-
-CALLS = """\
-r2bspec: 1
-name: planner
-playback:
-  calls:
-    add: {service: {name: add, type: test_msgs/srv/BasicTypes, request: {int64_value: 1}}}
-    plan: {action: {name: plan, type: test_msgs/action/Fibonacci, goal: {order: 5}}, feedback: true}
-graph: {nodes: {planner: {command: [cat]}}}
-benchmark: {duration: 10 s, rates: [200 Hz]}
-slos: {main: {at: 200 Hz, require: ["REQUIREMENT"]}}
-"""
-
-
-@pytest.mark.parametrize("metric", METRICS)
-@pytest.mark.parametrize("call", ["", "add.", "plan_feedback."])
-def test_every_metric_of_a_call_is_checked(metric: str, call: str) -> None:
-    info = METRICS[metric]
-    if call and info.scope != "monitor":
-        return
-    found = codes(CALLS.replace("REQUIREMENT", call + example_requirement(info)), offline=True)
-    assert "R2B690" not in found
-
-
-@pytest.mark.parametrize("call", ["add", "plan", "plan_accepted", "plan_feedback"])
-def test_answers_and_losses_can_be_required(call: str) -> None:
-    for requirement in (f"{call}.latency.p90 < 50 ms", f"{call}.drop_rate <= 1 %"):
-        found = codes(CALLS.replace("REQUIREMENT", requirement), offline=True)
-        assert [code for code in found if code.startswith("R2B5")] == []

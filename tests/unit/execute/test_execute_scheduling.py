@@ -14,6 +14,7 @@ from plans import process_plan
 from r2bspec.execute.errors import RunError
 from r2bspec.execute.processes.scheduling import (
     apply_to_process,
+    locked_bytes,
     read_scheduling,
     require_permitted,
     schedule_threads,
@@ -139,6 +140,7 @@ def test_a_process_that_has_ended_already_is_left_to_its_watcher() -> None:
             "RLIMIT_RTPRIO is 0, and 4 is",
         ),
         ("nice=-5", "RLIMIT_NICE is 0, and 25 is"),
+        ("scheduling=Scheduling(memory_lock=True)", "RLIMIT_MEMLOCK is 0 KiB, and 'unlimited' is"),
     ],
 )
 def test_what_a_limit_forbids_is_refused_with_the_limit(settings: str, limit: str) -> None:
@@ -149,7 +151,7 @@ def test_what_a_limit_forbids_is_refused_with_the_limit(settings: str, limit: st
     from r2bspec.execute.errors import RunError
     from r2bspec.execute.processes.scheduling import require_permitted
     from r2bspec.language.spec import Scheduling, ThreadScheduling
-    for which in (resource.RLIMIT_RTPRIO, resource.RLIMIT_NICE):
+    for which in (resource.RLIMIT_RTPRIO, resource.RLIMIT_NICE, resource.RLIMIT_MEMLOCK):
         resource.setrlimit(which, (0, 0))
     if os.getuid() == 0:
         os.setresuid(65534, 65534, 65534)
@@ -167,5 +169,20 @@ def test_what_a_limit_forbids_is_refused_with_the_limit(settings: str, limit: st
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("R2B637 process detector: ")
     assert limit in done.stdout
-    assert "CAP_SYS_NICE" in done.stdout
-    assert "--ulimit rtprio=99" in done.stdout
+    assert ("CAP_IPC_LOCK" if "MEMLOCK" in limit else "CAP_SYS_NICE") in done.stdout
+    assert ("--ulimit memlock=-1" if "MEMLOCK" in limit else "--ulimit rtprio=99") in done.stdout
+
+
+def test_threads_may_come_with_the_first_messages(threads: subprocess.Popen[bytes]) -> None:
+    wanted = Scheduling(threads=(ThreadScheduling(name="late", policy="batch"),))
+    plan = process_plan("detector", scheduling=wanted)
+    seen = schedule_threads(plan, threads.pid, final=False)
+    assert {each.policy for each in seen} == {"other"}
+
+
+def test_memory_that_is_not_locked_is_noticed(sleeper: subprocess.Popen[bytes]) -> None:
+    plan = process_plan("detector", scheduling=Scheduling(memory_lock=True))
+    with pytest.raises(RunError, match="detector: its memory is not locked") as caught:
+        locked_bytes(plan, sleeper.pid)
+    assert caught.value.code == "R2B637"
+    assert "call mlockall itself" in caught.value.hint

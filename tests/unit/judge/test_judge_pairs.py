@@ -59,9 +59,9 @@ def test_what_is_the_same_passes_and_says_what_it_is_of(tmp_path: Path) -> None:
     verdict = judged(Comparison(BASE, SAME), tmp_path)
     assert (verdict.outcome, verdict.exit_code) == ("pass", 0)
     one = ratio(verdict)
-    assert (one.method, one.n, one.unit, one.limit) == ("paired t on logs", 3, "share", 1.05)
+    assert (one.method, one.n, one.unit, one.limit) == ("paired t on logs", 6, "share", 1.05)
     assert one.compared is not None
-    assert one.compared.base_values == pytest.approx(BASE[:3], rel=0.01)
+    assert one.compared.base_values == pytest.approx(BASE, rel=0.01)
     assert one.lower is not None
     assert one.upper is not None
     assert one.lower < 1 < one.upper < 1.05
@@ -87,7 +87,35 @@ def test_other_requirements_rest_on_the_runs_of_the_head(tmp_path: Path) -> None
         for requirement in judged(Comparison(BASE, SAME), tmp_path).requirements
         if requirement.objective == "fast"
     )
-    assert (one.outcome, one.method, one.n) == ("pass", "exact binomial", 3 * 30)
+    assert (one.outcome, one.method, one.n) == ("pass", "exact binomial", 6 * 30)
+
+
+@pytest.mark.parametrize(
+    ("asked", "head", "outcome", "pairs"),
+    [
+        ("latency.mean <= 120 % of baseline", SAME, "pass", 3),
+        ("latency.mean <= 112 % of baseline", SAME, "pass", 5),
+        ("latency.mean <= 105 % of baseline", SAME, "pass", 6),
+        ("latency.p50 <= 120 % of baseline", SAME, "pass", 6),
+        ("latency.max <= 200 % of baseline", SAME, "pass", 6),
+        ("latency.mean < 30 ms", SAME, "pass", 3),
+        ("latency.mean < 21.5 ms", SAME, "pass", 6),
+        ("latency.mean <= 105 % of baseline", SLOWER, "fail", 6),
+    ],
+)
+def test_a_pass_by_few_pairs_needs_room_for_starts_that_they_have_not_met(
+    asked: str, head: list[float], outcome: str, pairs: int, tmp_path: Path
+) -> None:
+    """Of 30 messages a run, no percentile has room for bursts of 20."""
+    verdict = judged(Comparison(BASE, head, objectives={"slo": objective(asked)}), tmp_path)
+    (one,) = verdict.requirements
+    assert (one.outcome, one.n) == (outcome, pairs)
+    # Where a comparison ends before that, the PASS says what it has no room for.
+    fewer = Comparison(BASE[:4], head[:4], objectives={"slo": objective(asked)}, planned=6)
+    (one,) = judged(fewer, tmp_path / "fewer").requirements
+    assert one.early == (outcome == "pass" and pairs > 4)
+    told = any("do not rule out" in note or "too few to pass" in note for note in one.notes)
+    assert told == one.early
 
 
 def test_an_unusable_pair_is_replaced_by_the_one_played_again(tmp_path: Path) -> None:
@@ -103,7 +131,7 @@ def test_an_unusable_pair_is_replaced_by_the_one_played_again(tmp_path: Path) ->
 def test_an_unusable_pair_is_dropped_and_said(tmp_path: Path) -> None:
     pairs = Comparison(BASE, SAME, unusable={2: "head: late"}).write(tmp_path / "pairs")
     result = judge_comparison_folder(pairs).result
-    assert ratio(result.verdict).n == 3
+    assert ratio(result.verdict).n == 5
     assert result.pairs is not None
     assert (result.pairs.planned, result.pairs.used) == (6, 5)
     assert [each.number for each in pairs.dropped()] == [2]

@@ -112,6 +112,18 @@ class TestMeans:
         samples = run(*segments, starts=STARTS)
         assert "10 iterations in 5 starts" in one(samples, "latency.mean < 50 ms").reason
 
+    def test_no_latency_is_below_nothing(self) -> None:
+        levels = (0.001, 0.001, 0.002, 0.002, 0.03, 0.03, 0.001, 0.001, 0.002, 0.002)
+        segments = [Played(30, np.full(60, level)) for level in levels]
+        found = one(run(*segments, starts=STARTS), "latency.mean < 10 ms")
+        assert (found.outcome, found.lower) == ("inconclusive", 0)
+        assert "the true mean is 0 s to" in found.reason
+        # What is known of the mean is as little as before.
+        assert found.budget is not None
+        assert found.upper is not None
+        assert found.estimate is not None
+        assert found.budget.half_width == pytest.approx(found.upper - found.estimate)
+
 
 class TestLevels:
     def test_what_moves_the_whole_iteration_leaves_its_percentile_open(self) -> None:
@@ -238,8 +250,9 @@ class TestWhatItSays:
         stalled[100:109] += 0.3 - np.arange(9) / 30
         asked = "latency.mean < 26 ms"
         notes = one(run(*[Played(30, stalled)] * 2, *[Played(30, steady)] * 8), asked).notes
-        assert notes[-1].startswith("The run met 2 stalls of 79.7 ms or longer")
-        assert not one(run(*[Played(30, stalled)] * 10), asked).notes
+        assert notes[-2].startswith("The run met 2 stalls of 79.7 ms or longer")
+        many = one(run(*[Played(30, stalled)] * 10), asked).notes
+        assert not any("stall" in note for note in many)
 
     def test_a_throughput_depends_on_them_too(self) -> None:
         samples = run(*(Played(30, np.full(300, 0.02)) for _ in STARTS), starts=STARTS)
@@ -263,18 +276,51 @@ class TestWhatItSays:
         assert not one(run(*alike, starts=STARTS), asked).notes
         (note,) = one(run(*differ, starts=STARTS), asked).notes
         assert note == (
-            "The 5 starts differ by 1.6 ms in latency (standard deviation; their messages by 0 s), "
-            "and that none was lost does not show whether slower ones lose more. More starts would "
-            "show it."
+            "The 5 starts differ by 1.6 ms in latency (standard deviation, up to 3.8 ms at 95 % "
+            "confidence; their messages by 0 s), and that none was lost does not show whether "
+            "slower ones lose more. More starts would show it."
         )
 
-    @pytest.mark.parametrize(("scatter", "said"), [(0.001, True), (0.01, False)])
+    @pytest.mark.parametrize(
+        ("scatter", "said"),
+        [
+            (0.001, "More starts would show it."),
+            (0.0045, "About 6 starts would show it."),
+            (0.006, ""),
+        ],
+    )
     def test_starts_that_differ_by_less_than_their_messages_need_no_word(
-        self, scatter: float, said: bool
+        self, scatter: float, said: str
     ) -> None:
         around = scatter * np.random.default_rng(1).standard_normal(300)
         differ = [Played(30, 0.04 + 0.001 * start + around) for start in STARTS]
-        assert bool(one(run(*differ, starts=STARTS), "drop_rate <= 1 %").notes) == said
+        notes = one(run(*differ, starts=STARTS), "drop_rate <= 1 %").notes
+        assert bool(notes) == bool(said)
+        assert all(note.endswith(said) for note in notes)
+
+    @pytest.mark.parametrize(
+        ("asked", "note"),
+        [
+            ("latency.p90 < 21 ms", "met by at least 4.5 %. 29 starts would rule it out."),
+            ("latency.mean < 20.8 ms", "met by at least 3.7 %. 15 starts would rule it out."),
+            ("latency.p50 < 21 ms", "another hour on this machine may be slower by as much."),
+            ("latency.mean < 20.005 ms", "another hour on this machine may be faster by as much."),
+            ("latency.mean < 25 ms", ""),
+            ("latency.p50 < 26 ms", ""),
+            ("latency.p50 < 18 ms", ""),
+            ("latency.mean > 20 ms", ""),
+            ("throughput.mean >= 97 % of offered", ""),
+            ("latency.mean < 20.8 ms in 90 % of 1 s windows", ""),
+        ],
+    )
+    def test_a_latency_that_is_close_to_its_limit(self, asked: str, note: str) -> None:
+        scattered = 0.02 + np.linspace(0, 0.0001, 300)
+        samples = run(*[Played(30, scattered)] * len(STARTS), starts=STARTS)
+        found = one(samples, asked)
+        assert found.outcome == ("fail" if {"20.005", "18"} & {*asked.split()} else "pass")
+        notes = [text for text in found.notes if "stall" not in text]
+        assert len(notes) == bool(note)
+        assert all(text.endswith(note) for text in notes)
 
     def test_one_iteration_is_no_sample_of_iterations(self) -> None:
         found = one(run(Played(30, np.full(600, 0.02))), "latency.p50 < 60 ms")

@@ -5,8 +5,10 @@ from __future__ import annotations
 import pytest
 
 from r2bspec.judge.measure.distribution import quantile
-from r2bspec.judge.measure.metric_catalogue import METRICS, MetricError, names, resolve
+from r2bspec.judge.measure.metric_catalogue import METRICS, MetricError, Subjects, names, resolve
 from r2bspec.language.requirement_grammar import parse_requirement
+
+SUBJECTS = Subjects(processes=("apriltag",), nodes=("relay",), topics=("camera/image",))
 
 
 @pytest.mark.parametrize(
@@ -41,10 +43,14 @@ def test_percentiles_are_read_from_their_names(name: str, fraction: float | None
         ("sent", None, "sent"),
         ("peak.rate", None, "peak.rate"),
         ("sustained", None, "sustained"),
+        ("relay.callback.p99_9", None, "relay.callback.p99_9"),
+        ("relay.load", None, "relay.load"),
+        ("path.relay.share", None, "path.relay.share"),
+        ("camera/image.transport.p50", None, "camera/image.transport.p50"),
     ],
 )
 def test_names_resolve(text: str, monitor: str | None, name: str) -> None:
-    found, info = resolve(text, ["detections"], ["apriltag"])
+    found, info = resolve(text, ["detections"], SUBJECTS)
     assert (found, info.name) == (monitor, name)
 
 
@@ -68,21 +74,22 @@ def test_a_monitor_may_have_the_name_of_a_metric() -> None:
         ("detections", "is a monitor, without a metric", ""),
         ("detections.peak.rate", "is not a metric of a monitor", "peak.rate"),
         ("cpu.apriltg.mean", "there is no metric", "cpu.apriltag.mean"),
+        ("relay.calback.p99", "there is no metric", "relay.callback.p99"),
     ],
 )
 def test_wrong_names_are_answered_with_the_known_ones(
     text: str, message: str, suggestion: str
 ) -> None:
     with pytest.raises(MetricError, match=message) as raised:
-        resolve(text, ["detections"], ["apriltag"])
+        resolve(text, ["detections"], SUBJECTS)
     assert raised.value.known
     if suggestion:
         assert raised.value.suggestion == suggestion
 
 
 def test_every_listed_name_resolves() -> None:
-    for name in names(["apriltag"]):
-        assert resolve(name, ["detections"], ["apriltag"])[1].name == name
+    for name in names(SUBJECTS):
+        assert resolve(name, ["detections"], SUBJECTS)[1].name == name
 
 
 @pytest.mark.parametrize(
@@ -102,7 +109,7 @@ def test_every_listed_name_resolves() -> None:
 )
 def test_bounds_must_have_the_metric_s_dimension(text: str, fits: bool) -> None:
     requirement = parse_requirement(text)
-    info = resolve(requirement.metric, ["detections"], ["apriltag"])[1]
+    info = resolve(requirement.metric, ["detections"], SUBJECTS)[1]
     assert requirement.bound is not None
     assert info.accepts(requirement.bound) is fits
 

@@ -72,9 +72,9 @@ def test_an_interval_still_open_at_the_end_counts() -> None:
 def test_every_metric_of_the_catalogue_has_a_value() -> None:
     samples = Simulation(segments=[Played(10, np.linspace(0.01, 0.02, 50))]).samples()
     iteration = samples.iterations[10][0]
-    for name in names(samples.processes):
-        monitor, info = resolve(name, samples.monitors, samples.processes)
-        if info.scope in {"search", "probe", "truth"}:
+    for name in names(samples.subjects):
+        monitor, info = resolve(name, samples.monitors, samples.subjects)
+        if info.scope in {"search", "probe", "truth", "anatomy"}:
             continue
         assert metric_value(info, monitor, iteration) is not None, name
 
@@ -84,7 +84,7 @@ def test_lost_messages_are_the_slowest_when_a_latency_is_asked_for() -> None:
     iteration = samples.iterations[10][0]
 
     def measured(name: str) -> float | None:
-        monitor, info = resolve(name, samples.monitors, samples.processes)
+        monitor, info = resolve(name, samples.monitors, samples.subjects)
         return metric_value(info, monitor, iteration)
 
     assert measured("latency.p90") == pytest.approx(0.01)

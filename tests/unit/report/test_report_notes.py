@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import re
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 
 from command_line import Call
@@ -18,7 +21,8 @@ from r2bspec.judge.verdict import DisturbedIteration
 from r2bspec.record.run_record import OutputGapRecord, StartRecord
 from r2bspec.report.format_registry import renderer
 from r2bspec.report.notes import MOST_NOTES, Weight, all_notes, notes
-from report_runs import USUAL
+from report_runs import USUAL, with_starts
+from run_simulation import Played, Simulation, objective
 
 
 def noted(folder: Path) -> Result:
@@ -140,3 +144,50 @@ def test_the_page_shows_the_first_and_folds_the_others(tmp_path: Path) -> None:
     found = notes(result)
     assert visible.count("<li>") == len(found.shown)
     assert folded.count("<li>") == len(found.others)
+
+
+def varied_run(number: int, folder: Path) -> Result:
+    """One of many runs: other sizes, starts, losses, limits and machines."""
+    random = np.random.default_rng(number)
+    starts, rate_hz = int(random.choice([1, 3, 5, 10])), float(random.choice([10, 30, 100]))
+    messages = int(random.choice([60, 400]))
+    scatter, level_s = random.choice([0.01, 0.05, 0.2]), random.choice([0.002, 0.02, 0.2])
+    lost, played = random.choice([0, 0, 0.002, 0.02]), []
+    for _ in range(2 * starts):
+        latency = level_s * np.exp(random.normal(0, scatter, messages) + random.normal(0, 0.01))
+        latency[random.random(messages) < lost] = np.nan
+        played.append(Played(rate_hz, latency))
+    limit_ms = 1000 * level_s * random.choice([0.8, 1.05, 1.3, 2, 5])
+    asked = np.array(
+        [
+            f"latency.p90 < {limit_ms * (1 + 1.3 * scatter):f} ms",
+            f"latency.mean < {limit_ms:f} ms",
+            "drop_rate <= 1 %",
+            "throughput.mean >= 97 % of offered",
+        ]
+    )
+    busy = {"busy_s": 1.0, "stolen_s": 0.01, "waited_s": 0.04, "throttled_s": 0.0}
+    simulation = Simulation(
+        played,
+        {"slo": objective(*asked[random.random(4) < 0.7].tolist(), at=f"{rate_hz:g} Hz")},
+        interference=busy if random.random() < 0.3 else {},
+    )
+    run = simulation.write(folder)
+    return result_of(
+        with_starts(
+            run, *(StartRecord(number=at, began_ns=0, ready_ns=1) for at in range(1, starts + 1))
+        )
+    )
+
+
+def test_no_sentence_stands_in_every_report(tmp_path: Path) -> None:
+    """One that does tells nobody anything about the run."""
+    results = [varied_run(number, tmp_path / str(number)) for number in range(20)]
+    assert {result.verdict.outcome for result in results} == {"pass", "fail", "inconclusive"}
+    said = Counter(
+        sentence
+        for result in results
+        for sentence in {re.sub(r"[\d.,]+", "#", note.text) for note in all_notes(result)}
+    )
+    assert len(said) > 5
+    assert max(said.values()) <= len(results) / 2

@@ -20,10 +20,8 @@ from r2bspec.plan.wiring.wiring import NodeWiring
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A repository as colcon has it."""
-    top = tmp_path_factory.mktemp("workspace")
-    (top / ".git").mkdir()
-    return write_workspace(top)
+    """A workspace as colcon has it, in no repository."""
+    return write_workspace(tmp_path_factory.mktemp("workspace"))
 
 
 def wired(file: Path) -> NodeWiring:
@@ -110,8 +108,25 @@ def test_classes_are_followed_through_the_files_of_a_package(tmp_path: Path) -> 
     interface, _ = read_source("../src/drive_pkg/drive_pkg/loop.py:main", bench)
     assert interface.publishes is None
     (tmp_path / ".git").rmdir()
+    (package.parent / "package.xml").unlink()
     interface, _ = read_source("../src/drive_pkg/drive_pkg/entry.py:main", bench)
-    assert interface.may_publish_more == "../src/drive_pkg/drive_pkg/entry.py cannot be read"
+    assert interface.may_publish_more == (
+        "../src/drive_pkg/drive_pkg/entry.py is not read: it is in no git work tree or colcon "
+        "workspace with the spec"
+    )
+
+
+def test_a_node_of_which_nothing_is_known_is_said_to_be_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "nodes").mkdir()
+    (tmp_path / "nodes" / "relay.py").write_text("class Relay: pass\n")
+    (tmp_path / "bench").mkdir()
+    assert main(["init", str(tmp_path / "bench/own"), "--node", "../nodes/relay.py:Relay"]) == 0
+    assert (
+        "'input' and 'output' stand for them:\n  ../nodes/relay.py is not read: it is in no git"
+        in (capsys.readouterr().out)
+    )
 
 
 def test_a_package_that_is_not_built_can_run_from_its_source(bench: Path) -> None:

@@ -1,0 +1,146 @@
+"""The processes of a start, observed from inside: what each of them did with each message.
+
+An object is preloaded into them (``r2bspec/native/anatomy.c``) that writes what they call to files
+of its own; after each segment, its events are taken from these. Player and monitor are observed as
+the graph is: they are the ends of every path.
+
+A run observes either all its starts (``benchmark: {anatomy: true}``), or one more start after
+everything that counts (`r2bspec.execute.profiled_iteration`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from r2bspec.execute.processes.prerequisites import build_errors
+from r2bspec.judge.measure.run_samples import ObservedRows
+from r2bspec.native.build import anatomy_environment, anatomy_object
+from r2bspec.record.anatomy_files import file_bytes, read_anatomy
+from r2bspec.record.run_record import AnatomyProcess, AnatomyRecord
+from r2bspec.safe_io.temporary_folder import temporary_folder
+
+if TYPE_CHECKING:
+    from r2bspec.plan.plan import Plan
+    from r2bspec.record.run_folder import RunFolder
+    from r2bspec.record.run_record import Segment
+
+_EVENTS = 16
+"""Of one process for each message on a topic: publication, take, callback, waits and timers."""
+
+_SEGMENTS = 4
+"""Warm-up and further segments, as multiples of what the plan plays in one start."""
+
+_FEWEST_EVENTS, _MOST_EVENTS = 100_000, 4_000_000
+_EARLIER_NS = 100_000_000
+"""The player is told to play this long before the first step is due, at most."""
+
+
+def build_preload() -> Path:
+    """Build what is preloaded, unless it was.
+
+    Raises:
+        NotInstalledError: it cannot be built (R2B668).
+    """
+    with build_errors():
+        return anatomy_object()
+
+
+def room_bytes(plan: Plan) -> int:
+    """The size of the file that each process of a start gets for its events."""
+    topics = len(plan.topics) + len(plan.inputs)
+    steps = sum(
+        max(play.rate_hz, 1.0) * play.duration_ns / 1e9 * play.iterations for play in plan.plays
+    )
+    expected = int(_SEGMENTS * steps / plan.starts * topics * _EVENTS)
+    return file_bytes(min(max(expected, _FEWEST_EVENTS), _MOST_EVENTS))
+
+
+_MEMORY = Path("/dev/shm")  # noqa: S108 - a folder of its own is made there
+
+
+@contextlib.contextmanager
+def events_folder(plan: Plan, scratch: Path) -> Iterator[Path]:
+    """Where the processes of a run write their events: in memory, if that has room for them.
+
+    A page of a file on a disk may be written while a process wants to change it, which then waits.
+    """
+    measured = sum(process.phase == "measure" for process in plan.processes)
+    with contextlib.ExitStack() as stack:
+        folder = scratch
+        with contextlib.suppress(OSError):
+            room = os.statvfs(_MEMORY)
+            # The middleware takes memory there, too.
+            if room.f_bavail * room.f_frsize > 2 * measured * room_bytes(plan):
+                folder = stack.enter_context(temporary_folder("anatomy", _MEMORY))
+        yield folder
+
+
+@dataclass
+class AnatomyObservation:
+    """The processes of one start, observed from inside.
+
+    Attributes:
+        start: its number.
+        preload: the object.
+        files: the folder of what the processes write.
+        room_bytes: for each of them.
+        record: what was observed so far.
+    """
+
+    start: int
+    preload: Path
+    files: Path
+    room_bytes: int
+    record: AnatomyRecord
+
+    @classmethod
+    def begin(cls, plan: Plan, start: int, folder: Path) -> AnatomyObservation:
+        """Prepare to observe the processes of a start, below a folder.
+
+        Raises:
+            NotInstalledError: the object cannot be built (R2B668).
+        """
+        files = folder / f"anatomy-{start}"
+        files.mkdir()
+        return cls(start, build_preload(), files, room_bytes(plan), AnatomyRecord(start=start))
+
+    def environment(self, process: str, variables: Mapping[str, str]) -> dict[str, str]:
+        """The environment of a process that is observed."""
+        preloaded = variables.get("LD_PRELOAD", "")
+        return {
+            **variables,
+            **anatomy_environment(self.preload, self.files, process, self.room_bytes, preloaded),
+        }
+
+    def store(self, segment: Segment, until_ns: int, folder: RunFolder) -> ObservedRows:
+        """Keep the events of a segment in the run folder, and what they belong to in the record.
+
+        Raises:
+            RecordError: the file cannot be written.
+        """
+        rows, objects, processes = read_anatomy(self.files)
+        began_ns = rows["began_ns"]
+        inside = (began_ns >= segment.began_ns - _EARLIER_NS) & (began_ns <= until_ns)
+        rows = rows[inside]
+        folder.write_anatomy(segment.id, rows)
+        self.record = AnatomyRecord(
+            start=self.start,
+            processes=processes,
+            objects=objects,
+            error=lost_events(processes),
+        )
+        return ObservedRows(rows, self.record)
+
+
+def lost_events(processes: tuple[AnatomyProcess, ...]) -> str:
+    """A sentence about the events for which there was no room; empty if there are none."""
+    lost = {process.name: process.lost for process in processes if process.lost}
+    if not lost:
+        return ""
+    each = ", ".join(f"{count} of {name}" for name, count in lost.items())
+    return f"There was no room for {sum(lost.values())} events ({each}): parts are missing."

@@ -1,0 +1,385 @@
+"""The anatomy of an iteration: where each message spent its time, and what each node did.
+
+It is made of the events of an iteration in which every process was observed from inside, and tells,
+beside the paths to the monitors, of every node how long its callbacks took, how long messages
+waited for them, and how busy its threads were, and of every topic how long the middleware took.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from r2bspec.judge.measure.anatomy_events import (
+    NONE,
+    UNKNOWN_NS,
+    Events,
+    Ints,
+    Mask,
+    find_causes,
+    join_events,
+)
+from r2bspec.judge.measure.anatomy_paths import Path, PathSearch
+from r2bspec.judge.measure.times import Seconds
+from r2bspec.plan.plan import MonitorPlan, Plan
+from r2bspec.record.run_record import AnatomyKind, AnatomyRecord
+from r2bspec.record.sample_arrays import Rows
+
+WINDOWS: Final = 20
+"""Parts of an iteration in which loads are computed, and means are compared."""
+
+NODE_TIMES: Final = ("wait", "take", "dispatch", "callback")
+"""Of a node, in the order in which a message meets them."""
+
+
+@dataclass(frozen=True)
+class Timed:
+    """Durations, each with the time at which it began (CLOCK_MONOTONIC)."""
+
+    at_ns: Ints
+    seconds: Seconds
+
+
+NO_TIMES: Final = Timed(np.empty(0, np.int64), np.empty(0))
+
+
+@dataclass(frozen=True)
+class NodeAnatomy:
+    """What a node did in the observed iteration.
+
+    Attributes:
+        name: as in the spec; that of ROS for a node which the spec does not name.
+        process: the process that it is in.
+        wait: from the arrival of a message in the middleware to its take.
+        take: of a message by the client library.
+        dispatch: from the end of a take to its callback.
+        callback: whole callbacks, of messages, timers and services.
+        publish: calls that publish.
+        threads: the threads that call the node's callbacks, by number.
+        loads: in each of `WINDOWS` parts of the iteration, the share of the time that the busiest
+            of these threads spent in callbacks of the node.
+        taken: how many messages it took, by topic.
+        published: how many it published, by topic.
+        overtaken: how many were sent to it and never taken, although later ones were: lost, or
+            overwritten in its queue, by topic.
+        timers: how often its timers were called.
+    """
+
+    name: str
+    process: str
+    wait: Timed
+    take: Timed
+    dispatch: Timed
+    callback: Timed
+    publish: Timed
+    threads: tuple[int, ...]
+    loads: Seconds
+    taken: Mapping[str, int]
+    published: Mapping[str, int]
+    overtaken: Mapping[str, int]
+    timers: int
+
+    @property
+    def load(self) -> float:
+        """The mean of its loads."""
+        return float(np.mean(self.loads)) if self.loads.size else 0.0
+
+
+@dataclass(frozen=True)
+class Anatomy:
+    """Where the time of messages went.
+
+    Attributes:
+        paths: to each monitor, by its name, those that most messages took first.
+        nodes: of the graph, by name.
+        transports: of each topic and service, from the stamp of the publisher's middleware to that
+            of the reader's.
+        monitored: how many messages each monitor received in the window.
+        window_ns: the observed iteration, from its first step to the end of its last period.
+        lost: events that were not written, for lack of room.
+        left_out: rows that could not be.
+        events: joined, for drawings of single messages.
+    """
+
+    paths: Mapping[str, tuple[Path, ...]]
+    nodes: Mapping[str, NodeAnatomy]
+    transports: Mapping[str, Timed]
+    monitored: Mapping[str, int]
+    window_ns: tuple[int, int]
+    lost: int
+    left_out: int
+    events: Events
+
+    def values(self, name: str) -> Seconds:
+        """The values that a name stands for, in seconds, or shares; none for an unknown name.
+
+        ``NODE.callback``, ``NODE.wait``, ``NODE.take``, ``NODE.dispatch`` and ``NODE.publish`` have
+        one for each event, ``TOPIC.transport`` one for each message, ``NODE.load`` one for each of
+        `WINDOWS` parts of the iteration, ``NODE.overtaken`` the share of the messages sent to the
+        node that it never took, and ``path.NODE.share`` (or a topic's) one for each message of
+        every monitor: which share of its latency it spent there, on the path that it followed.
+        """
+        owner, _, what = name.rpartition(".")
+        if what == "share" and owner.startswith("path."):
+            return self._shares(owner.removeprefix("path."))
+        if what == "transport":
+            return self.transports.get(owner, NO_TIMES).seconds
+        node = self.nodes.get(owner)
+        if node is None:
+            return np.empty(0)
+        if what == "load":
+            return node.loads
+        if what == "overtaken":
+            missed, taken = sum(node.overtaken.values()), sum(node.taken.values())
+            return np.array([missed / (missed + taken)] if missed + taken else [])
+        times: Timed | None = getattr(node, what) if what in {*NODE_TIMES, "publish"} else None
+        return times.seconds if times is not None else np.empty(0)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Every name that has values."""
+        nodes = [
+            f"{node}.{what}"
+            for node in self.nodes
+            for what in (*NODE_TIMES, "publish", "load", "overtaken")
+        ]
+        topics = [f"{topic}.transport" for topic in self.transports]
+        owners = dict.fromkeys(
+            part.owner for paths in self.paths.values() for path in paths for part in path.parts
+        )
+        names = [*nodes, *topics, *(f"path.{owner}.share" for owner in owners)]
+        return tuple(name for name in names if self.values(name).size)
+
+    def _shares(self, owner: str) -> Seconds:
+        found = [np.empty(0)]
+        for path in (path for paths in self.paths.values() for path in paths):
+            spent = np.zeros(path.began_ns.size)
+            for part in path.parts:
+                if part.owner == owner:
+                    spent += np.nan_to_num(part.seconds)
+            counts = path.last & (path.seconds > 0)
+            found.append(spent[counts] / path.seconds[counts])
+        return np.concatenate(found)
+
+
+def anatomy(record: AnatomyRecord, rows: Rows, plan: Plan, window_ns: tuple[int, int]) -> Anatomy:
+    """Join the events of an observed iteration.
+
+    Rows that are missing, forged or damaged make parts unknown, or messages; they raise nothing.
+
+    Args:
+        record: what was observed.
+        rows: of type `ANATOMY_DTYPE`.
+        plan: of the run.
+        window_ns: the iteration, from its first step to the end of its last period.
+    """
+    events = join_events(record, rows, plan)
+    live = plan.playback_mode == "live"
+    search = PathSearch(events, find_causes(events), live=live, window=window_ns)
+    takes = _takes_of_monitors(events, record, plan)
+    # What was played in the window belongs to it, whenever the graph gets to it: without the
+    # slowest messages, every percentile would be too small.
+    ended_ns = window_ns[1] if live or not rows.size else int(rows["ended_ns"].max())
+    counted_ns = window_ns[0], max(ended_ns, window_ns[1])
+    within = _within(events.began_ns, counted_ns)
+    return Anatomy(
+        paths={name: search.paths_to(name, places) for name, places in takes.items()},
+        nodes={node.name: node for node in _nodes(events, record, window_ns, within)},
+        transports=_transports(events, within),
+        monitored={name: int(within[places].sum()) for name, places in takes.items()},
+        window_ns=window_ns,
+        lost=sum(process.lost for process in record.processes),
+        left_out=events.left_out,
+        events=events,
+    )
+
+
+def _within(times: Ints, window: tuple[int, int]) -> Mask:
+    return np.asarray((times >= window[0]) & (times <= window[1]))
+
+
+def _takes_of_monitors(events: Events, record: AnatomyRecord, plan: Plan) -> dict[str, Ints]:
+    """The rows of the takes of each monitor."""
+    readers: dict[str, frozenset[str]] = {
+        monitor.name: frozenset(
+            process.name
+            for process in plan.processes
+            if process.role in {"monitor", "harness", "player"}
+            or (process.join is not None and monitor.name in process.join.monitors)
+        )
+        for monitor in plan.monitors
+    }
+    harness = events.names.is_harness[events.object]
+    own = np.flatnonzero(events.is_take & harness)
+    found: dict[str, Ints] = {}
+    used: set[int] = set()
+    for monitor in plan.monitors:
+        numbers = [
+            number
+            for number, process in enumerate(record.processes)
+            if process.name in readers[monitor.name]
+        ]
+        of_topic = own[_is_end(events, own, monitor, plan)]
+        of_it = of_topic[np.isin(events.process[of_topic], numbers)]
+        # Monitors of one topic have a subscription each.
+        objects = [each for each in np.unique(events.object[of_it]) if each not in used]
+        used.update(objects[:1])
+        found[monitor.name] = of_it[np.isin(events.object[of_it], objects[:1])]
+    return found
+
+
+def _is_end(events: Events, takes: Ints, monitor: MonitorPlan, plan: Plan) -> Mask:
+    """Which takes are messages of a monitor, or answers to the calls that it stands for."""
+    call = plan.called.get(monitor.name)
+    ends = {monitor.topic} if call is None else {call.target, f"{call.target}/_action/get_result"}
+    kind = AnatomyKind.TAKE if call is None else AnatomyKind.TAKE_RESPONSE
+    numbers = [number for number, name in enumerate(events.names.topics) if name in ends]
+    is_end: Mask = np.isin(events.topic[takes], numbers) & (events.kind[takes] == kind)
+    return is_end
+
+
+def _transports(events: Events, within: Mask) -> dict[str, Timed]:
+    known = (
+        events.is_take
+        & within
+        & (events.sent_ns != UNKNOWN_NS)
+        & (events.received_ns != UNKNOWN_NS)
+    )
+    rows = np.flatnonzero(known)
+    topic = events.topic[rows]
+    return {
+        events.names.topics[number]: _timed(
+            events.sent_ns, events.received_ns, rows[topic == number]
+        )
+        for number in np.unique(topic)
+        if events.names.topics[number]
+    }
+
+
+def _timed(began_ns: Ints, ended_ns: Ints, rows: Ints) -> Timed:
+    """Durations of rows that have both times, by their begin."""
+    rows = rows[(began_ns[rows] != UNKNOWN_NS) & (ended_ns[rows] >= began_ns[rows])]
+    rows = rows[np.argsort(began_ns[rows], kind="stable")]
+    at_ns, seconds = began_ns[rows], (ended_ns[rows] - began_ns[rows]) / 1e9
+    for array in (at_ns, seconds):
+        array.setflags(write=False)
+    return Timed(at_ns, seconds)
+
+
+def _nodes(
+    events: Events, record: AnatomyRecord, window: tuple[int, int], within: Mask
+) -> Iterator[NodeAnatomy]:
+    names = events.names
+    harness = names.is_harness[events.object]
+    node = events.node
+    acts = (events.is_start | events.is_send) & ~harness & (events.object > 0)
+    rows = np.flatnonzero(acts & within)
+    rows = rows[np.argsort(node[rows], kind="stable")]
+    overtaken = _overtaken(events, window)
+    for of_node in np.split(rows, np.flatnonzero(np.diff(node[rows])) + 1):
+        if not of_node.size:
+            continue
+        number = int(node[of_node[0]])
+        starts = of_node[events.is_start[of_node]]
+        takes = of_node[events.is_take[of_node]]
+        sends = of_node[events.is_send[of_node]]
+        yield NodeAnatomy(
+            name=names.nodes[number],
+            process=record.processes[int(events.process[of_node[0]])].name,
+            wait=_timed(events.received_ns, events.began_ns, takes),
+            take=_timed(events.began_ns, events.ended_ns, takes),
+            dispatch=_timed(events.ended_ns, events.callback_began_ns, starts),
+            callback=_timed(events.callback_began_ns, events.callback_ended_ns, starts),
+            publish=_timed(events.began_ns, events.ended_ns, sends),
+            threads=tuple(int(each) for each in np.unique(events.thread[starts])),
+            loads=_loads(events, starts, window),
+            taken=_counts(events, takes),
+            # The client library announces what it publishes within a process, and may then publish
+            # it to others, too.
+            published=_counts(events, sends[events.is_intra[sends]])
+            | _counts(events, sends[~events.is_intra[sends]]),
+            overtaken=overtaken.get(number, {}),
+            timers=int(np.count_nonzero(events.kind[of_node] == AnatomyKind.TIMER)),
+        )
+
+
+def _counts(events: Events, rows: Ints) -> dict[str, int]:
+    numbers, counts = np.unique(events.topic[rows], return_counts=True)
+    return {
+        events.names.topics[number]: int(count)
+        for number, count in zip(numbers, counts, strict=True)
+        if events.names.topics[number]
+    }
+
+
+def _loads(events: Events, starts: Ints, window: tuple[int, int]) -> Seconds:
+    """The share of time that the busiest thread was in callbacks, in each part of the window."""
+    began, ended = events.callback_began_ns[starts], events.callback_ended_ns[starts]
+    known = (began != UNKNOWN_NS) & (ended >= began)
+    starts, began, ended = starts[known], began[known], ended[known]
+    width = (window[1] - window[0]) / WINDOWS
+    if not starts.size or width <= 0:
+        return np.empty(0)
+    edges = np.linspace(0.0, float(window[1] - window[0]), WINDOWS + 1)
+    busiest = np.zeros(WINDOWS)
+    for thread in np.unique(events.thread[starts]):
+        own = events.thread[starts] == thread
+        first, last = (
+            np.sort(times[own] - window[0]).astype(np.float64) for times in (began, ended)
+        )
+        # The time in callbacks before t is the sum of min(end, t) - min(begin, t) over all of them.
+        before = _clipped_sum(last, edges) - _clipped_sum(first, edges)
+        busiest = np.maximum(busiest, np.diff(before) / width)
+    return busiest
+
+
+def _clipped_sum(times: Seconds, limits: Seconds) -> Seconds:
+    """For each limit the sum of min(time, limit), of ascending times."""
+    count = np.searchsorted(times, limits)
+    sums: Seconds = np.concatenate(([0.0], np.cumsum(times)))[count]
+    return sums + (times.size - count) * limits
+
+
+def _overtaken(events: Events, window: tuple[int, int]) -> dict[int, dict[str, int]]:
+    """By node and topic: the publications that a subscription never took, before its last one.
+
+    A message that was sent after the last one that was taken may be still on its way. What a node
+    gets within its process is not sent to it by the middleware as well.
+    """
+    found: dict[int, dict[str, int]] = {}
+    names, topic = events.names, events.topic
+    taken = np.flatnonzero(
+        events.is_take
+        & ~names.is_harness[events.object]
+        & (events.send != NONE)
+        & np.isin(events.kind, (AnatomyKind.TAKE, AnatomyKind.DEQUEUE))
+    )
+    sends = np.flatnonzero((events.kind == AnatomyKind.PUBLISH) & _within(events.began_ns, window))
+    buffered = {
+        (int(events.process[row]), int(topic[row]))
+        for row in taken[np.unique(events.object[taken], return_index=True)[1]]
+        if names.buffer[events.object[row]]
+    }
+    taken = taken[np.argsort(events.object[taken], kind="stable")]
+    for of_object in np.split(taken, np.flatnonzero(np.diff(events.object[taken])) + 1):
+        if not of_object.size:
+            continue
+        row = of_object[0]
+        process, number = int(events.process[row]), int(topic[row])
+        sent = sends[topic[sends] == number]
+        local = events.process[sent] == process
+        intra = events.is_intra[sent]
+        if names.buffer[events.object[row]]:
+            sent = sent[local & intra]
+        else:
+            sent = sent[~intra & ~(local & ((process, number) in buffered))]
+        got = events.send[of_object]
+        before = events.began_ns[sent] < events.began_ns[got].max()
+        missed = int(np.count_nonzero(before & ~np.isin(sent, got)))
+        own = found.setdefault(int(names.node_of[events.object[row]]), {})
+        own[names.topics[number]] = own.get(names.topics[number], 0) + missed
+    return found

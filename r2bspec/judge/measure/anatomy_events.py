@@ -1,0 +1,552 @@
+"""The events of processes that were observed from inside, joined: messages, callbacks and causes.
+
+A *send* is a publication, a request, a response, or the storing of a message in a buffer within a
+process; a *take* is the other end of it. Both have the same stamp of the middleware (requests: the
+same number; buffers: the same place), and a take belongs to the newest send before its end that
+does. A *start* is a take or the call of a timer: what a callback begins with.
+
+The callback of a start is, by what its thread runs,
+
+* rclcpp: the callback that says so itself, before the thread's next start or wait;
+* rclpy: from the first guard condition after the start to the last one before the thread's next
+  start or wait, because its executor triggers one before and one after each callback;
+* otherwise, for programs on rcl: from the end of the start to the thread's next start or wait.
+
+The causes of a send, be it a publication, a request or a response, are
+
+* for each subscription of the node, the newest take with its header stamp, if there is one; and
+  the take in whose callback it lies;
+* without any of these, because a timer or a thread of the node's own sends it: for each
+  subscription of the node, the newest take.
+
+Rows that cannot be are left out and counted. Times are CLOCK_MONOTONIC nanoseconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.plan.plan import Plan
+from r2bspec.record.run_record import AnatomyKind, AnatomyObject, AnatomyRecord
+from r2bspec.record.sample_arrays import Rows
+
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+NONE: Final = -1
+"""In arrays of row numbers: no such row."""
+
+UNKNOWN_NS: Final = -(1 << 62)
+"""In arrays of times: a time that is not known."""
+
+HARNESS: Final = "/r2bspec/"
+"""The namespace of the nodes of player and monitor."""
+
+_HARNESS_ROLES = frozenset({"loader", "player", "monitor", "harness"})
+
+_EMPTY_FLAG, _INTRA_FLAG = 1, 2
+
+_CLOCK_TOLERANCE_NS = 100_000
+"""The two clocks of a row are read one after the other; what differs by more is not believed."""
+
+_SENDS = (
+    AnatomyKind.PUBLISH,
+    AnatomyKind.SEND_REQUEST,
+    AnatomyKind.SEND_RESPONSE,
+    AnatomyKind.ENQUEUE,
+)
+_TAKES = (
+    AnatomyKind.TAKE,
+    AnatomyKind.TAKE_REQUEST,
+    AnatomyKind.TAKE_RESPONSE,
+    AnatomyKind.DEQUEUE,
+)
+_MAY_LACK_OBJECT = (AnatomyKind.WAIT, AnatomyKind.TRIGGER, AnatomyKind.CALLBACK)
+
+
+class Names:
+    """What rows belong to, by the names of the spec.
+
+    Attributes:
+        nodes: the names of nodes, by number: the key in the spec where a node has one.
+        topics: the names of topics and services, by number.
+        node_of: the number of the node of each object; the first object is none.
+        topic_of: the number of its topic or service.
+        is_harness: whether it is one of the player, the monitor or the loader.
+        buffer: whether it is a buffer within a process.
+    """
+
+    def __init__(self, record: AnatomyRecord, plan: Plan) -> None:
+        keys = {
+            (process.name, node.name): node.node
+            for process in plan.processes
+            for node in process.nodes
+        }
+        anywhere = {node: key for (_, node), key in keys.items()}
+        alone = {
+            process.name: process.nodes[0].node
+            for process in plan.processes
+            if len(process.nodes) == 1
+        }
+        harness = {each.name for each in plan.processes if each.role in _HARNESS_ROLES}
+        processes = [process.name for process in record.processes]
+        # A program may name its node otherwise than the spec; a launch file has several.
+        ros_names: dict[str, set[str]] = {}
+        for each in record.objects:
+            if 0 <= each.process < len(processes) and not each.node.startswith(HARNESS):
+                ros_names.setdefault(processes[each.process], set()).add(each.node)
+        renamed = {
+            name: key for name, key in alone.items() if len(ros_names.get(name, set()) - {""}) == 1
+        }
+        nodes: dict[str, int] = {"": 0}
+        topics: dict[str, int] = {"": 0}
+        node_of, topic_of, is_harness = [0], [0], [False]
+        for each in record.objects:
+            process = processes[each.process] if 0 <= each.process < len(processes) else ""
+            own = each.node.startswith(HARNESS) or (not each.node and process in harness)
+            if own:
+                name = each.node.removeprefix(HARNESS) or process
+            elif each.node:
+                name = (
+                    keys.get((process, each.node))
+                    or anywhere.get(each.node)
+                    or renamed.get(process, each.node)
+                )
+            else:
+                name = alone.get(process, process)
+            node_of.append(nodes.setdefault(name, len(nodes)))
+            topic_of.append(topics.setdefault(each.name, len(topics)))
+            is_harness.append(own)
+        self.nodes = tuple(nodes)
+        self.topics = tuple(topics)
+        self.node_of: Ints = np.array(node_of, np.int64)
+        self.topic_of: Ints = np.array(topic_of, np.int64)
+        self.is_harness: Mask = np.array(is_harness, np.bool_)
+        self.buffer: Mask = np.array([False, *map(_is_buffer, record.objects)], np.bool_)
+
+
+def _is_buffer(each: AnatomyObject) -> bool:
+    return each.kind == "buffer"
+
+
+@dataclass(frozen=True)
+class Causes:
+    """The causes of sends, each a pair of rows, by ascending send.
+
+    Attributes:
+        send: the rows of the sends.
+        take: the rows of the takes that caused them.
+        last: whether the take is the one that the send followed: in whose callback it lies, or, if
+            it lies in none, the newest. Each send with causes has one of these.
+        held: whether the send does not lie in the callback of the take.
+        by_timer: whether nothing is known of the cause but that the take came before.
+    """
+
+    send: Ints
+    take: Ints
+    last: Mask
+    held: Mask
+    by_timer: Mask
+
+
+@dataclass(frozen=True)
+class Events:
+    """Events, by thread and in it by the time at which they began.
+
+    Every array has a value for each row.
+
+    Attributes:
+        names: of nodes and topics.
+        kind: an `AnatomyKind`.
+        object: from 1 on; 0 is none.
+        process: the number of the process.
+        thread: the number of the thread, from 0 on.
+        began_ns: the begin.
+        ended_ns: the end.
+        header_ns: the header stamp, or 0.
+        send: of a take, the row of its publication, request or response; else `NONE`.
+        sent_ns: of a take, when the middleware had its message; `UNKNOWN_NS` where not known.
+        received_ns: of a take, when the middleware had received it; likewise.
+        is_take: whether something was taken.
+        is_send: whether something was sent; what a buffer stores is not, but the publication is.
+        is_intra: whether it is a publication within a process, by the client library.
+        is_start: whether a callback begins with it.
+        callback_began_ns: of a start, the begin of its callback; `UNKNOWN_NS` where not known.
+        callback_ended_ns: likewise its end.
+        within: of a send, the start in whose callback it lies; else `NONE`.
+        left_out: how many rows could not be.
+    """
+
+    names: Names
+    kind: Ints
+    object: Ints
+    process: Ints
+    thread: Ints
+    began_ns: Ints
+    ended_ns: Ints
+    header_ns: Ints
+    send: Ints
+    sent_ns: Ints
+    received_ns: Ints
+    is_take: Mask
+    is_send: Mask
+    is_intra: Mask
+    is_start: Mask
+    callback_began_ns: Ints
+    callback_ended_ns: Ints
+    within: Ints
+    left_out: int
+
+    @property
+    def node(self) -> Ints:
+        """The number of the node of each row."""
+        return self.names.node_of[self.object]
+
+    @property
+    def topic(self) -> Ints:
+        """The number of the topic or service of each row."""
+        return self.names.topic_of[self.object]
+
+    @property
+    def end(self) -> Ints:
+        """A number for node and topic (or service, and which way), the same for the same ones."""
+        way = np.isin(self.kind, (AnatomyKind.SEND_RESPONSE, AnatomyKind.TAKE_RESPONSE))
+        return (self.node * len(self.names.topics) + self.topic) * 2 + way
+
+
+def join_events(record: AnatomyRecord, rows: Rows, plan: Plan) -> Events:
+    """The events of a record, joined.
+
+    Args:
+        record: what was observed.
+        rows: of type `ANATOMY_DTYPE`, in any order.
+        plan: of the run, for the names of nodes.
+    """
+    names = Names(record, plan)
+    sound = _sound(record, rows)
+    left_out = int(rows.size - np.count_nonzero(sound))
+    where = rows["process"].astype(np.int64) << 32 | rows["thread"]
+    order = np.lexsort((rows["began_ns"], where))
+    rows = rows[order[sound[order]]]
+    column = {name: rows[name].astype(np.int64) for name in rows.dtype.names or ()}
+    kind, began = column["kind"], column["began_ns"]
+    thread = _numbered(column["process"] << 32 | column["thread"])
+    ended = np.maximum(column["ended_ns"], began)
+    empty = (column["flags"] & _EMPTY_FLAG) != 0
+    is_take = np.isin(kind, _TAKES) & ~empty
+    is_start = is_take | (kind == AnatomyKind.TIMER)
+    callback_began, callback_ended, until = _callbacks(
+        kind, thread, began, ended, column["ended_ns"], is_start
+    )
+    intra = (kind == AnatomyKind.PUBLISH) & ((column["flags"] & _INTRA_FLAG) != 0)
+    send, sent, received = _messages(names, column, thread, ended, is_take, intra)
+    is_send = np.isin(kind, _SENDS) & (kind != AnatomyKind.ENQUEUE)
+    start = _previous(is_start, thread)
+    inside = is_send & (start != NONE) & (began <= until[start])
+    return Events(
+        names=names,
+        kind=kind,
+        object=column["object"],
+        process=column["process"],
+        thread=thread,
+        began_ns=began,
+        ended_ns=ended,
+        header_ns=column["header_ns"],
+        send=send,
+        sent_ns=sent,
+        received_ns=received,
+        is_take=is_take,
+        is_send=is_send,
+        is_intra=intra,
+        is_start=is_start,
+        callback_began_ns=callback_began,
+        callback_ended_ns=callback_ended,
+        within=np.where(inside, start, NONE),
+        left_out=left_out,
+    )
+
+
+def _numbered(ascending: Ints) -> Ints:
+    """Values in their order as numbers from 0 on."""
+    return np.cumsum(np.append(0, ascending[1:] != ascending[:-1]))[: ascending.size]
+
+
+def _sound(record: AnatomyRecord, rows: Rows) -> Mask:
+    """Which rows can be: of a known kind, process and object, at a time."""
+    kinds = rows["kind"]
+    sound: Mask = (
+        np.isin(kinds, [*AnatomyKind])
+        & (rows["process"] < len(record.processes))
+        & (rows["object"] <= len(record.objects))
+        & ((rows["object"] > 0) | np.isin(kinds, _MAY_LACK_OBJECT))
+        & (rows["began_ns"] > 0)
+    )
+    return sound
+
+
+def _next(mask: Mask, thread: Ints) -> Ints:
+    """For each row the next one of its thread that the mask has, or `NONE`."""
+    places = np.append(np.flatnonzero(mask), NONE)
+    found = places[np.cumsum(mask)]
+    return np.where((found != NONE) & (thread[found] == thread), found, NONE)
+
+
+def _previous(mask: Mask, thread: Ints) -> Ints:
+    """For each row the one before it, in its thread, that the mask has, or `NONE`."""
+    places = np.append(np.flatnonzero(mask), NONE)
+    found = places[np.cumsum(mask) - mask - 1]
+    return np.where((found != NONE) & (thread[found] == thread), found, NONE)
+
+
+def _callbacks(
+    kind: Ints, thread: Ints, began: Ints, ended: Ints, said_end: Ints, is_start: Mask
+) -> tuple[Ints, Ints, Ints]:
+    """Begin and end of the callback of each start, and up to when it may publish."""
+    size = kind.size
+    is_callback = kind == AnatomyKind.CALLBACK
+    is_trigger = kind == AnatomyKind.TRIGGER
+    breaks = is_start | (kind == AnatomyKind.WAIT) | np.isin(kind, _TAKES)
+    starts = np.flatnonzero(is_start)
+    rows_of = np.bincount(thread, minlength=1).cumsum()
+    after = _next(breaks, thread)[starts]
+    stop = np.where(after == NONE, rows_of[thread[starts]], after)
+    of_rclcpp = np.bincount(thread[is_callback], minlength=rows_of.size) > 0
+    # Of the guard conditions between a start and what ends it.
+    triggered = np.concatenate(([0], np.cumsum(is_trigger)))
+    first, last = triggered[starts + 1], triggered[stop]
+    paired = last - first >= 2
+    share = np.bincount(thread[starts], paired, minlength=rows_of.size)
+    of_rclpy = share * 2 >= np.maximum(np.bincount(thread[starts], minlength=rows_of.size), 1)
+    triggers = np.append(np.flatnonzero(is_trigger), 0)
+
+    callback_began, callback_ended = np.full((2, size), UNKNOWN_NS, np.int64)
+    until = np.where(after == NONE, np.iinfo(np.int64).max, began[after])
+    cpp = of_rclcpp[thread[starts]]
+    python = ~cpp & of_rclpy[thread[starts]]
+    plain = ~cpp & ~python
+
+    callback = _next(is_callback, thread)[starts]
+    seen = cpp & (callback != NONE) & (callback < stop)
+    callback_began[starts[seen]] = began[callback[seen]]
+    whole = seen & (said_end[callback] >= began[callback])
+    callback_ended[starts[whole]] = ended[callback[whole]]
+    until[whole] = ended[callback[whole]]
+
+    seen = python & paired
+    callback_began[starts[seen]] = ended[triggers[first[seen]]]
+    callback_ended[starts[seen]] = began[triggers[last[seen] - 1]]
+    until[seen] = callback_ended[starts[seen]]
+
+    callback_began[starts[plain]] = ended[starts[plain]]
+    whole = plain & (after != NONE)
+    callback_ended[starts[whole]] = began[after[whole]]
+    limit = np.full(size, UNKNOWN_NS, np.int64)
+    limit[starts] = until
+    return callback_began, callback_ended, limit
+
+
+def _messages(
+    names: Names, column: dict[str, Ints], thread: Ints, ended: Ints, is_take: Mask, intra: Mask
+) -> tuple[Ints, Ints, Ints]:
+    """Of each take: its send, and when the middleware had sent and received its message."""
+    kind, began, source = column["kind"], column["began_ns"], column["source_ns"]
+    topic = names.topic_of[column["object"]]
+    way = np.zeros(int(max(AnatomyKind)) + 1, np.int64)
+    way[[AnatomyKind.SEND_REQUEST, AnatomyKind.TAKE_REQUEST]] = 1
+    way[[AnatomyKind.SEND_RESPONSE, AnatomyKind.TAKE_RESPONSE]] = 2
+    channel = topic * 4 + way[kind]
+    in_buffer = (kind == AnatomyKind.ENQUEUE) | (kind == AnatomyKind.DEQUEUE)
+    channel[in_buffer] = column["object"][in_buffer] * 4 + 3
+    by_stamp = (kind == AnatomyKind.PUBLISH) | (kind == AnatomyKind.TAKE)
+    can_match = ~by_stamp | (source != 0)
+    sends = np.flatnonzero(np.isin(kind, _SENDS) & can_match)
+    takes = np.flatnonzero(is_take & can_match)
+    send = np.full(kind.size, NONE, np.int64)
+    send[takes] = newest_before(
+        (channel[sends], source[sends]), began[sends], (channel[takes], source[takes]), ended[takes]
+    )
+    send[takes] = np.where(send[takes] == NONE, NONE, np.append(sends, NONE)[send[takes]])
+    # Several publishers of a topic may have had the same stamp: the header tells them apart.
+    header = column["header_ns"]
+    doubtful = takes[
+        (send[takes] != NONE)
+        & (header[takes] != 0)
+        & (header[send[takes]] != 0)
+        & (header[send[takes]] != header[takes])
+    ]
+    if doubtful.size:
+        keys = [(channel[of], source[of], header[of]) for of in (sends, doubtful)]
+        found = newest_before(keys[0], began[sends], keys[1], ended[doubtful])
+        send[doubtful] = np.where(found == NONE, NONE, np.append(sends, NONE)[found])
+
+    sent = np.full(kind.size, UNKNOWN_NS, np.int64)
+    received = np.full(kind.size, UNKNOWN_NS, np.int64)
+    matched = takes[send[takes] != NONE]
+    to = send[matched]
+    sent[matched] = np.where(
+        by_stamp[matched],
+        _believed(source[to] - column["clock_ns"][to], began[to], ended[to]),
+        np.where(in_buffer[matched], began[to], ended[to]),
+    )
+    stamped = is_take & (column["received_ns"] != 0)
+    received[stamped] = column["received_ns"][stamped] - column["clock_ns"][stamped]
+    # On one clock with what came before: a message is received after it was sent, and before it
+    # is taken, but for the inaccuracy of the clocks.
+    floor = np.maximum(sent, np.where(send == NONE, UNKNOWN_NS, began[send]))
+    low = np.where(floor == UNKNOWN_NS, received, floor)
+    received = _believed(received, low, np.maximum(began, low))
+    buffered = matched[in_buffer[matched]]
+    received[buffered] = ended[send[buffered]]
+    # What a buffer stores was published just before, in the same thread.
+    published = _previous(intra, thread)
+    before = published[send[buffered]]
+    same = (before != NONE) & (topic[before] == topic[send[buffered]])
+    send[buffered] = np.where(same, before, NONE)
+    return send, sent, received
+
+
+def _believed(times: Ints, low: Ints, high: Ints) -> Ints:
+    """Times within bounds, or near them and then moved to them; others are unknown."""
+    near = (times >= low - _CLOCK_TOLERANCE_NS) & (times <= high + _CLOCK_TOLERANCE_NS)
+    return np.where(near, np.clip(times, low, high), UNKNOWN_NS)
+
+
+def newest_before(
+    keys: tuple[Ints, ...], times: Ints, asked_keys: tuple[Ints, ...], asked_times: Ints
+) -> Ints:
+    """For each question the place of the newest entry with the same keys that is not later.
+
+    Args:
+        keys: of the entries, in one or several arrays.
+        times: of the entries.
+        asked_keys: of the questions.
+        asked_times: of the questions.
+
+    Returns:
+        places in the arrays of the entries, or `NONE`.
+    """
+    count = times.size
+    mixed = np.zeros(count + asked_times.size, np.uint64)
+    together = [np.concatenate(pair) for pair in zip(keys, asked_keys, strict=True)]
+    for key in together:
+        mixed = (mixed ^ key.view(np.uint64)) * _ODD
+        mixed ^= mixed >> np.uint64(29)
+    # The sort is stable, so that an entry comes before a question at the same time.
+    order = np.lexsort((np.concatenate((times, asked_times)), mixed))
+    newest = np.maximum.accumulate(np.where(order < count, np.arange(order.size), NONE))
+    place = np.full(order.size, NONE, np.int64)
+    known = newest != NONE
+    place[order[known]] = order[newest[known]]
+    asked = place[count:]
+    same = asked != NONE
+    for key in together:
+        same &= key[asked] == key[count:]
+    return np.where(same, asked, NONE)
+
+
+_ODD: Final = np.uint64(0x9E3779B97F4A7C15)
+"""2^64 divided by the golden ratio: Knuth's multiplicative hash. What collides is compared."""
+
+
+def find_causes(events: Events) -> Causes:
+    """The causes of all sends but those of the harness."""
+    harness = events.names.is_harness[events.object]
+    sends = np.flatnonzero(events.is_send & ~harness)
+    takes = np.flatnonzero(events.is_take & ~harness)
+    pairs = [
+        _by_header(events, sends, takes),
+        _within(events, sends),
+    ]
+    send, take = _unique_ends(events, pairs)
+    alone = sends[~np.isin(sends, send)]
+    newest = _joined([*_newest(events, alone, takes)])
+    by_timer = np.arange(send.size + newest[0].size) >= send.size
+    send, take = _joined([(send, take), newest])
+    held = events.within[send] != take
+    order = np.lexsort((events.ended_ns[take], ~held, send))
+    send, take, held, by_timer = send[order], take[order], held[order], by_timer[order]
+    last = np.append(send[1:] != send[:-1], np.ones(min(send.size, 1), np.bool_))
+    return Causes(send=send, take=take, last=last, held=held, by_timer=by_timer)
+
+
+Pairs = tuple[Ints, Ints]
+"""Rows of sends, and of the takes that caused them."""
+
+
+def _by_header(events: Events, sends: Ints, takes: Ints) -> Pairs:
+    """For each subscription of a send's node the newest take with the same header stamp."""
+    found = [
+        _matching(events, of_node, of_end)
+        for of_node, of_end in _ends_of_nodes(events, sends, takes)
+    ]
+    return _joined(found)
+
+
+def _matching(events: Events, sends: Ints, takes: Ints) -> Pairs:
+    sends = sends[events.header_ns[sends] != 0]
+    place = newest_before(
+        (events.header_ns[takes],),
+        events.ended_ns[takes],
+        (events.header_ns[sends],),
+        events.began_ns[sends],
+    )
+    return sends[place != NONE], takes[place[place != NONE]]
+
+
+def _newest(events: Events, sends: Ints, takes: Ints) -> Iterator[Pairs]:
+    """For each subscription of a send's node the newest take."""
+    for of_node, of_end in _ends_of_nodes(events, sends, takes):
+        in_time = of_end[np.argsort(events.ended_ns[of_end], kind="stable")]
+        count = np.searchsorted(events.ended_ns[in_time], events.began_ns[of_node], side="right")
+        some = count > 0
+        yield of_node[some], in_time[count[some] - 1]
+
+
+def _ends_of_nodes(events: Events, sends: Ints, takes: Ints) -> Iterator[Pairs]:
+    """The sends of a node, with the takes of each of its subscriptions in turn.
+
+    A node that takes nothing belongs to the other nodes of its process, as a node does that a
+    program has for its publishers alone.
+    """
+    node, process, end = events.node, events.process, events.end
+    takers = np.unique(node[takes])
+    lonely = ~np.isin(node[sends], takers)
+    by_end = takes[np.argsort(end[takes], kind="stable")]
+    for of_end in np.split(by_end, np.flatnonzero(np.diff(end[by_end])) + 1):
+        if not of_end.size:
+            continue
+        same = np.where(
+            lonely, process[sends] == process[of_end[0]], node[sends] == node[of_end[0]]
+        )
+        if same.any():
+            yield sends[same], of_end
+
+
+def _within(events: Events, sends: Ints) -> Pairs:
+    start = events.within[sends]
+    known = (start != NONE) & events.is_take[start]
+    return sends[known], start[known]
+
+
+def _unique_ends(events: Events, pairs: list[Pairs]) -> Pairs:
+    """One cause of a send for each subscription: that of the first of these pairs."""
+    send, take = _joined(pairs)
+    order = np.lexsort((events.end[take], send))
+    send, take = send[order], take[order]
+    end = events.end[take]
+    first = np.ones(send.size, np.bool_)
+    first[1:] = (send[1:] != send[:-1]) | (end[1:] != end[:-1])
+    return send[first], take[first]
+
+
+def _joined(pairs: list[Pairs]) -> Pairs:
+    empty = np.empty(0, np.int64)
+    return (
+        np.concatenate([empty, *(send for send, _ in pairs)]),
+        np.concatenate([empty, *(take for _, take in pairs)]),
+    )

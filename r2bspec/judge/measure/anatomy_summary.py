@@ -1,0 +1,232 @@
+"""What reports show of an anatomy: each path by its parts, and each node, in few numbers.
+
+Of each rate one iteration is summarised, the last one that was observed from inside: a table or a
+drawing is of messages that belong together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from r2bspec.judge.measure.anatomy import Anatomy, NodeAnatomy, anatomy
+from r2bspec.judge.measure.anatomy_paths import Part, PartName, Path
+from r2bspec.judge.measure.times import Seconds, percentiles
+from r2bspec.record.comparison_folder import MergedRun
+from r2bspec.record.run_folder import Run
+from r2bspec.record.run_record import AnatomyRecord, Segment
+
+
+class PartSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """A part of the latency on a path; times are seconds.
+
+    Attributes:
+        owner: the node or topic that it belongs to.
+        of: which of the two.
+        name: what the time passed with; see `r2bspec.judge.measure.anatomy_paths`.
+        n: of how many messages it was seen.
+        share: of the latency of all messages.
+        slowest: of the slowest message; None where it was not seen.
+    """
+
+    owner: str
+    of: Literal["node", "topic"]
+    name: PartName
+    n: int
+    p50: float | None
+    p99: float | None
+    mean: float | None
+    share: float
+    slowest: float | None
+
+
+class PathSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """A path to a monitor; times are seconds.
+
+    Attributes:
+        monitor: its name.
+        hops: nodes and topics by turns, from the player to the last topic.
+        n: how many messages took it.
+        last: how many of them came on this path after the other inputs that they needed.
+        by_timer: of how many a node of the path sent the message without being caused to.
+        slowest: the latency of the slowest message.
+        parts: in the order of time.
+    """
+
+    monitor: str
+    hops: tuple[str, ...]
+    n: int
+    last: int
+    by_timer: int
+    p50: float | None
+    p99: float | None
+    mean: float | None
+    slowest: float | None
+    parts: tuple[PartSummary, ...]
+
+
+class NodeSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """What a node did; times are seconds.
+
+    Attributes:
+        name: as in the spec.
+        process: the process that it is in.
+        threads: how many threads called its callbacks.
+        load: the share of the time that the busiest of them spent in callbacks of the node.
+        taken: how many messages it took.
+        published: how many it published.
+        overtaken: how many were sent to it and never taken.
+    """
+
+    name: str
+    process: str
+    threads: int
+    load: float
+    taken: int
+    published: int
+    overtaken: int
+    callback_p50: float | None
+    callback_p99: float | None
+    wait_p50: float | None
+    wait_p99: float | None
+
+
+class AnatomySummary(msgspec.Struct, frozen=True, kw_only=True):
+    """The anatomy of one iteration.
+
+    Attributes:
+        segment: its id.
+        rate_hz: at which it was played; 0 for that of the recording or of the graph's own source.
+        paths: to all monitors, of each those first that most messages took last.
+        nodes: in the order of the paths, then of their names.
+        received: how many messages the monitors received, by name; those whose path is not known
+            are in none of the paths.
+        lost: events for which there was no room.
+        error: why something is missing; empty if nothing is.
+    """
+
+    segment: str
+    rate_hz: float
+    paths: tuple[PathSummary, ...]
+    nodes: tuple[NodeSummary, ...]
+    received: dict[str, int]
+    lost: int = 0
+    error: str = ""
+
+
+def anatomy_summaries(run: Run) -> tuple[AnatomySummary, ...]:
+    """The anatomy of the last observed iteration at each rate; of several runs that of the last.
+
+    Raises:
+        RecordError: a file of the run is missing or damaged.
+    """
+    return tuple(
+        summarised(join_segment(run, segment, record), segment, record.error)
+        for run, segment, record in observed_segments(run)
+    )
+
+
+def observed_segments(run: Run) -> Iterator[tuple[Run, Segment, AnatomyRecord]]:
+    """The iterations that are summarised, with their run and what was observed in their start."""
+    if isinstance(run, MergedRun):
+        if not run.runs:
+            return
+        run = run.runs[-1]
+    records = {record.start: record for record in run.record.anatomies}
+    last = {
+        segment.rate_hz: segment
+        for segment in run.record.segments
+        if segment.kind in {"iteration", "anatomy"}
+        and segment.start in records
+        and run.has_anatomy(segment)
+    }
+    for segment in last.values():
+        yield run, segment, records[segment.start]
+
+
+def join_segment(run: Run, segment: Segment, record: AnatomyRecord) -> Anatomy:
+    """The anatomy of a segment.
+
+    Raises:
+        RecordError: its file is missing or damaged.
+    """
+    window_ns = segment.began_ns, segment.ended_ns
+    return anatomy(record, run.anatomy(segment), run.plan, window_ns)
+
+
+def summarised(found: Anatomy, segment: Segment, error: str = "") -> AnatomySummary:
+    """An anatomy in few numbers."""
+    paths = [path for paths in found.paths.values() for path in paths]
+    on_paths = dict.fromkeys(owner for path in paths for owner in path.hops)
+    names = [*(name for name in on_paths if name in found.nodes)]
+    names += sorted(found.nodes.keys() - set(names))
+    return AnatomySummary(
+        segment=segment.id,
+        rate_hz=segment.rate_hz,
+        paths=tuple(map(_path, paths)),
+        nodes=tuple(_node(found.nodes[name]) for name in names),
+        received=dict(found.monitored),
+        lost=found.lost,
+        error=error,
+    )
+
+
+def _path(path: Path) -> PathSummary:
+    slowest = int(np.argmax(path.seconds))
+    p50, p99, mean = _few(path.seconds)
+    whole = float(path.seconds.sum())
+    return PathSummary(
+        monitor=path.monitor,
+        hops=path.hops,
+        n=path.seconds.size,
+        last=int(np.count_nonzero(path.last)),
+        by_timer=int(np.count_nonzero(path.by_timer)),
+        p50=p50,
+        p99=p99,
+        mean=mean,
+        slowest=float(path.seconds[slowest]),
+        parts=tuple(_part(part, whole, slowest) for part in path.parts),
+    )
+
+
+def _part(part: Part, whole: float, slowest: int) -> PartSummary:
+    known = part.seconds[~np.isnan(part.seconds)]
+    p50, p99, mean = _few(known)
+    of_slowest = float(part.seconds[slowest])
+    return PartSummary(
+        owner=part.owner,
+        of=part.of,
+        name=part.name,
+        n=known.size,
+        p50=p50,
+        p99=p99,
+        mean=mean,
+        share=float(known.sum()) / whole if whole else 0.0,
+        slowest=None if np.isnan(of_slowest) else of_slowest,
+    )
+
+
+def _node(node: NodeAnatomy) -> NodeSummary:
+    callback, wait = _few(node.callback.seconds), _few(node.wait.seconds)
+    return NodeSummary(
+        name=node.name,
+        process=node.process,
+        threads=len(node.threads),
+        load=node.load,
+        taken=sum(node.taken.values()),
+        published=sum(node.published.values()),
+        overtaken=sum(node.overtaken.values()),
+        callback_p50=callback[0],
+        callback_p99=callback[1],
+        wait_p50=wait[0],
+        wait_p99=wait[1],
+    )
+
+
+def _few(times: Seconds) -> tuple[float | None, float | None, float | None]:
+    """Median, 99th percentile and mean."""
+    p50, p99 = percentiles(times, (0.5, 0.99))
+    return p50, p99, float(times.mean()) if times.size else None

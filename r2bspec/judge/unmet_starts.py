@@ -1,0 +1,192 @@
+"""Whether a verdict has room for what the starts of a run have not met.
+
+A test tells what follows from what a run has met, and S starts do not rule out a further kind of
+start that makes up u = 1 - 0.05^(1/S) of all (`statistics.rule_of_three`): 63 % with 3 starts, 45 %
+with 5, 14 % with 20. A PASS has room for it if the requirement would still be met though those
+starts are worse by a fifth. The largest share u* of them that it has room for, with the limit L:
+
+    mean          L / v = 1 + u* / 5, with the bound v; for a lower limit L / v = 1 - u* / 5
+    percentile    (1 - u*) P(x > L) + u* P(x > L / 1.2) is what is allowed
+    drop rate     the bound + u* / 5 is what is allowed
+
+Before the declared starts
+--------------------------
+
+A run that ends early has met less, and a PASS is wrong where the rest would have shown it: of
+graphs of which every fifth start is slow, three starts miss the slow ones in 51 % of runs, and five
+in 33 %. So a PASS ends a run before its declared starts only if u <= u*, and if the same counts
+show the requirement though bad messages come in bursts of 20 on average (`burst_tolerance`). All
+else waits for the declared starts, such as windows. A FAIL waits for nothing: what was met is
+enough. Of pairs, each is a start of either side, and the limit is that of the ratio: of a head of
+which every fifth start is slow, 21 % pass wrongly where looks end ten pairs, and 10 % with this
+rule, as without looks (docs/proofs/verdicts.md).
+
+At the end
+----------
+
+Of a latency without that room a verdict says so, and how many starts would rule it out. A PASS or a
+FAIL that is closer to its limit than hours on one machine are to each other says that, too. Both
+are said of narrow verdicts alone. How much a graph loses does not follow from how slow it is, and
+what it delivers is bounded by what is offered: of these nothing is said.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from r2bspec.judge.caveats import LONG_BURST
+from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, starts_of
+from r2bspec.judge.measure.times import Seconds
+from r2bspec.judge.measure.units import show
+from r2bspec.judge.methods.share_bounds import values_by_iteration
+from r2bspec.judge.requirement_case import RequirementCase
+from r2bspec.judge.statistics.binomial import burst_tolerance
+from r2bspec.judge.statistics.percentile_interval import allowed_share
+from r2bspec.judge.statistics.rule_of_three import min_sample_size, zero_failure_bound
+from r2bspec.judge.verdict import RequirementVerdict
+from r2bspec.language.benchmark_defaults import CONFIDENCE
+
+_WORSE_BY: Final = 0.2
+
+_HOURS_DIFFER_BY: Final = 0.05
+"""Two standard deviations of simulated hours (docs/proofs/verdicts.md)."""
+
+_MIGHT_BREAK: Final = "One that is a fifth worse might break the limit."
+
+_MAX_PROPOSED: Final = 100
+"""More starts than this are not proposed."""
+
+
+def room_of_mean(bound: float, limit: float, *, upper: bool) -> float:
+    """u* of a mean.
+
+    Args:
+        bound: by the starts that were met.
+        limit: in the same unit.
+        upper: whether both are upper ones.
+    """
+    if bound <= 0:
+        return math.inf if upper else -math.inf
+    return (limit / bound - 1) / (_WORSE_BY if upper else -_WORSE_BY)
+
+
+def room_of_percentile(values: Sequence[Seconds], limit: float, allowed: float) -> float:
+    """u* of a percentile.
+
+    Args:
+        values: of each iteration, at least one in all.
+        limit: in their unit.
+        allowed: the share of messages that may be over it.
+    """
+    messages = np.concatenate(values)
+    over, nearly = (float(np.mean(messages > at)) for at in (limit, limit / (1 + _WORSE_BY)))
+    return (allowed - over) / (nearly - over) if nearly > over else math.inf
+
+
+def room_of_losses(bound: float, allowed: float) -> float:
+    """u* of a share of lost outputs, from its upper bound."""
+    return (allowed - bound) / _WORSE_BY
+
+
+def early_doubt(case: RequirementCase, passed: RequirementVerdict) -> str:
+    """Why a PASS does not end a run before its declared starts; empty if it does.
+
+    Args:
+        case: with iterations.
+        passed: by a test.
+    """
+    test, starts = passed.share, _starts(case)
+    if test is not None and not (test.burst_tolerance or 0) >= LONG_BURST:
+        return _burst_text(f"{starts} starts", test.n)
+    if zero_failure_bound(starts, CONFIDENCE) <= _room(case, passed):
+        return ""
+    return f"{_unmet_text(starts, 'starts')} {_MIGHT_BREAK}"
+
+
+def early_doubt_of_pairs(case: RequirementCase, passed: RequirementVerdict, messages: int) -> str:
+    """The same of a ratio by pairs.
+
+    Args:
+        case: of the ratio.
+        passed: by as many pairs as it counts.
+        messages: of the head, behind its values.
+    """
+    pairs, statistic, quantile = passed.n, case.info.statistic, case.info.quantile
+    if quantile is not None:
+        allowed = allowed_share(max(quantile, 1 - quantile))
+        tolerance = burst_tolerance(0, messages, allowed, passed.confidence)
+        if (tolerance or 0) < LONG_BURST:
+            return _burst_text(f"{pairs} pairs", messages)
+    bound = passed.upper if case.is_upper_bound else passed.lower
+    has_rule = quantile is not None or statistic == "mean" or case.info.scope == "search"
+    if has_rule and bound is not None:
+        room = room_of_mean(bound, case.limit, upper=case.is_upper_bound)
+        if zero_failure_bound(pairs, CONFIDENCE) <= room:
+            return ""
+    return f"{_unmet_text(pairs, 'pairs')} {_MIGHT_BREAK}"
+
+
+def narrow_margin_notes(case: RequirementCase, verdict: RequirementVerdict) -> tuple[str, ...]:
+    """That a decision on a latency is too close to its limit for what was not met.
+
+    Args:
+        case: with the iterations on which it was decided.
+        verdict: the last one on it.
+    """
+    nearest = verdict.upper if verdict.outcome == "pass" else verdict.lower
+    of_latency = case.info.family in LOSS_SENSITIVE_FAMILIES and case.info.statistic in {
+        "mean",
+        "percentile",
+    }
+    decided = verdict.outcome != "inconclusive" and not verdict.early
+    if not (of_latency and decided and case.is_upper_bound and case.windows is None and nearest):
+        return ()
+    passed, margin = verdict.outcome == "pass", abs(case.limit / nearest - 1)
+    by = f"by at least {show(margin, 'share', 2)}"
+    starts, room = _starts(case), _room(case, verdict) if passed else math.inf
+    if starts > 1 and room < zero_failure_bound(starts, CONFIDENCE):
+        number = min_sample_size(room, CONFIDENCE)
+        more = f" {number} starts would rule it out." if number and number <= _MAX_PROPOSED else ""
+        slow = "One that is a fifth slower would break the limit, which is met"
+        return (f"{_unmet_text(starts, 'starts')} {slow} {by}.{more}",)
+    if margin >= _HOURS_DIFFER_BY:
+        return ()
+    met, other = ("met", "slower") if passed else ("missed", "faster")
+    return (f"It is {met} {by}, and another hour on this machine may be {other} by as much.",)
+
+
+def _starts(case: RequirementCase) -> int:
+    return len(set(starts_of(case.iterations)))
+
+
+def _unmet_text(number: int, pieces: str) -> str:
+    return (
+        f"{number} {pieces} do not rule out a kind of start that makes up "
+        f"{show(zero_failure_bound(number, CONFIDENCE), 'share', 2)} of all."
+    )
+
+
+def _burst_text(what: str, counted: int) -> str:
+    return (
+        f"{what} have {show(counted, 'count')} of what is counted, too few to pass if what is "
+        f"beyond the limit comes in bursts of {LONG_BURST:g}."
+    )
+
+
+def _room(case: RequirementCase, passed: RequirementVerdict) -> float:
+    """u* of a PASS; below any share where there is no rule."""
+    test, no_rule = passed.share, -math.inf
+    if test is not None and case.windows is None and case.info.quantile is None:
+        return room_of_losses(test.upper, test.allowed)
+    if test is not None:
+        if case.windows is not None or not case.is_upper_bound:
+            return no_rule
+        return room_of_percentile(values_by_iteration(case)[0], case.limit, test.allowed)
+    bound = passed.upper if case.is_upper_bound else passed.lower
+    if bound is None:
+        return no_rule
+    return room_of_mean(bound, case.limit, upper=case.is_upper_bound)

@@ -1,0 +1,100 @@
+"""The rows of the anatomy of a run, for every report with tables: paths by parts, and nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import msgspec
+
+from r2bspec.judge.measure.anatomy_summary import AnatomySummary, PartSummary, PathSummary
+from r2bspec.judge.measure.units import at_rate, show
+from r2bspec.judge.result import Result
+
+PART_COLUMNS: Final = ("where", "part", "p50", "p99", "share", "slowest")
+NODE_COLUMNS: Final = (
+    *("node", "load", "threads", "taken", "never taken"),
+    *("callback p50", "callback p99", "wait p50", "wait p99"),
+)
+
+_SMALL: Final = 0.01
+"""Parts with a smaller share of the latency are left out of tables, together."""
+
+
+def anatomies_of(result: Result) -> tuple[AnatomySummary, ...]:
+    """The anatomies of a result, which most results have none of."""
+    return () if result.anatomies is msgspec.UNSET else result.anatomies
+
+
+def title(anatomy: AnatomySummary, path: PathSummary) -> str:
+    """Such as ``player → /in → blur → /out → out at 30 Hz``."""
+    at = f" {at_rate(anatomy.rate_hz)}" if anatomy.rate_hz else ""
+    return f"{' → '.join((*path.hops, path.monitor))}{at}"
+
+
+def caption(path: PathSummary) -> str:
+    """How many messages there are, and how they came."""
+    texts = [f"{path.n:,} messages"]
+    if path.last < path.n:
+        texts.append(f"{path.last:,} of them came after the other inputs that they needed")
+    if path.by_timer:
+        texts.append(f"a timer or a thread of a node published {path.by_timer:,}")
+    return "; ".join([*texts, "p50 and p99 do not add up, means and the slowest do"])
+
+
+def part_rows(path: PathSummary) -> Iterator[tuple[str, ...]]:
+    """A row for each part with a share, and one for the whole; see `PART_COLUMNS`."""
+    small: list[PartSummary] = []
+    for part in path.parts:
+        if not is_shown(part, path):
+            small.append(part)
+        else:
+            times = (show(part.p50, "s"), show(part.p99, "s"))
+            yield (part.owner, part.name, *times, share(part.share), show(part.slowest, "s"))
+    if small:
+        slowest = sum(part.slowest or 0.0 for part in small)
+        shares = share(sum(part.share for part in small))
+        yield (f"{len(small)} others", "", "", "", shares, show(slowest, "s"))
+    yield (
+        *("whole path", "", show(path.p50, "s"), show(path.p99, "s")),
+        *(share(1.0), show(path.slowest, "s")),
+    )
+
+
+def is_shown(part: PartSummary, path: PathSummary) -> bool:
+    """Whether a part is large enough for a row of its own."""
+    return part.share >= _SMALL or (part.p99 or 0.0) >= _SMALL * (path.p99 or 0.0)
+
+
+def share(value: float) -> str:
+    """A share in percent, with a decimal below ten."""
+    return f"{value * 100:.0f} %" if value >= 0.1 else f"{value * 100:.1f} %"
+
+
+def node_rows(anatomy: AnatomySummary) -> Iterator[tuple[str, ...]]:
+    """A row for each node; see `NODE_COLUMNS`."""
+    for node in anatomy.nodes:
+        yield (
+            node.name,
+            share(node.load),
+            str(node.threads),
+            f"{node.taken:,}",
+            f"{node.overtaken:,}",
+            *(show(node.callback_p50, "s"), show(node.callback_p99, "s")),
+            *(show(node.wait_p50, "s"), show(node.wait_p99, "s")),
+        )
+
+
+def anatomy_notes(anatomy: AnatomySummary) -> Iterator[str]:
+    """What is missing, a sentence each, without a full stop."""
+    if anatomy.error:
+        yield anatomy.error.rstrip(".")
+    if anatomy.lost:
+        yield f"{anatomy.lost:,} events were lost for lack of room: parts of messages are missing"
+    for monitor, received in anatomy.received.items():
+        known = sum(path.last for path in anatomy.paths if path.monitor == monitor)
+        if known < received:
+            yield (
+                f"{received - known:,} of {received:,} messages of {monitor} have no path to an "
+                "input that is known"
+            )

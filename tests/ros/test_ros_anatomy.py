@@ -1,0 +1,100 @@
+"""Graphs that are observed from inside: what a run says of each node, and that nothing is lost."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from c_nodes import c_node_spec
+from r2bspec.judge.measure.anatomy import Anatomy, anatomy
+from r2bspec.judge.measure.run_samples import match_segment
+from r2bspec.record.run_record import Segment
+from ros_runs import Bench, Finished, relay_node, relay_spec
+from ros_runs import bench as bench
+
+STEPS = 20
+"""Of an iteration of `relay_spec`."""
+
+FIRST_MS, SECOND_MS = 5.0, 20.0
+"""What the nodes compute for each message."""
+
+
+def chain(**changes: Any) -> dict[str, Any]:
+    """A node of rclpy, and after it one in C that takes longer."""
+    second = c_node_spec(
+        "relay", parameters={"service_time_ms": SECOND_MS}, remappings={"input": "middle"}
+    )
+    nodes = {"first": relay_node(FIRST_MS, remappings={"output": "middle"}), "second": second}
+    return relay_spec(graph={"nodes": nodes}, **changes)
+
+
+def anatomy_of(done: Finished, segment: Segment) -> Anatomy:
+    run = done.run()
+    (record,) = (each for each in run.record.anatomies if each.start == segment.start)
+    assert record.error == ""
+    window_ns = segment.began_ns, segment.ended_ns
+    return anatomy(record, run.anatomy(segment), run.plan, window_ns)
+
+
+def assert_parts_are_the_latency(done: Finished, segment: Segment) -> None:
+    """See that each message was followed, and that its parts add up to what was measured."""
+    (path,) = anatomy_of(done, segment).paths["out"]
+    assert [part.owner for part in path.parts if part.name == "callback"] == ["first", "second"]
+    (monitor,) = done.run().plan.monitors
+    steps, rows, matching = match_segment(done.run(), segment, monitor)
+    assert path.seconds.size == matching.answered.sum() == STEPS
+    measured = (rows["received_ns"][matching.first_row] - steps["published_ns"]) / 1e9
+    parts = sum(np.nan_to_num(part.seconds) for part in path.parts)
+    np.testing.assert_allclose(np.sort(parts), np.sort(measured), rtol=0.02)
+
+
+def test_one_more_iteration_shows_where_the_time_goes(bench: Bench) -> None:
+    done = bench.run(chain(), "--anatomy")
+    done.assert_complete()
+    (iteration,) = done.segments()
+    (observed,) = done.segments("anatomy")
+    assert observed.began_ns > iteration.ended_ns
+    assert observed.start > iteration.start
+    assert_parts_are_the_latency(done, observed)
+    # What was judged ran without being observed.
+    assert not (done.folder / "samples" / iteration.id / "anatomy.npy").exists()
+    assert len(done.run().record.starts) == 1
+    names = {process.name for process in done.run().record.anatomies[0].processes}
+    assert names == {"first", "second", "player", "monitor"}
+
+
+@pytest.mark.parametrize("placement", ["separate", "graph"])
+def test_a_node_s_part_is_required(bench: Bench, placement: str) -> None:
+    spec = chain(harness={"placement": placement})
+    spec["benchmark"] |= {"anatomy": True, "iterations": 2}
+    requirements = [
+        f"second.callback.max >= {SECOND_MS:g} ms",
+        f"first.callback.max < {FIRST_MS / 2:g} ms",
+        "path.second.share > 40 %",
+        "first.overtaken <= 0.1 %",
+    ]
+    spec["slos"] = {"parts": {"at": "20 Hz", "require": requirements}}
+    done = bench.run(spec)
+    met, broken, share, overtaken = (done.requirement(text) for text in requirements)
+    assert (met["outcome"], broken["outcome"]) == ("pass", "fail")
+    assert 0 < share["estimate"] < 1
+    assert overtaken["estimate"] == 0
+    for segment in done.segments():
+        assert_parts_are_the_latency(done, segment)
+    # What was stored is judged as what was seen.
+    before = (done.folder / "result.json").read_bytes()
+    bench.judge(done.folder)
+    assert (done.folder / "result.json").read_bytes() == before
+
+
+def test_without_a_compiler_nothing_is_started(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC", "no-compiler")
+    done = bench.run(relay_spec(), "--anatomy")
+    assert done.status == 2
+    assert "R2B668" in done.stderr

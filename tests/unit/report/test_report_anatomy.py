@@ -1,0 +1,156 @@
+"""The anatomy of an iteration in every report: tables, waterfall, graph and trace."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from html_elements import Page
+from r2bspec.compare.report_input import ReportInput
+from r2bspec.judge.judge_run import from_json, result_of, to_json
+from r2bspec.judge.measure.anatomy_growth import grown_texts
+from r2bspec.judge.measure.anatomy_summary import AnatomySummary
+from r2bspec.report.format_registry import renderer
+from report_runs import HOSTILE
+from run_simulation import objective
+from simulated_anatomies import CHAIN, FORK, Graph, ObservedSimulation, Stage
+
+
+def reported(path: Path, graph: Graph) -> ReportInput:
+    run = ObservedSimulation.of(graph).write(path)
+    return ReportInput(result=result_of(run), run=run)
+
+
+@pytest.fixture(scope="module")
+def fork(tmp_path_factory: pytest.TempPathFactory) -> ReportInput:
+    return reported(tmp_path_factory.mktemp("anatomy") / "run", FORK)
+
+
+def summary(report_input: ReportInput) -> AnatomySummary:
+    anatomies = report_input.result.anatomies
+    assert anatomies
+    return anatomies[0]
+
+
+def shown(report_input: ReportInput, form: str) -> str:
+    return renderer(form)(report_input).decode()
+
+
+def test_shares_and_means_of_parts_add_up(fork: ReportInput) -> None:
+    for path in summary(fork).paths:
+        assert sum(part.share for part in path.parts) == pytest.approx(1)
+        assert sum(part.mean or 0 for part in path.parts) == pytest.approx(path.mean)
+        assert sum(part.slowest or 0 for part in path.parts) == pytest.approx(path.slowest)
+
+
+def test_the_same_folder_gives_the_same_result(fork: ReportInput) -> None:
+    assert fork.run is not None
+    content = to_json(result_of(fork.run))
+    assert content == to_json(fork.result)
+    assert from_json(content) == fork.result
+
+
+def test_a_run_that_was_not_observed_says_nothing_of_it(fork: ReportInput) -> None:
+    bare = replace(fork, result=msgspec.structs.replace(fork.result, anatomies=msgspec.UNSET))
+    assert b"anatomies" not in to_json(bare.result)
+    for form in ("text", "markdown"):
+        assert "anatomy" not in shown(bare, form).lower()
+    assert 'id="anatomy' not in shown(bare, "html")
+
+
+def test_the_terminal_has_the_path_of_most_messages(fork: ReportInput) -> None:
+    text = shown(fork, "text")
+    (heading,) = (line for line in text.splitlines() if line.startswith("anatomy"))
+    assert "player → /in → split → /image → left → /a → fuse → /out → out" in heading
+    assert "--verbose shows the other paths, 1 more" in text
+    verbose = shown(replace(fork, verbose=True), "text")
+    assert "→ right → /b → fuse" in verbose
+    assert "more paths" not in verbose
+
+
+def test_markdown_has_every_path_and_node(fork: ReportInput) -> None:
+    text = shown(fork, "markdown")
+    assert "| left | callback | 2.69 ms | 3.55 ms | 52 % | 3.7 ms |" in text
+    assert "| fuse | held | " in text
+    assert "| right | 20 % | 1 | 200 | 0 | " in text
+
+
+def test_the_page_has_a_waterfall_of_each_path(fork: ReportInput) -> None:
+    page = shown(fork, "html").partition('<h2 id="anatomy">')[2].partition("</section>")[0]
+    assert page.count("<svg") == len(summary(fork).paths) == 2
+    assert "Most of the latency, 5.22 ms at its median, was in left callback 52 %" in page
+    Page(renderer("html")(fork))
+
+
+def test_the_graph_of_the_page_has_the_times(fork: ReportInput) -> None:
+    page = Page(renderer("html")(fork))
+    assert "callback 2.99 ms, p99 3.94 ms" in page.text
+    assert "transport 99.9 µs, p99 110 µs" in page.text
+
+
+def of_phase(events: Iterable[dict[str, Any]], phase: str) -> list[dict[str, Any]]:
+    return [event for event in events if event["ph"] == phase]
+
+
+def test_the_trace_has_a_track_for_each_thread_and_an_arrow_for_each_message(
+    fork: ReportInput,
+) -> None:
+    events = json.loads(shown(fork, "trace"))["traceEvents"]
+    begun = {event["id"]: event for event in of_phase(events, "s")}
+    ended = {event["id"]: event for event in of_phase(events, "f")}
+    assert begun.keys() == ended.keys()
+    # Every message of five topics is taken once, that of /image twice.
+    assert len(begun) == 6 * FORK.steps
+    assert all(begun[key]["ts"] <= ended[key]["ts"] for key in begun)
+    names = [event["args"]["name"] for event in of_phase(events, "M")]
+    assert "left (iteration-001)" in names
+    callbacks = [event for event in of_phase(events, "X") if event["cat"] == "callback"]
+    assert {event["name"] for event in callbacks} >= {"left: /image", "fuse: /a", "fuse: /b"}
+
+
+@pytest.mark.parametrize("form", ["text", "markdown", "html", "trace", "github"])
+def test_names_of_others_are_no_markup(tmp_path: Path, form: str) -> None:
+    graph = replace(
+        CHAIN,
+        stages=(Stage(HOSTILE, ("/in",), f"/x{HOSTILE}"), Stage("b", (f"/x{HOSTILE}",), "/out")),
+        steps=50,
+    )
+    found = shown(reported(tmp_path / "run", graph), form)
+    assert "<script>alert" not in found or form in {"text", "trace"}
+    assert not any(line.startswith("::error") for line in found.splitlines())
+    if form == "html":
+        Page(found.encode())
+
+
+def test_what_is_missing_is_said(tmp_path: Path) -> None:
+    found = reported(tmp_path / "run", CHAIN)
+    assert found.run is not None
+    (record,) = found.run.record.anatomies
+    processes = tuple(msgspec.structs.replace(each, lost=7) for each in record.processes)
+    record = msgspec.structs.replace(record, processes=processes, error="blur is static.")
+    run = replace(found.run, record=msgspec.structs.replace(found.run.record, anatomies=(record,)))
+    text = shown(ReportInput(result=result_of(run), run=run), "text")
+    assert "35 events were lost for lack of room" in text
+    assert "blur is static\n" in text
+
+
+def test_the_first_line_of_a_failure_names_the_part_that_grew(tmp_path: Path) -> None:
+    base = ObservedSimulation.of(CHAIN).write(tmp_path / "base")
+    slow = replace(CHAIN.with_stage("blur", service_s=0.0048), seed=1)
+    head = ObservedSimulation.of(
+        slow, objectives={"fast": objective("latency.p50 < 9 ms", at="100 Hz")}
+    ).write(tmp_path / "head")
+    grown = grown_texts(base, head)
+    assert len(grown) == 1
+    assert grown[0].startswith("blur: callback +7")
+    assert grown_texts(base, base) == ()
+    result = msgspec.structs.replace(result_of(head), grown=grown)
+    text = shown(ReportInput(result=result, run=head), "text")
+    assert grown[0] in text.splitlines()[0]
+    assert f"Grown since the base: {grown[0]}." in text
