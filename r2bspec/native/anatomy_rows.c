@@ -90,8 +90,49 @@ static void compare_clocks(int64_t now)
   me.compared_ns = now;
 }
 
+/* What threads that have ended have left of their slabs: a program may start one for each message.
+ * A slab ends where the next one begins. */
+static _Atomic(row_t *) remainders[64];
+#define REMAINDERS (sizeof(remainders) / sizeof(*remainders))
+static pthread_key_t at_end_of_thread;
+
+static void leave_slab(void *unused)
+{
+  (void)unused;
+  row_t *rest = me.row < me.end ? me.row : NULL;
+  me.row = me.end;
+  for (size_t i = 0; i < REMAINDERS && rest != NULL; i++) {
+    row_t *none = NULL;
+    if (atomic_compare_exchange_strong(&remainders[i], &none, rest)) {
+      return;
+    }
+  }
+}
+
+static row_t *find_remainder(void)
+{
+  for (size_t i = 0; i < REMAINDERS; i++) {
+    row_t *rest = atomic_load_explicit(&remainders[i], memory_order_relaxed);
+    if (rest != NULL && atomic_compare_exchange_strong(&remainders[i], &rest, NULL)) {
+      return rest;
+    }
+  }
+  return NULL;
+}
+
 static bool claim_slab(file_t *file)
 {
+  if (me.id == 0) {
+    me.id = (uint32_t)syscall(SYS_gettid);
+    (void)pthread_setspecific(at_end_of_thread, &me);
+  }
+  row_t *row = find_remainder();
+  if (row != NULL) {
+    me.row = row;
+    atomic_signal_fence(memory_order_seq_cst);
+    me.end = file->rows + ((size_t)(row - file->rows) / SLAB_ROWS + 1) * SLAB_ROWS;
+    return true;
+  }
   /* A file that is full stays so: the number of claims must not start again at zero. */
   uint32_t slab = atomic_load_explicit(&file->claimed_slabs, memory_order_relaxed);
   if (slab < file->slabs) {
@@ -101,7 +142,6 @@ static bool claim_slab(file_t *file)
     atomic_fetch_add_explicit(&file->lost, 1, memory_order_relaxed);
     return false;
   }
-  me.id = me.id != 0 ? me.id : (uint32_t)syscall(SYS_gettid);
   me.row = file->rows + (size_t)slab * SLAB_ROWS;
   /* A handler of a signal may add an event, too: never beyond a slab. */
   atomic_signal_fence(memory_order_seq_cst);
@@ -243,7 +283,9 @@ static file_t *map_file(const char *path, size_t bytes)
     return NULL;
   }
   void *mapped = MAP_FAILED;
-  errno = posix_fallocate(fd, 0, (off_t)bytes);
+  do {
+    errno = posix_fallocate(fd, 0, (off_t)bytes);
+  } while (errno == EINTR);
   if (errno == 0) {
     mapped = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, fd, 0);
   }
@@ -275,7 +317,8 @@ static void open_file(const char *folder, const char *process, const char *size)
   errno = length >= (int)sizeof(path) ? ENAMETOOLONG : slabs > UINT32_MAX ? EFBIG : ENOSPC;
   file_t *file =
     slabs == 0 || slabs > UINT32_MAX || length >= (int)sizeof(path) ? NULL : map_file(path, bytes);
-  if (file == NULL || pthread_atfork(NULL, NULL, stop_writing) != 0) {
+  if (file == NULL || pthread_atfork(NULL, NULL, stop_writing) != 0 ||
+      pthread_key_create(&at_end_of_thread, leave_slab) != 0) {
     fprintf(stderr, "r2bspec cannot observe this process: %s: %s\n", path, strerror(errno));
     return;
   }
