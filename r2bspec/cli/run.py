@@ -83,7 +83,7 @@ class RunArguments:
         """
         if not self.against:
             return False
-        from r2bspec.compare.base_reference import parse_base_reference
+        from r2bspec.compare.base_tree import parse_base_reference
 
         return parse_base_reference(self.against).has_tree
 

@@ -170,6 +170,7 @@ def call_keys(call: CallPlan) -> dict[str, str]:
         "type": f"{kind}.type",
         "request": f"{kind}.{request}",
         "each": "each",
+        "every": "every",
         "success": "success",
         "accepted": kind,
         "feedback": "feedback",

@@ -30,8 +30,7 @@ import msgspec
 
 from r2bspec.compare import gate_strength
 from r2bspec.compare.base_environment import BaseBuildError, BaseBuilds, is_code_of
-from r2bspec.compare.base_reference import BaseReference
-from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
+from r2bspec.compare.base_tree import BaseReference, BaseRevisionError, BaseTree
 from r2bspec.compare.gate_change import GateChange
 from r2bspec.compare.interleaved_comparison import BaseFailsError, ComparisonSide
 from r2bspec.diagnostics.diagnostic import Span

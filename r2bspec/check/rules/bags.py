@@ -54,6 +54,7 @@ def topic_not_in_bag(context: Context) -> Findings:
                 path=("data_loader", "topics", name),
                 key=True,
                 help=suggestion(name, bag.topics, "its topics"),
+                suppressed_by={value_key(("data_loader", "topics", name))},
                 suppresses={value_key(("data_loader", "topics", name))},
             )
 

@@ -170,7 +170,7 @@ class PhaseGraph:
     @property
     def lifecycle(self) -> LifecycleNodes:
         """The lifecycle nodes of the graph."""
-        return LifecycleNodes(self.plan, self.phase, self.supervisor, self.launcher, self.note)
+        return LifecycleNodes(self)
 
     def observer(self, monitor: ManagedProcess | None = None) -> GraphObserver:
         """Observes the graph; with a monitor, messages can be traced."""

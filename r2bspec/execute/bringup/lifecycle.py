@@ -10,18 +10,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
-from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.bringup.observe_graph import HARNESS
 from r2bspec.execute.bringup.readiness import StartDeadline
 from r2bspec.execute.errors import GraphDifferencesError, NotReadyError, ProcessDiedError
-from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess, ProcessSupervisor
+from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess
 from r2bspec.ipc import protocol
 from r2bspec.language.spec import LifecycleState
 from r2bspec.plan.command_lines import has_planned_name
-from r2bspec.plan.plan import Plan, ProcessPlan
+from r2bspec.plan.plan import ProcessPlan
 from r2bspec.record.run_record import Difference
+
+if TYPE_CHECKING:
+    from r2bspec.execute.bringup.graph_matching import PhaseGraph
 
 TRANSITION_FAILED: Final = "R2B605"
 NOT_ACTIVATED: Final = "R2B237"
@@ -44,21 +46,9 @@ _DISCOVERY_S = 4.0
 
 @dataclass(frozen=True)
 class LifecycleNodes:
-    """The lifecycle nodes of one phase.
+    """The lifecycle nodes of the graph of one phase."""
 
-    Attributes:
-        plan: of the run.
-        phase: ``preprocess`` or ``measure``.
-        supervisor: all processes.
-        launcher: has started the nodes.
-        note: is told what the user should know.
-    """
-
-    plan: Plan
-    phase: str
-    supervisor: ProcessSupervisor
-    launcher: Launcher
-    note: Callable[[str], None]
+    graph: PhaseGraph
 
     def bring_up(
         self,
@@ -75,10 +65,10 @@ class LifecycleNodes:
             GraphMismatchError: a transition failed, or a node is no lifecycle node.
             NotReadyError: a node is not there in time, or does not answer.
         """
-        wanted = self.plan.states_in(self.phase)
+        wanted = self.graph.plan.states_in(self.graph.phase)
         if not wanted:
             return
-        with self.supervisor.waiting("lifecycle nodes: discovery"):
+        with self.graph.supervisor.waiting("lifecycle nodes: discovery"):
             states = self._wait_for(wanted, deadline)
         for transition, (before, targets) in _STEPS.items():
             nodes = [
@@ -95,7 +85,9 @@ class LifecycleNodes:
                 message = f"{name} cannot be {target}: it is finalized"
                 raise _mismatch(TRANSITION_FAILED, name, "", message, "read its output")
             if states[name] != target:
-                self.note(f"{name} is {states[name]}, not {target}: it changes its state itself")
+                self.graph.note(
+                    f"{name} is {states[name]}, not {target}: it changes its state itself"
+                )
 
     def _wait_for(
         self, wanted: dict[str, LifecycleState], deadline: StartDeadline
@@ -112,8 +104,8 @@ class LifecycleNodes:
             missing = [name for name in wanted if found.states.get(name) not in _PRIMARY_STATES]
             if not missing:
                 return found.states
-            graph = self.supervisor.request(
-                self.supervisor.observer(), protocol.ListGraph(), protocol.GraphSnapshot
+            graph = self.graph.supervisor.request(
+                self.graph.supervisor.observer(), protocol.ListGraph(), protocol.GraphSnapshot
             )
             for name in missing:
                 if name not in graph.nodes or name in found.states:
@@ -135,11 +127,11 @@ class LifecycleNodes:
                     else f"lifecycle node {name} was not there after {deadline.timeout_s:g} s",
                     hint="Read its output, or increase benchmark.start_timeout.",
                 )
-            self.supervisor.pump(_POLL_S)
+            self.graph.supervisor.pump(_POLL_S)
 
     def _ask_states(self) -> protocol.LifecycleStates:
-        return self.supervisor.request(
-            self.supervisor.observer(),
+        return self.graph.supervisor.request(
+            self.graph.supervisor.observer(),
             protocol.ListLifecycle(timeout_ns=_ASK_NS),
             protocol.LifecycleStates,
             _ASK_NS / 1e9 + REPLY_TIMEOUT_S,
@@ -159,9 +151,9 @@ class LifecycleNodes:
             node=name, transition=transition, timeout_ns=round(timeout_s * 1e9)
         )
         try:
-            with self.supervisor.waiting(f"{name}: {transition}"):
-                changed = self.supervisor.request(
-                    self.supervisor.observer(),
+            with self.graph.supervisor.waiting(f"{name}: {transition}"):
+                changed = self.graph.supervisor.request(
+                    self.graph.supervisor.observer(),
                     command,
                     protocol.StateChanged,
                     timeout_s + REPLY_TIMEOUT_S,
@@ -198,7 +190,7 @@ class LifecycleNodes:
             for listed in self._processes()
             if any(node.name == name for node in listed.nodes)
         )
-        return next(each for each in self.supervisor if each.name == process.name)
+        return next(each for each in self.graph.supervisor if each.name == process.name)
 
     def never_active(self, missing: Collection[str]) -> frozenset[str]:
         """The topics that lack endpoints of nodes that nothing in the graph can activate.
@@ -212,7 +204,7 @@ class LifecycleNodes:
 
     def _has_unknown_programs(self) -> bool:
         """Whether a program may be there to change states, although it has no client now."""
-        return any(each.phase == self.phase for each in self.plan.external) or any(
+        return any(each.phase == self.graph.phase for each in self.graph.plan.external) or any(
             not has_planned_name(process, node)
             for process in self._processes()
             for node in process.nodes
@@ -232,8 +224,8 @@ class LifecycleNodes:
         topics = {*topics}
         planned = [
             {*topic.writers, *topic.readers} - {*HARNESS}
-            for topic in self.plan.topics
-            if topic.phase == self.phase and topic.name in topics
+            for topic in self.graph.plan.topics
+            if topic.phase == self.graph.phase and topic.name in topics
         ]
         # What publishes or reads a topic may be unknown.
         anyone = len(planned) < len(topics) or not all(planned)
@@ -246,12 +238,14 @@ class LifecycleNodes:
             for name, state in found.states.items()
             for managers in [found.managers.get(name, ())]
             if state in {"unconfigured", "inactive"}
-            and name not in self.plan.states_in(self.phase)
+            and name not in self.graph.plan.states_in(self.graph.phase)
             and (anyone or any(name in nodes for nodes in planned))
         )
 
     def _processes(self) -> Iterator[ProcessPlan]:
-        return (process for process in self.plan.processes if process.phase == self.phase)
+        return (
+            process for process in self.graph.plan.processes if process.phase == self.graph.phase
+        )
 
 
 class WaitingNode(NamedTuple):

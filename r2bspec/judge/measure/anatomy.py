@@ -14,15 +14,8 @@ from typing import Final
 
 import numpy as np
 
-from r2bspec.judge.measure.anatomy_events import (
-    NONE,
-    UNKNOWN_NS,
-    Events,
-    Ints,
-    Mask,
-    find_causes,
-    join_events,
-)
+from r2bspec.judge.measure.anatomy_causes import find_causes
+from r2bspec.judge.measure.anatomy_events import NONE, UNKNOWN_NS, Events, Ints, Mask, join_events
 from r2bspec.judge.measure.anatomy_paths import Path, PathSearch
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.plan.plan import MonitorPlan, Plan

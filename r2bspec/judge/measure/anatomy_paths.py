@@ -27,7 +27,8 @@ from typing import Final, Literal
 
 import numpy as np
 
-from r2bspec.judge.measure.anatomy_events import NONE, UNKNOWN_NS, Causes, Events, Ints, Mask
+from r2bspec.judge.measure.anatomy_causes import Causes
+from r2bspec.judge.measure.anatomy_events import NONE, UNKNOWN_NS, Events, Ints, Mask
 from r2bspec.judge.measure.times import Seconds
 
 PartName = Literal[

@@ -118,3 +118,19 @@ def test_requests_are_checked_against_the_installed_type(
     ]
     monkeypatch.undo()
     assert "R2B240" not in codes(CALL, offline=True)
+
+
+def test_recorded_calls_are_no_messages() -> None:
+    text = """\
+r2bspec: 1
+name: planner
+data_loader: {bag: r2b_storage, topics: {/get_plan/_service_event: events}}
+playback: {inputs: {events: {from: events, format: nav_msgs/msg/Path}}}
+graph: {nodes: {planner: {python: r2bspec.nodes.RelayNode}}}
+monitors: {plan: {topic: output, format: sensor_msgs/msg/Image}}
+benchmark: {duration: 10 s, rates: [200 Hz]}
+"""
+    [found] = [each for each in findings(text, offline=True) if each.code == "R2B241"]
+    assert "recorded calls of the service '/get_plan'" in found.message
+    # That no node subscribes to them follows.
+    assert "R2B208" not in codes(text, offline=True)
