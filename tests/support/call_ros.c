@@ -124,6 +124,12 @@ static void publish_in_threads(long count, long each)
   for (long i = 0; i < count; i++) { pthread_join(threads[i], NULL); }
 }
 
+/* One after another: each thread publishes once. */
+static void publish_in_brief_threads(long count)
+{
+  for (long i = 0; i < count; i++) { publish_in_threads(1, 1); }
+}
+
 /* With `again`, the child then executes this program. */
 static void publish_in_child(bool again)
 {
@@ -168,6 +174,7 @@ __attribute__((visibility("default"))) int call_ros(const char *what, long first
   if (rcl_init(0, NULL, NULL, NULL) != 0) { return 1; }
   if (strcmp(what, "each") == 0) { call_each(); }
   if (strcmp(what, "threads") == 0) { publish_in_threads(first, second); }
+  if (strcmp(what, "brief") == 0) { publish_in_brief_threads(first); }
   if (strcmp(what, "fork") == 0) { publish_in_child(first != 0); }
   if (strcmp(what, "objects") == 0) { make_publishers(first); }
   if (strcmp(what, "measure") == 0) { measure(first); }

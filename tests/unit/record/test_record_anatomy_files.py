@@ -146,6 +146,14 @@ def test_threads_share_a_file_without_losing_or_mixing_anything(tmp_path: Path) 
     assert np.ptp(rows["clock_ns"]) < 1e9
 
 
+def test_threads_that_end_leave_their_room_to_others(tmp_path: Path) -> None:
+    call_ros(tmp_path, "brief", "1500", max_bytes=file_bytes(1500))
+    rows, _, (process,) = read_anatomy(tmp_path)
+    assert process.lost == 0
+    assert rows["source_ns"].tolist() == [*range(1, 1501)]
+    assert (rows["thread"] != process.pid).all()
+
+
 def test_what_has_no_room_is_counted(tmp_path: Path) -> None:
     call_ros(tmp_path, "threads", "4", "5000", max_bytes=file_bytes(1000))
     rows, _, (process,) = read_anatomy(tmp_path)
@@ -203,7 +211,9 @@ def test_a_process_without_a_file_says_why_and_goes_on(
     assert read_anatomy(tmp_path)[1:] == ((), ())
 
 
-@pytest.mark.parametrize("words", [["each"], ["threads", "8", "500"], ["fork"], ["objects", "3"]])
+@pytest.mark.parametrize(
+    "words", [["each"], ["threads", "8", "500"], ["brief", "300"], ["fork"], ["objects", "3"]]
+)
 def test_sanitizers_find_nothing(tmp_path: Path, words: list[str]) -> None:
     options = {"ASAN_OPTIONS": "detect_leaks=0:verify_asan_link_order=0"}
     try:
