@@ -281,6 +281,9 @@ class _FollowedSteps:
 
     Args:
         rows: as in `r2bspec.ipc.playback_file.PlaybackReader`.
+
+    Attributes:
+        latest_ns: the longest time after which a step was seen.
     """
 
     def __init__(self, rows: Path) -> None:
@@ -288,6 +291,7 @@ class _FollowedSteps:
         self._taken = self._reader.count()
         self._last_ns = 0
         self._period_ns = 0
+        self.latest_ns = 0
 
     def take(self) -> list[_Step]:
         """The steps that have been played since the last call."""
@@ -300,6 +304,7 @@ class _FollowedSteps:
         self._last_ns = begun[-1]
         now_ns = time.monotonic_ns()
         stamps = rows["stamp_ns"].tolist()
+        self.latest_ns = max(self.latest_ns, now_ns - begun[0])
         return [_Step(stamp, now_ns - ns) for stamp, ns in zip(stamps, begun, strict=True)]
 
     def idle_s(self) -> float:
@@ -355,6 +360,9 @@ class CallPlayer:
                     self._channel.send(protocol.Matched(counts=counts))
                 case protocol.Shutdown():
                     self._is_over = True
+        if self._followed is not None:
+            latest_ms = self._followed.latest_ns / 1e6
+            sys.stderr.write(f"calls began up to {latest_ms:.3f} ms after their steps\n")
 
     def _play(self, play: protocol.Play) -> int:
         """Play steps; returns their number, which is smaller if it was stopped."""

@@ -152,25 +152,45 @@ def _requested_packages(context: Context) -> Iterator[tuple[Path, str]]:
             yield (*node.path, "package"), node.node.package
         elif node.node.launch is not None and node.node.launch.package:
             yield (*node.path, "launch", "package"), node.node.launch.package
+    yield from ((path, package) for path, package, _ in _ros2_runs(context))
+
+
+def _ros2_runs(context: Context) -> Iterator[tuple[Path, str, str]]:
+    """Commands ``ros2 run PACKAGE EXECUTABLE``: the location of the package, and both names."""
+    for _, node in context.nodes:
+        match node.node.command:
+            case ("ros2", "run", package, executable, *_) if not package.startswith("-"):
+                yield (*node.path, "command", 2), package, executable
 
 
 @rule("R2B623")
 def executable_not_found(context: Context) -> Findings:
     """Executables that are not in their installed ROS package."""
-    for _, node in context.nodes:
-        if node.node.kind is not EXECUTABLE:
-            continue
-        package, executable = node.node.package, node.node.executable
+    named = [
+        (
+            (*node.path, "package"),
+            (*node.path, "executable"),
+            node.node.package,
+            node.node.executable,
+        )
+        for _, node in context.nodes
+        if node.node.kind is EXECUTABLE
+    ]
+    named += [
+        (path, (*path[:-1], 3), package, executable)
+        for path, package, executable in _ros2_runs(context)
+    ]
+    for package_path, path, package, executable in named:
         executables = installed_packages.package_executables(package)
         if executable not in executables:
             yield Finding(
                 message=f"ROS package {quote(package)} has no executable {quote(executable)} on "
                 "this machine",
-                path=(*node.path, "executable"),
+                path=path,
                 help=suggestion(executable, executables, "its executables")
                 or "the package has no executables",
                 machine_dependent=True,
-                suppressed_by={value_key((*node.path, "package"))},
+                suppressed_by={value_key(package_path)},
             )
 
 

@@ -134,8 +134,8 @@ class Launcher:
             native=("", *parts) if plan.argv == NATIVE_ARGV else parts,
         )
         apply_to_process(plan, child.pid)
-        if plan.argv == NATIVE_ARGV:
-            # Player and monitor alone: the graph runs as it would without the harness.
+        if plan.argv == NATIVE_ARGV or plan.role == "caller":
+            # The harness alone: the graph runs as it would without the harness.
             shorten_slice(child.pid)
         return child
 

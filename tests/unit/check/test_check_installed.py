@@ -161,6 +161,22 @@ def test_programs(kind: str, expected: list[str]) -> None:
     assert all(each.certainty is Certainty.ENVIRONMENT for each in found)
 
 
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("detectors, detector_node", []),
+        ("detectors, detector_nod", ["R2B623"]),
+        ("detector, detector_node", ["R2B622"]),
+        ("--prefix, gdb, detector", []),
+    ],
+)
+@pytest.mark.usefixtures("workspace")
+def test_what_ros2_runs_is_looked_up(words: str, expected: list[str]) -> None:
+    found = findings(node(f"command: [ros2, run, {words}]"))
+    # ros2 itself may be there.
+    assert [each.code for each in found if each.code != "R2B621"] == expected
+
+
 @pytest.mark.usefixtures("workspace")
 def test_a_package_of_the_distribution_is_named_as_ubuntu_has_it(
     monkeypatch: pytest.MonkeyPatch,
