@@ -1,6 +1,9 @@
 """What it costs to record the events of processes from inside, and whether any are lost.
 
-    python benchmarks/anatomy_cost.py [--starts 10] [--minute 60]
+    PYTHONPATH=tests/support python benchmarks/anatomy_cost.py [--starts 10] [--minute 60]
+
+The time of an event is that of a publication that does nothing, with the object preloaded, less
+that without it, of the processor: the median of pairs of two million.
 
 Two pairs of player and monitor stand ready at once, of which one has the object preloaded; in every
 other start it is the first to be started, which alone makes a difference of some percent. They play
@@ -20,6 +23,7 @@ import random
 import statistics
 import tempfile
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 from floor_harness import floor
@@ -31,11 +35,13 @@ from r2bspec.middleware.middleware import SHARED_MEMORY
 from r2bspec.native.build import anatomy_environment, anatomy_object
 from r2bspec.record.anatomy_files import file_bytes, read_anatomy
 from r2bspec.record.run_record import AnatomyKind
+from stubbed_ros import call_ros
 
 _ROUTE = ("shared_memory", "two processes")
 _TURNS = 6
 """Of each side in a start."""
 
+_CALLS = 2_000_000
 _EVENTS_HZ = 20_000
 _EVENTS_OF_MESSAGE = 2
 _FIGURES = {"received_p50": "to the middleware p50", "taken_p50": "to the monitor p50"}
@@ -51,7 +57,7 @@ def main() -> None:
     rows = [row for workload in WORKLOADS[1:3] for row in _compare(workload, given.starts)]
     show(f"{machine()}; load average {load:.1f} before, {os.getloadavg()[0]:.1f} after.", "")
     head = ("workload", "figure", "without", "with", "ratio", "95 %")
-    show(*table(head, rows), "", _record(given.minute))
+    show(*table(head, rows), "", _event(), _record(given.minute))
 
 
 def _compare(workload: Workload, starts: int) -> Iterator[list[str]]:
@@ -85,6 +91,17 @@ def _compare(workload: Workload, starts: int) -> Iterator[list[str]]:
 
 def _variables(folder: Path, events: int) -> dict[str, str]:
     return anatomy_environment(anatomy_object(), folder, "floor", file_bytes(events), "")
+
+
+def _event() -> str:
+    """Say what one event takes."""
+    differences = []
+    for _ in range(7):
+        with tempfile.TemporaryDirectory(dir=SHARED_MEMORY) as folder:
+            called = partial(call_ros, Path(folder), "measure", f"{_CALLS}")
+            plain, observed = called(observed=False), called(max_bytes=file_bytes(2 * _CALLS))
+        differences.append(float(observed.stdout) - float(plain.stdout))
+    return f"An event takes {statistics.median(differences):.0f} ns."
 
 
 def _record(seconds: float) -> str:

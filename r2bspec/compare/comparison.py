@@ -235,7 +235,7 @@ def _of_rate(rate: RateMetrics, graph: set[str]) -> dict[SeriesKey, MetricSeries
         observed = [(iteration.anatomy or {}).get(name) for iteration in rate.iterations]
         if name.endswith(_COMPARED_PARTS):
             for part in SHORT_PERCENTILES:
-                values = [times and part_value(times, part) for times in observed]
+                values = [None if times is None else part_value(times, part) for times in observed]
                 series[rate.offered_hz, "", f"{name}.{part}"] = MetricSeries(
                     tuple(values), "s", starts=starts
                 )

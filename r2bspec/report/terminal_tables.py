@@ -182,7 +182,10 @@ def anatomy_sections(result: Result, *, verbose: bool) -> Iterator[RenderableTyp
         grid = table(anatomy_table.NODE_COLUMNS)
         for row in anatomy_table.node_rows(anatomy):
             grid.add_row(*row)
-        yield Group(heading("nodes", "in the same iteration; load is that of one thread"), grid)
+        yield Group(
+            heading("nodes", "in the same iteration; a load of 100 % is one thread in callbacks"),
+            grid,
+        )
         if lines:
             yield Text("\n".join(lines), style=DIM_STYLE)
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from r2bspec.judge.measure.anatomy_events import NONE, Events, Ints, Mask, newest_before
+from r2bspec.judge.measure.anatomy_events import NONE, Events, Ints, Mask, grouped, newest_before
 
 
 @dataclass(frozen=True)
@@ -98,18 +98,17 @@ def _ends_of_nodes(events: Events, sends: Ints, takes: Ints) -> Iterator[Pairs]:
     A node that takes nothing belongs to the other nodes of its process, as a node does that a
     program has for its publishers alone.
     """
-    node, process, end = events.node, events.process, events.end
-    takers = np.unique(node[takes])
-    lonely = ~np.isin(node[sends], takers)
-    by_end = takes[np.argsort(end[takes], kind="stable")]
-    for of_end in np.split(by_end, np.flatnonzero(np.diff(end[by_end])) + 1):
-        if not of_end.size:
-            continue
-        same = np.where(
-            lonely, process[sends] == process[of_end[0]], node[sends] == node[of_end[0]]
-        )
-        if same.any():
-            yield sends[same], of_end
+    node, process = events.node, events.process
+    lonely = ~np.isin(node[sends], np.unique(node[takes]))
+    by_node = grouped(node[sends], sends)
+    by_process = grouped(process[sends[lonely]], sends[lonely])
+    none = np.empty(0, np.int64)
+    for of_end in grouped(events.end[takes], takes).values():
+        row = of_end[0]
+        own = by_node.get(int(node[row]), none), by_process.get(int(process[row]), none)
+        of_node = np.concatenate(own)
+        if of_node.size:
+            yield of_node, of_end
 
 
 def _within(events: Events, sends: Ints) -> Pairs:

@@ -388,6 +388,14 @@ def _believed(times: Ints, low: Ints, high: Ints) -> Ints:
     return np.where(near, np.clip(times, low, high), UNKNOWN_NS)
 
 
+def grouped(values: Ints, rows: Ints) -> dict[int, Ints]:
+    """Rows by their value, in their order; `values` has one for each of them."""
+    order = np.argsort(values, kind="stable")
+    values, rows = values[order], rows[order]
+    begins = np.flatnonzero(np.append(True, values[1:] != values[:-1])[: values.size])
+    return dict(zip(values[begins].tolist(), np.split(rows, begins[1:]), strict=False))
+
+
 def newest_before(
     keys: tuple[Ints, ...], times: Ints, asked_keys: tuple[Ints, ...], asked_times: Ints
 ) -> Ints:

@@ -75,7 +75,7 @@ class NodeSummary(msgspec.Struct, frozen=True, kw_only=True):
         name: as in the spec.
         process: the process that it is in.
         threads: how many threads called its callbacks.
-        load: the share of the time that the busiest of them spent in callbacks of the node.
+        load: the time in callbacks of the node, all threads together, over that of the iteration.
         taken: how many messages it took.
         published: how many it published.
         overtaken: how many were sent to it and never taken.
