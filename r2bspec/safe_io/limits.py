@@ -31,8 +31,8 @@ MAX_EXTENDS_DEPTH: Final = 20
 """Files, each of which extends the next."""
 MAX_EXTENDED_FILES: Final = 100
 """Of one document; a file extended twice counts twice."""
-MAX_EXTENDED_BYTES: Final = MAX_DOCUMENT_BYTES
-"""Of all of them together."""
+MAX_EXTENDED_BYTES: Final = 1_000_000
+"""Of all of them together: an editor reads them anew with every pause in typing."""
 MAX_CHAIN_LENGTH: Final = 50
 """Entries of a spec, each of which extends the next."""
 MAX_REFERENCES: Final = 200_000
