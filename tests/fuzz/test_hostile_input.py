@@ -161,3 +161,16 @@ def test_a_small_stack_is_named_and_one_of_half_a_mebibyte_suffices(
         )
         assert ended.returncode in (1, 2), (verb, ended)
         assert ("ulimit -s 8192" in ended.stderr) == (kibibytes < 512)
+
+
+@pytest.mark.parametrize("exponent", [-999, -300, -31, -30, -12, 15, 16, 300, 999])
+@pytest.mark.parametrize("key", ["rates: [@ Hz]", "duration: @ s", "gate: {confidence: @ %}"])
+def test_a_quantity_of_any_size_is_a_finding(key: str, exponent: int, tmp_path: Path) -> None:
+    quantity = key.replace("@", f"1e{exponent}")
+    keys = {"rates": "rates: [30 Hz]"} | {quantity.partition(":")[0]: quantity}
+    spec = MINIMAL.replace(
+        "benchmark: {rates: [30 Hz]}", f"benchmark: {{{', '.join(keys.values())}}}"
+    )
+    (tmp_path / "x.r2b.yaml").write_text(spec)
+    for verb in ("validate", "plan"):
+        r2bspec(verb, "x.r2b.yaml", cwd=tmp_path)
