@@ -251,7 +251,10 @@ def _write_new(file: Path, text: str) -> None:
         hint = "Choose another name, or remove it first; nothing was written."
         raise UsageError(f"{file} already exists", hint=hint) from error
     except OSError as error:
-        raise UsageError(f"{file} cannot be written: {error.strerror or error}") from error
+        raise UsageError(
+            f"{file} cannot be written: {error.strerror or error}",
+            hint="Create its folder first, or choose a shorter name in a folder of yours.",
+        ) from error
 
 
 _INTERFACE_HEAD = (

@@ -10,6 +10,7 @@ import errno
 import importlib
 import io
 import os
+import resource
 import signal
 import sys
 import threading
@@ -75,6 +76,9 @@ _MAX_ERROR_LINE = 1_000
 _STREAMS = (("stdin", "r"), ("stdout", "w"), ("stderr", "w"))
 """In the order of their descriptors; one that is closed at the start is None."""
 
+_LEAST_STACK_BYTES = 512 << 10
+"""Deep JSON takes 200 KiB before its depth is refused."""
+
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 """No fault of r2bspec: the file system has no room."""
 
@@ -129,6 +133,7 @@ def main(argv: list[str] | None = None) -> int:
             # What the encoding of a terminal lacks shows as a question mark, not as a crash.
             stream.reconfigure(errors="replace")
     try:
+        _require_stack()
         with _notes_on_caches(), _interruptible():
             status = command.main(args=argv, prog_name="r2bspec", standalone_mode=False)
     except R2bspecError as error:
@@ -168,6 +173,20 @@ def main(argv: list[str] | None = None) -> int:
         show_error(failure)
         return failure.exit_code
     return status if isinstance(status, int) else ExitStatus.OK
+
+
+def _require_stack() -> None:
+    """See that the stack has room for documents as deep as are read: without it, the process dies.
+
+    Raises:
+        UsageError: it has not. Python itself dies with less than about 96 KiB.
+    """
+    soft, _ = resource.getrlimit(resource.RLIMIT_STACK)
+    if soft != resource.RLIM_INFINITY and soft < _LEAST_STACK_BYTES:
+        raise UsageError(
+            f"the stack is limited to {soft >> 10} KiB; {_LEAST_STACK_BYTES >> 10} are needed",
+            hint="Raise the limit: ulimit -s 8192",
+        )
 
 
 def _open_standard_streams() -> None:

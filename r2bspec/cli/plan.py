@@ -102,7 +102,8 @@ def _provenance(loaded: LoadedSpec, path: str) -> str:
     try:
         return provenance(loaded, path).text()
     except UnknownPathError as error:
-        raise UsageError(str(error), hint=error.hint) from None
+        shown = "'r2bspec validate --resolved SPEC' shows all that the document has."
+        raise UsageError(str(error), hint=error.hint or shown) from None
 
 
 def _render(plan: Plan, graph: str | None) -> bytes:

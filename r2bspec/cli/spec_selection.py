@@ -149,7 +149,10 @@ def run_items(
         for item in _scanned(replace(selection, spec=Path(file), case=case), loaded, scans)
     ]
     if not items:
-        raise UsageError(f"no spec has the labels {', '.join(select)}")
+        raise UsageError(
+            f"no spec has the labels {', '.join(select)}",
+            hint="See 'labels' of the specs.",
+        )
     return items
 
 

@@ -366,6 +366,12 @@ def _translate_errors(path: Path) -> Iterator[None]:
             f"the history {path} is damaged, or not a history: a text in it is not UTF-8",
             hint="Move it away and start a new one; run folders can be judged without it.",
         ) from error
+    except UnicodeEncodeError as error:
+        # The command line passes bytes that are not UTF-8 as lone surrogates.
+        raise HistoryError(
+            f"the history {path} has no run or benchmark of that name: it is not UTF-8",
+            hint="'r2bspec history list' lists the runs.",
+        ) from error
     except sqlite3.OperationalError as error:
         busy = "locked" in str(error) or "busy" in str(error)
         hint = "Another program uses it; try again." if busy else "Check that it is writable."

@@ -107,7 +107,7 @@ class FleetClient:
         try:
             # Client would wait for ever for a server that is no scheduler.
             asyncio.run(asyncio.wait_for(_greet(self._address.scheduler, security), _CONNECT_S))
-            return Client(  # type: ignore[no-untyped-call]
+            client: Any = Client(  # type: ignore[no-untyped-call]
                 self._address.scheduler,
                 security=security,
                 timeout=_CONNECT_S,
@@ -124,6 +124,10 @@ class FleetClient:
                 hint="Start one with 'dask scheduler --host 127.0.0.1 --dashboard-address "
                 "127.0.0.1:8787', and workers with 'r2bspec fleet worker'.",
             ) from error
+        # Dask drops tasks of its own when a worker is lost, and asyncio would print a traceback for
+        # each. What becomes of a task of ours is in its future.
+        client.loop.asyncio_loop.set_exception_handler(lambda _loop, _context: None)
+        return client
 
 
 async def _greet(scheduler: str, security: Any) -> None:

@@ -153,6 +153,9 @@ class Quantity:
         # 10^100 s would overflow every clock; the limit keeps integers small.
         if number.adjusted() > 15:
             raise QuantityError(f"{quote(text)} is too large for a {cls.kind}")
+        # Its inverse, such as the period of a rate, would overflow a float.
+        if number and number.adjusted() < -30:
+            raise QuantityError(f"{quote(text)} is too small for a {cls.kind}")
         return number * cls.units[unit]
 
     @classmethod

@@ -28,7 +28,7 @@ import msgspec
 
 from r2bspec.language.spec import TruthKind
 from r2bspec.record.graph_identity import GraphIdentity, check_machine_facts
-from r2bspec.safe_io.limits import MAX_SEGMENTS
+from r2bspec.safe_io.limits import MAX_PROCESSES, MAX_SEGMENTS
 
 # What is calculated with is refused where it is read; a damaged record can have any number.
 Count = Annotated[int, msgspec.Meta(ge=0)]
@@ -643,7 +643,7 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     dataset: dict[str, Any]
     machine: dict[str, Any]
     versions: dict[str, str]
-    processes: tuple[ProcessRecord, ...]
+    processes: Annotated[tuple[ProcessRecord, ...], msgspec.Meta(max_length=MAX_PROCESSES)]
     segments: tuple[Segment, ...]
     search: SearchRecord | None
     sustained: tuple[Probe, ...]

@@ -136,7 +136,9 @@ def write_report(path: str, content: bytes) -> None:
             place.write_bytes(content)
         except OSError as error:
             raise RecordError(
-                f"{path} cannot be written: {error.strerror or error}", code=RUN_UNWRITABLE
+                f"{path} cannot be written: {error.strerror or error}",
+                hint="Give a file in a folder that you can write to.",
+                code=RUN_UNWRITABLE,
             ) from error
         return
     write_atomically(place, content)

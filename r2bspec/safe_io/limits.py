@@ -31,8 +31,8 @@ MAX_EXTENDS_DEPTH: Final = 20
 """Files, each of which extends the next."""
 MAX_EXTENDED_FILES: Final = 100
 """Of one document; a file extended twice counts twice."""
-MAX_EXTENDED_BYTES: Final = MAX_DOCUMENT_BYTES
-"""Of all of them together."""
+MAX_EXTENDED_BYTES: Final = 1_000_000
+"""Of all of them together: an editor reads them anew with every pause in typing."""
 MAX_CHAIN_LENGTH: Final = 50
 """Entries of a spec, each of which extends the next."""
 MAX_REFERENCES: Final = 200_000
@@ -166,11 +166,15 @@ MAX_SCHEMA_OBJECTS: Final = 1_000
 
 MAX_JSON_BYTES: Final = 256_000_000
 """The record of a day of segments has a tenth."""
-MAX_SEGMENTS: Final = 5_000
-"""Of one run, and pairs of a comparison: half a day at ten seconds each. A thousand take a second
-to judge."""
-MAX_PLANNED_ITERATIONS: Final = 2_000
+MAX_SEGMENTS: Final = 1_500
+"""Of one run, and pairs of a comparison: four hours at ten seconds each. A thousand take a second
+to judge, and as long again for a page."""
+MAX_PLANNED_ITERATIONS: Final = 600
 """At all rates together: confirmed, and played again, they stay below `MAX_SEGMENTS`."""
+MAX_PROCESSES: Final = 10_000
+"""Of one run, in all of its starts."""
+MAX_PROCESS_WINDOWS: Final = 100_000
+"""Of a run: in each segment, the processes that were sampled in it. Each takes 40 µs to judge."""
 MAX_TEXT_CHARACTERS: Final = 200_000
 """One text of JSON: the longest argument of a program that Linux takes has 131,072."""
 MAX_REPORT_BYTES: Final = 10_000_000

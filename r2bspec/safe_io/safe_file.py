@@ -88,6 +88,7 @@ _KINDS: Final = (
     (stat.S_ISSOCK, "it is a socket, not a regular file"),
 )
 _BLOCK_BYTES: Final = 1 << 20
+_DESCRIPTORS = "/proc/self/fd"
 
 
 class ByteBudget:
@@ -124,7 +125,7 @@ def open_regular(path: Path, *, folders: Iterable[Path] | None = None) -> Binary
         note_read(path)
         # The very file that was examined.
         flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
-        return os.fdopen(os.open(f"/proc/self/fd/{place}", flags), "rb")
+        return os.fdopen(os.open(_descriptor_path(place), flags), "rb")
     finally:
         os.close(place)
 
@@ -246,8 +247,23 @@ def _check_kind(place: int) -> None:
             raise RefusedFileError(reason, hint=hint)
 
 
+def _descriptor_path(place: int) -> str:
+    """The path by which the kernel knows what is open, whatever has its name now.
+
+    Raises:
+        RefusedFileError: there is no such path, which would look as if the file were missing.
+    """
+    path = f"{_DESCRIPTORS}/{place}"
+    if not os.path.lexists(path):
+        raise RefusedFileError(
+            f"there is no {_DESCRIPTORS}, by which files are opened",
+            hint="Mount /proc: 'mount -t proc proc /proc', or let the container have it.",
+        )
+    return path
+
+
 def _check_place(place: int, folders: Iterable[Path] | None) -> None:
-    real = os.readlink(f"/proc/self/fd/{place}")  # noqa: PTH115 - many files are opened
+    real = os.readlink(_descriptor_path(place))  # noqa: PTH115 - many files are opened
     if real.startswith(_KERNEL_PATHS):
         raise OutsideFolderError("it is a file of the kernel, not of a disk")
     if folders is not None and not any(

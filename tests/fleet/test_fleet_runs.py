@@ -110,6 +110,8 @@ def test_no_run_is_lost_or_counted_twice_while_workers_are_killed(
     assert overlapping(list(found.values())) == []
     assert kills >= 1
     assert client.events("lost")
+    assert "Traceback" not in client.stderr
+    assert "never retrieved" not in client.stderr
 
 
 @only_nightly()

@@ -104,7 +104,7 @@ COSTS: dict[str, tuple[Callable[[Path], str], list[tuple[str, ...]]]] = {
     "comments of ROS 1": (ros1(lambda: "# x\n" * 2_000_000 + "int8 a\n"), BAG),
     "brackets of QoS": (profiles("[" * 50_000), BAG),
     "profiles of QoS": (profiles("- {depth: 1}\n" * 50_000), BAG),
-    "segments without samples": (run(5_000), RUN),
+    "segments without samples": (run(1_500), RUN),
     "rates of a report": (
         document(lambda: {f"{n}.5fps": FIGURES for n in range(100_000)} | FIGURES),
         REPORT,

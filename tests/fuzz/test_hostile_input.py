@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import re
+import resource
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -138,3 +141,36 @@ def test_a_file_without_a_spec_suffix_and_a_device(tmp_path: Path) -> None:
         said = validate(Path(device))
         assert "error[R2B001 file-unreadable]" in said
         assert "it is a device, not a regular file" in said
+
+
+@pytest.mark.parametrize("kibibytes", [128, 511, 512])
+@pytest.mark.parametrize("document", ['{"a":' * 100_000, "a: " + "[" * 5_000], ids=["json", "yaml"])
+def test_a_small_stack_is_named_and_one_of_half_a_mebibyte_suffices(
+    document: str, kibibytes: int, tmp_path: Path
+) -> None:
+    (tmp_path / "x").write_text(document)
+    for verb in ("import", "validate", "plan"):
+        ended = subprocess.run(
+            [sys.executable, "-P", "-m", "r2bspec", verb, "x"],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            preexec_fn=lambda: resource.setrlimit(
+                resource.RLIMIT_STACK, (kibibytes << 10, kibibytes << 10)
+            ),
+        )
+        assert ended.returncode in (1, 2), (verb, ended)
+        assert ("ulimit -s 8192" in ended.stderr) == (kibibytes < 512)
+
+
+@pytest.mark.parametrize("exponent", [-999, -300, -31, -30, -12, 15, 16, 300, 999])
+@pytest.mark.parametrize("key", ["rates: [@ Hz]", "duration: @ s", "gate: {confidence: @ %}"])
+def test_a_quantity_of_any_size_is_a_finding(key: str, exponent: int, tmp_path: Path) -> None:
+    quantity = key.replace("@", f"1e{exponent}")
+    keys = {"rates": "rates: [30 Hz]"} | {quantity.partition(":")[0]: quantity}
+    spec = MINIMAL.replace(
+        "benchmark: {rates: [30 Hz]}", f"benchmark: {{{', '.join(keys.values())}}}"
+    )
+    (tmp_path / "x.r2b.yaml").write_text(spec)
+    for verb in ("validate", "plan"):
+        r2bspec(verb, "x.r2b.yaml", cwd=tmp_path)

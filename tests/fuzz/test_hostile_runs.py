@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hostile_calls import LONGEST_S, answered, make_special
 
+from r2bspec.judge.measure.host_usage import ProcessSamples
+from r2bspec.record.sample_arrays import RESOURCE_DTYPE
 from run_simulation import Played, Simulation, objective, renew_digests
 
 pytestmark = pytest.mark.timeout(4 * LONGEST_S)
@@ -14,9 +18,9 @@ pytestmark = pytest.mark.timeout(4 * LONGEST_S)
 DEEP = b'{"a":' * 100_000
 
 
-def run_folder(path: Path) -> Path:
+def run_folder(path: Path, segments: int = 1) -> Path:
     Simulation(
-        segments=[Played(10, [0.01, 0.02])],
+        segments=[Played(10, [0.01, 0.02])] * segments,
         objectives={"fast": objective("latency.p99 < 60 ms", at="10 Hz")},
     ).write(path)
     return path
@@ -88,3 +92,47 @@ def test_a_hostile_result_or_report_is_refused(verb: str, kind: str, tmp_path: P
 def test_a_plan_that_is_a_pipe_is_refused(tmp_path: Path) -> None:
     make_special(tmp_path / "plan.json", "pipe")
     answered("run", "plan.json", "--output", "out", cwd=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("processes", "listed", "says"),
+    [
+        (100_000, 0, "INCONCLUSIVE"),
+        (100_000, 100_000, "length <= 10000"),
+        (9_000, 9_000, "the limit is 100,000"),
+    ],
+    ids=["unknown", "listed", "in many segments"],
+)
+def test_processes_without_number_take_no_time(
+    processes: int, listed: int, says: str, tmp_path: Path
+) -> None:
+    """Each process takes its time in each segment; those that the record lacks take none."""
+    folder = run_folder(tmp_path / "run", segments=12)
+    record = json.loads((folder / "record.json").read_text())
+    file = folder / "resources.npy"
+    rows = np.load(file)
+    ends = rows[rows["process"] == 0][[0, -1]]
+    forged = np.tile(ends, processes)
+    forged["process"] = np.repeat(np.arange(processes), 2)
+    np.save(file, forged)
+    if listed:
+        one = record["processes"][0]
+        record["processes"] = [{**one, "name": f"p{number}"} for number in range(listed)]
+        (folder / "record.json").write_text(json.dumps(record))
+    renew_digests(folder)
+    answered("judge", folder, cwd=tmp_path, status=(0, 2, 3), says=says)
+
+
+def test_windows_are_counted_as_they_are_calculated() -> None:
+    rng = np.random.default_rng(1)
+    rows = np.zeros(60, RESOURCE_DTYPE)
+    rows["process"] = rng.integers(-2, 12, 60)
+    rows["time_ns"] = rng.integers(0, 1_000, 60)
+    samples = ProcessSamples(rows)
+    began = rng.integers(0, 1_000, 40)
+    ended = began + rng.integers(0, 300, 40)
+    calculated = sum(
+        len(samples.used(int(begin), int(end))) for begin, end in zip(began, ended, strict=True)
+    )
+    alone = np.unique(rows["process"], return_counts=True)[1] == 1
+    assert calculated <= samples.count_windows(began, ended) <= calculated + 40 * alone.sum()

@@ -39,7 +39,7 @@ def test_extended_files_have_a_limit_together(tmp_path: Path) -> None:
         (tmp_path / f"b{number}.yaml").write_text(f"title: '{'x' * size}'\n", encoding="utf-8")
     names = ", ".join(f"./b{number}.yaml" for number in range(30))
     said = validate(tmp_path, LIVE.replace("PLACE", COMMAND) + f"extends: [{names}]\n")
-    assert "the extended files have more than 10 MB together" in said
+    assert "the extended files have more than 1 MB together" in said
     names = ", ".join(f"./b{number}.yaml" for number in range(10))
     said = validate(tmp_path, LIVE.replace("PLACE", COMMAND) + f"extends: [{names}]\n")
     assert "together" not in said
@@ -49,7 +49,7 @@ def test_one_file_that_is_extended_often_counts_often(tmp_path: Path) -> None:
     (tmp_path / "base.yaml").write_text("# x\n" * 250_000, encoding="utf-8")
     names = ", ".join(["./base.yaml"] * 90)
     said = validate(tmp_path, LIVE.replace("PLACE", COMMAND) + f"extends: [{names}]\n")
-    assert "the extended files have more than 10 MB together" in said
+    assert "the extended files have more than 1 MB together" in said
 
 
 def nodes(entry: str, number: int) -> str:

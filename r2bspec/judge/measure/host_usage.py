@@ -86,6 +86,12 @@ class ProcessSamples:
         place = self._places.get(index)
         return np.empty(0, RESOURCE_DTYPE) if place is None else self._rows[place]
 
+    def count_windows(self, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]) -> int:
+        """How many uses `used` calculates in all windows together, at most."""
+        begun_before_end = np.searchsorted(np.sort(began_ns), self._last_ns)
+        ended_before_begin = np.searchsorted(np.sort(ended_ns), self._first_ns, side="right")
+        return int(np.maximum(begun_before_end - ended_before_begin, 0).sum())
+
     def used(self, began_ns: int, ended_ns: int) -> dict[int, ResourceUse]:
         """What each process used between two times, by its index, ascending.
 

@@ -52,9 +52,11 @@ from r2bspec.judge.measure.times import Seconds, seconds
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.plan.taps import PLAYER, hops_to
 from r2bspec.record.comparison_folder import MergedRun, prefixed_id
+from r2bspec.record.files import RecordError
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import AnatomyRecord, ProcessRecord, RunRecord, Segment
 from r2bspec.record.sample_arrays import PLAYBACK_DTYPE, Rows
+from r2bspec.safe_io.limits import MAX_PROCESS_WINDOWS
 
 _HARNESS_ROLES = ("player", "monitor", "harness", "observer")
 
@@ -121,8 +123,29 @@ def read_samples(run: Run) -> RunSamples:
         run.record,
         run.plan,
         lambda segment: segment_samples(run.plan, segment, _read_rows(run, segment, played)),
-        HostSamples(ProcessSamples(run.resources()), run.interference()),
+        HostSamples(_read_process_samples(run), run.interference()),
     )
+
+
+def _read_process_samples(run: Run) -> ProcessSamples:
+    """What was sampled of the processes in the record, and of the machine.
+
+    Raises:
+        RecordError: the file is damaged, or has more processes than can be judged.
+    """
+    resources, segments = run.resources(), run.record.segments
+    found = ProcessSamples(resources[resources["process"] < len(run.record.processes)])
+    windows = found.count_windows(
+        np.array([segment.began_ns for segment in segments], dtype=np.int64),
+        np.array([segment.ended_ns for segment in segments], dtype=np.int64),
+    )
+    if windows > MAX_PROCESS_WINDOWS:
+        raise RecordError(
+            f"{run.folder} has {windows:,} samples of processes in segments; the limit is "
+            f"{MAX_PROCESS_WINDOWS:,}",
+            hint="Play fewer iterations or rates in one run: split the spec.",
+        )
+    return found
 
 
 def merged_samples(merged: MergedRun, runs: Sequence[RunSamples]) -> RunSamples:

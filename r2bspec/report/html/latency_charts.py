@@ -73,18 +73,24 @@ def missed_runs(missed: NDArray[np.bool_], max_runs: int = 400) -> list[tuple[in
 
 
 _CURVE_POINTS = 300
+_MAX_CURVES = 24
+"""The legend of more curves leaves them no room."""
 MIN_LOG_RATIO = 20.0
 """From this ratio of the largest latency to the median on, the latency axis is logarithmic."""
 
 
 def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdict) -> chart.Chart:
     """One curve for each offered rate, with the limits and bounds of its requirements."""
-    rates = sorted(samples.iterations)
+    all_rates = sorted(samples.iterations)
+    rates = all_rates[-_MAX_CURVES:]
     description = (
         f"Latency of {monitor} by percentile, one curve for each of "
         f"{', '.join(show_rate(rate, pace_of(samples.mode)) for rate in rates)}. The horizontal "
         "axis is logarithmic in the share of messages with a longer latency."
     )
+    title = f"Latency by percentile: {monitor}"
+    if len(all_rates) > len(rates):
+        title += f", the highest {len(rates)} of {len(all_rates)} rates"
 
     def paint(sketch: chart.ChartBuilder) -> None:
         axes = sketch.figure.subplots()
@@ -115,7 +121,7 @@ def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verd
             sketch.figure.legend(loc="outside upper left", ncols=6)
         sketch.register_axes(axes, "percentile", "ms")
 
-    return chart.draw(name, f"Latency by percentile: {monitor}", description, 3.4, paint)
+    return chart.draw(name, title, description, 3.4, paint)
 
 
 def _pooled(

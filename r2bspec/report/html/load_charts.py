@@ -119,12 +119,15 @@ def _monitor(
     drops = [(sample.drop_rate or 0) * 100 for sample in seen]
     (line,) = lower.plot(x, drops, zorder=4, **style)
     sketch.series(line, f"{monitor}: drop rate")
-    for rate in metrics.rates:
-        spread = rate.spread[monitor]
-        for axes, metric, factor in ((upper, _THROUGHPUT, 1), (lower, "drop_rate", 100)):
-            if metric in spread:
-                low, high = spread[metric].low * factor, spread[metric].high * factor
-                axes.vlines(rate.offered_hz, low, high, color=ink, linewidth=4, alpha=0.4)
+    for axes, metric, factor in ((upper, _THROUGHPUT, 1), (lower, "drop_rate", 100)):
+        bars = [
+            (rate.offered_hz, spread.low * factor, spread.high * factor)
+            for rate in metrics.rates
+            if (spread := rate.spread[monitor].get(metric)) is not None
+        ]
+        # All at once: a run may have hundreds of rates.
+        if bars:
+            axes.vlines(*zip(*bars, strict=True), color=ink, linewidth=4, alpha=0.4)
 
 
 def _draw_probes(

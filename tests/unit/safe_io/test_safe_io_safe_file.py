@@ -135,6 +135,17 @@ def test_text_that_is_not_utf8_is_named_by_its_line_and_not_quoted(tmp_path: Pat
     assert str(refused.value) == "it is not UTF-8 (line 2)"
 
 
+def test_without_proc_the_cause_is_named_and_no_file_is_called_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a").write_text("x")
+    monkeypatch.setattr("r2bspec.safe_io.safe_file._DESCRIPTORS", str(tmp_path / "none"))
+    with pytest.raises(RefusedFileError, match="by which files are opened") as refused:
+        read_bytes(tmp_path / "a", max_bytes=9)
+    assert not isinstance(refused.value, FileNotFoundError)
+    assert "Mount /proc" in refused.value.hint
+
+
 # JSON from outside: every problem is one kind of error.
 
 
