@@ -18,7 +18,7 @@ from r2bspec.language.selected_spec import SpecSelection as SpecSelection
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark as PreparedBenchmark
 
 if TYPE_CHECKING:
-    from r2bspec.compare.base_reference import BaseReference
+    from r2bspec.compare.base_tree import BaseReference
     from r2bspec.compare.merge_gate import GateSettings, MergeGate
     from r2bspec.diagnostics import Diagnostic
     from r2bspec.execute.controller import RunOptions
@@ -298,7 +298,7 @@ def _locked(name: str, lock: HostLock, progress: Progress | None) -> Iterator[No
 def _run_in_folder(
     folder: RunFolder, prepared: PreparedBenchmark, progress: Progress, options: RunOptions
 ) -> Result:
-    from r2bspec.check.finding_location import differences_to_diagnostics
+    from r2bspec.check.rule import differences_to_diagnostics
     from r2bspec.execute.controller import run_plan
     from r2bspec.execute.errors import GraphDifferencesError as Differs
 
@@ -364,7 +364,7 @@ def run_pairs(
 
     Args:
         head: to be judged.
-        against: the base (`r2bspec.compare.base_reference`); empty for a control.
+        against: the base (`r2bspec.compare.base_tree`); empty for a control.
         output: the folder of the comparison, new or empty; by default one below ``runs/``.
         progress: is notified of progress.
         prepare_base: prepares the base if it is another spec, or has other values.
@@ -381,7 +381,7 @@ def run_pairs(
         RunError: a run failed; the folder has the pairs finished until then.
         RecordError: the folder cannot be created.
     """
-    from r2bspec.compare.base_reference import parse_base_reference
+    from r2bspec.compare.base_tree import parse_base_reference
     from r2bspec.compare.interleaved_comparison import ComparisonSide, prepare_comparison
     from r2bspec.compare.interleaved_runs import compare
     from r2bspec.execute.processes.environment import applied_environment, workspace_environments
@@ -415,7 +415,7 @@ def open_gate(
     """The base of a merge gate: a revision of git, or another work tree, while the context lasts.
 
     Args:
-        against: the base (`r2bspec.compare.base_reference`), with a revision or a work tree.
+        against: the base (`r2bspec.compare.base_tree`), with a revision or a work tree.
         spec: of the head, or a folder of specs, in its work tree.
         settings: what the pipeline allows, and how the base is built.
 
@@ -423,8 +423,7 @@ def open_gate(
         UsageError: the base is not valid.
         BaseRevisionError: it cannot be had as files.
     """
-    from r2bspec.compare.base_reference import parse_base_reference
-    from r2bspec.compare.base_tree import open_base_tree
+    from r2bspec.compare.base_tree import open_base_tree, parse_base_reference
     from r2bspec.compare.merge_gate import GateSettings, MergeGate
     from r2bspec.execute.states import Interrupts
 

@@ -12,13 +12,7 @@ import yaml
 
 from r2bspec.bags.recording import SUFFIXES_TEXT, DataError, TopicInfo, error_hint, error_text
 from r2bspec.diagnostics.quote import clip
-from r2bspec.safe_io.limits import (
-    MAX_BAG_ENTRIES,
-    MAX_METADATA_BYTES,
-    MAX_METADATA_DIGITS,
-    MAX_METADATA_VALUES,
-    MAX_NAME_CHARACTERS,
-)
+from r2bspec.safe_io import limits
 from r2bspec.safe_io.safe_file import open_regular, read_text
 from r2bspec.safe_io.safe_yaml import load_texts
 
@@ -88,7 +82,7 @@ def read_metadata(folder: Path) -> BagMetadata:
     reindex = f"write a new one from the storage files with 'ros2 bag reindex {folder}'"
     try:
         check_not_lfs_pointer(path)
-        text = read_text(path, max_bytes=MAX_METADATA_BYTES)
+        text = read_text(path, max_bytes=limits.MAX_METADATA_BYTES)
     except FileNotFoundError:
         raise _unusable(
             f"{folder} has no {METADATA_NAME}, so it is not a complete rosbag",
@@ -99,7 +93,7 @@ def read_metadata(folder: Path) -> BagMetadata:
         raise _unusable(f"{path} cannot be read: {error_text(error)}", hint) from error
     try:
         # Every scalar is a string, so a topic 'on' or '010' is not converted.
-        document: Any = load_texts(text, max_values=MAX_METADATA_VALUES)
+        document: Any = load_texts(text, max_values=limits.MAX_METADATA_VALUES)
         return _from_document(document["rosbag2_bagfile_information"])
     except yaml.YAMLError as error:
         raise _unusable(f"{path} is not valid YAML: {error_text(error)}", reindex) from error
@@ -151,17 +145,17 @@ def _check_numbers(info: Any) -> None:
         raise ValueError(f"it lists the file {clip(twice)} more than once")
     topics = info["topics_with_message_count"] or ()
     for what, number in (("files", len(names)), ("topics", len(topics))):
-        if number > MAX_BAG_ENTRIES:
-            raise ValueError(f"it lists {number:,} {what}; the limit is {MAX_BAG_ENTRIES:,}")
+        if number > limits.MAX_BAG_ENTRIES:
+            raise ValueError(f"it lists {number:,} {what}; the limit is {limits.MAX_BAG_ENTRIES:,}")
     for topic in topics:
         longest = max(len(topic["topic_metadata"][key]) for key in ("name", "type"))
-        if longest > MAX_NAME_CHARACTERS:
+        if longest > limits.MAX_NAME_CHARACTERS:
             raise ValueError(f"it has a name of {longest:,} characters")
 
 
 def _int(text: str) -> int:
     """A number of 64 bits, as rosbag2 has them."""
-    if len(text) > MAX_METADATA_DIGITS:
+    if len(text) > limits.MAX_METADATA_DIGITS:
         raise ValueError(f"a number in it has {len(text):,} digits")
     number = int(text)
     if not -(2**63) <= number < 2**63:

@@ -19,8 +19,7 @@ from typing import TYPE_CHECKING
 
 from r2bspec.check import rules
 from r2bspec.check.check_context import Context, DocumentFiles
-from r2bspec.check.finding_location import to_diagnostic
-from r2bspec.check.rule import Rule
+from r2bspec.check.rule import Rule, to_diagnostic
 from r2bspec.diagnostics.code_pages import all_pages
 from r2bspec.diagnostics.diagnostic import Diagnostic, Severity
 from r2bspec.diagnostics.waivers import apply_waivers

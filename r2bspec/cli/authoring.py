@@ -12,7 +12,8 @@ import click
 from r2bspec.cli import shared_options as options
 from r2bspec.cli.completion import complete_template
 from r2bspec.cli.text_output import print_findings, show_findings
-from r2bspec.diagnostics import Diagnostic
+from r2bspec.diagnostics import Diagnostic, did_you_mean
+from r2bspec.diagnostics.plain_text import message_text
 from r2bspec.errors import ExitStatus, UsageError
 from r2bspec.language.quantities import Duration
 from r2bspec.language.selected_spec import SelectionValues
@@ -29,7 +30,6 @@ class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     name = "template"
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        from r2bspec.diagnostics import did_you_mean
         from r2bspec.language.templates import templates
 
         if value not in templates():
@@ -286,8 +286,6 @@ def interfaces_command(
     nodes are left out.
     """
     from r2bspec.api import InvalidSpecError, load
-    from r2bspec.diagnostics import did_you_mean
-    from r2bspec.diagnostics.plain_text import message_text
     from r2bspec.introspect import record_interfaces
 
     try:

@@ -25,6 +25,8 @@ from r2bspec.diagnostics.waivers import may_contain_waiver
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
+from r2bspec.safe_io import safe_file
+from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
 from r2bspec.safe_io.looked_up_files import shared_lookups
 from r2bspec.safe_io.safe_file import is_folder, is_regular
 
@@ -291,9 +293,6 @@ def _apply_fixes(
 
 def read_text(file: str) -> str | None:
     """The text of a file; None if `validate` cannot read it, or if it is a link elsewhere."""
-    from r2bspec.safe_io import safe_file
-    from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
-
     path = Path(file)
     try:
         return safe_file.read_text(path, max_bytes=MAX_DOCUMENT_BYTES, folders=(path.parent,))

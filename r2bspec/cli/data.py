@@ -10,16 +10,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 import click
+import msgspec
 
-from r2bspec.bags.recording import WritableStorage
+from r2bspec.bags.recording import TimeWindow, WritableStorage
 from r2bspec.cli.completion import complete_dataset
 from r2bspec.cli.shared_options import format_option, max_bytes_option
 from r2bspec.cli.text_output import print_table
+from r2bspec.diagnostics.quote import printable
 from r2bspec.errors import ExitStatus, UsageError
+from r2bspec.language.quantities import Duration, QuantityError
 from r2bspec.report.output import console, echo, echo_json
 
 if TYPE_CHECKING:
-    from r2bspec.bags.recording import BagIndex, BagLocation, TimeWindow
+    from r2bspec.bags.recording import BagIndex, BagLocation
     from r2bspec.datasets.synthesis import Progress
 
 
@@ -27,8 +30,6 @@ def _duration_ns(
     context: click.Context | None, parameter: click.Parameter | None, text: str | None
 ) -> int | None:
     """Parse an option's duration to ns, or suggest a correction."""
-    from r2bspec.language.quantities import Duration, QuantityError
-
     if text is None:
         return None
     try:
@@ -142,8 +143,6 @@ def info(bag: str, output_format: str) -> None:
     result = index(location)
     digest = "" if location.path is None else hash_files(location.path)
     if output_format == "json":
-        import msgspec
-
         echo_json({**msgspec.to_builtins(result), "sha256": digest})
     else:
         _print_index(result, _origin(location), digest)
@@ -193,8 +192,6 @@ def _bag_on_disk(bag: str) -> Path:
 
 def _window(text: str | None, start_ns: int | None, end_ns: int | None) -> TimeWindow | None:
     """The window of the options; None for everything."""
-    from r2bspec.bags.recording import TimeWindow
-
     if text is not None:
         if start_ns is not None or end_ns is not None:
             raise UsageError("--window cannot be combined with --start and --end")
@@ -234,9 +231,6 @@ def _progress_bar(title: str) -> Iterator[Progress | None]:
 
 def _print_index(index: BagIndex, origin: str, sha256: str) -> None:
     from datetime import UTC, datetime
-
-    from r2bspec.diagnostics.quote import printable
-    from r2bspec.language.quantities import Duration
 
     start = datetime.fromtimestamp(index.start_ns / 1e9, UTC)
     for title, value in (

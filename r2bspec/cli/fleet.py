@@ -11,6 +11,7 @@ import msgspec
 from r2bspec.cli import shared_options as options
 from r2bspec.cli.text_output import print_table
 from r2bspec.errors import ExitStatus
+from r2bspec.language.quantities import Size, parse_size_option
 from r2bspec.report.output import echo, echo_json
 
 if TYPE_CHECKING:
@@ -96,7 +97,6 @@ def worker(
     from r2bspec.fleet.hosts import HostName, describe_host
     from r2bspec.fleet.permissions import COMMANDS, PYTHON
     from r2bspec.fleet.worker import WorkerSettings, run_worker
-    from r2bspec.language.quantities import parse_size_option
     from r2bspec.private_files import private_files
     from r2bspec.safe_io.cache_folder import believed_folder, cache_or_temporary_folder
 
@@ -147,8 +147,6 @@ def _check_installation() -> None:
 @options.connection_options
 def hosts(scheduler: str, output_format: str, connection: dict[str, Any]) -> int:
     """Show the hosts of a fleet: machine, software, labels, and what 'doctor' warns of there."""
-    from r2bspec.language.quantities import Size
-
     all_facts = [host.facts for host in _hosts_of(scheduler, connection)]
     if output_format == "json":
         echo_json({"r2bspec_hosts": 1, "hosts": all_facts})

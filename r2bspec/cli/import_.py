@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.check_files import SUFFIX
+from r2bspec.cli.check_files import SUFFIX, CheckOptions, check_text
 from r2bspec.cli.shared_options import FILE, FOLDER, repeatable_option
 from r2bspec.cli.text_output import aligned_lines, counted, print_findings
 from r2bspec.diagnostics import Diagnostic, Severity
@@ -190,8 +190,6 @@ class _Scripts:
 
     def _add_errors_of(self, spec: ImportedSpec, target: Path | None) -> None:
         """Add what `validate` calls an error in the spec, whatever this machine has."""
-        from r2bspec.cli.check_files import CheckOptions, check_text
-
         name = str(target) if target is not None else f"{spec.name}{SUFFIX}"
         findings = check_text(spec.text, name, CheckOptions(offline=True))
         errors = [finding for finding in findings if finding.severity is Severity.ERROR]

@@ -10,7 +10,8 @@ import click
 from r2bspec.cli import shared_options as options
 from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
 from r2bspec.cli.text_output import show_findings
-from r2bspec.errors import ExitStatus
+from r2bspec.diagnostics.plain_text import plain
+from r2bspec.errors import ExitStatus, UsageError
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo, echo_document
 
@@ -94,7 +95,6 @@ def _provenance(loaded: LoadedSpec, path: str) -> str:
     Raises:
         UsageError: there is no value at the path, or the file is not a document.
     """
-    from r2bspec.errors import UsageError
     from r2bspec.language.value_trace import UnknownPathError, provenance
 
     if loaded.spec is None:
@@ -128,7 +128,6 @@ def _write(content: bytes, output: Path | None, *, is_json: bool = False) -> Non
         else:
             echo(content.decode(), nl=False)
         return
-    from r2bspec.diagnostics.plain_text import plain
     from r2bspec.record.files import write_atomically
 
     # Text is made to be shown: by `cat`, in a review, in a comment.

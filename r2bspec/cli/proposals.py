@@ -11,7 +11,7 @@ import click
 
 from r2bspec.cli import shared_options as options
 from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
-from r2bspec.cli.text_output import print_table
+from r2bspec.cli.text_output import locked_host, print_table
 from r2bspec.errors import ExitStatus, UsageError
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
@@ -70,7 +70,7 @@ def calibrate_command(
         raise click.UsageError(
             "--from cannot be combined with --pairs or --output: it runs nothing"
         )
-    from r2bspec.compare.calibration import compute_calibration, store_calibration
+    from r2bspec.compare.proposals import compute_calibration, store_calibration
     from r2bspec.record.comparison_folder import open_comparison
 
     selection = SpecSelection(spec, **values)
@@ -92,7 +92,6 @@ def _run_pairs(
     prepared: PreparedBenchmark, pairs: int, output: Path | None, *, quiet: bool
 ) -> Path:
     from r2bspec import api
-    from r2bspec.cli.text_output import locked_host
     from r2bspec.plan.time_estimate import estimate_pairs
     from r2bspec.report.progress import RemainingTime, shown_progress
 

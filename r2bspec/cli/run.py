@@ -13,20 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from r2bspec.cli.shared_options import (
-    FOLDER,
-    connection_options,
-    flag_options,
-    format_option,
-    junit_option,
-    max_bytes_option,
-    quiet_option,
-    repeatable_option,
-    reports_option,
-    spec_options,
-    verbose_option,
-)
-from r2bspec.cli.spec_selection import ALL_CASES, SpecSelection
+from r2bspec.cli import shared_options
+from r2bspec.cli.spec_selection import ALL_CASES, SpecSelection, is_file_list, run_items
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
 from r2bspec.safe_io.limits import MAX_PLANNED_ITERATIONS
@@ -95,7 +83,7 @@ class RunArguments:
         """
         if not self.against:
             return False
-        from r2bspec.compare.base_reference import parse_base_reference
+        from r2bspec.compare.base_tree import parse_base_reference
 
         return parse_base_reference(self.against).has_tree
 
@@ -216,28 +204,28 @@ def _refuse(options: Mapping[str, object], why: str) -> None:
 @click.option(
     "--output",
     "-o",
-    type=FOLDER,
+    type=shared_options.FOLDER,
     help="The run folder, new or empty.  [default: runs/NAME-TIME]",
 )
-@spec_options
-@max_bytes_option
-@flag_options(
+@shared_options.spec_options
+@shared_options.max_bytes_option
+@shared_options.flag_options(
     {
         "--smoke": "One short iteration that shows whether all works; no verdict.",
         "--each": "Run two specs one after the other; do not compare them.",
     }
 )
-@repeatable_option(
+@shared_options.repeatable_option(
     "--select",
     metavar="LABEL=VALUE",
     help="Only specs with this label, such as sensor=camera or sensor='cam*'",
 )
-@repeatable_option(
+@shared_options.repeatable_option(
     "--scan",
     metavar="NAME=VALUE,...",
     help="A run for each value of a variable, or of a key such as transport",
 )
-@flag_options(
+@shared_options.flag_options(
     {
         "--resume": "Run only what the folder of --output does not have yet.",
         "--fail-fast": "End after the first run that does not pass.",
@@ -286,15 +274,15 @@ def _refuse(options: Mapping[str, object], why: str) -> None:
     show_default=True,
     help="With --on: how often an invalid run is made again, on the same host.",
 )
-@connection_options
-@flag_options(
+@shared_options.connection_options
+@shared_options.flag_options(
     {
         "--timings": "Print where the time of the run went, to standard error.",
         "--no-wait": "Refuse to run while this host runs a benchmark.",
         "--no-lock": "Run even while this host runs a benchmark.",
     }
 )
-@repeatable_option(
+@shared_options.repeatable_option(
     "--against",
     "against",
     metavar="REF",
@@ -309,7 +297,7 @@ def _refuse(options: Mapping[str, object], why: str) -> None:
     help="With --against a revision: what may be weaker than in the base, such as 'objective "
     "fast', as the error names it; or 'base', which may fail. May be repeated.",
 )
-@repeatable_option(
+@shared_options.repeatable_option(
     "--base-build",
     metavar="COMMAND",
     help="With --against a revision: how the base is built in its work tree, where its spec does "
@@ -339,17 +327,17 @@ def _refuse(options: Mapping[str, object], why: str) -> None:
     metavar="RUN",
     help="Compare with a stored run or result; advisory, never gates.",
 )
-@flag_options(
+@shared_options.flag_options(
     {
         "--require-slos": "Refuse a spec without an objective that can fail: nothing would gate.",
         "--force": "Compare even if load, data or machine differ.",
     }
 )
-@format_option()
-@quiet_option
-@verbose_option
-@reports_option
-@junit_option
+@shared_options.format_option()
+@shared_options.quiet_option
+@shared_options.verbose_option
+@shared_options.reports_option
+@shared_options.junit_option
 def command(
     specs: tuple[str, ...],
     values: SelectionValues,
@@ -379,7 +367,6 @@ def command(
     from r2bspec.cli.check_files import present_spec_files, spec_files
     from r2bspec.cli.run_single import run_single
     from r2bspec.cli.run_suite import run_suite
-    from r2bspec.cli.spec_selection import is_file_list, run_items
 
     # Whether a spec that is gone may be gone is for the gate to say, which knows the base.
     files = present_spec_files(specs) if options.has_base_tree else None

@@ -264,7 +264,7 @@ def _ways(prepared: PreparedBenchmark, options: RunArguments) -> dict[str, Any]:
 
 def show_differences(result: Result, prepared: PreparedBenchmark) -> None:
     """Print differences between graph and spec that did not end the run."""
-    from r2bspec.check.finding_location import differences_to_diagnostics
+    from r2bspec.check.rule import differences_to_diagnostics
 
     if prepared.loaded is not None:
         show_findings(

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+import msgspec
 
 from r2bspec import api
 from r2bspec.api import PreparedBenchmark, folder_name
@@ -232,8 +233,6 @@ def _prepare(item: RunItem, options: RunArguments) -> SuiteEntry:
         name = item.selection.spec.name.removesuffix(".r2b.yaml")
         return SuiteEntry(item, f"{name}{case}{item.suffix}", error=error)
     if item.suffix:
-        import msgspec
-
         named = msgspec.structs.replace(prepared.plan, name=f"{prepared.plan.name}{item.suffix}")
         prepared = replace(prepared, plan=named)
     estimate = run_single.estimate_of(prepared, item.selection, options)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from r2bspec.cli.completion import complete_case, complete_report, complete_variable
-from r2bspec.language.quantities import Duration, Quantity, QuantityError, Share
+from r2bspec.language.quantities import Duration, Quantity, QuantityError, Share, parse_size_option
 from r2bspec.language.selected_spec import SelectionValues
 
 if TYPE_CHECKING:
@@ -169,7 +169,6 @@ def _parse_max_bytes(ctx: click.Context, param: click.Parameter, text: str | Non
     """The bytes of ``--max-bytes``; the limit then applies until the verb has ended."""
     if text is None:
         return None
-    from r2bspec.language.quantities import parse_size_option
     from r2bspec.safe_io.decompression_budget import max_unpacked_bytes
 
     try:

@@ -20,7 +20,7 @@ from r2bspec.language.selected_spec import SpecSelection as SpecSelection
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
-    from r2bspec.compare.base_reference import BaseReference
+    from r2bspec.compare.base_tree import BaseReference
     from r2bspec.language.load_spec import LoadedSpec
     from r2bspec.plan.time_estimate import TimeEstimate
     from r2bspec.report.suite import SuiteRun

@@ -8,11 +8,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Final, NoReturn
 
 import click
 
-from r2bspec.cli.check_files import FileReport
+from r2bspec.cli.check_files import (
+    CheckOptions,
+    FileReport,
+    check_file,
+    check_files,
+    check_text,
+    naming_the_file,
+    repair,
+    spec_files,
+)
 from r2bspec.cli.shared_options import flag_options, max_bytes_option, spec_options
 from r2bspec.cli.text_output import counted, print_findings
 from r2bspec.errors import ExitStatus
@@ -22,7 +32,7 @@ from r2bspec.report.output import echo
 from r2bspec.safe_io.looked_up_files import Lookups, Stamp, looked_up_files, shared_lookups, stamp
 
 if TYPE_CHECKING:
-    from r2bspec.cli.check_files import CheckOptions, FileReport
+    from r2bspec.cli.check_files import FileReport
     from r2bspec.diagnostics import Diagnostic
     from r2bspec.errors import R2bspecError
 
@@ -70,7 +80,6 @@ def command(
     PATH is a file, a folder (all *.r2b.yaml below it), a pattern such as 'specs/*.yaml', or -
     for standard input. All cases of a matrix are checked, unless --case selects one.
     """
-    from r2bspec.cli.check_files import CheckOptions, check_files, check_text, spec_files
     from r2bspec.cli.internal_error import InternalError, WorkerEndedError
 
     check_options = CheckOptions(
@@ -87,8 +96,6 @@ def command(
     if fix and (diff or "-" in files):
         raise click.UsageError("--fix cannot be combined with --diff or with '-'")
     if fix or diff:
-        from r2bspec.cli.check_files import repair
-
         changes = repair(files, lambda text, file: check_text(text, file, check_options), write=fix)
         if diff:
             return ExitStatus.FINDINGS_OR_FAILED if changes else ExitStatus.OK
@@ -112,10 +119,6 @@ def command(
 
 def _watch(paths: tuple[str, ...], options: CheckOptions, *, quiet: bool) -> NoReturn:
     """Print the findings of all files, now and after each change, until Ctrl-C."""
-    from functools import partial
-
-    from r2bspec.cli.check_files import check_file, naming_the_file, spec_files
-
     check = partial(naming_the_file, partial(check_file, options=options))
     for checked in SpecWatch(partial(spec_files, paths), check).updates():
         _print_findings(checked, "text", offline=options.offline, quiet=quiet)

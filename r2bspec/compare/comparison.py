@@ -32,7 +32,12 @@ from r2bspec.compare.errors import IncomparableError, UnreadableResultError
 from r2bspec.compare.report_input import read_content, read_folder
 from r2bspec.errors import R2bspecError
 from r2bspec.judge.judge_run import from_json
-from r2bspec.judge.measure.distribution import MAIN_PERCENTILES, part_value, quantile
+from r2bspec.judge.measure.distribution import (
+    MAIN_PERCENTILES,
+    SHORT_PERCENTILES,
+    part_value,
+    quantile,
+)
 from r2bspec.judge.measure.metrics import MonitorMetrics, RateMetrics
 from r2bspec.judge.measure.times import rank
 from r2bspec.judge.measure.units import show
@@ -205,6 +210,10 @@ def _of_result(source: str, result: Result, plan: Plan | None) -> ComparedResult
     )
 
 
+_COMPARED_PARTS: Final = (".callback", ".wait", ".transport")
+"""Of what was observed from inside: the parts that take long."""
+
+
 def _of_rate(rate: RateMetrics, graph: set[str]) -> dict[SeriesKey, MetricSeries]:
     series: dict[SeriesKey, MetricSeries] = {}
     starts = tuple(iteration.start for iteration in rate.iterations)
@@ -222,6 +231,14 @@ def _of_rate(rate: RateMetrics, graph: set[str]) -> dict[SeriesKey, MetricSeries
             series[rate.offered_hz, "", f"cpu.{process}.mean"] = MetricSeries(
                 tuple(values), "share", starts=starts
             )
+    for name in rate.pooled.anatomy or ():
+        observed = [(iteration.anatomy or {}).get(name) for iteration in rate.iterations]
+        if name.endswith(_COMPARED_PARTS):
+            for part in SHORT_PERCENTILES:
+                values = [None if times is None else part_value(times, part) for times in observed]
+                series[rate.offered_hz, "", f"{name}.{part}"] = MetricSeries(
+                    tuple(values), "s", starts=starts
+                )
     return series
 
 

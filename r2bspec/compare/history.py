@@ -13,6 +13,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar
 
+import msgspec
+
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.private_files import private_files
 from r2bspec.safe_io.safe_file import RefusedDataError, is_there
@@ -249,8 +251,6 @@ class History:
 
     def _typed(self, kind: type[T], row: dict[str, Any]) -> T:
         """A row as a value; a table that was changed may have columns of other types."""
-        import msgspec
-
         try:
             return msgspec.convert(row, kind)
         except msgspec.ValidationError as error:

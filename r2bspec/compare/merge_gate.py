@@ -12,13 +12,17 @@ From the head's spec to two sides that can be alternated:
 If there is nothing to compare with, the head alone is judged, and every report says why: the base
 has no such spec; or the base cannot run, and the pipeline allows that. The head then is not asked
 for what only a comparison can tell.
+
+A spec of the head belongs to the spec of the base at the same path, or else to one that is gone
+from its path and has the same ``name:``. A spec that is gone from the head can gate nothing any
+more, and neither can a case that is gone from its matrix: both are a weaker gate.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -26,10 +30,10 @@ import msgspec
 
 from r2bspec.compare import gate_strength
 from r2bspec.compare.base_environment import BaseBuildError, BaseBuilds, is_code_of
-from r2bspec.compare.base_reference import BaseReference
-from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
+from r2bspec.compare.base_tree import BaseReference, BaseRevisionError, BaseTree
+from r2bspec.compare.gate_change import GateChange
 from r2bspec.compare.interleaved_comparison import BaseFailsError, ComparisonSide
-from r2bspec.compare.spec_sets import SpecName, missing_specs, spec_name
+from r2bspec.diagnostics.diagnostic import Span
 from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import ExitStatus, R2bspecError, without_output
 from r2bspec.execute.errors import InterruptedRunError
@@ -406,3 +410,52 @@ def _without_baseline(
         if require:
             kept[name] = msgspec.structs.replace(objective, require=tuple(require))
     return kept, left_out
+
+
+@dataclass(frozen=True)
+class SpecName:
+    """The ``name:`` of a spec, and the cases of its matrix; none without a matrix."""
+
+    name: str
+    cases: tuple[str, ...] = ()
+
+
+def spec_name(cases: Sequence[LoadedSpec]) -> SpecName:
+    """The name of a document from all its cases (`r2bspec.language.load_spec.load_cases`)."""
+    specs = [case.spec for case in cases if case.spec is not None]
+    name = specs[0].name if specs else ""
+    return SpecName(name, tuple(case.case for case in cases if case.case))
+
+
+def missing_specs(
+    base: Mapping[str, SpecName], head: Mapping[str, SpecName]
+) -> Iterator[GateChange]:
+    """The specs that the head lacks, named ``spec PATH``, and the cases, ``case NAME[CASE]``.
+
+    Args:
+        base: the name of each spec by its path below the top of its tree.
+        head: the same of the head.
+    """
+    bases = {path: path for path in head if path in base} | _renamed(base, head)
+    for path in sorted(base.keys() - set(bases.values())):
+        span = Span.of_file(path)
+        yield GateChange(f"spec {path}", (), f"benchmark {base[path].name}", "", span=span)
+    for path, spec in head.items():
+        was = base[bases[path]] if path in bases else SpecName("")
+        for case in was.cases:
+            if case not in spec.cases:
+                name, span = f"case {was.name}[{case}]", Span.of_file(path)
+                yield GateChange(name, ("matrix",), f"a case of {path}", "", span=span)
+
+
+def _renamed(base: Mapping[str, SpecName], head: Mapping[str, SpecName]) -> dict[str, str]:
+    """The path in the base of each spec that is at a new path in the head."""
+    left = [path for path in sorted(base) if path not in head]
+    renamed = {}
+    for path in sorted(head.keys() - base.keys()):
+        name = head[path].name
+        same = [other for other in left if name and base[other].name == name]
+        if same:
+            renamed[path] = same[0]
+            left.remove(same[0])
+    return renamed

@@ -25,15 +25,7 @@ from r2bspec.judge.result import PairsResult, Result
 from r2bspec.language.spec import Objective
 from r2bspec.plan.interim_looks import InterimLooks
 from r2bspec.plan.plan import GatePlan
-from r2bspec.record.comparison_folder import (
-    MergedRun,
-    PairedComparison,
-    PairRecord,
-    PairsRecord,
-    Side,
-    is_comparison,
-    open_comparison,
-)
+from r2bspec.record import comparison_folder
 from r2bspec.record.run_folder import Run, open_run
 from r2bspec.safe_io.limits import MAX_JSON_BYTES
 from r2bspec.safe_io.safe_file import is_folder, read_bytes
@@ -133,8 +125,10 @@ def read_folder(
     Raises:
         RecordError: it is neither, or a file of it is missing or damaged.
     """
-    if is_comparison(path):
-        judged = judge_comparison_folder(open_comparison(path), objectives, judged_by, gate)
+    if comparison_folder.is_comparison(path):
+        judged = judge_comparison_folder(
+            comparison_folder.open_comparison(path), objectives, judged_by, gate
+        )
         return ReportInput(
             result=judged.result,
             run=judged.head,
@@ -164,13 +158,13 @@ class JudgedComparison:
     """
 
     result: Result
-    base: MergedRun
-    head: MergedRun
+    base: comparison_folder.MergedRun
+    head: comparison_folder.MergedRun
     samples: RunSamples
 
 
 def judge_comparison_folder(
-    pairs: PairedComparison,
+    pairs: comparison_folder.PairedComparison,
     objectives: Mapping[str, Objective] | None = None,
     judged_by: str = "",
     gate: GatePlan | None = None,
@@ -210,7 +204,10 @@ def judge_comparison_folder(
 
 
 def read_pair_set(
-    pairs: PairedComparison, measured: dict[str, RunSamples], *, confirms: bool = False
+    pairs: comparison_folder.PairedComparison,
+    measured: dict[str, RunSamples],
+    *,
+    confirms: bool = False,
 ) -> PairSet:
     """The samples of the pairs of one session.
 
@@ -233,13 +230,13 @@ def read_pair_set(
     )
 
 
-def _planned_looks(record: PairsRecord) -> InterimLooks | None:
+def _planned_looks(record: comparison_folder.PairsRecord) -> InterimLooks | None:
     """When the pairs are judged; a control measures the noise, with all of them."""
     looks = InterimLooks.after_each_pair(record.planned)
     return looks if len(looks) > 1 and not record.control else None
 
 
-def _affected_pairs_text(disturbed: Sequence[PairRecord]) -> str:
+def _affected_pairs_text(disturbed: Sequence[comparison_folder.PairRecord]) -> str:
     """The pairs with host interference, as the beginning of a sentence; empty for none."""
     named = [f"{pair.number} ({pair.disturbed})" for pair in disturbed[:_MAX_NAMED_PAIRS]]
     more = (
@@ -251,9 +248,11 @@ def _affected_pairs_text(disturbed: Sequence[PairRecord]) -> str:
 
 
 def _interleaved(
-    pairs: PairedComparison, chosen: Sequence[PairRecord], measured: dict[str, RunSamples]
+    pairs: comparison_folder.PairedComparison,
+    chosen: Sequence[comparison_folder.PairRecord],
+    measured: dict[str, RunSamples],
 ) -> InterleavedRuns:
-    def samples(side: Side) -> list[RunSamples]:
+    def samples(side: comparison_folder.Side) -> list[RunSamples]:
         for pair in chosen:
             if pair.folder(side) not in measured:
                 measured[pair.folder(side)] = read_samples(pairs.run(pair, side))
@@ -267,7 +266,7 @@ def _interleaved(
     )
 
 
-def _pairs_result(pairs: PairedComparison) -> PairsResult:
+def _pairs_result(pairs: comparison_folder.PairedComparison) -> PairsResult:
     record = pairs.record
     return PairsResult(
         against=record.against,

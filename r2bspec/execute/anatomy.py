@@ -10,7 +10,10 @@ everything that counts (`r2bspec.execute.profiled_iteration`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import contextlib
+import os
+import resource
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,6 +23,7 @@ from r2bspec.judge.measure.run_samples import ObservedRows
 from r2bspec.native.build import anatomy_environment, anatomy_object
 from r2bspec.record.anatomy_files import file_bytes, read_anatomy
 from r2bspec.record.run_record import AnatomyProcess, AnatomyRecord
+from r2bspec.safe_io.temporary_folder import temporary_folder
 
 if TYPE_CHECKING:
     from r2bspec.plan.plan import Plan
@@ -54,7 +58,29 @@ def room_bytes(plan: Plan) -> int:
         max(play.rate_hz, 1.0) * play.duration_ns / 1e9 * play.iterations for play in plan.plays
     )
     expected = int(_SEGMENTS * steps / plan.starts * topics * _EVENTS)
-    return file_bytes(min(max(expected, _FEWEST_EVENTS), _MOST_EVENTS))
+    wanted = file_bytes(min(max(expected, _FEWEST_EVENTS), _MOST_EVENTS))
+    limit, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
+    return wanted if limit == resource.RLIM_INFINITY else min(wanted, limit)
+
+
+_MEMORY = Path("/dev/shm")  # noqa: S108 - a folder of its own is made there
+
+
+@contextlib.contextmanager
+def events_folder(plan: Plan, scratch: Path) -> Iterator[Path]:
+    """Where the processes of a run write their events: in memory, if that has room for them.
+
+    A page of a file on a disk may be written while a process wants to change it, which then waits.
+    """
+    measured = sum(process.phase == "measure" for process in plan.processes)
+    with contextlib.ExitStack() as stack:
+        folder = scratch
+        with contextlib.suppress(OSError):
+            room = os.statvfs(_MEMORY)
+            # The middleware takes memory there, too.
+            if room.f_bavail * room.f_frsize > 2 * measured * room_bytes(plan):
+                folder = stack.enter_context(temporary_folder("anatomy", _MEMORY))
+        yield folder
 
 
 @dataclass

@@ -23,7 +23,7 @@ from typing import Any, Literal
 
 from r2bspec.errors import R2bspecError
 from r2bspec.execute import errors
-from r2bspec.execute.anatomy import build_preload
+from r2bspec.execute.anatomy import build_preload, events_folder
 from r2bspec.execute.bringup.harness_processes import build_join_files
 from r2bspec.execute.bringup.launcher import Launcher, message_packages
 from r2bspec.execute.bringup.readiness import run_setup_step
@@ -133,8 +133,13 @@ def run_plan(
     with (
         Interrupts() as interrupts,
         tempfile.TemporaryDirectory(prefix=".scratch-", dir=folder.path) as scratch,
+        events_folder(plan, Path(scratch))
+        if options.anatomy or plan.anatomy
+        else contextlib.nullcontext(Path(scratch)) as events,
     ):
-        run = _Run(plan, options, base_dir, folder, run_id, Path(scratch), progress, interrupts)
+        run = _Run(
+            plan, options, base_dir, folder, run_id, Path(scratch), events, progress, interrupts
+        )
         return run.execute()
 
 
@@ -149,6 +154,7 @@ class _Run:
         folder: RunFolder,
         run_id: str,
         scratch: Path,
+        events: Path,
         progress: Progress,
         interrupts: Interrupts,
     ) -> None:
@@ -184,6 +190,7 @@ class _Run:
             folder=folder,
             base_dir=base_dir,
             scratch=scratch,
+            events=events,
             progress=progress,
             resources=resources,
             host=HostWatch(resources, lambda: len(supervisor.records()), self._machine),

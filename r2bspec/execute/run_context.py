@@ -34,6 +34,7 @@ class RunContext:
         folder: receives samples, logs and the record.
         base_dir: the folder of the spec, to which its paths are relative.
         scratch: a folder that is removed after the run.
+        events: likewise, for what the processes of the graph record of themselves.
         progress: what the user is shown of a segment.
         resources: takes samples of processes and host at requested times.
         host: says what other programs did.
@@ -46,6 +47,7 @@ class RunContext:
     folder: RunFolder
     base_dir: Path
     scratch: Path
+    events: Path
     progress: Progress
     resources: ResourceSampler
     host: HostWatch

@@ -24,7 +24,7 @@ import msgspec
 
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import Method
-from r2bspec.judge.requirement_case import Decision, RequirementCase, requirement_verdict
+from r2bspec.judge.requirement_case import Decision, RequirementCase, finite, requirement_verdict
 from r2bspec.judge.statistics.t_interval import (
     MIN_HISTORY_RUNS,
     RatioInterval,
@@ -96,8 +96,8 @@ class _Sides:
             unit=self.case.info.unit,
             base=_geometric_mean(self.base),
             head=_geometric_mean(self.head),
-            base_values=tuple(map(_finite, self.base)),
-            head_values=tuple(map(_finite, self.head)),
+            base_values=tuple(map(finite, self.base)),
+            head_values=tuple(map(finite, self.head)),
             deviation=interval.deviation if interval is not None else None,
         )
         verdict = requirement_verdict(self.case, decision)
@@ -275,7 +275,3 @@ def _usable(value: float) -> bool:
 
 def _known(values: Values) -> list[float]:
     return [value for value in values if value is not None]
-
-
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None

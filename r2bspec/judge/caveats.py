@@ -207,7 +207,7 @@ PLAUSIBLE_STALL_S: Final = 0.6
 _MAX_LONGER: Final = 100
 """Runs more than this many times longer are not proposed."""
 
-_ALIKE: Final = 0.8
+_ALIKE: Final = 0.85
 """Starts whose deviation is below this part of that of their messages lose alike, nearly enough."""
 
 _SAME: Final = 0.025
@@ -246,8 +246,8 @@ def uneven_start_notes(case: RequirementCase, outcome: Outcome) -> tuple[str, ..
     """That lost outputs do not show whether starts lose alike, where they are not as fast.
 
     Few starts show the deviation of their latencies roughly, and few lost outputs show nothing of
-    what each start loses. So it is said where the upper bound of that deviation is above four
-    fifths of the deviation of messages (docs/proofs/verdicts.md has how often).
+    what each start loses. So it is said where the upper bound of that deviation is nearly
+    as large as that of messages (docs/proofs/verdicts.md has how often).
     """
     seen, starts = case.monitor_samples, starts_of(case.iterations)
     number = len(set(starts))

@@ -69,6 +69,15 @@ The effect of host interference on single messages is unknown. Its effect is at 
 Where the kernel counts how long the run's own processes waited for a processor, what that explains
 is known better, and replaces these assumptions.
 
+What is observed from inside
+----------------------------
+
+    callback    and take: what was taken from all of them together is at most w T, distributed in
+                the most favourable way
+    wait        and transport: none was longer by more than w T
+    load        and the share of messages that were overtaken: at most w more
+    path        any share may be that of the waiting
+
 Further lost or late messages are caused by the graph itself. Processor time and memory of the
 run's processes are unchanged: waiting uses neither. Of the machine's, the part of others is
 left out.
@@ -85,6 +94,7 @@ from numpy.typing import NDArray
 
 from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse
 from r2bspec.judge.measure.matching import NO_MATCH
+from r2bspec.judge.measure.metric_catalogue import ANATOMY_SHARES
 from r2bspec.judge.measure.samples import (
     MonitorSamples,
     PlaybackSamples,
@@ -92,6 +102,7 @@ from r2bspec.judge.measure.samples import (
     output_period_ns,
     output_times,
 )
+from r2bspec.judge.measure.times import Seconds
 from r2bspec.record.run_record import Segment
 
 REMEDY: Final = "Run again on an otherwise idle machine."
@@ -248,7 +259,46 @@ def best_case_iteration(one: SegmentSamples, taken: float | None = None) -> Segm
             for name, seen in one.monitors.items()
         },
         machine=_use_by_run(one),
+        anatomy=_best_anatomy(one, taken),
     )
+
+
+def _best_anatomy(one: SegmentSamples, taken: float | None) -> dict[str, Seconds]:
+    """What was observed from inside, without any effect that others can have had on it."""
+    if taken is None:
+        counted = taken_share(one.interference)
+        taken = waiting_share(one.interference) if counted is None else counted
+    lasting_s = taken * one.segment.length_s
+    best = {}
+    for name, values in one.anatomy.items():
+        if name.endswith(ANATOMY_SHARES):
+            best[name] = np.maximum(0.0, values - (1.0 if name.startswith("path.") else taken))
+            continue
+        shortest = values - lasting_s
+        if name.endswith((".callback", ".take")):
+            order = np.argsort(values, kind="stable")
+            shortest[order] = np.maximum(shortest[order], _level(values[order], lasting_s))
+        best[name] = np.maximum(0.0, shortest)
+    return best
+
+
+def _worst_anatomy(one: SegmentSamples, taken: float) -> dict[str, Seconds]:
+    """What was observed from inside, with all that others can have spared it."""
+    worst = {}
+    for name, values in one.anatomy.items():
+        if name.endswith(ANATOMY_SHARES):
+            worst[name] = np.minimum(1.0, values + (1.0 if name.startswith("path.") else taken))
+        else:
+            worst[name] = _with_longest(values, taken)
+    return worst
+
+
+def _with_longest(values: Seconds, taken: float) -> Seconds:
+    """The shortest values, which interference can have spared, are as long as the longest."""
+    longest = np.sort(values)
+    if values.size:
+        longest[: math.ceil(taken * values.size) + 1] = longest[-1]
+    return longest
 
 
 def waiting_share(known: HostInterference | None) -> float:
@@ -295,12 +345,7 @@ def _best_at_own_pace(segment: Segment, seen: MonitorSamples, waited: float) -> 
 
 
 def _worst_at_own_pace(seen: MonitorSamples, taken: float) -> MonitorSamples:
-    """The shortest times, which interference can have spared, are as long as the longest."""
-    times = {}
-    for name, found in seen.times.items():
-        times[name] = np.sort(found)
-        if found.size:
-            times[name][: math.ceil(taken * found.size) + 1] = times[name][-1]
+    times = {name: _with_longest(found, taken) for name, found in seen.times.items()}
     return replace(seen, times=times, throughput_hz=seen.throughput_hz * (1 - taken))
 
 
@@ -325,7 +370,7 @@ def worst_case_iteration(one: SegmentSamples, taken: float) -> SegmentSamples:
         latency[np.argsort(latency, kind="stable")[:touched]] = math.inf
         least_hz = seen.throughput_hz - taken * one.playback.rate_hz * seen.per_step
         monitors[name] = _with_latencies(one.segment, seen, latency, max(0.0, least_hz))
-    return replace(one, monitors=monitors)
+    return replace(one, monitors=monitors, anatomy=_worst_anatomy(one, taken))
 
 
 def _with_latencies(

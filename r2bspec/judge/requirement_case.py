@@ -197,10 +197,10 @@ def requirement_verdict(case: RequirementCase, decision: Decision) -> Requiremen
         monitor=case.monitor,
         outcome=decision.outcome,
         method=decision.method,
-        estimate=_finite(decision.estimate),
-        lower=_finite(decision.lower),
-        upper=_finite(decision.upper),
-        limit=_finite(case.limit),
+        estimate=finite(decision.estimate),
+        lower=finite(decision.lower),
+        upper=finite(decision.upper),
+        limit=finite(case.limit),
         unit=case.info.unit,
         n=decision.n,
         effective_n=_effective(decision),
@@ -223,5 +223,6 @@ def _effective(decision: Decision) -> float | None:
     return float(decision.n) if decision.n else None
 
 
-def _finite(value: float | None) -> float | None:
+def finite(value: float | None) -> float | None:
+    """The value, or None if it is infinite, which JSON cannot write."""
     return value if value is not None and math.isfinite(value) else None

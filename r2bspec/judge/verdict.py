@@ -161,7 +161,8 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
             confirmation that succeeded or failed, host interference.
         compared: base and head, where the requirement is on their ratio.
         weakened: whether it was decided, and is inconclusive only because of host interference.
-        early: whether it passed before the declared starts, without room for what they may meet.
+        early: whether it passed before the declared starts or pairs, without room for what they may
+            meet.
         budget: what the interval is made of; None where none was estimated.
         learning: while a history has too few runs to decide, which of them this one is, such as
             ``3 of 5``; otherwise empty.

@@ -20,25 +20,16 @@ from msgspec.structs import replace
 
 from r2bspec.diagnostics import Path, Related, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote, unknown_name_help
+from r2bspec.language import located_tree as tree
 from r2bspec.language.declaration import ValueRule, language
 from r2bspec.language.document import Document, read_file
-from r2bspec.language.located_tree import (
-    ListNode,
-    MapNode,
-    ScalarNode,
-    TreeNode,
-    child,
-    lookup,
-    replace_at,
-    without,
-)
 from r2bspec.language.variables import OPENING
 from r2bspec.language.yaml_document import compose
 from r2bspec.safe_io import limits
 from r2bspec.safe_io.safe_file import ByteBudget, is_regular, names_in
 
 
-def overlay(base: MapNode, own: MapNode) -> MapNode:
+def overlay(base: tree.MapNode, own: tree.MapNode) -> tree.MapNode:
     """`own` merged over `base`; every value keeps the place where it is written.
 
     The keys of `base` come first, then the new ones. A null for a key that `base` does not have is
@@ -49,26 +40,26 @@ def overlay(base: MapNode, own: MapNode) -> MapNode:
         below = entries.get(key)
         if below is None:
             entries[key] = entry
-        elif isinstance(entry.value, ScalarNode) and entry.value.value is None:
+        elif isinstance(entry.value, tree.ScalarNode) and entry.value.value is None:
             del entries[key]
-        elif isinstance(entry.value, MapNode) and isinstance(below.value, MapNode):
+        elif isinstance(entry.value, tree.MapNode) and isinstance(below.value, tree.MapNode):
             entries[key] = entry.with_value(overlay(below.value, entry.value))
         else:
             entries[key] = entry
-    return MapNode(entries, own.span)
+    return tree.MapNode(entries, own.span)
 
 
-def rebase_paths(node: TreeNode, rule: ValueRule | None, folder: str) -> TreeNode:
+def rebase_paths(node: tree.TreeNode, rule: ValueRule | None, folder: str) -> tree.TreeNode:
     """The tree with `folder` put before every relative path; `rule` is that of the node."""
     if rule is None:
         return node
-    if isinstance(node, ScalarNode):
+    if isinstance(node, tree.ScalarNode):
         return _scalar(node, folder) if rule.about.path else node
-    if isinstance(node, ListNode):
+    if isinstance(node, tree.ListNode):
         items = tuple(rebase_paths(item, rule.items, folder) for item in node.items)
-        return ListNode(items, node.span)
-    if isinstance(node, MapNode):
-        return MapNode(
+        return tree.ListNode(items, node.span)
+    if isinstance(node, tree.MapNode):
+        return tree.MapNode(
             {
                 key: entry.with_value(rebase_paths(entry.value, rule.below(key), folder))
                 for key, entry in node.entries.items()
@@ -78,7 +69,7 @@ def rebase_paths(node: TreeNode, rule: ValueRule | None, folder: str) -> TreeNod
     return node
 
 
-def _scalar(node: ScalarNode, folder: str) -> ScalarNode:
+def _scalar(node: tree.ScalarNode, folder: str) -> tree.ScalarNode:
     text = node.value
     if not isinstance(text, str) or not text or text.startswith(("/", OPENING)):
         return node
@@ -108,7 +99,7 @@ class _FileContext(msgspec.Struct, frozen=True):
 def extend_files(document: Document, allowed: Iterable[FilePath] = ()) -> None:
     """Merge the files that a document extends; without `extends`, its tree is unchanged."""
     root = document.tree
-    if isinstance(root, MapNode) and KEY in root.entries:
+    if isinstance(root, tree.MapNode) and KEY in root.entries:
         home = document.base_dir.resolve()
         work = _FileMerger(document, (home, *(FilePath(folder).resolve() for folder in allowed)))
         real = home / FilePath(document.file).name
@@ -123,12 +114,12 @@ class _FileMerger:
         self._read = 0
         self._budget = ByteBudget(limits.MAX_EXTENDED_BYTES)
 
-    def merge(self, root: MapNode, place: _FileContext) -> MapNode:
+    def merge(self, root: tree.MapNode, place: _FileContext) -> tree.MapNode:
         named = list(extended_names(root))
         if not named:  # of a wrong type, reported by the schema
             return root
-        own = without(root, KEY)
-        base: MapNode | None = None
+        own = tree.without(root, KEY)
+        base: tree.MapNode | None = None
         for node in named:
             below = self._base(node, place)
             if below is None:
@@ -137,7 +128,7 @@ class _FileMerger:
                 base = below if base is None else overlay(base, below)
         return own if base is None else overlay(base, own)
 
-    def _base(self, node: ScalarNode, place: _FileContext) -> MapNode | None:
+    def _base(self, node: tree.ScalarNode, place: _FileContext) -> tree.MapNode | None:
         text = str(node.value)
         if OPENING in text:
             self._problems.error(
@@ -185,9 +176,9 @@ class _FileMerger:
         if not moved:
             return whole
         done = rebase_paths(whole, language(), moved)
-        return done if isinstance(done, MapNode) else None
+        return done if isinstance(done, tree.MapNode) else None
 
-    def _readable_path(self, node: ScalarNode, path: FilePath, text: str) -> FilePath | None:
+    def _readable_path(self, node: tree.ScalarNode, path: FilePath, text: str) -> FilePath | None:
         """The real path of a file that may be read; None if the reason why not is reported."""
         try:
             real = path.resolve()
@@ -210,14 +201,14 @@ class _FileMerger:
             return real
         return None
 
-    def _compose_file(self, node: ScalarNode, file: str) -> MapNode | None:
+    def _compose_file(self, node: tree.ScalarNode, file: str) -> tree.MapNode | None:
         source = read_file(FilePath(file), self._folders, self._budget)
         self._document.sources[file] = source
         composed = compose(source)
         self._problems.diagnostics += [
             problem for problem in composed.diagnostics if problem not in self._problems.diagnostics
         ]
-        if isinstance(composed.tree, MapNode):
+        if isinstance(composed.tree, tree.MapNode):
             return composed.tree
         if composed.tree is not None:
             self._problems.error(
@@ -230,11 +221,11 @@ class _FileMerger:
         return None
 
 
-def extended_names(root: MapNode) -> Iterator[ScalarNode]:
+def extended_names(root: tree.MapNode) -> Iterator[tree.ScalarNode]:
     """The file names; none if one of them is of a wrong type."""
     value = root.entries[KEY].value
-    items = value.items if isinstance(value, ListNode) else (value,)
-    texts = [item for item in items if isinstance(item, ScalarNode)]
+    items = value.items if isinstance(value, tree.ListNode) else (value,)
+    texts = [item for item in items if isinstance(item, tree.ScalarNode)]
     if len(texts) == len(items) and all(isinstance(t.value, str) and t.value for t in texts):
         yield from texts
 
@@ -262,34 +253,34 @@ def extend_siblings(document: Document) -> None:
     """Expand every entry that extends a sibling."""
     for section in SECTIONS:
         root = document.tree
-        entries = lookup(root, section)
+        entries = tree.lookup(root, section)
         if (
             root is not None
-            and isinstance(entries, MapNode)
+            and isinstance(entries, tree.MapNode)
             and any(_extends_sibling(entry.value) for entry in entries.entries.values())
         ):
             expanded = _Section(document, section, entries).expanded()
-            document.tree = replace_at(root, section, expanded)
+            document.tree = tree.replace_at(root, section, expanded)
 
 
 class _Section:
-    def __init__(self, document: Document, section: Path, entries: MapNode) -> None:
+    def __init__(self, document: Document, section: Path, entries: tree.MapNode) -> None:
         self._document = document
         self._section = section
         self._entries = entries
         self._failed: set[str | None] = set()
-        self._merged: dict[str, MapNode] = {}
+        self._merged: dict[str, tree.MapNode] = {}
         self._depth: dict[str | None, int] = {}
 
-    def expanded(self) -> MapNode:
+    def expanded(self) -> tree.MapNode:
         entries = {
             name: entry.with_value(self._resolved(name)) if _extends_sibling(entry.value) else entry
             for name, entry in self._entries.entries.items()
         }
         self._document.incomplete |= {(*self._section, str(name)) for name in self._failed}
-        return MapNode(entries, self._entries.span)
+        return tree.MapNode(entries, self._entries.span)
 
-    def _resolved(self, name: str, above: tuple[str, ...] = ()) -> MapNode:
+    def _resolved(self, name: str, above: tuple[str, ...] = ()) -> tree.MapNode:
         """The entry merged over what it extends; `above` are the entries that extend it."""
         if name not in self._merged:
             own = self._map(name)
@@ -299,8 +290,8 @@ class _Section:
             if base in self._failed:
                 self._failed.add(name)
             if _extends_sibling(own):
-                own = without(own, KEY)
-            self._merged[name] = own if below is None else overlay(without(below, KEY), own)
+                own = tree.without(own, KEY)
+            self._merged[name] = own if below is None else overlay(tree.without(below, KEY), own)
             self._depth[name] = self._depth.get(base, 0) + 1
         return self._merged[name]
 
@@ -308,13 +299,13 @@ class _Section:
         """The sibling that the last of a chain extends; None at its end, or if it is invalid."""
         name = chain[-1]
         entry = self._map(name).entries.get(KEY)
-        if entry is None or not isinstance(entry.value, ScalarNode):
+        if entry is None or not isinstance(entry.value, tree.ScalarNode):
             return None
         base, span = entry.value.value, entry.value.span
         if not isinstance(base, str):
             return None
         entries = self._entries.entries
-        if base not in entries or not isinstance(entries[base].value, MapNode):
+        if base not in entries or not isinstance(entries[base].value, tree.MapNode):
             others = [other for other in entries if other != name]
             known = "known entries: " + ", ".join(others[:12]) if others else "there are no others"
             self._error(
@@ -341,12 +332,12 @@ class _Section:
         self._document.problems.error(code, message, span, help_text)
         self._failed.add(name)
 
-    def _map(self, name: str) -> MapNode:
+    def _map(self, name: str) -> tree.MapNode:
         value = self._entries.entries[name].value
-        return value if isinstance(value, MapNode) else MapNode({}, value.span)
+        return value if isinstance(value, tree.MapNode) else tree.MapNode({}, value.span)
 
 
-def _extends_sibling(node: TreeNode) -> bool:
+def _extends_sibling(node: tree.TreeNode) -> bool:
     """Whether an entry names a sibling; wrong types are reported by the schema."""
-    value = child(node, KEY)
-    return isinstance(value, ScalarNode) and isinstance(value.value, str) and bool(value.value)
+    value = tree.child(node, KEY)
+    return isinstance(value, tree.ScalarNode) and isinstance(value.value, str) and bool(value.value)

@@ -12,15 +12,7 @@ from typing import Final
 
 from r2bspec.diagnostics import Diagnostic, Path, Related, Span, format_path
 from r2bspec.diagnostics.quote import unknown_name_help
-from r2bspec.language.located_tree import (
-    ListNode,
-    MapNode,
-    ScalarNode,
-    TreeNode,
-    child,
-    lookup,
-    span_at,
-)
+from r2bspec.language import located_tree as tree
 from r2bspec.language.node_kinds import NODE_KIND_KEYS, NODE_KINDS, kinds_help, members
 from r2bspec.language.quantities import QuantityError, Rate
 from r2bspec.language.spec_benchmark import ACCEPTED, FEEDBACK
@@ -41,7 +33,7 @@ _KIND_HELP: Final = f"use one of {kinds_help()}"
 
 
 def key_constraint_errors(
-    root: TreeNode, violations: Sequence[Diagnostic] = ()
+    root: tree.TreeNode, violations: Sequence[Diagnostic] = ()
 ) -> Iterator[Diagnostic]:
     """Violated constraints of a document.
 
@@ -82,21 +74,21 @@ def key_constraint_errors(
 class _Document:
     """A tree, and what the constraints ask of it; `misspelt` are maps with an unknown key."""
 
-    def __init__(self, root: TreeNode, misspelt: set[Path]) -> None:
+    def __init__(self, root: tree.TreeNode, misspelt: set[Path]) -> None:
         self.root = root
         self.misspelt = misspelt
 
-    def map_at(self, *path: str | int) -> MapNode | None:
+    def map_at(self, *path: str | int) -> tree.MapNode | None:
         """The map at a path, or None."""
-        node = lookup(self.root, path)
-        return node if isinstance(node, MapNode) else None
+        node = tree.lookup(self.root, path)
+        return node if isinstance(node, tree.MapNode) else None
 
     def keys(self, *path: str | int) -> Sequence[str]:
         """The keys of the map at a path; none if there is no map."""
         node = self.map_at(*path)
         return tuple(node.entries) if node is not None else ()
 
-    def entries(self, section: Path) -> Iterator[tuple[Path, MapNode]]:
+    def entries(self, section: Path) -> Iterator[tuple[Path, tree.MapNode]]:
         """The entries of a section that are maps, with their paths."""
         for name in self.keys(*section):
             entry = self.map_at(*section, name)
@@ -105,15 +97,19 @@ class _Document:
 
     def word(self, *path: str | int) -> str:
         """The text at a path, or an empty one."""
-        value = lookup(self.root, path)
-        return value.value if isinstance(value, ScalarNode) and isinstance(value.value, str) else ""
+        value = tree.lookup(self.root, path)
+        return (
+            value.value
+            if isinstance(value, tree.ScalarNode) and isinstance(value.value, str)
+            else ""
+        )
 
     def number(self, path: Path, default: int) -> int | None:
         """The integer at a path, its default, or None for another value."""
-        value = lookup(self.root, path)
+        value = tree.lookup(self.root, path)
         if value is None:
             return default
-        number = value.value if isinstance(value, ScalarNode) else None
+        number = value.value if isinstance(value, tree.ScalarNode) else None
         return number if type(number) is int else None
 
     def rate(self, *path: str | int) -> Rate | None:
@@ -134,14 +130,14 @@ class _Document:
         related: tuple[Related, ...] = (),
     ) -> Diagnostic:
         """An error at a key, or at `span`."""
-        place = span or span_at(self.root, path, key=True)
+        place = span or tree.span_at(self.root, path, key=True)
         return Diagnostic.error(code, message, place, help_text, path=path, related=related)
 
     def both(self, path: Path, keys: Sequence[str], help_text: str, code: str) -> Diagnostic:
         """An error for the second of two keys that exclude each other."""
         first, second = keys[:2]
         message = f"'{format_path(path)}' has both '{first}' and '{second}'"
-        other = Related("the other key", span_at(self.root, (*path, first), key=True))
+        other = Related("the other key", tree.span_at(self.root, (*path, first), key=True))
         return self.error((*path, second), message, help_text, code, related=(other,))
 
     def one_of(
@@ -153,7 +149,7 @@ class _Document:
             keep = f"keep {only}{needs}" if only else "keep one of them"
             yield self.both(path, given, keep, code)
         elif not given and path not in self.misspelt:
-            node = lookup(self.root, path)
+            node = tree.lookup(self.root, path)
             span = node.span if node is not None and code == "R2B118" else None
             message = f"'{format_path(path)}' needs {needs}"
             yield self.error(path, message, help_text, code, span=span)
@@ -163,12 +159,12 @@ class _Document:
     ) -> Iterator[Diagnostic]:
         """An error for each of some keys that is written; ``{key}`` in the help is the key."""
         for path in paths:
-            if lookup(self.root, path) is not None:
+            if tree.lookup(self.root, path) is not None:
                 message = f"'{format_path(path)}' has no effect{why}"
                 yield self.error(path, message, help_text.format(key=path[-1]))
 
 
-def _node(document: _Document, node: MapNode, path: Path) -> Iterator[Diagnostic]:
+def _node(document: _Document, node: tree.MapNode, path: Path) -> Iterator[Diagnostic]:
     """The keys of one kind, and none that the kind refuses."""
     given = [key for key in node.entries if key in NODE_KIND_KEYS and not _is_false(node, key)]
     name = f"'{format_path(path)}'"
@@ -216,8 +212,8 @@ def _node(document: _Document, node: MapNode, path: Path) -> Iterator[Diagnostic
 def _policies(document: _Document, path: Path) -> Iterator[Diagnostic]:
     """Policies of real time have a priority, and others have none."""
     scheduling = (*path, "scheduling")
-    threads = lookup(document.root, (*scheduling, "threads"))
-    number = len(threads.items) if isinstance(threads, ListNode) else 0
+    threads = tree.lookup(document.root, (*scheduling, "threads"))
+    number = len(threads.items) if isinstance(threads, tree.ListNode) else 0
     for place in (scheduling, *((*scheduling, "threads", index) for index in range(number))):
         policy, priority = document.word(*place, "policy"), document.number((*place, "priority"), 0)
         if policy in {"fifo", "rr"}:
@@ -244,9 +240,9 @@ def _incomplete(document: _Document, path: Path, given: str, group: str) -> Diag
     return document.error((*path, given), message, help_text, "R2B113")
 
 
-def _is_false(node: MapNode, key: str) -> bool:
+def _is_false(node: tree.MapNode, key: str) -> bool:
     value = node.entries[key].value
-    return isinstance(value, ScalarNode) and value.value is False
+    return isinstance(value, tree.ScalarNode) and value.value is False
 
 
 def _launch(document: _Document, path: Path) -> Iterator[Diagnostic]:
@@ -277,9 +273,9 @@ def _bags(document: _Document) -> Iterator[Diagnostic]:
     elif not given and place not in document.misspelt:
         help_text = "add 'bag: r2b_storage', or 'bag: ./a/bag'"
         yield document.error(place, "'data_loader' needs 'bag' or 'bags'", help_text, "R2B114")
-    bags = child(loader, "bags")
-    items = bags.items if isinstance(bags, ListNode) else ()
-    if isinstance(bags, ListNode) and not items:
+    bags = tree.child(loader, "bags")
+    items = bags.items if isinstance(bags, tree.ListNode) else ()
+    if isinstance(bags, tree.ListNode) and not items:
         message = "'data_loader.bags' must not be empty"
         yield document.error((*place, "bags"), message, "for example: [./a/bag]", "R2B108")
     for path in ((*place, "bag"), *((*place, "bags", index) for index in range(len(items)))):
@@ -353,7 +349,9 @@ def _calls(document: _Document, mode: str) -> Iterator[Diagnostic]:
         for measured in (f"{name}{end}" for end in ends):
             if measured in taken:
                 message = f"'{measured}' is measured twice: it is the name of something else, too"
-                there = Related("the other one", span_at(document.root, taken[measured], key=True))
+                there = Related(
+                    "the other one", tree.span_at(document.root, taken[measured], key=True)
+                )
                 yield document.error(call, message, "rename one of them", related=(there,))
             taken.setdefault(measured, call)
 
@@ -446,8 +444,8 @@ def _benchmark(document: _Document) -> Iterator[Diagnostic]:
 def _number_of_rates(document: _Document) -> int:
     """How many rates are listed, or are in a valid range; 1 where that is not known."""
     path: Path = ("benchmark", "rates")
-    listed = lookup(document.root, path)
-    if isinstance(listed, ListNode):
+    listed = tree.lookup(document.root, path)
+    if isinstance(listed, tree.ListNode):
         return len(listed.items)
     first, last, step = (document.rate(*path, key) for key in ("from", "to", "step"))
     if first is not None and last is not None and step is not None and step.is_positive:
@@ -495,8 +493,8 @@ def _conditions(document: _Document) -> Iterator[Diagnostic]:
 
 def _requirements(document: _Document) -> Iterator[Diagnostic]:
     """The requirements of all objectives together have a limit."""
-    lists = (child(objective, "require") for _, objective in document.entries(("slos",)))
-    number = sum(len(list_.items) for list_ in lists if isinstance(list_, ListNode))
+    lists = (tree.child(objective, "require") for _, objective in document.entries(("slos",)))
+    number = sum(len(list_.items) for list_ in lists if isinstance(list_, tree.ListNode))
     if number > MAX_REQUIREMENTS:
         message = f"{number:,} requirements; the limit is {MAX_REQUIREMENTS:,}"
         yield document.error(("slos",), message, "split the spec", "R2B129")

@@ -17,6 +17,7 @@ from typing import Unpack
 
 from r2bspec.diagnostics import Diagnostic, Path, Severity, Span
 from r2bspec.diagnostics.quote import quote, unknown_name_help
+from r2bspec.language import located_tree
 from r2bspec.language.declaration import ValueRule, language
 from r2bspec.language.document import (
     MAX_PROBLEMS,
@@ -31,19 +32,6 @@ from r2bspec.language.document import (
 )
 from r2bspec.language.extends import extend_files, extend_siblings
 from r2bspec.language.key_constraints import key_constraint_errors
-from r2bspec.language.located_tree import (
-    Entry,
-    MapNode,
-    ScalarNode,
-    TreeNode,
-    UnknownNode,
-    child,
-    lookup,
-    scalars_with_paths,
-    span_at,
-    to_plain,
-    without,
-)
 from r2bspec.language.matrix import KEY as MATRIX
 from r2bspec.language.matrix import MatrixCase, MatrixCases, matrix_of
 from r2bspec.language.read_spec import read_spec
@@ -104,7 +92,7 @@ class LoadedSpec:
     file: str
     base_dir: FilePath
     spec: Spec | None
-    tree: TreeNode | None
+    tree: located_tree.TreeNode | None
     diagnostics: tuple[Diagnostic, ...]
     sources: Mapping[str, Source] = field(repr=False)
     used_variables: frozenset[str] = frozenset()
@@ -130,12 +118,12 @@ class LoadedSpec:
         """
         if self.tree is None:
             return Span.of_file(self.file)
-        return span_at(self.tree, path, key=key)
+        return located_tree.span_at(self.tree, path, key=key)
 
     def span_inside(self, path: Path, offset: int, length: int = 1) -> Span:
         """The place of a piece of the text at a path, such as a metric in a requirement."""
-        node = lookup(self.tree, path)
-        if not isinstance(node, ScalarNode):
+        node = located_tree.lookup(self.tree, path)
+        if not isinstance(node, located_tree.ScalarNode):
             return self.span(path)
         if node.origin is not None:
             return node.span
@@ -149,7 +137,7 @@ class LoadedSpec:
 
     def resolved_yaml(self) -> str:
         """The document as YAML: one case, with files, options, variables and merges applied."""
-        return to_yaml(to_plain(self.tree)) if self.tree is not None else ""
+        return to_yaml(located_tree.to_plain(self.tree)) if self.tree is not None else ""
 
 
 def load_spec(source: FilePath | str | bytes, **options: Unpack[LoadOptions]) -> LoadedSpec:
@@ -199,7 +187,7 @@ def _open_document(source: FilePath | str | bytes, options: LoadOptions) -> Docu
     else:
         read = read_text(source, file) if isinstance(source, str) else decode(source, file)
     composed = compose(read)
-    if isinstance(composed.tree, ScalarNode):
+    if isinstance(composed.tree, located_tree.ScalarNode):
         # It is no spec, and perhaps a file of secrets: findings show no line of it.
         read = Source(read.file, "\n" * (len(read.lines) - 1))
     document = Document(read.file, composed.tree, sources={read.file: read})
@@ -212,37 +200,37 @@ def _open_document(source: FilePath | str | bytes, options: LoadOptions) -> Docu
     return document
 
 
-def _without_notes(root: TreeNode, rule: ValueRule) -> TreeNode:
+def _without_notes(root: located_tree.TreeNode, rule: ValueRule) -> located_tree.TreeNode:
     """The tree without ``x-`` keys in maps whose keys `rule` defines: notes, and anchors.
 
     In maps whose keys are names given by the user, such a key is an ordinary name. Shared values
     stay shared.
     """
-    done: dict[tuple[int, int], TreeNode] = {}
+    done: dict[tuple[int, int], located_tree.TreeNode] = {}
 
-    def strip(node: TreeNode, rule: ValueRule | None) -> TreeNode:
-        if rule is None or not isinstance(node, MapNode):
+    def strip(node: located_tree.TreeNode, rule: ValueRule | None) -> located_tree.TreeNode:
+        if rule is None or not isinstance(node, located_tree.MapNode):
             return node
         name = (id(node), id(rule))
         if name not in done:
             done[name] = strip_map(node, rule)
         return done[name]
 
-    def strip_map(node: MapNode, rule: ValueRule) -> MapNode:
+    def strip_map(node: located_tree.MapNode, rule: ValueRule) -> located_tree.MapNode:
         known = rule.keys
-        entries: dict[str, Entry] = {}
+        entries: dict[str, located_tree.Entry] = {}
         changed = False
         for key, entry in node.entries.items():
             if known is not None and key.startswith("x-"):
                 changed = True
                 continue
-            if type(entry.value) is MapNode:
+            if type(entry.value) is located_tree.MapNode:
                 value = strip(entry.value, rule.below(key))
                 if value is not entry.value:
                     changed = True
                     entry = entry.with_value(value)
             entries[key] = entry
-        return MapNode(entries, node.span) if changed else node
+        return located_tree.MapNode(entries, node.span) if changed else node
 
     return strip(root, rule)
 
@@ -254,15 +242,15 @@ def _drop_checked_matrix(document: Document, first: LoadedSpec) -> None:
     they refer to may differ.
     """
     tree = document.tree
-    if not isinstance(tree, MapNode) or MATRIX not in tree.entries:
+    if not isinstance(tree, located_tree.MapNode) or MATRIX not in tree.entries:
         return
-    scalars = scalars_with_paths(tree.entries[MATRIX].value)
+    scalars = located_tree.scalars_with_paths(tree.entries[MATRIX].value)
     if any(OPENING in scalar.text for _, scalar in scalars):
         return
     document.problems.diagnostics += [
         problem for problem in first.diagnostics if problem.path[:1] == (MATRIX,)
     ]
-    document.tree = without(tree, MATRIX)
+    document.tree = located_tree.without(tree, MATRIX)
 
 
 def _select_cases(
@@ -301,7 +289,7 @@ def _load_case(
     spec: Spec | None = None
     if tree is not None and matrix_case is not None:
         tree = with_variables(tree, matrix_case.values)
-    if isinstance(tree, MapNode):
+    if isinstance(tree, located_tree.MapNode):
         environ, untrusted = options.get("environ"), options.get("untrusted")
         refused = untrusted.refused_variables(document.file, tree) if untrusted is not None else {}
         problems += refused.values()
@@ -316,7 +304,7 @@ def _load_case(
         tree = substituted.tree
         used = _condition_variables(tree) | substituted.used
         origins.entries.update(substituted.origins)
-    if tree is not None and not isinstance(tree, UnknownNode):
+    if tree is not None and not isinstance(tree, located_tree.UnknownNode):
         spec, violations = read_spec(tree, document.sources)
         explained: list[Diagnostic] = []
         if violations:
@@ -325,8 +313,8 @@ def _load_case(
 
             explained = explain_violations(violations)
         problems += [*explained, *key_constraint_errors(tree, explained)]
-        if isinstance(tree, MapNode) and MATRIX in tree.entries:
-            tree = without(tree, MATRIX)
+        if isinstance(tree, located_tree.MapNode) and MATRIX in tree.entries:
+            tree = located_tree.without(tree, MATRIX)
         if has_errors(problems):
             spec = None
     if document.incomplete:
@@ -353,15 +341,15 @@ def _is_consequence(problem: Diagnostic, incomplete: set[Path]) -> bool:
     return problem.code in _MISSING_VALUE_CODES and problem.path in incomplete
 
 
-def _condition_variables(root: TreeNode) -> frozenset[str]:
+def _condition_variables(root: located_tree.TreeNode) -> frozenset[str]:
     """The variables in the `when` of objectives."""
-    slos = child(root, "slos")
-    objectives = slos.entries.values() if isinstance(slos, MapNode) else ()
-    conditions = (child(objective.value, "when") for objective in objectives)
+    slos = located_tree.child(root, "slos")
+    objectives = slos.entries.values() if isinstance(slos, located_tree.MapNode) else ()
+    conditions = (located_tree.child(objective.value, "when") for objective in objectives)
     return frozenset(
         name
         for condition in conditions
-        if isinstance(condition, MapNode)
+        if isinstance(condition, located_tree.MapNode)
         for name in condition.entries
     )
 

@@ -22,18 +22,9 @@ from msgspec.structs import replace
 
 from r2bspec.diagnostics import Diagnostic, Related, Severity, Span, did_you_mean
 from r2bspec.diagnostics.quote import clip, quote
+from r2bspec.language import located_tree as tree
 from r2bspec.language.declaration import language
 from r2bspec.language.document import DiagnosticCollector
-from r2bspec.language.located_tree import (
-    Entry,
-    ListNode,
-    MapNode,
-    ScalarNode,
-    TreeNode,
-    child,
-    size_of,
-    without,
-)
 from r2bspec.language.read_spec import INVALID, read_value
 from r2bspec.safe_io.limits import MAX_CASE_NAME_CHARACTERS, MAX_CASE_VALUES, MAX_CASES
 
@@ -43,7 +34,7 @@ if TYPE_CHECKING:
 KEY = "matrix"
 
 
-Values = Mapping[str, ScalarNode]
+Values = Mapping[str, tree.ScalarNode]
 
 
 class MatrixCase(msgspec.Struct, frozen=True):
@@ -67,14 +58,14 @@ class MatrixCases(msgspec.Struct):
     problems: DiagnosticCollector = msgspec.field(default_factory=DiagnosticCollector)
 
 
-def matrix_of(root: TreeNode) -> MatrixCases | None:
+def matrix_of(root: tree.TreeNode) -> MatrixCases | None:
     """The matrix of a document, or None if it has none.
 
     What violates the language is reported where all of the document is read: such a matrix has no
     cases and no problems here.
     """
-    node = child(root, KEY)
-    if not isinstance(root, MapNode) or node is None:
+    node = tree.child(root, KEY)
+    if not isinstance(root, tree.MapNode) or node is None:
         return None
     matrix = MatrixCases(root.entries[KEY].key_span)
     value, _ = read_value(node, (language().keys or {})[KEY])
@@ -85,30 +76,32 @@ def matrix_of(root: TreeNode) -> MatrixCases | None:
         name: (entry.key_span, _values(entry.value))
         for name, entry in _entries(node, "cases").items()
     }
-    listed = child(node, "exclude")
-    rules = listed.items if isinstance(listed, ListNode) else ()
+    listed = tree.child(node, "exclude")
+    rules = listed.items if isinstance(listed, tree.ListNode) else ()
     excluded = [(rule.span, _values(rule)) for rule in rules]
     if _check_names(matrix.problems, _entries(root, "variables"), axes, cases, excluded):
-        size = size_of(without(root, KEY))
+        size = tree.size_of(tree.without(root, KEY))
         matrix.matrix_cases = _expand_cases(matrix, axes, cases, excluded, size)
     return matrix
 
 
-def _entries(node: TreeNode, key: str) -> Mapping[str, Entry]:
-    below = child(node, key)
-    return below.entries if isinstance(below, MapNode) else {}
+def _entries(node: tree.TreeNode, key: str) -> Mapping[str, tree.Entry]:
+    below = tree.child(node, key)
+    return below.entries if isinstance(below, tree.MapNode) else {}
 
 
-def _values(node: TreeNode) -> Values:
-    entries = node.entries if isinstance(node, MapNode) else {}
+def _values(node: tree.TreeNode) -> Values:
+    entries = node.entries if isinstance(node, tree.MapNode) else {}
     return {
-        name: entry.value for name, entry in entries.items() if isinstance(entry.value, ScalarNode)
+        name: entry.value
+        for name, entry in entries.items()
+        if isinstance(entry.value, tree.ScalarNode)
     }
 
 
 def _expand_cases(
     found: MatrixCases,
-    axes: Mapping[str, Entry],
+    axes: Mapping[str, tree.Entry],
     cases: Mapping[str, tuple[Span, Values]],
     excluded: list[tuple[Span, Values]],
     values_in_case: int,
@@ -164,9 +157,9 @@ def _expand_cases(
     return tuple(made)
 
 
-def _scalars(axis: TreeNode) -> tuple[ScalarNode, ...]:
-    items = axis.items if isinstance(axis, ListNode) else ()
-    return tuple(item for item in items if isinstance(item, ScalarNode))
+def _scalars(axis: tree.TreeNode) -> tuple[tree.ScalarNode, ...]:
+    items = axis.items if isinstance(axis, tree.ListNode) else ()
+    return tuple(item for item in items if isinstance(item, tree.ScalarNode))
 
 
 _RulesByValues = Mapping[tuple[str, ...], Mapping[tuple[object, ...], list[int]]]
@@ -194,9 +187,9 @@ def _key(names: tuple[str, ...], values: Values) -> tuple[object, ...]:
 
 
 def _check_duplicate_values(
-    problems: DiagnosticCollector, name: str, values: tuple[ScalarNode, ...]
+    problems: DiagnosticCollector, name: str, values: tuple[tree.ScalarNode, ...]
 ) -> None:
-    seen: dict[str, ScalarNode] = {}
+    seen: dict[str, tree.ScalarNode] = {}
     for value in values:
         first = seen.setdefault(value.text, value)
         if first is not value:
@@ -211,8 +204,8 @@ def _check_duplicate_values(
 
 def _check_names(
     problems: DiagnosticCollector,
-    known: Mapping[str, Entry],
-    axes: Mapping[str, Entry],
+    known: Mapping[str, tree.Entry],
+    axes: Mapping[str, tree.Entry],
     cases: Mapping[str, tuple[Span, Values]],
     excluded: list[tuple[Span, Values]],
 ) -> bool:

@@ -26,6 +26,7 @@ from msgspec.structs import replace
 from r2bspec.diagnostics import Certainty, Related, Span, did_you_mean
 from r2bspec.diagnostics import Path as TreePath
 from r2bspec.diagnostics.quote import quote
+from r2bspec.language import variables
 from r2bspec.language.declaration import ValueRule
 from r2bspec.language.document import DiagnosticCollector, Source, inner_span
 from r2bspec.language.located_tree import (
@@ -38,19 +39,6 @@ from r2bspec.language.located_tree import (
     child,
 )
 from r2bspec.language.secrets import is_secret_variable, secret_reference
-from r2bspec.language.variables import (
-    OPENING,
-    MalformedReference,
-    Reference,
-    check_declaration,
-    declared_value,
-    declared_variables_help,
-    listed_environment,
-    parse_repeat,
-    references,
-    restricts_value,
-    with_value,
-)
 from r2bspec.language.yaml_document import parse_unquoted
 from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES, MAX_REFERENCES, MAX_YAML_EXPANDED_VALUES
 
@@ -113,7 +101,9 @@ class Substitution:
         self._sources = sources
         self._environ = environ
         self._refused = refused
-        self._allowed = {name: item.span for name, item in listed_environment(root).items()}
+        self._allowed = {
+            name: item.span for name, item in variables.listed_environment(root).items()
+        }
         self.origins: dict[TreePath, tuple[Related, ...]] = {}
         self._sections = sections
         self._local: Mapping[str, TreeNode] = {}
@@ -138,16 +128,16 @@ class Substitution:
 
     def _declared(self, name: str, entry: Entry) -> TreeNode:
         node = entry.value
-        value = declared_value(node)
-        if isinstance(value, ScalarNode) and OPENING in value.text:
+        value = variables.declared_value(node)
+        if isinstance(value, ScalarNode) and variables.OPENING in value.text:
             text = self._scalar(value)
-            if isinstance(node, MapNode) and restricts_value(node):
+            if isinstance(node, MapNode) and variables.restricts_value(node):
                 text = self._without_secret(text)
-            node = with_value(node, text)
+            node = variables.with_value(node, text)
         if isinstance(node, MapNode):
-            sound = check_declaration(name, node, entry.key_span, self.problems)
+            sound = variables.check_declaration(name, node, entry.key_span, self.problems)
             if value is not None and not sound:  # reported here, and not again where it is used
-                return with_value(node, UnknownNode(value.span))
+                return variables.with_value(node, UnknownNode(value.span))
         return node
 
     def walk(self, node: TreeNode, rule: ValueRule | None) -> TreeNode:
@@ -188,13 +178,13 @@ class Substitution:
                         self._report_clash(name, instance.key_span, entries[name].key_span)
                     entries.setdefault(name, instance)
                 continue
-            if _is_final(entry.value) and OPENING not in key and key not in entries:
+            if _is_final(entry.value) and variables.OPENING not in key and key not in entries:
                 # Most entries.
                 entries[key] = entry
                 continue
             value = self.walk(entry.value, rule.below(key))
             new, sure = (key, True)
-            if OPENING in key:
+            if variables.OPENING in key:
                 new, sure = self._key(key, entry.key_span, topics=rule.about.topics)
             if new in entries:
                 self._report_clash(new, entry.key_span, entries[new].key_span)
@@ -206,7 +196,7 @@ class Substitution:
         self, section: TreePath, key: str, entry: Entry, rule: ValueRule | None
     ) -> dict[str, Entry] | None:
         """The entries that `repeat` makes of one, or None without `repeat`."""
-        repeat = parse_repeat(entry.value) if isinstance(entry.value, MapNode) else None
+        repeat = variables.parse_repeat(entry.value) if isinstance(entry.value, MapNode) else None
         if repeat is None:
             return None
         instances: dict[str, Entry] = {}
@@ -258,21 +248,21 @@ class Substitution:
     def _scalar(self, node: ScalarNode) -> ScalarNode | UnknownNode:
         """Replace the references in a value; UnknownNode if one of them is unknown."""
         text = node.value
-        if not isinstance(text, str) or OPENING not in text:
+        if not isinstance(text, str) or variables.OPENING not in text:
             return node
         parts: list[str] = []
         at = 0
         failed = False
         origin: Related | None = None
         secret = ""
-        for reference in references(text):
+        for reference in variables.references(text):
             value = self._value(reference, node)
             if value is None:
                 failed = True
                 if self.problems.full:
                     break
                 continue
-            if isinstance(reference, Reference) and (reference.start, reference.end) == (
+            if isinstance(reference, variables.Reference) and (reference.start, reference.end) == (
                 0,
                 len(text),
             ):
@@ -315,9 +305,11 @@ class Substitution:
         )
         return UnknownNode(node.span)
 
-    def _value(self, found: Reference | MalformedReference, node: ScalarNode) -> ScalarNode | None:
+    def _value(
+        self, found: variables.Reference | variables.MalformedReference, node: ScalarNode
+    ) -> ScalarNode | None:
         """The value of one reference, with its origin; None if it is unknown."""
-        if isinstance(found, MalformedReference):
+        if isinstance(found, variables.MalformedReference):
             span = self._inner(node, found.start, found.end - found.start)
             self.problems.error("R2B123", found.message, span, found.help)
             return None
@@ -333,7 +325,7 @@ class Substitution:
             return None
         return self._variable(found, node)
 
-    def _variable(self, found: Reference, node: ScalarNode) -> ScalarNode | None:
+    def _variable(self, found: variables.Reference, node: ScalarNode) -> ScalarNode | None:
         name = found.name
         if name in self._local:
             local = self._local[name]
@@ -344,7 +336,7 @@ class Substitution:
         if name not in declared:
             if not self.problems.full:
                 span = self._inner(node, found.name_start, len(name))
-                help_text = declared_variables_help(
+                help_text = variables.declared_variables_help(
                     name,
                     {**declared, **self._local},
                     f"declare it: 'variables: {{{name}: ...}}' at the top of the document",
@@ -358,13 +350,13 @@ class Substitution:
                 self.problems.error("R2B120", message, span, help_text, related=related)
             return None
         self.used.add(name)
-        value = declared_value(declared[name].value)
+        value = variables.declared_value(declared[name].value)
         # A list, a map or null: reported by the schema at the declaration, once.
         if not isinstance(value, ScalarNode) or value.value is None:
             return None
         return replace(value, origin=Related(f"'{name}' is set here", value.span))
 
-    def _environment(self, found: Reference, node: ScalarNode) -> ScalarNode | None:
+    def _environment(self, found: variables.Reference, node: ScalarNode) -> ScalarNode | None:
         name = found.name
         if name not in self._allowed:
             span = self._inner(node, found.name_start, len(name))
@@ -391,7 +383,7 @@ class Substitution:
             )
             return None
         # A value that has a reference in it would be one wherever it is inserted.
-        if is_secret_variable(name, text) or OPENING in text:
+        if is_secret_variable(name, text) or variables.OPENING in text:
             said = f"{name} is listed here; a process reads its value when it starts"
             origin = Related(said, self._allowed[name])
             reference = secret_reference(name)
@@ -410,4 +402,4 @@ def _is_final(node: TreeNode) -> bool:
     """Whether a node is a single value without a reference, and no secret."""
     if type(node) is not ScalarNode or node.secret:
         return False
-    return type(node.value) is not str or OPENING not in node.value
+    return type(node.value) is not str or variables.OPENING not in node.value

@@ -7,18 +7,10 @@ from dataclasses import dataclass
 
 from r2bspec.diagnostics import Path, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import clip, quote
+from r2bspec.language import located_tree
 from r2bspec.language.declaration import rule_at
 from r2bspec.language.explain_violations import to_flow_yaml
 from r2bspec.language.load_spec import LoadedSpec
-from r2bspec.language.located_tree import (
-    ListNode,
-    MapNode,
-    ScalarNode,
-    TreeNode,
-    child,
-    lookup,
-    to_plain,
-)
 from r2bspec.language.variables import parse_path
 
 _MAX_VALUE_CHARS = 200
@@ -70,7 +62,7 @@ def provenance(loaded: LoadedSpec, text: str) -> Provenance:
     path = parse_path(text)
     if not path or loaded.tree is None:
         raise UnknownPathError(f"{quote(text)} is not a path", "for example: benchmark.duration")
-    node = lookup(loaded.tree, path)
+    node = located_tree.lookup(loaded.tree, path)
     if node is None:
         return _default_provenance(loaded.tree, path, text)
     origins = loaded.origins.origins_of(path, node.span)
@@ -83,40 +75,40 @@ def provenance(loaded: LoadedSpec, text: str) -> Provenance:
         for origin in origins
         if origin.span not in spans
     ]
-    return Provenance(path, to_flow_yaml(to_plain(node)), tuple(steps))
+    return Provenance(path, to_flow_yaml(located_tree.to_plain(node)), tuple(steps))
 
 
-def _source_steps(loaded: LoadedSpec, node: TreeNode) -> Iterator[ProvenanceStep]:
+def _source_steps(loaded: LoadedSpec, node: located_tree.TreeNode) -> Iterator[ProvenanceStep]:
     """The place of the value itself, and of the variable that it refers to."""
     source = loaded.sources.get(node.span.file)
     option = node.span.file.startswith("--")
     here = "given by this option" if option else "written here"
     if source is not None and node.span.line == node.span.end_line:
         raw = source.line(node.span.line)[node.span.column - 1 : node.span.end_column - 1]
-        if isinstance(node, ScalarNode) and node.origin is not None:
+        if isinstance(node, located_tree.ScalarNode) and node.origin is not None:
             here += f", as {clip(raw)}"
     yield ProvenanceStep(here, node.span)
-    if isinstance(node, ScalarNode) and node.origin is not None:
+    if isinstance(node, located_tree.ScalarNode) and node.origin is not None:
         yield ProvenanceStep(node.origin.message, node.origin.span)
         matrix_case, brought = loaded.matrix_case, node.origin.span
         if matrix_case is not None and any(v.span == brought for v in matrix_case.values.values()):
             yield ProvenanceStep(f"in the case {matrix_case.name} of the matrix", matrix_case.span)
 
 
-def _alias_steps(root: TreeNode, path: Path) -> Iterator[ProvenanceStep]:
+def _alias_steps(root: located_tree.TreeNode, path: Path) -> Iterator[ProvenanceStep]:
     """Aliases and merge keys: what they bring is written outside of the value that contains it."""
-    node: TreeNode | None = root
+    node: located_tree.TreeNode | None = root
     for part in path:
-        owner, node = node, child(node, part)
+        owner, node = node, located_tree.child(node, part)
         if node is None:
             return
-        if isinstance(owner, MapNode):
+        if isinstance(owner, located_tree.MapNode):
             key = owner.entries[str(part)].key_span
             if _precedes(node.span, key):
                 yield ProvenanceStep(f"an alias is the value of {quote(str(part))} here", key)
             elif key.file == owner.span.file and not _is_inside(key, owner.span):
                 yield ProvenanceStep(f"{quote(str(part))} is merged from here", key)
-        elif isinstance(owner, ListNode) and not _is_inside(node.span, owner.span):
+        elif isinstance(owner, located_tree.ListNode) and not _is_inside(node.span, owner.span):
             yield ProvenanceStep("an alias is an item of this list", owner.span)
 
 
@@ -130,7 +122,7 @@ def _is_inside(span: Span, outer: Span) -> bool:
     return span.file == outer.file and start <= (span.line, span.column) <= end
 
 
-def _default_provenance(root: TreeNode, path: Path, text: str) -> Provenance:
+def _default_provenance(root: located_tree.TreeNode, path: Path, text: str) -> Provenance:
     """The default of a key that the document does not have."""
     for length in range(1, len(path) + 1):
         if rule_at(path[:length]) is not None:
@@ -142,7 +134,7 @@ def _default_provenance(root: TreeNode, path: Path, text: str) -> Provenance:
         hint = f"did you mean '{close}'?" if close else ""
         raise UnknownPathError(f"{where} has no {quote(str(path[length - 1]))}", hint)
     for length in range(1, len(path) + 1):
-        owner = lookup(root, path[:length])
+        owner = located_tree.lookup(root, path[:length])
         above = rule_at(path[: length - 1])
         if owner is None and above is not None and above.names is not None:
             raise UnknownPathError(f"the document has no {quote(format_path(path[:length]))}")

@@ -29,8 +29,8 @@ from r2bspec.diagnostics.waivers import NOT_WAIVABLE
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.language.load_spec import load_cases
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.messages import Range
 from r2bspec.language_server.positions import TextPositions
+from r2bspec.language_server.protocol import Range
 from r2bspec.plan.wiring.wiring import NodeWiring
 from r2bspec.safe_io.safe_file import unsaved_files
 

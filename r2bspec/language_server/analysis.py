@@ -29,11 +29,7 @@ from r2bspec.language.load_spec import LoadedSpec, load_cases, load_spec
 from r2bspec.language.located_tree import TreeNode, to_plain
 from r2bspec.language.matrix import KEY as MATRIX
 from r2bspec.language.yaml_document import compose, to_yaml
-from r2bspec.safe_io.limits import (
-    MAX_EDITOR_DOCUMENTS,
-    MAX_EDITOR_PARSED_CHARACTERS,
-    MAX_EDITOR_TEXT_CHARACTERS,
-)
+from r2bspec.safe_io import limits
 from r2bspec.safe_io.looked_up_files import shared_lookups
 from r2bspec.safe_io.safe_file import unsaved_files
 
@@ -144,7 +140,10 @@ class Analysis:
     @cached_property
     def known(self) -> Context | None:
         """The context, or, of a spec with errors, that of the rest; for what is proposed."""
-        if self.context is None and len(self.text) * _MAX_ROUNDS <= MAX_EDITOR_PARSED_CHARACTERS:
+        if (
+            self.context is None
+            and len(self.text) * _MAX_ROUNDS <= limits.MAX_EDITOR_PARSED_CHARACTERS
+        ):
             return tentative_context(self.loaded)
         return self.context
 
@@ -225,14 +224,14 @@ class OpenSpecs:
         """
         self.generation += 1
         others = [len(each.text) for other, each in self._documents.items() if other != path]
-        if len(others) >= MAX_EDITOR_DOCUMENTS:
+        if len(others) >= limits.MAX_EDITOR_DOCUMENTS:
             self.close(path)
             raise UsageError(
-                f"more is open than {MAX_EDITOR_DOCUMENTS:,} documents",
+                f"more is open than {limits.MAX_EDITOR_DOCUMENTS:,} documents",
                 hint="close others, and open this one again",
             )
         document = OpenDocument(text, version, uri, _resolved(path))
-        if sum(others) + len(text) > MAX_EDITOR_TEXT_CHARACTERS:
+        if sum(others) + len(text) > limits.MAX_EDITOR_TEXT_CHARACTERS:
             beginning = "r2bspec:" if document.is_spec else ""
             document = replace(document, text=beginning, is_too_long=True)
         self._documents[path] = document
@@ -269,7 +268,7 @@ class OpenSpecs:
             return analysis
         problem = Diagnostic.error(
             "R2B002",
-            f"the documents that are open have more than {MAX_EDITOR_TEXT_CHARACTERS:,} "
+            f"the documents that are open have more than {limits.MAX_EDITOR_TEXT_CHARACTERS:,} "
             "characters together with this one, which is not read",
             Span.of_file(str(path)),
             "close others or shorten it, then open it again; 'r2bspec validate' checks the file",

@@ -15,20 +15,15 @@ from lsprotocol import types
 
 from r2bspec.diagnostics.code_pages import all_pages
 from r2bspec.language.declaration import ValueRule, rule_at
+from r2bspec.language_server import proposed_names
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.messages import Position
 from r2bspec.language_server.positions import (
     CompletionProposal,
     CursorContext,
     TextPositions,
     cursor_context,
 )
-from r2bspec.language_server.proposed_names import (
-    environment_names,
-    names_as_keys,
-    proposed_values,
-    variable_value,
-)
+from r2bspec.language_server.protocol import Position
 from r2bspec.language_server.symbols import names_of
 from r2bspec.safe_io.limits import MAX_EDITOR_LINE_CHARACTERS
 
@@ -154,7 +149,7 @@ def complete(
     where = _Insertion(positions, context.start, max(context.end, offset), written, client)
     if context.is_key:
         return _items(_keys(analysis, context, where), where)
-    values = _items(proposed_values(analysis, context), where)
+    values = _items(proposed_names.proposed_values(analysis, context), where)
     rule = rule_at(context.path)
     if rule is not None and "object" in rule.kinds and not context.before.strip():
         # A map that has no key yet: the word will be its first key.
@@ -200,7 +195,7 @@ class _Insertion:
 def _keys(
     analysis: Analysis | None, context: CursorContext, where: _Insertion
 ) -> Iterator[CompletionProposal]:
-    items = [*_schema_keys(context), *names_as_keys(analysis, context)]
+    items = [*_schema_keys(context), *proposed_names.names_as_keys(analysis, context)]
     if not context.has_colon:
         items += _schema_snippets(context)
     is_block = where.client.snippets and where.is_block and not context.has_colon
@@ -282,11 +277,11 @@ def _references(analysis: Analysis | None, kind: str) -> Iterator[CompletionProp
         for name in names_of(analysis, "variable"):
             yield CompletionProposal(
                 name if kind else f"$(var {name})",
-                detail=variable_value(analysis, name),
+                detail=proposed_names.variable_value(analysis, name),
                 kind=types.CompletionItemKind.Variable,
             )
     if kind != "var":
-        for name in environment_names(analysis):
+        for name in proposed_names.environment_names(analysis):
             yield CompletionProposal(
                 name if kind else f"$(env {name})",
                 detail="of the environment",

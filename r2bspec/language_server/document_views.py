@@ -27,8 +27,8 @@ from r2bspec.language.located_tree import (
 )
 from r2bspec.language.value_trace import UnknownPathError, provenance
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.messages import Position
 from r2bspec.language_server.positions import DocumentPlace, TextPositions, place_at, walk
+from r2bspec.language_server.protocol import Position
 from r2bspec.language_server.symbols import Occurrence, occurrence_at
 from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.time_estimate import estimate_time

@@ -26,7 +26,7 @@ from r2bspec.diagnostics.diagnostic import LINE_BREAK
 from r2bspec.language.document import Source
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
 from r2bspec.language.yaml_document import compose
-from r2bspec.language_server.messages import Change, Position, invalid_params
+from r2bspec.language_server.protocol import Change, Position, invalid_params
 from r2bspec.safe_io.limits import MAX_EDITOR_EDIT_WORK, MAX_EDITOR_PARSED_CHARACTERS
 
 _PROTOCOL_LINE_BREAK: Final = re.compile(r"\r\n|\n|\r")

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from lsprotocol import types
 
+from r2bspec.bags.message_types import common_types
 from r2bspec.check.check_context import Context
 from r2bspec.diagnostics import Path
 from r2bspec.language.declaration import ValueRule, rule_at
@@ -90,8 +91,6 @@ def _of_topics(known: Context, owner: Path, topics: Iterator[str]) -> Iterator[s
 
 @cache
 def _common_types() -> tuple[str, ...]:
-    from r2bspec.bags.message_types import common_types
-
     return tuple(sorted(common_types()))
 
 

@@ -14,18 +14,27 @@ from typing import Final
 
 from lsprotocol import types
 
-from r2bspec.bags.recording import BAG_FORMATS
+from r2bspec.bags.recording import BAG_FORMATS, DataError
+from r2bspec.datasets.catalogue import known_datasets
+from r2bspec.judge.measure.metric_catalogue import (
+    METRICS,
+    NO_SUBJECTS,
+    MetricError,
+    example_requirement,
+    find_metric,
+    names,
+)
 from r2bspec.language.declaration import ValueRule
 from r2bspec.language.located_tree import ScalarNode, lookup
 from r2bspec.language.quantities import QUANTITIES, Duration, Quantity
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.positions import CompletionProposal, CursorContext
 from r2bspec.language_server.symbols import definitions_in, names_of
-from r2bspec.plan.installed_packages import (
-    ament_packages,
-    package_executables,
-    package_plugins,
-    package_share,
+from r2bspec.plan import installed_packages
+from r2bspec.plan.wiring.node_interface import (
+    catalogue_nodes,
+    catalogue_packages,
+    reference_node_interfaces,
 )
 
 _MAX_FILES: Final = 200
@@ -33,9 +42,6 @@ _MAX_FILES: Final = 200
 
 def recordings(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
     """Datasets, and the recordings below the folder of the spec."""
-    from r2bspec.bags.recording import DataError
-    from r2bspec.datasets.catalogue import known_datasets
-
     try:
         for name in known_datasets():
             yield CompletionProposal(name, "dataset", kind=types.CompletionItemKind.Module, order=5)
@@ -87,8 +93,6 @@ def _files(
 
 def python_classes(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
     """The reference nodes, and the classes in Python files next to the spec, without imports."""
-    from r2bspec.plan.wiring.node_interface import reference_node_interfaces
-
     for name in reference_node_interfaces():
         yield CompletionProposal(
             name, "reference node", kind=types.CompletionItemKind.Class, order=300
@@ -110,9 +114,7 @@ def python_classes(analysis: Analysis, _: CursorContext) -> Iterator[CompletionP
 
 def packages(_analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
     """The packages that are installed, and those of the catalogue."""
-    from r2bspec.plan.wiring.node_interface import catalogue_packages
-
-    installed = ament_packages()
+    installed = installed_packages.ament_packages()
     for name in sorted(installed):
         yield CompletionProposal(name, "installed", kind=types.CompletionItemKind.Module, order=10)
     for name in sorted(set(catalogue_packages()) - installed):
@@ -121,10 +123,8 @@ def packages(_analysis: Analysis, _: CursorContext) -> Iterator[CompletionPropos
 
 def plugins(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
     """The composable nodes of the package that the node names."""
-    from r2bspec.plan.wiring.node_interface import catalogue_nodes
-
     package = _package_beside(analysis, context)
-    installed = package_plugins(package)
+    installed = installed_packages.package_plugins(package)
     for name in sorted({*catalogue_nodes(package), *installed} - {""}):
         detail = "installed" if name in installed else "known"
         yield CompletionProposal(name, detail, kind=types.CompletionItemKind.Class, order=5)
@@ -132,10 +132,8 @@ def plugins(analysis: Analysis, context: CursorContext) -> Iterator[CompletionPr
 
 def executables(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
     """The executables of the package that the node names."""
-    from r2bspec.plan.wiring.node_interface import catalogue_nodes
-
     package = _package_beside(analysis, context)
-    installed = package_executables(package)
+    installed = installed_packages.package_executables(package)
     known = {
         catalogue_node.executable
         for catalogue_node in catalogue_nodes(package).values()
@@ -148,7 +146,7 @@ def executables(analysis: Analysis, context: CursorContext) -> Iterator[Completi
 
 def launch_files(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
     """The launch files of the package that the node names."""
-    share = package_share(_package_beside(analysis, context))
+    share = installed_packages.package_share(_package_beside(analysis, context))
     folder = share / "launch" if share is not None else None
     for path in sorted(folder.iterdir() if folder is not None and folder.is_dir() else ()):
         if "launch" in path.name:
@@ -205,15 +203,6 @@ def requirements(analysis: Analysis, context: CursorContext) -> Iterator[Complet
 
 
 def _metrics(analysis: Analysis) -> Iterator[CompletionProposal]:
-    from r2bspec.judge.measure.metric_catalogue import (
-        METRICS,
-        NO_SUBJECTS,
-        MetricError,
-        example_requirement,
-        find_metric,
-        names,
-    )
-
     spec_context = analysis.known
     subjects = spec_context.subjects if spec_context is not None else NO_SUBJECTS
     monitors = names_of(analysis, "monitor")
@@ -248,8 +237,6 @@ def _metrics(analysis: Analysis) -> Iterator[CompletionProposal]:
 
 
 def _dimension(metric: str) -> str:
-    from r2bspec.judge.measure.metric_catalogue import MetricError, find_metric
-
     for name in (metric, metric.partition(".")[2]):
         try:
             return find_metric(name).dimension

@@ -16,7 +16,7 @@ from lsprotocol import types
 
 from r2bspec._version import __version__
 from r2bspec.diagnostics import Span
-from r2bspec.language_server import actions, messages
+from r2bspec.language_server import actions, document_views, protocol
 from r2bspec.language_server.actions import (
     SpecCase,
     SpecCommand,
@@ -28,17 +28,9 @@ from r2bspec.language_server.actions import (
 )
 from r2bspec.language_server.analysis import Analysis, OpenSpecs
 from r2bspec.language_server.completion import TRIGGERS, ClientCapabilities, complete
-from r2bspec.language_server.document_views import (
-    document_symbols,
-    folding_ranges,
-    hover,
-    inlay_hints,
-    selection_range,
-)
-from r2bspec.language_server.messages import RequestError, decoded, invalid_params
 from r2bspec.language_server.positions import ENCODINGS, TextPositions, edited
+from r2bspec.language_server.protocol import Connection, RequestError, decoded, invalid_params
 from r2bspec.language_server.symbols import definitions, references_at, renamable, rename
-from r2bspec.language_server.transport import Connection
 from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
 from r2bspec.safe_io.safe_file import RefusedFileError, read_text
 from r2bspec.safe_io.temporary_folder import process_folder
@@ -73,7 +65,7 @@ class SpecLanguageServer:
     def __init__(self, connection: Connection) -> None:
         self.connection = connection
         self.specs = OpenSpecs()
-        self.abilities = messages.Abilities()
+        self.abilities = protocol.Abilities()
         self.encoding = "utf-16"
         self.folders: list[Path] = []
         self._positions = TextPositions("")
@@ -82,7 +74,7 @@ class SpecLanguageServer:
         self._published: dict[str, frozenset[str]] = {}
         self._running: set[asyncio.Task[None]] = set()
 
-    def initialize(self, params: messages.InitializeParams) -> types.InitializeResult:
+    def initialize(self, params: protocol.InitializeParams) -> types.InitializeResult:
         """Take over what the editor is, and say what is answered."""
         self.abilities = params.capabilities
         general = params.capabilities.general
@@ -90,7 +82,7 @@ class SpecLanguageServer:
         self.encoding = next(
             (encoding for encoding in encodings or () if encoding in ENCODINGS), "utf-16"
         )
-        root = [messages.Named(params.root_uri)] if params.root_uri else []
+        root = [protocol.Named(params.root_uri)] if params.root_uri else []
         self._positions = TextPositions("", self.encoding)
         self.change_folders(params.workspace_folders or root)
         return types.InitializeResult(
@@ -99,7 +91,7 @@ class SpecLanguageServer:
         )
 
     def change_folders(
-        self, added: Sequence[messages.Named], removed: Sequence[messages.Named] = ()
+        self, added: Sequence[protocol.Named], removed: Sequence[protocol.Named] = ()
     ) -> None:
         """Take over which folders of this machine the workspace has."""
         gone = {path_of(folder.uri) for folder in removed}
@@ -139,7 +131,7 @@ class SpecLanguageServer:
         finally:
             self.analyse_soon(path)
 
-    def edit(self, params: messages.ChangeParams) -> None:
+    def edit(self, params: protocol.ChangeParams) -> None:
         """Change an open document; one whose changes cannot be made counts as closed.
 
         Of a text that is too long nothing is known that a part of it could be changed of.
@@ -356,7 +348,7 @@ def document_path(document_uri: str) -> Path:
     return path
 
 
-def _capabilities(encoding: str, abilities: messages.Abilities) -> types.ServerCapabilities:
+def _capabilities(encoding: str, abilities: protocol.Abilities) -> types.ServerCapabilities:
     """What is answered, for an editor with these abilities."""
     document = abilities.text_document
     renames = document.rename if document is not None else None
@@ -396,11 +388,11 @@ def _capabilities(encoding: str, abilities: messages.Abilities) -> types.ServerC
 
 def _add_documents(server: SpecLanguageServer) -> None:
     on = server.connection.on
-    on(types.INITIALIZE, messages.InitializeParams)(server.initialize)
-    on(types.TEXT_DOCUMENT_DID_CHANGE, messages.ChangeParams)(server.edit)
+    on(types.INITIALIZE, protocol.InitializeParams)(server.initialize)
+    on(types.TEXT_DOCUMENT_DID_CHANGE, protocol.ChangeParams)(server.edit)
 
-    @on(types.TEXT_DOCUMENT_DID_OPEN, messages.OpenParams)
-    def opened(params: messages.OpenParams) -> None:
+    @on(types.TEXT_DOCUMENT_DID_OPEN, protocol.OpenParams)
+    def opened(params: protocol.OpenParams) -> None:
         document = params.text_document
         server.change(document_path(document.uri), document.text, document.version, document.uri)
 
@@ -408,18 +400,18 @@ def _add_documents(server: SpecLanguageServer) -> None:
     def saved(_: None) -> None:
         server.files_changed()
 
-    @on(types.TEXT_DOCUMENT_DID_CLOSE, messages.DocumentParams)
-    def closed(params: messages.DocumentParams) -> None:
+    @on(types.TEXT_DOCUMENT_DID_CLOSE, protocol.DocumentParams)
+    def closed(params: protocol.DocumentParams) -> None:
         server.close(document_path(params.text_document.uri))
 
-    @on(types.WORKSPACE_DID_CHANGE_WATCHED_FILES, messages.FileParams)
-    def files_changed(params: messages.FileParams) -> None:
+    @on(types.WORKSPACE_DID_CHANGE_WATCHED_FILES, protocol.FileParams)
+    def files_changed(params: protocol.FileParams) -> None:
         server.files_changed()
         if any(change.uri.endswith("/result.json") for change in params.changes):
             server.refresh_lenses()
 
-    @on(types.WORKSPACE_DID_CHANGE_WORKSPACE_FOLDERS, messages.FolderParams)
-    def folders_changed(params: messages.FolderParams) -> None:
+    @on(types.WORKSPACE_DID_CHANGE_WORKSPACE_FOLDERS, protocol.FolderParams)
+    def folders_changed(params: protocol.FolderParams) -> None:
         server.change_folders(params.event.added, params.event.removed)
 
     @on(types.SHUTDOWN)
@@ -428,8 +420,8 @@ def _add_documents(server: SpecLanguageServer) -> None:
 
 
 def _add_completion(server: SpecLanguageServer) -> None:
-    @server.connection.on(types.TEXT_DOCUMENT_COMPLETION, messages.PositionParams)
-    async def completed(params: messages.PositionParams) -> types.CompletionList:
+    @server.connection.on(types.TEXT_DOCUMENT_COMPLETION, protocol.PositionParams)
+    async def completed(params: protocol.PositionParams) -> types.CompletionList:
         path = document_path(params.text_document.uri)
         document = server.specs.document(path)
         if document is not None and document.is_too_long:
@@ -444,7 +436,7 @@ def _add_completion(server: SpecLanguageServer) -> None:
         return types.CompletionList(is_incomplete=False, items=items)
 
 
-def _completion_capabilities(abilities: messages.Abilities) -> ClientCapabilities:
+def _completion_capabilities(abilities: protocol.Abilities) -> ClientCapabilities:
     document = abilities.text_document
     completion = document.completion if document is not None else None
     item = completion.completion_item if completion is not None else None
@@ -462,7 +454,7 @@ Answer = Callable[[Analysis, TextPositions, Any], Any]
 def _add_answers(server: SpecLanguageServer) -> None:
     """Requests about the text of a spec as it is now; about any other document nothing is said."""
 
-    def answers(feature: str, kind: Any = messages.PositionParams) -> Callable[[Answer], None]:
+    def answers(feature: str, kind: Any = protocol.PositionParams) -> Callable[[Answer], None]:
         def register(answer: Answer) -> None:
             @server.connection.on(feature, kind)
             async def answered(params: Any) -> Any:
@@ -479,18 +471,18 @@ def _add_answers(server: SpecLanguageServer) -> None:
 
     @answers(types.TEXT_DOCUMENT_HOVER)
     def hovered(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
-        return hover(analysis, positions, params.position)
+        return document_views.hover(analysis, positions, params.position)
 
-    @answers(types.TEXT_DOCUMENT_INLAY_HINT, messages.RangeParams)
+    @answers(types.TEXT_DOCUMENT_INLAY_HINT, protocol.RangeParams)
     def hinted(analysis: Analysis, positions: TextPositions, _: Any) -> Any:
-        return list(inlay_hints(analysis, positions))
+        return list(document_views.inlay_hints(analysis, positions))
 
     @answers(types.TEXT_DOCUMENT_DEFINITION)
     def defined(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
         spans = definitions(analysis, positions.place(params.position))
         return [server.location(span) for span in spans]
 
-    @answers(types.TEXT_DOCUMENT_REFERENCES, messages.ReferenceParams)
+    @answers(types.TEXT_DOCUMENT_REFERENCES, protocol.ReferenceParams)
     def referred(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
         return [
             server.location(occurrence.span)
@@ -510,7 +502,7 @@ def _add_answers(server: SpecLanguageServer) -> None:
     def prepared(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
         return positions.range(renamable(analysis, positions.place(params.position)).span)
 
-    @answers(types.TEXT_DOCUMENT_RENAME, messages.RenameParams)
+    @answers(types.TEXT_DOCUMENT_RENAME, protocol.RenameParams)
     def renamed(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
         changes: dict[str, list[types.TextEdit]] = {}
         texts = rename(analysis, positions.place(params.position), params.new_name)
@@ -519,38 +511,41 @@ def _add_answers(server: SpecLanguageServer) -> None:
             changes.setdefault(location.uri, []).append(types.TextEdit(location.range, text))
         return types.WorkspaceEdit(changes=changes)
 
-    @answers(types.TEXT_DOCUMENT_DOCUMENT_SYMBOL, messages.DocumentParams)
+    @answers(types.TEXT_DOCUMENT_DOCUMENT_SYMBOL, protocol.DocumentParams)
     def listed(analysis: Analysis, positions: TextPositions, _: Any) -> Any:
-        return document_symbols(analysis, positions)
+        return document_views.document_symbols(analysis, positions)
 
-    @answers(types.TEXT_DOCUMENT_FOLDING_RANGE, messages.DocumentParams)
+    @answers(types.TEXT_DOCUMENT_FOLDING_RANGE, protocol.DocumentParams)
     def folded(analysis: Analysis, positions: TextPositions, _: Any) -> Any:
-        return folding_ranges(analysis, positions)
+        return document_views.folding_ranges(analysis, positions)
 
-    @answers(types.TEXT_DOCUMENT_SELECTION_RANGE, messages.SelectionParams)
+    @answers(types.TEXT_DOCUMENT_SELECTION_RANGE, protocol.SelectionParams)
     def selected(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
-        return [selection_range(analysis, positions, position) for position in params.positions]
+        return [
+            document_views.selection_range(analysis, positions, position)
+            for position in params.positions
+        ]
 
-    @answers(types.TEXT_DOCUMENT_CODE_ACTION, messages.ActionParams)
+    @answers(types.TEXT_DOCUMENT_CODE_ACTION, protocol.ActionParams)
     def acted(analysis: Analysis, _: TextPositions, params: Any) -> Any:
         kinds = params.context.only
         offered = code_actions(analysis, server.positions_of, params.range)
         return [action for action in offered if not kinds or action.kind in kinds]
 
-    @answers(types.TEXT_DOCUMENT_CODE_LENS, messages.DocumentParams)
+    @answers(types.TEXT_DOCUMENT_CODE_LENS, protocol.DocumentParams)
     def lensed(analysis: Analysis, positions: TextPositions, _: Any) -> Any:
         return list(code_lenses(analysis, positions, server.folder))
 
 
 def _add_commands(server: SpecLanguageServer) -> None:
-    @server.connection.on(actions.REQUEST, messages.Named)
-    async def listed_cases(params: messages.Named) -> list[SpecCase]:
+    @server.connection.on(actions.REQUEST, protocol.Named)
+    async def listed_cases(params: protocol.Named) -> list[SpecCase]:
         path = document_path(params.uri)
         text, unsaved = server.text_of(path), server.specs.unsaved()
         return await asyncio.to_thread(spec_cases, path, text, unsaved)
 
-    @server.connection.on(types.WORKSPACE_EXECUTE_COMMAND, messages.CommandParams)
-    def started(params: messages.CommandParams) -> None:
+    @server.connection.on(types.WORKSPACE_EXECUTE_COMMAND, protocol.CommandParams)
+    def started(params: protocol.CommandParams) -> None:
         if len(params.arguments) != 1:
             raise invalid_params("a command has one argument")
         if params.command == actions.SHOW_RESULT:

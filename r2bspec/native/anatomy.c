@@ -53,6 +53,8 @@ typedef struct type_support {
   const description_t *(*describe)(const struct type_support *);
 } type_support_t;
 
+#define ONE_MESSAGE 1 /* of another type, and no array of them */
+
 /* Before types described themselves, type supports were shorter, and rcl had not this function. It
  * has described the type already, when its publisher or subscription was made. */
 static bool begins_with_header(const type_support_t *type)
@@ -61,6 +63,7 @@ static bool begins_with_header(const type_support_t *type)
   const description_t *described =
     next == NULL || type->describe == NULL ? NULL : type->describe(type);
   return described != NULL && described->number_of_fields != 0 &&
+         described->fields->type_id == ONE_MESSAGE &&
          described->fields->nested_type_name.data != NULL &&
          strcmp(described->fields->nested_type_name.data, "std_msgs/msg/Header") == 0;
 }

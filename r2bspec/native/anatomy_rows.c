@@ -55,7 +55,7 @@ bool rows_are_open(void)
 
 /* What a thread has for itself. */
 static _Thread_local struct {
-  row_t *row, *end; /* the rest of its slab */
+  row_t *row; /* the next one, unless it is in the next slab */
   uint32_t id;
   int64_t clock_ns;    /* the system clock less the monotonic one, */
   int64_t compared_ns; /* which were compared at this time */
@@ -90,8 +90,42 @@ static void compare_clocks(int64_t now)
   me.compared_ns = now;
 }
 
-static bool claim_slab(file_t *file)
+/* At the end of a slab begins that of another thread. */
+static bool begins_slab(const file_t *file, const row_t *row)
 {
+  return (row - file->rows) % SLAB_ROWS == 0;
+}
+
+/* What threads that have ended have left of their slabs: a program may start one for each message. */
+static _Atomic(row_t *) remainders[64];
+#define REMAINDERS (sizeof(remainders) / sizeof(*remainders))
+static pthread_key_t at_end_of_thread;
+
+static void leave_slab(void *file)
+{
+  row_t *rest = me.row;
+  me.row = NULL;
+  for (size_t i = 0; i < REMAINDERS && rest != NULL && !begins_slab(file, rest); i++) {
+    row_t *none = NULL;
+    if (atomic_compare_exchange_strong(&remainders[i], &none, rest)) {
+      return;
+    }
+  }
+}
+
+/* Returns a row of this thread and up to the end of its slab, or NULL. */
+static row_t *claim_rows(file_t *file)
+{
+  if (me.id == 0) {
+    me.id = (uint32_t)syscall(SYS_gettid);
+    (void)pthread_setspecific(at_end_of_thread, file);
+  }
+  for (size_t i = 0; i < REMAINDERS; i++) {
+    row_t *rest = atomic_load_explicit(&remainders[i], memory_order_relaxed);
+    if (rest != NULL && atomic_compare_exchange_strong(&remainders[i], &rest, NULL)) {
+      return rest;
+    }
+  }
   /* A file that is full stays so: the number of claims must not start again at zero. */
   uint32_t slab = atomic_load_explicit(&file->claimed_slabs, memory_order_relaxed);
   if (slab < file->slabs) {
@@ -99,24 +133,29 @@ static bool claim_slab(file_t *file)
   }
   if (slab >= file->slabs) {
     atomic_fetch_add_explicit(&file->lost, 1, memory_order_relaxed);
-    return false;
+    return NULL;
   }
-  me.id = me.id != 0 ? me.id : (uint32_t)syscall(SYS_gettid);
-  me.row = file->rows + (size_t)slab * SLAB_ROWS;
-  me.end = me.row + SLAB_ROWS;
-  return true;
+  return file->rows + (size_t)slab * SLAB_ROWS;
 }
 
+/* A handler of a signal that adds an event meanwhile may lose that, and never harms others. */
 void rows_add(uint16_t kind, const row_t *event)
 {
   file_t *file = file_now();
-  if (file == NULL || (me.row == me.end && !claim_slab(file))) {
+  if (file == NULL) {
     return;
   }
   if (event->ended_ns - me.compared_ns > CLOCK_VALID_NS) {
     compare_clocks(event->ended_ns);
   }
-  row_t *row = me.row++;
+  row_t *row = me.row;
+  if (row == NULL || begins_slab(file, row)) {
+    row = claim_rows(file);
+    if (row == NULL) {
+      return;
+    }
+  }
+  me.row = row + 1;
   row->object = event->object;
   row->thread = me.id;
   row->flags = event->flags;
@@ -234,7 +273,9 @@ static file_t *map_file(const char *path, size_t bytes)
     return NULL;
   }
   void *mapped = MAP_FAILED;
-  errno = posix_fallocate(fd, 0, (off_t)bytes);
+  do {
+    errno = posix_fallocate(fd, 0, (off_t)bytes);
+  } while (errno == EINTR);
   if (errno == 0) {
     mapped = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, fd, 0);
   }
@@ -266,7 +307,8 @@ static void open_file(const char *folder, const char *process, const char *size)
   errno = length >= (int)sizeof(path) ? ENAMETOOLONG : slabs > UINT32_MAX ? EFBIG : ENOSPC;
   file_t *file =
     slabs == 0 || slabs > UINT32_MAX || length >= (int)sizeof(path) ? NULL : map_file(path, bytes);
-  if (file == NULL || pthread_atfork(NULL, NULL, stop_writing) != 0) {
+  if (file == NULL || pthread_atfork(NULL, NULL, stop_writing) != 0 ||
+      pthread_key_create(&at_end_of_thread, leave_slab) != 0) {
     fprintf(stderr, "r2bspec cannot observe this process: %s: %s\n", path, strerror(errno));
     return;
   }

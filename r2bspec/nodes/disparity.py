@@ -7,22 +7,14 @@ from array import array
 from sensor_msgs.msg import CameraInfo, Image, RegionOfInterest
 from stereo_msgs.msg import DisparityImage
 
-from r2bspec.nodes import camera, images, stereo
-from r2bspec.nodes.node_tools import (
-    QOS_DEPTH,
-    Constraint,
-    ReferenceNode,
-    at_least,
-    greater_than,
-    one_of,
-)
+from r2bspec.nodes import camera, images, node_tools, stereo
 
-_ODD = Constraint("odd, 5 or more", lambda value: value >= 5 and value % 2 == 1)
-_SIXTEENS = Constraint("a multiple of 16", lambda value: value > 0 and value % 16 == 0)
-_ANY = Constraint("any", lambda _: True)
+_ODD = node_tools.Constraint("odd, 5 or more", lambda value: value >= 5 and value % 2 == 1)
+_SIXTEENS = node_tools.Constraint("a multiple of 16", lambda value: value > 0 and value % 16 == 0)
+_ANY = node_tools.Constraint("any", lambda _: True)
 
 
-class DisparityNode(ReferenceNode):
+class DisparityNode(node_tools.ReferenceNode):
     """Finds, for each pixel of a rectified left image, where the right image shows the same point.
 
     Subscribes to ``left/image_rect`` and ``right/image_rect`` with their ``left/camera_info`` and
@@ -40,7 +32,7 @@ class DisparityNode(ReferenceNode):
         """Declare the parameters, and create publishers and subscriptions."""
         self._matching = self._declared()
         self._matcher = stereo.make_matcher(self._matching)
-        self._publisher = self.create_publisher(DisparityImage, "disparity", QOS_DEPTH)
+        self._publisher = self.create_publisher(DisparityImage, "disparity", node_tools.QOS_DEPTH)
         self.subscribe_set(
             {
                 "left/image_rect": Image,
@@ -57,7 +49,7 @@ class DisparityNode(ReferenceNode):
                 "stereo_algorithm",
                 0,
                 "0 block matching, 1 semi-global block matching",
-                one_of(stereo.BLOCK_MATCHING, stereo.SEMI_GLOBAL),
+                node_tools.one_of(stereo.BLOCK_MATCHING, stereo.SEMI_GLOBAL),
             ),
             window_px=self.declare(
                 "correlation_window_size", 15, "edge of the compared square, pixels", _ODD
@@ -72,28 +64,31 @@ class DisparityNode(ReferenceNode):
                 "prefilter_cap",
                 31,
                 "limit of the filtered brightness",
-                Constraint("1 to 63", lambda value: 1 <= value <= 63),
+                node_tools.Constraint("1 to 63", lambda value: 1 <= value <= 63),
             ),
             texture_threshold=self.declare(
-                "texture_threshold", 10, "least texture of a window", at_least(0)
+                "texture_threshold", 10, "least texture of a window", node_tools.at_least(0)
             ),
             uniqueness_percent=self.declare(
                 "uniqueness_ratio",
                 15.0,
                 "by how many percent the best match must be better than the second",
-                at_least(0),
+                node_tools.at_least(0),
             ),
             speckle_px=self.declare(
-                "speckle_size", 100, "patches of fewer pixels are left out", at_least(0)
+                "speckle_size", 100, "patches of fewer pixels are left out", node_tools.at_least(0)
             ),
             speckle_range_px=self.declare(
-                "speckle_range", 4, "largest difference inside a patch, pixels", at_least(0)
+                "speckle_range",
+                4,
+                "largest difference inside a patch, pixels",
+                node_tools.at_least(0),
             ),
             small_step_cost=self.declare(
-                "P1", 200, "cost of a difference of 1 to a neighbour", greater_than(0)
+                "P1", 200, "cost of a difference of 1 to a neighbour", node_tools.greater_than(0)
             ),
             large_step_cost=self.declare(
-                "P2", 400, "cost of a larger difference to a neighbour", greater_than(0)
+                "P2", 400, "cost of a larger difference to a neighbour", node_tools.greater_than(0)
             ),
         )
 

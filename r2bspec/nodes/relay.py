@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
+import re
 from time import perf_counter_ns, sleep
 
-from r2bspec.nodes.format_classes import message_type
 from r2bspec.nodes.node_tools import Constraint, ReferenceNode, any_bool, at_least, one_of
 from r2bspec.nodes.service_times import JITTERS, service_times_ns
 
@@ -59,3 +60,25 @@ class RelayNode(ReferenceNode):
         while perf_counter_ns() < end_ns:
             pass
         self._publisher.publish(serialized)
+
+
+_NAME = re.compile(r"([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)")
+
+
+def message_type(name: str) -> type:
+    """Find the class of a message type such as ``sensor_msgs/msg/Image``.
+
+    Raises:
+        ValueError: it is not the name of a message type, or the type is not installed.
+    """
+    parts = _NAME.fullmatch(name)
+    if parts is None:
+        raise ValueError(f"{name!r} is not a message type such as sensor_msgs/msg/Image")
+    package, message = parts.groups()
+    try:
+        loaded_class: type = getattr(importlib.import_module(f"{package}.msg"), message)
+    except ModuleNotFoundError as missing:
+        raise ValueError(f"{name!r}: the package {package} is not installed") from missing
+    except AttributeError as missing:
+        raise ValueError(f"{name!r}: {package} has no message {message}") from missing
+    return loaded_class

@@ -15,7 +15,7 @@ import numpy as np
 from r2bspec.record.files import RecordError
 from r2bspec.record.run_record import AnatomyKind, AnatomyObject, AnatomyObjectKind, AnatomyProcess
 from r2bspec.record.sample_arrays import ANATOMY_DTYPE, LONGEST_NS, Rows
-from r2bspec.safe_io.limits import MAX_ANATOMY_FILES, MAX_SAMPLES_BYTES
+from r2bspec.safe_io.limits import MAX_ANATOMY_EVENTS, MAX_ANATOMY_FILES
 from r2bspec.safe_io.safe_file import open_regular
 
 SUFFIX: Final = ".rows"
@@ -55,8 +55,7 @@ def read_anatomy(
     """What all processes have recorded in a folder; other files are passed over.
 
     A file that its process was still making is left out, as are events that it had not finished.
-    Events beyond what a file of samples may have are counted as lost, and so are those that cannot
-    be.
+    Events beyond the limit for all are counted as lost, and so are those that cannot be.
 
     Returns:
         The events in the order in which they began, what they belong to, and the processes.
@@ -67,7 +66,7 @@ def read_anatomy(
     objects: list[AnatomyObject] = []
     processes: list[AnatomyProcess] = []
     arrays = [np.empty(0, ANATOMY_DTYPE)]
-    room = MAX_SAMPLES_BYTES // (2 * ANATOMY_DTYPE.itemsize)
+    room = MAX_ANATOMY_EVENTS
     for path in _find_files(folder):
         try:
             with open_regular(path, folders=[folder]) as file:

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from r2bspec.judge.measure.anatomy_events import NONE, UNKNOWN_NS, Events
-from r2bspec.judge.measure.anatomy_summary import join_segment, observed_segments
+from r2bspec.judge.measure.anatomy_summary import join_segment, last_run, observed_segments
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import AnatomyKind, AnatomyRecord
 
@@ -46,8 +46,9 @@ def observed_events(run: Run, at: _At) -> Iterator[dict[str, Any]]:
         RecordError: a file of the run is missing or damaged.
     """
     group = _FIRST_GROUP
-    for of, segment, record in observed_segments(run):
-        events = join_segment(of, segment, record).events
+    run = last_run(run)
+    for segment, record in observed_segments(run):
+        events = join_segment(run, segment, record).events
         yield from _groups(events, record, segment.id, group)
         yield from _slices(events, at, group)
         group += len(record.processes)

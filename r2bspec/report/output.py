@@ -11,6 +11,7 @@ import sys
 from typing import TYPE_CHECKING, Any, Final, TextIO, cast
 
 import click
+import msgspec
 
 from r2bspec.diagnostics import plain_text
 
@@ -55,8 +56,6 @@ def echo_document(content: str | bytes, *, nl: bool = True) -> None:
 
 def echo_json(content: object) -> None:
     """Print a value as indented JSON, for programs."""
-    import msgspec
-
     echo_document(msgspec.json.format(msgspec.json.encode(content), indent=2))
 
 

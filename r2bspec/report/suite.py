@@ -25,6 +25,7 @@ from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.report.format_registry import HOST_CHARTS, load
 from r2bspec.report.headline import headline
 from r2bspec.report.notes import notes_of_an_open_run
+from r2bspec.report.output import console
 from r2bspec.report.report_wording import OUTCOME_WORDS, revisions, revisions_text
 from r2bspec.report.write_reports import STDOUT, link_text
 
@@ -254,7 +255,6 @@ def to_text(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byte
     """The outcomes, a table, then the first line of the report of each run that did not pass."""
     from rich.text import Text
 
-    from r2bspec.report.output import console
     from r2bspec.report.terminal_tables import table
 
     summary = _with_distinct_names(summary)

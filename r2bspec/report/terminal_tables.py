@@ -30,14 +30,8 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import OverallOutcome, VarianceSource, Verdict
 from r2bspec.record.run_record import HarnessOverheadRecord, PhaseTime, RunRecord
 from r2bspec.report import anatomy_table
+from r2bspec.report import report_wording as wording
 from r2bspec.report.output import MAX_TABLE_ROWS, console, rows_left_out
-from r2bspec.report.report_wording import (
-    BUDGET_CAPTION,
-    OUTCOME_WORDS,
-    budget_sentences,
-    overhead_placement,
-    share_text,
-)
 from r2bspec.report.result_table import METRICS, Measured, measured, monitor_names, requirement_rows
 
 OUTCOME_STYLES: dict[OverallOutcome, str] = {
@@ -53,7 +47,7 @@ DIM_STYLE = "dim"
 
 def outcome_text(outcome: OverallOutcome) -> Text:
     """An outcome as a word with its mark and colour."""
-    return Text(OUTCOME_WORDS[outcome], style=OUTCOME_STYLES[outcome])
+    return Text(wording.OUTCOME_WORDS[outcome], style=OUTCOME_STYLES[outcome])
 
 
 def heading(text: str, aside: str = "") -> Text:
@@ -188,7 +182,10 @@ def anatomy_sections(result: Result, *, verbose: bool) -> Iterator[RenderableTyp
         grid = table(anatomy_table.NODE_COLUMNS)
         for row in anatomy_table.node_rows(anatomy):
             grid.add_row(*row)
-        yield Group(heading("nodes", "in the same iteration; load is that of one thread"), grid)
+        yield Group(
+            heading("nodes", "in the same iteration; a load of 100 % is one thread in callbacks"),
+            grid,
+        )
         if lines:
             yield Text("\n".join(lines), style=DIM_STYLE)
 
@@ -230,16 +227,16 @@ def budget_section(verdict: Verdict) -> RenderableType | None:
     grid = table(["requirement", "interval", *get_args(VarianceSource)])
     titles: dict[str, list[str]] = {}
     for row, budget in rows:
-        shares = (share_text(part.share) for part in budget.parts)
+        shares = (wording.share_text(part.share) for part in budget.parts)
         grid.add_row(row.title, f"± {show(budget.half_width, row.verdict.unit)}", *shares)
-        for sentence in budget_sentences(budget):
+        for sentence in wording.budget_sentences(budget):
             titles.setdefault(sentence, []).append(row.title)
     lines: list[RenderableType] = []
     for sentence, (first, *others) in titles.items():
         more = f" and {len(others)} more" if others else ""
         text = sentence if len(others) + 1 == len(rows) else f"{first}{more}: {sentence}"
         lines.append(Padding(Text(text, style=DIM_STYLE), (0, 0, 0, 2), expand=False))
-    return Group(heading("uncertainty", BUDGET_CAPTION), grid, *lines[:MAX_TABLE_ROWS])
+    return Group(heading("uncertainty", wording.BUDGET_CAPTION), grid, *lines[:MAX_TABLE_ROWS])
 
 
 def harness_overhead_section(overheads: tuple[HarnessOverheadRecord, ...]) -> RenderableType | None:
@@ -255,7 +252,7 @@ def harness_overhead_section(overheads: tuple[HarnessOverheadRecord, ...]) -> Re
             *(_ns(value) for value in (overhead.latency_p50_ns, overhead.latency_p99_ns)),
             f"{overhead.received} of {overhead.sent}",
         )
-    where = overhead_placement(overheads)
+    where = wording.overhead_placement(overheads)
     what = f"latency without the graph{where and ', '}{where}; included in the latencies above"
     return Group(heading("harness overhead", what), grid)
 

@@ -17,20 +17,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import quote
 
-from r2bspec.compare.report_input import ReportInput
+from r2bspec.compare.report_input import ReportInput, read_folder
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.errors import R2bspecError
 from r2bspec.judge.measure.units import rate_name
 from r2bspec.record.files import RUN_UNWRITABLE, RecordError, write_atomically
-from r2bspec.report import finding_formats
+from r2bspec.report import finding_formats, format_registry
 from r2bspec.report.findings_text import render_text
-from r2bspec.report.format_registry import (
-    ReportError,
-    ReportUsageError,
-    check_installed,
-    find_format,
-    renderer,
-)
 from r2bspec.safe_io.safe_file import is_folder, is_regular, is_there
 
 STDOUT = "-"
@@ -56,12 +49,12 @@ def parse_report_requests(options: Iterable[str]) -> tuple[ReportRequest, ...]:
     """
     requests = [_parse(option) for option in options]
     for parsed in requests:
-        check_installed(parsed.format)
+        format_registry.check_installed(parsed.format)
     paths = [given.path for given in requests]
     for path in paths:
         if paths.count(path) > 1:
             where = "standard output" if path == STDOUT else repr(path)
-            raise ReportUsageError(
+            raise format_registry.ReportUsageError(
                 f"two reports cannot both go to {where}", hint="Name another file for one of them."
             )
     return tuple(requests)
@@ -70,12 +63,12 @@ def parse_report_requests(options: Iterable[str]) -> tuple[ReportRequest, ...]:
 def _parse(option: str) -> ReportRequest:
     name, equals, path = option.partition("=")
     if not equals or not path:
-        raise ReportUsageError(
+        raise format_registry.ReportUsageError(
             f"--report takes FORMAT=PATH, not {option!r}",
             hint="For example --report html=report.html, or --report markdown=- for standard "
             "output.",
         )
-    find_format(name)
+    format_registry.find_format(name)
     return ReportRequest(name, path)
 
 
@@ -102,12 +95,12 @@ def link_text(target: Path, page: str) -> str:
 
 
 def _contents(request: ReportRequest, report_input: ReportInput) -> Iterator[tuple[str, bytes]]:
-    render = renderer(request.format)
+    render = format_registry.renderer(request.format)
     page = report_input.suite_page
     if page is not None:
         link = link_text(page, request.path) if request.path != STDOUT else ""
         report_input = replace(report_input, suite_link=link)
-    if not find_format(request.format).single or "{" not in request.path:
+    if not format_registry.find_format(request.format).single or "{" not in request.path:
         yield request.path, render(report_input)
         return
     for rate in report_input.result.metrics.rates:
@@ -136,7 +129,7 @@ def write_report(path: str, content: bytes) -> None:
         return
     place = Path(path)
     if is_folder(place):
-        raise ReportError(f"{path} is a folder; give the name of a file")
+        raise format_registry.ReportError(f"{path} is a folder; give the name of a file")
     if is_there(place) and not is_regular(place):
         # Write to a pipe or a device, such as /dev/stderr; a rename would replace it.
         try:
@@ -172,8 +165,6 @@ def write_folder_reports(
     """
     if not requests:
         return
-    from r2bspec.compare.report_input import read_folder
-
     reports = replace(read_folder(folder, spec_file=spec_file), verbose=verbose)
     write_reports(requests, replace(reports, suite_page=suite_page))
 

@@ -18,18 +18,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar, cast
 
-from r2bspec.safe_io.limits import (
-    FREE_MESSAGES,
-    FREE_PIECE_BYTES,
-    FREE_RECORDS,
-    FREE_TOTAL_BYTES,
-    MAX_ARRAY_BYTES,
-    MAX_ARRAY_HEADER_BYTES,
-    MAX_PIECE_BYTES,
-    MAX_RATIO,
-    MIN_BYTES_OF_MESSAGE,
-    MIN_BYTES_OF_RECORD,
-)
+from r2bspec.safe_io import limits
 from r2bspec.safe_io.safe_file import RefusedDataError
 
 if TYPE_CHECKING:
@@ -84,14 +73,16 @@ class DecompressionBudget:
 
     def __init__(self, stored_bytes: int, messages: int = 0) -> None:
         if _chosen_bytes is None:
-            self._left = max(FREE_TOTAL_BYTES, stored_bytes * MAX_RATIO)
-            self._limit = f"{MAX_RATIO:,} times its size"
+            self._left = max(limits.FREE_TOTAL_BYTES, stored_bytes * limits.MAX_RATIO)
+            self._limit = f"{limits.MAX_RATIO:,} times its size"
         else:
             self._left = _chosen_bytes
             self._limit = _chosen_text(_chosen_bytes)
-        self._max_records = messages + max(FREE_RECORDS, stored_bytes // MIN_BYTES_OF_RECORD)
+        self._max_records = messages + max(
+            limits.FREE_RECORDS, stored_bytes // limits.MIN_BYTES_OF_RECORD
+        )
         self._records = 0
-        self._max_messages = max(FREE_MESSAGES, stored_bytes // MIN_BYTES_OF_MESSAGE)
+        self._max_messages = max(limits.FREE_MESSAGES, stored_bytes // limits.MIN_BYTES_OF_MESSAGE)
         self._messages = 0
 
     def spend(self, unpacked_bytes: int) -> None:
@@ -165,13 +156,17 @@ def check_piece(stored_bytes: int, unpacked_bytes: int) -> None:
     Raises:
         RefusedDataError: it is too large, or unpacks to too much.
     """
-    if unpacked_bytes > MAX_PIECE_BYTES:
+    if unpacked_bytes > limits.MAX_PIECE_BYTES:
         raise RefusedDataError(
-            f"a message or chunk unpacks to more than {MAX_PIECE_BYTES >> 20} MiB", hint=_HINT
+            f"a message or chunk unpacks to more than {limits.MAX_PIECE_BYTES >> 20} MiB",
+            hint=_HINT,
         )
-    if _chosen_bytes is None and unpacked_bytes > max(FREE_PIECE_BYTES, stored_bytes * MAX_RATIO):
+    if _chosen_bytes is None and unpacked_bytes > max(
+        limits.FREE_PIECE_BYTES, stored_bytes * limits.MAX_RATIO
+    ):
         raise RefusedDataError(
-            f"a message or chunk unpacks to more than {MAX_RATIO:,} times its size", hint=_HINT
+            f"a message or chunk unpacks to more than {limits.MAX_RATIO:,} times its size",
+            hint=_HINT,
         )
     budget = _ACTIVE.get()
     if budget is not None:
@@ -194,8 +189,8 @@ def spend_message() -> None:
 
 def max_unpacked(stored_bytes: int) -> int:
     """The most bytes that a piece of this size may unpack to."""
-    usual = max(FREE_PIECE_BYTES, stored_bytes * MAX_RATIO)
-    return min(MAX_PIECE_BYTES, usual if _chosen_bytes is None else _chosen_bytes)
+    usual = max(limits.FREE_PIECE_BYTES, stored_bytes * limits.MAX_RATIO)
+    return min(limits.MAX_PIECE_BYTES, usual if _chosen_bytes is None else _chosen_bytes)
 
 
 def unpack_zstd(data: bytes, stated_bytes: int | None = None) -> bytes:
@@ -303,13 +298,13 @@ def _read_array(stream: Any) -> NDArray[Any]:
     if version != (1, 0):
         raise ValueError(f"version {version} of its header is not known")
     shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(
-        stream, max_header_size=MAX_ARRAY_HEADER_BYTES
+        stream, max_header_size=limits.MAX_ARRAY_HEADER_BYTES
     )
     if dtype.hasobject or dtype.kind not in "biuf":
         raise ValueError(f"its type {dtype} is no number")
     size = math.prod(shape) * dtype.itemsize
-    if not 0 < size <= MAX_ARRAY_BYTES:
-        raise ValueError(f"it states {size:,} bytes; {MAX_ARRAY_BYTES:,} are allowed")
+    if not 0 < size <= limits.MAX_ARRAY_BYTES:
+        raise ValueError(f"it states {size:,} bytes; {limits.MAX_ARRAY_BYTES:,} are allowed")
     content = stream.read(size)
     if len(content) != size:
         raise ValueError(f"it has {len(content):,} of {size:,} bytes")

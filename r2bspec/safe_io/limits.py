@@ -183,6 +183,8 @@ MAX_NUMBER: Final = 1e30
 """Beyond every rate, time and size, far from the limits of a float."""
 MAX_SAMPLES_BYTES: Final = 512 << 20
 """One array of samples."""
+MAX_ANATOMY_EVENTS: Final = 4_000_000
+"""Of all processes of a start together: 20,000 a second for three minutes."""
 MAX_ANATOMY_FILES: Final = 1_000
 """Processes of one start whose events are recorded: a large graph has some dozens."""
 MAX_STACKS_BYTES: Final = 64 << 20

@@ -12,13 +12,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from r2bspec.safe_io.limits import (
-    MAX_INTEGER,
-    MAX_JSON_BYTES,
-    MAX_NUMBER,
-    MAX_NUMBER_CHARACTERS,
-    MAX_TEXT_CHARACTERS,
-)
+from r2bspec.safe_io import limits
 from r2bspec.safe_io.safe_file import read_bytes
 
 
@@ -35,12 +29,14 @@ def check_values(value: Any, free: frozenset[str] = frozenset()) -> None:
     waiting: list[tuple[str, Any]] = [("$", value)]
     while waiting:
         place, given_value = waiting.pop()
-        if isinstance(given_value, str) and len(given_value) > MAX_TEXT_CHARACTERS:
-            raise ValueError(f"a text has more than {MAX_TEXT_CHARACTERS:,} characters at {place}")
+        if isinstance(given_value, str) and len(given_value) > limits.MAX_TEXT_CHARACTERS:
+            raise ValueError(
+                f"a text has more than {limits.MAX_TEXT_CHARACTERS:,} characters at {place}"
+            )
         if isinstance(given_value, bool | str | bytes) or given_value is None:
             continue
         if isinstance(given_value, int | float):
-            limit = MAX_INTEGER if isinstance(given_value, int) else MAX_NUMBER
+            limit = limits.MAX_INTEGER if isinstance(given_value, int) else limits.MAX_NUMBER
             if (
                 not -limit <= given_value <= limit and given_value == given_value
             ):  # NaN is a number of its own
@@ -65,7 +61,7 @@ def read_json(
     kind: type[T],
     *,
     dec_hook: Callable[[type, Any], Any] | None = None,
-    max_bytes: int = MAX_JSON_BYTES,
+    max_bytes: int = limits.MAX_JSON_BYTES,
 ) -> T:
     """Read one value from a file.
 
@@ -127,6 +123,6 @@ def decode_python_json(content: bytes) -> object:
 
 def _integer(text: str) -> int:
     """An integer, unless it is so long that no measured one can be meant."""
-    if len(text) > MAX_NUMBER_CHARACTERS:
+    if len(text) > limits.MAX_NUMBER_CHARACTERS:
         raise ValueError(f"a number has {len(text):,} digits")
     return int(text)

@@ -23,17 +23,19 @@ _SUFFIX: Final = ".held"
 
 
 @contextlib.contextmanager
-def temporary_folder(kind: str) -> Iterator[Path]:
-    """A folder in ``$TMPDIR`` that no other user may read, for as long as the block lasts.
+def temporary_folder(kind: str, parent: Path | None = None) -> Iterator[Path]:
+    """A folder that no other user may read, for as long as the block lasts.
 
     Args:
         kind: what it is for, a part of its name.
+        parent: in which it is made; ``$TMPDIR`` if None.
 
     Raises:
         OSError: it cannot be made.
     """
-    _remove_abandoned()
-    folder, held = _made(kind)
+    parent = parent or Path(tempfile.gettempdir())
+    _remove_abandoned(parent)
+    folder, held = _made(kind, parent)
     try:
         yield folder
     finally:
@@ -56,13 +58,13 @@ def process_folder(kind: str) -> Path:
     return folder
 
 
-def _made(kind: str) -> tuple[Path, int]:
+def _made(kind: str, parent: Path) -> tuple[Path, int]:
     """A new folder, and the descriptor by which it is locked.
 
     Another process may remove it before it is locked: then the next one is made.
     """
     while True:
-        folder = Path(tempfile.mkdtemp(prefix=f"r2bspec-{kind}-", suffix=_SUFFIX))
+        folder = Path(tempfile.mkdtemp(prefix=f"r2bspec-{kind}-", suffix=_SUFFIX, dir=parent))
         try:
             return folder, _locked(folder, fcntl.LOCK_EX)
         except FileNotFoundError:
@@ -92,9 +94,9 @@ def _locked(folder: Path, operation: int) -> int:
     return held
 
 
-def _remove_abandoned() -> None:
+def _remove_abandoned(parent: Path) -> None:
     """Remove the folders of processes that were killed."""
-    for folder in Path(tempfile.gettempdir()).glob(f"r2bspec-*{_SUFFIX}"):
+    for folder in parent.glob(f"r2bspec-*{_SUFFIX}"):
         with contextlib.suppress(OSError):
             held = _locked(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
             _remove(folder)

@@ -17,6 +17,7 @@ import os
 import resource
 import shutil
 import socket
+import struct
 import sys
 import tempfile
 import time
@@ -43,6 +44,8 @@ from r2bspec.diagnostics.edits import fix
 from r2bspec.errors import R2bspecError
 from r2bspec.language.json_schema import published_schema
 from r2bspec.language.load_spec import LoadedSpec, load_spec
+from r2bspec.record.anatomy_files import read_anatomy
+from r2bspec.record.files import RecordError
 from r2bspec.report.finding_formats import FORMATS, render
 from run_simulation import renew_digests
 
@@ -389,6 +392,24 @@ def _arrays_seeds() -> Iterator[bytes]:
         yield bytes([number]) + file.read_bytes()
 
 
+def _events(data: bytes, folder: Path) -> None:
+    """A header, the first of 2,048 objects, and rows."""
+    table = data[4096 : 4096 + 516].ljust(2048 * 516, b"\0")
+    (folder / "node.1.rows").write_bytes(data[:4096] + table + data[4096 + 516 :])
+    with contextlib.suppress(RecordError):
+        rows, objects, processes = read_anatomy(folder)
+        assert (rows["object"] <= len(objects)).all()
+        assert (rows["process"] < len(processes)).all()
+
+
+def _events_seeds() -> Iterator[bytes]:
+    header = struct.pack("<8sII256s48x", b"R2BROWS1", 1, 1, b"node")
+    header += struct.pack("<IIQ3760x", 1, 1, 0)
+    named = struct.pack("<I256s256s", 1, b"/topic", b"/node")
+    rows = (struct.pack("<IIIHHqqqqqq", 1, 0, 7, kind, 0, 5, 6, 1, 2, 3, 4) for kind in (1, 2, 4))
+    yield header + named + b"".join(rows)
+
+
 # ---- what processes say to each other ----
 
 
@@ -657,6 +678,7 @@ READERS = {
     ),
     "record": Reader(_record, _json, _record_seeds),
     "arrays": Reader(_arrays, mutations.numbers, _arrays_seeds),
+    "events": Reader(_events, mutations.numbers, _events_seeds),
     "control": Reader(_control, mutations.text(_control_words), _control_seeds),
     "join": Reader(
         _join,

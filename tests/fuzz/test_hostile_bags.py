@@ -17,7 +17,7 @@ from hostile_inputs import zeros
 from mcap.writer import IndexType
 
 from data_bags import text, write_bag, write_mcap, write_ros1
-from r2bspec.safe_io import decompression_budget
+from r2bspec.safe_io import limits
 
 pytestmark = pytest.mark.timeout(4 * LONGEST_S)
 
@@ -245,13 +245,13 @@ def test_many_small_messages_are_refused_however_they_are_stored(
     options: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each takes its time, in a chunk of a few kilobytes, too."""
-    monkeypatch.setattr(decompression_budget, "FREE_MESSAGES", 500)
+    monkeypatch.setattr(limits, "FREE_MESSAGES", 500)
     messages = [("/a", number, text("")) for number in range(501)]
     file = write_mcap(tmp_path / "x.mcap", messages[:-1], chunk_size=1 << 30, **options)
     allowed = ("--max-bytes", "1 MB")
     for verb in ("info", "verify"):
         answered("data", verb, file.name, cwd=tmp_path, status=0)
-    monkeypatch.setattr(decompression_budget, "MIN_BYTES_OF_MESSAGE", 100)
+    monkeypatch.setattr(limits, "MIN_BYTES_OF_MESSAGE", 100)
     file = write_mcap(tmp_path / "y.mcap", messages, chunk_size=1 << 30, **options)
     for verb, status in (("info", 2), ("verify", 1)):
         said = answered("data", verb, file.name, cwd=tmp_path, status=status)
@@ -263,8 +263,8 @@ def test_many_small_messages_are_refused_however_they_are_stored(
 def test_messages_do_not_count_as_other_records(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(decompression_budget, "FREE_RECORDS", 20)
-    monkeypatch.setattr(decompression_budget, "MIN_BYTES_OF_RECORD", 1 << 30)
+    monkeypatch.setattr(limits, "FREE_RECORDS", 20)
+    monkeypatch.setattr(limits, "MIN_BYTES_OF_RECORD", 1 << 30)
     messages = [("/a", number, text("")) for number in range(500)]
     file = write_mcap(tmp_path / "x.mcap", messages)
     answered("data", "verify", file.name, cwd=tmp_path, status=0)

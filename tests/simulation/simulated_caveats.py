@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
-from simulated_starts import DEFAULT, StartWorld, limit_of, outcome, verdict_on
+from simulated_starts import DEFAULT, Shape, StartWorld, limit_of, outcome, verdict_on
 
 _MOST_RUNS = 2000
 _OUTCOMES = {1: "pass", -1: "fail"}
 
 
 def caveats(
-    world: StartWorld, quantity: str, limit: float, decision: int, *, wanted: int, seed: int = 5
+    world: StartWorld,
+    quantity: str,
+    limit: float,
+    decision: int,
+    *,
+    wanted: int,
+    shape: Shape = DEFAULT,
 ) -> list[str]:
     """What is said of so many verdicts, or of as many as 2,000 runs have; empty where nothing is.
 
@@ -20,16 +26,16 @@ def caveats(
         limit: its limit.
         decision: 1 for those that pass, -1 for those that fail.
         wanted: how many.
-        seed: of the runs.
+        shape: of the runs.
     """
-    random, found = np.random.default_rng(seed), list[str]()
+    random, found = np.random.default_rng(5), list[str]()
     for _ in range(_MOST_RUNS):
         if len(found) == wanted:
             break
-        values = world.run(random, DEFAULT)
-        if outcome(values, DEFAULT, quantity, limit) != decision:
+        values = world.run(random, shape)
+        if outcome(values, shape, quantity, limit) != decision:
             continue
-        verdict = verdict_on(values, quantity, limit)
+        verdict = verdict_on(values, quantity, limit, shape)
         (one,) = verdict.requirements
         if one.outcome == _OUTCOMES[decision]:
             # The first of the limits has the time and the machine.
@@ -38,10 +44,17 @@ def caveats(
 
 
 def share_told(
-    world: StartWorld, quantity: str, limit: float, decision: int, words: str = "", *, wanted: int
+    world: StartWorld,
+    quantity: str,
+    limit: float,
+    decision: int,
+    words: str = "",
+    *,
+    wanted: int,
+    shape: Shape = DEFAULT,
 ) -> str:
     """The share of verdicts that say something with these words, in percent."""
-    found = caveats(world, quantity, limit, decision, wanted=wanted)
+    found = caveats(world, quantity, limit, decision, wanted=wanted, shape=shape)
     told = sum(bool(text) and words in text for text in found)
     return f"{100 * told / len(found):.0f}" if found else ""
 

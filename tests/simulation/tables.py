@@ -266,12 +266,22 @@ def caveats() -> None:
         ),
     )
     grid(
-        "Right passes of a drop rate of 1 % that say that starts differ, in % of 100, by the truth",
-        "world",
-        steady,
-        {f"{truth:.2%}": truth for truth in (0.005, 0.003, 0.001, 0.0001)},
-        lambda world, truth: share_told(
-            world, "drop rate 1 %", world.quantile(1 - truth), 1, "starts differ", wanted=100
+        "Passes of a drop rate of 1 % that say that starts differ, in % of 100, by the truth",
+        "starts differ by, starts",
+        {
+            f"{differ}, {starts}": (START_WORLDS[f"starts differ by {differ}"], Shape(starts))
+            for differ in ("2.7 %", "5 %", "10 %")
+            for starts in (5, 10)
+        },
+        {f"{truth:.2%}": truth for truth in (0.01, 0.005, 0.003, 0.001)},
+        lambda case, truth: share_told(
+            case[0],
+            "drop rate 1 %",
+            case[0].quantile(1 - truth),
+            1,
+            "starts differ",
+            wanted=100,
+            shape=case[1],
         ),
     )
 

@@ -17,12 +17,15 @@ typedef struct { string_t name; uint8_t id; uint64_t capacity, string_capacity; 
 typedef struct { string_t name; field_t *fields; size_t size, capacity; } description_t;
 typedef struct type { const char *id; const void *data, *f[2]; const description_t *(*describe)(const struct type *); } type_t;
 
-static field_t header = {.nested = {"std_msgs/msg/Header", 19, 20}}, other = {.nested = {"", 0, 1}};
-static description_t described[] = {{.fields = &header, .size = 1}, {.fields = &other, .size = 1}, {.size = 0}};
+static field_t header = {.id = 1, .nested = {"std_msgs/msg/Header", 19, 20}};
+static field_t other = {.id = 1, .nested = {"std_msgs/msg/Time", 17, 18}};
+static field_t headers = {.id = 145, .nested = {"std_msgs/msg/Header", 19, 20}}; /* a sequence */
+static description_t described[] = {{.fields = &header, .size = 1}, {.fields = &other, .size = 1}, {.fields = &headers, .size = 1}, {.size = 0}};
 static const description_t *describe(const type_t *type) { return type->data; }
 static const type_t stamped = {.data = &described[0], .describe = describe};
 static const type_t unstamped = {.data = &described[1], .describe = describe};
-static const type_t empty = {.data = &described[2], .describe = describe};
+static const type_t several = {.data = &described[2], .describe = describe};
+static const type_t empty = {.data = &described[3], .describe = describe};
 
 static char node[] = "/space/node";
 static const int32_t message[2] = {1, 2};
@@ -38,7 +41,7 @@ static void *new_publisher(const char *name, const type_t *type)
 static void call_each(void)
 {
   void *publisher = new_publisher("out", &stamped), *bare = new_publisher("bare", &unstamped);
-  void *without = new_publisher("empty", &empty);
+  void *without = new_publisher("empty", &empty), *sequence = new_publisher("several", &several);
   void *subscription, *client, *service, *timer, *copy = publisher;
   rcl_subscription_init(&subscription, node, &stamped, "in", NULL);
   rcl_client_init(&client, node, NULL, "ask", NULL);
@@ -56,6 +59,7 @@ static void call_each(void)
   rcl_publish(&copy, message, NULL);
   rcl_publish(&bare, message, NULL);
   rcl_publish(&without, message, NULL);
+  rcl_publish(&sequence, message, NULL);
   rcl_publish_loaned_message(&publisher, message, NULL);
   rcl_publish_serialized_message(&publisher, &serialized, NULL);
   rcl_publish_serialized_message(&publisher, &shorter, NULL);
@@ -120,7 +124,14 @@ static void publish_in_threads(long count, long each)
   for (long i = 0; i < count; i++) { pthread_join(threads[i], NULL); }
 }
 
-static void publish_in_child(void)
+/* One after another: each thread publishes once. */
+static void publish_in_brief_threads(long count)
+{
+  for (long i = 0; i < count; i++) { publish_in_threads(1, 1); }
+}
+
+/* With `again`, the child then executes this program. */
+static void publish_in_child(bool again)
 {
   void *publisher = new_publisher("out", &stamped);
   publish(publisher, 1);
@@ -129,6 +140,7 @@ static void publish_in_child(void)
     rcl_init(0, NULL, NULL, NULL);
     publish(new_publisher("child", &stamped), 10);
     publish(publisher, 10);
+    if (again) { execl("/proc/self/exe", "call_ros", "threads", "1", "5", NULL); }
     _exit(0);
   }
   int status = 1;
@@ -162,7 +174,8 @@ __attribute__((visibility("default"))) int call_ros(const char *what, long first
   if (rcl_init(0, NULL, NULL, NULL) != 0) { return 1; }
   if (strcmp(what, "each") == 0) { call_each(); }
   if (strcmp(what, "threads") == 0) { publish_in_threads(first, second); }
-  if (strcmp(what, "fork") == 0) { publish_in_child(); }
+  if (strcmp(what, "brief") == 0) { publish_in_brief_threads(first); }
+  if (strcmp(what, "fork") == 0) { publish_in_child(first != 0); }
   if (strcmp(what, "objects") == 0) { make_publishers(first); }
   if (strcmp(what, "measure") == 0) { measure(first); }
   if (strcmp(what, "killed") == 0) { publish(new_publisher("out", &stamped), first); kill(getpid(), SIGKILL); }

@@ -28,7 +28,7 @@ _NO_ROS = RosFiles(prefixes=(), wheels=False)
 Linked = Literal["linked", "loaded"]
 """A program is linked to rcl, or loads it for itself alone, as rclpy does."""
 
-_LOADING = "import ctypes, sys; ctypes.CDLL(sys.argv[1]).call_ros(sys.argv[2].encode())"
+_LOADING = "import ctypes, sys; ctypes.CDLL(sys.argv[1]).call_ros(sys.argv[2].encode(), 0, 0)"
 
 
 def _build(name: str, source: str, kind: Kind, flags: Sequence[str], *libraries: str) -> Path:
@@ -68,6 +68,7 @@ def call_ros(
     flags: tuple[str, ...] = (),
     preloaded: str = "",
     environment: dict[str, str] | None = None,
+    observed: bool = True,
 ) -> subprocess.CompletedProcess[str]:
     """Run ``call_ros.c`` with the object that records events.
 
@@ -79,6 +80,7 @@ def call_ros(
         flags: for the compiler, of everything.
         preloaded: behind the object.
         environment: beside what the object needs.
+        observed: whether the object is preloaded.
     """
     linked = _libraries(flags)
     anatomy = anatomy_object(flags)
@@ -90,7 +92,7 @@ def call_ros(
     variables = anatomy_environment(anatomy, folder, "name/of process", max_bytes, preloaded)
     return subprocess.run(
         command,
-        env=os.environ | variables | (environment or {}),
+        env=os.environ | (variables if observed else {}) | (environment or {}),
         capture_output=True,
         text=True,
         timeout=60,

@@ -11,10 +11,15 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PAGES = [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+PAGES = [
+    *sorted((ROOT / "docs").rglob("*.md")),
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "tests" / "promises.md",
+]
 EVERY_PAGE = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 
-RELIABILITY = (ROOT / "docs" / "proofs" / "reliability.md").read_text(encoding="utf-8")
+RELIABILITY = (ROOT / "tests" / "promises.md").read_text(encoding="utf-8")
 THREATS = (ROOT / "docs" / "threat_model.md").read_text(encoding="utf-8")
 PROMISED = sorted(set(re.findall(r"`(tests/\S+?\.py)::(\w+)`", RELIABILITY + THREATS)))
 

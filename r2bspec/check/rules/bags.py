@@ -3,13 +3,12 @@
 A bag that cannot be used is one finding with the code of its error; the other rules say nothing of
 it then. Nothing here is said offline, where no bag is looked at. How many messages a window has is
 estimated from the index of the bag where that is enough, and otherwise counted
-(`r2bspec.check.bag_facts`).
+(`r2bspec.check.check_context`).
 """
 
 from __future__ import annotations
 
-from r2bspec.check.bag_facts import MessageCount, window_message_counts
-from r2bspec.check.check_context import Context
+from r2bspec.check.check_context import Context, MessageCount, window_message_counts
 from r2bspec.check.rule import Finding, Findings, Pointer, rule, value_key
 from r2bspec.datasets.catalogue import DURATION_NS
 from r2bspec.diagnostics.quote import pluralize, quote, quoted_list, suggestion

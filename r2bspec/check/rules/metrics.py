@@ -15,13 +15,7 @@ from r2bspec.bags.message_types import begins_with_header
 from r2bspec.check.check_context import Context, KnownMetric
 from r2bspec.check.rule import Finding, Findings, Pointer, rule
 from r2bspec.diagnostics.quote import quote, quoted_list
-from r2bspec.judge.measure.metric_catalogue import (
-    TRUTHS,
-    MetricError,
-    available_at_own_pace,
-    available_live,
-    kind_of,
-)
+from r2bspec.judge.measure import metric_catalogue
 from r2bspec.judge.measure.units import show
 from r2bspec.record.calibration_file import Calibration, MetricNoise
 
@@ -32,7 +26,7 @@ def metric_unknown(context: Context) -> Findings:
     for located in context.requirements:
         try:
             context.resolve(located)
-        except MetricError as error:
+        except metric_catalogue.MetricError as error:
             yield Finding(
                 message=str(error),
                 path=located.path,
@@ -168,7 +162,7 @@ def _why_unavailable_at_own_pace(context: Context, metric: KnownMetric) -> tuple
             f"monitor {found} has a pace of its own: {name} cannot be 'of offered'",
             "write the bound as a rate",
         )
-    if not available_at_own_pace(metric.info):
+    if not metric_catalogue.available_at_own_pace(metric.info):
         return (
             f"{name} is not available at monitor {found}, whose outputs answer no input",
             "use throughput, age, interval, jitter or received, or name another monitor",
@@ -192,7 +186,7 @@ def _why_unavailable(context: Context, metric: KnownMetric) -> tuple[str, str] |
         )
     if mode != "live":
         return None
-    if not available_live(metric.info):
+    if not metric_catalogue.available_live(metric.info):
         return (
             f"{name} is not available with 'mode: live', which does not observe the inputs",
             "use a metric of the outputs: throughput, interval, jitter, received, latency",
@@ -219,7 +213,7 @@ def accuracy_without_truth(context: Context) -> Findings:
     """Requirements on accuracy where no monitor names what its messages are compared with."""
     monitors = context.spec.outputs
     for metric in context.known_metrics:
-        kind = kind_of(metric.info.name)
+        kind = metric_catalogue.kind_of(metric.info.name)
         if kind is None:
             continue
         names = [*monitors] if metric.monitor is None else [metric.monitor]
@@ -232,7 +226,7 @@ def accuracy_without_truth(context: Context) -> Findings:
             path=metric.located.path,
             part=metric.located.metric_part,
             help=f"add 'truth: {{kind: {kind}, name: ...}}' to a monitor of type "
-            f"{TRUTHS[kind].format}",
+            f"{metric_catalogue.TRUTHS[kind].format}",
             suppressed_by={metric.located.subject},
         )
 

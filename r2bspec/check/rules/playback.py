@@ -7,8 +7,7 @@ messages that can be played together or at their times.
 from __future__ import annotations
 
 from r2bspec.bags.message_types import begins_with_header
-from r2bspec.check.bag_facts import window_message_counts, window_stamps
-from r2bspec.check.check_context import Context
+from r2bspec.check.check_context import Context, window_message_counts, window_stamps
 from r2bspec.check.rule import (
     PREPROCESS_FLOW,
     Finding,

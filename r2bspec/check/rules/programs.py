@@ -19,19 +19,7 @@ from r2bspec.check.rule import Finding, Findings, Pointer, rule, value_key
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, pluralize, quote, quoted_list, suggestion
 from r2bspec.language.node_kinds import EXECUTABLE, PLUGIN
-from r2bspec.plan.installed_packages import (
-    PythonTarget,
-    ament_packages,
-    is_on_path,
-    missing_imports,
-    package_executables,
-    package_plugins,
-    package_share,
-    python_module_advice,
-    python_target,
-    ros_package_advice,
-    top_level_names,
-)
+from r2bspec.plan import installed_packages
 from r2bspec.plan.this_machine import ament_prefixes, find_module
 from r2bspec.plan.wiring import node_interface
 from r2bspec.plan.wiring.companion_files import source_folder
@@ -55,7 +43,7 @@ def launch_file_not_found(context: Context) -> Findings:
                 "for a launch file of a package use 'package' and 'file'",
             )
         elif launch.package:
-            share = package_share(launch.package)
+            share = installed_packages.package_share(launch.package)
             names = _launch_files(share) if share is not None else []
             if share is not None and not (is_regular(share / launch.file) or launch.file in names):
                 yield Finding(
@@ -84,7 +72,7 @@ def program_not_found(context: Context) -> Findings:
                 f"the path is relative to its working folder ({folder}); build it before the run"
             )
         else:
-            exists = is_on_path(program)
+            exists = installed_packages.is_on_path(program)
             message = f"program {quote(program)} not found on the PATH of this machine"
             advice = "install it, or correct the command"
         if not exists:
@@ -118,7 +106,7 @@ def package_not_found(context: Context) -> Findings:
     requested: dict[str, list[Path]] = {}
     for path, package in _requested_packages(context):
         requested.setdefault(package, []).append(path)
-    installed = ament_packages() if requested else frozenset()
+    installed = installed_packages.ament_packages() if requested else frozenset()
     for package, (first, *others) in requested.items():
         if package not in installed:
             yield Finding(
@@ -154,7 +142,7 @@ def _package_help(package: str, installed: frozenset[str]) -> str:
     if close:
         return f"did you mean {quote(close)}?"
     prefixes = pluralize(len(ament_prefixes()), "folder")
-    return f"{ros_package_advice(package)} (AMENT_PREFIX_PATH has {prefixes})"
+    return f"{installed_packages.ros_package_advice(package)} (AMENT_PREFIX_PATH has {prefixes})"
 
 
 def _requested_packages(context: Context) -> Iterator[tuple[Path, str]]:
@@ -193,7 +181,7 @@ def executable_not_found(context: Context) -> Findings:
         for path, package, executable in _ros2_runs(context)
     ]
     for package_path, path, package, executable in named:
-        executables = package_executables(package)
+        executables = installed_packages.package_executables(package)
         if executable not in executables:
             yield Finding(
                 message=f"ROS package {quote(package)} has no executable {quote(executable)} on "
@@ -213,8 +201,8 @@ def plugin_not_found(context: Context) -> Findings:
         package, plugin = node.node.package, node.node.plugin
         if node.node.kind is not PLUGIN:
             continue
-        if package in ament_packages():
-            components, where = package_plugins(package), "on this machine"
+        if package in installed_packages.ament_packages():
+            components, where = installed_packages.package_plugins(package), "on this machine"
             known = True
         else:
             components = {*node_interface.catalogue_nodes(package)}
@@ -236,7 +224,7 @@ def python_module_not_found(context: Context) -> Findings:
     """Python nodes whose file or module does not exist."""
     for _, node in context.nodes:
         if node.node.python:
-            target = python_target(node.node.python, context.loaded.base_dir)
+            target = installed_packages.python_target(node.node.python, context.loaded.base_dir)
             path = (*node.path, "python")
             finding = (
                 _missing_module(path, target)
@@ -250,7 +238,7 @@ def python_module_not_found(context: Context) -> Findings:
                 )
 
 
-def _missing_module(path: Path, target: PythonTarget) -> Finding | None:
+def _missing_module(path: Path, target: installed_packages.PythonTarget) -> Finding | None:
     if find_module(target.module) is not None:
         return None
     return Finding(
@@ -263,7 +251,9 @@ def _missing_module(path: Path, target: PythonTarget) -> Finding | None:
     )
 
 
-def _unusable_file(context: Context, path: Path, target: PythonTarget) -> Finding | None:
+def _unusable_file(
+    context: Context, path: Path, target: installed_packages.PythonTarget
+) -> Finding | None:
     written = target.text.rpartition(":")[0]
     if not is_regular(target.file):
         return Finding(
@@ -274,7 +264,7 @@ def _unusable_file(context: Context, path: Path, target: PythonTarget) -> Findin
         )
     try:
         if target.readable:
-            top_level_names(target.file)
+            installed_packages.top_level_names(target.file)
     except SyntaxError as error:
         return Finding(
             message=f"{quote(written)} is not valid Python: {error.msg}"
@@ -294,7 +284,7 @@ def python_name_not_found(context: Context) -> Findings:
     for _, node in context.nodes:
         if not node.node.python:
             continue
-        target = python_target(node.node.python, context.loaded.base_dir)
+        target = installed_packages.python_target(node.node.python, context.loaded.base_dir)
         names = _defined_names(target)
         if names is None or target.name in names:
             continue
@@ -315,7 +305,7 @@ def python_name_not_found(context: Context) -> Findings:
         )
 
 
-def _defined_names(target: PythonTarget) -> frozenset[str] | None:
+def _defined_names(target: installed_packages.PythonTarget) -> frozenset[str] | None:
     """The names of a file or module; None if they cannot be determined."""
     if target.module == _REFERENCE_NODES:
         return frozenset(
@@ -327,7 +317,7 @@ def _defined_names(target: PythonTarget) -> frozenset[str] | None:
     if source is None or not is_regular(source):
         return None
     try:
-        return top_level_names(source)
+        return installed_packages.top_level_names(source)
     except SyntaxError:
         return None
 
@@ -344,7 +334,7 @@ def python_import_not_found(context: Context) -> Findings:
     """Python nodes whose file imports a module that is not on this machine."""
     base_dir = context.loaded.base_dir
     targets = {
-        (*node.path, "python"): python_target(node.node.python, base_dir)
+        (*node.path, "python"): installed_packages.python_target(node.node.python, base_dir)
         for _, node in context.nodes
         if node.node.python and not node.node.python.startswith(_REFERENCE_NODES)
     }
@@ -355,7 +345,7 @@ def python_import_not_found(context: Context) -> Findings:
     reported: set[tuple[str, str]] = set()
     for path, target in targets.items():
         file, folder = _source_of(target, sources)
-        for missing in missing_imports(file, folder) if file is not None else ():
+        for missing in installed_packages.missing_imports(file, folder) if file is not None else ():
             written = target.module or target.text.rpartition(":")[0]
             if (written, missing.module) not in reported:
                 reported.add((written, missing.module))
@@ -364,13 +354,15 @@ def python_import_not_found(context: Context) -> Findings:
                     f"{missing.line}, which is not found on this machine",
                     path=path,
                     part=(0, len(written)),
-                    help=python_module_advice(missing.module),
+                    help=installed_packages.python_module_advice(missing.module),
                     machine_dependent=True,
                     suppressed_by={value_key(path)},
                 )
 
 
-def _source_of(target: PythonTarget, sources: FilePath) -> tuple[FilePath | None, FilePath]:
+def _source_of(
+    target: installed_packages.PythonTarget, sources: FilePath
+) -> tuple[FilePath | None, FilePath]:
     """The file of a node, if it may be read, and the folder in which it must be."""
     if not target.module:
         return (target.file if target.readable else None), sources

@@ -14,13 +14,14 @@ from typing import Final
 
 import numpy as np
 
+from r2bspec.judge.measure.anatomy_causes import find_causes
 from r2bspec.judge.measure.anatomy_events import (
     NONE,
     UNKNOWN_NS,
     Events,
     Ints,
     Mask,
-    find_causes,
+    grouped,
     join_events,
 )
 from r2bspec.judge.measure.anatomy_paths import Path, PathSearch
@@ -60,8 +61,8 @@ class NodeAnatomy:
         callback: whole callbacks, of messages, timers and services.
         publish: calls that publish.
         threads: the threads that call the node's callbacks, by number.
-        loads: in each of `WINDOWS` parts of the iteration, the share of the time that the busiest
-            of these threads spent in callbacks of the node.
+        loads: in each of `WINDOWS` parts of the iteration, the time in callbacks of the node over
+            the length of the part: above 1 where several threads call it at once.
         taken: how many messages it took, by topic.
         published: how many it published, by topic.
         overtaken: how many were sent to it and never taken, although later ones were: lost, or
@@ -250,12 +251,9 @@ def _transports(events: Events, within: Mask) -> dict[str, Timed]:
         & (events.received_ns != UNKNOWN_NS)
     )
     rows = np.flatnonzero(known)
-    topic = events.topic[rows]
     return {
-        events.names.topics[number]: _timed(
-            events.sent_ns, events.received_ns, rows[topic == number]
-        )
-        for number in np.unique(topic)
+        events.names.topics[number]: _timed(events.sent_ns, events.received_ns, of_topic)
+        for number, of_topic in grouped(events.topic[rows], rows).items()
         if events.names.topics[number]
     }
 
@@ -278,12 +276,8 @@ def _nodes(
     node = events.node
     acts = (events.is_start | events.is_send) & ~harness & (events.object > 0)
     rows = np.flatnonzero(acts & within)
-    rows = rows[np.argsort(node[rows], kind="stable")]
     overtaken = _overtaken(events, window)
-    for of_node in np.split(rows, np.flatnonzero(np.diff(node[rows])) + 1):
-        if not of_node.size:
-            continue
-        number = int(node[of_node[0]])
+    for number, of_node in grouped(node[rows], rows).items():
         starts = of_node[events.is_start[of_node]]
         takes = of_node[events.is_take[of_node]]
         sends = of_node[events.is_send[of_node]]
@@ -317,24 +311,17 @@ def _counts(events: Events, rows: Ints) -> dict[str, int]:
 
 
 def _loads(events: Events, starts: Ints, window: tuple[int, int]) -> Seconds:
-    """The share of time that the busiest thread was in callbacks, in each part of the window."""
+    """The callbacks that ran at a time, on average, in each part of the window."""
     began, ended = events.callback_began_ns[starts], events.callback_ended_ns[starts]
     known = (began != UNKNOWN_NS) & (ended >= began)
-    starts, began, ended = starts[known], began[known], ended[known]
     width = (window[1] - window[0]) / WINDOWS
-    if not starts.size or width <= 0:
+    if not known.any() or width <= 0:
         return np.empty(0)
     edges = np.linspace(0.0, float(window[1] - window[0]), WINDOWS + 1)
-    busiest = np.zeros(WINDOWS)
-    for thread in np.unique(events.thread[starts]):
-        own = events.thread[starts] == thread
-        first, last = (
-            np.sort(times[own] - window[0]).astype(np.float64) for times in (began, ended)
-        )
-        # The time in callbacks before t is the sum of min(end, t) - min(begin, t) over all of them.
-        before = _clipped_sum(last, edges) - _clipped_sum(first, edges)
-        busiest = np.maximum(busiest, np.diff(before) / width)
-    return busiest
+    first, last = (np.sort(times[known] - window[0]).astype(np.float64) for times in (began, ended))
+    # The time in callbacks before t is the sum of min(end, t) - min(begin, t) over all of them.
+    loads: Seconds = np.diff(_clipped_sum(last, edges) - _clipped_sum(first, edges)) / width
+    return loads
 
 
 def _clipped_sum(times: Seconds, limits: Seconds) -> Seconds:
@@ -364,13 +351,11 @@ def _overtaken(events: Events, window: tuple[int, int]) -> dict[int, dict[str, i
         for row in taken[np.unique(events.object[taken], return_index=True)[1]]
         if names.buffer[events.object[row]]
     }
-    taken = taken[np.argsort(events.object[taken], kind="stable")]
-    for of_object in np.split(taken, np.flatnonzero(np.diff(events.object[taken])) + 1):
-        if not of_object.size:
-            continue
+    by_topic = grouped(topic[sends], sends)
+    for of_object in grouped(events.object[taken], taken).values():
         row = of_object[0]
         process, number = int(events.process[row]), int(topic[row])
-        sent = sends[topic[sends] == number]
+        sent = by_topic.get(number, np.empty(0, np.int64))
         local = events.process[sent] == process
         intra = events.is_intra[sent]
         if names.buffer[events.object[row]]:

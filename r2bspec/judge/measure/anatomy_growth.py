@@ -31,7 +31,7 @@ sqrt(n' + 3/8) - sqrt(n + 3/8) has to be above 3.6 sqrt(1/2).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
@@ -43,12 +43,19 @@ from r2bspec.judge.measure.anatomy_paths import NOT_SEEN
 from r2bspec.judge.measure.anatomy_summary import join_segment, observed_segments
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import at_rate, show
+from r2bspec.record.comparison_folder import MergedRun
 from r2bspec.record.run_folder import Run
 
 _QUANTILE: Final = 3.6
 
 _LEAST_SHARE: Final = 0.03
 """Two starts of the same program differ by as much."""
+
+_LEAST_BESIDE: Final = 0.05
+"""A part that grew by a smaller share of the one that grew most is not said."""
+
+_MOST_PAIRS: Final = 5
+"""Of a comparison, the last ones; each is read and joined in up to seconds."""
 
 _QUEUE: Final = "queue"
 
@@ -143,21 +150,44 @@ def grown_parts(base: Anatomy, change: Anatomy) -> tuple[GrownPart, ...]:
 def grown_texts(base: Run, head: Run) -> tuple[str, ...]:
     """What grew from one run to another of the same plan, a clause each; empty if nothing did.
 
-    Only causes, at the rates at which an iteration of both was observed from inside; of several
-    runs as one, the last.
+    Only causes, at the rates at which an iteration of both was observed from inside. Of several
+    runs as one the last pairs are compared, and what grew in most of them is named: two starts of
+    the same program differ by more than their messages tell.
 
     Raises:
         RecordError: a file of one of the runs is missing or damaged.
     """
-    before = {segment.rate_hz: (run, segment, one) for run, segment, one in observed_segments(base)}
-    after = {segment.rate_hz: (run, segment, one) for run, segment, one in observed_segments(head)}
-    common = sorted(before.keys() & after.keys())
+    runs = [each.runs if isinstance(each, MergedRun) else (each,) for each in (base, head)]
+    pairs = [*zip(*runs, strict=False)][-_MOST_PAIRS:]
+    by_rate: dict[float, list[tuple[GrownPart, ...]]] = {}
+    for before, after in pairs:
+        was = {segment.rate_hz: (segment, record) for segment, record in observed_segments(before)}
+        now = {segment.rate_hz: (segment, record) for segment, record in observed_segments(after)}
+        for rate in sorted(was.keys() & now.keys()):
+            grown = grown_parts(join_segment(before, *was[rate]), join_segment(after, *now[rate]))
+            by_rate.setdefault(rate, []).append(grown)
     return tuple(
-        f"{part.text} {at_rate(rate)}" if len(common) > 1 else part.text
-        for rate in common
-        for part in grown_parts(join_segment(*before[rate]), join_segment(*after[rate]))
-        if not part.follows
+        f"{part.text} {at_rate(rate)}" if len(by_rate) > 1 else part.text
+        for rate, grown in by_rate.items()
+        for part in _in_most(grown)
     )
+
+
+def _in_most(grown: Sequence[Sequence[GrownPart]]) -> Iterator[GrownPart]:
+    """Causes that most of some comparisons name, without those that do not matter beside them."""
+    found: dict[str, list[tuple[int, GrownPart]]] = {}
+    for parts in grown:
+        for place, part in enumerate(part for part in parts if not part.follows):
+            found.setdefault(_title(part), []).append((place, part))
+    often = [named for named in found.values() if 2 * len(named) > len(grown)]
+    often.sort(key=lambda named: sum(place for place, _ in named) / len(named))
+    middle = [sorted((part for _, part in named), key=_seconds)[len(named) // 2] for named in often]
+    largest = max(map(_seconds, middle), default=0.0)
+    return (part for part in middle if part.seconds >= _LEAST_BESIDE * largest)
+
+
+def _seconds(part: GrownPart) -> float:
+    return part.seconds
 
 
 def _title(part: GrownPart) -> str:

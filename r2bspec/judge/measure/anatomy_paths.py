@@ -23,11 +23,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Final, Literal
 
 import numpy as np
 
-from r2bspec.judge.measure.anatomy_events import NONE, UNKNOWN_NS, Causes, Events, Ints, Mask
+from r2bspec.judge.measure.anatomy_causes import Causes
+from r2bspec.judge.measure.anatomy_events import NONE, UNKNOWN_NS, Events, Ints, Mask
 from r2bspec.judge.measure.times import Seconds
 
 PartName = Literal[
@@ -39,7 +41,8 @@ NOT_SEEN: Final = "not seen"
 MAX_PATHS: Final = 32
 """Of one monitor; those that most messages took are kept."""
 
-_MAX_STEPS = 4096
+_MAX_STEPS = 1024
+_MAX_FOUND = 4 * MAX_PATHS
 """Of the search for paths, which a graph whose nodes are all connected would make endless."""
 
 
@@ -160,7 +163,7 @@ class PathSearch:
             by_timer=np.zeros(known.size, np.bool_),
         )
         self._steps = 0
-        paths = [self._path(monitor, found) for found in self._back(chain, ())]
+        paths = [self._path(monitor, found) for found in islice(self._back(chain, ()), _MAX_FOUND)]
         full = [path for path in paths if path.began_ns.size]
         full.sort(key=lambda path: (-int(np.count_nonzero(path.last)), -path.began_ns.size))
         return tuple(full[:MAX_PATHS])

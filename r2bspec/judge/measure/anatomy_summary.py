@@ -75,7 +75,7 @@ class NodeSummary(msgspec.Struct, frozen=True, kw_only=True):
         name: as in the spec.
         process: the process that it is in.
         threads: how many threads called its callbacks.
-        load: the share of the time that the busiest of them spent in callbacks of the node.
+        load: the time in callbacks of the node, all threads together, over that of the iteration.
         taken: how many messages it took.
         published: how many it published.
         overtaken: how many were sent to it and never taken.
@@ -123,18 +123,20 @@ def anatomy_summaries(run: Run) -> tuple[AnatomySummary, ...]:
     Raises:
         RecordError: a file of the run is missing or damaged.
     """
+    run = last_run(run)
     return tuple(
         summarised(join_segment(run, segment, record), segment, record.error)
-        for run, segment, record in observed_segments(run)
+        for segment, record in observed_segments(run)
     )
 
 
-def observed_segments(run: Run) -> Iterator[tuple[Run, Segment, AnatomyRecord]]:
-    """The iterations that are summarised, with their run and what was observed in their start."""
-    if isinstance(run, MergedRun):
-        if not run.runs:
-            return
-        run = run.runs[-1]
+def last_run(run: Run) -> Run:
+    """The last of several runs as one; another run itself."""
+    return run.runs[-1] if isinstance(run, MergedRun) and run.runs else run
+
+
+def observed_segments(run: Run) -> Iterator[tuple[Segment, AnatomyRecord]]:
+    """The iterations of a run that are summarised, with what was observed in their start."""
     records = {record.start: record for record in run.record.anatomies}
     last = {
         segment.rate_hz: segment
@@ -144,7 +146,7 @@ def observed_segments(run: Run) -> Iterator[tuple[Run, Segment, AnatomyRecord]]:
         and run.has_anatomy(segment)
     }
     for segment in last.values():
-        yield run, segment, records[segment.start]
+        yield segment, records[segment.start]
 
 
 def join_segment(run: Run, segment: Segment, record: AnatomyRecord) -> Anatomy:

@@ -441,7 +441,7 @@ def predicted_ratio(history: Sequence[float], new: float, confidence: float) -> 
     )
 
 
-DEFAULT_POWER = 0.9
+_POWER: Final = 0.9
 """Nine of ten runs of a changed graph are detected."""
 
 
@@ -486,20 +486,17 @@ def noise_floor(ratios: Sequence[float], confidence: float) -> NoiseFloor:
     )
 
 
-def smallest_detectable(
-    deviation: float, n: int, confidence: float, power: float = DEFAULT_POWER
-) -> float:
+def smallest_detectable(deviation: float, n: int, confidence: float) -> float:
     """The delta* of the module's text: a logarithm, so that 0.03 is about 3 %.
 
     Args:
         deviation: the noise floor s.
         n: pairs, at least two.
         confidence: of the test.
-        power: of the decision.
     """
     if deviation <= 0:
         return 0.0
     from scipy.special import nctdtrinc
 
-    noncentrality = float(nctdtrinc(n - 1, 1 - power, t_quantile(n - 1, confidence)))
+    noncentrality = float(nctdtrinc(n - 1, 1 - _POWER, t_quantile(n - 1, confidence)))
     return noncentrality * deviation / math.sqrt(n)

@@ -20,33 +20,10 @@ from pathlib import Path
 from typing import Literal
 
 from r2bspec.language.spec import QoS
-from r2bspec.plan.wiring.literal_calls import (
-    argument,
-    declared_parameter,
-    declared_parameters,
-    message_type,
-    qos_profile,
-)
+from r2bspec.plan.wiring import literal_calls, self_references, source_files
 from r2bspec.plan.wiring.node_helpers import NodeHelper
 from r2bspec.plan.wiring.node_interface import InterfaceEntry, ParameterInfo
 from r2bspec.plan.wiring.python_source import SourceNames, own_nodes, program_class
-from r2bspec.plan.wiring.self_references import (
-    PARAMETER_METHODS,
-    PUBLISHER_METHODS,
-    SelfReferences,
-    helper_of,
-    is_name,
-    is_self,
-    method_of_self,
-    replaces_methods,
-)
-from r2bspec.plan.wiring.source_files import (
-    Definition,
-    ReadSource,
-    SourceFile,
-    find_definition,
-    source_file,
-)
 from r2bspec.plan.wiring.topic_names import TopicNames
 from r2bspec.safe_io.limits import MAX_BASE_CLASSES, MAX_PYTHON_BYTES
 from r2bspec.safe_io.safe_file import ByteBudget, read_bytes
@@ -97,7 +74,7 @@ class _PartialInterface:
 
     def forget(self, method: str, why: str) -> None:
         """Note that a method of `Node` may be called elsewhere."""
-        if method in PARAMETER_METHODS:
+        if method in self_references.PARAMETER_METHODS:
             self.parameters = None
         else:
             self.add_doubt("subscribes" if method.endswith("_subscription") else "publishes", why)
@@ -124,7 +101,7 @@ class _PartialInterface:
             self.add_doubt(
                 side, f"whether line {call.lineno} makes a {what}, and how often, is not known"
             )
-        written = message_type(kind, self.names)
+        written = literal_calls.message_type(kind, self.names)
         if self.topics[side].setdefault(topic, written) != written:
             self.topics[side][topic] = ""
 
@@ -132,10 +109,10 @@ class _PartialInterface:
         """Take the declaration of a parameter, or of several, into account."""
         declared = None
         if certain and method == "declare_parameter":
-            found = declared_parameter(call)
+            found = literal_calls.declared_parameter(call)
             declared = None if found is None else [found]
         elif certain and method == "declare_parameters":
-            declared = declared_parameters(call)
+            declared = literal_calls.declared_parameters(call)
         if declared is None or self.parameters is None:
             self.parameters = None
         else:
@@ -217,7 +194,7 @@ def read_node_class(
     tree: ast.Module,
     name: str,
     path: Path | None = None,
-    read: ReadSource = lambda _: None,
+    read: source_files.ReadSource = lambda _: None,
 ) -> InterfaceEntry:
     """The interface of a class of a file, or of the function that runs one.
 
@@ -227,7 +204,7 @@ def read_node_class(
         path: of the file, absolute; without one, its imports are not followed.
         read: reads other files of its package.
     """
-    found = find_definition(source_file(tree, path, read), name)
+    found = source_files.find_definition(source_files.source_file(tree, path, read), name)
     more = ""
     if found is not None and isinstance(found.node, ast.FunctionDef):
         file = found.file
@@ -237,7 +214,7 @@ def read_node_class(
         found = _class_named(file, made) if made else None
     if found is None or not isinstance(found.node, ast.ClassDef):
         return unknown_interface(more or f"{name} is not a class of its file")
-    if replaces_methods(found.file.tree, found.node):
+    if self_references.replaces_methods(found.file.tree, found.node):
         return unknown_interface(f"{name} makes its topics by methods of its own")
     result = _PartialInterface(found.file.names)
     if more:
@@ -249,12 +226,12 @@ def read_node_class(
     return result.entry(lifecycle=lifecycle)
 
 
-def _class_named(file: SourceFile, name: str) -> Definition | None:
-    found = find_definition(file, name)
+def _class_named(file: source_files.SourceFile, name: str) -> source_files.Definition | None:
+    found = source_files.find_definition(file, name)
     return found if found is not None and isinstance(found.node, ast.ClassDef) else None
 
 
-def _bases(found: Definition) -> Iterator[Definition]:
+def _bases(found: source_files.Definition) -> Iterator[source_files.Definition]:
     """The base classes that can be read, the nearest first."""
     for _ in range(MAX_BASE_CLASSES):
         bases = found.node.bases if isinstance(found.node, ast.ClassDef) else []
@@ -269,7 +246,7 @@ def _bases(found: Definition) -> Iterator[Definition]:
         found = above
 
 
-def _is_lifecycle(found: Definition) -> bool:
+def _is_lifecycle(found: source_files.Definition) -> bool:
     return any(
         isinstance(each.node, ast.ClassDef)
         and _base_name(each.node, each.file.names) in _LIFECYCLE_NODES
@@ -277,9 +254,13 @@ def _is_lifecycle(found: Definition) -> bool:
     )
 
 
-def _add_inherited(result: _PartialInterface, base: Definition, *, lifecycle: bool) -> None:
+def _add_inherited(
+    result: _PartialInterface, base: source_files.Definition, *, lifecycle: bool
+) -> None:
     """The literal topics of a base class; that there may be others has been noted."""
-    if not isinstance(base.node, ast.ClassDef) or replaces_methods(base.file.tree, base.node):
+    if not isinstance(base.node, ast.ClassDef) or self_references.replaces_methods(
+        base.file.tree, base.node
+    ):
         return
     inherited = _PartialInterface(base.file.names)
     _add_class(inherited, base.file, base.node, lifecycle=lifecycle)
@@ -291,12 +272,16 @@ def _add_inherited(result: _PartialInterface, base: Definition, *, lifecycle: bo
 
 
 def _add_class(
-    result: _PartialInterface, file: SourceFile, node_class: ast.ClassDef, *, lifecycle: bool
+    result: _PartialInterface,
+    file: source_files.SourceFile,
+    node_class: ast.ClassDef,
+    *,
+    lifecycle: bool,
 ) -> None:
     names = file.names
     if why := _unusual_base(node_class, names):
         result.forget_all(why)
-    uses = SelfReferences(file.tree, node_class, names)
+    uses = self_references.SelfReferences(file.tree, node_class, names)
     if uses.escape:
         result.forget_all(uses.escape)
     for method, why in uses.escaped_methods.items():
@@ -326,15 +311,15 @@ def _add_call(
     result: _PartialInterface, call: ast.Call, topics: TopicNames, inside: ast.AST, *, certain: bool
 ) -> None:
     """Take a call of a method of `self`, or of a helper, into account."""
-    method = method_of_self(call)
-    helper = helper_of(call, result.names)
+    method = self_references.method_of_self(call)
+    helper = self_references.helper_of(call, result.names)
     if helper is not None:
         _add_helper(result, call, helper, topics, inside, certain=certain)
-    elif method in PUBLISHER_METHODS or method == "create_subscription":
+    elif method in self_references.PUBLISHER_METHODS or method == "create_subscription":
         side: _Side = "subscribes" if method == "create_subscription" else "publishes"
-        topic = topics.resolve(argument(call, 1, "topic"), inside)
-        result.add_topic(side, call, topic, argument(call, 0, "msg_type"), certain)
-        qos = qos_profile(call, 3 if side == "subscribes" else 2, result.names)
+        topic = topics.resolve(literal_calls.argument(call, 1, "topic"), inside)
+        result.add_topic(side, call, topic, literal_calls.argument(call, 0, "msg_type"), certain)
+        qos = literal_calls.qos_profile(call, 3 if side == "subscribes" else 2, result.names)
         if topic is not None and qos is not None:
             result.qos[topic] = qos
     elif method in {"declare_parameter", "declare_parameters"}:
@@ -364,10 +349,12 @@ def _add_helper(
     for side, made in sides:
         result.topics[side].update(made)
     if helper.makes_subscription:
-        topic = topics.resolve(argument(call, 2, "topic"), inside)
-        result.add_topic("subscribes", call, topic, argument(call, 1, "msg_type"), certain)
+        topic = topics.resolve(literal_calls.argument(call, 2, "topic"), inside)
+        result.add_topic(
+            "subscribes", call, topic, literal_calls.argument(call, 1, "msg_type"), certain
+        )
     if helper.names_action:
-        name = topics.resolve(argument(call, 2, "action_name"), inside)
+        name = topics.resolve(literal_calls.argument(call, 2, "action_name"), inside)
         if name is not None:
             result.actions[name] = ""
 
@@ -382,17 +369,20 @@ def _passes_keywords_unchanged(found: ast.ClassDef) -> bool:
             continue
         own = method.args.kwarg.arg if method.args.kwarg else ""
         nodes = list(ast.walk(method))
-        if sum(is_name(node, own) for node in nodes) != sum(
+        if sum(self_references.is_name(node, own) for node in nodes) != sum(
             _harmless_uses(node, own) for node in nodes
         ):
             return False
         base_calls = (
             node
             for node in nodes
-            if isinstance(node, ast.Call) and method_of_self(node) == "__init__"
+            if isinstance(node, ast.Call) and self_references.method_of_self(node) == "__init__"
         )
         keywords = (keyword for call in base_calls for keyword in call.keywords)
-        if any(keyword.arg is None and not is_name(keyword.value, own) for keyword in keywords):
+        if any(
+            keyword.arg is None and not self_references.is_name(keyword.value, own)
+            for keyword in keywords
+        ):
             return False
     return True
 
@@ -401,14 +391,16 @@ def _harmless_uses(node: ast.AST, name: str) -> int:
     """How often a node directly uses a map without changing it or giving it another name."""
     match node:
         case ast.keyword(arg=None, value=value) | ast.If(test=value):
-            return is_name(value, name)
+            return self_references.is_name(value, name)
         case (
             ast.Call(func=ast.Attribute(value=value, attr="get" | "pop"))
             | ast.Subscript(value=value, ctx=ast.Load())
         ):
-            return is_name(value, name)
+            return self_references.is_name(value, name)
         case ast.Compare():
-            return sum(is_name(part, name) for part in (node.left, *node.comparators))
+            return sum(
+                self_references.is_name(part, name) for part in (node.left, *node.comparators)
+            )
     return 0
 
 
@@ -422,7 +414,7 @@ def _calls(
     mentioned = _mentioned(found)
     while waiting:
         for call, certain in _calls_in(waiting.pop(), names):
-            called = methods.get(method_of_self(call)) if certain else None
+            called = methods.get(self_references.method_of_self(call)) if certain else None
             if called is not None and called.name not in once and mentioned[called.name] == 1:
                 once.add(called.name)
                 waiting.append(called)
@@ -442,7 +434,7 @@ def _mentioned(found: ast.ClassDef) -> Counter[str]:
     return Counter(
         node.attr
         for node in ast.walk(found)
-        if isinstance(node, ast.Attribute) and is_self(node.value)
+        if isinstance(node, ast.Attribute) and self_references.is_self(node.value)
     )
 
 
@@ -463,6 +455,8 @@ def _calls_below(
     while waiting:
         node, certain = waiting.pop()
         certain = certain and not isinstance(node, _CONDITIONAL_NODES)
-        if isinstance(node, ast.Call) and (method_of_self(node) or helper_of(node, names)):
+        if isinstance(node, ast.Call) and (
+            self_references.method_of_self(node) or self_references.helper_of(node, names)
+        ):
             yield node, certain
         waiting.extend(reversed([(child, certain) for child in ast.iter_child_nodes(node)]))

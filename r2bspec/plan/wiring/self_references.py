@@ -11,12 +11,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 
-from r2bspec.plan.wiring.node_helpers import (
-    CALLBACK_METHODS,
-    CALLBACK_TAKERS,
-    NODE_HELPERS,
-    NodeHelper,
-)
+from r2bspec.plan.wiring import node_helpers
 from r2bspec.plan.wiring.python_source import SourceNames
 
 PUBLISHER_METHODS = frozenset({"create_publisher", "create_lifecycle_publisher"})
@@ -58,9 +53,9 @@ def is_name(node: ast.AST, name: str) -> bool:
     return isinstance(node, ast.Name) and node.id == name
 
 
-def helper_of(call: ast.Call, names: SourceNames) -> NodeHelper | None:
+def helper_of(call: ast.Call, names: SourceNames) -> node_helpers.NodeHelper | None:
     """What a call makes that passes the node to a class of which that is known."""
-    helper = NODE_HELPERS.get(names.full_name(call.func))
+    helper = node_helpers.NODE_HELPERS.get(names.full_name(call.func))
     if helper is None:
         return None
     given = next((keyword.value for keyword in call.keywords if keyword.arg == "node"), None)
@@ -203,8 +198,8 @@ class SelfReferences:
             self._attribute(called, called=True, harmless_target=False)
             callbacks = called.attr not in self._methods | self._data
         else:
-            callbacks = self._names.full_name(called) in CALLBACK_TAKERS or (
-                isinstance(called, ast.Attribute) and called.attr in CALLBACK_METHODS
+            callbacks = self._names.full_name(called) in node_helpers.CALLBACK_TAKERS or (
+                isinstance(called, ast.Attribute) and called.attr in node_helpers.CALLBACK_METHODS
             )
             yield called
         for argument in arguments:

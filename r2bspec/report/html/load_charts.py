@@ -1,22 +1,220 @@
-"""CPU, memory and pressure over the run, with its phases in the background."""
+"""Charts of load: throughput and drops by offered rate; CPU, memory and pressure over the run."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.diagnostics.quote import printable
 from r2bspec.judge.measure.host_usage import MACHINE_INDEX, ProcessSamples, spaced_indices
+from r2bspec.judge.measure.metrics import RunMetrics
+from r2bspec.judge.measure.run_samples import match_segment
+from r2bspec.judge.measure.units import show
+from r2bspec.judge.verdict import Verdict
 from r2bspec.record.run_folder import Run
+from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import Rows
+from r2bspec.report.html import chart
 from r2bspec.report.html.chart import PALETTE, Chart, ChartBuilder, colour, draw, line_style, write
+from r2bspec.report.report_wording import all_probes
+from r2bspec.report.result_table import monitor_names
 from r2bspec.report.timeline import phases
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+_THROUGHPUT = "throughput.mean"
+
+_MIN_LOG_RATIO = 8.0
+"""From this ratio of the highest to the lowest rate on, rates are on a logarithmic axis."""
+
+_PROBE_MARKERS: Final = (
+    (True, "o", "probe: sustained"),
+    (False, "x", "probe: not sustained"),
+    (None, "D", "probe: undecided"),
+)
+_DISTURBED: Final = "probe: host interference"
+_COLOURS: Final = {True: "good", False: "bad", None: "quiet"}
+
+
+def load_curve_chart(
+    name: str, metrics: RunMetrics, run: Run | None, verdict: Verdict
+) -> chart.Chart:
+    """Above the throughput, below the drop rate. Probes of the search are hollow."""
+    probes = all_probes(metrics)
+    rates = [*(rate.offered_hz for rate in metrics.rates), *(probe.rate_hz for probe in probes)]
+    description = (
+        "Throughput above and drop rate below, by offered rate. On the dotted line all offered "
+        "messages were delivered. Hollow marks are probes: circles were sustained, crosses were "
+        "not, diamonds were undecided. A band marks the peak found by the search."
+    )
+    if any(probe.disturbed for probe in probes):
+        description += " Squares are around probes that other programs disturbed."
+
+    def paint(sketch: chart.ChartBuilder) -> None:
+        upper, lower = sketch.figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+        wide = max(rates) > _MIN_LOG_RATIO * min(rates)
+        ends = (min(rates) * 0.85, max(rates) * 1.15) if wide else (0, max(rates) * 1.08)
+        upper.plot(ends, ends, ":", color=chart.PALETTE["quiet"], label="offered rate")
+        _bracket(metrics, (upper, lower))
+        for number, monitor in enumerate(monitor_names(metrics)):
+            _monitor(sketch, (upper, lower), number, monitor, metrics)
+        _probes(sketch, upper, metrics)
+        if run is not None:
+            _probe_drops(sketch, lower, metrics, run)
+        upper.set_xlim(*ends)
+        if wide:
+            upper.set_xscale("log")
+            chart.plain_numbers(upper.xaxis)
+        # On two logarithmic axes the offered rate stays a straight line.
+        chart.scale_values(upper, logarithmic=wide and _min_delivered(metrics) > 0)
+        lower.set_ylim(-3, 103)
+        _limits(upper, lower, verdict)
+        upper.set_ylabel("throughput, Hz")
+        lower.set_ylabel("dropped, %")
+        lower.set_xlabel("offered rate, Hz")
+        sketch.figure.legend(loc="outside upper left", ncols=5)
+        sketch.register_axes(upper, "Hz", "Hz")
+        sketch.register_axes(lower, "Hz", "%")
+
+    return chart.draw(name, "Throughput and drops by offered rate", description, 4.2, paint)
+
+
+def _min_delivered(metrics: RunMetrics) -> float:
+    delivered = [probe.delivered_hz for probe in all_probes(metrics)]
+    for rate in metrics.rates:
+        delivered += [
+            interval.low for name in rate.spread if (interval := rate.spread[name].get(_THROUGHPUT))
+        ]
+        delivered += [seen.throughput_hz for seen in rate.pooled.monitors.values()]
+    return min(delivered, default=0.0)
+
+
+def _monitor(
+    sketch: chart.ChartBuilder,
+    panels: tuple[Axes, Axes],
+    number: int,
+    monitor: str,
+    metrics: RunMetrics,
+) -> None:
+    """A filled mark for each rate, with the range over its iterations as a bar."""
+    upper, lower = panels
+    x = [rate.offered_hz for rate in metrics.rates]
+    seen = [rate.pooled.monitors[monitor] for rate in metrics.rates]
+    ink = chart.colour(number)
+    style: dict[str, Any] = {
+        "color": ink,
+        "marker": chart.marker(number),
+        "linestyle": "-",
+        "linewidth": 1,
+    }
+    (line,) = upper.plot(
+        x, [sample.throughput_hz for sample in seen], label=printable(monitor), zorder=4, **style
+    )
+    sketch.series(line, f"{monitor}: throughput")
+    drops = [(sample.drop_rate or 0) * 100 for sample in seen]
+    (line,) = lower.plot(x, drops, zorder=4, **style)
+    sketch.series(line, f"{monitor}: drop rate")
+    for rate in metrics.rates:
+        spread = rate.spread[monitor]
+        for axes, metric, factor in ((upper, _THROUGHPUT, 1), (lower, "drop_rate", 100)):
+            if metric in spread:
+                low, high = spread[metric].low * factor, spread[metric].high * factor
+                axes.vlines(rate.offered_hz, low, high, color=ink, linewidth=4, alpha=0.4)
+
+
+def _draw_probes(
+    sketch: chart.ChartBuilder, axes: Axes, points: Sequence[tuple[float, float]], **style: Any
+) -> None:
+    """Hollow marks; those with a label are a series of the legend."""
+    if not points:
+        return
+    style = {"linestyle": "none", "markerfacecolor": "none", "markersize": 6, **style}
+    (line,) = axes.plot(*zip(*points, strict=True), **style)
+    sketch.series(line, style.get("label", "probe: drop rate"))
+
+
+def _probes(sketch: chart.ChartBuilder, axes: Axes, metrics: RunMetrics) -> None:
+    """What each probe delivered, with a square around those that other programs disturbed."""
+    probes = all_probes(metrics)
+    for holds, shape, name in _PROBE_MARKERS:
+        points = [(probe.rate_hz, probe.delivered_hz) for probe in probes if probe.holds is holds]
+        ink = chart.PALETTE[_COLOURS[holds]]
+        _draw_probes(sketch, axes, points, marker=shape, color=ink, label=name, zorder=3)
+    points = [(probe.rate_hz, probe.delivered_hz) for probe in probes if probe.disturbed]
+    square = {"marker": "s", "markersize": 11, "color": chart.PALETTE["quiet"], "zorder": 2}
+    _draw_probes(sketch, axes, points, label=_DISTURBED, **square)
+
+
+def _probe_drops(sketch: chart.ChartBuilder, axes: Axes, metrics: RunMetrics, run: Run) -> None:
+    """The drop rate of each probe, at the monitor that missed most."""
+    outcomes = {
+        probe.segment: probe.holds for probe in (metrics.search.probes if metrics.search else ())
+    }
+    for holds, shape, _ in _PROBE_MARKERS:
+        points = []
+        for segment in run.record.segments:
+            if segment.id in outcomes and outcomes[segment.id] is holds and segment.kind == "probe":
+                lost = [_lost(run, segment, monitor.name) for monitor in run.plan.monitors]
+                points.append((segment.rate_hz, max(lost, default=0.0) * 100))
+        _draw_probes(sketch, axes, points, marker=shape, color=chart.PALETTE[_COLOURS[holds]])
+
+
+def _lost(run: Run, segment: Segment, monitor: str) -> float:
+    (plan,) = (monitor_plan for monitor_plan in run.plan.monitors if monitor_plan.name == monitor)
+    *_, matched = match_segment(run, segment, plan)
+    if not matched.pairs_known or not matched.trigger_steps.size:
+        return 0.0
+    return 1.0 - float(matched.answered.mean())
+
+
+def _bracket(metrics: RunMetrics, panels: tuple[Axes, Axes]) -> None:
+    search = metrics.search
+    if search is None or search.holds_hz is None:
+        return
+    upper_hz = search.upper_hz
+    if upper_hz is not None:
+        for axes in panels:
+            axes.axvspan(
+                search.holds_hz, upper_hz, color=chart.PALETTE["s4"], alpha=0.25, linewidth=0
+            )
+    text = f"peak {'at least ' if upper_hz is None else ''}{show(search.holds_hz, 'Hz')}"
+    style = {"xycoords": ("data", "axes fraction"), "ha": "right", "va": "top"}
+    chart.write(panels[0], text, (search.holds_hz, 1), (-3, -2), chart.PALETTE["s4"], **style)
+
+
+def _limits(upper: Axes, lower: Axes, verdict: Verdict) -> None:
+    """A short bar at the rate of each requirement on throughput or drops."""
+    for requirement in verdict.requirements:
+        # The limit of a ratio is on neither axis.
+        if (
+            requirement.limit is None
+            or requirement.at_hz is None
+            or requirement.compared is not None
+        ):
+            continue
+        ink = chart.PALETTE[chart.OUTCOME_COLOURS[requirement.outcome]]
+        if requirement.metric.endswith("throughput.mean"):
+            axes, y = upper, requirement.limit
+        elif requirement.metric.endswith("drop_rate"):
+            axes, y = lower, requirement.limit * 100
+        else:
+            continue
+        axes.hlines(
+            y,
+            requirement.at_hz * 0.88,
+            requirement.at_hz * 1.14,
+            color=ink,
+            linewidth=2.4,
+            zorder=5,
+        )
+        chart.inside_label(
+            axes, requirement.at_hz, y, f"limit {show(requirement.limit, requirement.unit)}", ink
+        )
 
 
 _MAX_POINTS = 300

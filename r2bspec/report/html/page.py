@@ -30,9 +30,8 @@ from r2bspec.report.html.chart import Chart
 from r2bspec.report.html.flame_graph import flame_graph
 from r2bspec.report.html.graph_drawing import lay_out
 from r2bspec.report.html.latency_charts import ecdf_chart, messages_chart, percentile_chart
-from r2bspec.report.html.load_charts import loads_chart
+from r2bspec.report.html.load_charts import load_curve_chart, loads_chart
 from r2bspec.report.html.templates import own_text, render_template
-from r2bspec.report.html.throughput_charts import load_curve_chart
 from r2bspec.report.html.waterfall import waterfalls
 from r2bspec.report.notes import notes, profile_notes
 

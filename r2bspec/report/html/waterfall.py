@@ -57,7 +57,7 @@ def _waterfall(name: str, title: str, path: PathSummary, note: str) -> chart.Cha
         usual.set_yticks(range(len(shown)), labels=labels)
         usual.invert_yaxis()
         usual.set_xlabel("median and p99, ms")
-        slowest.set_xlabel(f"the slowest message, {show(path.slowest, 's')}, ms")
+        slowest.set_xlabel(f"the slowest message ({show(path.slowest, 's')}), ms")
         for axes in (usual, slowest):
             axes.set_xlim(0, axes.get_xlim()[1] * (1.2 if axes is usual else 1.0))
             axes.grid(axis="y", visible=False)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nightly import size
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
@@ -48,6 +49,7 @@ def test_bounds_surround_the_share(count: tuple[int, int]) -> None:
     assert 0 <= lower_bound(k, n, 0.95) <= k / n <= upper_bound(k, n, 0.95) <= 1
 
 
+@settings(max_examples=size(30, 200))
 @given(
     iterations,
     st.sampled_from(
@@ -64,6 +66,7 @@ def test_a_verdict_is_monotone_in_its_bound(
     assert ranks == sorted(ranks, reverse=op.startswith(">"))
 
 
+@settings(max_examples=size(30, 200))
 @given(iterations, st.integers(1, 120), st.integers(0, 30))
 def test_more_losses_never_help(
     given_iterations: list[tuple[list[float], int]], limit: int, more: int
@@ -82,6 +85,7 @@ def test_more_losses_never_help(
             assert after.share.share >= before.share.share
 
 
+@settings(max_examples=size(30, 200))
 @given(iterations, st.integers(1, 120))
 def test_a_verdict_agrees_with_its_own_numbers(
     given_iterations: list[tuple[list[float], int]], limit: int

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from r2bspec.bags import metadata
 from r2bspec.bags.metadata import read_metadata
 from r2bspec.bags.recording import DataError
 from r2bspec.bags.storage import ros1
 from r2bspec.record.files import RecordError
 from r2bspec.record.run_folder import open_run
+from r2bspec.safe_io import limits
 from run_simulation import Played, Simulation
 
 HEAD = """\
@@ -52,7 +52,7 @@ def topics(number: int, name: str = "/t") -> str:
 def test_metadata_that_would_cost_long_work_is_refused(
     text: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(metadata, "MAX_BAG_ENTRIES", 100)
+    monkeypatch.setattr(limits, "MAX_BAG_ENTRIES", 100)
     (tmp_path / "metadata.yaml").write_text(HEAD + text)
     with pytest.raises(DataError, match=said):
         read_metadata(tmp_path)

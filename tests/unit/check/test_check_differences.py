@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from check_specs import findings
 
-from r2bspec.check.finding_location import differences_to_diagnostics
+from r2bspec.check.rule import differences_to_diagnostics
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.language.load_spec import load_spec
 from r2bspec.record.run_record import Difference

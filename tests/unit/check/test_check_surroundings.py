@@ -8,7 +8,7 @@ import pytest
 from check_specs import codes, findings, write_bag
 
 from example_spec import example
-from r2bspec.check.bag_facts import cached_index
+from r2bspec.check.check_context import cached_index
 from r2bspec.datasets.catalogue import locate as locate_bag
 from r2bspec.diagnostics import Certainty
 
@@ -227,7 +227,7 @@ def test_indexes_of_large_bags_are_kept_until_a_file_changes(
     location = locate_bag("./bag", tmp_path)
     cached_index(location)
     assert not (tmp_path / "cache").exists(), "small bags are not worth it"
-    monkeypatch.setattr("r2bspec.check.bag_facts._MIN_CACHED_BYTES", 1)
+    monkeypatch.setattr("r2bspec.check.check_context._MIN_CACHED_BYTES", 1)
     first = cached_index(location)
     (entry,) = (tmp_path / "cache/r2bspec/indexes").iterdir()
     assert cached_index(location) == first

@@ -11,7 +11,7 @@ import pytest
 from command_line import Call
 from r2bspec.cli.main import command as r2bspec
 from r2bspec.cli.spec_selection import SpecSelection, base_selection
-from r2bspec.compare.base_reference import BadReferenceError, parse_base_reference
+from r2bspec.compare.base_tree import BadReferenceError, parse_base_reference
 from r2bspec.compare.history import HistoryEntry, HistoryError, open_history
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.errors import WorkspaceError

@@ -78,7 +78,7 @@ def test_an_index_in_the_cache_does_not_stand_in_for_the_check(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr("r2bspec.check.bag_facts._MIN_CACHED_BYTES", 1)
+    monkeypatch.setattr("r2bspec.check.check_context._MIN_CACHED_BYTES", 1)
     write_bag(tmp_path / "bag", MESSAGES, storage="mcap", compression="storage")
     spec = tmp_path / "packed.r2b.yaml"
     spec.write_text(SPEC.replace("PLACE", "./bag"), encoding="utf-8")

@@ -43,11 +43,12 @@ def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def many(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Files that several processes check."""
     names = []
-    for number in range(60):
+    for number in range(12):
         file = tmp_path / f"{number:02}.r2b.yaml"
         file.write_text(example())
         names.append(str(file))
     monkeypatch.setattr(check_files_module, "MIN_PARALLEL_FILES", 2)
+    monkeypatch.setattr(check_files_module, "_MIN_FILES_PER_WORKER", 4)
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
     return names
 
@@ -138,7 +139,7 @@ def _crash_on(
     monkeypatch: pytest.MonkeyPatch,
     names: list[str],
     crash: Callable[[], object],
-    numbers: tuple[int, ...] = (37,),
+    numbers: tuple[int, ...] = (7,),
 ) -> list[str]:
     """Let the checks of some of the files crash; returns their names."""
     chosen = [names[number] for number in numbers]
@@ -191,7 +192,7 @@ def test_a_crash_while_a_file_is_checked_names_the_file(
 def test_a_worker_that_dies_is_an_error_that_names_its_file(
     number: signal.Signals, many: list[str], monkeypatch: pytest.MonkeyPatch, validate: Call
 ) -> None:
-    Path(many[58]).write_text(WRONG)
+    Path(many[10]).write_text(WRONG)
     (chosen,) = _crash_on(monkeypatch, many, lambda: _die(number))
     shown = validate()
     first, second = shown.err.splitlines()
@@ -199,12 +200,12 @@ def test_a_worker_that_dies_is_an_error_that_names_its_file(
         f"error[R2B691 worker-ended]: the process that checked '{chosen}' ended by {number.name}"
     )
     assert second.startswith("  help: ")
-    assert f"{many[58]}:1:" in shown.out
-    assert "59 files, " in shown.out
+    assert f"{many[10]}:1:" in shown.out
+    assert "11 files, " in shown.out
 
 
 @TOGETHER
-@pytest.mark.parametrize("numbers", [(0,), (37,), (0, 1, 37, 59)])
+@pytest.mark.parametrize("numbers", [(0,), (7,), (0, 1, 7, 11)])
 def test_a_crash_does_not_hide_the_findings_of_other_files(
     numbers: tuple[int, ...],
     together: bool,
@@ -214,7 +215,7 @@ def test_a_crash_does_not_hide_the_findings_of_other_files(
 ) -> None:
     monkeypatch.setattr(check_files_module, "MIN_PARALLEL_FILES", 2 if together else 1000)
     crashing = _crash_on(monkeypatch, many, _nested, numbers)
-    wrong = [name for number, name in enumerate(many) if number % 10 == 5]
+    wrong = [name for number, name in enumerate(many) if number % 4 == 2]
     for name in wrong:
         Path(name).write_text(WRONG)
     shown = validate()
@@ -280,7 +281,7 @@ def load(source, file, options):
         time.sleep(600)
     return before(source, file, options)
 module._load = load
-module.MIN_PARALLEL_FILES = 2
+module.MIN_PARALLEL_FILES, module._MIN_FILES_PER_WORKER = 2, 4
 module.os.sched_getaffinity = lambda _: {0, 1}
 sys.exit(main(["validate", "--offline", *sys.argv[1:]]))
 """

@@ -13,8 +13,12 @@ from pathlib import Path
 import pytest
 
 from git_repositories import commit, git, write_files
-from r2bspec.compare.base_reference import parse_base_reference
-from r2bspec.compare.base_tree import BaseRevisionError, BaseTree, open_base_tree
+from r2bspec.compare.base_tree import (
+    BaseRevisionError,
+    BaseTree,
+    open_base_tree,
+    parse_base_reference,
+)
 
 SPEC = "bench/blur.r2b.yaml"
 
@@ -269,7 +273,7 @@ def test_another_work_tree_is_used_as_it_is(top: Path, tmp_path: Path, temporary
 def test_what_a_killed_process_left_is_removed_by_the_next(top: Path, temporary: Path) -> None:
     script = (
         "import os, sys, tempfile; from pathlib import Path;"
-        "from r2bspec.compare.base_reference import parse_base_reference;"
+        "from r2bspec.compare.base_tree import parse_base_reference;"
         "from r2bspec.compare.base_tree import open_base_tree\n"
         f"with open_base_tree(parse_base_reference(['HEAD']), Path({str(top / SPEC)!r})):\n"
         "    os.kill(os.getpid(), 9)\n"

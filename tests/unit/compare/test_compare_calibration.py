@@ -10,9 +10,8 @@ import pytest
 
 from pair_simulation import Comparison
 from r2bspec.check import check
-from r2bspec.compare.calibration import compute_calibration, store_calibration
 from r2bspec.compare.errors import IncomparableError
-from r2bspec.compare.proposals import propose_limits
+from r2bspec.compare.proposals import compute_calibration, propose_limits, store_calibration
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.judge.statistics.t_interval import smallest_detectable
 from r2bspec.language.load_spec import load_spec

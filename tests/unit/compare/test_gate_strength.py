@@ -21,8 +21,8 @@ from r2bspec.compare.gate_strength import (
     require_objectives,
     weakening_diagnostics,
 )
+from r2bspec.compare.merge_gate import SpecName, missing_specs, spec_name
 from r2bspec.compare.objective_strength import implies
-from r2bspec.compare.spec_sets import SpecName, missing_specs, spec_name
 from r2bspec.errors import UsageError
 from r2bspec.language import spec as language
 from r2bspec.language.load_spec import load_cases

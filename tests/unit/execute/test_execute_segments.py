@@ -20,7 +20,7 @@ from r2bspec.ipc.sample_files import RowWriter
 from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.language.quantities import Duration
 from r2bspec.record.run_folder import RunFolder
-from run_simulation import EPOCH_NS, Simulation
+from run_simulation import Simulation
 from scripted_playback import ScriptedPlayback
 
 STEPS = 20
@@ -37,6 +37,8 @@ class Scripted:
         self.late: dict[int, Callable[[], None]] = {}
         self._played = 0
         self._pumped = 0
+        # What is waited for has come before now, however long the machine has been up.
+        self._begin_ns = time.monotonic_ns() - 10**9
         self._playback = ScriptedPlayback(rows_dir / PLAYBACK_ROWS)
         self._monitor = RowWriter(rows_dir / "detections.rows", width=5)
 
@@ -45,7 +47,7 @@ class Scripted:
         assert isinstance(command, protocol.Play)
         first, answered = self._played, self.segments.popleft()
         for step in range(first, first + command.steps):
-            due_ns = EPOCH_NS + step * PERIOD_NS
+            due_ns = self._begin_ns + step * PERIOD_NS
             self._playback.append(step + 1, due_ns, due_ns, due_ns)
         self._played += command.steps
         for number in answered:
@@ -55,7 +57,7 @@ class Scripted:
 
     def answer(self, step: int) -> None:
         """The graph answers a step of any segment."""
-        received_ns = EPOCH_NS + step * PERIOD_NS + ANSWER_NS
+        received_ns = self._begin_ns + step * PERIOD_NS + ANSWER_NS
         self._monitor.append(step + 1, received_ns, received_ns + 1, 100, 0)
 
     def pump(self, timeout_s: float = 0.0) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import msgspec
 import numpy as np
 import pytest
@@ -9,8 +11,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from nightly import size
-from r2bspec.judge.interference_bound import shortest_latencies, taken_share
+from r2bspec.judge.interference_bound import (
+    best_case_iteration,
+    shortest_latencies,
+    taken_share,
+    worst_case_iteration,
+)
 from r2bspec.judge.measure.host_usage import HostInterference
+from r2bspec.judge.measure.samples import SegmentSamples
+from run_simulation import Played, Simulation
 from simulated_waits import Disturbed, Stalls, disturbed
 
 
@@ -112,3 +121,30 @@ def test_the_share_of_the_time_that_was_taken(
     known: HostInterference | None, share: float | None
 ) -> None:
     assert taken_share(known) == (None if share is None else pytest.approx(share))
+
+
+def observed(seed: int, taken: float) -> tuple[SegmentSamples, SegmentSamples]:
+    """A second of callbacks on one thread, without and with stops of others for a share of it."""
+    random = np.random.default_rng(seed)
+    (alone,) = Simulation(segments=[Played(50, [0.01] * 50)]).samples().iterations[50]
+    callbacks = random.uniform(0.004, 0.012, 50)
+    stops = random.dirichlet(np.ones(50)) * taken
+    shares = {"node.load": np.array([callbacks.sum()]), "path.node.share": np.array([0.5])}
+    alone = replace(alone, anatomy={"node.callback": callbacks, **shares})
+    later = np.array([(callbacks + stops).sum()])
+    anatomy = {"node.callback": callbacks + stops, "node.load": later, "path.node.share": later}
+    return alone, replace(alone, anatomy=anatomy)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_is_observed_from_inside_was_not_better_than_its_best_case(seed: int) -> None:
+    alone, disturbed_one = observed(seed, 0.05)
+    best = best_case_iteration(disturbed_one, 0.05).anatomy
+    assert np.all(np.sort(best["node.callback"]) <= np.sort(alone.anatomy["node.callback"]) + 1e-9)
+    assert best["node.load"][0] <= alone.anatomy["node.load"][0] + 1e-9
+    assert best["path.node.share"][0] == 0
+    # Nor is everything blamed on others: half of the callbacks keep most of their time.
+    assert np.median(best["node.callback"]) > 0.2 * np.median(alone.anatomy["node.callback"])
+    worst = worst_case_iteration(disturbed_one, 0.05).anatomy
+    assert np.all(worst["node.callback"] >= np.sort(disturbed_one.anatomy["node.callback"]))
+    assert worst["node.load"][0] >= disturbed_one.anatomy["node.load"][0]

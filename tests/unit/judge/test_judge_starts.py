@@ -285,7 +285,7 @@ class TestWhatItSays:
         ("scatter", "said"),
         [
             (0.001, "More starts would show it."),
-            (0.0045, "About 7 starts would show it."),
+            (0.0045, "About 6 starts would show it."),
             (0.006, ""),
         ],
     )

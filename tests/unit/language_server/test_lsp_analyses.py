@@ -10,8 +10,8 @@ import pytest
 
 from example_spec import example
 from r2bspec.language_server.analysis import Analysis
+from r2bspec.language_server.protocol import Connection
 from r2bspec.language_server.server import SpecLanguageServer
-from r2bspec.language_server.transport import Connection
 
 
 class Watched:

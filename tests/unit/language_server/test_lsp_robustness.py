@@ -21,10 +21,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from r2bspec.cli.lsp import defects_in_files
-from r2bspec.language_server.messages import Change, Position, Range, decoded
 from r2bspec.language_server.positions import TextPositions, edited
+from r2bspec.language_server.protocol import Change, Connection, Message, Position, Range, decoded
 from r2bspec.language_server.server import create_server
-from r2bspec.language_server.transport import Connection, Message
 from r2bspec.safe_io.limits import (
     MAX_EDITOR_HEADER_BYTES,
     MAX_EDITOR_MESSAGE_BYTES,

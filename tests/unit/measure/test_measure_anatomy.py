@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from r2bspec.judge.measure.anatomy import Anatomy, anatomy
-from r2bspec.judge.measure.anatomy_paths import NOT_SEEN, Path
+from r2bspec.judge.measure.anatomy_paths import MAX_PATHS, NOT_SEEN, Path
 from r2bspec.record.run_record import AnatomyKind
 from simulated_anatomies import CHAIN, CLOCK_NS, FORK, TIMER, Graph, Observed, Stage, observed
 
@@ -198,3 +198,19 @@ def test_two_publishers_of_a_topic_with_one_stamp_are_told_apart_by_the_header()
     found = joined(simulated)
     assert [path.hops[2] for path in found.paths["out"]] in (["left", "right"], ["right", "left"])
     assert sum(path.began_ns.size for path in found.paths["out"]) == 200
+
+
+def test_a_graph_with_thousands_of_ways_has_the_first_of_them() -> None:
+    stages = tuple(
+        Stage(
+            f"s{chain}_{depth}",
+            tuple(f"/t{each}_{depth}" for each in range(4)) if depth else ("/in",),
+            f"/t{chain}_{depth + 1}" if depth < 4 else "/out" if chain == 0 else "",
+            0.0001,
+        )
+        for depth in range(5)
+        for chain in range(4)
+    )
+    paths = joined(observed(Graph(stages, steps=2))).paths["out"]
+    assert len(paths) == MAX_PATHS
+    assert all(len(path.hops) == 12 for path in paths)

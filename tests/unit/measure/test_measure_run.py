@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.judge.measure.metric_catalogue import names, resolve
+from r2bspec.judge.measure.metric_catalogue import Subjects, names, resolve
 from r2bspec.judge.measure.metric_values import metric_value
 from r2bspec.judge.measure.metrics import RunMetrics, summarise
 from run_simulation import Played, Simulation
@@ -77,6 +79,36 @@ def test_every_metric_of_the_catalogue_has_a_value() -> None:
         if info.scope in {"search", "probe", "truth", "anatomy"}:
             continue
         assert metric_value(info, monitor, iteration) is not None, name
+
+
+def test_what_is_observed_from_inside_has_values_and_is_pooled() -> None:
+    samples = Simulation(segments=[Played(10, [0.01] * 20), Played(10, [0.01] * 20)]).samples()
+    callbacks = np.array([0.002, 0.004, 0.009])
+    observed = {
+        "relay.callback": callbacks,
+        "relay.load": np.array([0.1, 0.3]),
+        "path.relay.share": np.array([0.5, 0.7]),
+        "camera/image.transport": np.empty(0),
+    }
+    first, second = (replace(each, anatomy=observed) for each in samples.iterations[10])
+    samples = replace(samples, iterations={10: (first, second)})
+    subjects = Subjects(nodes=("relay",), topics=("camera/image",))
+    expected = {
+        "relay.callback.p50": 0.004,
+        "relay.callback.mean": 0.005,
+        "relay.callback.max": 0.009,
+        "relay.load": 0.2,
+        "path.relay.share": 0.6,
+        "camera/image.transport.p50": None,
+        "relay.wait.p50": None,
+    }
+    for name, value in expected.items():
+        _, info = resolve(name, (), subjects)
+        assert metric_value(info, None, first) == (
+            None if value is None else pytest.approx(value)
+        ), name
+    pooled = summarise(samples).rates[0].pooled.anatomy or {}
+    assert (pooled["relay.callback"].n, pooled["relay.callback"].p50) == (6, 0.004)
 
 
 def test_lost_messages_are_the_slowest_when_a_latency_is_asked_for() -> None:

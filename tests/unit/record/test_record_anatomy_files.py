@@ -27,6 +27,7 @@ OBJECTS = [
     ("publisher", "/resolved/out", "/space/node"),
     ("publisher", "/resolved/bare", "/space/node"),
     ("publisher", "/resolved/empty", "/space/node"),
+    ("publisher", "/resolved/several", "/space/node"),
     ("subscription", "/resolved/in", "/space/node"),
     ("client", "/resolved/ask", "/space/node"),
     ("service", "/resolved/answer", "/space/node"),
@@ -38,9 +39,10 @@ EVENTS = [
     ("PUBLISH", "out", 0, 1, 0, 1 * S + 2),
     ("PUBLISH", "bare", 0, 2, 0, 0),
     ("PUBLISH", "empty", 0, 3, 0, 0),
-    ("PUBLISH", "out", 0, 4, 0, 1 * S + 2),
-    ("PUBLISH", "out", 0, 5, 0, 5 * S + 6),
-    ("PUBLISH", "out", 0, 6, 0, 0),
+    ("PUBLISH", "several", 0, 4, 0, 0),
+    ("PUBLISH", "out", 0, 5, 0, 1 * S + 2),
+    ("PUBLISH", "out", 0, 6, 0, 5 * S + 6),
+    ("PUBLISH", "out", 0, 7, 0, 0),
     ("WAIT", "", 0, 0, 0, 0),
     ("TAKE", "in", 1, 0, 0, 0),
     ("TAKE", "in", 0, 1000, 2000, 3 * S + 4),
@@ -59,7 +61,7 @@ EVENTS = [
     ("ENQUEUE", "buffer", 2, 3, 0, 0),
     ("DEQUEUE", "buffer", 2, 3, 0, 0),
     ("CALLBACK", "buffer", 0, 0, 0, 0),
-    ("PUBLISH", "", 0, 7, 0, 0),
+    ("PUBLISH", "", 0, 8, 0, 0),
 ]
 """Kind, object, flags, source, reception and header of what ``call_ros.c`` calls, in its order."""
 
@@ -144,6 +146,14 @@ def test_threads_share_a_file_without_losing_or_mixing_anything(tmp_path: Path) 
     assert np.ptp(rows["clock_ns"]) < 1e9
 
 
+def test_threads_that_end_leave_their_room_to_others(tmp_path: Path) -> None:
+    call_ros(tmp_path, "brief", "1500", max_bytes=file_bytes(1500))
+    rows, _, (process,) = read_anatomy(tmp_path)
+    assert process.lost == 0
+    assert rows["source_ns"].tolist() == [*range(1, 1501)]
+    assert (rows["thread"] != process.pid).all()
+
+
 def test_what_has_no_room_is_counted(tmp_path: Path) -> None:
     call_ros(tmp_path, "threads", "4", "5000", max_bytes=file_bytes(1000))
     rows, _, (process,) = read_anatomy(tmp_path)
@@ -166,6 +176,13 @@ def test_a_forked_child_writes_nothing(tmp_path: Path, how: Linked) -> None:
     rows, objects, _ = read_anatomy(tmp_path)
     assert rows["source_ns"].tolist() == [1, 2, 3]
     assert len(objects) == 1
+
+
+def test_what_a_forked_child_executes_is_recorded(tmp_path: Path) -> None:
+    assert call_ros(tmp_path, "fork", "1").returncode == 0
+    rows, _, processes = read_anatomy(tmp_path)
+    assert sorted(Counter(rows["process"].tolist()).values()) == [3, 5]
+    assert len({each.pid for each in processes}) == 2
 
 
 def test_what_a_killed_process_has_finished_is_read(tmp_path: Path) -> None:
@@ -194,7 +211,9 @@ def test_a_process_without_a_file_says_why_and_goes_on(
     assert read_anatomy(tmp_path)[1:] == ((), ())
 
 
-@pytest.mark.parametrize("words", [["each"], ["threads", "8", "500"], ["fork"], ["objects", "3"]])
+@pytest.mark.parametrize(
+    "words", [["each"], ["threads", "8", "500"], ["brief", "300"], ["fork"], ["objects", "3"]]
+)
 def test_sanitizers_find_nothing(tmp_path: Path, words: list[str]) -> None:
     options = {"ASAN_OPTIONS": "detect_leaks=0:verify_asan_link_order=0"}
     try:

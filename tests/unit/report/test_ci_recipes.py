@@ -22,8 +22,7 @@ from github_runner import Event, ExpressionError, evaluate, expand
 from github_service import Upstream
 from page_blocks import ROOT, page_blocks, page_file
 from pipelines import TEMPLATE, Workplace, stand_in
-from r2bspec.compare.base_reference import parse_base_reference
-from r2bspec.compare.base_tree import open_base_tree
+from r2bspec.compare.base_tree import open_base_tree, parse_base_reference
 from recipe_hosts import GATE, WORKFLOW, Hosts, given_arguments, jenkins_environment, jenkins_script
 from review_services import review_service
 

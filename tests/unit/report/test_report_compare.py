@@ -16,6 +16,8 @@ from r2bspec.compare.errors import IncomparableError, UnreadableResultError
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.judge_run import to_json as result_json
+from r2bspec.judge.measure.distribution import Distribution
+from r2bspec.judge.measure.metrics import SegmentMetrics, distribution
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import SearchRecord
@@ -179,6 +181,39 @@ def test_a_result_by_itself_is_enough(tmp_path: Path) -> None:
         read_compared_result(path), read_compared_result(run.folder), margin=0.05, force=False
     )
     assert {output_line.outcome for output_line in comparison.lines} == {"same"}
+
+
+def test_what_was_observed_from_inside_is_compared(tmp_path: Path) -> None:
+    run = simulated().write(tmp_path / "run")
+
+    def written(name: str, factor: float) -> Path:
+        def observed(number: int) -> dict[str, Distribution]:
+            seconds = skewed(300, 0.004 * factor, number)
+            return {"relay.callback": distribution(seconds), "relay.load": distribution(seconds)}
+
+        def with_observed(one: SegmentMetrics) -> SegmentMetrics:
+            return msgspec.structs.replace(one, anatomy=observed(one.index or 0))
+
+        result = result_of(run)
+        (rate,) = result.metrics.rates
+        rate = msgspec.structs.replace(
+            rate,
+            iterations=tuple(map(with_observed, rate.iterations)),
+            pooled=with_observed(rate.pooled),
+        )
+        metrics = msgspec.structs.replace(result.metrics, rates=(rate,))
+        path = tmp_path / name
+        path.write_bytes(result_json(msgspec.structs.replace(result, metrics=metrics)))
+        return path
+
+    comparison = compare(
+        read_compared_result(written("base.json", 1.0)),
+        read_compared_result(written("head.json", 1.5)),
+        margin=0.05,
+        force=False,
+    )
+    assert line(comparison, "relay.callback.p50").outcome == "worse"
+    assert not [each for each in comparison.lines if "load" in each.metric]
 
 
 def test_a_report_of_the_reference_tool_shows_ratios_only(tmp_path: Path) -> None:

@@ -23,10 +23,9 @@ from report_runs import SIMULATIONS, USUAL
 from run_simulation import Played, Simulation, objective
 
 
-def page_of(simulation: Simulation, tmp_path: Path, baseline: Simulation | None = None) -> Page:
+def page_of(simulation: Simulation, tmp_path: Path) -> Page:
     run = simulation.write(tmp_path / "run")
-    other = baseline.write(tmp_path / "base") if baseline is not None else None
-    return Page(render(ReportInput(result=result_of(run), run=run, baseline=other)))
+    return Page(render(ReportInput(result=result_of(run), run=run)))
 
 
 def at(result: Any, path: str) -> Any:
@@ -74,8 +73,11 @@ def test_it_needs_nothing_from_anywhere_and_loses_nothing_to_a_policy_against_in
         assert "fill" in attributes or "stroke" in attributes or "id" in attributes
 
 
-def test_a_baseline_is_drawn_beside_it_and_every_identity_is_there_once(tmp_path: Path) -> None:
-    page = page_of(USUAL, tmp_path, baseline=USUAL)
+def test_a_baseline_is_drawn_beside_it_and_every_identity_is_there_once(
+    reported: Callable[[str], ReportInput],
+) -> None:
+    usual = reported("usual")
+    page = Page(render(replace(usual, baseline=usual.run)))
     assert "ecdf-0" in [attributes.get("id") for attributes in page.of("svg")]
     assert "Compared with the baseline" in page.text
     ids = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
@@ -158,14 +160,16 @@ def test_what_happened_around_each_iteration_is_drawn_and_told(tmp_path: Path) -
     assert "Host interference at 30 Hz: iteration-004" in page.text
 
 
-def test_the_frequency_of_processors_has_a_column_where_it_is_known(tmp_path: Path) -> None:
+def test_the_frequency_of_processors_has_a_column_where_it_is_known(
+    tmp_path: Path, html_page: Callable[[str], bytes]
+) -> None:
     known = {**USUAL.interference, "cycles": 2.6e9}
     run = replace(USUAL, interference=known).write(tmp_path / "known")
     page = Page(render(ReportInput(result=result_of(run), run=run)))
     shown = [text for path, _, text in page.data if path.endswith("/frequency_hz")]
     assert shown == ["2.6 GHz"] * 6
     assert "CPU frequency 2.6 GHz" in " ".join(to_text(result_of(run)).split())
-    unknown = page_of(USUAL, tmp_path)
+    unknown = Page(html_page("usual"))
     assert not any(path.endswith("/frequency_hz") for path, _, _ in unknown.data)
     assert "frequency" not in unknown.text
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -13,8 +12,6 @@ from example_spec import example
 from git_repositories import commit
 from r2bspec.pytest_plugin import _new_folder
 from run_simulation import Played, Simulation, objective
-
-ROOT = Path(__file__).parents[3]
 
 REQUIRED = ("latency.p50 < 60 ms", "latency.p50 < 1 ms", "throughput.mean > 29.999999 Hz")
 SPEC = example(
@@ -26,17 +23,30 @@ SPEC = example(
 )
 
 
-def pytest_run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    environment = {
-        **os.environ,
-        "PYTHONPATH": str(ROOT),
-        "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
-        "NO_COLOR": "1",
-    }
-    command = [sys.executable, "-m", "pytest", "-p", "r2bspec.pytest_plugin", "-rA", *arguments]
-    return subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, check=False
-    )
+class Done(NamedTuple):
+    """What a run of pytest ended with."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+Run = Callable[..., Done]
+
+
+@pytest.fixture
+def pytest_run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run pytest with the plugin in a folder; in this process, which has imported everything."""
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
+    monkeypatch.setenv("NO_COLOR", "1")
+
+    def run(folder: Path, *arguments: str) -> Done:
+        monkeypatch.chdir(folder)
+        plugins = ("-p", "r2bspec.pytest_plugin", "-p", "no:faulthandler")
+        status = pytest.main([*plugins, "-rA", *arguments])
+        return Done(int(status), *capsys.readouterr())
+
+    return run
 
 
 @pytest.fixture(name="folder")
@@ -49,7 +59,7 @@ def project(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_without_the_option_nothing_is_collected(folder: Path) -> None:
+def test_without_the_option_nothing_is_collected(folder: Path, pytest_run: Run) -> None:
     done = pytest_run(folder)
     assert done.returncode == 5
     assert "collected 0 items" in done.stdout
@@ -59,7 +69,7 @@ RUNS = ("--r2bspec", "--r2bspec-runs", "runs")
 
 
 def test_each_requirement_is_a_test_and_inconclusive_fails_unless_told_otherwise(
-    folder: Path,
+    folder: Path, pytest_run: Run
 ) -> None:
     name = "simulated.r2b.yaml::fast:"
     done = pytest_run(folder, *RUNS)
@@ -75,14 +85,14 @@ def test_each_requirement_is_a_test_and_inconclusive_fails_unless_told_otherwise
     assert f"FAILED {name} throughput.mean > 29.999999 Hz" not in done.stdout
 
 
-def test_a_broken_spec_is_explained_with_its_line(folder: Path) -> None:
+def test_a_broken_spec_is_explained_with_its_line(folder: Path, pytest_run: Run) -> None:
     (folder / "simulated.r2b.yaml").write_text(SPEC.replace("< 1 ms", "< 1 Hz"))
     done = pytest_run(folder, *RUNS)
     assert done.returncode == 1
     assert f"simulated.r2b.yaml:{len(SPEC.splitlines())}:" in done.stdout
 
 
-def test_a_run_that_is_not_there_fails_every_requirement(folder: Path) -> None:
+def test_a_run_that_is_not_there_fails_every_requirement(folder: Path, pytest_run: Run) -> None:
     done = pytest_run(folder, "--r2bspec", "--r2bspec-runs", "elsewhere")
     assert done.returncode == 1
     assert "R2B650" in done.stdout
@@ -95,7 +105,7 @@ matrix: {axes: {queue: [1, 10]}}
 """
 
 
-def test_the_cases_of_a_matrix_are_parameters(tmp_path: Path) -> None:
+def test_the_cases_of_a_matrix_are_parameters(tmp_path: Path, pytest_run: Run) -> None:
     (tmp_path / "simulated.r2b.yaml").write_text(SPEC + MATRIX)
     for case, latency_s in (("1", 0.02), ("10", 0.2)):
         Simulation(
@@ -118,7 +128,9 @@ def test_a_second_call_has_folders_of_its_own(tmp_path: Path) -> None:
     assert names == ["base", "base-2", "base-3"]
 
 
-def test_an_untrusted_spec_reads_no_variable(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_untrusted_spec_reads_no_variable(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, pytest_run: Run
+) -> None:
     monkeypatch.setenv("BAG", "nowhere")
     spec = folder / "simulated.r2b.yaml"
     spec.write_text("environment: [BAG]\n" + SPEC.replace("bag: nowhere", "bag: $(env BAG)"))
@@ -139,14 +151,18 @@ def test_an_untrusted_spec_reads_no_variable(folder: Path, monkeypatch: pytest.M
         ("--r2bspec-max-bytes=many", "many"),
     ],
 )
-def test_a_wrong_option_is_wrong_usage(option: str, said: str, folder: Path) -> None:
+def test_a_wrong_option_is_wrong_usage(
+    option: str, said: str, folder: Path, pytest_run: Run
+) -> None:
     done = pytest_run(folder, "--r2bspec", option)
     assert done.returncode == 4
     assert said in done.stderr
     assert "Traceback" not in done.stderr
 
 
-def test_a_spec_that_is_a_link_needs_an_allowed_folder(folder: Path, tmp_path: Path) -> None:
+def test_a_spec_that_is_a_link_needs_an_allowed_folder(
+    folder: Path, tmp_path: Path, pytest_run: Run
+) -> None:
     project = tmp_path / "project"
     project.mkdir()
     (project / "linked.r2b.yaml").symlink_to(folder / "simulated.r2b.yaml")
@@ -159,7 +175,7 @@ def test_a_spec_that_is_a_link_needs_an_allowed_folder(folder: Path, tmp_path: P
     assert "PASSED linked.r2b.yaml::fast: latency.p50 < 60 ms" in done.stdout
 
 
-def test_what_a_spec_says_does_not_control_the_terminal(folder: Path) -> None:
+def test_what_a_spec_says_does_not_control_the_terminal(folder: Path, pytest_run: Run) -> None:
     spec = folder / "simulated.r2b.yaml"
     spec.write_bytes(
         SPEC.encode().replace(b"bag: nowhere", b'bag: "./\\x9b31m\\e]0;x\\a\\n::error::x"')

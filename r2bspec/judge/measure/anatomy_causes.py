@@ -1,0 +1,136 @@
+"""What caused each message that a graph sent, in its events.
+
+The causes of a send, be it a publication, a request or a response, are
+
+* for each subscription of the node, the newest take with its header stamp, if there is one; and
+  the take in whose callback it lies;
+* without any of these, because a timer or a thread of the node's own sends it: for each
+  subscription of the node, the newest take.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from r2bspec.judge.measure.anatomy_events import NONE, Events, Ints, Mask, grouped, newest_before
+
+
+@dataclass(frozen=True)
+class Causes:
+    """The causes of sends, each a pair of rows, by ascending send.
+
+    Attributes:
+        send: the rows of the sends.
+        take: the rows of the takes that caused them.
+        last: whether the take is the one that the send followed: in whose callback it lies, or, if
+            it lies in none, the newest. Each send with causes has one of these.
+        held: whether the send does not lie in the callback of the take.
+        by_timer: whether nothing is known of the cause but that the take came before.
+    """
+
+    send: Ints
+    take: Ints
+    last: Mask
+    held: Mask
+    by_timer: Mask
+
+
+def find_causes(events: Events) -> Causes:
+    """The causes of all sends but those of the harness."""
+    harness = events.names.is_harness[events.object]
+    sends = np.flatnonzero(events.is_send & ~harness)
+    takes = np.flatnonzero(events.is_take & ~harness)
+    pairs = [
+        _by_header(events, sends, takes),
+        _within(events, sends),
+    ]
+    send, take = _unique_ends(events, pairs)
+    alone = sends[~np.isin(sends, send)]
+    newest = _joined([*_newest(events, alone, takes)])
+    by_timer = np.arange(send.size + newest[0].size) >= send.size
+    send, take = _joined([(send, take), newest])
+    held = events.within[send] != take
+    order = np.lexsort((events.ended_ns[take], ~held, send))
+    send, take, held, by_timer = send[order], take[order], held[order], by_timer[order]
+    last = np.append(send[1:] != send[:-1], np.ones(min(send.size, 1), np.bool_))
+    return Causes(send=send, take=take, last=last, held=held, by_timer=by_timer)
+
+
+Pairs = tuple[Ints, Ints]
+"""Rows of sends, and of the takes that caused them."""
+
+
+def _by_header(events: Events, sends: Ints, takes: Ints) -> Pairs:
+    """For each subscription of a send's node the newest take with the same header stamp."""
+    found = [
+        _matching(events, of_node, of_end)
+        for of_node, of_end in _ends_of_nodes(events, sends, takes)
+    ]
+    return _joined(found)
+
+
+def _matching(events: Events, sends: Ints, takes: Ints) -> Pairs:
+    sends = sends[events.header_ns[sends] != 0]
+    place = newest_before(
+        (events.header_ns[takes],),
+        events.ended_ns[takes],
+        (events.header_ns[sends],),
+        events.began_ns[sends],
+    )
+    return sends[place != NONE], takes[place[place != NONE]]
+
+
+def _newest(events: Events, sends: Ints, takes: Ints) -> Iterator[Pairs]:
+    """For each subscription of a send's node the newest take."""
+    for of_node, of_end in _ends_of_nodes(events, sends, takes):
+        in_time = of_end[np.argsort(events.ended_ns[of_end], kind="stable")]
+        count = np.searchsorted(events.ended_ns[in_time], events.began_ns[of_node], side="right")
+        some = count > 0
+        yield of_node[some], in_time[count[some] - 1]
+
+
+def _ends_of_nodes(events: Events, sends: Ints, takes: Ints) -> Iterator[Pairs]:
+    """The sends of a node, with the takes of each of its subscriptions in turn.
+
+    A node that takes nothing belongs to the other nodes of its process, as a node does that a
+    program has for its publishers alone.
+    """
+    node, process = events.node, events.process
+    lonely = ~np.isin(node[sends], np.unique(node[takes]))
+    by_node = grouped(node[sends], sends)
+    by_process = grouped(process[sends[lonely]], sends[lonely])
+    none = np.empty(0, np.int64)
+    for of_end in grouped(events.end[takes], takes).values():
+        row = of_end[0]
+        own = by_node.get(int(node[row]), none), by_process.get(int(process[row]), none)
+        of_node = np.concatenate(own)
+        if of_node.size:
+            yield of_node, of_end
+
+
+def _within(events: Events, sends: Ints) -> Pairs:
+    start = events.within[sends]
+    known = (start != NONE) & events.is_take[start]
+    return sends[known], start[known]
+
+
+def _unique_ends(events: Events, pairs: list[Pairs]) -> Pairs:
+    """One cause of a send for each subscription: that of the first of these pairs."""
+    send, take = _joined(pairs)
+    order = np.lexsort((events.end[take], send))
+    send, take = send[order], take[order]
+    end = events.end[take]
+    first = np.ones(send.size, np.bool_)
+    first[1:] = (send[1:] != send[:-1]) | (end[1:] != end[:-1])
+    return send[first], take[first]
+
+
+def _joined(pairs: list[Pairs]) -> Pairs:
+    empty = np.empty(0, np.int64)
+    return (
+        np.concatenate([empty, *(send for send, _ in pairs)]),
+        np.concatenate([empty, *(take for _, take in pairs)]),
+    )

@@ -1,0 +1,267 @@
+"""Single messages through services, buffers within a process, and other ways, written by hand."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from plans import process_plan
+from r2bspec.judge.measure.anatomy import Anatomy, anatomy
+from r2bspec.plan.plan import JoinPlan, MonitorPlan, Plan
+from r2bspec.record.run_record import AnatomyKind, AnatomyObject, AnatomyProcess, AnatomyRecord
+from r2bspec.record.sample_arrays import ANATOMY_DTYPE
+from simulated_anatomies import CHAIN, CLOCK_NS, plan_of
+
+START_NS = 1_000_000_000
+US = 1000
+
+
+@dataclass
+class Script:
+    """Events, written with times in microseconds since the start."""
+
+    rows: list[tuple[int, ...]] = field(default_factory=list)
+    processes: list[str] = field(default_factory=list)
+    objects: list[tuple[int, str, str, str]] = field(default_factory=list)
+
+    def add(
+        self,
+        process: str,
+        kind: AnatomyKind,
+        began: int,
+        ended: int,
+        of: tuple[str, str, str] | None = None,
+        *,
+        source: int = 0,
+        received: int | None = None,
+        thread: int = 1,
+        header: int = 0,
+        flags: int = 0,
+    ) -> None:
+        if process not in self.processes:
+            self.processes.append(process)
+        number = self.processes.index(process)
+        place = 0
+        if of is not None:
+            if (number, *of) not in self.objects:
+                self.objects.append((number, *of))
+            place = self.objects.index((number, *of)) + 1
+        stamp = CLOCK_NS + START_NS
+        self.rows.append(
+            (
+                *(place, number, thread, kind, flags),
+                *(START_NS + began * US, START_NS + ended * US),
+                source,
+                0 if received is None else stamp + received * US,
+                *(header, CLOCK_NS),
+            )
+        )
+
+    def publish(self, process: str, topic: str, began: int, node: str = "", **more: Any) -> None:
+        """A publication of 2 µs, whose middleware has it after one."""
+        source = CLOCK_NS + START_NS + (began + 1) * US
+        of = ("publisher", topic, node or f"/r2b/{process}")
+        self.add(process, AnatomyKind.PUBLISH, began, began + 2, of, source=source, **more)
+
+    def take(
+        self, process: str, topic: str, began: int, sent: int, node: str = "", **more: Any
+    ) -> None:
+        """A take of 2 µs of a message that was sent then, and received 5 µs before the take."""
+        source = CLOCK_NS + START_NS + (sent + 1) * US
+        of = ("subscription", topic, node or f"/r2b/{process}")
+        self.add(
+            process,
+            AnatomyKind.TAKE,
+            began,
+            began + 2,
+            of,
+            source=source,
+            received=began - 5,
+            **more,
+        )
+
+    def callback(self, process: str, began: int, ended: int, **more: Any) -> None:
+        """One of rclcpp."""
+        self.add(process, AnatomyKind.CALLBACK, began, ended, **more)
+
+    def joined(self, plan: Plan | None = None) -> Anatomy:
+        record = AnatomyRecord(
+            start=1,
+            processes=tuple(AnatomyProcess(name=name, pid=1) for name in self.processes),
+            objects=tuple(
+                msgspec.convert(
+                    {"process": process, "kind": kind, "name": name, "node": node}, AnatomyObject
+                )
+                for process, kind, name, node in self.objects
+            ),
+        )
+        rows = np.array(self.rows, ANATOMY_DTYPE)
+        return anatomy(record, rows, plan or plan_of(CHAIN), (START_NS, START_NS + 10**9))
+
+
+def parts(found: Anatomy, number: int = 0) -> dict[str, int]:
+    """The parts of the first message of a path, in microseconds."""
+    path = found.paths["out"][number]
+    got: Counter[str] = Counter()
+    for part in path.parts:
+        if not np.isnan(part.seconds[0]):
+            got[f"{part.owner} {part.name}"] += round(part.seconds[0] * 1e6)
+    assert sum(got.values()) == round(path.seconds[0] * 1e6)
+    return got
+
+
+def end(script: Script, sent: int) -> None:
+    script.take("monitor", "/out", sent + 20, sent, "/r2bspec/monitor")
+
+
+def test_a_path_leads_through_a_service() -> None:
+    script = Script()
+    script.publish("player", "/in", 0, "/r2bspec/player")
+    script.take("ask", "/in", 20, 0)
+    script.callback("ask", 25, 60)
+    client, service = ("client", "/add", "/r2b/ask"), ("service", "/add", "/r2b/answer")
+    script.add("ask", AnatomyKind.SEND_REQUEST, 40, 44, client, source=7)
+    script.add("answer", AnatomyKind.TAKE_REQUEST, 60, 62, service, source=7, received=50)
+    script.callback("answer", 65, 100)
+    script.add("answer", AnatomyKind.SEND_RESPONSE, 90, 94, service, source=7)
+    script.add("ask", AnatomyKind.TAKE_RESPONSE, 110, 112, client, source=7, received=104)
+    script.callback("ask", 115, 150)
+    script.publish("ask", "/out", 140)
+    end(script, 140)
+    found = script.joined()
+    (path,) = found.paths["out"]
+    assert path.hops == (
+        *("player", "/in", "/r2b/ask", "/add", "/r2b/answer", "/add", "/r2b/ask", "/out"),
+    )
+    got = parts(found)
+    assert got["/r2b/answer callback"] == 90 - 65
+    assert got["/r2b/answer wait"] == 60 - 50
+    assert "not seen" not in " ".join(got)
+
+
+def test_a_path_leads_through_a_buffer_within_a_process() -> None:
+    script = Script()
+    script.publish("player", "/in", 0, "/r2bspec/player")
+    script.take("both", "/in", 20, 0, "/r2b/first")
+    script.callback("both", 25, 60)
+    publisher, buffer = ("publisher", "/t", "/r2b/first"), ("buffer", "/t", "/r2b/second")
+    script.add("both", AnatomyKind.PUBLISH, 40, 40, publisher, flags=2)
+    script.add("both", AnatomyKind.ENQUEUE, 42, 43, buffer, source=3)
+    script.add("both", AnatomyKind.DEQUEUE, 80, 81, buffer, source=3, thread=2)
+    script.callback("both", 85, 120, thread=2)
+    script.publish("both", "/out", 110, "/r2b/second", thread=2)
+    end(script, 110)
+    found = script.joined()
+    (path,) = found.paths["out"]
+    assert path.hops == ("player", "/in", "/r2b/first", "/t", "/r2b/second", "/out")
+    got = parts(found)
+    assert got["/r2b/second wait"] == 80 - 43
+    assert got["/r2b/second callback"] == 110 - 85
+    assert "not seen" not in " ".join(got)
+
+
+def test_a_buffer_that_is_full_overtakes_its_oldest_message() -> None:
+    script = Script()
+    publisher, buffer = ("publisher", "/t", "/r2b/first"), ("buffer", "/t", "/r2b/second")
+    for number in range(3):
+        at = 100 * number
+        script.add("both", AnatomyKind.PUBLISH, at + 40, at + 40, publisher, flags=2)
+        # It has one place.
+        script.add("both", AnatomyKind.ENQUEUE, at + 42, at + 43, buffer, source=0)
+    script.add("both", AnatomyKind.DEQUEUE, 280, 281, buffer, source=0, thread=2)
+    script.callback("both", 285, 290, thread=2)
+    node = script.joined().nodes["/r2b/second"]
+    assert node.taken == {"/t": 1}
+    assert node.overtaken == {"/t": 2}
+
+
+def test_a_player_and_a_monitor_in_the_process_of_the_graph_are_the_ends() -> None:
+    script = Script()
+    script.publish("blur", "/in", 0, "/r2bspec/player", thread=7)
+    script.take("blur", "/in", 20, 0)
+    script.callback("blur", 25, 60)
+    script.publish("blur", "/out", 40)
+    script.take("blur", "/out", 60, 40, "/r2bspec/monitor", thread=8)
+    plan = plan_of(CHAIN)
+    joined = msgspec.structs.replace(
+        process_plan("blur", "host", "blur"),
+        join=JoinPlan(player=True, monitors=("out",)),
+    )
+    plan = msgspec.structs.replace(plan, processes=(joined,))
+    (path,) = script.joined(plan).paths["out"]
+    assert path.hops == ("player", "/in", "blur", "/out")
+
+
+def test_monitors_of_one_topic_have_a_path_each() -> None:
+    script = Script()
+    script.publish("player", "/out", 0, "/r2bspec/player")
+    for number in range(2):
+        of = ("subscription", "/out", "/r2bspec/monitor" + "2" * number)
+        source = CLOCK_NS + START_NS + US
+        script.add("monitor", AnatomyKind.TAKE, 20, 22, of, source=source, received=10 + number)
+    plan = plan_of(CHAIN)
+    second = MonitorPlan(name="again", topic="/out", type="", match="stamp", qos=None)
+    found = script.joined(msgspec.structs.replace(plan, monitors=(*plan.monitors, second)))
+    assert [path.ended_ns[0] - START_NS for (path,) in found.paths.values()] == [
+        10 * US,
+        11 * US,
+    ]
+
+
+def test_in_a_live_graph_a_path_begins_with_its_own_source() -> None:
+    script = Script()
+    for number in range(3):
+        at = 1000 * number
+        script.add("camera", AnatomyKind.TIMER, at, at + 1, ("timer", "", "/r2b/camera"))
+        script.callback("camera", at + 2, at + 20)
+        script.publish("camera", "/image", at + 10)
+        script.take("blur", "/image", at + 30, at + 10)
+        script.callback("blur", at + 35, at + 60)
+        script.publish("blur", "/out", at + 50)
+        end(script, at + 50)
+    live = msgspec.structs.replace(plan_of(CHAIN), playback_mode="live", inputs=())
+    (path,) = script.joined(live).paths["out"]
+    assert path.hops == ("/r2b/camera", "/image", "blur", "/out")
+    assert path.seconds.size == 3
+    assert script.joined().paths["out"] == ()
+
+
+def test_the_input_with_the_same_stamp_is_the_cause_and_not_the_newest() -> None:
+    script = Script()
+    script.publish("player", "/in", 0, "/r2bspec/player", header=11)
+    script.publish("player", "/in", 30, "/r2bspec/player", header=12)
+    script.take("blur", "/in", 20, 0, header=11)
+    script.callback("blur", 25, 28)
+    script.take("blur", "/in", 50, 30, header=12)
+    script.callback("blur", 55, 58)
+    # A thread of its own publishes the first one, and only then the second one.
+    script.publish("blur", "/out", 70, thread=9, header=11)
+    script.publish("blur", "/out", 90, thread=9, header=12)
+    end(script, 70)
+    end(script, 90)
+    (path,) = script.joined().paths["out"]
+    assert (path.began_ns - START_NS).tolist() == [0, 30 * US]
+    assert not path.by_timer.any()
+    got = parts(script.joined())
+    assert got["blur callback"] == 3
+    assert got["blur held"] == 70 - 28
+
+
+@pytest.mark.parametrize("received", [None, 5, 60, 10**6])
+def test_a_time_of_reception_that_cannot_be_is_not_believed(received: int | None) -> None:
+    script = Script()
+    script.publish("player", "/in", 1000, "/r2bspec/player")
+    source = CLOCK_NS + START_NS + 1001 * US
+    of = ("subscription", "/in", "/r2b/blur")
+    script.add("blur", AnatomyKind.TAKE, 1200, 1202, of, source=source, received=received)
+    script.callback("blur", 1210, 1260)
+    script.publish("blur", "/out", 1240)
+    end(script, 1240)
+    got = parts(script.joined())
+    assert got["/in not seen"] == 1200 - 1001
+    assert script.joined().nodes["blur"].wait.seconds.size == 0
