@@ -166,10 +166,10 @@ MAX_SCHEMA_OBJECTS: Final = 1_000
 
 MAX_JSON_BYTES: Final = 256_000_000
 """The record of a day of segments has a tenth."""
-MAX_SEGMENTS: Final = 1_500
-"""Of one run, and pairs of a comparison: four hours at ten seconds each. A thousand take a second
+MAX_SEGMENTS: Final = 3_000
+"""Of one run, and pairs of a comparison: eight hours at ten seconds each. A thousand take a second
 to judge, and as long again for a page."""
-MAX_PLANNED_ITERATIONS: Final = 600
+MAX_PLANNED_ITERATIONS: Final = 2_000
 """At all rates together: confirmed, and played again, they stay below `MAX_SEGMENTS`."""
 MAX_PROCESSES: Final = 10_000
 """Of one run, in all of its starts."""

@@ -279,9 +279,9 @@ LIMITS: dict[str, tuple[str, str, str]] = {
     "monitors": (FAMILIES["monitors"][0](5001), "R2B129", "the limit is 5,000"),
     "requirements": (FAMILIES["requirements"][0](10_001), "R2B129", "the limit is 10,000"),
     "iterations": (
-        MINIMAL.replace("benchmark: {", "benchmark: {max_iterations: 601, "),
+        MINIMAL.replace("benchmark: {", "benchmark: {max_iterations: 2001, "),
         "R2B129",
-        "601 iterations at all rates together; the limit is 600",
+        "2,001 iterations at all rates together; the limit is 2,000",
     ),
     "nodes x cases": (
         _nodes(RELAY)(500)

@@ -348,7 +348,8 @@ _OWN_PACE_FAMILIES = ("throughput", "age", "interval", "jitter", "received")
 
 def available_live(info: MetricInfo) -> bool:
     """Whether a metric is known in a live run, in which the graph has its own source."""
-    return info.family in {*_OWN_PACE_FAMILIES, "latency", "cpu", "memory"}
+    known = {*_OWN_PACE_FAMILIES, "latency", "cpu", "memory"}
+    return info.scope == "anatomy" or info.family in known
 
 
 def available_at_own_pace(info: MetricInfo) -> bool:
@@ -571,16 +572,15 @@ def find_metric(name: str) -> MetricInfo:
     for candidate in (name, rest):
         if candidate in METRICS:
             return METRICS[candidate]
-    named = Subjects(
-        processes=(rest.rpartition(".")[0],) if first in {"cpu", "memory"} else (),
-        nodes=(first, rest.partition(".")[0]),
-        topics=(first,),
-    )
-    try:
-        return resolve(name, (), named)[1]
-    except MetricError as error:
+    processes = Subjects(processes=(rest.rpartition(".")[0],) if first in {"cpu", "memory"} else ())
+    named = replace(processes, nodes=(first, rest.partition(".")[0]), topics=(first,))
+    for candidate in (name, rest):
         with contextlib.suppress(MetricError):
-            return resolve(rest, (), named)[1]
+            return resolve(candidate, (), named)[1]
+    try:
+        # No node of that name is known: what is suggested has none.
+        return resolve(name, (), processes)[1]
+    except MetricError as error:
         close = error.suggestion or did_you_mean(name, names())
         raise MetricError(str(error), error.known, close) from None
 

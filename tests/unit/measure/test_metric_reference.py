@@ -10,9 +10,16 @@ from example_spec import example
 from r2bspec.check import check
 from r2bspec.cli.main import main
 from r2bspec.judge.measure import metric_catalogue as reference
-from r2bspec.judge.measure.metric_catalogue import METRICS, PROCESS
+from r2bspec.judge.measure.metric_catalogue import METRICS, NODE, PROCESS, TOPIC
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.requirement_grammar import RequirementError, parse_requirement
+
+
+def filled(name: str) -> str:
+    """A name with something in the place of its placeholder."""
+    for placeholder in (PROCESS, NODE, TOPIC):
+        name = name.replace(placeholder, "camera")
+    return name
 
 
 def test_every_metric_has_a_definition_and_every_definition_a_metric() -> None:
@@ -24,10 +31,10 @@ def test_every_metric_has_a_definition_and_every_definition_a_metric() -> None:
 
 @pytest.mark.parametrize("name", list(METRICS))
 def test_every_metric_can_be_explained(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["explain", name.replace(PROCESS, "camera")]) == 0
+    assert main(["explain", filled(name)]) == 0
     shown = capsys.readouterr().out
     info = METRICS[name]
-    assert shown.startswith(f"{name.replace(PROCESS, 'camera')}: {info.description}\n")
+    assert shown.startswith(f"{filled(name)}: {info.description}\n")
     assert f"unit          {info.unit or 'none'}\n" in shown
     assert "\nformula       " in shown
 
@@ -35,7 +42,7 @@ def test_every_metric_can_be_explained(name: str, capsys: pytest.CaptureFixture[
 @pytest.mark.parametrize("name", list(METRICS))
 def test_the_example_of_a_metric_is_a_requirement_with_its_unit(name: str) -> None:
     info = METRICS[name]
-    text = reference.example_requirement(info).replace(PROCESS, "camera")
+    text = filled(reference.example_requirement(info))
     bound = parse_requirement(text).bound
     assert (bound is None) == (info.dimension == "none")
     assert bound is None or info.accepts(bound)
@@ -50,6 +57,9 @@ def test_the_example_of_a_metric_is_a_requirement_with_its_unit(name: str) -> No
         ("memory.apriltag.max", "memory.apriltag.max"),
         ("cpu.system.max", "cpu.system.max"),
         ("sustained", "sustained"),
+        ("blur.callback.p99_5", "blur.callback.p99_5"),
+        ("camera/image.transport.p50", "camera/image.transport.p50"),
+        ("path.blur.share", "path.blur.share"),
     ],
 )
 def test_names_with_a_monitor_or_a_process_are_found(name: str, found: str) -> None:
