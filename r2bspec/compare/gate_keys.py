@@ -443,6 +443,7 @@ GATE_FIELDS: Final[Mapping[str, _Rule | GateKey]] = {
     "warm_up": _benchmark_key("warm_up", _longer_is_weaker, str),
     "start_timeout": _benchmark_key("start_timeout", _longer_is_weaker, str),
     "drain_timeout": _benchmark_key("drain_timeout", _longer_is_weaker, str),
+    "anatomy": GateKey("anatomy", ("benchmark", "anatomy")),
     "gate": _gate,
     "transport": GateKey("transport", ("transport",)),
     "segment_bytes": GateKey("transport", ("transport", "segment"), text=_segment_text),

@@ -120,6 +120,7 @@ _SHOWN_KEYS: Final[Mapping[str, str]] = {
     "play_at_peak": "benchmark.duration",
     "search": "benchmark.search",
     "starts": "benchmark.starts",
+    "anatomy": "benchmark.anatomy",
     "gate": "benchmark.gate",
 }
 """The key of the language that a field of a plan shows; those of `Pacing` are keys themselves."""

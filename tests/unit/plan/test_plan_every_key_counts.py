@@ -176,7 +176,7 @@ def test_what_a_field_changes_follows_from_its_key() -> None:
     assert {field for field in Plan.__struct_fields__ if change_of(field) == "load"} == {
         *("dataset", "datasets", "playback_mode", "buffer", "inputs", "monitors", "play"),
         *("play_at_peak", "timeline", "harness", "search", "warm_up", "transport", "starts"),
-        *("unpaired", "calls"),
+        *("unpaired", "calls", "anatomy"),
     }
     assert {field for field in Plan.__struct_fields__ if change_of(field) == "neither"} == {
         *("objectives", "title", "description", "labels", "generator", "name", "gate", "requires"),
