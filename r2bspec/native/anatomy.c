@@ -168,11 +168,11 @@ int64_t read_stamp(const void *handle, const void *message, enum form form)
   {                                                                                            \
     typedef int publish_t(const void *, const void *, void *);                                 \
     NEXT(publish_t, RCL, name);                                                                \
-    row_t event = begin_event(publisher);                                                         \
+    row_t event = begin_event(publisher);                                                      \
     event.header_ns = read_stamp(publisher, message, form);                                    \
-    thread_now.source_ns = 0;                                                                          \
+    thread_now.source_ns = 0;                                                                  \
     const int status = next == NULL ? NOT_FOUND : next(publisher, message, allocation);        \
-    event.source_ns = thread_now.source_ns;                                                            \
+    event.source_ns = thread_now.source_ns;                                                    \
     return end_event(PUBLISH, &event, status);                                                 \
   }
 
@@ -194,13 +194,13 @@ typedef struct {
     NEXT(take_t, RCL, name);                                                                   \
     message_info_t own;                                                                        \
     info = info == NULL ? &own : info;                                                         \
-    row_t event = begin_event(subscription);                                                      \
+    row_t event = begin_event(subscription);                                                   \
     const int status = next == NULL ? NOT_FOUND : next(subscription, message, info, allocation); \
     if (status != 0) {                                                                         \
       event.flags = TOOK_NOTHING;                                                              \
       return end_event(TAKE, &event, status);                                                  \
     }                                                                                          \
-    thread_now.taken_from = event.object;                                                              \
+    thread_now.taken_from = event.object;                                                      \
     event.source_ns = info->source_ns;                                                         \
     event.received_ns = info->received_ns;                                                     \
     event.header_ns = read_stamp(subscription, message, form);                                 \
@@ -229,13 +229,13 @@ typedef struct {
   {                                                                                            \
     typedef int take_t(const void *, request_info_t *, void *);                                \
     NEXT(take_t, RCL, name);                                                                   \
-    row_t event = begin_event(from);                                                              \
+    row_t event = begin_event(from);                                                           \
     const int status = next == NULL ? NOT_FOUND : next(from, info, message);                   \
     if (status != 0) {                                                                         \
       event.flags = TOOK_NOTHING;                                                              \
       return end_event(kind, &event, status);                                                  \
     }                                                                                          \
-    thread_now.taken_from = event.object;                                                              \
+    thread_now.taken_from = event.object;                                                      \
     event.source_ns = info->request.number;                                                    \
     event.received_ns = info->received_ns;                                                     \
     return end_event(kind, &event, status);                                                    \

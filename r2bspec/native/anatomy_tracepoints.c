@@ -12,7 +12,7 @@
   {                                                                                            \
     typedef void traced_t(const void *, const void *, int64_t);                                \
     NEXT(traced_t, TRACETOOLS, name);                                                          \
-    thread_now.source_ns = source_ns;                                                                  \
+    thread_now.source_ns = source_ns;                                                          \
     if (next != NULL && (if_traced)) {                                                         \
       next(publisher, message, source_ns);                                                     \
     }                                                                                          \
