@@ -170,6 +170,8 @@ class RunArguments:
             "--no-lock": self.no_lock,
             "--no-wait": self.no_wait,
             "--against with a revision or a work tree": self.has_base_tree,
+            "--anatomy": self.anatomy,
+            "--profile": self.profile is not None,
         }
         _refuse(without, "cannot be combined with --on")
 
