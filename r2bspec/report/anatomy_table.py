@@ -44,11 +44,11 @@ def caption(path: PathSummary) -> str:
 
 def part_rows(path: PathSummary) -> Iterator[tuple[str, ...]]:
     """A row for each part with a share, and one for the whole; see `PART_COLUMNS`."""
-    small: list[PartSummary] = []
+    small = [part for part in path.parts if not is_shown(part, path)]
+    # A single one takes no more room than a row that stands for it.
+    small = small if len(small) > 1 else []
     for part in path.parts:
-        if not is_shown(part, path):
-            small.append(part)
-        else:
+        if part not in small:
             times = (show(part.p50, "s"), show(part.p99, "s"))
             yield (part.owner, part.name, *times, share(part.share), show(part.slowest, "s"))
     if small:
