@@ -16,7 +16,7 @@ EXTRAS := $(if $(HAVE_ROS),vision,ros$(comma)vision),report
 help:
 	@echo "make demo      install, then run specs/apriltag_node.r2b.yaml on real ROS 2"
 	@echo "make test      install, then run every check and test"
-	@echo "make fuzz      hostile inputs for every reader, SECONDS=45 for each"
+	@echo "make fuzz      hostile inputs for every reader, SECONDS=30 for each"
 	@echo "make nightly   the same with every test at its full size, and an hour for every reader"
 	@echo "make suite     run specs/suite and print its table (SMOKE=1: one short iteration of each)"
 	@echo "make generated write schemas, reference tables and expected outputs anew"
@@ -79,7 +79,7 @@ ros: install-dev
 
 # Every reader of what strangers write, two at a time. What is not answered cleanly is written to
 # tests/fuzz/corpus, which `unit` plays. The same inputs each time; SEED=0 tries others.
-SECONDS ?= 45
+SECONDS ?= 30
 SEED ?= 1
 
 fuzz: install-dev
