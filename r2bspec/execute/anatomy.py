@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import os
 import resource
+import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,6 +64,7 @@ def room_bytes(plan: Plan) -> int:
     return wanted if limit == resource.RLIM_INFINITY else min(wanted, limit)
 
 
+_FILES = "anatomy-"
 _MEMORY = Path("/dev/shm")  # noqa: S108 - a folder of its own is made there
 
 
@@ -108,7 +110,10 @@ class AnatomyObservation:
         Raises:
             NotInstalledError: the object cannot be built (R2B668).
         """
-        files = folder / f"anatomy-{start}"
+        # Earlier starts have ended: their files would fill the memory.
+        for earlier in folder.glob(f"{_FILES}*"):
+            shutil.rmtree(earlier, ignore_errors=True)
+        files = folder / f"{_FILES}{start}"
         files.mkdir()
         return cls(start, build_preload(), files, room_bytes(plan), AnatomyRecord(start=start))
 

@@ -278,11 +278,7 @@ def judge_with_baseline(
     own = without_own_confidence(objectives)
     alike = replace(policy, confidence=HISTORY_CONFIRMATION_CONFIDENCE, looks=None)
     again = compare_with_baseline(judge(own, fresh, alike), own, fresh, alike, baseline)
-    second = (
-        {requirement.key: requirement for requirement in again.requirements}
-        if again.is_judged
-        else {}
-    )
+    second = again.by_key
     # What failed without the history has had its own confirmation session.
     requirements = tuple(
         confirm_requirement(requirement, second.get(requirement.key))

@@ -72,11 +72,7 @@ def confirm_run(first: Verdict, second: Verdict, policy: InconclusivePolicy = "r
             `CONFIRMATION_CONFIDENCE` and no interim looks.
         policy: what an inconclusive requirement does to the run.
     """
-    again = (
-        {requirement.key: requirement for requirement in second.requirements}
-        if second.is_judged
-        else {}
-    )
+    again = second.by_key
     requirements = tuple(
         confirm_requirement(requirement, again.get(requirement.key))
         for requirement in first.requirements

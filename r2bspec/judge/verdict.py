@@ -280,6 +280,11 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
         """Whether the run was usable, so that the outcome is that of its requirements."""
         return self.outcome not in {"invalid", "incomplete"}
 
+    @property
+    def by_key(self) -> dict[RequirementKey, RequirementVerdict]:
+        """Its requirements by their keys; none if the run was not usable."""
+        return {each.key: each for each in self.requirements} if self.is_judged else {}
+
     def with_requirements(
         self, requirements: tuple[RequirementVerdict, ...], policy: InconclusivePolicy
     ) -> Verdict:

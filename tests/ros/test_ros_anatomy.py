@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -62,6 +63,7 @@ def test_one_more_iteration_shows_where_the_time_goes(bench: Bench) -> None:
     assert_parts_are_the_latency(done, observed)
     # What was judged ran without being observed.
     assert not (done.folder / "samples" / iteration.id / "anatomy.npy").exists()
+    assert not list((done.folder / "samples").glob("*warm_up*/anatomy.npy"))
     assert len(done.run().record.starts) == 1
     names = {process.name for process in done.run().record.anatomies[0].processes}
     assert names == {"first", "second", "player", "monitor"}
@@ -98,3 +100,14 @@ def test_without_a_compiler_nothing_is_started(
     done = bench.run(relay_spec(), "--anatomy")
     assert done.status == 2
     assert "R2B668" in done.stderr
+
+
+def test_the_events_of_a_start_leave_the_memory_to_the_next(bench: Bench) -> None:
+    spec = chain()
+    spec["benchmark"] |= {"anatomy": True, "iterations": 4, "starts": 2}
+    done = bench.run(spec)
+    done.assert_complete()
+    assert [record.start for record in done.run().record.anatomies] == [1, 2]
+    for segment in done.segments():
+        assert_parts_are_the_latency(done, segment)
+    assert not list(Path("/dev/shm").glob("r2bspec-anatomy-*"))  # noqa: S108 - looked at only

@@ -55,6 +55,9 @@ PLAYBACK_ROWS = "playback"
 
 _CHECK_INTERVAL_S = 0.25
 _JUDGED_KINDS: Final = frozenset({"iteration", "sustained", "confirmation"})
+_OBSERVED_KINDS: Final = _JUDGED_KINDS | {"anatomy"}
+"""Whose events are kept: nobody reads those of a warm-up or of a probe."""
+
 _PLAYER_SLACK_S = 30.0
 
 StopCondition = Callable[["SegmentObservation", float], bool]
@@ -444,7 +447,7 @@ class SegmentPlayer:
             folder.write_tap(segment.id, topic, rows)
             self._next_rows[topic] = first[topic] + rows.size
         observed = None
-        if self._anatomy is not None:
+        if self._anatomy is not None and segment.kind in _OBSERVED_KINDS:
             observed = self._anatomy.store(segment, time.monotonic_ns(), folder)
         if segment.complete and segment.kind in _JUDGED_KINDS:
             earlier = self._earlier_stamps()

@@ -1,8 +1,8 @@
 """The anatomy of an iteration: where each message spent its time, and what each node did.
 
-It is made of the events of an iteration in which every process was observed from inside, and tells,
-beside the paths to the monitors, of every node how long its callbacks took, how long messages
-waited for them, and how busy its threads were, and of every topic how long the middleware took.
+It is made of the events of an iteration in which every process was observed from inside. It has the
+paths to the monitors; for every node the durations of its callbacks, the waits of its messages and
+the load of its threads; and for every topic the duration of the transport.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ class Anatomy:
     events: Events
 
     def values(self, name: str) -> Seconds:
-        """The values that a name stands for, in seconds, or shares; none for an unknown name.
+        """The values of a metric, in seconds or as shares; none for an unknown name.
 
         ``NODE.callback``, ``NODE.wait``, ``NODE.take``, ``NODE.dispatch`` and ``NODE.publish`` have
         one for each event, ``TOPIC.transport`` one for each message, ``NODE.load`` one for each of
