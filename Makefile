@@ -63,19 +63,20 @@ types: install-dev
 imports: install-dev
 	$(BIN)/lint-imports
 
-# On all processors.
+# Three at a time on two processors: a quarter of their time they wait for other processes.
 unit: install-dev
-	$(BIN)/pytest -n logical tests --ignore=tests/ros --ignore=tests/fault --ignore=tests/fleet
+	$(BIN)/pytest -n $$(( ($$(nproc) * 3 + 1) / 2 )) tests --ignore=tests/ros --ignore=tests/fault --ignore=tests/fleet
 
 # Apart from `unit`, which it would make half as long again.
 coverage: install-dev
 	$(BIN)/pytest tests --ignore=tests/ros --ignore=tests/fault --ignore=tests/fleet --cov --cov-report=term:skip-covered
 
 # Two files of tests at a time, the longest first (tests/conftest.py): they assert what is true on a
-# busy machine, too. Faults fill disks and shared memory of their own.
+# busy machine, too. Faults fill disks and shared memory of their own; each file of fleets has its
+# own fleet.
 ros: install-dev
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder tests/ros tests/fault
-	$(BIN)/pytest tests/fleet
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder tests/fleet
 
 # Every reader of what strangers write, two at a time. What is not answered cleanly is written to
 # tests/fuzz/corpus, which `unit` plays. The same inputs each time; SEED=0 tries others.

@@ -33,7 +33,7 @@ from scipy.stats import binom
 
 from r2bspec.middleware.middleware import SHARED_MEMORY
 from r2bspec.native.build import anatomy_environment, anatomy_object
-from r2bspec.record.anatomy_files import file_bytes, read_anatomy
+from r2bspec.record.anatomy_files import AnatomyReader, file_bytes
 from r2bspec.record.run_record import AnatomyKind
 from stubbed_ros import call_ros
 
@@ -111,7 +111,7 @@ def _record(seconds: float) -> str:
     with tempfile.TemporaryDirectory(dir=SHARED_MEMORY) as folder:
         with floor(WORKLOADS[0], *_ROUTE, _variables(Path(folder), room)) as observed:
             sent = observed.measure(rate, seconds).sent
-        rows, _, processes = read_anatomy(Path(folder))
+        rows, _, processes = AnatomyReader(Path(folder)).read()
     spent_s = (rows["ended_ns"].max() - rows["began_ns"].min()) / 1e9
     published = int((rows["kind"] == AnatomyKind.PUBLISH).sum())
     return (

@@ -102,14 +102,14 @@ def any_reader_to_file(bag: Path) -> int:
 def buffers(bag: Path) -> int:
     """The loader of r2bspec: messages to a buffer, with the index that the player needs."""
     from r2bspec.execute.fill_buffers import buffer_bags
-    from r2bspec.execute.progress import NullProgress
+    from r2bspec.execute.progress import Progress
     from r2bspec.plan.plan import BagTopicPlan, DatasetPlan
 
     topic = BagTopicPlan(bag_topic=TOPIC, topic="/buffered", type=IMAGE, count=0, rate_hz=0.0)
     plan = DatasetPlan(
         source=str(bag), kind="recorded", sha256="", start_ns=0, end_ns=None, topics=(topic,)
     )
-    buffer_bags([bag], [plan], _out(bag), NullProgress())
+    buffer_bags([bag], [plan], _out(bag), Progress())
     return sum(each.stat().st_size for each in _out(bag).glob("*.cdr"))
 
 

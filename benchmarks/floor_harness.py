@@ -162,7 +162,9 @@ def floor(
         children.request(monitor, protocol.Subscribe(monitors=plans), protocol.Matched, 10.0)
         _wait_for_match(children, player)
         # All of a plan that playing looks at.
-        plan = SimpleNamespace(monitors=plans, inputs=(), called=(), drain_timeout_ns=5 * 10**9)
+        plan = SimpleNamespace(
+            monitors=plans, inputs=(), step_sources=(), called=(), drain_timeout_ns=5 * 10**9
+        )
         context = SimpleNamespace(
             supervisor=children,
             folder=RunFolder.create(folder / "run"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import IntEnum
+from typing import ClassVar
 
 
 class ExitStatus(IntEnum):
@@ -44,7 +45,8 @@ class R2bspecError(Exception):
 
     Attributes:
         code: the diagnostic code, such as ``R2B301``; see ``r2bspec explain``.
-        hint: what to do about it, in one sentence; may be empty.
+        way_out: the hint of every error of a class that has none of its own.
+        hint: what to do about it, in one sentence.
         exit_code: the exit status for this error.
         remainder: what is left to print where the findings of this error have been printed at
             their places; None if nothing was printed.
@@ -52,11 +54,12 @@ class R2bspecError(Exception):
 
     code: str = "R2B600"
     exit_code: ExitStatus = ExitStatus.RUN_FAILED
+    way_out: ClassVar[str] = ""
     remainder: str | None = None
 
     def __init__(self, message: str, *, hint: str = "", code: str | None = None) -> None:
         super().__init__(message)
-        self.hint = hint
+        self.hint = hint or self.way_out
         if code is not None:
             self.code = code
 

@@ -233,6 +233,11 @@ class _SpecTest(pytest.Item):
 
     parent: _SpecFile
 
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__(**arguments)
+        # Other plugins, such as pytest-lsp, expect of every test that it may have fixtures.
+        self.funcargs: dict[str, object] = {}
+
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
         """The message alone, for errors of the plugin itself."""
         if isinstance(excinfo.value, BenchmarkError):

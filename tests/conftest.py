@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import compileall
+import gc
 import os
 import signal
 import sys
@@ -23,12 +25,27 @@ settings.register_profile("without deadline", settings(), deadline=None)
 settings.load_profile("without deadline")
 
 
+# Tests are compiled once, and r2bspec before a thousand programs import it; what they import
+# besides, and whether they keep it, is as the tester has it.
+_KEEPS_NO_BYTECODE = sys.dont_write_bytecode
+sys.dont_write_bytecode = False
+if "PYTEST_XDIST_WORKER" not in os.environ:
+    compileall.compile_dir(Path(__file__).parents[1] / "r2bspec", quiet=1)
+
+_UNIT = Path(__file__).with_name("unit")
 _LONGEST = frozenset({"test_ros_tutorial.py", "test_ros_merge_gate.py", "test_ros_diagnosis.py"})
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The longest files first: where files are shared out, none of them ends alone."""
     items.sort(key=lambda item: item.path.name not in _LONGEST)
+
+
+def pytest_collection_finish() -> None:
+    """Collected tests stay until the end, thousands of them: a search for garbage passes by."""
+    sys.dont_write_bytecode = _KEEPS_NO_BYTECODE
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_configure() -> None:
@@ -50,18 +67,29 @@ def pytest_configure() -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Say how much a loaded machine left untested: a suite that measures nothing is no success."""
+    """Say how much a loaded machine left untested: a suite that measures nothing is no success.
+
+    Simulations have a figure each, which says more than that it suffices.
+    """
     from machine_load import load_summary
 
     for line in load_summary(terminalreporter.stats.get("skipped", [])):
         terminalreporter.write_line(line)
+    for report in terminalreporter.stats.get("passed", []):
+        for name, value in report.user_properties:
+            if name == "figure":
+                terminalreporter.write_line(f"{report.nodeid}: {value}")
 
 
 @pytest.fixture(autouse=True)
-def nothing_left() -> Iterator[None]:
-    """No process and no shared memory of a real run stays, whatever the test has done."""
+def nothing_left(request: pytest.FixtureRequest) -> Iterator[None]:
+    """No process and no shared memory of a real run stays, whatever the test has done.
+
+    Unit tests write the folders of runs at most: all processes of the machine are not looked
+    through after each of thousands.
+    """
     yield
-    if (runs := sys.modules.get("ros_runs")) is not None:
+    if (runs := sys.modules.get("ros_runs")) is not None and _UNIT not in request.path.parents:
         runs.assert_nothing_left()
 
 

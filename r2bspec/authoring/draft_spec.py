@@ -18,6 +18,7 @@ from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.benchmark_defaults import default_starts
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.names import MESSAGE_TYPE, TOPIC
+from r2bspec.plan.installed_interfaces import installed_fields
 from r2bspec.plan.interim_looks import InterimLooks
 from r2bspec.plan.wiring.build_wiring import build_wiring
 from r2bspec.plan.wiring.companion_files import read_companion_files
@@ -26,12 +27,19 @@ from r2bspec.plan.wiring.wiring import PhaseWiring
 _COMMON = frozenset({"/rosout", "/parameter_events", "/tf", "/tf_static", "/clock"})
 _LONGEST_WINDOW_S = 10
 _MOST_MONITORS = 10
+_MOST_FIELDS = 8
 _ITERATIONS = 10
 _SHORTEST_ITERATION_S = 2.5
 _LONGEST_ITERATION_S = 10.0
 _LOST_PERCENT = (1, 5, 10)
 """Shares of lost messages that are proposed: the first that the messages of a run can confirm."""
+_KEPT_SHARE = 0.95
+"""The share of the rate of a timer that is proposed as a limit."""
+_FEWEST_TICKS = 20
+"""With fewer outputs of a timer in an iteration, a single one that is late breaks that limit."""
 _LOADED = "recorded"
+_OFFERED = r"^(?!lifecycle_msgs/)\w+/(srv|action)/\w+$"
+"""Types of services and actions that are a node's own."""
 _SAME_RATE = 1.2
 """Inputs whose rates differ by more than this factor are played at their recorded times."""
 
@@ -81,6 +89,8 @@ class _Draft:
         namespace: of the benchmark, absolute and without a slash at its end.
         inputs: topics of the graph that are played, with the recorded topic of each.
         outputs: topics to monitor, with their types.
+        timed: those of them that are published by a timer, with its period in seconds, if known.
+        calls: entries of ``playback.calls``: the services and actions of nodes without outputs.
     """
 
     name: str
@@ -90,8 +100,9 @@ class _Draft:
     namespace: str = ""
     inputs: dict[str, TopicInfo] = field(default_factory=dict)
     outputs: dict[str, str] = field(default_factory=dict)
+    timed: dict[str, float | None] = field(default_factory=dict)
+    calls: Block = field(default_factory=Block)
     unknown: list[str] = field(default_factory=list)
-    has_placeholder: bool = False
 
 
 def draft_text(
@@ -119,13 +130,15 @@ def draft_text(
     if recording is not None:
         _select_inputs(draft, measured)
     _select_outputs(draft, measured)
+    if draft.calls and recording is not None and not draft.inputs:
+        draft.recording = None
+        draft.unknown.append(f"what {recording.written} is for: no node subscribes to any topic")
     _add_missing_source(draft, measured)
     return _text(draft, sources)
 
 
 def _add_placeholder(draft: _Draft) -> None:
     """Without nodes, a relay of the largest topic shows the recording in use."""
-    draft.has_placeholder = True
     entry = Block.of({"python": "r2bspec.nodes.RelayNode"})
     topics = _data_topics(draft.recording)
     if topics:
@@ -206,7 +219,7 @@ def _select_inputs(draft: _Draft, measured: PhaseWiring | None) -> None:
     uncertain = measured is None or bool(measured.possible_subscribers)
     if uncertain:
         named = {topic: recorded[topic] for topic in draft.nodes.topics if topic in recorded}
-        produced = {topic for topic, _ in _publishers(measured)} | draft.inputs.keys()
+        produced = _publishers(measured).keys() | draft.inputs.keys()
         more = {topic: info for topic, info in named.items() if topic not in produced}
         draft.inputs |= more
         if more:
@@ -215,7 +228,7 @@ def _select_inputs(draft: _Draft, measured: PhaseWiring | None) -> None:
                 f"whether the nodes read or write {shown}: they are inputs here, because the "
                 "recording has them"
             )
-    if not draft.inputs and recorded:
+    if not draft.inputs and recorded and (uncertain or not _offered(measured)):
         draft.inputs = {
             f"{draft.namespace}{name}": planned_topic for name, planned_topic in recorded.items()
         }
@@ -248,30 +261,31 @@ def _match_by_type(draft: _Draft, topic: str, kind: str, recorded: list[TopicInf
 
 def _open_subscriptions(measured: PhaseWiring | None) -> dict[str, str]:
     """Topics that nodes subscribe to and no node publishes, with their types."""
-    if measured is None:
-        return {}
+    published = _publishers(measured)
+    subscribed = _topics_of_nodes(measured, is_publisher=False)
+    return {topic: kind for topic, kind in subscribed.items() if topic not in published}
+
+
+def _publishers(measured: PhaseWiring | None) -> dict[str, str]:
+    """The topics that nodes publish, with their types."""
+    return _topics_of_nodes(measured, is_publisher=True)
+
+
+def _topics_of_nodes(measured: PhaseWiring | None, *, is_publisher: bool) -> dict[str, str]:
     return {
         endpoint.topic: endpoint.type
-        for endpoint in measured.endpoints
-        if endpoint.is_node
-        and not endpoint.is_publisher
-        and endpoint.topic not in _COMMON
-        and not any(publisher.is_node for publisher in measured.publishers(endpoint.topic))
-    }
-
-
-def _publishers(measured: PhaseWiring | None) -> list[tuple[str, str]]:
-    """The topics that nodes publish, with their types."""
-    return [
-        (endpoint.topic, endpoint.type)
         for endpoint in (measured.endpoints if measured is not None else ())
-        if endpoint.is_node and endpoint.is_publisher and endpoint.topic not in _COMMON
-    ]
+        if endpoint.is_node
+        and endpoint.is_publisher is is_publisher
+        and endpoint.topic not in _COMMON
+    }
 
 
 def _select_outputs(draft: _Draft, measured: PhaseWiring | None) -> None:
     published = {
-        topic: kind for topic, kind in _publishers(measured) if kind and topic not in draft.inputs
+        topic: kind
+        for topic, kind in _publishers(measured).items()
+        if kind and topic not in draft.inputs
     }
     last = {
         topic: kind
@@ -283,12 +297,46 @@ def _select_outputs(draft: _Draft, measured: PhaseWiring | None) -> None:
     left_out = len(last or published) - len(draft.outputs)
     if left_out > 0:
         draft.unknown.append(f"{left_out} more topics are published and not monitored here")
+    if draft.recording is not None and measured is not None:
+        draft.timed = {
+            topic: period_s
+            for node in measured.nodes
+            for name, period_s in node.interface.timed.items()
+            if (topic := node.names.resolve(name).name) in draft.outputs
+        }
     if not draft.outputs:
+        _select_calls(draft, measured)
+    if not draft.outputs and not draft.calls:
         draft.outputs = {"/rosout": "rcl_interfaces/msg/Log"}
         draft.unknown.append(
             "what the nodes publish: the monitor is on /rosout until you name an output; "
-            "'r2bspec interfaces' finds out what nodes publish"
+            "'r2bspec interfaces' finds out what nodes publish. Of services and actions, the "
+            "answers are measured: 'playback.calls' instead of inputs and monitors"
         )
+
+
+def _offered(measured: PhaseWiring | None) -> dict[str, str]:
+    """The services and actions of the nodes, with their types, as far as these are known."""
+    return {
+        node.names.resolve(name).name: kind
+        for node in (measured.nodes if measured is not None else ())
+        for name, kind in node.interface.services.items()
+        if re.search(TOPIC.pattern, name) and re.search(_OFFERED, kind)
+    }
+
+
+def _select_calls(draft: _Draft, measured: PhaseWiring | None) -> None:
+    names: set[str] = set()
+    for offered, kind in list(_offered(measured).items())[:_MOST_MONITORS]:
+        key, end = ("action", "_Goal") if "/action/" in kind else ("service", "_Request")
+        named = _own(draft, offered)
+        fields = list((installed_fields(f"{kind}{end}") or {}).items())
+        shown = ", ".join(f"{name} ({type_name})" for name, type_name in fields[:_MOST_FIELDS])
+        shown += ", ..." if len(fields) > _MOST_FIELDS else ""
+        what = "goal" if key == "action" else "request"
+        above = [f"'{what}: {{FIELD: VALUE}}' sets fields other than to their defaults: {shown}"]
+        called = Block.of({key: {"name": named, "type": kind}})
+        draft.calls.add(unique_name(identifier(named), names), called, above if shown else [])
 
 
 def _head(draft: _Draft) -> Block:
@@ -317,13 +365,15 @@ def _text(draft: _Draft, sources: list[str]) -> str:
     monitors = Block()
     for topic, kind in draft.outputs.items():
         entry = Block.of({"topic": _own(draft, topic), "format": kind})
-        if begins_with_header(kind) is False:
+        if topic in draft.timed:
+            entry.add("match", "own_pace", after="a timer publishes it, whatever is played")
+        elif begins_with_header(kind) is False:
             entry.add("match", "order", after="its messages have no header")
         name = unique_name(identifier(_own(draft, topic).strip("/~")), names)
         monitors.add(name if name[0].isalpha() else f"m{name}", entry)
     top.add("monitors", monitors)
     top.add("benchmark", _benchmark(draft))
-    top.add("slos", _objectives(draft, [monitor_entry.key for monitor_entry in monitors.entries]))
+    top.add("slos", _objectives(draft, [each.key for each in monitors.entries]))
     if draft.recording is not None and draft.outputs:
         top.below.append("After a run, 'r2bspec suggest SPEC RUN' proposes limits for latency.")
     head = [f"Written by 'r2bspec init' from {', '.join(sources)}."]
@@ -369,7 +419,9 @@ def _is_timeline(draft: _Draft) -> bool:
 
 
 def _playback(draft: _Draft) -> Block:
-    block = Block()
+    block = Block.of({"calls": draft.calls})
+    if draft.calls and not draft.inputs:
+        return block
     if draft.recording is None:
         above = ["Without a recording, the graph has a source of its own (or use --from-bag)."]
         block.add("mode", "live", above)
@@ -415,22 +467,39 @@ def _window_s(draft: _Draft) -> float:
 
 def _benchmark(draft: _Draft) -> Block:
     block = Block()
-    has_rate = draft.recording is not None and not _is_timeline(draft)
+    has_rate = _has_rate(draft)
     seconds, percent = _effort(draft) if has_rate else (_SHORTEST_ITERATION_S, None)
     is_long = seconds > _SHORTEST_ITERATION_S
     above = [f"Long enough to confirm that at most {percent} % are lost."] if is_long else []
     block.add("duration", f"{seconds:g} s", above)
     block.add("iterations", _ITERATIONS)
     if has_rate:
-        block.add("rates", [f"{_rate_hz(draft):g} Hz"], ["The rate of the recording."])
+        of_calls = "How often it is called, whether or not earlier calls are answered."
+        above = ["The rate of the recording." if draft.inputs else of_calls]
+        block.add("rates", [f"{_rate_hz(draft):g} Hz"], above)
     return block
 
 
+def _has_rate(draft: _Draft) -> bool:
+    has_load = draft.recording is not None or bool(draft.calls)
+    return has_load and not _is_timeline(draft)
+
+
 def _objectives(draft: _Draft, monitors: list[str]) -> Block | None:
-    _, percent = _effort(draft)
-    if draft.recording is None or percent is None or "/rosout" in draft.outputs:
+    seconds, percent = _effort(draft)
+    has_load = draft.recording is not None or draft.calls
+    if not has_load or percent is None or "/rosout" in draft.outputs:
         return None
     rate = None if _is_timeline(draft) else f"{_rate_hz(draft):g} Hz"
-    prefix = f"{monitors[0]}." if len(monitors) > 1 else ""
-    requirement = f"{prefix}drop_rate <= {percent} %"
-    return Block.of({"keeps_up": Block.of({"at": rate, "require": [requirement]})})
+    # Of several outputs the first: the others may not answer each input.
+    calls = [entry.key for entry in draft.calls.entries]
+    named = calls or (monitors[:1] if len(monitors) > 1 else [])
+    required = f"drop_rate <= {percent} %"
+    first = next(iter(draft.outputs), "")
+    if first in draft.timed:
+        period_s = draft.timed[first]
+        if not period_s or seconds < _FEWEST_TICKS * period_s:
+            return None
+        required = f"throughput.mean >= {_KEPT_SHARE / period_s:.3g} Hz"
+    requirements = [f"{prefix}{required}" for prefix in [f"{name}." for name in named] or [""]]
+    return Block.of({"keeps_up": Block.of({"at": rate, "require": requirements})})

@@ -29,6 +29,7 @@ from r2bspec.plan.installed_packages import python_target, top_level_names
 from r2bspec.plan.wiring.ast_reader import read_python_file
 from r2bspec.plan.wiring.companion_files import read_source, source_folder
 from r2bspec.plan.wiring.console_scripts import installed_script, source_script
+from r2bspec.plan.wiring.parameter_files import read_parameter_file
 from r2bspec.safe_io.safe_file import is_regular
 from r2bspec.safe_io.temporary_folder import temporary_folder
 
@@ -49,6 +50,7 @@ class InitSources:
         launch_arguments: values of its launch arguments, by name.
         graph: whether the running ROS graph is read.
         node: a Python node, as a spec names it.
+        parameter_file: a file with parameters of that node; empty for none.
         timeout_s: how long to wait for nodes of the graph.
     """
 
@@ -57,6 +59,7 @@ class InitSources:
     launch_arguments: Mapping[str, str] = field(default_factory=dict)
     graph: bool = False
     node: str = ""
+    parameter_file: str = ""
     timeout_s: float = 10.0
 
 
@@ -83,7 +86,7 @@ def spec_from_sources(name: str, folder: Path, sources: InitSources) -> FirstSpe
     draft, shown = DraftNodes(), []
     findings: tuple[Diagnostic, ...] = ()
     if sources.node:
-        draft.nodes.add(node_key(sources.node), _node_block(sources.node, folder))
+        _add_node(draft, sources.node, sources.parameter_file, folder)
         shown.append(f"the node {sources.node}")
     if sources.launch:
         launch = find_launch_file(sources.launch)
@@ -124,8 +127,11 @@ def find_node(wanted: str, folder: Path) -> str:
     return f"{path if path.startswith('.') else f'./{path}'}:{function}"
 
 
-def _node_block(target: str, folder: Path) -> Block:
-    """The entry of a node, with what its source says of its executor and its state."""
+def _add_node(draft: DraftNodes, target: str, parameter_file: str, folder: Path) -> None:
+    """Add a node, with what its source says of its executor and its state.
+
+    Its name is its own: in the root namespace, if the file has parameters of it there.
+    """
     interface, start = read_source(target, folder)
     entry = Block.of({"python": target})
     threads = start.threads_of_main if start is not None else None
@@ -135,7 +141,24 @@ def _node_block(target: str, folder: Path) -> Block:
         entry.add("threads", threads)
     if interface.is_lifecycle:
         entry.add("lifecycle", "active")
-    return entry
+    key = node_key(target, interface.name)
+    if parameter_file:
+        entry.add("parameters", _written(parameter_file, folder))
+        content = read_parameter_file(Path(parameter_file))
+        if content.missing or content.problem:
+            what = content.problem or "does not exist"
+            hint = "It is a file as for 'ros2 run ... --ros-args --params-file FILE'."
+            raise UsageError(f"{parameter_file} {what}", hint=hint)
+        draft.is_absolute = not content.matching(f"/r2b/{key}") and bool(
+            content.matching(f"/{key}")
+        )
+    draft.nodes.add(key, entry)
+
+
+def _written(file: str, folder: Path) -> str:
+    """A file as a spec in a folder names it."""
+    relative = os.path.relpath(Path(file).expanduser().absolute(), folder.absolute())
+    return relative if relative.startswith(".") else f"./{relative}"
 
 
 def check_node_file(target: str, folder: Path) -> None:
@@ -157,7 +180,10 @@ def check_node_file(target: str, folder: Path) -> None:
     try:
         names = top_level_names(python.file)
     except SyntaxError as error:
-        raise UsageError(f"{python.file}:{error.lineno}: {error.msg}") from error
+        raise UsageError(
+            f"{python.file}:{error.lineno}: {error.msg}",
+            hint="Correct it there: 'python3 -m py_compile' must accept it.",
+        ) from error
     if names is not None and python.name not in names:
         tree = read_python_file(python.file)
         body = tree.body if tree is not None else []
@@ -169,9 +195,9 @@ def check_node_file(target: str, folder: Path) -> None:
 
 
 def why_no_topics(target: str, folder: Path) -> str:
-    """Why the source of a node tells no topics of it; empty if it tells any."""
+    """Why the source of a node tells no topics and services of it; empty if it tells any."""
     interface, _ = read_source(target, folder)
-    if interface.publishes or interface.subscribes:
+    if interface.publishes or interface.subscribes or any(interface.services.values()):
         return ""
     more = interface.may_publish_more or interface.may_subscribe_more
     return more or "its source has no publisher and no subscription"
@@ -180,16 +206,14 @@ def why_no_topics(target: str, folder: Path) -> str:
 def _recording(bag: str, folder: Path) -> DraftRecording:
     location = locate(bag, Path())
     written = location.dataset
-    if written is None:
-        relative = os.path.relpath(Path(bag).expanduser().absolute(), folder.absolute())
-        written = relative if relative.startswith(".") else f"./{relative}"
-    return DraftRecording(written, index(location))
+    return DraftRecording(written or _written(bag, folder), index(location))
 
 
 class NoGraphError(R2bspecError):
     """The running graph cannot be inspected, or has no nodes."""
 
     code = "R2B601"
+    way_out = "Start the graph in the same ROS_DOMAIN_ID; 'ros2 node list' must show its nodes."
 
 
 def inspect_graph(timeout_s: float) -> list[dict[str, Any]]:
@@ -203,7 +227,11 @@ def inspect_graph(timeout_s: float) -> list[dict[str, Any]]:
         NoGraphError: the inspection failed.
     """
     if importlib.util.find_spec("rclpy") is None:
-        raise UsageError("ROS 2 is not installed, so there is no graph to read", code="R2B620")
+        raise UsageError(
+            "ROS 2 is not installed, so there is no graph to read",
+            hint="Source ROS 2, or describe the nodes with --from-launch or --node.",
+            code="R2B620",
+        )
     with temporary_folder("graph") as scratch:
         target = scratch / "graph.json"
         words = [sys.executable, "-P", "-m", "r2bspec.harness.inspect_nodes"]

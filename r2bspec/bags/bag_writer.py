@@ -9,6 +9,9 @@ from typing import Final
 from r2bspec.bags.message_types import typestore
 from r2bspec.bags.recording import RecordedMessage, WritableStorage
 
+_NO_HASH: Final = f"RIHS01_{0:064}"
+"""Of a type whose definition is not known; `rosbags` refuses an empty one."""
+
 LATENCY_TYPE: Final = "std_msgs/msg/Float64"
 """The type of the messages with a latency, in milliseconds."""
 
@@ -34,7 +37,7 @@ def write_output_bag(
         connections = {
             topic: writer.add_connection(topic, kind, typestore=store)
             if kind in store.fielddefs
-            else writer.add_connection(topic, kind, msgdef="", rihs01="")
+            else writer.add_connection(topic, kind, msgdef="", rihs01=_NO_HASH)
             for topic, kind in types.items()
         }
         for message in messages:

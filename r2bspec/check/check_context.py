@@ -33,6 +33,7 @@ from r2bspec.bags.recording import (
     TimeWindow,
     merge_indexes,
 )
+from r2bspec.bags.service_events import request_kind
 from r2bspec.datasets.catalogue import describe, locate
 from r2bspec.datasets.catalogue import index as index_location
 from r2bspec.diagnostics.diagnostic import Path
@@ -44,7 +45,7 @@ from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Spec
 from r2bspec.plan.installed_packages import package_version
 from r2bspec.plan.process_plans import process_names
-from r2bspec.plan.wiring.build_wiring import build_wiring, harness_topic
+from r2bspec.plan.wiring.build_wiring import build_wiring
 from r2bspec.plan.wiring.companion_files import CompanionFiles, CompanionReader
 from r2bspec.plan.wiring.wiring import NodeWiring, Wiring
 from r2bspec.private_files import private_files
@@ -338,11 +339,13 @@ class Context:
             processes=process_names(self.spec, self.wiring),
             nodes=tuple(node.key for node in measured.nodes),
             topics=tuple(topic.removeprefix("/") for topic in measured.topics),
+            monitors=tuple(self.spec.outputs),
+            namespace=self.wiring.namespace.strip("/"),
         )
 
     def harness_topic(self, name: str) -> str:
         """The full name of a topic that the spec names outside of any node."""
-        return harness_topic(name, self.wiring.namespace)
+        return self.wiring.topic(name)
 
     def relative_name(self, topic: str, namespace: str = "") -> str:
         """A topic name relative to a namespace, by default that of the spec."""
@@ -487,6 +490,19 @@ def window_stamps(context: Context, topics: set[str]) -> dict[str, list[int]] | 
         # Other rules report bags and windows that cannot be read.
         return None
     return stamps
+
+
+def has_recorded_requests(context: Context, topic: str) -> bool | None:
+    """Whether the events of a service have requests in the window; None if they are not read."""
+    path = context.bag_location.path if context.bag_location is not None else None
+    if path is None:
+        return None
+    try:
+        events = _messages_in_window(context, path, {topic})
+        return any(request_kind(event.data) is not None for event in events)
+    except DataError:
+        # Other rules report bags and windows that cannot be read.
+        return None
 
 
 def _messages_in_window(

@@ -59,6 +59,13 @@ class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     "PACKAGE:EXECUTABLE of a Python package; a main() in place of the class, too.",
 )
 @click.option(
+    "--params-file",
+    "parameter_file",
+    default="",
+    metavar="FILE",
+    help="With --node: its parameters, as for 'ros2 run'; the topics that they name are known.",
+)
+@click.option(
     "--from-bag",
     "bag",
     default="",
@@ -98,6 +105,7 @@ def init_command(
     name: str,
     template: str,
     node: str,
+    parameter_file: str,
     bag: str,
     launch: str,
     launch_arguments: tuple[str, ...],
@@ -108,7 +116,7 @@ def init_command(
     """Create a commented spec NAME.r2b.yaml that is valid as it is.
 
     NAME may start with an existing folder, as in benchmarks/camera. With --node, the spec has this
-    node, and what its source tells; its key is derived from the class or the file. --from-bag,
+    node under its own name, and what its source tells: topics, or else calls. --from-bag,
     --from-launch, --from-graph and --node can be combined: the spec then has what they tell, and
     comments about what they do not. The JSON Schema, which editors use for completion and help, is
     written next to the spec. No file is overwritten.
@@ -128,6 +136,8 @@ def init_command(
 
         node = find_node(node, spec_file.parent)
     _check_node(node, template)
+    if parameter_file and not node:
+        raise click.UsageError("--params-file needs --node")
     if has_sources and template != "minimal":
         raise click.UsageError("--template cannot be combined with --from-...")
     text = why_no_topics = ""
@@ -142,9 +152,15 @@ def init_command(
         is_default = chosen is click.core.ParameterSource.DEFAULT
         if node and not has_sources:
             why_no_topics = sources.why_no_topics(node, folder)
-        if has_sources or (is_default and not why_no_topics):
+        if has_sources or parameter_file or (is_default and not why_no_topics):
             given = sources.InitSources(
-                bag, launch, _launch_arguments(launch_arguments), graph, node, timeout_s
+                bag,
+                launch,
+                _launch_arguments(launch_arguments),
+                graph,
+                node,
+                parameter_file,
+                timeout_s,
             )
             first = sources.spec_from_sources(benchmark, folder, given)
             text, findings = filled(first.text, None, f"./{_SCHEMA}"), first.findings

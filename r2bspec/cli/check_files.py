@@ -19,16 +19,17 @@ from typing import TYPE_CHECKING, TypeVar
 import click
 import msgspec
 
-from r2bspec.cli.text_output import counted
 from r2bspec.diagnostics import Diagnostic
+from r2bspec.diagnostics.quote import pluralize
 from r2bspec.diagnostics.waivers import may_contain_waiver
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
 from r2bspec.safe_io import safe_file
+from r2bspec.safe_io.file_search import files_below, matching_files
 from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
 from r2bspec.safe_io.looked_up_files import shared_lookups
-from r2bspec.safe_io.safe_file import is_folder, is_regular
+from r2bspec.safe_io.safe_file import is_folder
 
 if TYPE_CHECKING:
     from r2bspec.diagnostics.edits import FixResult
@@ -61,16 +62,15 @@ def _expand_path(path: str) -> list[str]:
         return [path]
     place = Path(path)
     if is_folder(place):
+        start = "" if place == Path() else str(place)
         return _require_files(
-            sorted(_find_specs(path)), f"the folder {path!r} has no *{SUFFIX} file"
+            files_below(start, ("**", f"*{SUFFIX}"), path),
+            f"the folder {path!r} has no *{SUFFIX} file",
         )
     if os.path.lexists(place):
         return [path]
     if glob.has_magic(path):
-        # Path.glob refuses absolute patterns.
-        matches = glob.glob(path, recursive=True)  # noqa: PTH207
-        files = sorted(match for match in matches if is_regular(Path(match)))
-        return _require_files(files, f"no file matches {path!r}")
+        return _require_files(matching_files(path), f"no file matches {path!r}")
     raise click.UsageError(f"{path!r} does not exist")
 
 
@@ -78,13 +78,6 @@ def _require_files(files: list[str], message: str) -> list[str]:
     if not files:
         raise click.UsageError(message)
     return files
-
-
-def _find_specs(folder: str) -> Iterator[str]:
-    """All specs below a folder, hidden folders left out."""
-    for parent, folders, files in os.walk(folder):
-        folders[:] = [name for name in folders if not name.startswith(".")]
-        yield from (str(Path(parent, name)) for name in files if name.endswith(SUFFIX))
 
 
 class CheckOptions(msgspec.Struct, frozen=True):
@@ -279,7 +272,7 @@ def repair(
             echo(unified_diff(before, bom + fixed.text, file), nl=False)
     if write or changed:
         verb = "repaired" if write else "can be repaired by --fix"
-        echo(f"{counted(fixes, 'problem')} {verb} in {changed} of {len(files)} files", err=True)
+        echo(f"{pluralize(fixes, 'problem')} {verb} in {changed} of {len(files)} files", err=True)
     return changed
 
 
@@ -325,7 +318,10 @@ def write_text(file: str, text: str) -> None:
         temporary.chmod(mode & 0o7777)
         temporary.replace(path)
     except OSError as error:
-        raise UsageError(f"{file} cannot be written: {error.strerror or error}") from error
+        raise UsageError(
+            f"{file} cannot be written: {error.strerror or error}",
+            hint="See that you may write to it and its folder, or use --diff.",
+        ) from error
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)

@@ -194,7 +194,9 @@ def _window(text: str | None, start_ns: int | None, end_ns: int | None) -> TimeW
     """The window of the options; None for everything."""
     if text is not None:
         if start_ns is not None or end_ns is not None:
-            raise UsageError("--window cannot be combined with --start and --end")
+            raise UsageError(
+                "--window cannot be combined with --start and --end", hint="Leave one of them out."
+            )
         first, colon, last = text.partition(":")
         if not colon:
             raise UsageError(
@@ -204,7 +206,9 @@ def _window(text: str | None, start_ns: int | None, end_ns: int | None) -> TimeW
             start_ns = _duration_ns(None, None, first.strip() or "0 s")
             end_ns = _duration_ns(None, None, last.strip() or None)
         except click.BadParameter as error:
-            raise UsageError(f"--window: {error.message}") from error
+            raise UsageError(
+                f"--window: {error.message}", hint="Write START:END, such as '0 s:0.5 s'."
+            ) from error
     if start_ns is None and end_ns is None:
         return None
     return TimeWindow(start_ns=start_ns or 0, end_ns=end_ns)

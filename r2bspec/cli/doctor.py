@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 from r2bspec.cli.shared_options import FOLDER, format_option
-from r2bspec.cli.text_output import counted, styled
+from r2bspec.cli.text_output import styled
 from r2bspec.diagnostics.plain_text import plain
+from r2bspec.diagnostics.quote import pluralize
 from r2bspec.errors import ExitStatus
 from r2bspec.report.output import echo, echo_json
 
@@ -87,10 +88,10 @@ def _show(checks: list[CheckResult], status: Status) -> None:
     counts = {each: sum(check.status == each for check in checks) for each in _MARKS}
     words = {
         "ok": "This machine is fit for benchmarking.",
-        "warn": f"{counted(counts['warn'], 'warning')}: benchmarks run, but results may be "
+        "warn": f"{pluralize(counts['warn'], 'warning')}: benchmarks run, but results may be "
         "affected.",
-        "problem": f"{counted(counts['problem'], 'problem')} and "
-        f"{counted(counts['warn'], 'warning')}.",
+        "problem": f"{pluralize(counts['problem'], 'problem')} and "
+        f"{pluralize(counts['warn'], 'warning')}.",
     }
     mark, colour = _MARKS[status]
     echo(f"{styled(mark, fg=colour, bold=True)} {words[status]}", styled=True)

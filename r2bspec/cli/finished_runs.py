@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import click
 
 from r2bspec.cli import shared_options as options
-from r2bspec.cli.text_output import counted, print_table, show_findings
-from r2bspec.diagnostics.quote import quoted_list
+from r2bspec.cli.text_output import print_table, show_findings
+from r2bspec.diagnostics.quote import pluralize, quoted_list
 from r2bspec.errors import ExitStatus
 from r2bspec.language.quantities import Share
 from r2bspec.report.output import MAX_TABLE_ROWS, echo, echo_document, echo_json, rows_left_out
@@ -57,7 +57,8 @@ def judge_command(
     from r2bspec.plan.compile_plan import gate_plan
     from r2bspec.record.run_folder import RunFolder
     from r2bspec.report.terminal import show_result
-    from r2bspec.report.write_reports import takes_stdout, write_reports
+    from r2bspec.report.write_reports import check_targets, takes_stdout, write_reports
+    from r2bspec.safe_io.looked_up_files import looked_up_files
     from r2bspec.safe_io.safe_file import is_regular, is_there
 
     if run.name == "result.json" and is_there(run.with_name("plan.json")):
@@ -67,7 +68,9 @@ def judge_command(
     if spec is None:
         result = read_folder(run)
     else:
-        other = _load_objectives(spec)
+        with looked_up_files() as read:
+            other = _load_objectives(spec)
+        check_targets(reports + junit, read.files)
         result = read_folder(
             run,
             spec_file=spec,
@@ -190,13 +193,14 @@ def report_command(
     from r2bspec.compare.report_input import read_report_input
     from r2bspec.record.run_folder import open_run
     from r2bspec.report.format_registry import ReportUsageError
-    from r2bspec.report.write_reports import write_reports
+    from r2bspec.report.write_reports import check_targets, write_reports
 
     requests = reports + junit
     if not requests:
         raise ReportUsageError(
             "no report was requested", hint="Name a format and a file: --report html=report.html"
         )
+    check_targets(requests, [str(run), *([str(spec)] if spec is not None else ())])
     baseline = open_run(against) if against is not None else None
     report_input = read_report_input(run, spec_file=spec, baseline=baseline)
     _say_what_is_not_judged(report_input)
@@ -339,7 +343,7 @@ def prune(
             if keep is not None:
                 removed_ids |= {run_.run_id for run_ in kept[: max(len(kept) - keep, 0)]}
         number = history.remove(sorted(removed_ids))
-    echo(f"{counted(number, 'run')} deleted", err=True)
+    echo(f"{pluralize(number, 'run')} deleted", err=True)
     return ExitStatus.OK
 
 

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any, Final
 from r2bspec.cli.main import show_error
 from r2bspec.cli.shared_options import history_file
 from r2bspec.cli.spec_selection import Playing, SuiteEntry, base_selection, prepare_and_report
-from r2bspec.cli.text_output import counted
 from r2bspec.compare.base_tree import parse_base_reference
 from r2bspec.compare.report_input import read_folder
 from r2bspec.diagnostics.plain_text import plain
+from r2bspec.diagnostics.quote import first_words, pluralize
 from r2bspec.errors import R2bspecError
 from r2bspec.fleet import fleet_runs
 from r2bspec.fleet.client import FleetClient
@@ -38,9 +38,6 @@ if TYPE_CHECKING:
     from r2bspec.cli.run import RunArguments
     from r2bspec.cli.run_suite import Suite
     from r2bspec.report.suite import SuiteRun
-
-_JOIN_S: Final = 30.0
-"""For so long the first hosts are waited for: workers start with their scheduler."""
 
 
 @contextlib.contextmanager
@@ -69,7 +66,7 @@ class FleetExecutor:
 
     def place(self, entries: Sequence[SuiteEntry]) -> list[SuiteEntry]:
         """An entry for each run: with ``--hosts all`` one on every host that fits."""
-        self._wait_for_hosts()
+        self.client.wait_for_hosts(set(self.options.hosts) - {ALL, ANY})
         facts = {name: host.facts for name, host in self.client.hosts.items()}
         placed = []
         for entry in entries:
@@ -83,17 +80,6 @@ class FleetExecutor:
                 placed.append(replace(entry, **assignment._asdict()))
         return placed
 
-    def _wait_for_hosts(self) -> None:
-        """Wait a moment for a first host, or for those that are named."""
-        named = set(self.options.hosts) - {ALL, ANY}
-        deadline = time.monotonic() + _JOIN_S
-        while time.monotonic() < deadline:
-            hosts = self.client.hosts
-            if named <= set(hosts) if named else hosts:
-                return
-            time.sleep(0.5)
-            self.client.refresh()
-
     def announce(self, entries: Sequence[SuiteEntry]) -> str:
         """How long the runs will take if no host is lost."""
         alone: dict[str, float] = {}
@@ -101,7 +87,7 @@ class FleetExecutor:
             alone[entry.host] = alone.get(entry.host, 0.0) + entry.seconds
         hosts = max(len(self.client.hosts), 1)
         total = max(alone.pop("", 0.0) / hosts, *alone.values(), 0.0)
-        runs = f"{counted(len(entries), 'run')} on {counted(hosts, 'host')}"
+        runs = f"{pluralize(len(entries), 'run')} on {pluralize(hosts, 'host')}"
         return f"{runs}: about {time_text(total)}"
 
     def play(self, entries: Sequence[SuiteEntry]) -> Playing:
@@ -205,10 +191,9 @@ class FleetLines:
         if not self._quiet and time.monotonic() >= self._next:
             self._next = time.monotonic() + _LINE_S
             playing = [row for row in rows if row.host]
-            shown = ", ".join(f"{entry.name} on {entry.host}" for entry in playing[:3])
-            more = f" and {len(playing) - 3} more" if len(playing) > 3 else ""
+            shown = first_words([f"{entry.name} on {entry.host}" for entry in playing], 3)
             text = f"{self._done} of {self._total} runs on {len(hosts)} hosts"
-            self._write(text + (f"; now {shown}{more}" if shown else ""))
+            self._write(text + (f"; now {shown}" if shown else ""))
 
     def _write(self, text: str) -> None:
         echo(plain(text), err=True)

@@ -15,8 +15,9 @@ import click
 
 from r2bspec.cli.check_files import SUFFIX, CheckOptions, check_text
 from r2bspec.cli.shared_options import FILE, FOLDER, repeatable_option
-from r2bspec.cli.text_output import aligned_lines, counted, print_findings
+from r2bspec.cli.text_output import aligned_lines, print_findings
 from r2bspec.diagnostics import Diagnostic, Severity
+from r2bspec.diagnostics.quote import pluralize
 from r2bspec.errors import ExitStatus, UsageError
 from r2bspec.report import finding_formats
 from r2bspec.report.finding_formats import FORMATS
@@ -92,9 +93,15 @@ def command(
         scripts = _Scripts(files, package_paths, output, force)
         return scripts.check(output_format) if check else scripts.import_all(output_format)
     if len(files) > 1:
-        raise UsageError("reports are read one at a time, and not together with scripts")
+        raise UsageError(
+            "reports are read one at a time, and not together with scripts",
+            hint="Call 'r2bspec import' for each of them.",
+        )
     if check or output_format not in _REPORT_FORMATS:
-        raise UsageError(f"{files[0]} is no script, which --check and this --format need")
+        raise UsageError(
+            f"{files[0]} is no script, which --check and this --format need",
+            hint="Give a .py file, or leave both options out: a report has text and json.",
+        )
     return _import_report(files[0], output_format, output)
 
 
@@ -173,7 +180,7 @@ class _Scripts:
 
     def _import(self, file: Path, target: Path | None) -> Path | None:
         from r2bspec.interop.script_import.spec_builder import build_spec
-        from r2bspec.record.files import write_atomically
+        from r2bspec.record.files import write_output
 
         script = self._read(file)
         if script is None:
@@ -185,7 +192,7 @@ class _Scripts:
         if target is None:
             echo_document(spec.text, nl=False)
         else:
-            write_atomically(target, spec.text.encode())
+            write_output(target, spec.text.encode())
         return target
 
     def _add_errors_of(self, spec: ImportedSpec, target: Path | None) -> None:
@@ -204,10 +211,15 @@ class _Scripts:
         output, several = self.output, len(self.files) > 1
         if output is None:
             if several:
-                raise UsageError("several scripts need a folder for their specs: --output FOLDER")
+                raise UsageError(
+                    "several scripts need a folder for their specs",
+                    hint="Name it with --output FOLDER.",
+                )
             return None
         if several and is_there(output) and not is_folder(output):
-            raise UsageError(f"{output} is not a folder")
+            raise UsageError(
+                f"{output} is not a folder", hint="Name a folder, which is made if need be."
+            )
         inside = several or is_folder(output)
         target = output / f"{file.stem}{SUFFIX}" if inside else output
         if is_there(target) and not self.force:
@@ -222,7 +234,7 @@ class _Scripts:
 
     def _summary(self) -> str:
         counts = [
-            counted(count, name)
+            pluralize(count, name)
             for severity, name in (
                 (Severity.ERROR, "error"),
                 (Severity.WARNING, "warning"),
@@ -230,7 +242,7 @@ class _Scripts:
             )
             if (count := sum(finding.severity is severity for finding in self.findings))
         ]
-        return ", ".join([counted(len(self.files), "script"), *(counts or ["no problems"])])
+        return ", ".join([pluralize(len(self.files), "script"), *(counts or ["no problems"])])
 
 
 def _import_report(report: Path, output_format: str, output: Path | None) -> int:
@@ -238,9 +250,9 @@ def _import_report(report: Path, output_format: str, output: Path | None) -> int
 
     reference = read_report(report)
     if output is not None:
-        from r2bspec.record.files import write_atomically
+        from r2bspec.record.files import write_output
 
-        write_atomically(output, to_json(reference))
+        write_output(output, to_json(reference))
     elif output_format == "json":
         echo_document(to_json(reference), nl=False)
     else:

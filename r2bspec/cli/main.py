@@ -15,11 +15,13 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
+from typing import Any
 
 import click
 
 from r2bspec._version import __version__
 from r2bspec.diagnostics.plain_text import message_text, short_lines
+from r2bspec.diagnostics.quote import quote
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError, exit_status_text
 from r2bspec.report.output import echo
 from r2bspec.safe_io.cache_folder import passed_over
@@ -37,6 +39,8 @@ VERBS = {
     "compare": "Compare finished runs: improved, worse, same, or can't tell.",
     "calibrate": "Measure the noise of a graph: the smallest detectable change.",
     "suggest": "Propose objectives from what a run measured.",
+    "tune": "Find the deployment that meets the objectives at the least cost.",
+    "predict": "Predict latency and peak of other rates, machines and deployments from a run.",
     "history": "List and delete the runs stored by 'run --history'.",
     "import": "Make specs from scripts of ros2_benchmark, or read its reports.",
     "data": "List, create, inspect and verify datasets.",
@@ -79,12 +83,35 @@ _STREAMS = (("stdin", "r"), ("stdout", "w"), ("stderr", "w"))
 _LEAST_STACK_BYTES = 512 << 10
 """Deep JSON takes 200 KiB before its depth is refused."""
 
-_FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
-"""No fault of r2bspec: the file system has no room."""
+_FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+"""No fault of r2bspec: the file system, or a limit on the size of files, leaves no room."""
+
+_COMPLETE = "_R2BSPEC_COMPLETE"
+"""What completion scripts set."""
+
+
+class _OutputClosedError(Exception):
+    """A `BrokenPipeError`, which click would take for itself, and exit with 1."""
+
+
+@contextlib.contextmanager
+def _noticing_closed_output() -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError as error:
+        raise _OutputClosedError from error
 
 
 class _Verbs(click.Group):
     """Imports a verb's module on demand, so that start-up pays for one verb only."""
+
+    def make_context(self, *args: Any, **more: Any) -> click.Context:
+        with _noticing_closed_output():
+            return super().make_context(*args, **more)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        with _noticing_closed_output():
+            return super().invoke(ctx)
 
     def list_commands(self, _ctx: click.Context) -> list[str]:
         return list(VERBS)
@@ -128,14 +155,23 @@ def command() -> None:
 def main(argv: list[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     _open_standard_streams()
+    output = sys.stdout
+    is_ours = output is sys.__stdout__ and isinstance(output, io.TextIOWrapper)
+    if is_ours and isinstance(output.buffer, io.RawIOBase):
+        # With PYTHONUNBUFFERED, what a pipe does not take at once would be lost.
+        encoding = output.encoding
+        whole = io.BufferedWriter(output.detach())
+        sys.stdout = io.TextIOWrapper(whole, encoding, line_buffering=True)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             # What the encoding of a terminal lacks shows as a question mark, not as a crash.
             stream.reconfigure(errors="replace")
     try:
         _require_stack()
+        _require_arguments(sys.argv[1:] if argv is None else argv)
         with _notes_on_caches(), _interruptible():
             status = command.main(args=argv, prog_name="r2bspec", standalone_mode=False)
+        sys.stdout.flush()
     except R2bspecError as error:
         show_error(error)
         return error.exit_code
@@ -150,7 +186,7 @@ def main(argv: list[str] | None = None) -> int:
         return ExitStatus.USAGE
     except click.exceptions.Exit as error:
         return error.exit_code
-    except BrokenPipeError:
+    except (_OutputClosedError, BrokenPipeError):
         # The reader of our output has closed the pipe, as `head` does; the interpreter must not
         # try to flush at exit.
         _discard_output()
@@ -159,9 +195,13 @@ def main(argv: list[str] | None = None) -> int:
         if isinstance(error, OSError) and error.errno in _FULL:
             _discard_output()
             what = error.filename or "the output"
-            show_error(
-                full := UsageError(f"{what} cannot be written: {error.strerror}", code="R2B651")
+            full = UsageError(
+                f"{what} cannot be written: {error.strerror}",
+                hint="Make room, raise the limit (ulimit -f), or write to another file system.",
+                code="R2B651",
             )
+            with contextlib.suppress(OSError):
+                show_error(full)
             return full.exit_code
         from r2bspec.cli.internal_error import Crash, InternalError
         from r2bspec.execute.processes.prerequisites import limit_error
@@ -189,14 +229,46 @@ def _require_stack() -> None:
         )
 
 
+def _require_arguments(arguments: list[str]) -> None:
+    """See that none is empty: it would name the current folder, or count as left out.
+
+    Raises:
+        UsageError: one is, or a completion script asks for what no shell would.
+    """
+    if "" in arguments:
+        before = arguments[: arguments.index("")]
+        after = f" after {quote(before[-1])}" if before else ""
+        raise UsageError(
+            f"argument {len(before) + 1}{after} is empty",
+            hint="Leave it out, or give a value: a variable of the shell may not be set.",
+        )
+    if asked := os.environ.get(_COMPLETE):
+        from click.shell_completion import get_completion_class
+
+        shell, _, what = asked.partition("_")
+        is_known = what in {"source", "complete"} and get_completion_class(shell) is not None
+        # fish passes the word itself.
+        if not is_known or (shell != "fish" and not os.environ.get("COMP_CWORD", "0").isdecimal()):
+            raise UsageError(
+                f"{_COMPLETE} and COMP_CWORD are not as the completion of a shell sets them",
+                hint="Unset both, or write the script anew with 'r2bspec completion SHELL'.",
+            )
+
+
 def _open_standard_streams() -> None:
-    """Open what the caller has closed: a file of the run would get its number, and the output."""
+    """Open what the caller has closed: a file of the run would get its number, and the output.
+
+    Output waits for its reader: where the caller does not, what exceeds a pipe would be lost.
+    """
     while (opened := os.open(os.devnull, os.O_RDWR)) < len(_STREAMS):
         os.set_inheritable(opened, True)
     os.close(opened)
     for number, (name, mode) in enumerate(_STREAMS):
         if getattr(sys, name) is None:
             setattr(sys, name, open(number, mode))  # noqa: PTH123, SIM115
+        if mode == "w":
+            with contextlib.suppress(OSError):
+                os.set_blocking(number, True)
 
 
 def _discard_output() -> None:

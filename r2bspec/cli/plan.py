@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -42,6 +43,13 @@ if TYPE_CHECKING:
     help="Print the origin of a value, such as benchmark.rates[0], instead: every file, line and "
     "option that set it.",
 )
+@click.option(
+    "--tune",
+    "tune",
+    is_flag=True,
+    help="Print the deployments that 'r2bspec tune' may try instead: levers with their settings, "
+    "and what is left out.",
+)
 @options.spec_options
 @options.max_bytes_option
 @click.option(
@@ -55,6 +63,7 @@ def command(
     graph: str | None,
     other: Path | None,
     explain_path: str | None,
+    tune: bool,
     values: SelectionValues,
     output: Path | None,
 ) -> int:
@@ -63,15 +72,26 @@ def command(
     SPEC is a spec, or a plan written by this command. The same spec and the same data give the same
     bytes on every machine. Nothing is started.
     """
-    if sum(choice is not None for choice in (graph, other, explain_path)) > 1:
-        raise click.UsageError("--graph, --diff and --explain cannot be combined")
+    if sum((graph is not None, other is not None, explain_path is not None, tune)) > 1:
+        raise click.UsageError("--graph, --diff, --explain and --tune cannot be combined")
+    for read in (spec, other):
+        if output and read and os.path.realpath(output) == os.path.realpath(read):
+            raise UsageError(f"{output} is read, and cannot be written", hint="Name another file.")
     if explain_path is not None:
         from r2bspec.language.load_spec import load_spec
 
         loaded = load_spec(spec, **values)
         _write(_provenance(loaded, explain_path).encode(), output)
         return ExitStatus.OK
-    plan = prepare_and_report(SpecSelection(spec, **values)).plan
+    prepared = prepare_and_report(SpecSelection(spec, **values))
+    plan = prepared.plan
+    if tune:
+        from r2bspec import api
+        from r2bspec.tune.space_text import space_text
+
+        space = api.tuning_space(prepared, spec, **values)
+        _write(space_text(space).encode(), output)
+        return ExitStatus.OK
     if other is not None:
         from r2bspec.plan.comparability import diff_plans
 
@@ -129,7 +149,7 @@ def _write(content: bytes, output: Path | None, *, is_json: bool = False) -> Non
         else:
             echo(content.decode(), nl=False)
         return
-    from r2bspec.record.files import write_atomically
+    from r2bspec.record.files import write_output
 
     # Text is made to be shown: by `cat`, in a review, in a comment.
-    write_atomically(output, content if is_json else plain(content.decode()).encode())
+    write_output(output, content if is_json else plain(content.decode()).encode())

@@ -241,7 +241,10 @@ def _propose_objectives(
 
     before = read_text(str(spec))
     if before is None or prepared.loaded is None:
-        raise UsageError(f"{spec} cannot be changed: it is a link, or not a spec")
+        raise UsageError(
+            f"{spec} cannot be changed: it is a link, or not a spec",
+            hint="Give the file that the link leads to.",
+        )
     proposal = propose_objectives(
         prepared.loaded,
         before,

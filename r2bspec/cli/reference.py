@@ -123,9 +123,6 @@ def _indent(block: str) -> Iterator[str]:
         yield f"    {printable(line)}".rstrip()
 
 
-_WIDTH = 88
-
-
 @click.command("metrics")
 @click.argument("names", nargs=-1, metavar="[METRIC]...", shell_complete=complete_metric)
 @format_option("text", "json", "markdown")
@@ -271,7 +268,10 @@ def docs_folder() -> Path:
     for folder in (_PACKAGE / "docs", _PACKAGE.parent / "docs", *installed):
         if (folder / "language.md").is_file():
             return folder
-    raise UsageError("this installation of r2bspec has no documentation")
+    raise UsageError(
+        "this installation of r2bspec has no documentation",
+        hint="Install r2bspec anew; 'r2bspec explain' and --help work without.",
+    )
 
 
 def _page_title(file: Path) -> str:

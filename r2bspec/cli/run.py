@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -92,6 +93,19 @@ class RunArguments:
         """Whether an option only makes sense for several runs."""
         return bool(self.select or self.scan or self.resume or self.fail_fast or self.each)
 
+    def given(self, *options: str) -> list[str]:
+        """Those of some options that are given."""
+        unset: tuple[object, ...] = (None, False, (), "")
+        return [name for name in options if getattr(self, name[2:].replace("-", "_")) not in unset]
+
+    def refuse(self, why: str, *options: str) -> None:
+        """Report the first of some options that is given, if one is.
+
+        Raises:
+            click.UsageError: with its name and `why`.
+        """
+        _refuse(self.given(*options), why)
+
     def check(self) -> None:
         """Report options that exclude each other, or need another one.
 
@@ -99,56 +113,63 @@ class RunArguments:
             click.UsageError: there are some.
         """
         if self.against:
-            why = "cannot be combined with --against: it compares SPEC with itself"
-            _refuse({"--control": self.control}, why)
+            self.refuse(
+                "cannot be combined with --against: it compares SPEC with itself", "--control"
+            )
         if self.on is None:
-            connection = {f"--{name}": value for name, value in self.connection.items()}
-            _refuse({"--hosts": self.hosts != ("all",), **connection}, "needs --on")
-        comparisons = {
-            "--against": bool(self.against),
-            "--control": self.control,
-            "--history": self.history is not None,
-            "--baseline": self.baseline is not None,
-        }
-        used_options = [name for name, given in comparisons.items() if given]
-        if len(used_options) > 1:
+            hosts = ["--hosts"] if self.hosts != ("all",) else []
+            connection = [f"--{name}" for name, value in self.connection.items() if value]
+            _refuse([*hosts, *connection], "needs --on")
+        comparisons = self.given("--against", "--control", "--history", "--baseline")
+        if len(comparisons) > 1:
             raise click.UsageError(
-                f"{' and '.join(used_options)} cannot be combined: choose one comparison"
+                f"{' and '.join(comparisons)} cannot be combined: choose one comparison"
             )
-        judging_options = used_options + ["--require-slos"] * self.require_slos
-        if self.smoke and judging_options:
-            raise click.UsageError(
-                f"--smoke cannot be combined with {judging_options[0]}: it judges nothing"
-            )
-        of_one_run = {
-            "--abort-on-fail": self.abort_on_fail,
-            "--record-outputs": self.record_outputs,
-            "--anatomy": self.anatomy,
-            "--profile": self.profile is not None,
-        }
+        if self.smoke:
+            judging = [*comparisons, *self.given("--require-slos")]
+            if judging:
+                raise click.UsageError(
+                    f"--smoke cannot be combined with {judging[0]}: it judges nothing"
+                )
         if self.compares:
-            _refuse(of_one_run, "cannot be combined with --against or --control")
+            self.refuse(
+                "cannot be combined with --against or --control",
+                *("--abort-on-fail", "--record-outputs", "--anatomy", "--profile"),
+            )
         if self.timings and (self.compares or self.needs_suite or self.on is not None):
             raise click.UsageError(
                 "--timings is of one run on this host; 'phases' in each record.json has the times"
             )
         if self.profile is not None:
-            _refuse(
-                {"--anatomy": self.anatomy}, "cannot be combined with --profile: run them in turn"
-            )
-        if self.profile is None:
-            _refuse({"--profile-node": self.profile_node is not None}, "needs --profile")
-        of_gate = {
-            "--allow": self.allow,
-            "--base-build": self.base_build,
-            "--base-setup": self.base_setup,
-        }
-        if any(of_gate.values()) and not self.has_base_tree:
+            self.refuse("cannot be combined with --profile: run them in turn", "--anatomy")
+        else:
+            self.refuse("needs --profile", "--profile-node")
+        of_gate = self.given("--allow", "--base-build", "--base-setup")
+        if of_gate and not self.has_base_tree:
             _refuse(of_gate, "needs --against with a revision or a work tree")
-        if not (self.against or self.baseline is not None):
-            _refuse({"--force": self.force}, "needs --against or --baseline")
+        if not self.given("--against", "--baseline"):
+            self.refuse("needs --against or --baseline", "--force")
         if self.output is None:
-            _refuse({"--resume": self.resume}, "needs the --output of the earlier call")
+            self.refuse("needs the --output of the earlier call", "--resume")
+
+    @contextlib.contextmanager
+    def sparing_inputs(self) -> Iterator[None]:
+        """Within this context, what is read is an input of the run, which no report may replace.
+
+        Raises:
+            ReportUsageError: a report would.
+        """
+        from r2bspec.report.write_reports import check_targets
+        from r2bspec.safe_io.looked_up_files import looked_up_files
+
+        named = [self.baseline] if self.baseline is not None else []
+        if self.history is not None:
+            named.append(shared_options.history_file(self.history))
+        with looked_up_files() as read:
+            try:
+                yield
+            finally:
+                check_targets(self.reports, (*map(str, named), *read.files), self.output)
 
     def check_pairs(self) -> None:
         """Report ``--pairs`` without a comparison.
@@ -157,7 +178,7 @@ class RunArguments:
             click.UsageError: there is none.
         """
         if not self.compares:
-            _refuse({"--pairs": self.pairs is not None}, "needs --against or --control")
+            self.refuse("needs --against or --control", "--pairs")
 
     def check_fleet(self) -> None:
         """Report options that do not go with ``--on``.
@@ -165,15 +186,11 @@ class RunArguments:
         Raises:
             click.UsageError: there are some.
         """
-        without = {
-            "--baseline": self.baseline is not None,
-            "--no-lock": self.no_lock,
-            "--no-wait": self.no_wait,
-            "--against with a revision or a work tree": self.has_base_tree,
-            "--anatomy": self.anatomy,
-            "--profile": self.profile is not None,
-        }
-        _refuse(without, "cannot be combined with --on")
+        why = "cannot be combined with --on"
+        self.refuse(why, "--baseline", "--no-lock", "--no-wait")
+        if self.has_base_tree:
+            raise click.UsageError(f"--against with a revision or a work tree {why}")
+        self.refuse(why, "--anatomy", "--profile")
 
     def check_suite(self) -> None:
         """Report options that are for a single run.
@@ -190,15 +207,9 @@ class RunArguments:
             raise click.UsageError("--against cannot be combined with --resume and --scan")
 
 
-def _refuse(options: Mapping[str, object], why: str) -> None:
-    """Report the first of some options that is given, if one is.
-
-    Raises:
-        click.UsageError: with its name and `why`.
-    """
-    for name, value in options.items():
-        if value:
-            raise click.UsageError(f"{name} {why}")
+def _refuse(given: Sequence[str], why: str) -> None:
+    if given:
+        raise click.UsageError(f"{given[0]} {why}")
 
 
 @click.command("run")
@@ -249,18 +260,7 @@ def _refuse(options: Mapping[str, object], why: str) -> None:
     metavar="NODE",
     help="The node that --profile observes.  [default: all nodes]",
 )
-@click.option(
-    "--on",
-    metavar="SCHEDULER",
-    help="Run on the hosts of a fleet: the address of its scheduler, or a cluster file.",
-)
-@click.option(
-    "--hosts",
-    default="all",
-    show_default=True,
-    metavar="all|any|NAME,...",
-    help="With --on: on every host that fits, on any one of them, or on those that are named.",
-)
+@shared_options.fleet_options("on every host that fits, on any one of them")
 @click.option(
     "--host-timeout",
     type=click.FloatRange(min=0),
@@ -276,7 +276,6 @@ def _refuse(options: Mapping[str, object], why: str) -> None:
     show_default=True,
     help="With --on: how often an invalid run is made again, on the same host.",
 )
-@shared_options.connection_options
 @shared_options.flag_options(
     {
         "--timings": "Print where the time of the run went, to standard error.",

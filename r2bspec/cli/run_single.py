@@ -41,9 +41,10 @@ def _run(selection: SpecSelection, options: RunArguments, folder: OutputFolder) 
     from r2bspec.report.terminal import show_result
     from r2bspec.report.write_reports import takes_stdout
 
-    prepared = prepare_and_report(
-        selection, smoke=options.smoke, require_slos=options.require_slos, infos=options.verbose
-    )
+    with options.sparing_inputs():
+        prepared = prepare_and_report(
+            selection, smoke=options.smoke, require_slos=options.require_slos, infos=options.verbose
+        )
     name = prepared.plan.name
     name += "-pairs" if options.compares else "-smoke" if options.smoke else ""
     folder.path = options.output or api.default_run_folder(name)
@@ -295,9 +296,12 @@ def reported_failures(options: RunArguments, folder: OutputFolder, spec: Path) -
     try:
         yield
     except R2bspecError as error:
+        from r2bspec.report.format_registry import ReportUsageError
         from r2bspec.report.write_reports import takes_stdout, write_failure_reports
 
-        if folder.path is None or not folder.path.exists():
+        # A report that is refused, as it would replace something, is not written here either.
+        wanted = not isinstance(error, ReportUsageError)
+        if wanted and (folder.path is None or not folder.path.exists()):
             with contextlib.suppress(R2bspecError):
                 write_failure_reports(options.reports, error, spec)
                 _write_failure_pages(options.reports, error, spec)

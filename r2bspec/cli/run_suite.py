@@ -25,9 +25,10 @@ from r2bspec.cli.spec_selection import (
     prepare_and_report,
     selected_files,
 )
-from r2bspec.cli.text_output import counted, locked_host
+from r2bspec.cli.text_output import locked_host
 from r2bspec.compare.gate_strength import allowable_names, check_allowed
 from r2bspec.compare.report_input import read_folder
+from r2bspec.diagnostics.quote import pluralize
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.identity.identify_graph import graph_identity
@@ -84,7 +85,8 @@ def run_suite(items: Sequence[RunItem], options: RunArguments, paths: Sequence[s
             f"{root} has the runs of an earlier call",
             hint="Choose a new folder with --output, or go on with --resume.",
         )
-    entries = [_prepare(item, options) for item in items]
+    with options.sparing_inputs():
+        entries = [_prepare(item, options) for item in items]
     suite = Suite(root, options)
     if options.on is None:
         return _run_here(suite, entries, options, paths)
@@ -151,7 +153,7 @@ def _run_here(
         suite.create_folder()
         suite.enter(entries)
         total = time_text(sum(entry.seconds for entry in entries))
-        announcement = f"{counted(len(entries), 'run')}: about {total}"
+        announcement = f"{pluralize(len(entries), 'run')}: about {total}"
         return suite.run(announcement, LocalExecutor(suite, options, gate).play(entries))
 
 

@@ -197,6 +197,30 @@ _CONNECTION_FILES = {
 }
 
 
+def fleet_options(where: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
+    """``--on`` and ``--hosts``, with those of the connection.
+
+    Args:
+        where: what ``all`` and ``any`` mean to the verb.
+    """
+
+    def decorated(command: Callable[..., int]) -> Callable[..., int]:
+        on_hosts = click.option(
+            "--hosts",
+            default="all",
+            show_default=True,
+            metavar="all|any|NAME,...",
+            help=f"With --on: {where}, or on those that are named.",
+        )(connection_options(command))
+        return click.option(
+            "--on",
+            metavar="SCHEDULER",
+            help="Run on the hosts of a fleet: the address of its scheduler, or a cluster file.",
+        )(on_hosts)
+
+    return decorated
+
+
 def connection_options(command: Callable[..., int]) -> Callable[..., int]:
     """The options of a connection to a scheduler, which a verb takes as `connection`."""
 

@@ -21,11 +21,6 @@ if TYPE_CHECKING:
 _MAX_CELL = 100
 
 
-def counted(number: int, noun: str) -> str:
-    """A number of things, such as ``1 file`` or ``2 files``."""
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
-
-
 def styled(text: str, **style: Any) -> str:
     """A text with a style of click for standard output, if that has colours."""
     from r2bspec.report.findings_text import wants_colour

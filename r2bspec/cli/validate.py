@@ -24,7 +24,8 @@ from r2bspec.cli.check_files import (
     spec_files,
 )
 from r2bspec.cli.shared_options import flag_options, max_bytes_option, spec_options
-from r2bspec.cli.text_output import counted, print_findings
+from r2bspec.cli.text_output import print_findings
+from r2bspec.diagnostics.quote import pluralize
 from r2bspec.errors import ExitStatus
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.finding_formats import DOCUMENT_FORMATS, FORMATS
@@ -138,12 +139,12 @@ def _print_findings(
 def _summary(checked: list[FileReport], found: list[Diagnostic], *, offline: bool) -> str:
     errors = sum(finding.severity == "error" for finding in found)
     warnings = sum(finding.severity == "warning" for finding in found)
-    parts = [counted(len(checked), "file")]
+    parts = [pluralize(len(checked), "file")]
     cases = sum(file.cases for file in checked)
     if cases > len(checked):
-        parts.append(counted(cases, "case"))
+        parts.append(pluralize(cases, "case"))
     if errors or warnings:
-        parts += [counted(errors, "error"), counted(warnings, "warning")]
+        parts += [pluralize(errors, "error"), pluralize(warnings, "warning")]
     else:
         parts.append("no problems")
     line = ", ".join(parts)

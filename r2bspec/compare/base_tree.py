@@ -31,13 +31,13 @@ import shutil
 import stat
 import subprocess
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import IO, BinaryIO
 
 from r2bspec.diagnostics import did_you_mean
-from r2bspec.diagnostics.quote import clip
+from r2bspec.diagnostics.quote import clip, first_words
 from r2bspec.errors import UsageError
 from r2bspec.language.secrets import shown_value
 from r2bspec.record.graph_identity import Revision, revision_text
@@ -171,6 +171,7 @@ class BaseRevisionError(UsageError):
     """The base of a gate cannot be had as files."""
 
     code = "R2B694"
+    way_out = "Give --against a commit that 'git worktree add' can check out, or a work tree."
 
 
 @dataclass(frozen=True)
@@ -492,9 +493,8 @@ def _read(source: IO[bytes], size: int) -> bytes:
     return data
 
 
-def _named(paths: Sequence[str], most: int = 5) -> str:
-    more = f" and {len(paths) - most} more" if len(paths) > most else ""
-    return ", ".join(clip(path) for path in paths[:most]) + more
+def _named(paths: Iterable[str]) -> str:
+    return first_words([clip(path) for path in paths], 5)
 
 
 def _unwritable(folder: Path, error: OSError) -> BaseRevisionError:

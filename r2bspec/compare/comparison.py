@@ -22,7 +22,7 @@ from __future__ import annotations
 import importlib
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -32,12 +32,14 @@ from r2bspec.compare.errors import IncomparableError, UnreadableResultError
 from r2bspec.compare.report_input import read_content, read_folder
 from r2bspec.errors import R2bspecError
 from r2bspec.judge.judge_run import from_json
+from r2bspec.judge.measure.anatomy_growth import grown_texts
 from r2bspec.judge.measure.distribution import (
     MAIN_PERCENTILES,
     SHORT_PERCENTILES,
     part_value,
     quantile,
 )
+from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH
 from r2bspec.judge.measure.metrics import MonitorMetrics, RateMetrics
 from r2bspec.judge.measure.times import rank
 from r2bspec.judge.measure.units import show
@@ -45,8 +47,9 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.t_interval import RunValues, welch_ratio_of_runs
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.plan.comparability import brief_difference, graph_differences, load_differences
-from r2bspec.plan.plan import Plan
+from r2bspec.plan.plan import GRAPH_ROLES, Plan
 from r2bspec.record.graph_identity import MACHINE_FACTS, GraphIdentity, identity_differences
+from r2bspec.record.run_folder import Run
 from r2bspec.safe_io.safe_file import is_folder
 
 Outcome = Literal["improved", "worse", "same", "can't tell"]
@@ -99,7 +102,7 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         differences: in plan, data or machine, a line each; those in load, data or machine occur
-            only with ``--force``.
+            only with ``--force``. Then the parts that grew, where both were observed from inside.
     """
 
     r2bspec_comparison: Literal[1] = 1
@@ -140,7 +143,7 @@ class MetricSeries:
 
 @dataclass(frozen=True)
 class ComparedResult:
-    """One side of a comparison; None is unknown."""
+    """One side of a comparison; None is unknown, or, of `run`, not there any more."""
 
     side: ComparedSource
     series: dict[SeriesKey, MetricSeries]
@@ -150,6 +153,7 @@ class ComparedResult:
     machine: dict[str, Any] | None = None
     tool: str = "r2bspec"
     identity: GraphIdentity | None = None
+    run: Run | None = None
 
 
 def read_compared_result(path: Path) -> ComparedResult:
@@ -163,9 +167,9 @@ def read_compared_result(path: Path) -> ComparedResult:
     """
     if is_folder(path):
         folder_result = read_folder(path)
-        return _of_result(
-            str(path), folder_result.result, folder_result.run.plan if folder_result.run else None
-        )
+        run = folder_result.run
+        side = _of_result(str(path), folder_result.result, run.plan if run else None)
+        return replace(side, run=run)
     content = read_content(path)
     try:
         return _of_result(str(path), from_json(content), None)
@@ -187,11 +191,7 @@ def read_compared_result(path: Path) -> ComparedResult:
 
 def _of_result(source: str, result: Result, plan: Plan | None) -> ComparedResult:
     series: dict[SeriesKey, MetricSeries] = {}
-    graph = {
-        process.name
-        for process in result.processes
-        if process.role in {"host", "command", "container"}
-    }
+    graph = {process.name for process in result.processes if process.role in GRAPH_ROLES}
     for rate in result.metrics.rates:
         series |= _of_rate(rate, graph)
     if (search := result.metrics.search) is not None:
@@ -210,7 +210,7 @@ def _of_result(source: str, result: Result, plan: Plan | None) -> ComparedResult
     )
 
 
-_COMPARED_PARTS: Final = (".callback", ".wait", ".transport")
+_COMPARED_PARTS: Final = (".callback", ".wait", ".transport", ".path")
 """Of what was observed from inside: the parts that take long."""
 
 
@@ -224,13 +224,18 @@ def _of_rate(rate: RateMetrics, graph: set[str]) -> dict[SeriesKey, MetricSeries
             series[rate.offered_hz, monitor, metric] = MetricSeries(
                 tuple(values), unit, starts=starts
             )
-    for process in rate.pooled.processes:
-        if process in graph:
-            uses = [iteration.processes.get(process) for iteration in rate.iterations]
-            values = [use.cpu_mean if use is not None else None for use in uses]
-            series[rate.offered_hz, "", f"cpu.{process}.mean"] = MetricSeries(
-                tuple(values), "share", starts=starts
-            )
+    uses = {
+        process: [iteration.processes.get(process) for iteration in rate.iterations]
+        for process in rate.pooled.processes
+        if process in graph
+    }
+    if rate.pooled.graph is not None:
+        uses[WHOLE_GRAPH] = [iteration.graph for iteration in rate.iterations]
+    for process, used in uses.items():
+        values = [use.cpu_mean if use is not None else None for use in used]
+        series[rate.offered_hz, "", f"cpu.{process}.mean"] = MetricSeries(
+            tuple(values), "share", starts=starts
+        )
     for name in rate.pooled.anatomy or ():
         observed = [(iteration.anatomy or {}).get(name) for iteration in rate.iterations]
         if name.endswith(_COMPARED_PARTS):
@@ -245,9 +250,11 @@ def _of_rate(rate: RateMetrics, graph: set[str]) -> dict[SeriesKey, MetricSeries
 def _of_monitor(
     seen: Sequence[MonitorMetrics],
 ) -> Iterator[tuple[str, str, list[float | None]]]:
-    yield "throughput.mean", "Hz", [sample.throughput_hz for sample in seen]
+    family = "reaction" if any(sample.reaction for sample in seen) else "latency"
+    if family == "latency":
+        yield "throughput.mean", "Hz", [sample.throughput_hz for sample in seen]
     for part in ("mean", *MAIN_PERCENTILES):
-        yield f"latency.{part}", "s", [_latency(sample, part) for sample in seen]
+        yield f"{family}.{part}", "s", [_latency(sample, part) for sample in seen]
     yield "drop_rate", "share", [sample.drop_rate for sample in seen]
 
 
@@ -299,8 +306,13 @@ def compare(
             f"{base.side.source} and {head.side.source} have no metric at the same rate in common",
             hint=f"The base was played at {_rates_text(base)}, the head at {_rates_text(head)}.",
         )
+    grown = grown_texts(base.run, head.run) if base.run and head.run else ()
     return Comparison(
-        base=base.side, head=head.side, confidence=CONFIDENCE, differences=differences, lines=lines
+        base=base.side,
+        head=head.side,
+        confidence=CONFIDENCE,
+        differences=(*differences, *(f"grown: {text}" for text in grown)),
+        lines=lines,
     )
 
 

@@ -82,13 +82,19 @@ MONITOR_KEYS: Final[Mapping[str, str]] = {
     "ratio_outputs": "ratio",
     "answers": "answers",
     "truth": "truth",
+    "reaction": "reaction",
 }
 """Fields of `MonitorPlan`, with the key that sets each."""
 
 
-FREE_MONITOR_FIELDS: Final[Mapping[str, Any]] = {"name": "", "label": "", "taps": ()}
-"""What changes no verdict, and its value in a comparison: words, and the topics on the path, which
-are those of the graph."""
+FREE_MONITOR_FIELDS: Final[Mapping[str, Any]] = {
+    "name": "",
+    "label": "",
+    "taps": (),
+    "begins_events": msgspec.UNSET,
+}
+"""What changes no verdict, and its value in a comparison: words, the topics on the path, which
+are those of the graph, and what follows from the reaction of another monitor."""
 
 
 TIMELINE_KEYS: Final[Mapping[str, str]] = {
@@ -171,6 +177,7 @@ def call_keys(call: CallPlan) -> dict[str, str]:
         "request": f"{kind}.{request}",
         "each": "each",
         "every": "every",
+        "source": "from",
         "success": "success",
         "accepted": kind,
         "feedback": "feedback",

@@ -25,7 +25,7 @@ from r2bspec.compare.gate_keys import input_names, plan_changes
 from r2bspec.diagnostics import Diagnostic, Severity, did_you_mean
 from r2bspec.diagnostics.code_pages import all_pages
 from r2bspec.diagnostics.diagnostic import Path, Span
-from r2bspec.diagnostics.quote import quote
+from r2bspec.diagnostics.quote import first_words, quote
 from r2bspec.diagnostics.waivers import Waiver, effective_waivers
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError
 from r2bspec.language.located_tree import ListNode, MapNode, TreeNode
@@ -196,11 +196,10 @@ def check_allowed(allowed: Iterable[str], known: Collection[str]) -> None:
             continue
         close = did_you_mean(name, known)
         listed = [*dict.fromkeys(known)]
-        rest = f" and {len(listed) - _MAX_LISTED} more" if len(listed) > _MAX_LISTED else ""
         raise UsageError(
             f"--allow {quote(name)}: nothing in the gate has this name"
             + (f"; did you mean {quote(close)}?" if close else ""),
-            hint=f"Names are {', '.join(listed[:_MAX_LISTED])}{rest}, 'waiver CODE', "
+            hint=f"Names are {first_words(listed, _MAX_LISTED)}, 'waiver CODE', "
             "'spec PATH' and 'case NAME'.",
         )
 

@@ -125,6 +125,13 @@ _COLUMNS: Final = (
     *("run_id", "name", "started_at", "host", "machine", "plan", "dataset", "version"),
     *("outcome", "accepted", "identity"),
 )
+_METRIC_COLUMNS: Final = ("at_hz", "monitor", "metric", "unit", "value")
+
+
+def _insertion(table: str, columns: Sequence[str]) -> str:
+    """The statement that adds a row to one of our tables."""
+    marks = ", ".join("?" * len(columns))
+    return f"INSERT INTO {table} ({', '.join(columns)}) VALUES ({marks})"  # noqa: S608 - ours
 
 
 def user_history() -> Path:
@@ -147,28 +154,16 @@ class History:
         Raises:
             HistoryError: the file cannot be written.
         """
-        values = [getattr(entry, name) for name in _COLUMNS]
-        marks = ", ".join("?" for _ in _COLUMNS)
+        run = [getattr(entry, name) for name in _COLUMNS]
+        metrics = [
+            (entry.run_id, *(getattr(metric, name) for name in _METRIC_COLUMNS))
+            for metric in entry.metrics
+        ]
         with _translate_errors(self.path), _transaction(self._connection):
             self._connection.execute("DELETE FROM runs WHERE run_id = ?", (entry.run_id,))
-            self._connection.execute(
-                f"INSERT INTO runs ({', '.join(_COLUMNS)}) VALUES ({marks})",  # noqa: S608 - ours
-                values,
-            )
+            self._connection.execute(_insertion("runs", _COLUMNS), run)
             self._connection.executemany(
-                "INSERT INTO metrics (run_id, at_hz, monitor, metric, unit, value) "
-                "VALUES (?, ?, ?, ?, ?, ?)",
-                [
-                    (
-                        entry.run_id,
-                        metric.at_hz,
-                        metric.monitor,
-                        metric.metric,
-                        metric.unit,
-                        metric.value,
-                    )
-                    for metric in entry.metrics
-                ],
+                _insertion("metrics", ("run_id", *_METRIC_COLUMNS)), metrics
             )
 
     def runs(self, *, name: str = "") -> tuple[HistoryEntry, ...]:
@@ -205,12 +200,13 @@ class History:
         """
         with _translate_errors(self.path):
             rows = self._connection.execute(
-                "SELECT at_hz, monitor, metric, unit, value FROM metrics WHERE run_id = ? "
-                "ORDER BY rowid",
+                f"SELECT {', '.join(_METRIC_COLUMNS)} FROM metrics "  # noqa: S608 - ours
+                "WHERE run_id = ? ORDER BY rowid",
                 (run_id,),
             ).fetchall()
-        names = ("at_hz", "monitor", "metric", "unit", "value")
-        return tuple(self._typed(HistoryMetric, dict(zip(names, row, strict=True))) for row in rows)
+        return tuple(
+            self._typed(HistoryMetric, dict(zip(_METRIC_COLUMNS, row, strict=True))) for row in rows
+        )
 
     def accept(self, run_id: str) -> bool:
         """Let a run count as a baseline although it failed; returns whether the run exists.
@@ -360,12 +356,6 @@ def _translate_errors(path: Path) -> Iterator[None]:
             f"the history {path} was not written by r2bspec: {error}",
             hint="Put it aside and begin a new one; run folders can be judged without it.",
         ) from error
-    except UnicodeDecodeError as error:
-        # SQLite does not check that texts are UTF-8, and Python raises this from `execute`.
-        raise HistoryError(
-            f"the history {path} is damaged, or not a history: a text in it is not UTF-8",
-            hint="Move it away and start a new one; run folders can be judged without it.",
-        ) from error
     except UnicodeEncodeError as error:
         # The command line passes bytes that are not UTF-8 as lone surrogates.
         raise HistoryError(
@@ -376,9 +366,11 @@ def _translate_errors(path: Path) -> Iterator[None]:
         busy = "locked" in str(error) or "busy" in str(error)
         hint = "Another program uses it; try again." if busy else "Check that it is writable."
         raise HistoryError(f"the history {path} cannot be used: {error}", hint=hint) from error
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeDecodeError) as error:
+        # SQLite does not check that texts are UTF-8, and Python finds that in `execute`.
+        what = "a text in it is not UTF-8" if isinstance(error, UnicodeDecodeError) else error
         raise HistoryError(
-            f"the history {path} is damaged, or not a history: {error}",
+            f"the history {path} is damaged, or not a history: {what}",
             hint="Move it away and start a new one; run folders can be judged without it.",
         ) from error
     except OSError as error:

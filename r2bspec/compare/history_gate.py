@@ -6,7 +6,7 @@ Such a run is run, judged, confirmed if it fails, and stored.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +15,21 @@ import msgspec
 from r2bspec.compare import comparison
 from r2bspec.compare.errors import IncomparableError
 from r2bspec.compare.history import HistoryEntry, HistoryMetric, open_history
+from r2bspec.compare.proposals import prediction_bound
 from r2bspec.compare.report_input import read_folder
 from r2bspec.judge import baseline_comparison, judge_run
 from r2bspec.judge.judge_run import result_of
+from r2bspec.judge.measure.anatomy_growth import grown_texts
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.samples import starts_of
+from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.t_interval import MAX_HISTORY_RUNS
 from r2bspec.plan.canonical_json import plan_hash
 from r2bspec.plan.comparability import measured_hash
 from r2bspec.plan.plan import Plan
 from r2bspec.record import baseline_file, graph_identity
-from r2bspec.record.files import to_json, write_atomically
+from r2bspec.record.files import RecordError, to_json, write_atomically
 from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.record.run_record import RunRecord
 from r2bspec.safe_io.safe_file import is_folder
@@ -195,6 +198,59 @@ def _dataset(record: RunRecord) -> str:
     return str(record.dataset.get("sha256") or record.dataset.get("source") or "")
 
 
+_GROWN_CONFIDENCE = 0.999
+"""Of a hundred parts that did not grow, one is named in every ten runs."""
+
+_LEAST_GROWTH = 0.03
+
+_FOLLOWING = frozenset({"wait", "path"})
+
+
+def grown_since(baseline: baseline_file.BaselineRecord, run: Run) -> tuple[str, ...]:
+    """The parts of nodes and topics that grew from earlier runs to one, those first that grew most.
+
+    A stored run is compared message by message, if it is still there; of a history the means of the
+    runs are known, and a part has grown if it is beyond what one more run would have. Nothing
+    without an observation from inside on both sides.
+
+    Raises:
+        RecordError: a file of the run is missing or damaged.
+    """
+    if not run.record.anatomies:
+        return ()
+    if baseline.kind == "history":
+        return tuple(_grown_since_history(baseline, run))
+    try:
+        path = Path(baseline.source)
+        earlier = read_folder(path).run if is_folder(path) else None
+    except RecordError:
+        return ()
+    return grown_texts(earlier, run) if earlier is not None else ()
+
+
+def _grown_since_history(baseline: baseline_file.BaselineRecord, run: Run) -> Iterator[str]:
+    samples = read_samples(run)
+    found: list[tuple[float, str, str, str]] = []
+    for at_hz, monitor, info in baseline_comparison.tracked_metrics(run, samples):
+        if info.scope != "anatomy" or info.part != "mean":
+            continue
+        values = baseline.find(at_hz, monitor, info.name).values
+        before = [value for value in values if value is not None]
+        bound = prediction_bound(before, _GROWN_CONFIDENCE)
+        new = baseline_comparison.run_value(info, monitor, at_hz, samples)
+        if bound is None or new is None:
+            continue
+        growth = new - math.fsum(before) / len(before)
+        if new > bound and growth >= _LEAST_GROWTH * (new - growth):
+            at = f" {at_rate(at_hz)}" if at_hz and len(samples.iterations) > 1 else ""
+            family = info.series.rpartition(".")[2]
+            text = f"{info.subject}: {family} +{show(growth, 's', digits=2)}{at}"
+            found.append((growth, info.subject, family, text))
+    # A node that takes longer lets its messages wait, and makes the whole path longer.
+    causes = [each for each in found if each[2] not in _FOLLOWING] or found
+    yield from (text for _, _, _, text in sorted(causes, reverse=True))
+
+
 RunPlan = Callable[[RunFolder, Plan], Result]
 """Runs a plan, into a folder."""
 
@@ -227,6 +283,8 @@ def run_with_baseline(
     baseline = baseline_from_history(history, open_run(folder.path)) if history else stored
     if baseline is None:
         return result
+    grown = grown_since(baseline, open_run(folder.path))
+    baseline = msgspec.structs.replace(baseline, grown=grown)
     write_baseline(folder.path, baseline)
     result = _judge(folder)
     if baseline_comparison.fails_by_history(result.verdict) and plan.gate.confirm:

@@ -25,7 +25,7 @@ from r2bspec.execute.controller import RunOptions, run_plan
 from r2bspec.execute.errors import InterruptedRunError, RunError
 from r2bspec.execute.processes.environment import applied_environment
 from r2bspec.execute.processes.machine import check_machine
-from r2bspec.execute.progress import NullProgress, Progress
+from r2bspec.execute.progress import Progress
 from r2bspec.execute.states import Interrupts
 from r2bspec.judge import pair_comparison
 from r2bspec.judge.confirmation import needs_confirmation
@@ -71,7 +71,7 @@ def compare(comparison: ComparisonSpec, output: Path, progress: Progress | None 
     check_machine(comparison.head.plan)
     with private_files(), ComparisonFolder.create(output) as folder:
         try:
-            measured = run_pairs(comparison, folder, progress or NullProgress())
+            measured = run_pairs(comparison, folder, progress or Progress())
         except R2bspecError:
             # Write a result of what was measured, marked as incomplete; if that fails, too, the
             # first failure is reported.
@@ -156,11 +156,7 @@ class _PairRunner:
             verdict = self._play_pairs(confirms=False)
             if self._comparison.head.plan.gate.confirm and needs_confirmation(verdict):
                 self._note("the comparison failed: new pairs are played to confirm it")
-                self._failed = {
-                    requirement.key
-                    for requirement in verdict.requirements
-                    if requirement.outcome == "fail"
-                }
+                self._failed = verdict.failed_keys
                 self._play_pairs(confirms=True)
         except R2bspecError as error:
             reason = f"{error.code}: {error}"

@@ -34,12 +34,12 @@ from r2bspec.compare.base_tree import BaseReference, BaseRevisionError, BaseTree
 from r2bspec.compare.gate_change import GateChange
 from r2bspec.compare.interleaved_comparison import BaseFailsError, ComparisonSide
 from r2bspec.diagnostics.diagnostic import Span
-from r2bspec.diagnostics.quote import clip
+from r2bspec.diagnostics.quote import clip, pluralize
 from r2bspec.errors import ExitStatus, R2bspecError, without_output
 from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.execute.processes.environment import applied_environment
-from r2bspec.execute.progress import NullProgress, Progress
+from r2bspec.execute.progress import Progress
 from r2bspec.language.load_spec import LoadedSpec
 from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.language.spec import GateBase, Objective
@@ -157,7 +157,7 @@ class MergeGate:
                 )
         try:
             environment = self._builds.environment(
-                self._build_settings(base_selection), progress or NullProgress()
+                self._build_settings(base_selection), progress or Progress()
             )
             with applied_environment(environment):
                 base = self.prepare(base_selection)
@@ -307,8 +307,8 @@ class MergeGate:
         """The head without a base: what only a comparison can tell is not asked of it."""
         objectives, left_out = _without_baseline(head.plan.objectives)
         if left_out:
-            noun = "requirement" if left_out == 1 else "requirements"
-            sentences += (f"{left_out} {noun} of the baseline: not judged without a base.",)
+            number = pluralize(left_out, "requirement")
+            sentences += (f"{number} of the baseline: not judged without a base.",)
         identity = graph_identity(head.plan, head.base_dir, top=self.tree.head_top)
         plan = msgspec.structs.replace(head.plan, objectives=objectives)
         return GateSides(self._side(head, plan, {}, identity), None, sentences)

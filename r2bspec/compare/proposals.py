@@ -139,6 +139,8 @@ def _requirements(spec: Spec, found: Calibration) -> Iterator[str]:
     at_hz = spec.benchmark.rates[0].hz
     several = len(spec.outputs) > 1
     for noise in found.metrics:
+        if noise.monitor and spec.outputs[noise.monitor].reaction is not None:
+            continue
         for metric, op in _DEFAULT_LIMITS:
             margin = noise.margin(spec.benchmark.iterations)
             if (noise.metric, noise.at_hz) != (metric, at_hz) or margin is None:
@@ -278,10 +280,11 @@ def _candidates(
         name = _free_name(spec, measured)
         for monitor in rate.pooled.monitors:
             prefix = f"{monitor}." if several else ""
-            where = f"{prefix}latency{f' at {at}' if at else ''}"
-            if not _has_requirement(spec, rate, monitor, "latency"):
+            family = "reaction" if rate.pooled.monitors[monitor].reaction else "latency"
+            where = f"{prefix}{family}{f' at {at}' if at else ''}"
+            if not _has_requirement(spec, rate, monitor, family):
                 margin = _margin(calibrations, rate.offered_hz if at else None, monitor)
-                texts = tuple(_latency_texts(rate, monitor, prefix, margin))
+                texts = tuple(_latency_texts(rate, monitor, f"{prefix}{family}", margin))
                 if not texts:
                     notes.append(
                         f"{where}: it takes {MIN_ITERATIONS} iterations with a latency to see "
@@ -299,6 +302,7 @@ def _candidates(
                 f"{prefix}drop_rate <= {100 * share:g} %" for share in _SHARES if share >= lost
             )
             yield _Candidate(name, at, f"{prefix}drop_rate", shares)
+        yield from _part_candidates(spec, rate, name, at)
     search = result.metrics.search
     metrics = [
         requirement.metric for objective in spec.slos.values() for requirement in objective.require
@@ -310,7 +314,54 @@ def _candidates(
         yield _Candidate(name, "", "peak.rate", (f"peak.rate >= {_floor(limit)} Hz",))
 
 
-def _latency_texts(rate: RateMetrics, monitor: str, prefix: str, margin: float) -> Iterator[str]:
+_PROPOSED_PARTS = 3
+"""Callbacks for which a limit is proposed: those with the longest tails."""
+
+_MOST_LOAD = 0.9
+"""A limit of a load above this says nothing: such a node cannot keep up."""
+
+
+def _part_candidates(spec: Spec, rate: RateMetrics, name: str, at: str) -> Iterator[_Candidate]:
+    """Limits of what was observed from inside in every iteration.
+
+    Callbacks and loads of nodes, and paths to monitors of which no other latency is known.
+    """
+    if not rate.pooled.anatomy or spec.benchmark.anatomy is False:
+        return
+    tails = {
+        series: part_value(times, _PARTS[-1]) or 0.0
+        for series, times in rate.pooled.anatomy.items()
+        if series.endswith(".callback")
+    }
+    paths = [
+        f"{monitor}.path"
+        for monitor, settings in spec.monitors.items()
+        if settings.own_pace and settings.reaction is None
+    ]
+    slowest = sorted(tails, key=tails.__getitem__, reverse=True)[:_PROPOSED_PARTS]
+    for series in [*slowest, *(path for path in paths if path in rate.pooled.anatomy)]:
+        seen = [each[series] for one in rate.iterations if (each := one.anatomy) and series in each]
+        if not _requires_part(spec, rate, series):
+            texts = []
+            for part in _PARTS:
+                values = [value for times in seen if (value := part_value(times, part))]
+                limit = prediction_bound(values)
+                if limit is not None:
+                    texts.append(f"{series}.{part} < {_ceiling(1e3 * limit)} ms")
+            yield _Candidate(name, at, series, tuple(texts))
+        load = f"{series.removesuffix('.callback')}.load"
+        values = [
+            value
+            for one in rate.iterations
+            if (each := one.anatomy) and load in each and (value := each[load].mean)
+        ]
+        limit = prediction_bound(values)
+        known = limit is not None and limit < _MOST_LOAD
+        if known and limit is not None and not _requires_part(spec, rate, load):
+            yield _Candidate(name, at, load, (f"{load} < {_ceiling(100 * limit)} %",))
+
+
+def _latency_texts(rate: RateMetrics, monitor: str, name: str, margin: float) -> Iterator[str]:
     for part in _PARTS:
         values = [
             value
@@ -321,7 +372,7 @@ def _latency_texts(rate: RateMetrics, monitor: str, prefix: str, margin: float) 
         ]
         limit = prediction_bound(values)
         if limit is not None:
-            yield f"{prefix}latency.{part} < {_ceiling(1e3 * limit * math.exp(margin))} ms"
+            yield f"{name}.{part} < {_ceiling(1e3 * limit * math.exp(margin))} ms"
 
 
 def prediction_bound(values: Sequence[float], confidence: float = CONFIDENCE) -> float | None:
@@ -392,14 +443,22 @@ def _insert(loaded: LoadedSpec, proposal: Proposal, rates: Mapping[str, str]) ->
 
 def _has_requirement(spec: Spec, rate: RateMetrics, monitor: str, metric: str) -> bool:
     """Whether the spec already states the metric at this rate."""
+    return any(
+        name.removeprefix(f"{monitor}.").split(".")[0] == metric for name in _required(spec, rate)
+    )
+
+
+def _requires_part(spec: Spec, rate: RateMetrics, series: str) -> bool:
+    """The same for the values of a node, such as ``blur.callback``."""
+    return any(f"{name}.".startswith(f"{series}.") for name in _required(spec, rate))
+
+
+def _required(spec: Spec, rate: RateMetrics) -> Iterator[str]:
+    """The metrics that the spec requires at a rate."""
     for objective in spec.slos.values():
         at_hz = objective.at.hz if objective.at is not None else 0.0
-        if rate.pace == "rate" and at_hz != rate.offered_hz:
-            continue
-        for requirement in objective.require:
-            if requirement.metric.removeprefix(f"{monitor}.").split(".")[0] == metric:
-                return True
-    return False
+        if rate.pace != "rate" or at_hz == rate.offered_hz:
+            yield from (requirement.metric for requirement in objective.require)
 
 
 def _free_name(spec: Spec, name: str) -> str:
@@ -492,11 +551,7 @@ def _noise(
         at_hz=at_hz,
         monitor=monitor,
         metric=info.name,
-        deviation=noise.deviation,
-        upper=noise.upper,
-        bias=noise.bias,
-        biased=noise.biased,
-        n=noise.n,
+        **vars(noise),
         margins={str(n): smallest_detectable(noise.upper, n, confidence) for n in numbers},
     )
 

@@ -14,10 +14,12 @@ from pathlib import Path
 import msgspec
 
 from r2bspec.compare.errors import SamplesMissingError, UnreadableResultError
+from r2bspec.diagnostics.quote import first_words
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import build_result, from_json, result_of
 from r2bspec.judge.measure.anatomy_growth import grown_texts
 from r2bspec.judge.measure.metrics import summarise
+from r2bspec.judge.measure.observed_runs import anatomy_summaries
 from r2bspec.judge.measure.run_samples import merged_samples, read_samples
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pair_comparison import InterleavedRuns, PairSet, judge_comparison
@@ -199,6 +201,9 @@ def judge_comparison_folder(
         pairs=_pairs_result(pairs),
         base_identity=base.record.identity,
         grown=grown_texts(base, head),
+        anatomies=anatomy_summaries(
+            head, measured[counted[-1].folder("head")].summaries if counted else None
+        ),
     )
     return JudgedComparison(result, base, head, first.played.merged)
 
@@ -238,13 +243,9 @@ def _planned_looks(record: comparison_folder.PairsRecord) -> InterimLooks | None
 
 def _affected_pairs_text(disturbed: Sequence[comparison_folder.PairRecord]) -> str:
     """The pairs with host interference, as the beginning of a sentence; empty for none."""
-    named = [f"{pair.number} ({pair.disturbed})" for pair in disturbed[:_MAX_NAMED_PAIRS]]
-    more = (
-        f" and {len(disturbed) - _MAX_NAMED_PAIRS} more"
-        if len(disturbed) > _MAX_NAMED_PAIRS
-        else ""
-    )
-    return f"Host interference in pair {', '.join(named)}{more}" if disturbed else ""
+    named = [f"{pair.number} ({pair.disturbed})" for pair in disturbed]
+    shown = first_words(named, _MAX_NAMED_PAIRS)
+    return f"Host interference in pair {shown}" if shown else ""
 
 
 def _interleaved(

@@ -136,16 +136,13 @@ def describe(
     name: str,
     topics: Collection[str] | None = None,
     window: recording.TimeWindow | None = None,
-    *,
-    storage: recording.WritableStorage = "sqlite3",
 ) -> recording.BagIndex:
-    """The index that the dataset will have, with exact counts; nothing is rendered.
+    """The index that the dataset will have in sqlite3, with exact counts; nothing is rendered.
 
     Args:
         name: sequence name.
         topics: None for all.
         window: None for the whole sequence.
-        storage: format that would be written.
 
     Raises:
         DataError: R2B307, R2B308 or R2B309.
@@ -167,12 +164,12 @@ def describe(
         )
     return recording.BagIndex(
         name=name,
-        storage=storage,
+        storage="sqlite3",
         topics=infos,
         start_ns=sequence.start_ns,
         end_ns=sequence.start_ns + last_ns,
         message_count=sum(info.count for info in infos.values()),
-        compression="message" if storage == "sqlite3" else "none",
+        compression="message",
         synthetic=True,
     )
 

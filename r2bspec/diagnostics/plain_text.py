@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from functools import cache
 from typing import Any, Final, TypeVar
 
 import msgspec
@@ -111,6 +112,13 @@ def plain_values(value: T) -> T:
     return value if changed is None else changed
 
 
+@cache
+def _text_fields(kind: type[msgspec.Struct]) -> tuple[str, ...]:
+    """The fields that are more than a number: a result has thousands of structs of numbers."""
+    numbers = (bool, int, float, bool | None, int | None, float | None)
+    return tuple(field.name for field in msgspec.structs.fields(kind) if field.type not in numbers)
+
+
 def _plain_value(value: Any) -> Any:
     """A changed copy; None where nothing changes, which is the usual case."""
     if value is None or isinstance(value, float | int):
@@ -128,7 +136,7 @@ def _plain_value(value: Any) -> Any:
             return None
         return entries if isinstance(value, list) else tuple(entries)
     if isinstance(value, msgspec.Struct):
-        fields = {name: _plain_value(getattr(value, name)) for name in value.__struct_fields__}
+        fields = {name: _plain_value(getattr(value, name)) for name in _text_fields(type(value))}
         given = {name: entry for name, entry in fields.items() if entry is not None}
         return msgspec.structs.replace(value, **given) if given else None
     if dataclasses.is_dataclass(value) and not isinstance(value, type):

@@ -6,7 +6,7 @@ that is most similar is proposed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from itertools import islice
 
@@ -75,14 +75,25 @@ def _closest(wrong: str, known: tuple[str, ...]) -> str:
     return by_fold[close[0]] if close else ""
 
 
-def quoted_list(names: Iterable[str], last: str = "and") -> str:
+def quoted_list(names: Iterable[str]) -> str:
     """``'a', 'b' and 'c'``; a long list is cut and ends with the number of omitted names."""
     quoted = [quote(name) for name in dict.fromkeys(names)]
     if len(quoted) > MAX_LISTED_NAMES:
-        return (
-            f"{', '.join(quoted[:MAX_LISTED_NAMES])} {last} {len(quoted) - MAX_LISTED_NAMES} more"
-        )
-    return f" {last} ".join([", ".join(quoted[:-1]), quoted[-1]]) if quoted[1:] else "".join(quoted)
+        return first_words(quoted, MAX_LISTED_NAMES)
+    return join_words(quoted, "and")
+
+
+def join_words(words: Sequence[str], joint: str = "or") -> str:
+    """``a``, ``a or b``, ``a, b or c``."""
+    if len(words) < 2:
+        return "".join(words)
+    return f"{', '.join(words[:-1])} {joint} {words[-1]}"
+
+
+def first_words(words: Sequence[str], most: int) -> str:
+    """``a, b and 3 more``: so many words of a list at most."""
+    more = len(words) - most
+    return ", ".join(words[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def suggestion(wrong: str, known: Iterable[str], what: str) -> str:

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from r2bspec.datasets.dataset_cache import KIND
+from r2bspec.diagnostics.quote import first_words
 from r2bspec.doctor.checkup import CheckResult, System, advised
 from r2bspec.ipc.process_cleanup import ProcessSession, end_run_processes, now_ticks
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
@@ -295,7 +296,4 @@ def _folders(found: Leftovers) -> CheckResult:
 
 
 def _shortened(names: list[str]) -> str:
-    if not names:
-        return "none"
-    more = f" and {len(names) - _MAX_NAMED} more" if len(names) > _MAX_NAMED else ""
-    return ", ".join(names[:_MAX_NAMED]) + more
+    return first_words(names, _MAX_NAMED) or "none"

@@ -10,8 +10,10 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
+import stat
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import islice
 from pathlib import Path
 
 from r2bspec.datasets.dataset_cache import KIND
@@ -223,7 +225,9 @@ def _cache(folder: Path) -> CheckResult:
     entries = []
     with contextlib.suppress(OSError):
         entries = [entry for entry in folder.iterdir() if not entry.name.startswith(".")]
-    size = sum(_size(entry) for entry in entries)
+    # A cache that is a link may lead to a whole disk.
+    files = islice((file for entry in entries for file in _files(entry)), _MAX_SIZED)
+    size = sum(map(_file_size, files))
     # The nearest parent that exists is on the same disk.
     existing = next(place for place in (folder, *folder.parents) if place.exists())
     free = shutil.disk_usage(existing).free
@@ -240,10 +244,21 @@ def _cache(folder: Path) -> CheckResult:
     return advised(_DATASETS, "cache", f"{used}, {show(free, 'B')} free; {folder}", advice, data)
 
 
-def _size(path: Path) -> int:
-    """The bytes of a file, or of all files in a folder; files that disappear count 0."""
-    total = 0
-    for file in (path, *path.rglob("*")):
-        with contextlib.suppress(OSError):
-            total += file.stat().st_size if file.is_file() else 0
-    return total
+def _files(path: Path) -> Iterator[Path]:
+    """A file, or everything below a folder; what a link leads to is not."""
+    yield path
+    if path.is_dir() and not path.is_symlink():
+        for parent, folders, names in os.walk(path):
+            yield from (Path(parent, name) for name in (*folders, *names))
+
+
+def _file_size(file: Path) -> int:
+    """In bytes; 0 for a folder, and for what has disappeared."""
+    with contextlib.suppress(OSError):
+        status = file.lstat()
+        return 0 if stat.S_ISDIR(status.st_mode) else status.st_size
+    return 0
+
+
+_MAX_SIZED = 20_000
+"""Files and folders; a cache of datasets has dozens."""

@@ -20,14 +20,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from r2bspec.execute.processes.prerequisites import build_errors
-from r2bspec.judge.measure.run_samples import ObservedRows
+from r2bspec.judge.measure.observed_runs import ObservedRows
 from r2bspec.native.build import anatomy_environment, anatomy_object
-from r2bspec.record.anatomy_files import file_bytes, read_anatomy
+from r2bspec.record.anatomy_files import AnatomyReader, file_bytes
 from r2bspec.record.run_record import AnatomyProcess, AnatomyRecord
 from r2bspec.safe_io.temporary_folder import temporary_folder
 
 if TYPE_CHECKING:
-    from r2bspec.plan.plan import Plan
+    from r2bspec.plan.plan import Plan, ProcessPlan
     from r2bspec.record.run_folder import RunFolder
     from r2bspec.record.run_record import Segment
 
@@ -74,7 +74,7 @@ def events_folder(plan: Plan, scratch: Path) -> Iterator[Path]:
 
     A page of a file on a disk may be written while a process wants to change it, which then waits.
     """
-    measured = sum(process.phase == "measure" for process in plan.processes)
+    measured = len(plan.processes_in("measure"))
     with contextlib.ExitStack() as stack:
         folder = scratch
         with contextlib.suppress(OSError):
@@ -91,17 +91,21 @@ class AnatomyObservation:
 
     Attributes:
         start: its number.
+        plan: of the run.
         preload: the object.
         files: the folder of what the processes write.
         room_bytes: for each of them.
         record: what was observed so far.
+        reader: of the files.
     """
 
     start: int
+    plan: Plan
     preload: Path
     files: Path
     room_bytes: int
     record: AnatomyRecord
+    reader: AnatomyReader
 
     @classmethod
     def begin(cls, plan: Plan, start: int, folder: Path) -> AnatomyObservation:
@@ -115,14 +119,18 @@ class AnatomyObservation:
             shutil.rmtree(earlier, ignore_errors=True)
         files = folder / f"{_FILES}{start}"
         files.mkdir()
-        return cls(start, build_preload(), files, room_bytes(plan), AnatomyRecord(start=start))
+        record = AnatomyRecord(start=start)
+        reader = AnatomyReader(files)
+        return cls(start, plan, build_preload(), files, room_bytes(plan), record, reader)
 
-    def environment(self, process: str, variables: Mapping[str, str]) -> dict[str, str]:
-        """The environment of a process that is observed."""
-        preloaded = variables.get("LD_PRELOAD", "")
+    def environment(self, process: ProcessPlan, variables: Mapping[str, str]) -> dict[str, str]:
+        """The environment of a process, by which it is observed if the plan says so."""
+        if not self.plan.observes(process):
+            return dict(variables)
+        preloaded, room = variables.get("LD_PRELOAD", ""), self.room_bytes
         return {
             **variables,
-            **anatomy_environment(self.preload, self.files, process, self.room_bytes, preloaded),
+            **anatomy_environment(self.preload, self.files, process.name, room, preloaded),
         }
 
     def store(self, segment: Segment, until_ns: int, folder: RunFolder) -> ObservedRows:
@@ -131,7 +139,7 @@ class AnatomyObservation:
         Raises:
             RecordError: the file cannot be written.
         """
-        rows, objects, processes = read_anatomy(self.files)
+        rows, objects, processes = self.reader.read(until_ns - _EARLIER_NS)
         began_ns = rows["began_ns"]
         inside = (began_ns >= segment.began_ns - _EARLIER_NS) & (began_ns <= until_ns)
         rows = rows[inside]
@@ -140,15 +148,26 @@ class AnatomyObservation:
             start=self.start,
             processes=processes,
             objects=objects,
-            error=lost_events(processes),
+            error=" ".join(self._missing(processes)),
         )
         return ObservedRows(rows, self.record)
 
-
-def lost_events(processes: tuple[AnatomyProcess, ...]) -> str:
-    """A sentence about the events for which there was no room; empty if there are none."""
-    lost = {process.name: process.lost for process in processes if process.lost}
-    if not lost:
-        return ""
-    each = ", ".join(f"{count} of {name}" for name, count in lost.items())
-    return f"There was no room for {sum(lost.values())} events ({each}): parts are missing."
+    def _missing(self, processes: tuple[AnatomyProcess, ...]) -> Iterator[str]:
+        """What was not observed, a sentence each."""
+        if self.reader.unread:
+            yield f"{self.reader.unread} more processes have events; they were not read."
+        lost = {process.name: process.lost for process in processes if process.lost}
+        if lost:
+            each = ", ".join(f"{count} of {name}" for name, count in lost.items())
+            yield f"There was no room for {sum(lost.values())} events ({each}): parts are missing."
+        silent = {
+            process.name
+            for process in self.plan.processes
+            if process.phase == "measure" and process.nodes and self.plan.observes(process)
+        } - {process.name for process in processes}
+        if silent:
+            yield (
+                f"Without events of {', '.join(sorted(silent))}: if its log does not say why, it "
+                "has no ROS, is linked to rcl statically, runs as another user (setuid), or "
+                "replaces LD_PRELOAD."
+            )

@@ -46,8 +46,9 @@ from r2bspec.ipc.schedule import (
     round_length_ns,
 )
 from r2bspec.judge.measure.matching import input_mask
+from r2bspec.language.spec import QoS
 from r2bspec.plan.nearest_stamps import pair_nearest
-from r2bspec.plan.plan import InputPlan, Plan, TimelinePlan
+from r2bspec.plan.plan import CallPlan, InputPlan, Plan, TimelinePlan
 from r2bspec.record.run_record import UnplayedMessages
 
 _MAX_TF_AGE_NS = 1_000_000_000
@@ -306,6 +307,28 @@ def build_schedule(
     return timeline, unplayed
 
 
+def build_call_timeline(
+    calls: Sequence[CallPlan], plan: TimelinePlan, folder: Path
+) -> TimelineSchedule:
+    """Build the schedule of recorded requests: each is a step, due at its recorded time.
+
+    Args:
+        calls: those of the plan; each with recorded requests is a part.
+        plan: how recorded time is converted to playback time.
+        folder: contains the buffers.
+
+    Raises:
+        RunError: no request is recorded.
+    """
+    sources = [(call, str(call.source)) for call in calls if call.source]
+    inputs = [
+        InputPlan(topic=call.topic, type=call.type, source=source, bag_topic=source, qos=QoS())
+        for call, source in sources
+    ]
+    indexes = [read_index(folder, source) for _, source in sources]
+    return make_timeline([*zip(inputs, indexes, strict=True)], (), plan)[0]
+
+
 def _unplayed(
     plan: Plan,
     pairs: Sequence[tuple[InputPlan, BufferIndex]],
@@ -410,7 +433,7 @@ def _check_every_monitor_has_steps(plan: Plan, timeline: TimelineSchedule) -> No
     """Check that each monitor has at least one step."""
     kinds = {step.inputs for step in timeline.steps}
     for monitor in plan.monitors:
-        mask = input_mask(plan.inputs, monitor.answers)
+        mask = input_mask(plan.step_sources, monitor.answers)
         if not any(kind & mask == mask for kind in kinds):
             raise RunError(
                 f"no step of the timeline has messages of all inputs of monitor {monitor.name}: "

@@ -315,7 +315,7 @@ class _Run:
             return
         self._early_launcher = self._new_launcher()
         self._early_launcher.start_early(
-            (process for process in self._plan.processes if process.phase == phase),
+            self._plan.processes_in(phase),
             message_packages(self._plan),
             observer=phase == MEASURE_PHASE,
         )

@@ -22,6 +22,7 @@ class RunError(R2bspecError):
 
     code = "R2B630"
     exit_code = ExitStatus.RUN_FAILED
+    way_out = "Look into the logs of the run folder, and run again."
     status: ClassVar[Literal["incomplete", "invalid"]] = "incomplete"
     """That of the record of the run."""
 
@@ -84,8 +85,6 @@ class ProcessDiedError(RunError):
 class ProcessFailedError(RunError):
     """A process reported an error."""
 
-    code = "R2B630"
-
 
 class NotReadyError(RunError):
     """The graph was not ready, as planned, within its timeout."""
@@ -104,12 +103,14 @@ class GraphDifferencesError(CertainRunError):
     def __init__(
         self,
         differences: Sequence[Difference],
-        message: str,
+        message: str = "",
         hint: str = "",
         *,
         details: str = "",
     ) -> None:
-        super().__init__(message, hint=hint, code=differences[0].code)
+        """The message, if it is empty, is that of the differences, and so is the hint."""
+        message = message or "; ".join(difference.message for difference in differences)
+        super().__init__(message, hint=hint or differences[0].help, code=differences[0].code)
         self.differences = tuple(differences)
         self.details = details
 
@@ -203,9 +204,11 @@ class WorkspaceError(CertainRunError):
     """The environment of a run does not exist, or cannot be sourced."""
 
     code = "R2B657"
+    way_out = "Give a setup.bash, local_setup.bash or setup.sh that bash can source."
 
 
 class ProfilerError(CertainRunError):
     """The profiler is not installed, or may not observe processes."""
 
     code = "R2B652"
+    way_out = "Install it, or run without --profile."

@@ -20,7 +20,8 @@ from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.integrity import hash_files
 from r2bspec.bags.message_types import begins_with_header
-from r2bspec.bags.recording import RecordedMessage, TimeWindow
+from r2bspec.bags.recording import DataError, RecordedMessage, TimeWindow
+from r2bspec.bags.service_events import NO_REQUESTS, SERVICE_EVENT, request_kind, request_side
 from r2bspec.datasets.catalogue import locate
 from r2bspec.datasets.synthesis import make
 from r2bspec.execute.bringup.find_fault import find_faults
@@ -117,18 +118,34 @@ def buffer_bags(
             if done % 16 == 0:
                 progress.step(done, max(expected, done))
     counts = {topic: len(writer) for topic, writer in writers.items()}
+    for event in (each for dataset in datasets for each in dataset.topics):
+        if event.bag_topic.endswith(SERVICE_EVENT) and not counts[event.topic]:
+            said, hint = NO_REQUESTS
+            raise DataError(f"{event.bag_topic} {said}", code="R2B242", hint=hint)
     return counts | _buffer_static(bags, datasets, folder)
 
 
 def _read_bag(
     dataset: DatasetPlan, bag: Path, window: TimeWindow
 ) -> Iterator[tuple[int, str, RecordedMessage]]:
-    """The messages of a bag that are read, each after its time and its topic in the graph."""
+    """The messages of a bag that are read, each after its time and its topic in the graph.
+
+    Of the events of a service, these are the requests of one side.
+    """
     targets = {topic.bag_topic: topic.topic for topic in dataset.topics}
     if dataset.publish_tf and index_bag(bag).find(buffers.TF) is not None:
         targets[buffers.TF] = buffers.TF
     by_name = {name.lstrip("/"): topic for name, topic in targets.items()}
+    sides = {
+        name: request_side(read_messages(bag, [name], window))
+        for name in targets
+        if name.endswith(SERVICE_EVENT)
+    }
     for message in read_messages(bag, list(targets), window):
+        if message.topic in sides:
+            kind = request_kind(message.data)
+            if kind is None or kind != sides[message.topic]:
+                continue
         yield message.time_ns, by_name[message.topic.lstrip("/")], message
 
 
@@ -203,7 +220,7 @@ def preprocess(plan: Plan, context: RunContext, launcher: Launcher) -> None:
     """
     supervisor, buffer_dir = context.supervisor, context.buffer_dir
     graph = PhaseGraph(plan, _PHASE, supervisor, launcher, context.note)
-    processes = [process for process in plan.processes if process.phase == _PHASE]
+    processes = plan.processes_in(_PHASE)
     recorded = {input_.source: input_.type for input_ in plan.inputs if not input_.bag_topic}
     read = {
         topic.name: set(topic.readers) - {"loader"}

@@ -61,7 +61,7 @@ def profiled_processes(plan: Plan, node: str) -> tuple[ProcessPlan, ...]:
     Raises:
         UsageError: there is none.
     """
-    measured = [process for process in plan.processes if process.phase == MEASURE_PHASE]
+    measured = plan.processes_in(MEASURE_PHASE)
     names = {process.name for process in measured} | {
         node_plan.node for process in measured for node_plan in process.nodes
     }
@@ -79,7 +79,10 @@ def profiled_processes(plan: Plan, node: str) -> tuple[ProcessPlan, ...]:
         return tuple(processes)
     processes = [process for process in measured if process.role in NODE_ROLES or process.nodes]
     if not processes:
-        raise UsageError("--profile: this run starts no process of the graph")
+        raise UsageError(
+            "--profile: this run starts no process of the graph",
+            hint="Profile external nodes where they are started, or let the spec start them.",
+        )
     return tuple(processes)
 
 
@@ -106,8 +109,7 @@ def wait_for_last_sample(starts: StartSequence) -> None:
         (segment.ended_ns for session in starts.sessions for segment in session.segments), default=0
     )
     starts.context.supervisor.pump(0.0)
-    while (left_ns := ended_ns + _SAMPLE_NS - time.monotonic_ns()) > 0:
-        starts.context.supervisor.pump(min(_POLL_S, left_ns / 1e9))
+    starts.context.supervisor.pump_for((ended_ns + _SAMPLE_NS - time.monotonic_ns()) / 1e9)
 
 
 @dataclass

@@ -118,9 +118,15 @@ def find_profiler(text: str) -> Profiler:
     try:
         words = shlex.split(text)
     except ValueError as error:
-        raise UsageError(f"--profile {text!r} cannot be split into words: {error}") from error
+        raise UsageError(
+            f"--profile {text!r} cannot be split into words: {error}",
+            hint="Quote the words as for a shell.",
+        ) from error
     if not words:
-        raise UsageError("--profile needs perf, py-spy, nsys, or the words of a command")
+        raise UsageError(
+            "--profile needs perf, py-spy, nsys, or the words of a command",
+            hint="For example --profile perf.",
+        )
     if words == ["perf"]:
         return Profiler("perf", (find_program("perf"),), "perf")
     if words == ["py-spy"]:

@@ -22,8 +22,8 @@ class SegmentProgress(Protocol):
         """The recent CPU use of each process, in cores."""
 
 
-class Progress(Protocol):
-    """Receives progress; every method returns immediately and never raises."""
+class Progress:
+    """Receives progress; every method returns immediately and never raises. These discard it."""
 
     def phase(self, name: str, text: str) -> None:
         """A phase of the plan begins."""
@@ -39,22 +39,3 @@ class Progress(Protocol):
 
     def note(self, text: str) -> None:
         """A one-line message for the user."""
-
-
-class NullProgress:
-    """Discards all progress."""
-
-    def phase(self, name: str, text: str) -> None:
-        """Ignore."""
-
-    def step(self, done: int, total: int) -> None:
-        """Ignore."""
-
-    def segment(self, title: str, steps: int) -> None:
-        """Ignore."""
-
-    def playing(self, view: SegmentProgress) -> None:
-        """Ignore."""
-
-    def note(self, text: str) -> None:
-        """Ignore."""

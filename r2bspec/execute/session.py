@@ -40,7 +40,7 @@ from r2bspec.execute.bringup.creation_faults import not_created, not_made
 from r2bspec.execute.bringup.graph_matching import MonitorSubscriptions, PhaseGraph
 from r2bspec.execute.bringup.launcher import NODE_ROLES, Launcher, message_packages
 from r2bspec.execute.bringup.observe_graph import foreign_publishers, guarded_topics
-from r2bspec.execute.build_schedule import build_schedule
+from r2bspec.execute.build_schedule import build_call_timeline, build_schedule
 from r2bspec.execute.measurement.harness_overhead import HarnessOverhead, can_be_measured
 from r2bspec.execute.measurement.segments import (
     PLAYBACK_ROWS,
@@ -127,8 +127,8 @@ class Session:
         self._is_later = is_later
         self._has_schedule = schedule is not None
         self.schedule: Schedule = schedule or CyclicSchedule(steps=())
-        processes = [process for process in plan.processes if process.phase == MEASURE_PHASE]
-        self._parts = harness_processes.HarnessProcesses(launcher, processes)
+        measured = plan.processes_in(MEASURE_PHASE)
+        self._parts = harness_processes.HarnessProcesses(launcher, measured)
         self._observer: ManagedProcess | None = None
         self._silent_outputs: SilentOutputs | None = None
         self.player: SegmentPlayer | None = None
@@ -257,8 +257,7 @@ class Session:
         monitors = (*plan.topic_monitors, *tap_monitors(plan.monitors))
         settings = protocol.ConfigureMonitor(monitors=monitors, rows_dir=str(self.rows_dir))
         if player is not None and plan.called and not plan.inputs:
-            calls = self._launcher.call_settings(plan, self.rows_dir)
-            launcher.configure_all([(player, calls), (monitor, settings)])
+            launcher.configure_all([(player, self._call_settings()), (monitor, settings)])
             return player, monitor
         if player is None:
             launcher.configure(monitor, settings)
@@ -365,8 +364,8 @@ class Session:
     def _node_processes(self) -> list[ProcessPlan]:
         return [
             process
-            for process in self._plan.processes
-            if process.phase == MEASURE_PHASE and process.role in NODE_ROLES
+            for process in self._plan.processes_in(MEASURE_PHASE)
+            if process.role in NODE_ROLES
         ]
 
     def _start_joined_nodes(
@@ -465,11 +464,22 @@ class Session:
         if not self._plan.inputs:
             return player
         caller = self._parts.start("caller")
-        settings = self._launcher.call_settings(
-            self._plan, self.rows_dir, follows=str(self.rows_dir / PLAYBACK_ROWS)
-        )
+        settings = self._call_settings(follows=str(self.rows_dir / PLAYBACK_ROWS))
         self._launcher.configure(caller, settings)
         return caller
+
+    def _call_settings(self, follows: str = "") -> protocol.ConfigureCalls:
+        plan, timeline = self._plan, None
+        if plan.timeline is not None and not plan.inputs:
+            timeline = build_call_timeline(plan.calls or (), plan.timeline, self._buffer_dir)
+            self.schedule = timeline
+        return self._launcher.call_settings(
+            self._plan,
+            rows_dir=str(self.rows_dir),
+            buffer_dir=str(self._buffer_dir),
+            follows=follows,
+            timeline=timeline,
+        )
 
     def _segment_player(
         self, player: ManagedProcess | None, observer: ManagedProcess

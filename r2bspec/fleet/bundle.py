@@ -9,7 +9,6 @@ paths, the contents and the executable bits.
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import os
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -20,6 +19,7 @@ from typing import Annotated
 import msgspec
 
 from r2bspec.bags.integrity import hash_files
+from r2bspec.execute.identity.python_sources import imports_of
 from r2bspec.execute.processes.environment import texts
 from r2bspec.fleet.errors import BundleTooLargeError
 from r2bspec.language.quantities import Size
@@ -99,6 +99,7 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
     smoke: bool = False
     abort_on_fail: bool = False
     record_outputs: bool = False
+    anatomy: bool = False
 
     @property
     def sides(self) -> tuple[Side, ...]:
@@ -319,7 +320,8 @@ def _imported(file: Path) -> Iterator[Path]:
     seen = {file}
     pending = [file]
     while pending:
-        for name in _imported_names(pending.pop()):
+        imports, _ = imports_of(pending.pop())
+        for name in {name.partition(".")[0] for level, name, _ in imports if name and not level}:
             module = (file.parent / name).with_suffix(".py")
             package = file.parent / name
             modules = [module] if module.is_file() else []
@@ -331,19 +333,3 @@ def _imported(file: Path) -> Iterator[Path]:
                     yield source
                     if source.suffix == ".py":
                         pending.append(source)
-
-
-def _imported_names(file: Path) -> set[str]:
-    try:
-        if file.stat().st_size > limits.MAX_BUNDLE_SOURCE_BYTES:
-            return set()
-        tree = ast.parse(file.read_bytes())
-    except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
-        return set()
-    names: set[str] = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            names.update(alias.name.partition(".")[0] for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            names.add(node.module.partition(".")[0])
-    return names

@@ -12,6 +12,7 @@ import concurrent.futures
 import contextlib
 import secrets
 import time
+from collections.abc import Collection
 from typing import Any, Final
 
 import msgspec
@@ -22,6 +23,8 @@ from r2bspec.fleet.messages import FACTS, SLOT, Call, HostState, on_host, read_a
 from r2bspec.fleet.security import FleetAddress, quiet_logs, require_distributed
 
 _CONNECT_S: Final = 10.0
+_JOIN_S: Final = 30.0
+"""For so long the first hosts are waited for: workers start with their scheduler."""
 
 
 class FleetClient:
@@ -70,6 +73,15 @@ class FleetClient:
         hosts = (_host(address, worker) for address, worker in info["workers"].items())
         self.hosts = {host.name: host for host in hosts if host is not None}
         return True
+
+    def wait_for_hosts(self, named: Collection[str] = ()) -> None:
+        """Wait a moment for a first host, or for those that are named."""
+        deadline = time.monotonic() + _JOIN_S
+        while time.monotonic() < deadline:
+            if self.hosts.keys() >= set(named) if named else self.hosts:
+                return
+            time.sleep(0.5)
+            self.refresh()
 
     def submit(self, host: Host, call: Call) -> concurrent.futures.Future[Any]:
         """Have a host do something; cancelling takes back what waits."""

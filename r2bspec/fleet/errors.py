@@ -9,6 +9,7 @@ class FleetError(R2bspecError):
     """The fleet could not do it; another attempt may help."""
 
     code = "R2B682"
+    way_out = "Run again; 'r2bspec fleet status' shows what the hosts do."
 
 
 class FleetNotInstalledError(UsageError):
@@ -19,6 +20,8 @@ class FleetNotInstalledError(UsageError):
 
 class HostRefusesError(UsageError):
     """This host cannot make a run; another one may."""
+
+    way_out = "Choose other hosts with --hosts; 'r2bspec fleet hosts' shows what each has."
 
 
 class NoHostError(HostRefusesError):
@@ -43,6 +46,7 @@ class TransferError(FleetError):
     """What arrived is not what was sent."""
 
     code = "R2B686"
+    way_out = "Run again; if that does not help, restart the worker of the host."
 
 
 class FalseAnswerError(HostRefusesError):
@@ -68,6 +72,7 @@ class HostLostError(FleetError):
     """A host left the fleet, or the scheduler did."""
 
     code = "R2B688"
+    way_out = "Start its worker or the scheduler again, and run with --resume."
 
 
 class HostFullError(FleetError):

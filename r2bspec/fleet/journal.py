@@ -97,12 +97,18 @@ def read_journal(folder: Path) -> list[Event]:
     try:
         lines = read_bytes(path, max_bytes=MAX_JOURNAL_BYTES).split(b"\n")
     except OSError as error:
-        raise UsageError(f"{path} cannot be read: {error.strerror or error}") from error
+        raise UsageError(
+            f"{path} cannot be read: {error.strerror or error}",
+            hint="See that it is a file that you may read, or give another --output.",
+        ) from error
     events = []
     for number, line in enumerate(lines):
         try:
             events += [msgspec.json.decode(line, type=Event)] if line else []
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             if not number:
-                raise UsageError(f"{path} is no journal of a fleet: {error}") from error
+                raise UsageError(
+                    f"{path} is no journal of a fleet: {error}",
+                    hint="Give another --output, or run without --resume.",
+                ) from error
     return events

@@ -12,7 +12,6 @@ Processes get variables of `_VARIABLES` only: any other one may name code, such 
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path, PurePosixPath
@@ -20,6 +19,7 @@ from typing import Final
 
 from r2bspec.fleet.errors import NotAllowedError
 from r2bspec.plan.command_lines import INCLUDED_LAUNCH, THREADED_CONTAINER, is_own_program
+from r2bspec.plan.installed_packages import ament_packages
 from r2bspec.plan.plan import Plan, ProcessPlan
 
 COMMANDS: Final = "commands"
@@ -156,7 +156,4 @@ def _is_installed_class(target: str) -> bool:
     """Whether a target is of r2bspec's reference nodes, or of a package in the ament index."""
     if _MODULE.fullmatch(target) is None:
         return False
-    index = "share/ament_index/resource_index/packages"
-    prefixes = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(":"))
-    places = (Path(prefix, index, target.partition(".")[0]) for prefix in prefixes)
-    return target.startswith(_OWN_NODES) or any(place.exists() for place in places)
+    return target.startswith(_OWN_NODES) or target.partition(".")[0] in ament_packages()

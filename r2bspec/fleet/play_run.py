@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 import msgspec
 
 from r2bspec.errors import ExitStatus, R2bspecError
-from r2bspec.execute.progress import NullProgress
+from r2bspec.execute.progress import Progress
 from r2bspec.fleet.bundle import Job, Side
 from r2bspec.fleet.host_store import ENDED_FILE, JOB_FILE, PROGRESS_FILE, RUN_FOLDER
 from r2bspec.fleet.messages import FleetRunState, Problem, RunEnded
@@ -32,7 +32,7 @@ _PROGRESS_INTERVAL_S: Final = 5.0
 """Progress is written by the controller: rarely, because it measures at the same time."""
 
 
-class _WrittenProgress(NullProgress):
+class _WrittenProgress(Progress):
     """Writes the state of the run to a file, at most every few seconds."""
 
     def __init__(self, name: str, file: Path, left_s: Callable[[str], float | None]) -> None:
@@ -150,6 +150,7 @@ def _play(job: Job, spool: Path, tree: Path) -> Result:
             progress,
             abort_on_fail=job.abort_on_fail,
             record_outputs=job.record_outputs,
+            anatomy=job.anatomy,
             lock="off",  # it is held here: waiting for it again would never end
         )
 

@@ -211,7 +211,10 @@ def fleet_address(
     }
     for name, path in paths.items():
         if path is not None and not is_there(path):
-            raise InsecureFleetError(f"the file of {name}, {path}, does not exist")
+            raise InsecureFleetError(
+                f"the file of {name}, {path}, does not exist",
+                hint="'r2bspec fleet certificates FOLDER' makes all files of a fleet.",
+            )
     scheme = urlsplit(address).scheme
     if scheme == "tls" and None in paths.values():
         raise InsecureFleetError(
@@ -323,6 +326,11 @@ def _with_port(address: str) -> str:
         port = parts.port
     except ValueError:
         is_address, port = False, None
+    if "@" in address:
+        raise InsecureFleetError(
+            "an address of a scheduler has neither user nor password",
+            hint="A scheduler knows its clients by their certificates: tls://HOST:PORT.",
+        )
     if not is_address:
         raise InsecureFleetError(
             f"{address!r} is no address of a scheduler",
@@ -342,7 +350,10 @@ def _read_cluster_file(path: Path) -> dict[str, str]:
             hint="An address is tls://HOST:PORT or tcp://HOST:PORT.",
         ) from error
     except Exception as error:
-        raise InsecureFleetError(f"{path} is not a cluster file: {error}") from error
+        raise InsecureFleetError(
+            f"{path} is not a cluster file: {error}",
+            hint=f"It is YAML, a text for each of the keys {', '.join(sorted(_KEYS))}.",
+        ) from error
     if unknown := sorted(set(values) - _KEYS):
         raise InsecureFleetError(
             f"{path} has the unknown key {unknown[0]!r}",
@@ -372,7 +383,10 @@ def make_certificates(folder: Path, names: tuple[str, ...] = ()) -> list[Path]:
         ) from error
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if any(folder.iterdir()):
-        raise InsecureFleetError(f"{folder} is not empty: its keys may be in use")
+        raise InsecureFleetError(
+            f"{folder} is not empty: its keys may be in use",
+            hint="Name a new folder; to replace the keys of a fleet, remove this one first.",
+        )
     keys = {part: ec.generate_private_key(ec.SECP256R1()) for part in ("ca", *PARTS)}
     files = []
     for part, key in keys.items():

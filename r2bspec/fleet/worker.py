@@ -53,13 +53,13 @@ class WorkerSettings:
     """How a worker takes part in a fleet.
 
     Attributes:
-        heartbeat_s: between heartbeats; None keeps Dask's own timers, to measure their cost.
+        heartbeat_s: between heartbeats.
         listen: where the worker listens (`security.listen_address`); anywhere if empty.
     """
 
     address: FleetAddress
     scratch: Path
-    heartbeat_s: float | None = HEARTBEAT_S
+    heartbeat_s: float = HEARTBEAT_S
     listen: str = ""
 
 
@@ -75,8 +75,7 @@ def run_worker(
     """
     import dask
 
-    if settings.heartbeat_s is not None:
-        dask.config.set(_QUIET)
+    dask.config.set(_QUIET)
     quiet_logs()
     asyncio.run(_serve(service, settings, on_state))
 
@@ -140,15 +139,13 @@ def _make_worker(service: HostService, settings: WorkerSettings) -> Any:
 
         def __init__(self, *args: Any, **options: Any) -> None:
             super().__init__(*args, **options)
-            if heartbeat_s is not None:
-                for name in set(self.periodic_callbacks) - _TIMERS:
-                    self.periodic_callbacks.pop(name).stop()
+            for name in set(self.periodic_callbacks) - _TIMERS:
+                self.periodic_callbacks.pop(name).stop()
 
         async def heartbeat(self) -> None:
             await super().heartbeat()
-            if heartbeat_s is not None:
-                # The scheduler asks for two a second in a small fleet.
-                self.periodic_callbacks["heartbeat"].callback_time = heartbeat_s * 1000
+            # The scheduler asks for two a second in a small fleet.
+            self.periodic_callbacks["heartbeat"].callback_time = heartbeat_s * 1000
 
         def start_http_server(self, *_: Any, **__: Any) -> None:
             """Serve nothing: no dashboard, no metrics, and no port for them."""
@@ -166,6 +163,6 @@ def _make_worker(service: HostService, settings: WorkerSettings) -> Any:
         plugins=(service,),
         startup_information={FACTS: lambda _: msgspec.to_builtins(service.facts)},
         metrics={FACTS: lambda _: service.state()},
-        heartbeat_interval=f"{heartbeat_s or 1}s",
+        heartbeat_interval=f"{heartbeat_s}s",
         **({"host": settings.listen} if settings.listen else {}),
     )

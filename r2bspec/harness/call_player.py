@@ -5,6 +5,8 @@ step of a playback, and an answer as a message of a monitor with the stamp of it
 is computed of them is what is computed of topics: latencies from the request and from its due time,
 and answers that never came.
 
+Requests are made of what the spec states, or of those of a recording, in turn or at their times.
+
 The steps of another player are seen in the file that it writes. What passes until they are is taken
 from the times of the answers: the graph has no part in it.
 
@@ -26,15 +28,17 @@ import msgspec
 from rclpy.impl.implementation_singleton import rclpy_implementation as _implementation
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
 
 from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.service_client import ServiceCallError, fill_message, service_class
 from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, read_clocks
+from r2bspec.ipc.buffers import read_messages
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import RowWriter
-from r2bspec.ipc.schedule import ALL_INPUTS
+from r2bspec.ipc.schedule import ALL_INPUTS, TimelineMessage
 from r2bspec.plan.plan import CallPlan
 from r2bspec.record.sample_arrays import PLAYBACK_FIELDS
 
@@ -46,6 +50,9 @@ _IDLE_S = 0.01
 
 _EXACT_S = 0.0005
 """Waiting for answers ends so long before a request is due: it may take longer than it is told."""
+
+_LONGEST_WAIT_S = 0.25
+"""For answers, without a look for a command."""
 
 _BETWEEN_LOOKS_S = 0.0002
 """Between two looks at what another player has played, about when a step of it is due."""
@@ -159,8 +166,11 @@ class _Call:
     exchanges: tuple[_Exchange, ...]
     feedback: tuple[_Feedback, ...] = ()
 
-    def __init__(self, plan: CallPlan) -> None:
+    def __init__(self, plan: CallPlan, requests: list[Any]) -> None:
         self.target = plan.target
+        self.is_recorded = bool(plan.source)
+        self._requests = requests
+        self._turns = itertools.cycle(range(len(requests)))
         self._every = 1 if plan.every is msgspec.UNSET else plan.every
         self._steps = 0
         self._has_failed = False
@@ -169,14 +179,14 @@ class _Call:
         """Whether a node offers all of it."""
         return all(exchange.is_there() for exchange in self.exchanges)
 
-    def take_step(self, step: _Step) -> None:
-        """Send the request of a step, if it is the last of those of one call."""
+    def take_step(self, step: _Step, position: int | None = None) -> None:
+        """Send the request at a position, or the next one, if the step is the last of one call."""
         self._steps += 1
         if self._steps % self._every == 0:
-            self.send(step)
+            self.send(step, self._requests[next(self._turns) if position is None else position])
 
-    def send(self, step: _Step) -> None:
-        """Send the request of a step."""
+    def send(self, step: _Step, request: Any) -> None:
+        """Send a request, or a goal, in a step."""
         raise NotImplementedError
 
     def _say_failed(self, response: Any) -> None:
@@ -186,18 +196,45 @@ class _Call:
             sys.stderr.write(f"{self.target}: the first call that failed got {response}\n")
 
 
+def _requests(plan: CallPlan, buffer_dir: Path, service: Any, make: Callable[[], Any]) -> list[Any]:
+    """The requests or the goals of a call, in turn.
+
+    Args:
+        plan: of the call.
+        buffer_dir: has the recorded requests.
+        service: the class of the service that takes them.
+        make: makes one with the defaults of its type.
+
+    Raises:
+        ServiceCallError: a stated field, or a recorded request, is not of this type.
+    """
+    if not plan.source:
+        return [fill_message(make(), fields) for fields in plan.requests]
+    (stated,) = plan.requests
+    requests = []
+    for data in read_messages(buffer_dir, plan.source).values():
+        try:
+            (request,) = deserialize_message(bytes(data), service.Event).request
+        except Exception as error:
+            # rclpy raises RMWError, which is no public class, and others.
+            raise ServiceCallError(
+                f"playback.calls.{plan.name}: a recorded request cannot be read as {plan.type} of "
+                f"this machine ({error}); was it recorded with another version of the type?"
+            ) from error
+        requests.append(fill_message(request.goal if plan.accepted else request, stated))
+    return requests
+
+
 class _ServiceCall(_Call):
-    def __init__(self, node: Node, plan: CallPlan, rows_dir: Path) -> None:
+    def __init__(self, node: Node, plan: CallPlan, rows_dir: Path, buffer_dir: Path) -> None:
         """Create the client.
 
         Raises:
-            ServiceCallError: the type is not installed, or has no such fields.
+            ServiceCallError: the type is not installed, or has no such fields; or a recorded
+                request is not of this type.
         """
-        super().__init__(plan)
         kind = service_class(plan.type)
-        self._requests = itertools.cycle(
-            [fill_message(kind.Request(), fields) for fields in plan.requests]
-        )
+        super().__init__(plan, _requests(plan, buffer_dir, kind, kind.Request))
         self._success = plan.success
         success = kind.Response.get_fields_and_field_types().get(plan.success)
         if plan.success and success != "boolean":
@@ -209,8 +246,8 @@ class _ServiceCall(_Call):
         self._answers = _Answers(rows_dir, plan.name)
         self.exchanges = (_Exchange(node, kind, plan.target, self._on_answer),)
 
-    def send(self, step: _Step) -> None:
-        self.exchanges[0].send(next(self._requests), step)
+    def send(self, step: _Step, request: Any) -> None:
+        self.exchanges[0].send(request, step)
 
     def _on_answer(self, step: _Step, received_ns: int, response: Any) -> None:
         if self._success and not getattr(response, self._success):
@@ -222,17 +259,15 @@ class _ServiceCall(_Call):
 class _ActionCall(_Call):
     """A goal, its acceptance, its result, which is asked for at once, and its feedback."""
 
-    def __init__(self, node: Node, plan: CallPlan, rows_dir: Path) -> None:
+    def __init__(self, node: Node, plan: CallPlan, rows_dir: Path, buffer_dir: Path) -> None:
         """Create the clients.
 
         Raises:
-            ServiceCallError: the type is not installed, or has no such fields.
+            ServiceCallError: the type is not installed, or has no such fields; or a recorded goal
+                is not of this type.
         """
-        super().__init__(plan)
-        self._kind = service_class(plan.type)
-        self._goals = itertools.cycle(
-            [fill_message(self._kind.Goal(), fields) for fields in plan.requests]
-        )
+        kind = self._kind = service_class(plan.type)
+        super().__init__(plan, _requests(plan, buffer_dir, kind.Impl.SendGoalService, kind.Goal))
         self._accepted = _Answers(rows_dir, plan.accepted)
         self._results = _Answers(rows_dir, plan.name)
         inner = self._kind.Impl
@@ -247,9 +282,9 @@ class _ActionCall(_Call):
             topic = f"{name}/feedback"
             self.feedback = (_Feedback(node, inner.FeedbackMessage, topic, self._on_feedback),)
 
-    def send(self, step: _Step) -> None:
-        goal_id = uuid.uuid4().bytes
-        request = self._kind.Impl.SendGoalService.Request(goal=next(self._goals))
+    def send(self, step: _Step, request: Any) -> None:
+        goal_id, goal = uuid.uuid4().bytes, request
+        request = self._kind.Impl.SendGoalService.Request(goal=goal)
         request.goal_id.uuid = list(goal_id)
         self._goal_steps[goal_id] = step
         self.exchanges[0].send(request, goal_id)
@@ -322,11 +357,13 @@ class CallPlayer:
         self._channel = channel
         self._followed = _FollowedSteps(Path(settings.follows)) if settings.follows else None
         self._node = rclpy_tools.start_node("caller" if settings.follows else "player")
-        folder = Path(settings.rows_dir)
+        folder, buffers = Path(settings.rows_dir), Path(settings.buffer_dir)
         self._calls = [
-            (_ActionCall if plan.accepted else _ServiceCall)(self._node, plan, folder)
+            (_ActionCall if plan.accepted else _ServiceCall)(self._node, plan, folder, buffers)
             for plan in settings.calls
         ]
+        self._timeline = settings.timeline
+        self._recorded = [call for call in self._calls if call.is_recorded]
         self._exchanges = [exchange for call in self._calls for exchange in call.exchanges]
         self._feedback = [each for call in self._calls for each in call.feedback]
         if self._followed is None:
@@ -368,25 +405,43 @@ class CallPlayer:
         """Play steps; returns their number, which is smaller if it was stopped."""
         begin_ns = time.monotonic_ns() + _LEAD_NS
         for step in range(play.steps):
-            due_ns = begin_ns + round(step * 1e9 / play.rate_hz)
-            while (left_s := (due_ns - time.monotonic_ns()) / 1e9) > _EXACT_S:
-                self._read_answers(left_s - _EXACT_S)
-            time.sleep(max(0.0, left_s))
-            if self._channel.wait(0.0):
-                # Only `Stop` comes while steps are played, or the end of the run.
-                self._is_over = isinstance(self._channel.receive(), protocol.Shutdown)
+            message = self._timeline.message_of(step) if self._timeline is not None else None
+            offset_ns = round(step * 1e9 / play.rate_hz) if message is None else message.offset_ns
+            if not self._wait_until(begin_ns + offset_ns):
                 return step
-            self._call_all(due_ns)
+            self._call_all(begin_ns + offset_ns, message)
         return play.steps
 
-    def _call_all(self, due_ns: int) -> None:
+    def _wait_until(self, due_ns: int) -> bool:
+        """Read answers until then; False if the playback is to be stopped."""
+        while (left_s := (due_ns - time.monotonic_ns()) / 1e9) > _EXACT_S:
+            self._read_answers(min(left_s - _EXACT_S, _LONGEST_WAIT_S))
+            if self._is_stopped():
+                return False
+        time.sleep(max(0.0, left_s))
+        return not self._is_stopped()
+
+    def _is_stopped(self) -> bool:
+        if not self._channel.wait(0.0):
+            return False
+        # Only `Stop` comes while steps are played, or the end of the run.
+        self._is_over = isinstance(self._channel.receive(), protocol.Shutdown)
+        return True
+
+    def _call_all(self, due_ns: int, message: TimelineMessage | None) -> None:
         stamp_ns = self._last_stamp_ns = max(time.time_ns(), self._last_stamp_ns + 1)
+        step = _Step(stamp_ns)
         published_ns = time.monotonic_ns()
+        recorded = self._recorded[message.input] if message is not None else None
         for call in self._calls:
-            call.take_step(_Step(stamp_ns))
+            if message is not None and call is recorded:
+                call.take_step(step, message.position)
+            elif message is None or call not in self._recorded:
+                call.take_step(step)
         done_ns = time.monotonic_ns()
+        inputs = ALL_INPUTS if message is None else 1 << message.input
         # Before any answer: a step that is answered has been written.
-        self._playback.append(stamp_ns, due_ns, published_ns, done_ns, ALL_INPUTS)
+        self._playback.append(stamp_ns, due_ns, published_ns, done_ns, inputs)
 
     def _read_answers(self, timeout_s: float) -> None:
         """Wait for an answer, and write all that are there."""

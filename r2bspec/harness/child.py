@@ -19,7 +19,8 @@ import signal
 import sys
 import time
 import traceback
-from typing import Protocol
+from collections.abc import Callable
+from typing import Final, Protocol
 
 from r2bspec.errors import ExitStatus
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
@@ -75,6 +76,19 @@ def start_exit_timer(seconds: float, status: int) -> None:
         library.timer_settime(timer, 0, ctypes.byref(when), None)
 
 
+_ROLES: Final[dict[type[protocol.Command], str]] = {
+    protocol.ConfigureLoader: "loader:Loader",
+    protocol.ConfigureObserver: "observer:Observer",
+    protocol.ConfigureHost: "node_host:make_host",
+    protocol.ConfigureHarness: "node_host:InProcessHarness",
+    protocol.ConfigureCalls: "call_player:CallPlayer",
+    protocol.ConfigureCaller: "service_client:ServiceCaller",
+    protocol.ConfigureInspector: "inspect_nodes:NamespaceInspector",
+    protocol.ConfigureComponents: "service_client:ComponentLoader",
+}
+"""For each first command what it makes: the module, and the name in it."""
+
+
 class Role(Protocol):
     """The object that the first command creates; it executes the others."""
 
@@ -115,40 +129,14 @@ def _prepare(command: protocol.Prepare) -> None:
 
 
 def _make_role(channel: Channel, command: protocol.Command) -> Role:
-    match command:
-        case protocol.ConfigureLoader():
-            from r2bspec.harness.loader import Loader
-
-            return Loader(channel, command)
-        case protocol.ConfigureObserver():
-            from r2bspec.harness.observer import Observer
-
-            return Observer(channel, command)
-        case protocol.ConfigureHost():
-            from r2bspec.harness.node_host import make_host
-
-            return make_host(channel, command)
-        case protocol.ConfigureHarness():
-            from r2bspec.harness.node_host import InProcessHarness
-
-            return InProcessHarness(channel, command)
-        case protocol.ConfigureCalls():
-            from r2bspec.harness.call_player import CallPlayer
-
-            return CallPlayer(channel, command)
-        case protocol.ConfigureCaller():
-            from r2bspec.harness.service_client import ServiceCaller
-
-            return ServiceCaller(channel, command)
-        case protocol.ConfigureInspector():
-            from r2bspec.harness.inspect_nodes import NamespaceInspector
-
-            return NamespaceInspector(channel, command)
-        case protocol.ConfigureComponents():
-            from r2bspec.harness.service_client import ComponentLoader
-
-            return ComponentLoader(channel, command)
-    raise RuntimeError(f"the first command must configure the process: {type(command).__name__}")
+    if type(command) not in _ROLES:
+        kind = type(command).__name__
+        raise RuntimeError(f"the first command must configure the process: {kind}")
+    module, name = _ROLES[type(command)].split(":")
+    make: Callable[[Channel, protocol.Command], Role] = getattr(
+        importlib.import_module(f"{__package__}.{module}"), name
+    )
+    return make(channel, command)
 
 
 def _failure(error: Exception) -> protocol.Failed:

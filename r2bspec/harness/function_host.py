@@ -16,6 +16,7 @@ import signal
 import threading
 import traceback
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 from rclpy import spin
@@ -29,28 +30,24 @@ from r2bspec.ipc import protocol
 from r2bspec.plan.plan import NodePlan
 
 
+@dataclass
 class FunctionHost:
     """Calls a function; what it returns is spun, unless it is a program.
 
-    Args:
+    Attributes:
         channel: to the controller.
         plan: of the node.
         function: takes no arguments.
         serve_node: answers that a node is ready, and spins it until told to shut down.
     """
 
-    def __init__(
-        self,
-        channel: Channel,
-        plan: NodePlan,
-        function: Callable[[], Any],
-        serve_node: Callable[[Node], None],
-    ) -> None:
-        self._channel = channel
-        self._plan = plan
-        self._function = function
-        self._serve_node = serve_node
-        self._is_program = False
+    channel: Channel
+    plan: NodePlan
+    function: Callable[[], Any]
+    serve_node: Callable[[Node], None]
+    _is_program: bool = False
+
+    def __post_init__(self) -> None:
         self._ending = threading.Event()
 
     def serve(self) -> None:
@@ -65,12 +62,12 @@ class FunctionHost:
         result = self._call()
         if self._is_program:
             raise SystemExit(result)
-        self._serve_node(node_main.checked_node(self._plan, result))
+        self.serve_node(node_main.checked_node(self.plan, result))
 
     def _call(self) -> Any:
         try:
             with self._first_use_of_ros():
-                result = self._function()
+                result = self.function()
             if isinstance(result, Node) and self._is_program:
                 # It initialised ROS, made a node, and leaves the rest to its caller.
                 spin(result)
@@ -85,7 +82,7 @@ class FunctionHost:
             does = "ended with" if is_running else "cannot be created:"
             raise node_main.NodeError(
                 "R2B634" if is_running else "R2B633",
-                f"node {self._plan.name} {does} {type(error).__name__}: {error}",
+                f"node {self.plan.name} {does} {type(error).__name__}: {error}",
             ) from error
         return result
 
@@ -106,7 +103,7 @@ class FunctionHost:
         def made(node: Node, *arguments: Any, **options: Any) -> None:
             restore()
             if options.get("context") is None and not get_default_context().ok():
-                rclpy_tools.init(tuple(node_main.ros_arguments(self._plan)))
+                rclpy_tools.init(tuple(node_main.ros_arguments(self.plan)))
             make(node, *arguments, **options)
 
         Context.init = initialised  # type: ignore[assignment,method-assign]
@@ -118,14 +115,14 @@ class FunctionHost:
 
     def _become_program(self) -> None:
         self._is_program = True
-        self._channel.send(protocol.Ready(is_program=True))
+        self.channel.send(protocol.Ready(is_program=True))
         threading.Thread(target=self._listen, daemon=True).start()
 
     def _listen(self) -> None:
         with contextlib.suppress(ChannelClosedError):
-            while not isinstance(command := self._channel.receive(), protocol.Shutdown):
+            while not isinstance(command := self.channel.receive(), protocol.Shutdown):
                 if isinstance(command, protocol.ListModules):
-                    self._channel.send(protocol.Modules(files=node_main.module_files()))
+                    self.channel.send(protocol.Modules(files=node_main.module_files()))
         self._ending.set()
         os.kill(os.getpid(), signal.SIGINT)
 

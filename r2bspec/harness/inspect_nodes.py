@@ -14,7 +14,7 @@ import os
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import rclpy
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
@@ -23,6 +23,8 @@ from r2bspec.errors import ExitStatus
 from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel
 from r2bspec.ipc import protocol
+from r2bspec.plan.wiring.name_resolution import NODE_TOPICS, is_node_parameter
+from r2bspec.plan.wiring.node_interface import ParameterType
 
 _QUIET_PERIOD_S = 1.5
 """Discovery is complete when it has shown nothing new for this time."""
@@ -30,7 +32,6 @@ _QUIET_PERIOD_S = 1.5
 _POLL_S = 0.1
 _CALL_S = 10.0
 
-_COMMON_TOPICS = frozenset({"/rosout", "/parameter_events"})
 _COMMON_SERVICES = (
     "describe_parameters",
     "get_parameters",
@@ -40,20 +41,8 @@ _COMMON_SERVICES = (
     "set_parameters_atomically",
     "get_type_description",
 )
-_COMMON_PARAMETERS = frozenset({"use_sim_time", "start_type_description_service"})
 _OWN_NAMESPACE = "/r2bspec"
-_PARAMETER_TYPES = (
-    "",
-    "bool",
-    "integer",
-    "double",
-    "string",
-    "byte_array",
-    "bool_array",
-    "integer_array",
-    "double_array",
-    "string_array",
-)
+_PARAMETER_TYPES = ("", *get_args(ParameterType))
 """Names of parameter types by their number in rcl_interfaces/msg/ParameterType."""
 
 
@@ -131,7 +120,7 @@ class Inspector:
             ("subscribes", subscribed, node.get_subscriptions_info_by_topic),
         ):
             for topic, types in topics:
-                if topic not in _COMMON_TOPICS:
+                if topic not in NODE_TOPICS:
                     own = self._relative_name(topic, name)
                     interface[side][own] = types[0]
                     for info in infos(topic):
@@ -162,7 +151,7 @@ class Inspector:
         names = [
             full_name
             for full_name in (listed.result.names if listed is not None else ())
-            if full_name not in _COMMON_PARAMETERS and not full_name.startswith("qos_overrides.")
+            if not is_node_parameter(full_name)
         ]
         if not names:
             return {}

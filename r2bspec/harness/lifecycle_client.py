@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
 
 from rclpy.executors import SingleThreadedExecutor
@@ -29,6 +29,15 @@ _EVENT_S = 1.0
 _STATE_S = 2.0
 
 
+def lifecycle_nodes(services: Iterable[tuple[str, Sequence[str]]]) -> list[str]:
+    """The nodes with a service that changes their state, of all services and their types."""
+    return sorted(
+        name.removesuffix(_CHANGE)
+        for name, types in services
+        if name.endswith(_CHANGE) and _CHANGE_TYPE in types
+    )
+
+
 def list_states(node: Node, command: protocol.ListLifecycle) -> protocol.LifecycleStates:
     """Ask all lifecycle nodes that discovery shows for their states, in parallel.
 
@@ -36,13 +45,9 @@ def list_states(node: Node, command: protocol.ListLifecycle) -> protocol.Lifecyc
         node: asks; no executor may spin it.
         command: how long to wait for the answers.
     """
-    found = [
-        name.removesuffix(_CHANGE)
-        for name, types in node.get_service_names_and_types()
-        if name.endswith(_CHANGE) and _CHANGE_TYPE in types
-    ]
+    found = lifecycle_nodes(node.get_service_names_and_types())
     with _Clients(node) as clients:
-        futures = {name: clients.ask_state(name) for name in sorted(found)}
+        futures = {name: clients.ask_state(name) for name in found}
         clients.spin_until(
             lambda: all(future.done() for future in futures.values()), command.timeout_ns / 1e9
         )

@@ -35,7 +35,7 @@ from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.harness.function_host import FunctionHost
 from r2bspec.ipc import protocol
 from r2bspec.plan.plan import NodePlan
-from r2bspec.plan.wiring.name_resolution import expand
+from r2bspec.plan.wiring.name_resolution import NODE_TOPICS, expand
 
 
 def describe_nodes(nodes: Sequence[tuple[NodePlan, Node]]) -> protocol.Ready:
@@ -47,7 +47,7 @@ def describe_nodes(nodes: Sequence[tuple[NodePlan, Node]]) -> protocol.Ready:
             for plan, node in nodes
             for direction in ("publishes", "subscribes")
             for publisher in (node.publishers if direction == "publishes" else node.subscriptions)
-            if publisher.topic_name not in {"/rosout", "/parameter_events"}
+            if publisher.topic_name not in NODE_TOPICS
         ),
         undeclared=tuple(
             (plan.name, name)

@@ -31,6 +31,7 @@ from r2bspec.harness.control_channel import Channel
 from r2bspec.ipc import buffers, protocol
 from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, read_clocks
 from r2bspec.ipc.buffers import TF_STATIC, TF_TYPE, read_stamp
+from r2bspec.ipc.process_cleanup import carries_run_id
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE, ForeignPublisher
 from r2bspec.ipc.sample_files import BUFFER_BYTES, RowWriter, message_size
 from r2bspec.language.spec import QoS
@@ -90,8 +91,6 @@ def list_names(node: Node) -> protocol.NodeNames:
 
 
 _LIST = "/list_parameters"
-_LIFECYCLE = "/change_state"
-_LIFECYCLE_TYPE = "lifecycle_msgs/srv/ChangeState"
 _SPIN_S = 0.02
 
 
@@ -128,13 +127,7 @@ def list_parameters(command: protocol.ListParameters) -> protocol.ParameterLists
                 for name, future in futures.items()
                 if future.done() and future.exception() is None
             },
-            lifecycle=tuple(
-                sorted(
-                    name.removesuffix(_LIFECYCLE)
-                    for name, types in services.items()
-                    if name.endswith(_LIFECYCLE) and _LIFECYCLE_TYPE in types
-                )
-            ),
+            lifecycle=tuple(lifecycle_client.lifecycle_nodes(services.items())),
         )
     finally:
         executor.shutdown()
@@ -194,7 +187,8 @@ class PublisherGuard:
             elif key not in self._known:
                 self._known.add(key)
                 processes = list(_processes_of(gid))
-                if not any(map(_is_of_this_run, processes)):
+                own = os.environ.get(RUN_ID_VARIABLE, "")
+                if not any(carries_run_id(int(folder.name), own) for folder in processes):
                     self._foreign[key] = ForeignPublisher(
                         topic=topic,
                         node=node,
@@ -209,13 +203,6 @@ def _processes_of(gid: bytes) -> Iterator[Path]:
     for folder in PROC.glob("[0-9]*"):
         if middleware.may_be_endpoint_of(gid, (int(folder.name),)):
             yield folder
-
-
-def _is_of_this_run(folder: Path) -> bool:
-    marker = f"{RUN_ID_VARIABLE}={os.environ.get(RUN_ID_VARIABLE, '')}".encode()
-    with contextlib.suppress(OSError):
-        return marker in (folder / "environ").read_bytes().split(b"\0")
-    return False
 
 
 def _describe(folder: Path) -> str:

@@ -157,9 +157,9 @@ class RawPublisher:
         """
         self._handle.publish_raw(message)
 
-    def wait_for_acknowledgements(self, timeout_s: float = 2.0) -> None:
-        """Wait until all matched subscriptions have received all messages, or for the timeout."""
-        self._publisher.wait_for_all_acked(Duration(seconds=timeout_s))
+    def wait_for_acknowledgements(self) -> None:
+        """Wait until all matched subscriptions have received all messages, for two seconds."""
+        self._publisher.wait_for_all_acked(Duration(seconds=2.0))
 
     def matches(self) -> int:
         """How many subscriptions this publisher is matched with."""

@@ -193,14 +193,14 @@ def read_stamps(folder: Path, index: BufferIndex) -> BufferIndex:
     return msgspec.structs.replace(index, has_header=True, stamps_ns=tuple(stamps_ns))
 
 
-def read_messages(folder: Path, topic: str, wanted: set[int]) -> dict[int, bytearray]:
-    """Read the messages at these positions into memory, each in a mutable buffer."""
+def read_messages(folder: Path, topic: str, wanted: set[int] | None = None) -> dict[int, bytearray]:
+    """Read the messages at these positions, or all, into memory, each in a mutable buffer."""
     index = read_index(folder, topic)
     messages: dict[int, bytearray] = {}
     with buffer_path(folder, topic, "cdr").open("rb") as file:
         offset = 0
         for position, size in enumerate(index.sizes):
-            if position in wanted:
+            if wanted is None or position in wanted:
                 file.seek(offset)
                 messages[position] = bytearray(file.read(size))
             offset += size

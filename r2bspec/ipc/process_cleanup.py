@@ -93,10 +93,10 @@ def now_ticks() -> int:
     return int(time.clock_gettime(time.CLOCK_BOOTTIME) * _TICKS_PER_S)
 
 
-def start_ticks(pid: int, proc: Path = Path("/proc")) -> int | None:
+def start_ticks(pid: int) -> int | None:
     """When a process started, in clock ticks since boot; None if there is none."""
     try:
-        text = (proc / str(pid) / "stat").read_text(errors="replace")
+        text = Path(f"/proc/{pid}/stat").read_text(errors="replace")
     except OSError:
         return None
     # The name is in parentheses and may contain any character; the start is the 22nd field.
@@ -122,7 +122,7 @@ def run_processes(run_id: str, sessions: Iterable[ProcessSession]) -> list[psuti
             number = os.getsid(process.pid)
             if number in sessions_by_pid:
                 members[number].append(process)
-            if _has_run_id(process, run_id):
+            if carries_run_id(process.pid, run_id):
                 marked.append(process)
     processes = {listed.pid: listed for listed in marked}
     for pid, session in sessions_by_pid.items():
@@ -133,11 +133,13 @@ def run_processes(run_id: str, sessions: Iterable[ProcessSession]) -> list[psuti
     return list(processes.values())
 
 
-def _has_run_id(process: psutil.Process, run_id: str) -> bool:
+def carries_run_id(pid: int, run_id: str) -> bool:
+    """Whether a process has the id of a run in its environment; never if that cannot be read."""
     try:
-        return bool(run_id) and process.environ().get(RUN_ID_VARIABLE) == run_id
-    except psutil.AccessDenied:
+        variables = Path(f"/proc/{pid}/environ").read_bytes() if run_id else b""
+    except OSError:
         return False
+    return f"{RUN_ID_VARIABLE}={run_id}".encode() in variables.split(b"\0")
 
 
 def kill_process_groups(sessions: Iterable[ProcessSession]) -> None:

@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from r2bspec.ipc.schedule import Schedule
+from r2bspec.ipc.schedule import Schedule, TimelineSchedule
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import CallPlan, InputPlan, MonitorPlan, NodePlan
 
@@ -77,14 +77,20 @@ class ConfigurePlayer(Command, frozen=True, kw_only=True, tag=True):
 class ConfigureCalls(Command, frozen=True, kw_only=True, tag=True):
     """Be a player that calls services; it writes the rows of the playback and of the answers.
 
-    `CountMatches` says of each service whether it is there. With `follows`, the rows of a player
-    that plays inputs, the services are called in its steps from now on, and not at times of their
-    own.
+    `CountMatches` says of each service whether it is there.
+
+    Attributes:
+        buffer_dir: has the buffers of recorded requests.
+        follows: the rows of a player that plays inputs: the services are called in its steps from
+            now on, and not at times of their own.
+        timeline: the times of the recorded requests, where these are kept.
     """
 
     calls: tuple[CallPlan, ...]
     rows_dir: str
+    buffer_dir: str
     follows: str = ""
+    timeline: TimelineSchedule | None = None
 
 
 class LoadSchedule(Command, frozen=True, kw_only=True, tag=True):

@@ -124,6 +124,14 @@ class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"
                 offsets_ns.setdefault(message.step, message.offset_ns)
         return [offsets_ns[step] for step in range(len(self.steps))]
 
+    def message_of(self, step: int) -> TimelineMessage:
+        """The message of a step of any round, where each step has one, with its due time."""
+        turns, place = divmod(step, len(self.steps))
+        message = self.messages[place]
+        return msgspec.structs.replace(
+            message, offset_ns=turns * self.period_ns + message.offset_ns
+        )
+
     def span_ns(self, rate_hz: float, steps: int) -> int:
         """How long so many steps take, up to when the one after them would be due."""
         del rate_hz

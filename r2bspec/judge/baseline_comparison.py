@@ -18,6 +18,7 @@ and the promise is at most 1 %.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -34,7 +35,7 @@ from r2bspec.judge.baseline_ratio import (
 from r2bspec.judge.confirmation import confirm_requirement
 from r2bspec.judge.decision_policy import DecisionPolicy, without_own_confidence
 from r2bspec.judge.measure.distribution import HISTORY_PARTS
-from r2bspec.judge.measure.metric_catalogue import MetricError, MetricInfo, resolve
+from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH, MetricError, MetricInfo, resolve
 from r2bspec.judge.measure.metric_values import metric_value
 from r2bspec.judge.measure.samples import RunSamples, starts_of
 from r2bspec.judge.pipeline import judge, latency_unknown_by_order
@@ -43,7 +44,7 @@ from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective
-from r2bspec.plan.plan import Plan
+from r2bspec.plan.plan import GRAPH_ROLES, Plan
 from r2bspec.record.baseline_file import BaselineRecord
 from r2bspec.record.run_folder import Run
 
@@ -210,6 +211,11 @@ _MONITOR_METRICS = (
     "drop_rate",
 )
 
+_REACTION_METRICS = (*(f"reaction.{part}" for part in HISTORY_PARTS), "drop_rate")
+
+PART_FAMILIES: Final = (".callback", ".wait", ".take", ".transport")
+"""How the series of the parts of nodes and topics end of which a history has the means."""
+
 TrackedMetric = tuple[float | None, str | None, MetricInfo]
 """An offered rate, a monitor, and a metric."""
 
@@ -225,14 +231,19 @@ def _default_metrics(run: Run, samples: RunSamples) -> Iterator[TrackedMetric]:
     graph = {
         process_record.name
         for process_record in run.record.processes
-        if process_record.role in {"host", "command", "container"}
+        if process_record.role in GRAPH_ROLES
     }
     for rate in samples.iterations:
         for monitor in samples.monitors:
-            for name in _MONITOR_METRICS:
+            reacts = samples.iterations[rate][0].monitors[monitor].of_events
+            for name in _REACTION_METRICS if reacts else _MONITOR_METRICS:
                 yield rate, monitor, resolve(name, samples.monitors)[1]
-        for process in sorted(graph):
+        for process in sorted(graph | ({WHOLE_GRAPH} if len(graph) > 1 else set())):
             yield rate, None, resolve(f"cpu.{process}.mean", (), samples.subjects)[1]
+        for series in samples.iterations[rate][0].anatomy:
+            if series.endswith(PART_FAMILIES):
+                with contextlib.suppress(MetricError):
+                    yield rate, None, resolve(f"{series}.mean", (), samples.subjects)[1]
     if samples.record.search is not None:
         yield None, None, resolve("peak.rate", ())[1]
 

@@ -22,6 +22,7 @@ from typing import Final
 
 import msgspec
 
+from r2bspec.diagnostics.quote import pluralize
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import Method
 from r2bspec.judge.requirement_case import Decision, RequirementCase, finite, requirement_verdict
@@ -53,7 +54,7 @@ class BaselineCase(RequirementCase):
     @property
     def sampled(self) -> bool:
         """Whether a missing value means that nothing was sampled, not that nothing arrived."""
-        return self.info.scope in {"process", "machine"}
+        return self.info.scope in {"process", "graph", "machine"}
 
     @property
     def zero_allowed(self) -> bool:
@@ -191,11 +192,10 @@ def judge_history(case: BaselineCase, history: Values, new: float | None) -> Req
     if unknown is not None:
         return unknown
     if len(earlier) < MIN_HISTORY_RUNS:
-        runs = "1 run" if len(earlier) == 1 else f"{len(earlier)} runs"
         learning = f"{len(earlier) + 1} of {MIN_HISTORY_RUNS}"
         short = sides.undecided(
-            f"Learning, {learning}: the history has {runs} of this plan on this kind of machine "
-            f"with a value of {case.info.name}.",
+            f"Learning, {learning}: the history has {pluralize(len(earlier), 'run')} of this plan "
+            f"on this kind of machine with a value of {case.info.name}.",
             f"{MIN_HISTORY_RUNS} are needed: {MIN_HISTORY_RUNS - len(earlier)} more.",
         )
         return msgspec.structs.replace(short, learning=learning)

@@ -385,14 +385,12 @@ def _with_latencies(
     steps = replace(seen.steps, received_ns=received_ns)
     period_ns = output_period_ns(segment, seen.sent, seen.per_step)
     outputs = output_times(steps, segment.began_ns + round(latency.size * period_ns), 0.0, 0.0)
-    answered = int(outputs.arrived_ns.size)
     return MonitorSamples(
         steps=steps,
         times=outputs.by_family,
         sent=seen.sent,
-        answered=answered,
         # Interference creates no messages.
-        received=answered + seen.duplicates + seen.unmatched,
+        received=int(outputs.arrived_ns.size) + seen.duplicates + seen.unmatched,
         throughput_hz=throughput_hz,
         duplicates=seen.duplicates,
         reordered=steps.reordered,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Final
 
 import msgspec
 
@@ -15,8 +16,9 @@ from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.judge.baseline_comparison import judge_with_baseline
 from r2bspec.judge.confirmation import confirm_run, needs_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy, decision_policy, without_own_confidence
-from r2bspec.judge.measure.anatomy_summary import anatomy_summaries
+from r2bspec.judge.measure.anatomy_summary import AnatomySummary
 from r2bspec.judge.measure.metrics import RunMetrics, summarise
+from r2bspec.judge.measure.observed_runs import anatomy_summaries
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.methods import METHODS
@@ -82,6 +84,8 @@ def result_of(
         verdict=verdict,
         baseline=compared,
         base_identity=baseline.identity if baseline is not None else None,
+        grown=baseline.grown if baseline is not None else (),
+        anatomies=anatomy_summaries(run, samples.summaries),
     )
 
 
@@ -129,17 +133,21 @@ def judge_confirmation(
         first: the verdict on the first session; only what failed there is judged again.
         policy: of the first session.
     """
-    failed = {
-        requirement.key for requirement in first.requirements if requirement.outcome == "fail"
-    }
     # One start plays as many iterations as have failed, and is judged once.
     looks = policy.looks if policy.looks is not None and policy.looks.after_starts else None
     policy = replace(policy, confidence=CONFIRMATION_CONFIDENCE, looks=looks)
     verdict = judge(without_own_confidence(objectives), confirmation, policy)
-    judged_again = tuple(
-        requirement for requirement in verdict.requirements if requirement.key in failed
-    )
+    failed = first.failed_keys
+    judged_again = tuple(one for one in verdict.requirements if one.key in failed)
     return msgspec.structs.replace(verdict, requirements=judged_again)
+
+
+_OF_RECORD: Final = (
+    *("run_id", "status", "reason", "started_at", "ended_at", "plan_hash"),
+    *("dataset", "machine", "versions", "processes", "harness_overhead", "output_gaps"),
+    *("differences", "left_out", "starts", "unplayed", "profiles", "accuracy", "identity", "gate"),
+)
+"""What a result has as the record of its run has it."""
 
 
 def build_result(
@@ -153,6 +161,7 @@ def build_result(
     baseline: BaselineResult | None = None,
     base_identity: GraphIdentity | None = None,
     grown: tuple[str, ...] = (),
+    anatomies: tuple[AnatomySummary, ...] = (),
 ) -> Result:
     """The result of a run, or of several as one, that has been measured and judged."""
     record, plan = run.record, run.plan
@@ -164,19 +173,6 @@ def build_result(
         title=plan.title,
         labels=plan.labels,
         monitor_labels={monitor.name: monitor.label for monitor in plan.monitors if monitor.label},
-        run_id=record.run_id,
-        status=record.status,
-        reason=record.reason,
-        started_at=record.started_at,
-        ended_at=record.ended_at,
-        plan_hash=record.plan_hash,
-        dataset=record.dataset,
-        machine=record.machine,
-        versions=record.versions,
-        processes=record.processes,
-        harness_overhead=record.harness_overhead,
-        output_gaps=record.output_gaps,
-        differences=record.differences,
         spec=run.spec_text(),
         judged_by=judged_by,
         objectives={
@@ -190,17 +186,11 @@ def build_result(
         verdict=_on_what_was_played(verdict, record),
         pairs=pairs,
         baseline=baseline,
-        left_out=record.left_out,
-        starts=record.starts,
-        unplayed=record.unplayed,
-        profiles=record.profiles,
-        anatomies=anatomy_summaries(run) or msgspec.UNSET,
-        accuracy=record.accuracy,
-        identity=record.identity,
+        anatomies=anatomies or msgspec.UNSET,
         base_identity=base_identity,
         changes=changes,
         grown=grown or msgspec.UNSET,
-        gate=record.gate,
+        **{name: getattr(record, name) for name in _OF_RECORD},
     )
 
 

@@ -52,7 +52,7 @@ from r2bspec.judge.measure.metric_catalogue import (
     kind_of,
     resolve,
 )
-from r2bspec.judge.measure.own_pace import own_pace_text, pooled_period_s
+from r2bspec.judge.measure.own_pace import own_pace_text, own_period_s
 from r2bspec.judge.measure.samples import (
     LOSS_SENSITIVE_FAMILIES,
     RunSamples,
@@ -372,7 +372,8 @@ def method_of(case: RequirementCase) -> DecisionMethod:
 
 
 def _unknown_in_live_run(case: RequirementCase, samples: RunSamples) -> Decision | None:
-    if samples.mode != "live" or available_live(case.info):
+    of_events = all(one.of_events for one in case.monitor_samples) and case.monitor is not None
+    if samples.mode != "live" or available_live(case.info) or of_events:
         return None
     return undecided(
         f"{case.info.name} is unknown in a live run: what its source sent is not recorded."
@@ -426,6 +427,31 @@ def _without_iterations(case: RequirementCase, _: RunSamples) -> Decision | None
     )
 
 
+def _without_event(case: RequirementCase, _: RunSamples) -> Decision | None:
+    """Undecided where no input event was played; a failure if none was reacted to."""
+    seen = case.monitor_samples
+    if not seen or not seen[0].of_events:
+        return None
+    events, unreadable = sum(one.sent for one in seen), sum(one.unreadable for one in seen)
+    if not events:
+        return undecided(
+            f"No event began for monitor '{case.monitor}': no message of its input meets 'from' "
+            "after one that does not.",
+            "Play a recording in which one does, run for longer, or change 'from'.",
+        )
+    if unreadable:
+        return undecided(
+            f"The field of 'when' could not be read in {show(unreadable, 'count')} outputs at "
+            f"monitor '{case.monitor}'.",
+            "It must be within the first 64 KiB of a message, of an installed type, and not behind "
+            "a wstring or 100,000 items of lists.",
+        )
+    if any(one.answered for one in seen):
+        return None
+    reason = f"Monitor '{case.monitor}' received no reaction to {show(events, 'count')} events."
+    return Decision(outcome="fail", method="none", reason=reason, n=events)
+
+
 def _without_output(case: RequirementCase, _: RunSamples) -> Decision | None:
     """A failure if the monitor received no output at all."""
     seen = case.monitor_samples
@@ -447,7 +473,7 @@ def _without_output(case: RequirementCase, _: RunSamples) -> Decision | None:
     elif not received:
         reason = f"Monitor '{case.monitor}' received nothing for {show(sent, 'count')} inputs."
     else:
-        period_s = pooled_period_s([sample.own_period_s for sample in seen])
+        period_s = own_period_s([each for sample in seen for each in sample.pace])
         reason = (
             f"Monitor '{case.monitor}' received {show(received, 'count')} messages, but none "
             "has the stamp of an input: "
@@ -493,6 +519,7 @@ DECISIONS: Final[tuple[Callable[[RequirementCase, RunSamples], Decision | None],
     _without_rate,
     _without_iterations,
     _unknown_at_own_pace,
+    _without_event,
     _without_output,
     _without_latency,
     _by_iterations,

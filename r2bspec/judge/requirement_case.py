@@ -119,7 +119,7 @@ class RequirementCase:
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """What a method found; see `RequirementVerdict` for the fields."""
+    """What a method found: fields of `RequirementVerdict`."""
 
     outcome: Outcome
     method: Method
@@ -189,38 +189,23 @@ def limit_of(
 
 def requirement_verdict(case: RequirementCase, decision: Decision) -> RequirementVerdict:
     """Combine case and decision; infinite values become None, which JSON can write."""
+    found = vars(decision) | {
+        name: finite(getattr(decision, name)) for name in ("estimate", "lower", "upper")
+    }
+    if decision.effective_n is None and decision.n:
+        found["effective_n"] = float(decision.n)
     return RequirementVerdict(
         objective=case.objective,
         text=case.requirement.text,
         at_hz=case.at_hz,
         metric=case.info.name,
         monitor=case.monitor,
-        outcome=decision.outcome,
-        method=decision.method,
-        estimate=finite(decision.estimate),
-        lower=finite(decision.lower),
-        upper=finite(decision.upper),
         limit=finite(case.limit),
         unit=case.info.unit,
-        n=decision.n,
-        effective_n=_effective(decision),
         confidence=case.confidence,
-        over=decision.over,
-        bursts=decision.bursts,
         lost=decision.estimate is not None and math.isinf(decision.estimate),
-        share=decision.share,
-        rule_of_three=decision.rule_of_three,
-        reason=decision.reason,
-        remedy=decision.remedy,
-        notes=decision.notes,
-        budget=decision.budget,
+        **found,
     )
-
-
-def _effective(decision: Decision) -> float | None:
-    if decision.effective_n is not None:
-        return decision.effective_n
-    return float(decision.n) if decision.n else None
 
 
 def finite(value: float | None) -> float | None:

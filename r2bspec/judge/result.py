@@ -153,6 +153,12 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         check_machine_facts(self.machine)
 
+    def times_title(self, name: str) -> str:
+        """What the times of a monitor are: latencies, or those of reactions."""
+        seen = (rate.pooled.monitors.get(name) for rate in self.metrics.rates)
+        reacts = any(one is not None and one.reaction for one in seen)
+        return "Reaction time" if reacts else "Latency"
+
     def monitor_title(self, name: str) -> str:
         """The title of a monitor: its label and its name, or its name alone."""
         label = self.monitor_labels.get(name, "")

@@ -25,9 +25,10 @@ At the end
 ----------
 
 Of a latency without that room a verdict says so, and how many starts would rule it out. A PASS or a
-FAIL that is closer to its limit than hours on one machine are to each other says that, too. Both
-are said of narrow verdicts alone. How much a graph loses does not follow from how slow it is, and
-what it delivers is bounded by what is offered: of these nothing is said.
+FAIL that is closer to its limit than hours on one machine are to each other says that, too: of a
+latency by 5 %; of lost outputs by a factor of four, because where few are lost, a graph that is
+slower by some percent loses several times as many. Both are said of narrow verdicts alone. What a
+graph delivers is bounded by what is offered: of this nothing is said.
 """
 
 from __future__ import annotations
@@ -54,6 +55,9 @@ _WORSE_BY: Final = 0.2
 
 _HOURS_DIFFER_BY: Final = 0.05
 """Two standard deviations of simulated hours (docs/proofs/verdicts.md)."""
+
+_HOURS_LOSE_BY: Final = 4.0
+"""Times as many: what they make of a share of 1 % where messages scatter by 10 %."""
 
 _MIGHT_BREAK: Final = "One that is a fifth worse might break the limit."
 
@@ -131,19 +135,20 @@ def early_doubt_of_pairs(case: RequirementCase, passed: RequirementVerdict, mess
 
 
 def narrow_margin_notes(case: RequirementCase, verdict: RequirementVerdict) -> tuple[str, ...]:
-    """That a decision on a latency is too close to its limit for what was not met.
+    """That a decision on a latency or on losses is too close to its limit for what was not met.
 
     Args:
         case: with the iterations on which it was decided.
         verdict: the last one on it.
     """
-    nearest = verdict.upper if verdict.outcome == "pass" else verdict.lower
-    of_latency = case.info.family in LOSS_SENSITIVE_FAMILIES and case.info.statistic in {
-        "mean",
-        "percentile",
-    }
     decided = verdict.outcome != "inconclusive" and not verdict.early
-    if not (of_latency and decided and case.is_upper_bound and case.windows is None and nearest):
+    if not (decided and case.is_upper_bound and case.windows is None):
+        return ()
+    if case.info.statistic == "share":
+        return _narrow_losses(verdict)
+    nearest = verdict.upper if verdict.outcome == "pass" else verdict.lower
+    of_latency = case.info.family in LOSS_SENSITIVE_FAMILIES
+    if not (of_latency and case.info.statistic in {"mean", "percentile"} and nearest):
         return ()
     passed, margin = verdict.outcome == "pass", abs(case.limit / nearest - 1)
     by = f"by at least {show(margin, 'share', 2)}"
@@ -157,6 +162,19 @@ def narrow_margin_notes(case: RequirementCase, verdict: RequirementVerdict) -> t
         return ()
     met, other = ("met", "slower") if passed else ("missed", "faster")
     return (f"It is {met} {by}, and another hour on this machine may be {other} by as much.",)
+
+
+def _narrow_losses(verdict: RequirementVerdict) -> tuple[str, ...]:
+    test = verdict.share
+    if test is None or not test.over or not test.allowed:
+        return ()
+    passed = verdict.outcome == "pass"
+    factor = test.allowed / test.share if passed else test.share / test.allowed
+    if factor >= _HOURS_LOSE_BY:
+        return ()
+    met, others = ("met", "four times") if passed else ("missed", "a quarter")
+    by = f"by a factor of {factor:.2g}"
+    return (f"It is {met} {by}, and at another hour {others} as many outputs may be lost.",)
 
 
 def _starts(case: RequirementCase) -> int:

@@ -285,6 +285,11 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
         """Its requirements by their keys; none if the run was not usable."""
         return {each.key: each for each in self.requirements} if self.is_judged else {}
 
+    @property
+    def failed_keys(self) -> set[RequirementKey]:
+        """The keys of its requirements that fail."""
+        return {each.key for each in self.requirements if each.outcome == "fail"}
+
     def with_requirements(
         self, requirements: tuple[RequirementVerdict, ...], policy: InconclusivePolicy
     ) -> Verdict:

@@ -292,6 +292,7 @@ class Document(msgspec.Struct):
         sources: the texts that places point into, by file name.
         incomplete: paths that extend something that does not exist; the empty path is the
             document.
+        inserted: characters that references have inserted, in all cases so far.
     """
 
     file: str
@@ -300,6 +301,7 @@ class Document(msgspec.Struct):
     sources: dict[str, Source] = msgspec.field(default_factory=dict)
     origins: ValueOrigins = msgspec.field(default_factory=ValueOrigins)
     incomplete: set[Path] = msgspec.field(default_factory=set)
+    inserted: int = 0
 
     @property
     def base_dir(self) -> FilePath:

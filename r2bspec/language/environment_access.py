@@ -85,7 +85,10 @@ def base_version(reference: str, folder: Path) -> BaseVersion:
         )
     done = run_git(top, "rev-parse", "--verify", "--end-of-options", f"{reference}^{{commit}}")
     if done is None:
-        raise BaseVersionError("git cannot be executed, so --base-ref cannot be read")
+        raise BaseVersionError(
+            "git cannot be executed, so --base-ref cannot be read",
+            hint="Install git, or leave --base-ref out.",
+        )
     if done.returncode:
         raise BaseVersionError(
             f"git knows no commit {reference!r}",
@@ -162,5 +165,5 @@ def untrusted_specs(folder: Path, *, untrusted: bool, base_ref: str) -> Untruste
     if untrusted:
         return UntrustedSpecs(base_version(base_ref, folder) if base_ref else None)
     if base_ref:
-        raise UsageError("--base-ref needs --untrusted")
+        raise UsageError("--base-ref needs --untrusted", hint="Add --untrusted.")
     return None

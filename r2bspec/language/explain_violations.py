@@ -18,8 +18,9 @@ from typing import Final
 from msgspec.structs import replace
 
 from r2bspec.diagnostics import Diagnostic, Edit, Path, Related, did_you_mean, format_path
-from r2bspec.diagnostics.quote import clip, quote
+from r2bspec.diagnostics.quote import clip, first_words, join_words, quote
 from r2bspec.language import names
+from r2bspec.language.condition_grammar import Condition
 from r2bspec.language.declaration import NamePattern, ValueRule, language, rule_at
 from r2bspec.language.document import MAX_PROBLEMS, inner_span
 from r2bspec.language.located_tree import MapNode, ScalarNode, lookup, span_at, to_plain
@@ -511,8 +512,8 @@ def invalid_quantity_or_requirement(violation: Violation) -> Diagnostic:
         message = f"{violation.name} must be {describe_type(violation.rule)}, not "
         help_text = _example_help(violation)
         return violation.error("R2B103", message + describe_value(value), help_text)
-    if issubclass(kind, Requirement):
-        return _invalid_requirement(violation, value)
+    if not issubclass(kind, Quantity):
+        return _invalid_sentence(violation, value, kind)
     try:
         kind.parse(value)
     except QuantityError as error:
@@ -538,9 +539,11 @@ def _missing_unit(violation: Violation, number: str, kind: type[Quantity]) -> Di
     return violation.error("R2B109", message, f"write {text}", repair=text)
 
 
-def _invalid_requirement(violation: Violation, text: str) -> Diagnostic:
+def _invalid_sentence(
+    violation: Violation, text: str, kind: type[Requirement] | type[Condition]
+) -> Diagnostic:
     try:
-        Requirement.parse(text)
+        kind.parse(text)
     except RequirementError as error:
         node, span = violation.node, None
         if isinstance(node, ScalarNode) and node.origin is None:
@@ -548,8 +551,9 @@ def _invalid_requirement(violation: Violation, text: str) -> Diagnostic:
             length = _token_length(node.text, error.column)
             span = inner_span(source, node.span, node.text, error.column, length)
         help_text = _suggestion_help(error.suggestion)
-        return violation.error("R2B112", f"{violation.name}: {error}", help_text, span=span)
-    raise AssertionError("a requirement was refused that can be parsed")
+        code = "R2B112" if issubclass(kind, Requirement) else "R2B144"
+        return violation.error(code, f"{violation.name}: {error}", help_text, span=span)
+    raise AssertionError(f"a {kind.kind} was refused that can be parsed")
 
 
 def _token_length(text: str, column: int) -> int:
@@ -592,18 +596,9 @@ def describe_type(rule: ValueRule) -> str:
     return join_words([_TYPES[name] for name in rule.kinds]) or "a value"
 
 
-def join_words(words: Sequence[str], joint: str = "or") -> str:
-    """``a``, ``a or b``, ``a, b or c``."""
-    if len(words) < 2:
-        return "".join(words)
-    return f"{', '.join(words[:-1])} {joint} {words[-1]}"
-
-
-def comma_separated(words: Iterable[str], max_shown: int = 16) -> str:
-    """The words, the first `max_shown` of them, separated by commas."""
-    all_words = [clip(word) for word in words]
-    more = len(all_words) - max_shown
-    return ", ".join(all_words[:max_shown]) + (f" and {more} more" if more > 0 else "")
+def comma_separated(words: Iterable[str]) -> str:
+    """The words, sixteen of them at most, separated by commas."""
+    return first_words([clip(word) for word in words], 16)
 
 
 def example(rule: ValueRule) -> str:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from r2bspec.language.condition_grammar import Condition
 from r2bspec.language.declaration import NamePattern, ValueRule, language
 from r2bspec.language.quantities import Quantity
 
@@ -24,7 +25,10 @@ _REFERENCE = r"\$\((?:var|env) +[A-Za-z_][A-Za-z0-9_]* *\)"
 _WHOLE_REFERENCE = f"^{_REFERENCE}$"
 _NUMBER = r"\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
 _SCALAR_NAMES = {"integer": "an integer", "boolean": "true or false"}
-_METRIC = r"[A-Za-z][A-Za-z0-9_]*(?:\.[A-Za-z][A-Za-z0-9_]*)*"
+_WORD = "[A-Za-z][A-Za-z0-9_]*"
+_METRIC = rf"{_WORD}(?:/{_WORD})*(?:\.{_WORD})*"
+_FIELD = rf"{_WORD}(?:\s*\.\s*{_WORD}|\s*\[\s*(?:\d+|\*)\s*\])*"
+_CONDITION = rf"^\s*(?:len\s*\(\s*{_FIELD}\s*\)|{_FIELD})\s*(?:[<>]=?|[=!]=)\s*\S.*$"
 _REQUIREMENT = rf"^\s*(?:sustained|{_METRIC}\s*(?:[<>]=?|[=!]=)\s*\d.*?)\s*$"
 _NULL_MESSAGE = "missing value; null removes a key of an extended map"
 
@@ -158,6 +162,11 @@ def _pattern(form: NamePattern, *, or_reference: bool = False) -> Schema:
 
 def _quantity(rule: ValueRule) -> Schema:
     kind = rule.quantity
+    if kind is Condition:
+        return {
+            "pattern": _CONDITION,
+            "patternErrorMessage": f"{kind.kind}: such as {kind.example}",
+        }
     if kind is None or not issubclass(kind, Quantity):
         return {
             "pattern": _REQUIREMENT,

@@ -318,17 +318,30 @@ def _calls(document: _Document, mode: str) -> Iterator[Diagnostic]:
             calls, "'playback.calls' must not be empty", "name a service", "R2B108"
         )
     plays = document.map_at("playback", "inputs") is not None
+    recorded = [
+        (*calls, name, "from")
+        for name in document.keys(*calls)
+        if "from" in document.keys(*calls, name)
+    ]
     if not plays:
-        unused = [("playback", key) for key in ("buffer", "unpaired", "pairing", "clock")]
+        keys = ("buffer", "unpaired", "pairing", "clock", "record_timeline", "tf")
+        unused: list[Path] = [("preprocessors",), *(("playback", key) for key in keys)]
         yield from document.without_effect(
-            [("data_loader",), ("preprocessors",), *unused],
+            unused if recorded else [("data_loader",), *unused],
             ": services are called, and no topic is played",
             "remove '{key}', or add 'playback.inputs'",
         )
-    if mode == "live" or (mode not in ("", "looping") and not plays):
+    elif mode == "timeline":
+        for path in recorded:
+            message = "with inputs, recorded requests are not sent at their recorded times"
+            help_text = "remove 'playback.inputs', or 'mode: timeline' to send one in each step"
+            yield document.error(path, message, help_text)
+    modes = ("", "looping", "timeline") if recorded else ("", "looping")
+    if mode == "live" or (mode not in modes and not plays):
         message = f"services cannot be called with 'mode: {mode}'"
         if mode != "live":
             message += " where no topic is played"
+            message += " and no request is recorded" if mode == "timeline" else ""
         yield document.error(("playback", "mode"), message, "remove it, or 'playback.calls'")
     for section, refused in (("harness", ("shared", "graph")), ("graph", ("harness",))):
         placement = document.word(section, "placement") or document.word(section)
@@ -343,6 +356,9 @@ def _calls(document: _Document, mode: str) -> Iterator[Diagnostic]:
         kinds = ("service", "action")
         yield from document.one_of(call, kinds, "R2B118", needs, f"add {needs}")
         is_action = "action" in document.keys(*call)
+        if (*call, "from") in recorded:
+            why = ": the requests are those of the recording, 'from'"
+            yield from document.without_effect([(*call, "each")], why, "remove it, or 'from'")
         other, owner = ("success", "a service") if is_action else ("feedback", "an action")
         yield from document.without_effect([(*call, other)], f": it is of {owner}", "remove it")
         ends = ("", ACCEPTED, FEEDBACK) if is_action else ("",)

@@ -40,6 +40,7 @@ from r2bspec.language.spec import Spec
 from r2bspec.language.substitution import substitute
 from r2bspec.language.variables import OPENING, apply_overrides, with_variables
 from r2bspec.language.yaml_document import compose, to_yaml
+from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
 
 
 @contextmanager
@@ -150,7 +151,7 @@ def load_spec(source: FilePath | str | bytes, **options: Unpack[LoadOptions]) ->
         options: what decides besides the text what is in it.
     """
     with gc_paused():
-        document = _open_document(source, options)
+        document = open_document(source, options)
         matrix, matrix_cases = _select_cases(document, options.get("case", ""))
         if len(matrix_cases) > 1 and matrix is not None:
             known = ", ".join(case.name for case in matrix_cases[:12])
@@ -170,16 +171,21 @@ def load_cases(
     itself is invalid, the document without a case.
     """
     with gc_paused():
-        document = _open_document(source, options)
+        document = open_document(source, options)
         _, matrix_cases = _select_cases(document, options.get("case", ""))
         first = _load_case(document, matrix_cases[0] if matrix_cases else None, options)
         if len(matrix_cases) > 1:
             _drop_checked_matrix(document, first)
-        return (first, *(_load_case(document, case, options) for case in matrix_cases[1:]))
+        others = []
+        for case in matrix_cases[1:]:
+            if document.inserted > MAX_DOCUMENT_BYTES:
+                break  # the case before has the error
+            others.append(_load_case(document, case, options))
+        return (first, *others)
 
 
-def _open_document(source: FilePath | str | bytes, options: LoadOptions) -> Document:
-    """Read a document, up to its matrix."""
+def open_document(source: FilePath | str | bytes, options: LoadOptions) -> Document:
+    """Read a document, up to its matrix: files, siblings and options merged, no variables."""
     folders = tuple(options.get("allow_paths", ()))
     file = options.get("file", "<text>")
     if isinstance(source, FilePath):
@@ -299,7 +305,9 @@ def _load_case(
             document.sources,
             os.environ if environ is None else environ,
             refused=frozenset(refused),
+            inserted=document.inserted,
         )
+        document.inserted = substituted.inserted
         problems += substituted.problems.diagnostics
         tree = substituted.tree
         used = _condition_variables(tree) | substituted.used

@@ -21,7 +21,7 @@ import msgspec
 from msgspec.structs import replace
 
 from r2bspec.diagnostics import Diagnostic, Related, Severity, Span, did_you_mean
-from r2bspec.diagnostics.quote import clip, quote
+from r2bspec.diagnostics.quote import clip, first_words, quote
 from r2bspec.language import located_tree as tree
 from r2bspec.language.declaration import language
 from r2bspec.language.document import DiagnosticCollector
@@ -262,10 +262,8 @@ def _merge_group(group: list[tuple[str, Diagnostic]], cases: Sequence[LoadedSpec
     matrix_case = next(case.matrix_case for case in cases if case.case == names[0])
     if matrix_case is None:
         return first
-    more = f" and {len(names) - _MAX_NAMED_CASES} more" if len(names) > _MAX_NAMED_CASES else ""
-    listed = (
-        ", ".join(clip(name, MAX_CASE_NAME_CHARACTERS) for name in names[:_MAX_NAMED_CASES]) + more
-    )
+    clipped = [clip(name, MAX_CASE_NAME_CHARACTERS) for name in names]
+    listed = first_words(clipped, _MAX_NAMED_CASES)
     noun = "case" if len(names) == 1 else "cases"
     related = Related(f"in the {noun} {listed}", matrix_case.span)
     return replace(first, related=(*first.related, related))

@@ -10,6 +10,20 @@ from r2bspec.language.declaration import NamePattern
 _PART = "[A-Za-z_][A-Za-z0-9_]*"
 _PARTS = f"{_PART}(?:/{_PART})*"
 
+
+def _identifier(noun: str, of: str) -> NamePattern:
+    message = f"the name of {of} consists of letters, digits and underscores, and does not begin "
+    return NamePattern(f"^{_PART}$", noun, f"{message}with a digit")
+
+
+def _interface(noun: str, folder: str, example: str) -> NamePattern:
+    """A type of messages, services or actions, of which packages have a folder each."""
+    pattern = f"^[A-Za-z][A-Za-z0-9_]*/{folder}/[A-Z][A-Za-z0-9]*$"
+    article = "an" if noun[0] in "aeiou" else "a"
+    message = f"{article} {noun} has the form package/{folder}/Name, such as {example}"
+    return NamePattern(pattern, noun, message)
+
+
 TOPIC = NamePattern(
     f"^(?:~|(?:~?/)?{_PARTS})$",
     "topic",
@@ -22,12 +36,7 @@ NAMESPACE = NamePattern(
     "a namespace consists of letters, digits and underscores, separated by single slashes; no "
     "part begins with a digit",
 )
-NODE_NAME = NamePattern(
-    f"^{_PART}$",
-    "node name",
-    "the name of a node consists of letters, digits and underscores, and does not begin with a "
-    "digit",
-)
+NODE_NAME = _identifier("node name", "a node")
 MONITOR_NAME = NamePattern(
     "^[A-Za-z][A-Za-z0-9_]*$",
     "monitor name",
@@ -39,18 +48,8 @@ NAME = NamePattern(
     "name",
     "a name consists of letters, digits, underscores and dashes, and begins with a letter",
 )
-VARIABLE = NamePattern(
-    f"^{_PART}$",
-    "variable name",
-    "the name of a variable consists of letters, digits and underscores, and does not begin with "
-    "a digit",
-)
-ENVIRONMENT = NamePattern(
-    f"^{_PART}$",
-    "environment variable name",
-    "the name of an environment variable consists of letters, digits and underscores, and does "
-    "not begin with a digit",
-)
+VARIABLE = _identifier("variable name", "a variable")
+ENVIRONMENT = _identifier("environment variable name", "an environment variable")
 PARAMETER = NamePattern(
     "^[A-Za-z_][A-Za-z0-9_./-]*$",
     "parameter name",
@@ -61,11 +60,9 @@ LABEL_KEY = NamePattern(
     "label",
     "a label consists of letters, digits, underscores, dots and dashes, and begins with a letter",
 )
-MESSAGE_TYPE = NamePattern(
-    "^[A-Za-z][A-Za-z0-9_]*/msg/[A-Z][A-Za-z0-9]*$",
-    "message type",
-    "a message type has the form package/msg/Name, such as sensor_msgs/msg/Image",
-)
+MESSAGE_TYPE = _interface("message type", "msg", "sensor_msgs/msg/Image")
+SERVICE_TYPE = _interface("service type", "srv", "std_srvs/srv/SetBool")
+ACTION_TYPE = _interface("action type", "action", "nav2_msgs/action/ComputePathToPose")
 PYTHON_NODE = NamePattern(
     r"^(?:[A-Za-z_][A-Za-z0-9_]*(?:\.[A-Za-z_][A-Za-z0-9_]*)+|[^:]+\.py:[A-Za-z_][A-Za-z0-9_]*)$",
     "Python node",
@@ -81,16 +78,6 @@ INSTANCE = NamePattern(
     "instance name",
     "the name of an instance consists of letters, digits and underscores; it is appended to the "
     "name of the entry",
-)
-SERVICE_TYPE = NamePattern(
-    "^[A-Za-z][A-Za-z0-9_]*/srv/[A-Z][A-Za-z0-9]*$",
-    "service type",
-    "a service type has the form package/srv/Name, such as std_srvs/srv/SetBool",
-)
-ACTION_TYPE = NamePattern(
-    "^[A-Za-z][A-Za-z0-9_]*/action/[A-Z][A-Za-z0-9]*$",
-    "action type",
-    "an action type has the form package/action/Name, such as nav2_msgs/action/ComputePathToPose",
 )
 PACKAGE = NamePattern(
     "^[A-Za-z][A-Za-z0-9_-]*$",

@@ -20,7 +20,7 @@ import operator
 import re
 from collections.abc import Callable, Mapping
 from functools import lru_cache
-from typing import ClassVar, Literal, TypeVar
+from typing import Any, ClassVar, Literal, TypeVar
 
 import msgspec
 
@@ -39,7 +39,7 @@ _DECIMALS = re.compile(r"\.(\d{1,4})\b")
 _OPERATOR_TYPOS = {"=<": "<=", "=>": ">=", "=": "==", "≤": "<=", "≥": ">=", "≠": "!="}
 _RELATIVE_BOUND = re.compile(r"(?P<share>.*?%)\s*of\s+(?P<reference>\w+)")
 _REFERENCES = ("offered", "baseline")
-_COMPARISONS: Mapping[Operator, Callable[[float, float], bool]] = {
+COMPARISONS: Mapping[Operator, Callable[[Any, Any], bool]] = {
     "<": operator.lt,
     "<=": operator.le,
     ">": operator.gt,
@@ -74,10 +74,37 @@ class Bound(msgspec.Struct, frozen=True, kw_only=True):
     of_baseline: bool = False
 
 
-class Requirement:
-    """One parsed requirement; immutable, and equal to any other with the same text.
+class ParsedText:
+    """A text that a grammar has parsed: immutable, and equal to any other with the same text.
 
-    Not a struct: in every document a requirement is a string (see `r2bspec.language.declaration`).
+    Not a struct: in every document it is a string (see `r2bspec.language.declaration`).
+    """
+
+    __slots__ = ("text",)
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and other.text == self.text
+
+    def __hash__(self) -> int:
+        return hash(self.text)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.text!r})"
+
+    def __str__(self) -> str:
+        return self.text
+
+    @property
+    def is_positive(self) -> bool:
+        """Whether it is more than zero, which says nothing of what is no quantity."""
+        return True
+
+
+class Requirement(ParsedText):
+    """One parsed requirement.
 
     Attributes:
         text: the text as the user wrote it.
@@ -96,7 +123,6 @@ class Requirement:
         "metric",
         "metric_column",
         "op",
-        "text",
         "window_ns",
         "windows_column",
         "windows_share",
@@ -117,7 +143,7 @@ class Requirement:
         window_ns: int = 0,
         windows_column: int = 0,
     ) -> None:
-        self.text = text
+        super().__init__(text)
         self.metric = metric
         self.op = op
         self.bound = bound
@@ -127,33 +153,16 @@ class Requirement:
         self.window_ns = window_ns
         self.windows_column = windows_column
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Requirement) and other.text == self.text
-
-    def __hash__(self) -> int:
-        return hash(self.text)
-
-    def __repr__(self) -> str:
-        return f"Requirement({self.text!r})"
-
-    def __str__(self) -> str:
-        return self.text
-
     @classmethod
     def parse(cls, text: str) -> Requirement:
         """Parse one requirement, as `parse_requirement` does."""
         return parse_requirement(text)
 
-    @property
-    def is_positive(self) -> bool:
-        """Whether it is more than zero, which says nothing of a requirement."""
-        return True
-
     def is_met(self, value: float, limit: float) -> bool:
         """Compare one value with a limit, both in the bound's SI unit."""
         if self.op is None:
             raise ValueError(f"{self.text!r} is not a comparison")
-        return _COMPARISONS[self.op](value, limit)
+        return COMPARISONS[self.op](value, limit)
 
 
 @lru_cache(maxsize=4096)

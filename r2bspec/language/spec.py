@@ -29,6 +29,7 @@ from r2bspec.language.spec_benchmark import (
     Playback,
     PlaybackInput,
     Ratio,
+    Reaction,
     Search,
     Timeline,
     Transport,
@@ -59,6 +60,7 @@ from r2bspec.language.spec_graph import (
     ThreadScheduling,
     Variables,
 )
+from r2bspec.language.spec_tune import Tune
 from r2bspec.safe_io.limits import MAX_SPEC_ENTRIES
 
 __all__ = [
@@ -90,6 +92,7 @@ __all__ = [
     "ProcessSettings",
     "QoS",
     "Ratio",
+    "Reaction",
     "ReadyProbe",
     "Requires",
     "Scalar",
@@ -104,6 +107,7 @@ __all__ = [
     "Transport",
     "Truth",
     "TruthKind",
+    "Tune",
     "VariableDeclaration",
     "Window",
 ]
@@ -255,6 +259,7 @@ class Spec(Record, frozen=True, kw_only=True):
         benchmark: What is played: 'iterations' iterations of 'duration' at each of 'rates', in
             'starts' starts of all processes; and a search if there is one.
         slos: The objectives that decide the verdict, by name.
+        tune: What 'r2bspec tune' may change of how the graph is deployed, and what it looks for.
     """
 
     r2bspec: Annotated[Literal[1], key(changes="neither")]
@@ -332,6 +337,7 @@ class Spec(Record, frozen=True, kw_only=True):
             changes="neither",
         ),
     ] = {}
+    tune: Annotated[Tune, key(changes="neither")] = Tune()
 
     @property
     def live(self) -> bool:
@@ -350,6 +356,11 @@ class Spec(Record, frozen=True, kw_only=True):
     def plays_topics(self) -> bool:
         """Whether recorded messages are played."""
         return not self.live and (bool(self.playback.inputs) or not self.playback.calls)
+
+    @property
+    def recorded_calls(self) -> dict[str, Call]:
+        """The calls whose requests are recorded, by name."""
+        return {name: call for name, call in self.playback.calls.items() if call.source is not None}
 
     @property
     def has_own_rate(self) -> bool:

@@ -10,6 +10,7 @@ import msgspec
 
 from r2bspec.language import names
 from r2bspec.language.benchmark_defaults import CONFIDENCE, CONFIRM, MAX_STARTS, PROBE
+from r2bspec.language.condition_grammar import Condition
 from r2bspec.language.declaration import Record, Written, key
 from r2bspec.language.quantities import Duration, Rate, Share, Size
 from r2bspec.language.requirement_grammar import Requirement
@@ -193,6 +194,8 @@ class Call(Record, frozen=True, kw_only=True):
         action: The action and its goal. NAME is measured up to the result, NAME_accepted up to
             the acceptance. A goal that does not succeed counts as missed.
         each: Fields of the request or the goal that differ from call to call, used in turn.
+        source: The loaded topic NAME/_service_event, whose recorded requests are used in turn, or
+            with mode timeline at their recorded times. Fields that are stated replace theirs.
         every: At which steps it is made: at all of them, or at every 30th.
         success: A field of the response; one in which it is false counts as missed.
         feedback: Whether NAME_feedback is measured, up to the first feedback.
@@ -206,9 +209,19 @@ class Call(Record, frozen=True, kw_only=True):
         tuple[Annotated[RequestFields, key({"tolerance": 0.1}, description="One call.")], ...],
         key([{"tolerance": 0.1}, {"tolerance": 0.5}], at_most=MAX_SPEC_ENTRIES),
     ] = ()
+    source: Annotated[names.Topic | None, key("buffer/plan_calls")] = msgspec.field(
+        default=None, name="from"
+    )
     every: Annotated[int, key(30, minimum=1)] = 1
     success: Annotated[str, key("success")] = ""
     feedback: bool = False
+
+    @property
+    def event_type(self) -> str:
+        """The type of its recorded requests, as service introspection publishes them."""
+        action = self.action
+        named = self.service.type if self.service is not None else ""
+        return f"{named if action is None else f'{action.type}_SendGoal'}_Event"
 
     def answers(self, name: str) -> "dict[str, Monitor]":
         """What is measured of the call with this name: monitors of what a service answers."""
@@ -376,6 +389,32 @@ class Truth(Record, frozen=True, kw_only=True):
     name: Annotated[str, key("hawk_0", "/d455_1_rgb_image")]
 
 
+class Reaction(Record, frozen=True, kw_only=True):
+    """What the graph reacts to, and how: the monitor then measures the time from an input event to
+    the first output that meets a condition, in place of the latency.
+
+    An event is a played message that meets 'from' although the one before it did not; without
+    'from', each step is one. It is over when the next one begins: without such an output until
+    then it counts as missed.
+
+    Attributes:
+        when: The condition on an output: 'PATH op VALUE' or 'len(PATH) op VALUE', where [0] is an
+            item of a list and [*] any of them.
+        source: The condition on a played message with which an event begins; the same form. Header
+            stamps, as seconds, are those of the recording.
+        input: The playback input of the events; default: the only one. In a live graph, the topic
+            of another monitor: an event then begins when that has received the message.
+    """
+
+    about = key({"when": "len(poses) > 0", "from": "header.stamp >= 1700000003.2"})
+
+    when: Annotated[Condition, key("len(poses) > 0", "poses[0].position.z < 1.5")]
+    source: Annotated[Condition | None, key("linear.x > 0")] = msgspec.field(
+        name="from", default=None
+    )
+    input: Annotated[names.Topic, key("image")] = ""
+
+
 class MonitorSettings(Record, frozen=True, kw_only=True):
     """How a topic is monitored: keys of `monitors` that the plan has as they are.
 
@@ -417,6 +456,8 @@ class Monitor(MonitorSettings, frozen=True, kw_only=True):
         ratio: How many outputs answer how many inputs.
         taps: Whether the topics on the path to it are monitored, too, so that reports show the
             latency of each hop. The additional subscriptions cost some time.
+        reaction: What the graph reacts to, and how. Requirements then name the metrics 'reaction.…'
+            of this monitor, and not its latency.
         process: With 'harness: {placement: graph}': the node or the process that gets the monitor;
             default: the one that publishes the topic.
     """
@@ -433,6 +474,7 @@ class Monitor(MonitorSettings, frozen=True, kw_only=True):
     ] = ()
     ratio: Ratio = Ratio()
     taps: bool = False
+    reaction: Reaction | None = None
     process: Annotated[names.ProcessName, key("detector")] = msgspec.field(name="in", default="")
 
 
@@ -633,7 +675,8 @@ class Benchmark(Pacing, frozen=True, kw_only=True):
             additional ones.
         anatomy: Observe the processes of the graph from inside in every iteration, for metrics such
             as NODE.callback.p99 and for the parts of each path. 'run --anatomy' observes one more
-            iteration instead.
+            iteration instead. A list observes the processes of these nodes alone, with player and
+            monitors: of a path through others, no parts are known.
         rates: The rates at which the inputs are played: a list, or a range with a 'step' or with
             'count' rates.
         search: Search for the highest sustained rate: the backlog of unanswered messages does not
@@ -647,7 +690,17 @@ class Benchmark(Pacing, frozen=True, kw_only=True):
     iterations: Annotated[int, key(10, minimum=1)] = 10
     starts: Annotated[int | None, key(5, 1, minimum=1, maximum=MAX_STARTS)] = None
     max_iterations: Annotated[int, key(20, minimum=0)] = 0
-    anatomy: bool = False
+    anatomy: Annotated[
+        bool | tuple[str, ...],
+        Written(
+            Annotated[bool, key(True)]
+            | tuple[
+                Annotated[names.ProcessName, key("detector", description="A node, or a process.")],
+                ...,
+            ]
+        ),
+        key(True, ["detector"]),
+    ] = False
     rates: Annotated[
         tuple[Rate, ...],
         Written(tuple[_Played, ...] | RateRange),

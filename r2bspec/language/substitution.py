@@ -51,12 +51,15 @@ def substitute(
     sources: Mapping[str, Source],
     environ: Mapping[str, str],
     refused: frozenset[str] = frozenset(),
+    inserted: int = 0,
 ) -> Substitution:
     """Replace every reference in a document; `rule` defines the known keys.
 
-    Variables in `refused` have been reported, and have unknown values.
+    Variables in `refused` have been reported, and have unknown values. The characters `inserted`
+    in other cases of the document count for the limit.
     """
     work = Substitution(root, sources, environ, _sections(rule), refused)
+    work.inserted = inserted
     entries = dict(root.entries)
     if work.variables is not None:
         entries["variables"] = replace(entries["variables"], value=work.variables)
@@ -112,7 +115,7 @@ class Substitution:
         self._repeated = 0
         self._done: dict[tuple[int, int, int], TreeNode] = {}
         self._keep_alive: list[object] = []  # so that no id is used twice
-        self._inserted = self._references = 0
+        self.inserted = self._references = 0
         self._size_exceeded = False
         self._in_declarations = True
         declared = child(root, "variables")
@@ -262,29 +265,27 @@ class Substitution:
                 if self.problems.full:
                     break
                 continue
-            if isinstance(reference, variables.Reference) and (reference.start, reference.end) == (
-                0,
-                len(text),
-            ):
-                return replace(value, span=node.span)
+            is_whole = (reference.start, reference.end) == (0, len(text))
             parts += [text[at : reference.start], value.text]
             at = reference.end
             if value.secret and not secret:
                 secret, origin = value.secret, value.origin
             origin = origin or value.origin
-            self._inserted += len(value.text)
+            self.inserted += len(value.text)
             self._references += 1
-            if self._inserted > MAX_DOCUMENT_BYTES or self._references > MAX_REFERENCES:
+            if self.inserted > MAX_DOCUMENT_BYTES or self._references > MAX_REFERENCES:
                 if not self._size_exceeded:
                     message = (
                         f"there are more than {MAX_REFERENCES:,} references to variables"
                         if self._references > MAX_REFERENCES
-                        else "after substitution the document is larger than "
+                        else "after substitution the document, with all its cases, is larger than "
                         f"{MAX_DOCUMENT_BYTES // 1_000_000} MB"
                     )
                     self.problems.error("R2B129", message, node.span, "use shorter values")
                 self._size_exceeded = failed = True
                 break
+            if is_whole and isinstance(reference, variables.Reference):
+                return replace(value, span=node.span)
         if failed:
             return UnknownNode(node.span)
         parts.append(text[at:])

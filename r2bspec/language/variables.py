@@ -372,7 +372,7 @@ def _apply_set(document: Document, text: str) -> None:
     node: TreeNode | None = document.tree
     for depth, part in enumerate(option.path):
         below = child(node, part)
-        if below is None and not _can_add(node, option.path[: depth + 1]):
+        if below is None and not _can_add(node, option, option.path[: depth + 1]):
             start = option.offsets[depth]
             wrong = format_path(option.path[: depth + 1])
             span = option.span(start, start + len(str(part)))
@@ -385,14 +385,16 @@ def _apply_set(document: Document, text: str) -> None:
     document.tree = _with_value(document.tree, option, 0, value)
 
 
-def _can_add(node: TreeNode | None, path: Path) -> bool:
+def _can_add(node: TreeNode | None, option: _Option, path: Path) -> bool:
     """Whether a value that the document lacks can be set: a key of the language.
 
     A name that the user chooses, such as that of a node, is added only where its value has no keys
-    of its own, as a parameter has none: a misspelt node must not become a second one.
+    of its own, as a parameter has none: a misspelt node must not become a second one. A container
+    can be added with all of its keys, as in ``containers.vision={executable: python}``.
 
     Args:
         node: the parent; None if the document lacks it, too.
+        option: that sets it.
         path: of the value.
     """
     # A key without a value, as in ``benchmark:``, is as good as a map.
@@ -405,7 +407,10 @@ def _can_add(node: TreeNode | None, path: Path) -> bool:
     parent = rule_at(path[:-1])
     if parent is None or "object" not in parent.kinds:
         return False
-    return key in (parent.keys or ()) or (parent.values is not None and parent.values.keys is None)
+    if key in (parent.keys or ()) or (parent.values is not None and parent.values.keys is None):
+        return True
+    whole = path == option.path and option.source.text[option.value_offset :].startswith("{")
+    return whole and path[:-1] == ("containers",)
 
 
 def _with_value(root: TreeNode | None, option: _Option, depth: int, value: TreeNode) -> TreeNode:

@@ -16,16 +16,19 @@ from lsprotocol import types
 from r2bspec.bags.message_types import common_types
 from r2bspec.check.check_context import Context
 from r2bspec.diagnostics import Path
+from r2bspec.diagnostics.diagnostic import format_path
 from r2bspec.language.declaration import ValueRule, rule_at
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, lookup
 from r2bspec.language.names import MESSAGE_TYPE
 from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.language.variables import parse_path
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.positions import CompletionProposal, CursorContext
 from r2bspec.language_server.proposed_values import (
     any_file,
     executables,
     launch_files,
+    metrics,
     packages,
     plugins,
     python_classes,
@@ -191,6 +194,23 @@ def containers(analysis: Analysis, _: CursorContext) -> Iterator[CompletionPropo
         yield CompletionProposal(name, "container", kind=types.CompletionItemKind.Module, order=5)
 
 
+def nodes(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
+    """The nodes of the graph."""
+    known = analysis.known
+    for name in known.spec.graph.nodes if known is not None else ():
+        yield CompletionProposal(name, "node", kind=types.CompletionItemKind.Class, order=5)
+
+
+def lever_paths(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
+    """The paths of what a search can vary: parameters of nodes, and threads of processes."""
+    known = analysis.known
+    for node in known.wiring.measure.nodes if known is not None else ():
+        names = [f"parameters.{name}" for name in node.interface.parameters or {}]
+        for name in (*names, "threads"):
+            path = f"{format_path(node.path)}.{name}"
+            yield CompletionProposal(path, kind=types.CompletionItemKind.Property, order=5)
+
+
 def variables(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
     """The variables of the spec, with their values."""
     for name in names_of(analysis, "variable"):
@@ -199,10 +219,12 @@ def variables(analysis: Analysis, _: CursorContext) -> Iterator[CompletionPropos
 
 
 def inputs(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
-    """The inputs of the player."""
-    known = analysis.known
-    for name in known.spec.playback.inputs if known is not None else ():
+    """The inputs of the player; of a live graph, what monitors see."""
+    spec = analysis.known.spec if analysis.known is not None else None
+    for name in spec.playback.inputs if spec is not None else ():
         yield _topic(name, "input")
+    for monitor in spec.monitors.values() if spec is not None and spec.live else ():
+        yield _topic(monitor.topic, "monitored topic")
 
 
 def rates(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
@@ -263,6 +285,9 @@ def proposed_values(
     analysis: Analysis | None, context: CursorContext
 ) -> Iterator[CompletionProposal]:
     """The values that can be written at the path of a context."""
+    if context.path[:2] == ("tune", "values") and len(context.path) > len(("tune", "values")):
+        # A value of a lever is one of the key that the lever names.
+        context = replace(context, path=parse_path(str(context.path[2])))
     known = list(_from_sources(_VALUES, analysis, context))
     rule = rule_at(context.path)
     if rule is not None:
@@ -339,11 +364,13 @@ _VALUES: Final[Mapping[ProposalSource, tuple[str, ...]]] = {
     axis_values: ("slos.*.when.*", "matrix.exclude.*.*"),
     recordings: ("data_loader.bag", "data_loader.bag.dataset", "data_loader.bag.path"),
     graph_topics: (
-        *("data_loader.topics.*", "playback.inputs.*.from", "monitors.*.topic"),
-        "**.remappings.*",
+        *("data_loader.topics.*", "playback.inputs.*.from", "playback.calls.*.from"),
+        *("monitors.*.topic", "**.remappings.*"),
     ),
-    inputs: ("monitors.*.answers.*",),
+    inputs: ("monitors.*.answers.*", "monitors.*.reaction.input"),
     containers: ("**.container",),
+    nodes: ("tune.keep.*",),
+    metrics: ("tune.minimize",),
     python_classes: ("**.python",),
     packages: ("**.package",),
     executables: ("**.executable",),
@@ -366,5 +393,6 @@ _KEYS: Final[Mapping[ProposalSource, tuple[str, ...]]] = {
     case_variables: ("slos.*.when", "matrix.cases.*"),
     axes: ("matrix.exclude.*",),
     variables: ("matrix.axes",),
+    lever_paths: ("tune.values",),
 }
 """What can be a key of the map at a path, besides what its declaration says."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ast
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path as FilePath
 from typing import Final
 
@@ -29,8 +29,9 @@ from r2bspec.language.located_tree import ScalarNode, lookup
 from r2bspec.language.quantities import QUANTITIES, Duration, Quantity
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.positions import CompletionProposal, CursorContext
-from r2bspec.language_server.symbols import definitions_in, names_of
+from r2bspec.language_server.symbols import names_of
 from r2bspec.plan import installed_packages
+from r2bspec.plan.wiring.ast_reader import read_python_file
 from r2bspec.plan.wiring.node_interface import (
     catalogue_nodes,
     catalogue_packages,
@@ -101,15 +102,12 @@ def python_classes(analysis: Analysis, _: CursorContext) -> Iterator[CompletionP
     files = [*sorted(home.glob("*.py")), *sorted(home.glob("nodes/*.py"))][:_MAX_FILES]
     for file in files:
         place = f"./{file.relative_to(home).as_posix()}"
-        classes = (
-            definition
-            for definition in definitions_in(file) or ()
-            if isinstance(definition, ast.ClassDef)
-        )
-        for class_ in classes:
-            yield CompletionProposal(
-                f"{place}:{class_.name}", kind=types.CompletionItemKind.Class, order=5
-            )
+        module = read_python_file(file)
+        for node in module.body if module is not None else ():
+            if isinstance(node, ast.ClassDef):
+                yield CompletionProposal(
+                    f"{place}:{node.name}", kind=types.CompletionItemKind.Class, order=5
+                )
 
 
 def packages(_analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
@@ -125,23 +123,23 @@ def plugins(analysis: Analysis, context: CursorContext) -> Iterator[CompletionPr
     """The composable nodes of the package that the node names."""
     package = _package_beside(analysis, context)
     installed = installed_packages.package_plugins(package)
-    for name in sorted({*catalogue_nodes(package), *installed} - {""}):
-        detail = "installed" if name in installed else "known"
-        yield CompletionProposal(name, detail, kind=types.CompletionItemKind.Class, order=5)
+    yield from _installed_first(installed, catalogue_nodes(package), types.CompletionItemKind.Class)
 
 
 def executables(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
     """The executables of the package that the node names."""
     package = _package_beside(analysis, context)
     installed = installed_packages.package_executables(package)
-    known = {
-        catalogue_node.executable
-        for catalogue_node in catalogue_nodes(package).values()
-        if catalogue_node.executable
-    }
-    for name in sorted({*known, *installed}):
+    known = [node.executable for node in catalogue_nodes(package).values()]
+    yield from _installed_first(installed, known, types.CompletionItemKind.File)
+
+
+def _installed_first(
+    installed: Collection[str], known: Iterable[str], kind: types.CompletionItemKind
+) -> Iterator[CompletionProposal]:
+    for name in sorted({*known, *installed} - {""}):
         detail = "installed" if name in installed else "known"
-        yield CompletionProposal(name, detail, kind=types.CompletionItemKind.File, order=5)
+        yield CompletionProposal(name, detail, kind=kind, order=5)
 
 
 def launch_files(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
@@ -192,7 +190,10 @@ def requirements(analysis: Analysis, context: CursorContext) -> Iterator[Complet
     words = context.before.split()
     ends_in_space = context.before.endswith(" ")
     if not words or (len(words) == 1 and not ends_in_space):
-        yield from _metrics(analysis)
+        yield from metrics(analysis, context)
+        yield CompletionProposal(
+            "sustained", "the rate is sustained", kind=types.CompletionItemKind.Function
+        )
     elif len(words) == 1 or (len(words) == 2 and not ends_in_space):
         yield from (
             CompletionProposal(operator, kind=types.CompletionItemKind.Operator, order=index)
@@ -202,7 +203,8 @@ def requirements(analysis: Analysis, context: CursorContext) -> Iterator[Complet
         yield from _bounds(_dimension(words[0]), words[2:], ends_in_space=ends_in_space)
 
 
-def _metrics(analysis: Analysis) -> Iterator[CompletionProposal]:
+def metrics(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
+    """The metrics that this spec has."""
     spec_context = analysis.known
     subjects = spec_context.subjects if spec_context is not None else NO_SUBJECTS
     monitors = names_of(analysis, "monitor")
@@ -231,9 +233,6 @@ def _metrics(analysis: Analysis) -> Iterator[CompletionProposal]:
                     kind=proposal.kind,
                     order=300 + order,
                 )
-    yield CompletionProposal(
-        "sustained", "the rate is sustained", kind=types.CompletionItemKind.Function
-    )
 
 
 def _dimension(metric: str) -> str:

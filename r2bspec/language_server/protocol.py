@@ -12,12 +12,13 @@ passed over. What the server sends has the types of lsprotocol.
 from __future__ import annotations
 
 import asyncio
-import concurrent.futures
+import contextlib
 import inspect
 import json
 import re
 import threading
-from collections.abc import Callable, Coroutine
+from collections import deque
+from collections.abc import Awaitable, Callable, Coroutine
 from enum import Enum
 from io import BufferedReader
 from typing import Annotated, Any, BinaryIO, Final, Literal, TypeVar
@@ -375,21 +376,65 @@ class MessageInput:
         return self._stream.readline(limits.MAX_EDITOR_HEADER_BYTES)
 
 
-async def _read(incoming: MessageInput) -> bytes | None:
-    """Read in a thread that nobody waits for: a signal ends the server while nothing arrives."""
-    future: concurrent.futures.Future[bytes | None] = concurrent.futures.Future()
+class _ReadAhead:
+    """What arrives, read in a thread that nobody waits for: a signal ends the server meanwhile."""
 
-    def read() -> None:
-        try:
-            body = incoming.read()
-        except Exception as error:
-            future.set_exception(error)
-        else:
-            future.set_result(body)
+    def __init__(self, incoming: MessageInput) -> None:
+        self._incoming = incoming
+        self._arrived: deque[bytes | Exception | None] = deque()
+        self._waiting_bytes = 0
+        self._room = threading.Condition()
+        self._some = asyncio.Event()
+        self._is_waiting = False
+        loop = asyncio.get_running_loop()
+        threading.Thread(target=self._read_all, args=(loop,), daemon=True).start()
 
-    threading.Thread(target=read, daemon=True).start()
-    # Not cancelled with what waits for it: then nobody could take its result.
-    return await asyncio.shield(asyncio.wrap_future(future))
+    @property
+    def is_idle(self) -> bool:
+        """Whether everything that has arrived is begun."""
+        return self._is_waiting and not self._arrived
+
+    def _read_all(self, loop: asyncio.AbstractEventLoop) -> None:
+        item: bytes | Exception | None = b""
+        while isinstance(item, bytes | RequestError):
+            try:
+                item = self._incoming.read()
+            except Exception as error:
+                item = error
+            with self._room:
+                self._room.wait_for(lambda: self._waiting_bytes <= _MAX_WAITING_BYTES)
+                self._arrived.append(item)
+                self._waiting_bytes += _size(item)
+            if not self._some.is_set():
+                with contextlib.suppress(RuntimeError):  # the server has ended
+                    loop.call_soon_threadsafe(self._some.set)
+
+    async def next(self) -> bytes | None:
+        """The body of the next message; None at the end.
+
+        Raises:
+            RequestError: as `MessageInput.read`.
+        """
+        while not self._arrived:
+            self._some.clear()
+            if not self._arrived:
+                self._is_waiting = True
+                await self._some.wait()
+                self._is_waiting = False
+        with self._room:
+            item = self._arrived.popleft()
+            self._waiting_bytes -= _size(item)
+            self._room.notify()
+        if isinstance(item, Exception):
+            raise item
+        return item
+
+
+_MAX_WAITING_BYTES: Final = 1_000_000
+
+
+def _size(item: bytes | Exception | None) -> int:
+    return 1_000 + len(item) if isinstance(item, bytes) else 1_000
 
 
 class _Fields(msgspec.Struct, frozen=True):
@@ -477,6 +522,7 @@ class Connection:
         self._phase = _Phase.NEW
         self._tasks: set[asyncio.Task[None]] = set()
         self._requests: dict[Id, asyncio.Task[None]] = {}
+        self._incoming: _ReadAhead | None = None
         self._output: BinaryIO | None = None
         self._last_id = 0
         self._converter = get_converter()
@@ -502,10 +548,10 @@ class Connection:
     async def serve(self, stdin: BufferedReader, stdout: BinaryIO) -> bool:
         """Carry out what arrives, up to 'exit' or the end; whether 'shutdown' came before."""
         self._output = stdout
-        incoming = MessageInput(stdin)
+        self._incoming = _ReadAhead(MessageInput(stdin))
         while True:
             try:
-                body = await _read(incoming)
+                body = await self._incoming.next()
                 message = Message.of(body) if body is not None else None
             except RequestError as error:
                 self._send_error(error.id, error)
@@ -514,14 +560,22 @@ class Connection:
                 break
             if message is not None:
                 self._begin(message)
+                await asyncio.sleep(0)  # what has begun goes as far as it needs not wait
         await self._end()
         return self._phase is _Phase.SHUT_DOWN
 
     def _begin(self, message: Message) -> None:
-        """Carry out a message as far as it needs not wait, before the next one is read."""
-        task = self.start(message.method, self._carry_out(message))
-        if message.id is not None:
-            self._requests[message.id] = task
+        """Carry out a message, or begin what waits for something."""
+        try:
+            result = self._call(message)
+            if inspect.isawaitable(result):
+                task = self.start(message.method, self._finish(message, result))
+                if message.id is not None:
+                    self._requests[message.id] = task
+            elif message.id is not None:
+                self._send(id=message.id, result=result)
+        except Exception as error:  # a defect of one answer must not end all others
+            self._fail(message, error)
 
     def start(self, about: str, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         """Start what goes on beside the messages: cancelled at the end, its error is logged."""
@@ -541,16 +595,14 @@ class Connection:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
-    async def _carry_out(self, message: Message) -> None:
+    async def _finish(self, message: Message, work: Awaitable[Any]) -> None:
         try:
-            result = self._call(message)
-            if inspect.isawaitable(result):
-                result = await result
+            result = await work
             if message.id is not None:
                 self._send(id=message.id, result=result)
         except asyncio.CancelledError:
             self._fail(message, RequestError(types.LSPErrorCodes.RequestCancelled, "cancelled"))
-        except Exception as error:  # a defect of one answer must not end all others
+        except Exception as error:
             self._fail(message, error)
         finally:
             if message.id is not None:

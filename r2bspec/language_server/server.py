@@ -287,7 +287,8 @@ class SpecLanguageServer:
     def _show_text(self, name: str, text: str) -> None:
         """Show a text in the editor, or, without that ability, in its log."""
         window = self.abilities.window
-        if window is not None and window.show_document is not None:
+        shows = window.show_document if window is not None else None
+        if shows is not None and shows.support:
             folder = tempfile.mkdtemp(dir=process_folder("shown"))
             file = Path(folder) / f"r2bspec.{_SUFFIXES[name]}"
             file.write_text(text, encoding="utf-8")

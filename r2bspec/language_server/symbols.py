@@ -22,10 +22,9 @@ from r2bspec.language.variables import Reference, references
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.positions import place_at, walk
 from r2bspec.plan.installed_packages import python_target
+from r2bspec.plan.wiring.ast_reader import read_python_file
 from r2bspec.plan.wiring.name_resolution import expand
 from r2bspec.plan.wiring.wiring import WiredEndpoint
-from r2bspec.safe_io.limits import MAX_SEARCHED_PYTHON_BYTES
-from r2bspec.safe_io.safe_file import RefusedFileError, read_text
 
 SymbolKind = Literal["variable", "topic", "node", "container", "monitor"]
 
@@ -304,25 +303,11 @@ def _class_definition(folder: FilePath, text: str) -> Iterator[Span]:
     if target.module or not target.readable:
         return
     file = str(FilePath(posixpath.normpath(target.file.as_posix())))
-    classes = definitions_in(target.file)
-    if classes is None:
-        return
-    for class_ in classes:
-        if class_.name == target.name:
-            column = class_.col_offset + 1
-            yield Span(file, class_.lineno, column, class_.lineno, column + len(class_.name))
+    module = read_python_file(target.file)
+    for node in module.body if module is not None else ():
+        if isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name == target.name:
+            column = node.col_offset + 1
+            yield Span(file, node.lineno, column, node.lineno, column + len(node.name))
             return
-    yield Span.of_file(file)
-
-
-def definitions_in(file: FilePath) -> tuple[ast.ClassDef | ast.FunctionDef, ...] | None:
-    """The classes and functions at the top of a file; None if it cannot be read or parsed."""
-    try:
-        module = ast.parse(read_text(file, max_bytes=MAX_SEARCHED_PYTHON_BYTES))
-    except (OSError, RefusedFileError, SyntaxError, ValueError, RecursionError, MemoryError):
-        return None
-    return tuple(
-        definition
-        for definition in module.body
-        if isinstance(definition, ast.ClassDef | ast.FunctionDef)
-    )
+    if module is not None:
+        yield Span.of_file(file)

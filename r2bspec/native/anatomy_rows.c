@@ -29,7 +29,8 @@ typedef struct {
 /* `record/anatomy_files.py` has the same. */
 typedef struct {
   char magic[8];
-  uint32_t pid, slabs;
+  uint32_t pid;
+  _Atomic uint32_t slabs;
   char process[NAME_BYTES];
   _Alignas(64) _Atomic uint32_t claimed_slabs;
   _Atomic uint32_t objects;
@@ -129,7 +130,7 @@ static row_t *claim_rows(file_t *file)
   /* A file that is full stays so: the number of claims must not start again at zero. */
   uint32_t slab = atomic_load_explicit(&file->claimed_slabs, memory_order_relaxed);
   if (slab < file->slabs) {
-    slab = atomic_fetch_add_explicit(&file->claimed_slabs, 1, memory_order_relaxed);
+    slab = atomic_fetch_add(&file->claimed_slabs, 1);
   }
   if (slab >= file->slabs) {
     atomic_fetch_add_explicit(&file->lost, 1, memory_order_relaxed);
@@ -265,7 +266,24 @@ static void stop_writing(void)
   atomic_store(&opened, NULL);
 }
 
-static file_t *map_file(const char *path, size_t bytes)
+static char path[PATH_MAX];
+
+/* A process that ends leaves no room unused: a node may start one for each message. Other threads
+ * still run: what they claim from now on is beyond the number of slabs, what they had is kept. */
+__attribute__((destructor)) static void give_back_room(void)
+{
+  file_t *file = file_now();
+  if (file != NULL) {
+    stop_writing();
+    const uint32_t slabs = atomic_exchange(&file->slabs, 0);
+    const uint32_t claimed = atomic_load(&file->claimed_slabs);
+    const uint32_t used = claimed < slabs ? claimed : slabs;
+    atomic_store(&file->slabs, used);
+    (void)!truncate(path, (off_t)(sizeof(file_t) + (size_t)used * SLAB_ROWS * sizeof(row_t)));
+  }
+}
+
+static file_t *map_file(size_t bytes)
 {
   const int flags = O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC;
   const int fd = open(path, flags, 0600);
@@ -295,7 +313,7 @@ static file_t *map_file(const char *path, size_t bytes)
 
 static void open_file(const char *folder, const char *process, const char *size)
 {
-  char path[PATH_MAX], name[NAME_BYTES];
+  char name[NAME_BYTES];
   const uint64_t bytes = strtoull(size, NULL, 10);
   const uint64_t slabs =
     bytes < sizeof(file_t) ? 0 : (bytes - sizeof(file_t)) / (SLAB_ROWS * sizeof(row_t));
@@ -306,7 +324,7 @@ static void open_file(const char *folder, const char *process, const char *size)
   const int length = snprintf(path, sizeof(path), "%s/%s.%d.rows", folder, name, (int)getpid());
   errno = length >= (int)sizeof(path) ? ENAMETOOLONG : slabs > UINT32_MAX ? EFBIG : ENOSPC;
   file_t *file =
-    slabs == 0 || slabs > UINT32_MAX || length >= (int)sizeof(path) ? NULL : map_file(path, bytes);
+    slabs == 0 || slabs > UINT32_MAX || length >= (int)sizeof(path) ? NULL : map_file(bytes);
   if (file == NULL || pthread_atfork(NULL, NULL, stop_writing) != 0 ||
       pthread_key_create(&at_end_of_thread, leave_slab) != 0) {
     fprintf(stderr, "r2bspec cannot observe this process: %s: %s\n", path, strerror(errno));

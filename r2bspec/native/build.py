@@ -52,6 +52,7 @@ class BuildError(R2bspecError):
 
     code = NOT_BUILT
     exit_code = ExitStatus.USAGE
+    way_out = "'r2bspec doctor' says what the compiler lacks."
 
 
 RCL_PACKAGES = (

@@ -1,4 +1,5 @@
-/* The monitor: records when each message on its topics arrives, without deserialising it.
+/* The monitor: records when each message on its topics arrives, without deserialising it; of some
+ * topics also the beginning of the message, which is read when nothing is timed.
  *
  * The middleware notes when a sample reaches a subscription, so the time does not include the copy
  * that is made here. It is on the system clock; the difference of the clocks, which is recorded,
@@ -12,6 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/eventfd.h>
+#include <sys/uio.h>
 #include <unistd.h>
 
 #include <rmw/rmw.h>
@@ -38,6 +40,7 @@ typedef struct watched {
   rcl_subscription_t subscription;
   bool subscribed, temporary, has_header;
   rows_t rows;
+  rows_t heads; /* of as many bytes of each message at most, after their number; 0 for none */
   atomic_bool has_messages; /* perhaps; set by threads of the middleware */
   int wake_fd;
 } watched_t;
@@ -53,9 +56,9 @@ typedef struct monitor {
 
 /* ---- files ---- */
 
-static int rows_open(rows_t *rows, const char *path, size_t width)
+static int rows_open(rows_t *rows, const char *path, size_t row_bytes)
 {
-  rows->row_bytes = width * sizeof(int64_t);
+  rows->row_bytes = row_bytes;
   rows->path = strdup(path);
   if (rows->path == NULL) {
     return fail_errno("memory");
@@ -64,13 +67,27 @@ static int rows_open(rows_t *rows, const char *path, size_t width)
   return rows->fd < 0 ? fail_errno(rows->path) : 0;
 }
 
-static int rows_append(rows_t *rows, const int64_t *values)
+static int check_written(const rows_t *rows, ssize_t written, size_t bytes)
 {
-  const ssize_t written = write(rows->fd, values, rows->row_bytes);
-  if (written >= 0 && (size_t)written < rows->row_bytes) {
+  if (written >= 0 && (size_t)written < bytes) {
     errno = ENOSPC;
   }
-  return written == (ssize_t)rows->row_bytes ? 0 : fail_errno(rows->path);
+  return written == (ssize_t)bytes ? 0 : fail_errno(rows->path);
+}
+
+static int rows_append(rows_t *rows, const int64_t *values)
+{
+  return check_written(rows, write(rows->fd, values, rows->row_bytes), rows->row_bytes);
+}
+
+static int head_append(rows_t *heads, const rcl_serialized_message_t *message)
+{
+  int64_t size = (int64_t)(
+    message->buffer_length < heads->row_bytes ? message->buffer_length : heads->row_bytes);
+  const struct iovec parts[2] = {
+    {.iov_base = &size, .iov_len = sizeof(size)},
+    {.iov_base = message->buffer, .iov_len = (size_t)size}};
+  return check_written(heads, writev(heads->fd, parts, 2), sizeof(size) + (size_t)size);
 }
 
 static void rows_close(rows_t *rows)
@@ -138,7 +155,8 @@ static int drain(watched_t *each, rcl_serialized_message_t *message)
     const int64_t row[5] = {
       each->has_header ? read_stamp(message) : 0, info.received_timestamp, taken_ns,
       (int64_t)message->buffer_length, difference_ns};
-    if (rows_append(&each->rows, row) < 0) {
+    if (rows_append(&each->rows, row) < 0 ||
+        (each->heads.row_bytes > 0 && head_append(&each->heads, message) < 0)) {
       return -1;
     }
   }
@@ -175,12 +193,25 @@ static void remove_watched(monitor_t *monitor, bool all)
       ignore_rcl(rcl_subscription_fini(&each->subscription, monitor->node));
     }
     rows_close(&each->rows);
+    rows_close(&each->heads);
     free(each);
   }
 }
 
-/* Subscribes to {TYPE ROWS QOS TOPIC}. A topic that is tapped for a while is left out if its type
- * is not installed. */
+/* HEADS BYTES */
+static int open_heads(rows_t *heads, channel_t *channel, bool wanted)
+{
+  char *path = strdup(next_word(channel));
+  const int64_t bytes = next_number(channel);
+  const int failed = path == NULL ? fail_errno("memory")
+    : wanted && bytes > 0         ? rows_open(heads, path, (size_t)bytes)
+                                  : 0;
+  free(path);
+  return failed;
+}
+
+/* Subscribes to {TYPE ROWS HEADS BYTES QOS TOPIC}. A topic that is tapped for a while is left out
+ * if its type is not installed. */
 static int subscribe_to(monitor_t *monitor, bool temporary)
 {
   channel_t *channel = monitor->channel;
@@ -189,11 +220,15 @@ static int subscribe_to(monitor_t *monitor, bool temporary)
     return fail_errno("memory");
   }
   *each = (watched_t){
-    .next = monitor->watched, .temporary = temporary, .rows.fd = -1, .wake_fd = monitor->wake_fd};
+    .next = monitor->watched, .temporary = temporary, .rows.fd = -1, .heads.fd = -1,
+    .wake_fd = monitor->wake_fd};
   monitor->watched = each;
   type_t *type = next_type(channel);
   const char *rows = next_word(channel);
-  if (type != NULL && rows_open(&each->rows, rows, 5) < 0) {
+  if (type != NULL && rows_open(&each->rows, rows, 5 * sizeof(int64_t)) < 0) {
+    return -1;
+  }
+  if (open_heads(&each->heads, monitor->channel, type != NULL) < 0) {
     return -1;
   }
   rcl_subscription_options_t options = rcl_subscription_get_default_options();
@@ -288,7 +323,7 @@ static int configure(monitor_t *monitor)
   if (monitor->wake_fd < 0) {
     return fail_errno("a descriptor for events");
   }
-  if (rows_open(&monitor->stalls, next_word(monitor->channel), 2) < 0) {
+  if (rows_open(&monitor->stalls, next_word(monitor->channel), 2 * sizeof(int64_t)) < 0) {
     return -1;
   }
   for (int64_t left = next_number(monitor->channel); left > 0; --left) {

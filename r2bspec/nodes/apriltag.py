@@ -6,7 +6,7 @@ from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion
 from sensor_msgs.msg import CameraInfo, Image
 
 from r2bspec.nodes import camera, images, tag_poses
-from r2bspec.nodes.node_tools import QOS_DEPTH, ReferenceNode, greater_than, one_of
+from r2bspec.nodes.node_tools import QOS_DEPTH, ReferenceNode, one_of, positive
 
 
 class AprilTagNode(ReferenceNode):
@@ -29,7 +29,7 @@ class AprilTagNode(ReferenceNode):
             "family", "36h11", "family of the tags", one_of(*tag_poses.FAMILIES)
         )
         self._size_m = self.declare(
-            "size", 0.162, "edge of a tag's black square in metres", greater_than(0)
+            "size", 0.162, "edge of a tag's black square in metres", positive()
         )
         self._refinement = self.declare(
             "corner_refinement",

@@ -85,10 +85,10 @@ class DisparityNode(node_tools.ReferenceNode):
                 node_tools.at_least(0),
             ),
             small_step_cost=self.declare(
-                "P1", 200, "cost of a difference of 1 to a neighbour", node_tools.greater_than(0)
+                "P1", 200, "cost of a difference of 1 to a neighbour", node_tools.positive()
             ),
             large_step_cost=self.declare(
-                "P2", 400, "cost of a larger difference to a neighbour", node_tools.greater_than(0)
+                "P2", 400, "cost of a larger difference to a neighbour", node_tools.positive()
             ),
         )
 

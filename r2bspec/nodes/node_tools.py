@@ -32,9 +32,9 @@ def one_of(*values: object) -> Constraint:
     return Constraint(f"one of {', '.join(map(str, values))}", lambda value: value in values)
 
 
-def greater_than(limit: float) -> Constraint:
-    """Allow finite numbers greater than `limit`."""
-    return Constraint(f"above {limit:g}", lambda value: math.isfinite(value) and value > limit)
+def positive() -> Constraint:
+    """Allow finite numbers greater than 0."""
+    return Constraint("above 0", lambda value: math.isfinite(value) and value > 0)
 
 
 def at_least(limit: float) -> Constraint:

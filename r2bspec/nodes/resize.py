@@ -10,8 +10,8 @@ from r2bspec.nodes.node_tools import (
     Constraint,
     ReferenceNode,
     any_bool,
-    greater_than,
     one_of,
+    positive,
 )
 
 _PIXELS = Constraint("1 or more, or -1 for the input's", lambda value: value == -1 or value >= 1)
@@ -40,13 +40,13 @@ class ResizeNode(ReferenceNode):
             any_bool(),
         )
         self._scale_width = self.declare(
-            "scale_width", 1.0, "width of the output over that of the input", greater_than(0)
+            "scale_width", 1.0, "width of the output over that of the input", positive()
         )
         self._scale_height = self.declare(
             "scale_height",
             1.0,
             "height of the output over that of the input",
-            greater_than(0),
+            positive(),
         )
         self._width = self.declare("width", -1, "width of the output in pixels", _PIXELS)
         self._height = self.declare("height", -1, "height of the output in pixels", _PIXELS)

@@ -22,7 +22,7 @@ from r2bspec.language.declaration import decode_text, encode_text
 from r2bspec.language.quantities import Quantity
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.plan.plan import Plan
-from r2bspec.safe_io.limits import MAX_JSON_BYTES
+from r2bspec.safe_io.limits import MAX_JSON_BYTES, MAX_PROCESSES
 from r2bspec.safe_io.safe_file import read_bytes
 from r2bspec.safe_io.safe_json import decode_json
 
@@ -90,6 +90,8 @@ def parse_plan(data: bytes, name: str) -> Plan:
     _check_header(data, name)
     try:
         plan = decode_json(data, Plan, dec_hook=_decode, free=_PASSED_ON)
+        if len(plan.processes) > MAX_PROCESSES:
+            raise ValueError(f"it has more than {MAX_PROCESSES:,} processes")
         _check_ranges(plan)
     except (msgspec.DecodeError, ValueError) as error:
         raise PlanError(

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from r2bspec.language.node_kinds import NodeKindName
@@ -31,6 +32,9 @@ HARNESS_ARGV = ("$(python)", "-P", "-m", "r2bspec.harness.child")
 NATIVE_ARGV = ("$(harness)",)
 
 INCLUDED_LAUNCH = "$(included_launch)"
+
+EXECUTABLE = re.compile(r"\$\(executable (?P<package>\S+) (?P<name>\S+)\)")
+"""The word in a plan for an executable of a ROS package, by what this machine has installed."""
 
 CONTAINER_PACKAGE = "rclcpp_components"
 """The package of the component containers."""

@@ -17,7 +17,7 @@ from r2bspec.language.spec_benchmark import ACCEPTED, FEEDBACK
 from r2bspec.plan import plan as plans
 from r2bspec.plan.process_plans import plan_external, plan_lifecycle, plan_processes
 from r2bspec.plan.topic_plans import plan_inputs, plan_monitors, plan_topics
-from r2bspec.plan.wiring.build_wiring import build_wiring, harness_topic
+from r2bspec.plan.wiring.build_wiring import build_wiring
 from r2bspec.plan.wiring.companion_files import NO_COMPANION_FILES, CompanionFiles
 from r2bspec.plan.wiring.node_interface import InterfaceTable
 from r2bspec.plan.wiring.wiring import Wiring
@@ -96,8 +96,8 @@ def compile_plan(
         harness=plans.HarnessPlan(placement=spec.harness.placement),
         external=plan_external(wiring),
         setup=plan_setup(spec),
-        ready=plan_ready(spec, wiring.namespace),
-        after_ready=plan_after_ready(spec, wiring.namespace),
+        ready=plan_ready(spec, wiring),
+        after_ready=plan_after_ready(spec, wiring),
         gate=gate_plan(spec),
         segment_bytes=0 if spec.transport.segment is None else spec.transport.segment.bytes,
         play_at_peak=play_at_peak,
@@ -107,7 +107,7 @@ def compile_plan(
         clock=spec.playback.clock,
         requires=msgspec.UNSET if spec.requires is None else spec.requires,
         lifecycle=plan_lifecycle(wiring) or msgspec.UNSET,
-        calls=plan_calls(spec, wiring.namespace) or msgspec.UNSET,
+        calls=plan_calls(spec, wiring) or msgspec.UNSET,
         anatomy=spec.benchmark.anatomy or msgspec.UNSET,
     )
 
@@ -134,7 +134,7 @@ def _dataset(
         topics.append(
             plans.BagTopicPlan(
                 bag_topic=name if info is None else info.name,
-                topic=harness_topic(target, wiring.namespace),
+                topic=wiring.topic(target),
                 type="" if info is None else info.type,
                 count=0 if info is None else info.count,
                 rate_hz=0.0 if info is None else info.rate_hz,
@@ -225,7 +225,7 @@ def _phases(spec: Spec, sustained_hz: tuple[float, ...], *, plays: bool) -> Iter
     states = {node.lifecycle for node in spec.graph.nodes.values()}
     has_phase = {
         "setup": spec.setup,
-        "load": spec.plays_topics,
+        "load": spec.plays_topics or spec.recorded_calls,
         "preprocess": spec.preprocessors,
         "start": True,
         "harness_overhead": spec.plays_topics,
@@ -259,43 +259,35 @@ def plan_setup(spec: Spec) -> tuple[plans.SetupPlan, ...]:
     )
 
 
-def plan_calls(spec: Spec, namespace: str) -> tuple[plans.CallPlan, ...]:
+def plan_calls(spec: Spec, wiring: Wiring) -> tuple[plans.CallPlan, ...]:
     """The services and actions that are called, in the order of the spec."""
-    return tuple(_call(name, call, namespace) for name, call in spec.playback.calls.items())
+    return tuple(_call(name, call, wiring) for name, call in spec.playback.calls.items())
 
 
-def _call(name: str, call: Call, namespace: str) -> plans.CallPlan:
-    if call.action is not None:
-        return plans.CallPlan(
-            name=name,
-            target=harness_topic(call.action.name, namespace),
-            type=call.action.type,
-            request=call.action.goal,
-            each=call.each or msgspec.UNSET,
-            every=call.every if call.every > 1 else msgspec.UNSET,
-            accepted=f"{name}{ACCEPTED}",
-            feedback=f"{name}{FEEDBACK}" if call.feedback else "",
-        )
-    service = call.service or ServiceCall(name="", type="")
+def _call(name: str, call: Call, wiring: Wiring) -> plans.CallPlan:
+    action, service = call.action, call.service or ServiceCall(name="", type="")
     return plans.CallPlan(
         name=name,
-        target=harness_topic(service.name, namespace),
-        type=service.type,
-        request=service.request,
+        target=wiring.topic(service.name if action is None else action.name),
+        type=service.type if action is None else action.type,
+        request=service.request if action is None else action.goal,
         each=call.each or msgspec.UNSET,
         every=call.every if call.every > 1 else msgspec.UNSET,
+        source=msgspec.UNSET if call.source is None else wiring.topic(call.source),
         success=call.success,
+        accepted="" if action is None else f"{name}{ACCEPTED}",
+        feedback=f"{name}{FEEDBACK}" if call.feedback else "",
     )
 
 
-def plan_ready(spec: Spec, namespace: str) -> tuple[plans.ProbePlan, ...]:
+def plan_ready(spec: Spec, wiring: Wiring) -> tuple[plans.ProbePlan, ...]:
     """The readiness probes, in the order of the spec."""
-    return tuple(_probe(name, probe, namespace) for name, probe in spec.ready.items())
+    return tuple(_probe(name, probe, wiring) for name, probe in spec.ready.items())
 
 
-def _probe(name: str, probe: ReadyProbe, namespace: str) -> plans.ProbePlan:
+def _probe(name: str, probe: ReadyProbe, wiring: Wiring) -> plans.ProbePlan:
     kind: plans.ProbeKind = "service" if probe.service else "topic"
-    target, pattern = harness_topic(probe.service or probe.topic, namespace), ""
+    target, pattern = wiring.topic(probe.service or probe.topic), ""
     if probe.log is not None:
         kind, target, pattern = "log", probe.log.process, probe.log.pattern
     elif probe.file:
@@ -305,13 +297,13 @@ def _probe(name: str, probe: ReadyProbe, namespace: str) -> plans.ProbePlan:
     )
 
 
-def plan_after_ready(spec: Spec, namespace: str) -> tuple[plans.AfterReadyPlan, ...]:
+def plan_after_ready(spec: Spec, wiring: Wiring) -> tuple[plans.AfterReadyPlan, ...]:
     """The `after_ready` steps, in the order of the spec."""
     return tuple(
         plans.AfterReadyPlan(
             name=name,
             argv=step.command,
-            service=harness_topic(step.service.name, namespace) if step.service else "",
+            service=wiring.topic(step.service.name) if step.service else "",
             service_type=step.service.type if step.service else "",
             request=step.service.request if step.service else {},
             timeout_ns=step.timeout.ns,

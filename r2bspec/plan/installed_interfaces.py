@@ -7,16 +7,17 @@ fields of a type as a literal in the file of the type.
 from __future__ import annotations
 
 import ast
-from pathlib import Path
+from collections.abc import Mapping
+from typing import Any
 
 from r2bspec.plan.installed_packages import top_level_names
 from r2bspec.plan.request_fields import FieldTypes
-from r2bspec.plan.this_machine import find_module
-from r2bspec.safe_io.limits import MAX_PYTHON_BYTES
+from r2bspec.plan.this_machine import find_module, module_file
+from r2bspec.plan.wiring.ast_reader import read_python_file
 from r2bspec.safe_io.looked_up_files import shared_lookup
-from r2bspec.safe_io.safe_file import read_bytes
 
 _FIELDS = "_fields_and_field_types"
+_CONSTANTS = "__constants"
 
 
 @shared_lookup
@@ -28,7 +29,7 @@ def installed_types(package: str, kind: str) -> frozenset[str] | None:
     """
     if find_module(package) is None:
         return frozenset()
-    file = _python_file(f"{package}.{kind}", "__init__.py")
+    file = module_file(f"{package}.{kind}")
     try:
         return None if file is None else top_level_names(file)
     except SyntaxError:
@@ -38,54 +39,63 @@ def installed_types(package: str, kind: str) -> frozenset[str] | None:
 @shared_lookup
 def installed_fields(type_name: str) -> FieldTypes | None:
     """The fields of a type such as ``std_srvs/srv/SetBool_Request``; None if they are unknown."""
-    folder, _, name = type_name.replace("/", ".").rpartition(".")
-    names = _tree(_python_file(folder, "__init__.py"))
-    module = next(
-        (
-            node.module
-            for node in (names.body if names is not None else ())
-            if isinstance(node, ast.ImportFrom) and name in (alias.name for alias in node.names)
-        ),
-        None,
-    )
-    tree = _tree(_python_file(module)) if module else None
-    for node in tree.body if tree is not None else ():
-        if isinstance(node, ast.ClassDef) and node.name == name:
-            return _literal_fields(node)
-    return None
+    return _literal_of(type_name, "", _FIELDS)
+
+
+@shared_lookup
+def installed_constants(type_name: str) -> Mapping[str, Any]:
+    """The constants of a type by name; none if it is unknown."""
+    constants = _literal_of(type_name, "Metaclass_", _CONSTANTS) or {}
+    return {
+        name: value[0] if isinstance(value, bytes) and value else value
+        for name, value in constants.items()
+    }
 
 
 def fields_of_message(type_name: str) -> FieldTypes | None:
     """The same for a message as fields name it: ``geometry_msgs/Pose``."""
-    package, _, name = type_name.partition("/")
-    return installed_fields(f"{package}/msg/{name}")
+    return installed_fields(type_name.replace("/", "/msg/"))
 
 
-def _literal_fields(found: ast.ClassDef) -> FieldTypes | None:
+def _literal_of(type_name: str, prefix: str, attribute: str) -> dict[str, Any] | None:
+    """A literal map in the class of a type, or of one whose name has a prefix."""
+    folder, _, name = type_name.replace("/", ".").rpartition(".")
+    # The package does not name the parts of an action, which are in the file of the action.
+    exported = name.partition("_")[0]
+    for imported in _statements(folder):
+        if isinstance(imported, ast.ImportFrom) and exported in (
+            alias.name for alias in imported.names
+        ):
+            for node in _statements(imported.module or ""):
+                if isinstance(node, ast.ClassDef) and node.name == f"{prefix}{name}":
+                    return _literal_map(node, attribute)
+            return None
+    return None
+
+
+def _literal_map(found: ast.ClassDef, attribute: str) -> dict[str, Any] | None:
     for node in found.body:
         match node:
             case ast.Assign(targets=[ast.Name(id=name)], value=ast.Dict() as value) if (
-                name == _FIELDS
+                name == attribute
             ):
                 return {
-                    key.value: kind.value
+                    key.value: _constant(kind)
                     for key, kind in zip(value.keys, value.values, strict=True)
-                    if isinstance(key, ast.Constant)
-                    and isinstance(kind, ast.Constant)
-                    and isinstance(key.value, str)
-                    and isinstance(kind.value, str)
+                    if isinstance(key, ast.Constant) and isinstance(key.value, str)
                 }
     return None
 
 
-def _python_file(module: str, end: str = ".py") -> Path | None:
-    found = find_module(module)
-    origin = found.origin if found is not None else None
-    return Path(origin) if origin is not None and origin.endswith(end) else None
-
-
-def _tree(file: Path | None) -> ast.Module | None:
+def _constant(node: ast.expr) -> Any:
     try:
-        return None if file is None else ast.parse(read_bytes(file, max_bytes=MAX_PYTHON_BYTES))
-    except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
+        return ast.literal_eval(node)
+    except ValueError:
         return None
+
+
+def _statements(module: str) -> list[ast.stmt]:
+    """The statements of a module; none if it is not found, or cannot be read."""
+    file = module_file(module) if module else None
+    tree = read_python_file(file) if file is not None else None
+    return tree.body if tree is not None else []

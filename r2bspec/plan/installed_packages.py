@@ -16,6 +16,7 @@ from typing import NamedTuple
 import msgspec
 
 from r2bspec.plan.this_machine import AMENT_INDEX, PACKAGE_INDEX, ament_prefixes, find_module
+from r2bspec.plan.wiring.ast_reader import read_python_file
 from r2bspec.plan.wiring.companion_files import source_folder
 from r2bspec.plan.wiring.node_interface import catalogue_packages
 from r2bspec.plan.wiring.python_package import module_of
@@ -163,11 +164,8 @@ def missing_imports(file: Path, folder: Path) -> list[ModuleImport]:
         file: the Python file; its own folder and that of its package are searched, too.
         folder: where the file must be.
     """
-    try:
-        tree = ast.parse(
-            safe_file.read_bytes(file, max_bytes=MAX_MANIFEST_BYTES, folders=(folder,))
-        )
-    except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
+    tree = read_python_file(file, folder)
+    if tree is None:
         return []
     imports: dict[str, ModuleImport] = {}
     for imported in _imports(tree.body):

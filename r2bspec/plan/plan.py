@@ -7,7 +7,8 @@ machine.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Sequence
+from typing import Annotated, Any, Final, Literal
 
 import msgspec
 
@@ -145,6 +146,10 @@ class ProcessPlan(ProcessSettings, frozen=True, kw_only=True):
     join: JoinPlan | None = None
 
 
+GRAPH_ROLES: Final = frozenset({"host", "container", "command"})
+"""Roles of the processes of the graph; with ``placement: harness`` its nodes are in that one."""
+
+
 class ExternalPlan(_Value, frozen=True, kw_only=True):
     """A node that must already run when the graph starts; the run does not start or end it."""
 
@@ -254,6 +259,22 @@ class TapPlan(_Value, frozen=True, kw_only=True):
     type: str
 
 
+class ReactionPlan(_Value, frozen=True, kw_only=True):
+    """What a monitor measures in place of the latency.
+
+    Attributes:
+        when: the condition on an output, as in the spec.
+        since: the condition on a played message; empty if each step is an event.
+        input: the topic of these; in a live graph, that of another monitor.
+        input_type: the type of its messages.
+    """
+
+    when: str
+    since: str
+    input: str
+    input_type: str
+
+
 _Ratio = Annotated[int, msgspec.Meta(ge=1, le=1_000_000)]
 """One side of the ratio of inputs to outputs."""
 
@@ -263,9 +284,13 @@ class MonitorPlan(MonitorSettings, frozen=True, kw_only=True):
 
     Attributes:
         ratio_inputs: this number of inputs leads to `ratio_outputs` messages.
-        answers: in a timeline, the topics of the inputs that it answers: a step counts for it if
+        answers: in a timeline, the topics of the inputs, or the recorded call, that it answers: a
+            step counts for it if
             it has messages of all of them. Otherwise empty, because each step has all inputs.
         taps: topics whose messages are also matched by stamp; in the order of the plan's topics.
+        reaction: what it measures in place of the latency; a plan without it has no such key.
+        begins_events: whether reactions of other monitors, in a live graph, are to its messages;
+            likewise.
     """
 
     name: str
@@ -275,6 +300,8 @@ class MonitorPlan(MonitorSettings, frozen=True, kw_only=True):
     ratio_outputs: _Ratio = 1
     answers: tuple[str, ...] = ()
     taps: tuple[TapPlan, ...] = ()
+    reaction: ReactionPlan | msgspec.UnsetType = msgspec.UNSET
+    begins_events: bool | msgspec.UnsetType = msgspec.UNSET
 
 
 class CallPlan(_Value, frozen=True, kw_only=True):
@@ -286,6 +313,8 @@ class CallPlan(_Value, frozen=True, kw_only=True):
         request: the fields of the request, or of the goal.
         each: fields that replace some of them, in turn; a plan without them has no such key.
         every: it is called in the last of so many steps; not there if it is in each.
+        source: the loaded topic with recorded requests, of which those fields replace some, in
+            turn or, in a timeline, at their times; not there without one.
         success: the field of a response that is false if the call has failed; empty for none.
         accepted: of an action, the monitor that has the acceptances of goals; else empty.
         feedback: of an action, the monitor that has the feedback; empty for none.
@@ -297,15 +326,25 @@ class CallPlan(_Value, frozen=True, kw_only=True):
     request: dict[str, Any]
     each: tuple[dict[str, Any], ...] | msgspec.UnsetType = msgspec.UNSET
     every: int | msgspec.UnsetType = msgspec.UNSET
+    source: str | msgspec.UnsetType = msgspec.UNSET
     success: str = ""
     accepted: str = ""
     feedback: str = ""
 
     @property
+    def topic(self) -> str:
+        """As which `MonitorPlan.answers` names what is recorded."""
+        return self.name
+
+    @property
     def requests(self) -> tuple[dict[str, Any], ...]:
-        """The fields of every request, in turn."""
+        """The stated fields of every request, in turn."""
         each = ({},) if self.each is msgspec.UNSET else self.each
         return tuple({**self.request, **fields} for fields in each)
+
+
+StepSources = Sequence[InputPlan | CallPlan]
+"""What a step is made of: inputs, or recorded calls."""
 
 
 class SearchPlan(_Value, frozen=True, kw_only=True):
@@ -367,6 +406,10 @@ class GatePlan(_Value, frozen=True, kw_only=True):
     interference: Literal["tolerate", "note", "strict"] = "note"
 
 
+_OF_NODES = frozenset({"host", "container", "command"})
+"""Roles of processes without a part of the harness, as a rule."""
+
+
 class Plan(Pacing, frozen=True, kw_only=True):
     """The plan of a run.
 
@@ -393,7 +436,8 @@ class Plan(Pacing, frozen=True, kw_only=True):
         requires: what the machine must be; a plan without it has no such key.
         lifecycle: the nodes whose states the run changes, in this order; likewise.
         calls: the services and actions that are called; a plan without them has no such key.
-        anatomy: whether the processes of the graph are observed from inside; likewise.
+        anatomy: whether the processes of the graph are observed from inside, or of which nodes;
+            likewise.
     """
 
     r2bspec_plan: Literal[1] = 1
@@ -434,7 +478,18 @@ class Plan(Pacing, frozen=True, kw_only=True):
     requires: Requires | msgspec.UnsetType = msgspec.UNSET
     lifecycle: tuple[LifecyclePlan, ...] | msgspec.UnsetType = msgspec.UNSET
     calls: tuple[CallPlan, ...] | msgspec.UnsetType = msgspec.UNSET
-    anatomy: Literal[True] | msgspec.UnsetType = msgspec.UNSET
+    anatomy: Literal[True] | tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET
+
+    def observes(self, process: ProcessPlan) -> bool:
+        """Whether a process is observed from inside: those of the harness always are."""
+        if not isinstance(self.anatomy, tuple) or process.join or process.role not in _OF_NODES:
+            return bool(self.anatomy)
+        owned = {process.name, process.container, *(node.node for node in process.nodes)}
+        return not owned.isdisjoint(self.anatomy)
+
+    def processes_in(self, phase: str) -> tuple[ProcessPlan, ...]:
+        """The processes that run in a phase."""
+        return tuple(process for process in self.processes if process.phase == phase)
 
     def states_in(self, phase: str) -> dict[str, LifecycleState]:
         """The nodes of a phase whose states the run changes, in order, with these states."""
@@ -450,6 +505,11 @@ class Plan(Pacing, frozen=True, kw_only=True):
             for name in (call.name, call.accepted, call.feedback)
             if name
         }
+
+    @property
+    def step_sources(self) -> StepSources:
+        """What the bits of the inputs of a step stand for: inputs, or calls that are recorded."""
+        return self.inputs or tuple(call for call in self.calls or () if call.source)
 
     @property
     def topic_monitors(self) -> tuple[MonitorPlan, ...]:

@@ -21,7 +21,6 @@ from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.spec import Container, Node, ProcessSettings, Spec, StartedProcess
 from r2bspec.plan.command_lines import HARNESS_ARGV, NATIVE_ARGV, container_argv, node_argv
 from r2bspec.plan.plan import ExternalPlan, JoinPlan, LifecyclePlan, NodePlan, ProcessPlan
-from r2bspec.plan.wiring.build_wiring import harness_topic
 from r2bspec.plan.wiring.wiring import NodeWiring, Phase, PhaseWiring, WiredEndpoint, Wiring
 
 HARNESS_PROCESS_NAMES = ("loader", "player", "monitor")
@@ -88,16 +87,15 @@ def has_single_harness(spec: Spec) -> bool:
 def reserved_names(spec: Spec) -> tuple[str, ...]:
     """The names of processes that no node of the graph, and no container, can have.
 
-    ``system`` is not a process, but the whole machine in the names of metrics.
+    ``graph`` and ``system`` are all processes of the graph, and the whole machine, in the names of
+    metrics.
     """
     # In the graph: of the process in which the overhead is measured.
     single = has_single_harness(spec) or spec.harness.placement == "graph"
     harness = (HARNESS_NAME,) if single else ()
-    shared = (
-        (SHARED_PROCESS_NAME, SHARED_CONTAINER_NAME) if spec.graph.placement == "shared" else ()
-    )
+    shared = (SHARED_CONTAINER_NAME,) if spec.graph.placement == "shared" else ()
     caller = (CALLER_NAME,) if spec.playback.calls and spec.plays_topics else ()
-    return (*HARNESS_PROCESS_NAMES, *harness, *shared, *caller, "system")
+    return (*HARNESS_PROCESS_NAMES, *harness, SHARED_PROCESS_NAME, *shared, *caller, "system")
 
 
 def process_names(spec: Spec, wiring: Wiring) -> tuple[str, ...]:
@@ -303,12 +301,12 @@ def find_places(
     phase = wiring.measure
     places = []
     if not spec.live:
-        topics = [harness_topic(name, wiring.namespace) for name in spec.playback.inputs]
+        topics = [wiring.topic(name) for name in spec.playback.inputs]
         readers = _nodes_of(phase, (end for topic in topics for end in phase.subscriptions(topic)))
         nodes = readers or phase.possible_subscribers
         places.append(_place("player", ("harness",), spec.harness.process, owners, nodes))
     for name, monitor in spec.monitors.items():
-        topic = harness_topic(monitor.topic, wiring.namespace)
+        topic = wiring.topic(monitor.topic)
         nodes = _nodes_of(phase, phase.publishers(topic)) or phase.possible_publishers
         places.append(_place(name, ("monitors", name), monitor.process, owners, nodes))
     return tuple(places)

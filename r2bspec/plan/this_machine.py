@@ -9,6 +9,7 @@ import fnmatch
 import importlib.util
 import os
 import re
+import resource
 import sys
 from collections.abc import Iterator, Mapping
 from importlib.machinery import ModuleSpec, PathFinder
@@ -17,6 +18,7 @@ from typing import Final
 
 import msgspec
 
+from r2bspec.diagnostics.quote import pluralize
 from r2bspec.language.spec import Requires, Scalar
 from r2bspec.safe_io.looked_up_files import shared_lookup
 from r2bspec.safe_io.safe_file import names_if_any
@@ -44,6 +46,10 @@ _NVIDIA: Final = Path("/proc/driver/nvidia/gpus")
 _OTHER_GPUS: Final = {"/dev/nvhost-gpu": "NVIDIA Tegra", "/dev/kfd": "AMD"}
 
 
+CAP_IPC_LOCK: Final = 14
+CAP_SYS_NICE: Final = 23
+
+
 class MachineFacts(msgspec.Struct, frozen=True, kw_only=True):
     """What of a machine specs can require.
 
@@ -60,6 +66,43 @@ class MachineFacts(msgspec.Struct, frozen=True, kw_only=True):
     gpus: tuple[str, ...] = ()
     ros_distro: str = ""
     labels: dict[str, str] = {}
+
+
+class SchedulingFacts(msgspec.Struct, frozen=True, kw_only=True):
+    """What this user may ask of the scheduler of a machine.
+
+    Attributes:
+        cpus: their numbers, of those that a process may use.
+        realtime_priority: the highest priority of real time; 0 where there is no permission.
+        lowest_nice: the lowest niceness; 0 without permission to go below it.
+    """
+
+    cpus: tuple[int, ...] = (0,)
+    realtime_priority: int = 0
+    lowest_nice: int = 0
+
+
+def scheduling_facts() -> SchedulingFacts:
+    """What this user may ask of the scheduler of this machine, by the limits of this process."""
+    priority = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
+    nice = resource.getrlimit(resource.RLIMIT_NICE)[0]
+    free = has_capability(CAP_SYS_NICE)
+    return SchedulingFacts(
+        cpus=tuple(sorted(os.sched_getaffinity(0))),
+        realtime_priority=99 if free or priority == resource.RLIM_INFINITY else min(priority, 99),
+        # The limit counts from 1, for a niceness of 19, to 40 for -20.
+        lowest_nice=-20 if free or nice == resource.RLIM_INFINITY else max(-20, min(0, 20 - nice)),
+    )
+
+
+def has_capability(number: int) -> bool:
+    """Whether this process has a capability, for which limits do not count."""
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return False
+    effective = next((line.split()[1] for line in lines if line.startswith("CapEff:")), "0")
+    return bool(int(effective, 16) >> number & 1)
 
 
 def ament_prefixes() -> list[Path]:
@@ -124,6 +167,13 @@ def find_module(name: str) -> ModuleSpec | None:
     return module
 
 
+def module_file(name: str) -> Path | None:
+    """The Python file of a module; None if it is not found, or has none."""
+    module = find_module(name)
+    origin = module.origin if module is not None else None
+    return Path(origin) if origin is not None and origin.endswith(".py") else None
+
+
 def _unseen_folders() -> list[str]:
     """The folders of PYTHONPATH, where this interpreter ignores it (``-I``): processes do not."""
     if not sys.flags.ignore_environment:
@@ -154,7 +204,7 @@ def _unmet(requires: Requires, machine: MachineFacts) -> Iterator[str]:
     if requires.arch and requires.arch != machine.arch:
         yield f"its architecture is {machine.arch}, not {requires.arch}"
     if requires.cores > machine.cores:
-        yield f"it has {_count(machine.cores, 'core')}, not {requires.cores}"
+        yield f"it has {pluralize(machine.cores, 'core')}, not {requires.cores}"
     if requires.ros_distro and requires.ros_distro != machine.ros_distro:
         have = f"it has ROS {machine.ros_distro}" if machine.ros_distro else "it has no ROS"
         yield f"{have}, not {requires.ros_distro}"
@@ -170,7 +220,3 @@ def _unmet_label(name: str, value: Scalar, labels: Mapping[str, str]) -> Iterato
         yield f"it has no label {name}"
     elif not fnmatch.fnmatchcase(labels[name], text):
         yield f"its label {name} is {labels[name]}, not {text}"
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

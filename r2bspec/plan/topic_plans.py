@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.language.spec import Monitor, MonitorSettings, Spec
-from r2bspec.plan.plan import InputPlan, MonitorPlan, TapPlan, TopicPlan
-from r2bspec.plan.wiring.build_wiring import harness_topic
+import msgspec
+
+from r2bspec.language.spec import Monitor, MonitorSettings, Reaction, Spec
+from r2bspec.plan.plan import InputPlan, MonitorPlan, ReactionPlan, TapPlan, TopicPlan
 from r2bspec.plan.wiring.wiring import PhaseWiring, WiredEndpoint, Wiring
 
 
@@ -15,9 +16,9 @@ def plan_inputs(spec: Spec, wiring: Wiring) -> tuple[InputPlan, ...]:
     translations = spec.playback.timeline.translations
     return tuple(
         InputPlan(
-            topic=harness_topic(name, wiring.namespace),
+            topic=wiring.topic(name),
             type=played.format,
-            source=(source := harness_topic(played.source, wiring.namespace)),
+            source=(source := wiring.topic(played.source)),
             bag_topic=direct_bag_topic(source, spec, wiring),
             qos=played.qos,
             timestamp=played.timestamp,
@@ -34,7 +35,7 @@ def direct_bag_topic(source: str, spec: Spec, wiring: Wiring) -> str:
     if any(publisher.is_node for publisher in wiring.preprocess.publishers(source)):
         return ""
     for bag_topic, target in spec.data_loader.topics.items():
-        if harness_topic(target, wiring.namespace) == source:
+        if wiring.topic(target) == source:
             return bag_topic
     return ""
 
@@ -94,31 +95,63 @@ def _owners(endpoints: tuple[WiredEndpoint, ...]) -> tuple[str, ...]:
 
 def plan_monitors(spec: Spec, wiring: Wiring) -> tuple[MonitorPlan, ...]:
     """The monitors, in the order of the spec."""
+    calls = {end: name for name, call in spec.recorded_calls.items() for end in call.answers(name)}
+    events = {
+        wiring.topic(monitor.reaction.input)
+        for monitor in spec.outputs.values()
+        if spec.live and monitor.reaction is not None
+    }
     return tuple(
         MonitorPlan(
             name=name,
-            topic=harness_topic(monitor.topic, wiring.namespace),
+            topic=(topic := wiring.topic(monitor.topic)),
             type=monitor.format,
             **MonitorSettings.fields_of(monitor),
             ratio_inputs=monitor.ratio.inputs,
             ratio_outputs=monitor.ratio.outputs,
-            answers=_answers(monitor, spec, wiring),
+            answers=_answers(monitor, spec, wiring, calls.get(name, "")),
             taps=_taps(monitor, wiring) if monitor.taps else (),
+            reaction=_reaction(monitor.reaction, spec, wiring)
+            if monitor.reaction is not None
+            else msgspec.UNSET,
+            begins_events=topic in events or msgspec.UNSET,
         )
         for name, monitor in spec.outputs.items()
     )
 
 
-def _answers(monitor: Monitor, spec: Spec, wiring: Wiring) -> tuple[str, ...]:
+def _reaction(reaction: Reaction, spec: Spec, wiring: Wiring) -> ReactionPlan:
+    """What a monitor measures in place of the latency; without a name, events of the first input.
+
+    Without a condition on it, it does not matter which input it is. The inputs of a live graph are
+    the topics of monitors.
+    """
+    played = [(name, each.format) for name, each in spec.playback.inputs.items()]
+    seen = [(each.topic, each.format) for each in spec.outputs.values()]
+    inputs = {wiring.topic(name): format_ for name, format_ in (seen if spec.live else played)}
+    wanted = wiring.topic(reaction.input) if reaction.input else ""
+    topic = wanted if wanted in inputs else next(iter(inputs), "")
+    return ReactionPlan(
+        when=reaction.when.text,
+        since=reaction.source.text if reaction.source is not None else "",
+        input=topic,
+        input_type=inputs.get(topic, ""),
+    )
+
+
+def _answers(monitor: Monitor, spec: Spec, wiring: Wiring, call: str) -> tuple[str, ...]:
     """The inputs of a timeline that a monitor answers, in the order of the spec.
 
-    Without `answers`, they are those with a known path to the monitor; all if there is none.
+    Without `answers`, they are those with a known path to the monitor; all if there is none. A
+    recorded `call` is answered itself.
     """
     if spec.playback.mode != "timeline":
         return ()
-    inputs = [harness_topic(name, wiring.namespace) for name in spec.playback.inputs]
-    named = {harness_topic(name, wiring.namespace) for name in monitor.answers}
-    topic = harness_topic(monitor.topic, wiring.namespace)
+    if call:
+        return (call,)
+    inputs = [wiring.topic(name) for name in spec.playback.inputs]
+    named = {wiring.topic(name) for name in monitor.answers}
+    topic = wiring.topic(monitor.topic)
     known = wiring.measure.upstream_of(topic)
     return tuple(
         [topic for topic in inputs if topic in named]
@@ -130,7 +163,7 @@ def _answers(monitor: Monitor, spec: Spec, wiring: Wiring) -> tuple[str, ...]:
 def _taps(monitor: Monitor, wiring: Wiring) -> tuple[TapPlan, ...]:
     """The topics of known type between the player and a monitor."""
     phase = wiring.measure
-    topic = harness_topic(monitor.topic, wiring.namespace)
+    topic = wiring.topic(monitor.topic)
     played = [
         endpoint.topic
         for endpoint in phase.endpoints_of("player")

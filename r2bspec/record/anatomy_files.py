@@ -7,8 +7,9 @@ had finished until then is in the file.
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, BinaryIO, Final, TypeVar
 
 import numpy as np
 
@@ -32,7 +33,10 @@ _HEADER: Final = np.dtype(
 _OBJECT: Final = np.dtype([("kind", "<u4"), ("name", "S256"), ("node", "S256")])
 _OBJECTS: Final = 2048
 _SLAB_ROWS: Final = 256
+_SLAB_BYTES: Final = _SLAB_ROWS * ANATOMY_DTYPE.itemsize
 _ROWS_AT: Final = _HEADER.itemsize + _OBJECTS * _OBJECT.itemsize
+
+_Known = TypeVar("_Known")
 
 _OBJECT_KINDS: Final[tuple[AnatomyObjectKind, ...]] = (
     *("publisher", "subscription", "timer"),
@@ -49,83 +53,171 @@ def file_bytes(events: int) -> int:
     return _ROWS_AT + (events + 16 * _SLAB_ROWS) * ANATOMY_DTYPE.itemsize
 
 
-def read_anatomy(
-    folder: Path,
-) -> tuple[Rows, tuple[AnatomyObject, ...], tuple[AnatomyProcess, ...]]:
-    """What all processes have recorded in a folder; other files are passed over.
+class AnatomyReader:
+    """Reads what the processes of a folder record, again and again while they go on.
 
-    A file that its process was still making is left out, as are events that it had not finished.
-    Events beyond the limit for all are counted as lost, and so are those that cannot be.
+    Processes and objects keep their numbers from one reading to the next, whatever is added.
 
-    Returns:
-        The events in the order in which they began, what they belong to, and the processes.
+    Args:
+        folder: of their files; others are passed over.
 
-    Raises:
-        RecordError: a file cannot be read, or is damaged.
+    Attributes:
+        unread: files that were not read, because there are too many.
     """
-    objects: list[AnatomyObject] = []
-    processes: list[AnatomyProcess] = []
-    arrays = [np.empty(0, ANATOMY_DTYPE)]
-    room = MAX_ANATOMY_EVENTS
-    for path in _find_files(folder):
-        try:
-            with open_regular(path, folders=[folder]) as file:
-                found = _read_file(file, path, len(processes), room)
-        except OSError as error:
-            raise RecordError(f"{path} cannot be read: {error.strerror}", hint=_HINT) from error
-        if found is not None:
-            rows, own, process = found
-            # 0 is no object.
-            rows["object"] += np.where(rows["object"] == 0, 0, len(objects)).astype(np.uint32)
-            arrays.append(rows)
-            objects += own
-            processes.append(process)
-            room -= len(rows)
-    joined = np.concatenate(arrays)
-    return joined[np.argsort(joined["began_ns"], kind="stable")], tuple(objects), tuple(processes)
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self.unread = 0
+        self._files: dict[Path, _EventFile] = {}
+        self._objects: list[AnatomyObject] = []
+        self._processes: list[AnatomyProcess] = []
+
+    def read(
+        self, passed_ns: int = 0
+    ) -> tuple[Rows, tuple[AnatomyObject, ...], tuple[AnatomyProcess, ...]]:
+        """What has been recorded and was not passed.
+
+        A file that its process was still making is left out, as are events that it had not
+        finished. Events beyond the limit for all are counted as lost, and so are those that cannot
+        be.
+
+        Args:
+            passed_ns: full slabs with events before this time alone are not read again.
+
+        Returns:
+            The events in the order in which they began, all that events belong to, and the
+            processes.
+
+        Raises:
+            RecordError: a file cannot be read, or is damaged.
+        """
+        arrays = [np.empty(0, ANATOMY_DTYPE)]
+        # Rows that are no events take time and memory, too.
+        room = unread = MAX_ANATOMY_EVENTS
+        paths = sorted(_find_files(self._folder), key=lambda path: (path not in self._files, path))
+        self.unread = max(0, len(paths) - MAX_ANATOMY_FILES)
+        for path in paths[:MAX_ANATOMY_FILES]:
+            read = self._files.setdefault(path, _EventFile(path))
+            try:
+                with open_regular(path, folders=[self._folder]) as file:
+                    found = read.events(file, min(room, unread), passed_ns)
+            except OSError as error:
+                raise RecordError(f"{path} cannot be read: {error.strerror}", hint=_HINT) from error
+            if found is not None:
+                content, rows = found
+                read.number(content, rows, self._objects, self._processes)
+                arrays.append(rows)
+                room -= len(rows)
+                unread -= read.rows
+        joined = np.concatenate(arrays)
+        order = np.argsort(joined["began_ns"], kind="stable")
+        return joined[order], tuple(self._objects), tuple(self._processes)
 
 
 def _find_files(folder: Path) -> list[Path]:
     try:
-        found = sorted(path for path in folder.iterdir() if path.suffix == SUFFIX)
+        return [path for path in folder.iterdir() if path.suffix == SUFFIX]
     except OSError as error:
         raise RecordError(f"{folder} cannot be read: {error.strerror}", hint=_HINT) from error
-    if len(found) > MAX_ANATOMY_FILES:
-        raise RecordError(
-            f"{folder} has events of {len(found):,} processes; "
-            f"no more than {MAX_ANATOMY_FILES:,} are read",
-            hint="Record the events of fewer nodes.",
-        )
-    return found
 
 
-def _read_file(
-    file: BinaryIO, path: Path, process: int, room: int
-) -> tuple[Rows, list[AnatomyObject], AnatomyProcess] | None:
-    """The finished events of one process, at most `room`; None if it was still making its file."""
-    content = file.read(_ROWS_AT)
-    if not content.strip(b"\0"):
-        return None
-    if len(content) < _ROWS_AT or content[: len(_MAGIC)] != _MAGIC:
-        raise RecordError(f"{path} is damaged: it has no header of events", hint=_HINT)
-    header = np.frombuffer(content, _HEADER, count=1)[0]
-    if int(header["lost"]) > LONGEST_NS:
-        raise RecordError(f"{path} is damaged: it has lost more events than can be", hint=_HINT)
-    slabs = min(int(header["slabs"]), int(header["claimed"]))
-    readable = min(slabs * _SLAB_ROWS, room + _SLAB_ROWS)
-    rows = _read_rows(file, readable)
-    finished = rows["kind"] != 0
-    possible = finished & _are_possible(rows)
-    kept = np.flatnonzero(possible)[:room]
-    lost = int(header["lost"]) + slabs * _SLAB_ROWS - len(rows) + int(finished.sum()) - len(kept)
-    rows = rows[kept]
-    table = np.frombuffer(content, _OBJECT, count=_OBJECTS, offset=_HEADER.itemsize)
-    named = min(int(header["objects"]), _OBJECTS)
-    objects, numbers = _read_objects(table[:named], process)
-    rows["object"] = numbers[np.where(rows["object"] <= named, rows["object"], 0)]
-    rows["process"] = process
-    whose = AnatomyProcess(name=_text(header["process"]), pid=int(header["pid"]), lost=lost)
-    return rows, objects, whose
+class _EventFile:
+    """The file of one process, and which of its slabs were passed.
+
+    Attributes:
+        rows: that were read last, whether they are events or not.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.rows = 0
+        self._passed = np.zeros(0, np.bool_)
+        self._lost = 0
+        """Of what was read last; slabs in which something is lost are never passed."""
+        self._process: int | None = None
+        self._numbers: dict[int, int] = {}
+        """Of its objects, by their places in its table."""
+
+    def events(self, file: BinaryIO, room: int, passed_ns: int) -> tuple[bytes, Rows] | None:
+        """What is before the rows, and the finished events, at most `room`.
+
+        None if the process was still making its file.
+        """
+        content = file.read(_ROWS_AT)
+        if not content.strip(b"\0"):
+            return None
+        if len(content) < _ROWS_AT or content[: len(_MAGIC)] != _MAGIC:
+            raise RecordError(f"{self._path} is damaged: it has no header of events", hint=_HINT)
+        header = np.frombuffer(content, _HEADER, count=1)[0]
+        if int(header["lost"]) > LONGEST_NS:
+            raise RecordError(
+                f"{self._path} is damaged: it has lost more events than can be", hint=_HINT
+            )
+        slabs = min(int(header["slabs"]), int(header["claimed"]))
+        self._content = content
+        return content, self._read_slabs(file, slabs, room, passed_ns)
+
+    def number(
+        self,
+        content: bytes,
+        rows: Rows,
+        objects: list[AnatomyObject],
+        processes: list[AnatomyProcess],
+    ) -> None:
+        """Number process and objects of rows as in these lists, to which new ones are added."""
+        header = np.frombuffer(content, _HEADER, count=1)[0]
+        lost = int(header["lost"]) + self._lost
+        whose = AnatomyProcess(name=_text(header["process"]), pid=int(header["pid"]), lost=lost)
+        self._process = _put(processes, whose, self._process)
+        table = np.frombuffer(content, _OBJECT, count=_OBJECTS, offset=_HEADER.itemsize)
+        named = min(int(header["objects"]), _OBJECTS)
+        # 0 is no object.
+        numbers = np.zeros(named + 1, np.uint32)
+        for place, (kind, name, node) in enumerate(table[:named].tolist()):
+            # 0 until it is finished.
+            if 0 < kind <= len(_OBJECT_KINDS):
+                each = AnatomyObject(
+                    process=self._process,
+                    kind=_OBJECT_KINDS[kind - 1],
+                    name=_text(name),
+                    node=_text(node),
+                )
+                self._numbers[place] = _put(objects, each, self._numbers.get(place))
+                numbers[place + 1] = self._numbers[place] + 1
+        rows["object"] = numbers[np.where(rows["object"] <= named, rows["object"], 0)]
+        rows["process"] = self._process
+
+    def _read_slabs(self, file: BinaryIO, slabs: int, room: int, passed_ns: int) -> Rows:
+        """The rows of all slabs that were not passed; those that follow each other in one go."""
+        self._lost = self.rows = 0
+        # What a header says is not believed: the file has an end.
+        there = -(-max(0, os.fstat(file.fileno()).st_size - _ROWS_AT) // _SLAB_BYTES)
+        self._lost += max(0, slabs - there) * _SLAB_ROWS
+        slabs = min(slabs, there)
+        passed = np.zeros(slabs, np.bool_)
+        passed[: self._passed.size] = self._passed[:slabs]
+        left = np.flatnonzero(~passed)
+        arrays = [np.empty(0, ANATOMY_DTYPE)]
+        for run in np.split(left, 1 + np.flatnonzero(np.diff(left) > 1)):
+            if not run.size:
+                continue
+            file.seek(_ROWS_AT + int(run[0]) * _SLAB_BYTES)
+            wanted = min(run.size, max(0, room) // _SLAB_ROWS + 1)
+            rows = _read_rows(file, wanted * _SLAB_ROWS)
+            self.rows += len(rows)
+            finished = rows["kind"] != 0
+            possible = finished & _are_possible(rows)
+            kept = np.flatnonzero(possible)[: max(0, room)]
+            missing = int(run.size) * _SLAB_ROWS - len(rows)
+            lost = missing + int(finished.sum()) - len(kept)
+            self._lost += lost
+            arrays.append(rows[kept])
+            room -= len(kept)
+            if not lost:
+                began = np.where(finished, rows["began_ns"], LONGEST_NS)
+                passed[run] = began.reshape(-1, _SLAB_ROWS).max(axis=1) < passed_ns
+        self._passed = passed
+        return np.concatenate(arrays)
 
 
 def _read_rows(file: BinaryIO, count: int) -> Rows:
@@ -142,19 +234,13 @@ def _are_possible(rows: Rows) -> Any:
     return in_time & known & (rows["began_ns"] <= rows["ended_ns"])
 
 
-def _read_objects(table: Any, process: int) -> tuple[list[AnatomyObject], Any]:
-    """The objects of a process, and their numbers, from 1 on, by those that its rows have."""
-    objects = []
-    numbers = np.zeros(len(table) + 1, np.uint32)
-    for index, (kind, name, node) in enumerate(table.tolist()):
-        # 0 until it is finished.
-        if 0 < kind <= len(_OBJECT_KINDS):
-            what = _OBJECT_KINDS[kind - 1]
-            objects.append(
-                AnatomyObject(process=process, kind=what, name=_text(name), node=_text(node))
-            )
-            numbers[index + 1] = len(objects)
-    return objects, numbers
+def _put(known: list[_Known], value: _Known, place: int | None) -> int:
+    """Put a value at its place, or at the end if it has none; returns the place."""
+    if place is None:
+        known.append(value)
+        return len(known) - 1
+    known[place] = value
+    return place
 
 
 def _text(stored: bytes) -> str:

@@ -48,6 +48,7 @@ class BaselineRecord(msgspec.Struct, frozen=True, kw_only=True):
         series: the values.
         identity: what the graph of the stored run, or of the latest one of the history, was made
             of.
+        grown: the parts of nodes and topics that grew since these runs, as `Result.grown`.
     """
 
     r2bspec_baseline: Literal[1] = 1
@@ -57,6 +58,7 @@ class BaselineRecord(msgspec.Struct, frozen=True, kw_only=True):
     differences: tuple[str, ...] = ()
     series: tuple[BaselineSeries, ...]
     identity: GraphIdentity | None = None
+    grown: tuple[str, ...] = ()
 
     def find(self, at_hz: float | None, monitor: str | None, metric: str) -> BaselineSeries:
         """A metric; without values if the baseline does not have it."""

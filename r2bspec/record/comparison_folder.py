@@ -18,7 +18,6 @@ with pauses. Each iteration keeps its samples; the indices are renumbered.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -403,10 +402,5 @@ def _check_pairs(path: Path, record: PairsRecord) -> None:
             f"{path} has {most:,} pairs; the limit is {MAX_SEGMENTS:,}",
             hint=COMPARISON_FILES.changed,
         )
-    runs = Counter(folder for pair in record.pairs for folder in (pair.base, pair.head))
-    twice = next((folder for folder, count in runs.items() if count > 1), None)
-    if twice is not None:
-        raise RecordError(
-            f"{path} is damaged: it lists the run {twice!r} {runs[twice]:,} times",
-            hint=COMPARISON_FILES.changed,
-        )
+    runs = (folder for pair in record.pairs for folder in (pair.base, pair.head))
+    COMPARISON_FILES.require_once(path, "run", runs)

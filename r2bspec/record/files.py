@@ -9,7 +9,8 @@ import contextlib
 import fcntl
 import os
 import weakref
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Final, TypeVar
@@ -19,7 +20,7 @@ import msgspec
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.ipc.sample_files import refusal_hint
 from r2bspec.safe_io.limits import MAX_JSON_BYTES
-from r2bspec.safe_io.safe_file import read_bytes
+from r2bspec.safe_io.safe_file import is_regular, is_there, read_bytes
 from r2bspec.safe_io.safe_json import decode_json, read_json
 
 T = TypeVar("T")
@@ -36,6 +37,7 @@ class RecordError(R2bspecError):
 
     code = RUN_UNREADABLE
     exit_code = ExitStatus.USAGE
+    way_out = "See that you may read it, and that it is as r2bspec wrote it."
 
 
 class FolderTakenError(RecordError):
@@ -79,6 +81,27 @@ def write_atomically(path: Path, content: bytes | Callable[[BinaryIO], object]) 
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def write_output(path: Path, content: bytes) -> None:
+    """Write a file that a user has named: atomically, or, to a pipe or a device, into it.
+
+    A rename would replace ``/dev/null``, where this user may do that.
+
+    Raises:
+        RecordError: it cannot be written.
+    """
+    if not is_there(path) or is_regular(path):
+        write_atomically(path, content)
+        return
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise RecordError(
+            f"{path} cannot be written: {error.strerror or error}",
+            hint="Give the name of a file in a folder that you can write to.",
+            code=RUN_UNWRITABLE,
+        ) from error
 
 
 def _sync_folder(folder: Path) -> None:
@@ -134,6 +157,20 @@ class FolderReader:
                 hint=f"Use the version of r2bspec that wrote the {self.what}, or a newer one.",
             )
         return self._decode(path, content, kind)
+
+    def require_once(self, path: Path, what: str, names: Iterable[str]) -> None:
+        """See that a file lists each of some names once.
+
+        Raises:
+            RecordError: it lists one several times.
+        """
+        counts = Counter(names)
+        twice = next((name for name, count in counts.items() if count > 1), None)
+        if twice is not None:
+            raise RecordError(
+                f"{path} is damaged: it lists the {what} {twice!r} {counts[twice]:,} times",
+                hint=self.changed,
+            )
 
     def optional(self, path: Path, kind: type[T]) -> T | None:
         """A file that not every folder has; None without it.

@@ -14,7 +14,6 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,14 +38,31 @@ from r2bspec.record.files import (
     write_atomically,
 )
 from r2bspec.record.run_record import RunRecord, Segment
-from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES, MAX_SEGMENTS, MAX_STACKS_BYTES
-from r2bspec.safe_io.safe_file import is_folder, is_there, read_bytes, read_text
+from r2bspec.safe_io.limits import (
+    MAX_DOCUMENT_BYTES,
+    MAX_SEGMENTS,
+    MAX_STACK_FRAMES,
+    MAX_STACKS_BYTES,
+)
+from r2bspec.safe_io.safe_file import ByteBudget, is_folder, is_there, read_bytes, read_text
 from r2bspec.safe_io.safe_yaml import RefusedYamlError, check_document
 
 Stacks = Mapping[tuple[str, ...], int]
 """The number of samples by the frames of their stack, the first called first."""
 
 LOADED_FILES: Final = "loaded_files.json"
+
+RECORD_FILES: Final = ("record.json", "pairs.json", "suite.json", "tuning.json")
+"""Each makes its folder that of a run, a comparison, a suite or a search."""
+FOLDER_ENTRIES: Final = frozenset(
+    {
+        *RECORD_FILES,
+        *("spec.yaml", "plan.json", "base.plan.json", "result.json", "baseline.json"),
+        *("samples", "logs", "profile", "outputs", "base", "head", "trials"),
+        *("resources.npy", "interference.npy", "anatomy.npy", LOADED_FILES, LOCK_FILE),
+    }
+)
+"""The names that are not for reports in such a folder."""
 
 _MAX_LISTED = 10
 
@@ -61,21 +77,42 @@ def write_stacks(path: Path, stacks: Stacks) -> None:
     write_atomically(path, "".join(lines).encode(errors="replace"))
 
 
-def read_stacks(path: Path, folder: Path) -> Stacks:
+OTHER_STACKS: Final = ("[other stacks]",)
+"""Has the samples of stacks that were left out."""
+
+
+def read_stacks(path: Path, folder: Path, budget: ByteBudget | None = None) -> Stacks:
     """Read a file of folded stacks below a folder; lines that are not such are left out.
+
+    Of very many stacks those with the most samples are kept; `OTHER_STACKS` has the samples of the
+    rest.
+
+    Args:
+        path: of the file.
+        folder: in which it must be.
+        budget: what it and others may have together.
 
     Raises:
         RefusedFileError: it is too large, is no file, or leads out of the folder.
         OSError: it cannot be read.
     """
-    counts: dict[tuple[str, ...], int] = {}
-    content = read_bytes(path, max_bytes=MAX_STACKS_BYTES, folders=[folder])
+    content = read_bytes(path, max_bytes=MAX_STACKS_BYTES, folders=[folder], budget=budget)
+    counts: dict[str, int] = {}
     for line in content.decode(errors="replace").splitlines():
         frames, _, count = line.rpartition(" ")
         if frames and count.isascii() and count.isdecimal() and len(count) < 16:
-            stack = tuple(frames.split(";"))
-            counts[stack] = counts.get(stack, 0) + int(count)
-    return counts
+            counts[frames] = counts.get(frames, 0) + int(count)
+    # Of equally many samples the first in the file.
+    ordered = sorted(counts, key=counts.__getitem__, reverse=True)
+    stacks: dict[tuple[str, ...], int] = {}
+    left, others = MAX_STACK_FRAMES, 0
+    for frames in ordered:
+        left -= frames.count(";") + 1
+        if left >= 0 or not stacks:
+            stacks[tuple(frames.split(";"))] = counts[frames]
+        else:
+            others += counts[frames]
+    return stacks | {OTHER_STACKS: others} if others else stacks
 
 
 def _frame(name: str) -> str:
@@ -186,6 +223,10 @@ class RunFolder:
         """Write the messages of a tap in a segment."""
         self._write_rows(f"{_samples_of(segment)}/{_tap_file(topic)}", rows, arrays.MONITOR_DTYPE)
 
+    def write_marks(self, segment: str, monitor: str, rows: arrays.Rows) -> None:
+        """Write which messages the conditions of a monitor are met by in a segment."""
+        self._write_rows(f"{_samples_of(segment)}/{_mark_file(monitor)}", rows, arrays.MARK_DTYPE)
+
     def write_anatomy(self, segment: str, rows: arrays.Rows) -> None:
         """Write the events in the processes of the graph in a segment."""
         self._write_rows(f"{_samples_of(segment)}/{_ANATOMY}", rows, arrays.ANATOMY_DTYPE)
@@ -256,6 +297,14 @@ class Run:
             RecordError: the file is missing or damaged.
         """
         return self.segment_rows(segment, _tap_file(topic), arrays.MONITOR_DTYPE)
+
+    def marks(self, segment: Segment, name: str) -> arrays.Rows:
+        """Which messages the conditions of a monitor are met by (type `MARK_DTYPE`).
+
+        Raises:
+            RecordError: the file is missing or damaged.
+        """
+        return self.segment_rows(segment, _mark_file(name), arrays.MARK_DTYPE)
 
     def anatomy(self, segment: Segment) -> arrays.Rows:
         """The events in the processes of the graph, in the order in which they began.
@@ -365,13 +414,7 @@ def open_run(path: Path) -> Run:
             hint="Play fewer iterations or rates in one run: split the spec.",
         )
     # Each segment has samples of its own: a short record must not have a few read many times.
-    names = Counter(segment.id for segment in record.segments)
-    twice = next((name for name, count in names.items() if count > 1), None)
-    if twice is not None:
-        raise RecordError(
-            f"{path} is damaged: it lists the segment {twice!r} {names[twice]:,} times",
-            hint=RUN_FILES.changed,
-        )
+    RUN_FILES.require_once(path, "segment", (segment.id for segment in record.segments))
     _check_samples(folder, record)
     plan = read_stored_plan(RUN_FILES, folder / "plan.json", record.plan_hash)
     return Run(folder=folder, record=record, plan=plan)
@@ -461,6 +504,10 @@ def _samples_of(segment: str) -> str:
 
 def _monitor_file(name: str) -> str:
     return f"monitor.{_safe_name(name)}.npy"
+
+
+def _mark_file(name: str) -> str:
+    return f"marks.{_safe_name(name)}.npy"
 
 
 def _tap_file(topic: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -98,11 +98,17 @@ it when it was received, both on the system clock; 0 where there is none. For se
 is the sequence number, and for buffers within a process the index in the buffer. `header_ns` is
 the header stamp of the message, or 0. `clock_ns` is the system clock less the monotonic clock."""
 
+MARK_FIELDS = (("what", "<i8"), ("row", "<i8"))
+"""One row per message of which a condition of a monitor says something: `what` it says
+(`r2bspec.judge.measure.reactions`), and the `row` of the message among the steps of the segment, or
+among the messages of the monitor."""
+
 PLAYBACK_DTYPE: np.dtype[np.void] = np.dtype(list(PLAYBACK_FIELDS))
 MONITOR_DTYPE: np.dtype[np.void] = np.dtype(list(MONITOR_FIELDS))
 RESOURCE_DTYPE: np.dtype[np.void] = np.dtype(list(RESOURCE_FIELDS))
 INTERFERENCE_DTYPE: np.dtype[np.void] = np.dtype(list(INTERFERENCE_FIELDS))
 ANATOMY_DTYPE: np.dtype[np.void] = np.dtype(list(ANATOMY_FIELDS))
+MARK_DTYPE: np.dtype[np.void] = np.dtype(list(MARK_FIELDS))
 
 
 def write_rows(path: Path, rows: Rows, dtype: np.dtype[np.void]) -> str:
@@ -162,7 +168,17 @@ LONGEST_NS = 1 << 62
 """Differences of times within this (146 years) are 64-bit integers, too."""
 
 
+@cache
+def _has_integers_alone(dtype: np.dtype[Any]) -> bool:
+    return all(dtype[name] == np.int64 for name in dtype.names or ("",))
+
+
 def _check_values(rows: Rows, path: Path) -> None:
+    if rows.size and _has_integers_alone(rows.dtype):
+        # Nearly always no value is large, whatever it means: a run has thousands of files.
+        values = rows.view(np.int64)
+        if values.min() >= -LONGEST_NS and values.max() <= LONGEST_NS:
+            return
     names = [name for name in rows.dtype.names or () if name.endswith("_ns")] if rows.size else ()
     for name in names:
         times = rows[name]

@@ -16,6 +16,7 @@ NODE_COLUMNS: Final = (
     *("node", "load", "threads", "taken", "never taken"),
     *("callback p50", "callback p99", "wait p50", "wait p99"),
 )
+CALLBACK_COLUMN: Final = NODE_COLUMNS.index("callback p50")
 
 _SMALL: Final = 0.01
 """Parts with a smaller share of the latency are left out of tables, together."""
@@ -34,7 +35,7 @@ def title(anatomy: AnatomySummary, path: PathSummary) -> str:
 
 def caption(path: PathSummary) -> str:
     """How many messages there are, and how they came."""
-    texts = [f"{path.n:,} messages"]
+    texts = [f"{path.n:,} message{'s' if path.n != 1 else ''}"]
     if path.last < path.n:
         texts.append(f"{path.last:,} of them came after the other inputs that they needed")
     if path.by_timer:
@@ -89,8 +90,6 @@ def anatomy_notes(anatomy: AnatomySummary) -> Iterator[str]:
     """What is missing, a sentence each, without a full stop."""
     if anatomy.error:
         yield anatomy.error.rstrip(".")
-    if anatomy.lost:
-        yield f"{anatomy.lost:,} events were lost for lack of room: parts of messages are missing"
     for monitor, received in anatomy.received.items():
         known = sum(path.last for path in anatomy.paths if path.monitor == monitor)
         if known < received:

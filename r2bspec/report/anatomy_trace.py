@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from r2bspec.judge.measure.anatomy_events import NONE, UNKNOWN_NS, Events
-from r2bspec.judge.measure.anatomy_summary import join_segment, last_run, observed_segments
+from r2bspec.judge.measure.observed_runs import join_segment, last_run, observed_segments
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import AnatomyKind, AnatomyRecord
 

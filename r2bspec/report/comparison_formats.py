@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-import io
+import importlib.resources
 from collections.abc import Iterator, Sequence
+from html import escape
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -14,7 +16,11 @@ from r2bspec.report.finding_formats import command
 from r2bspec.report.format_registry import COMPARISON_FORMATS, load
 from r2bspec.report.markdown import code, escaped, folded, table
 from r2bspec.report.number_formats import csv_text
-from r2bspec.report.output import console
+from r2bspec.report.output import printed_text
+from r2bspec.report.report_wording import interval_text
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
 def render(comparisons: Sequence[Comparison], name: str, width: int = 100) -> bytes:
@@ -51,13 +57,15 @@ def to_json(comparisons: Sequence[Comparison]) -> bytes:
 
 def to_text(comparisons: Sequence[Comparison], width: int = 100) -> str:
     """A table for each, its lines in the order of rates and metrics."""
+    return printed_text(lambda page: _print_tables(comparisons, page), max(width, 60))
+
+
+def _print_tables(comparisons: Sequence[Comparison], page: Console) -> None:
     from rich.text import Text
 
     from r2bspec.report.terminal_tables import DIM_STYLE, heading
     from r2bspec.report.terminal_tables import table as frame
 
-    buffer = io.StringIO()
-    page = console(buffer, width=max(width, 60), color_system=None, legacy_windows=False)
     for comparison in comparisons:
         page.print(heading(title(comparison), ""))
         for difference in comparison.differences:
@@ -73,7 +81,6 @@ def to_text(comparisons: Sequence[Comparison], width: int = 100) -> str:
         page.print(summary(comparison), highlight=False)
         page.print()
     page.print(Text(ADVICE, style=DIM_STYLE))
-    return "".join(f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines())
 
 
 def to_markdown(comparisons: Sequence[Comparison]) -> str:
@@ -113,18 +120,8 @@ def numbers(line: ComparisonLine) -> tuple[str, str, str, str]:
         show(line.base, line.unit),
         show(line.head, line.unit),
         show(line.ratio, "share", 4),
-        _bounds(line),
+        interval_text(line.lower, line.upper, "share", 4),
     )
-
-
-def _bounds(line: ComparisonLine) -> str:
-    if line.lower is None and line.upper is None:
-        return ""
-    if line.lower is None:
-        return f"≤ {show(line.upper, 'share', 4)}"
-    if line.upper is None:
-        return f"≥ {show(line.lower, 'share', 4)}"
-    return f"{show(line.lower, 'share', 4)} … {show(line.upper, 'share', 4)}"
 
 
 def metric_text(line: ComparisonLine) -> str:
@@ -190,3 +187,53 @@ def _commands(one: Comparison) -> Iterator[str]:
     for line in annotated[:MAX_ANNOTATIONS]:
         head = f"{metric_text(line)}: {line.outcome}"
         yield command(_KINDS[line.outcome], head, line.reason, {})
+
+
+_PAGE_HEADER = ("", "metric", "base", "head", "ratio", "bounds", "reason")
+
+_STYLES = {"improved": "pass", "worse": "fail", "same": "", "can't tell": "inconclusive"}
+
+
+def to_html(comparisons: Sequence[Comparison]) -> str:
+    """One self-contained page in the style of the report of a run: tables only, no scripts."""
+    return "\n".join([*_page(comparisons), ""])
+
+
+def _page(comparisons: Sequence[Comparison]) -> Iterator[str]:
+    style = importlib.resources.files("r2bspec.report.html").joinpath("style.css")
+    yield '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">'
+    yield '<meta name="viewport" content="width=device-width, initial-scale=1">'
+    yield '<meta name="generator" content="r2bspec">'
+    yield f"<title>Comparison with {_text(comparisons[0].base.source)}</title>"
+    yield f"<style>\n{style.read_text('utf-8')}\n</style>\n</head>\n<body>\n<main>"
+    for comparison in comparisons:
+        yield f"<section>\n<h2>{_text(title(comparison))}</h2>\n<p>{_text(summary(comparison))}</p>"
+        if comparison.differences:
+            yield "<p>Differences between the runs:</p>\n<ul>"
+            yield from (f"<li>{_text(difference)}</li>" for difference in comparison.differences)
+            yield "</ul>"
+        yield '<div class="wide" tabindex="0" role="region" aria-label="Table of metrics">'
+        yield '<table border="1" cellspacing="0" cellpadding="4">\n<thead><tr>'
+        yield from (f'<th scope="col">{header}</th>' for header in _PAGE_HEADER)
+        yield "</tr></thead>\n<tbody>"
+        yield from map(_page_row, comparison.lines)
+        yield "</tbody>\n</table>\n</div>\n</section>"
+    yield f"<p>{_text(ADVICE)}</p>\n</main>\n</body>\n</html>"
+
+
+def _page_row(line: ComparisonLine) -> str:
+    cells = "".join(f'<td class="n">{_text(number) or "–"}</td>' for number in numbers(line))
+    return (
+        f'<tr class="{_STYLES[line.outcome]}"><td class="outcome"><strong>'
+        f"{_text(OUTCOME_TEXTS[line.outcome])}</strong></td>"
+        f'<th scope="row" align="left"><code>{_text(metric_text(line))}</code></th>'
+        f"{cells}<td>{_text(line.reason)}</td></tr>"
+    )
+
+
+def _text(text: str) -> str:
+    """Text as HTML shows it; control characters, which HTML cannot contain, are replaced."""
+    plain = "".join(
+        character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text
+    )
+    return escape(plain)

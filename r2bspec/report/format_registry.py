@@ -110,7 +110,7 @@ COMPARISON_FORMATS: Final = {
     "json": "comparison_formats:to_json",
     "csv": "comparison_formats:to_csv",
     "github": "comparison_formats:to_github",
-    "html": "html.comparison_page:to_html",
+    "html": "comparison_formats:to_html",
 }
 """The formats of a comparison of stored results."""
 

@@ -14,6 +14,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
+from r2bspec.diagnostics.quote import first_words, pluralize
 from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
@@ -89,17 +90,15 @@ def base_name(result: Result) -> str:
         return ""
     if earlier.kind == "stored":
         return f"the stored run {earlier.source}"
-    return "1 earlier run" if len(earlier.run_ids) == 1 else f"{len(earlier.run_ids)} earlier runs"
+    return pluralize(len(earlier.run_ids), "earlier run")
 
 
 def changes_text(changes: Sequence[str], base: str) -> str:
     """What differs from the base, such as ``blur.py changed against origin/main@9b1e44f``."""
     if not changes:
         return ""
-    named = ", ".join(changes[: wording.NAMED_CHANGES])
-    more = len(changes) - wording.NAMED_CHANGES
-    others = f" and {more} more" if more > 0 else ""
-    return f"{named}{others}{f' against {base}' if base else ''}"
+    named = first_words(changes, wording.NAMED_CHANGES)
+    return f"{named}{f' against {base}' if base else ''}"
 
 
 def _decisive(verdict: Verdict, base: str, pace: str) -> str:
@@ -185,12 +184,9 @@ def _relation(verdict: RequirementVerdict, requirement: Requirement) -> str:
 
 def _interval(verdict: RequirementVerdict) -> str:
     """The bounds in brackets, with the unit where the estimate does not share it."""
-    if verdict.lower is None and verdict.upper is None:
-        return ""
-    if verdict.lower is None:
-        return f" [≤ {show(verdict.upper, verdict.unit)}]"
-    if verdict.upper is None:
-        return f" [≥ {show(verdict.lower, verdict.unit)}]"
+    if verdict.lower is None or verdict.upper is None:
+        text = wording.interval_text(verdict.lower, verdict.upper, verdict.unit)
+        return f" [{text}]" if text else ""
     ends = [show(value, verdict.unit) for value in (verdict.lower, verdict.upper)]
     unit = show(verdict.estimate, verdict.unit).partition(" ")[2]
     if all(end.partition(" ")[2] == unit for end in ends):

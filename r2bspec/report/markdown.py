@@ -108,7 +108,9 @@ def _requirements(verdict: Verdict, pace: str, *, verbose: bool) -> Iterator[str
 def _measured(result: Result, said: Collection[str]) -> Iterator[str]:
     metrics = result.metrics
     for name in monitor_names(metrics):
-        yield f"**{escaped(result.monitor_title(name))}**"
+        times = result.times_title(name)
+        what = "" if times == "Latency" else f": {times.lower()}"
+        yield f"**{escaped(result.monitor_title(name))}**{what}"
         yield ""
         yield from table(
             ("offered", *(METRICS[metric].title for metric in _COLUMNS)),
@@ -157,7 +159,7 @@ def _anatomy(result: Result) -> Iterator[str]:
             rows = [[*map(escaped, row)] for row in anatomy_table.part_rows(path)]
             yield from table(anatomy_table.PART_COLUMNS, rows)
         rows = [[*map(escaped, row)] for row in anatomy_table.node_rows(anatomy)]
-        yield from table(anatomy_table.NODE_COLUMNS, rows)
+        yield from table(anatomy_table.NODE_COLUMNS, rows) if rows else ()
         yield from (f"{escaped(note)}  " for note in anatomy_table.anatomy_notes(anatomy))
         yield ""
 

@@ -7,17 +7,19 @@ that the report has said already, such as the reason of a failed requirement, is
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
+from r2bspec.diagnostics.quote import first_words, join_words, pluralize
 from r2bspec.judge.caveats import WITHOUT_BURST, particular_caveats
 from r2bspec.judge.measure.metrics import RunMetrics
 from r2bspec.judge.measure.own_pace import own_pace_text
 from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import DisturbedIteration, RequirementVerdict
+from r2bspec.language.spec_benchmark import ACCEPTED, FEEDBACK
 from r2bspec.middleware.middleware import middleware_named
 from r2bspec.record.run_record import Probe, ProfileRecord, StartRecord
 from r2bspec.report import report_wording as wording
@@ -72,7 +74,7 @@ class Notes:
         """How many are left out, and where they are; empty if none are."""
         if not self.others:
             return ""
-        number = f"{len(self.others)} more note{'s' if len(self.others) > 1 else ''}"
+        number = pluralize(len(self.others), "more note")
         return f"{number}: with --verbose, or in the HTML report"
 
 
@@ -210,8 +212,7 @@ def _requirement_notes(result: Result, outcomes: Sequence[str]) -> Iterator[str]
             for text in dict.fromkeys(verdict.notes):
                 about.setdefault(text, []).append(_where(verdict, several=several))
     for text, where in about.items():
-        more = f" and {len(where) - 1} more" if len(where) > 1 else ""
-        yield f"{where[0]}{more}: {text}"
+        yield f"{first_words(where, 1)}: {text}"
 
 
 def _where(verdict: RequirementVerdict, *, several: bool) -> str:
@@ -296,27 +297,22 @@ def _interference_notes(result: Result) -> Iterator[str]:
 def _interference_summary(result: Result) -> str:
     """How much of the run other programs disturbed, with one example of how."""
     rates, probes = result.metrics.rates, wording.all_probes(result.metrics)
-    disturbed = {
-        "iterations": [iteration.reasons for iteration in result.verdict.disturbed],
-        "starts": [start.disturbed for start in result.starts if start.disturbed],
-        "probes": [probe.disturbed for probe in probes if probe.disturbed],
-        "measurements of the overhead": [
-            overhead.disturbed for overhead in result.harness_overhead if overhead.disturbed
-        ],
-    }
-    numbers = {
-        "iterations": sum(len(rate.iterations) + len(rate.reruns) for rate in rates),
-        "starts": len(result.starts),
-        "probes": len(probes),
-        "measurements of the overhead": len(result.harness_overhead),
-    }
-    parts = [
-        f"{len(reasons)} of {max(numbers[kind], len(reasons))} {kind}"
-        for kind, reasons in disturbed.items()
-        if reasons
-    ]
-    example = next(reason for kind in disturbed.values() for reasons in kind for reason in reasons)
-    affected = " and ".join(filter(None, [", ".join(parts[:-1]), parts[-1]]))
+    iterations = sum(len(rate.iterations) + len(rate.reruns) for rate in rates)
+    examples, parts = [], []
+    for kind, number, all_reasons in (
+        ("iterations", iterations, [each.reasons for each in result.verdict.disturbed]),
+        ("starts", len(result.starts), [each.disturbed for each in result.starts]),
+        ("probes", len(probes), [each.disturbed for each in probes]),
+        (
+            "measurements of the overhead",
+            len(result.harness_overhead),
+            [each.disturbed for each in result.harness_overhead],
+        ),
+    ):
+        if reasons := [each for each in all_reasons if each]:
+            parts.append(f"{len(reasons)} of {max(number, len(reasons))} {kind}")
+            examples.append(reasons[0][0])
+    example, affected = examples[0], join_words(parts, "and")
     return f"Host interference in {affected}; for example, {example}"
 
 
@@ -397,13 +393,19 @@ def _reception_notes(result: Result) -> Iterator[str]:
     )
 
 
+def _is_feedback(name: str, measured: Container[str]) -> bool:
+    """Whether a monitor has the feedback of an action, which tells of each goal several times."""
+    action = name.removesuffix(FEEDBACK)
+    return action != name and action in measured and f"{action}{ACCEPTED}" in measured
+
+
 def _message_anomalies(result: Result) -> Iterator[str]:
     """Messages that did not arrive exactly once, in order, and in response to an input."""
     for rate in result.metrics.rates:
         for name, seen in rate.pooled.monitors.items():
             where = f"{name} {at_rate(rate.offered_hz, rate.pace)}"
             if not seen.received:
-                yield f"{where} received nothing"
+                yield f"{where} received {'no reaction' if seen.reaction else 'nothing'}"
             elif seen.unknown_latency:
                 yield f"{where}: the latency is unknown: {seen.unknown_latency}"
             if seen.own_period_s is not None:
@@ -414,7 +416,7 @@ def _message_anomalies(result: Result) -> Iterator[str]:
                 inputs, outputs = show(seen.sent, "count"), show(seen.expected, "count")
                 yield f"{where}: {inputs} inputs, {outputs} outputs expected"
             odd = {
-                "duplicated": seen.duplicates,
+                "duplicated": 0 if _is_feedback(name, rate.pooled.monitors) else seen.duplicates,
                 "reordered": seen.reordered,
                 "matched no input": (seen.unmatched or 0) - (seen.overdue or 0),
                 "arrived in a later segment (counted as missed)": seen.overdue,

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.measure.distribution import PERCENTILES, Distribution, part_value
+from r2bspec.judge.measure.metric_catalogue import ANATOMY_SHARES
 from r2bspec.judge.measure.metrics import RateMetrics, RunMetrics
 from r2bspec.judge.measure.units import rate_name
 from r2bspec.judge.verdict import EXIT_CODES
@@ -20,6 +21,7 @@ from r2bspec.report.result_table import METRICS, measured
 _SUMMARIES = {
     "latency": "Time from publication of the input to reception of the output.",
     "latency_from_due": "Time from the due time of the input to reception of the output.",
+    "reaction": "Time from an input event to the first output that meets the condition.",
     "age": "Time from publication of the newest input in an output to its reception.",
     "interval": "Time between consecutive outputs.",
     "jitter": "Absolute difference of consecutive intervals.",
@@ -107,6 +109,7 @@ def _families(report_input: ReportInput) -> Iterator[_Family]:
     yield _ratios(report_input)
     yield from _of_monitors(result.metrics, named)
     yield from _of_processes(result.metrics.rates, named)
+    yield from _of_parts(result.metrics.rates, named)
     search = result.metrics.search
     if search is not None and search.holds_hz is not None:
         for (name, about), value in zip(
@@ -182,9 +185,9 @@ def _of_monitors(metrics: RunMetrics, named: Labels) -> Iterator[_Family]:
         for labels, seen in rows:
             times = getattr(seen, key)
             # In a live run, what was sent is unknown, and so are some times.
-            if times is not None and (times.n or seen.sent is not None):
+            if times and (times.n or seen.sent is not None):
                 _add_summary(family, times, labels)
-        if any(getattr(seen, key) is not None for _, seen in rows):
+        if any(getattr(seen, key) for _, seen in rows):
             yield family
     for metric, (name, unit, about) in _GAUGES.items():
         gauge = _Family(f"r2bspec_{name}", "gauge", about, unit)
@@ -228,6 +231,22 @@ def _of_processes(rates: tuple[RateMetrics, ...], named: Labels) -> Iterator[_Fa
             memory.add(labels, use.memory_max_bytes)
     yield cpu
     yield memory
+
+
+def _of_parts(rates: tuple[RateMetrics, ...], named: Labels) -> Iterator[_Family]:
+    about = "Time of a part of a node, topic or monitor, observed from inside."
+    times = _Family("r2bspec_part_seconds", "summary", about, "seconds")
+    about = "Load, overtaken messages or share of a path of a node, observed from inside."
+    shares = _Family("r2bspec_part_ratio", "gauge", about, "ratio")
+    for rate in rates:
+        for series, values in (rate.pooled.anatomy or {}).items():
+            labels = {**named, "offered_hz": _rate(rate.offered_hz, rate.pace), "part": series}
+            if series.endswith(ANATOMY_SHARES):
+                shares.add(labels, values.mean)
+            else:
+                _add_summary(times, values, labels)
+    yield times
+    yield shares
 
 
 def _rate(rate_hz: float, pace: str = "") -> str:

@@ -7,7 +7,9 @@ exceptions, titles of results. What goes through here is harmless (see
 
 from __future__ import annotations
 
+import io
 import sys
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final, TextIO, cast
 
 import click
@@ -72,6 +74,13 @@ def write(stream: TextIO, text: str) -> None:
     """Write a text, with or without colours around plain values, to a stream, at once."""
     stream.write(plain_text.short_lines(plain_text.harmless(text, styled=True)))
     stream.flush()
+
+
+def printed_text(show: Callable[[Console], object], width: int) -> str:
+    """What is shown on a console of this width: plain text, no spaces at the ends of lines."""
+    buffer = io.StringIO()
+    show(console(buffer, width=width, color_system=None, legacy_windows=False))
+    return "".join(f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines())
 
 
 def console(stream: TextIO | None = None, **options: Any) -> Console:

@@ -65,10 +65,21 @@ def to_suite(report_input: ReportInput, *, lenient: bool) -> TestSuite:
         suite.add_property("code", printable(code))
     for key, value in result.labels.items():
         suite.add_property(printable(f"label.{key}"), printable(str(value)))
-    suite.add_testcase(_run_case(report_input, name))
-    for row in requirement_rows(result.verdict):
-        suite.add_testcase(_requirement_case(row, result, lenient=lenient))
-    # After the cases: adding one makes the suite sum up the times of all.
+    rows = requirement_rows(result.verdict)
+    case_of = partial(
+        _requirement_case,
+        result=result,
+        name_monitor=several_monitors(result.verdict),
+        lenient=lenient,
+    )
+    # All at once: each call counts the cases anew.
+    suite.add_testcases(
+        [
+            _run_case(report_input, name),
+            *map(case_of, rows),
+        ]
+    )
+    # After the cases: adding them makes the suite sum up the times of all.
     suite.time = _duration_s(result.started_at, result.ended_at)
     return suite
 
@@ -97,7 +108,9 @@ def _run_case(report_input: ReportInput, name: str) -> TestCase:
     return case
 
 
-def _requirement_case(row: RequirementRow, result: Result, *, lenient: bool) -> TestCase:
+def _requirement_case(
+    row: RequirementRow, result: Result, *, name_monitor: bool, lenient: bool
+) -> TestCase:
     from junitparser import Error, Failure, Skipped, TestCase
 
     verdict = row.verdict
@@ -112,8 +125,7 @@ def _requirement_case(row: RequirementRow, result: Result, *, lenient: bool) -> 
         case.system_out = f"{row.word}: {reason}\n{numbers}"
     else:
         kind = Failure if verdict.outcome == "fail" else Skipped if lenient else Error
-        several = several_monitors(result.verdict)
-        line = requirement_headline(verdict, result, name_monitor=several)
+        line = requirement_headline(verdict, result, name_monitor=name_monitor)
         problem = kind(printable_lines(line), verdict.outcome)
         problem.text = f"{reason}\n{numbers}"
         case.result = [problem]

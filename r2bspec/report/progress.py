@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from r2bspec.diagnostics.plain_text import plain
 from r2bspec.diagnostics.quote import printable
-from r2bspec.execute.progress import NullProgress, Progress, SegmentProgress
+from r2bspec.execute.progress import Progress, SegmentProgress
 from r2bspec.judge.measure.units import show
 from r2bspec.plan.time_estimate import TimeEstimate, time_text
 from r2bspec.report.output import console, write
@@ -109,7 +109,7 @@ def load_text(cores: Mapping[str, float]) -> str:
     return f"CPU {' · '.join(shown)}" if shown else ""
 
 
-class _ShownProgress(NullProgress):
+class _ShownProgress(Progress):
     """What every progress that is shown follows."""
 
     def __init__(self, remaining: RemainingTime | None) -> None:
@@ -243,7 +243,7 @@ def shown_progress(
         remaining: is told of the phases, and shown; None shows no remaining time.
     """
     if quiet:
-        yield NullProgress()
+        yield Progress()
     elif os.environ.get("CI"):
         yield _CiProgress(remaining)
     elif not sys.stderr.isatty():

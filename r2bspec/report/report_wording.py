@@ -5,6 +5,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Iterator, Sequence
 
+from r2bspec.diagnostics.quote import pluralize
 from r2bspec.judge.measure.metrics import RunMetrics
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
@@ -67,12 +68,17 @@ def bounds_text(one: RequirementVerdict) -> str:
     if one.lower is None and one.upper is None:
         compared = one.method == "observation" or METHODS[one.method].rests_on == "truth"
         return "observed" if compared else ""
-    if one.lower is None:
-        return f"≤ {show(one.upper, one.unit)}"
-    if one.upper is None:
-        return f"≥ {show(one.lower, one.unit)}"
     lower, upper = show(one.lower, one.unit), show(one.upper, one.unit)
-    return lower if lower == upper else f"{lower} … {upper}"
+    return lower if lower == upper else interval_text(one.lower, one.upper, one.unit)
+
+
+def interval_text(lower: float | None, upper: float | None, unit: str, digits: int = 3) -> str:
+    """An interval, one-sided where only one side is bounded; empty if none is."""
+    if lower is None:
+        return "" if upper is None else f"≤ {show(upper, unit, digits)}"
+    if upper is None:
+        return f"≥ {show(lower, unit, digits)}"
+    return f"{show(lower, unit, digits)} … {show(upper, unit, digits)}"
 
 
 BUDGET_CAPTION = (
@@ -161,7 +167,7 @@ def comparison(result: Result) -> Iterator[str]:
     pairs, earlier = result.pairs, result.baseline
     if pairs is not None:
         played = f"{pairs.used} of {pairs.planned} pairs" if pairs.used < pairs.planned else ""
-        played = played or ("1 pair" if pairs.used == 1 else f"{pairs.used} pairs")
+        played = played or pluralize(pairs.used, "pair")
         if pairs.control:
             yield f"Control: the graph compared with itself, in {played} of interleaved runs."
         else:
@@ -172,7 +178,7 @@ def comparison(result: Result) -> Iterator[str]:
             f"Difference from base to head: {difference}" for difference in pairs.differences
         )
     if earlier is not None:
-        runs = "1 run" if len(earlier.run_ids) == 1 else f"{len(earlier.run_ids)} runs"
+        runs = pluralize(len(earlier.run_ids), "run")
         if earlier.kind == "history":
             yield f"Compared with {runs} of the history {earlier.source}."
         else:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from r2bspec.judge.measure.distribution import PARTS, part_title, part_value
-from r2bspec.judge.measure.metric_catalogue import ANATOMY_SHARES
+from r2bspec.judge.measure.metric_catalogue import ANATOMY_SHARES, WHOLE_GRAPH
 from r2bspec.judge.measure.metrics import (
     MonitorMetrics,
     RateMetrics,
@@ -118,8 +118,9 @@ class Metric:
         """Its value; None where there is none."""
         family, _, part = self.path.partition("/")
         value = getattr(seen, family)
-        found: float | None = getattr(value, part) if part and value is not None else value
-        return found
+        if not part:
+            return value  # type: ignore[no-any-return]  # a count, a rate, a share, or nothing
+        return getattr(value, part) if value else None
 
 
 def _metrics() -> Iterator[Metric]:
@@ -127,6 +128,7 @@ def _metrics() -> Iterator[Metric]:
     for family, prefix in (
         ("latency", ""),
         ("latency_from_due", "from due, "),
+        ("reaction", "reaction "),
         ("age", "age "),
         ("interval", "interval "),
         ("jitter", "jitter "),
@@ -272,8 +274,10 @@ def _segment(segment: SegmentMetrics) -> Iterator[_Value]:
     yield "", "playback.rate", "Hz", segment.playback.rate_hz
     for part in PARTS:
         yield "", f"playback.lateness.{part}", "s", part_value(segment.playback.lateness, part)
-    uses = {**segment.processes, **({"system": segment.machine} if segment.machine else {})}
+    uses = {**segment.processes, WHOLE_GRAPH: segment.graph, "system": segment.machine}
     for process, use in uses.items():
+        if use is None:
+            continue
         yield "", f"cpu.{process}.mean", "share", use.cpu_mean
         yield "", f"cpu.{process}.max", "share", use.cpu_max
         yield "", f"memory.{process}.max", "B", use.memory_max_bytes

@@ -6,7 +6,6 @@ import datetime
 import html
 import importlib.resources
 import importlib.util
-import io
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -16,16 +15,17 @@ import msgspec
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics.plain_text import harmless
-from r2bspec.diagnostics.quote import printable, printable_lines
+from r2bspec.diagnostics.quote import pluralize, printable, printable_lines
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.judge.measure.distribution import SHORT_PERCENTILES, part_title
 from r2bspec.judge.measure.units import show, show_rate
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict
+from r2bspec.report.finding_formats import junit_text
 from r2bspec.report.format_registry import HOST_CHARTS, load
 from r2bspec.report.headline import headline
 from r2bspec.report.notes import notes_of_an_open_run
-from r2bspec.report.output import console
+from r2bspec.report.output import printed_text
 from r2bspec.report.report_wording import OUTCOME_WORDS, revisions, revisions_text
 from r2bspec.report.write_reports import STDOUT, link_text
 
@@ -258,18 +258,15 @@ def to_text(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byte
     from r2bspec.report.terminal_tables import table
 
     summary = _with_distinct_names(summary)
-    buffer = io.StringIO()
-    page = console(buffer, width=_WIDEST, color_system=None, legacy_windows=False)
     header = _header(summary)
     grid = table(header)
     for column, title in zip(grid.columns, header, strict=True):
         column.justify = "right" if title in _NUMBERS else "left"
     for _, cells in _table(summary):
         grid.add_row(*map(Text, cells))
-    page.print(grid)
     lines = [f"{_count_text(summary)}\n"]
     if summary.runs:
-        lines += ["\n", *(f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines())]
+        lines += ["\n", printed_text(lambda page: page.print(grid), _WIDEST)]
     lines += [f"\n{text}\n" for text in _paragraphs(summary)]
     return harmless("".join(lines)).encode()
 
@@ -367,10 +364,9 @@ def to_junit(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byt
             kind = Skipped if run.outcome == "skipped" else Error
             case.result = [kind(printable_lines(run.reason), run.outcome)]
             suite.add_testcase(case)
-        xml.add_testsuite(suite)
-    buffer = io.BytesIO()
-    xml.write(buffer, pretty=True)
-    return harmless(buffer.getvalue().decode().rstrip() + "\n").encode()
+        # Their names differ: not compared with each other, which is what adding them does.
+        xml.append(suite)  # type: ignore[no-untyped-call]
+    return harmless(junit_text(xml)).encode()
 
 
 SUITE_FORMATS: Final[dict[str, SuiteRenderer]] = {
@@ -498,6 +494,5 @@ def _count_text(summary: SuiteSummary) -> str:
     counts: dict[str, int] = {}
     for run in summary.runs:
         counts[run.outcome] = counts.get(run.outcome, 0) + 1
-    total = len(summary.runs)
     parts = ", ".join(f"{count} {outcome}" for outcome, count in counts.items())
-    return f"{total} {'run' if total == 1 else 'runs'}: {parts or 'nothing to run'}"
+    return f"{pluralize(len(summary.runs), 'run')}: {parts or 'nothing to run'}"

@@ -27,7 +27,7 @@ from r2bspec.report import report_wording as wording
 from r2bspec.report.findings_text import wants_colour
 from r2bspec.report.headline import headline, reason_after, verdict_headline
 from r2bspec.report.notes import Notes, notes
-from r2bspec.report.output import console, echo, echo_document, echo_json
+from r2bspec.report.output import console, echo, echo_document, echo_json, printed_text
 from r2bspec.report.result_table import RequirementRow, reasons, requirement_rows
 from r2bspec.report.terminal_tables import (
     DIM_STYLE,
@@ -67,7 +67,7 @@ def show_result(
         # As bytes: JSON is UTF-8, whatever the encoding of the terminal.
         echo_document(to_json(result), nl=False)
     elif sys.stdout.isatty():
-        print_report(result, folder, _standard_output(), verbose=verbose)
+        print_report(result, folder, standard_output(), verbose=verbose)
     else:
         _print_whole(result, folder, verbose=verbose)
 
@@ -83,7 +83,7 @@ def show_verdict(title: str, verdict: Verdict, output_format: str) -> None:
     if output_format == "json":
         echo_json(verdict)
         return
-    terminal = _standard_output()
+    terminal = standard_output()
     line = verdict_headline(title, verdict)
     section = verdict_section(verdict, max(terminal.width, _MIN_WIDTH), verbose=True)
     for part in (first_line(line, verdict), second_line(line, verdict), section):
@@ -98,7 +98,7 @@ def _print_whole(result: Result, folder: Path | None, *, verbose: bool) -> None:
     echo(text, nl=False)
 
 
-def _standard_output() -> Console:
+def standard_output() -> Console:
     """A console for standard output."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         # A terminal that cannot show ✔ gets a question mark, not a traceback.
@@ -177,12 +177,12 @@ def to_text(
         whole_tables: tables that are wider are not cut.
         verbose: with every reason and every note.
     """
-    buffer = io.StringIO()
-    columns = _WIDEST if whole_tables else width
-    page = console(buffer, width=columns, color_system=None, legacy_windows=False)
     whole_from = width if whole_tables else 0
-    print_report(result, folder, page, whole_tables_from=whole_from, verbose=verbose)
-    return "".join(f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines())
+
+    def show(page: Console) -> None:
+        print_report(result, folder, page, whole_tables_from=whole_from, verbose=verbose)
+
+    return printed_text(show, _WIDEST if whole_tables else width)
 
 
 _PROBE_STYLES = {True: "green", False: "red", None: "yellow"}

@@ -117,12 +117,17 @@ def monitor_sections(result: Result, width: int) -> Iterator[RenderableType]:
         ]
         live = any(row.rate.pace == "source" for row in rows)
         family = "age" if own_pace and not live else "latency"
+        if any(row.seen.reaction for row in rows):
+            family = "reaction"
         yield _section(result.monitor_title(name), rows, columns, family)
 
 
 def _section(title: str, rows: list[Measured], columns: list[str], family: str) -> RenderableType:
     """The table of a monitor, with one family of times."""
-    grid = table(["offered", *(METRICS[metric].title for metric in columns)])
+    titles = [METRICS[metric].title for metric in columns]
+    if family == "reaction":
+        titles = ["events" if title == "sent" else title for title in titles]
+    grid = table(["offered", *titles])
     columns = [metric.replace("latency.", f"{family}.") for metric in columns]
     aside = family
     for row in rows:
@@ -174,18 +179,17 @@ def anatomy_sections(result: Result, *, verbose: bool) -> Iterator[RenderableTyp
             grid.columns[1].justify = "left"
             for row in anatomy_table.part_rows(path):
                 grid.add_row(*row)
-            about = Text(anatomy_table.caption(path), style=DIM_STYLE)
-            yield Group(heading("anatomy", anatomy_table.title(anatomy, path)), about, grid)
+            caption = Text(anatomy_table.caption(path), style=DIM_STYLE)
+            yield Group(heading("anatomy", anatomy_table.title(anatomy, path)), caption, grid)
         lines = [*anatomy_table.anatomy_notes(anatomy)]
         if more := len(anatomy.paths) - len(first):
             lines += [] if verbose else [f"--verbose shows the other paths, {more} more"]
         grid = table(anatomy_table.NODE_COLUMNS)
         for row in anatomy_table.node_rows(anatomy):
             grid.add_row(*row)
-        yield Group(
-            heading("nodes", "in the same iteration; a load of 100 % is one thread in callbacks"),
-            grid,
-        )
+        about = "in the same iteration; a load of 100 % is one thread in callbacks"
+        if grid.rows:
+            yield Group(heading("nodes", about), grid)
         if lines:
             yield Text("\n".join(lines), style=DIM_STYLE)
 
@@ -265,9 +269,16 @@ def _load_table(rates: tuple[RateMetrics, ...]) -> RenderableType:
     columns = ["process", *(show_rate(rate.offered_hz, rate.pace) for rate in rates), "memory"]
     grid = table([*columns, "faults"])
     names = dict.fromkeys(name for rate in rates for name in rate.pooled.processes)
+    of_processes = []
     for name in names:
         uses = [rate.pooled.processes.get(name) for rate in rates]
-        grid.add_row(name, *map(_cpu, uses), _memory(uses), _faults(uses))
+        of_processes.append([*map(_cpu, uses), _memory(uses)])
+        grid.add_row(name, *of_processes[-1], _faults(uses))
+    graph = [rate.pooled.graph for rate in rates]
+    # Of a graph in one process its row says the same.
+    together = [*map(_cpu, graph), _memory(graph)]
+    if any(graph) and together not in of_processes:
+        grid.add_row("whole graph", *map(_cpu, graph), _memory(graph), _faults(graph))
     machine = [rate.pooled.machine for rate in rates]
     if any(machine):
         grid.add_row("whole machine", *map(_cpu, machine), _memory(machine), "")

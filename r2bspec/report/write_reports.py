@@ -9,26 +9,31 @@ requested reports, and its readers see no log. So the formats that people read i
 
 from __future__ import annotations
 
+import fnmatch
+import glob
 import os
 import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 from urllib.parse import quote
 
 from r2bspec.compare.report_input import ReportInput, read_folder
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.errors import R2bspecError
 from r2bspec.judge.measure.units import rate_name
-from r2bspec.record.files import RUN_UNWRITABLE, RecordError, write_atomically
+from r2bspec.record.files import write_output
+from r2bspec.record.run_folder import FOLDER_ENTRIES, RECORD_FILES
 from r2bspec.report import finding_formats, format_registry
 from r2bspec.report.findings_text import render_text
-from r2bspec.safe_io.safe_file import is_folder, is_regular, is_there
+from r2bspec.safe_io.safe_file import is_folder, is_there
 
 STDOUT = "-"
 
 _MAX_NAME_LENGTH = 100
+_PLACEHOLDER: Final = re.compile(r"\{\w+\}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,21 +48,67 @@ def parse_report_requests(options: Iterable[str]) -> tuple[ReportRequest, ...]:
     """Parse ``FORMAT=PATH`` options, and check before the run that each can be written.
 
     Raises:
-        ReportUsageError: one has no equals sign or no path, names no format, or two of them
-            write to standard output, or to the same file.
+        ReportUsageError: one has no equals sign or no path, or names no format; or as
+            `check_targets`.
         ReportError: a library that one of them needs is missing.
     """
-    requests = [_parse(option) for option in options]
+    requests = tuple(_parse(option) for option in options)
     for parsed in requests:
         format_registry.check_installed(parsed.format)
-    paths = [given.path for given in requests]
-    for path in paths:
-        if paths.count(path) > 1:
-            where = "standard output" if path == STDOUT else repr(path)
+    check_targets(requests)
+    return requests
+
+
+def check_targets(
+    requests: Sequence[ReportRequest], read: Iterable[str] = (), output: Path | None = None
+) -> None:
+    """Check that no report replaces another one, or what r2bspec reads or has written.
+
+    Args:
+        requests: the reports; a placeholder in a path stands for any text.
+        read: files from which the reports are made.
+        output: the folder of the run that will be made.
+
+    Raises:
+        ReportUsageError: two write to standard output or to the same file; or one is a folder,
+            one of the files that are read, or has the name of a file in a run folder.
+    """
+    if not requests:
+        return
+    inputs = {os.path.realpath(file) for file in read}
+    targets: list[str] = []
+    for request in requests:
+        target = request.path if request.path == STDOUT else os.path.realpath(request.path)
+        if target in targets:
+            where = "standard output" if target == STDOUT else repr(request.path)
             raise format_registry.ReportUsageError(
                 f"two reports cannot both go to {where}", hint="Name another file for one of them."
             )
-    return tuple(requests)
+        targets.append(target)
+        if target == STDOUT:
+            continue
+        if is_folder(Path(target)):
+            raise format_registry.ReportUsageError(
+                f"{request.path} is a folder", hint="Give the name of a file, in it or elsewhere."
+            )
+        named = re.compile(fnmatch.translate(_PLACEHOLDER.sub("*", glob.escape(target)))).match
+        if any(named(file) for file in inputs) or _is_of_a_run(target, output):
+            raise format_registry.ReportUsageError(
+                f"the {request.format} report would replace {request.path}, which r2bspec needs",
+                hint="Give the name of another file.",
+            )
+
+
+def _is_of_a_run(target: str, output: Path | None) -> bool:
+    """Whether a file has a name by which a run folder above it keeps what was measured."""
+    below = None if output is None else Path(os.path.realpath(output))
+    for folder in Path(target).parents:
+        if folder == below or any(is_there(folder / name) for name in RECORD_FILES):
+            first = Path(target).relative_to(folder).parts[0]
+            named = re.compile(fnmatch.translate(_PLACEHOLDER.sub("*", glob.escape(first)))).match
+            if any(named(name) for name in FOLDER_ENTRIES):
+                return True
+    return False
 
 
 def _parse(option: str) -> ReportRequest:
@@ -119,7 +170,6 @@ def write_report(path: str, content: bytes) -> None:
     """Write a report to its path, ``-`` for standard output.
 
     Raises:
-        ReportError: the path is a folder.
         RecordError: the file cannot be written.
     """
     if path == STDOUT:
@@ -127,21 +177,7 @@ def write_report(path: str, content: bytes) -> None:
         sys.stdout.buffer.write(content)
         sys.stdout.flush()
         return
-    place = Path(path)
-    if is_folder(place):
-        raise format_registry.ReportError(f"{path} is a folder; give the name of a file")
-    if is_there(place) and not is_regular(place):
-        # Write to a pipe or a device, such as /dev/stderr; a rename would replace it.
-        try:
-            place.write_bytes(content)
-        except OSError as error:
-            raise RecordError(
-                f"{path} cannot be written: {error.strerror or error}",
-                hint="Give a file in a folder that you can write to.",
-                code=RUN_UNWRITABLE,
-            ) from error
-        return
-    write_atomically(place, content)
+    write_output(Path(path), content)
 
 
 def write_folder_reports(

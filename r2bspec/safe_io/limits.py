@@ -13,6 +13,10 @@ from typing import Final
 
 MAX_DOCUMENT_BYTES: Final = 10_000_000
 """A spec has a few thousand."""
+MAX_SEARCHED_FOLDERS: Final = 10_000
+"""That are searched for specs; hidden ones do not count."""
+MAX_SEARCHED_ENTRIES: Final = 500_000
+"""In all of them together."""
 MAX_YAML_DEPTH: Final = 100
 """Of lists and maps inside each other."""
 MAX_YAML_VALUES: Final = 400_000
@@ -78,8 +82,6 @@ MAX_PYTHON_BYTES: Final = 300_000
 """The parser needs up to 700 bytes of memory for each."""
 MAX_SPEC_PYTHON_BYTES: Final = 600_000
 """Python files of a spec together."""
-MAX_SEARCHED_PYTHON_BYTES: Final = 2_000_000
-"""Searched for a name by an editor, and not parsed."""
 MAX_BASE_CLASSES: Final = 100
 """Classes may name each other as their bases."""
 MAX_SCRIPT_BYTES: Final = 2_000_000
@@ -191,8 +193,10 @@ MAX_ANATOMY_EVENTS: Final = 4_000_000
 """Of all processes of a start together: 20,000 a second for three minutes."""
 MAX_ANATOMY_FILES: Final = 1_000
 """Processes of one start whose events are recorded: a large graph has some dozens."""
-MAX_STACKS_BYTES: Final = 64 << 20
-"""One profile."""
+MAX_STACKS_BYTES: Final = 16 << 20
+"""The profiles of a run together."""
+MAX_STACK_FRAMES: Final = 500_000
+"""In all stacks of one of them that are drawn; those of the fewest samples are not."""
 MAX_IDENTITY_TEXT_BYTES: Final = 4_000_000
 """A text file of the graph that is compared between runs."""
 MAX_DIGEST_BYTES: Final = 512_000_000
@@ -247,8 +251,6 @@ MAX_BUNDLE_BYTES: Final = 512 << 20
 """A folder that a command names may be a whole workspace."""
 MAX_BUNDLE_FILES: Final = 20_000
 """Likewise."""
-MAX_BUNDLE_SOURCE_BYTES: Final = 1_000_000
-"""A file of it that is searched for others."""
 MAX_BUNDLE_PATH_CHARACTERS: Final = 4_000
 """Of the system."""
 MAX_FLEET_FILE_BYTES: Final = 100_000

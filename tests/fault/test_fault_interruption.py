@@ -116,11 +116,7 @@ def watches(process: psutil.Process, running: Running) -> bool:
 def wait_until_said(running: Running, process: str, words: str) -> None:
     """Wait until a process has printed something."""
     log = running.folder / "logs" / f"{process}.log"
-    deadline = time.monotonic() + HANG_S
-    while not log.exists() or words not in log.read_text():
-        assert running.process.poll() is None, running.stderr()
-        assert time.monotonic() < deadline, running.stderr()
-        time.sleep(0.05)
+    running.wait_until(lambda: log.exists() and words in log.read_text(), repr(words))
 
 
 def kept(bench: Bench, done: Finished | Running, *, iterations: int) -> str:

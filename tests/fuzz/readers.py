@@ -34,7 +34,9 @@ from clean_answers import faults
 from hostile_calls import LIVE
 from hostile_inputs import DOCUMENTS, KEYS, METADATA, PARAMETERS, SPEC, VALUES, Prototypes
 from mutations import Mutation
+from rich.console import Console
 
+import tuning_results
 from data_bags import chatter, write_mcap, write_ros1
 from r2bspec.check import check
 from r2bspec.cli.internal_error import Crash
@@ -44,9 +46,12 @@ from r2bspec.diagnostics.edits import fix
 from r2bspec.errors import R2bspecError
 from r2bspec.language.json_schema import published_schema
 from r2bspec.language.load_spec import LoadedSpec, load_spec
-from r2bspec.record.anatomy_files import read_anatomy
+from r2bspec.record.anatomy_files import AnatomyReader
 from r2bspec.record.files import RecordError
 from r2bspec.report.finding_formats import FORMATS, render
+from r2bspec.tune.tuning_file import TUNING_FILE, read_tuning, to_json
+from r2bspec.tune.tuning_page import to_html
+from r2bspec.tune.tuning_report import print_tuning
 from run_simulation import renew_digests
 
 TESTS = Path(__file__).parents[1]
@@ -378,6 +383,29 @@ def _record_seeds() -> Iterator[bytes]:
     yield from (document.encode() for document in DOCUMENTS)
 
 
+def _tuning(data: bytes, folder: Path) -> None:
+    """The result of a search, as it is resumed and shown."""
+    (folder / TUNING_FILE).write_bytes(data)
+    try:
+        result = read_tuning(folder)
+    except RecordError as error:
+        assert error.hint  # noqa: PT017 - no test but a reader
+        return
+    assert b"\x1b" not in to_json(result)
+    assert b"\x1b" not in to_html(result)
+    print_tuning(result, Console(file=io.StringIO(), width=100))
+
+
+def _fonts() -> None:
+    """Matplotlib looks for the fonts of the system once, with a program."""
+    import matplotlib.font_manager  # noqa: F401
+
+
+def _tuning_seeds() -> Iterator[bytes]:
+    made = (tuning_results.improved, tuning_results.not_met, tuning_results.hostile)
+    return (to_json(make()) for make in made)
+
+
 def _arrays(data: bytes, folder: Path) -> None:
     """The first byte tells which array it is."""
     run = _run_in(folder)
@@ -397,7 +425,7 @@ def _events(data: bytes, folder: Path) -> None:
     table = data[4096 : 4096 + 516].ljust(2048 * 516, b"\0")
     (folder / "node.1.rows").write_bytes(data[:4096] + table + data[4096 + 516 :])
     with contextlib.suppress(RecordError):
-        rows, objects, processes = read_anatomy(folder)
+        rows, objects, processes = AnatomyReader(folder).read()
         assert (rows["object"] <= len(objects)).all()
         assert (rows["process"] < len(processes)).all()
 
@@ -677,6 +705,7 @@ READERS = {
         ),
     ),
     "record": Reader(_record, _json, _record_seeds),
+    "tuning": Reader(_tuning, _json, _tuning_seeds, _fonts),
     "arrays": Reader(_arrays, mutations.numbers, _arrays_seeds),
     "events": Reader(_events, mutations.numbers, _events_seeds),
     "control": Reader(_control, mutations.text(_control_words), _control_seeds),

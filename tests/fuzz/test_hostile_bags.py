@@ -268,3 +268,41 @@ def test_messages_do_not_count_as_other_records(
     messages = [("/a", number, text("")) for number in range(500)]
     file = write_mcap(tmp_path / "x.mcap", messages)
     answered("data", "verify", file.name, cwd=tmp_path, status=0)
+
+
+def test_a_hole_in_a_recording_is_refused_and_not_searched(tmp_path: Path) -> None:
+    bag = write_mcap(tmp_path / "hole.mcap", [("/a", 0, text("x"))])
+    (header,) = struct.unpack_from("<Q", bag.read_bytes(), 9)
+    with bag.open("r+b") as stream:
+        stream.truncate(17 + header)
+        stream.seek(10**12)
+        stream.write(struct.pack("<BQQQI", 2, 20, 0, 0, 0) + b"\x89MCAP0\r\n")
+    refused(bag, "without an opcode")
+
+
+@pytest.mark.parametrize("number", [2, 100_000])
+def test_a_chunk_that_is_listed_more_than_once_is_refused(number: int, tmp_path: Path) -> None:
+    bag = write_ros1(tmp_path / "twice.bag", [("/a", 0, text("x"))])
+    data = bag.read_bytes()
+    place = len(data) - _chunk_info_bytes(data)
+    bag.write_bytes(
+        data.replace(b"chunk_count=\x01\0\0\0", b"chunk_count=" + struct.pack("<I", number))
+        + data[place:] * (number - 1)
+    )
+    refused(bag, "a chunk more than once")
+
+
+def _chunk_info_bytes(data: bytes) -> int:
+    """The length of the record at the end, whose header and content begin with their lengths."""
+    return next(
+        length
+        for length in range(8, 1_000)
+        if 8 + sum(_lengths(data[-length:])) == length and b"chunk_pos=" in data[-length:]
+    )
+
+
+def _lengths(record: bytes) -> tuple[int, int]:
+    (header,) = struct.unpack_from("<I", record)
+    if header + 8 > len(record):
+        return (0, 0)
+    return header, struct.unpack_from("<I", record, 4 + header)[0]

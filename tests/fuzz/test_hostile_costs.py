@@ -194,6 +194,8 @@ def edits(text: str, number: int) -> tuple[object, ...]:
 CONVERSATIONS: dict[str, Callable[[], tuple[object, ...]]] = {
     "lines of a header": lambda: (b"X: y\r\n" * 2_000_000,),
     "a line of a header": lambda: (b"X: " + b"y" * 50_000_000 + b"\r\n",),
+    "cancelled requests": lambda: tuple(asked("$/cancelRequest", id=n) for n in range(30_000)),
+    "unknown requests": lambda: tuple(asked("x", n + 5) for n in range(20_000)),
     "lists": lambda: (asked("x", 5, a=[[]] * 5_000_000),),
     "positions": lambda: (
         asked("textDocument/selectionRange", 5, positions=[{"line": 0, "character": 0}] * 500_000),

@@ -237,6 +237,12 @@ def test_large_launch_files_in_xml_are_refused(inside: str, code: str, tmp_path:
     assert len(said) < 1_000
 
 
+@pytest.mark.parametrize("text", ["\ufeff<launch><x", "", " \n"])
+def test_xml_is_not_taken_for_yaml(text: str, tmp_path: Path) -> None:
+    (tmp_path / "a.launch.xml").write_text(text, encoding="utf-8")
+    assert "invalid XML" in answer(("init", "made", "--from-launch", "a.launch.xml"), tmp_path)
+
+
 @pytest.mark.parametrize("text", DOCTYPES)
 def test_the_parser_refuses_document_types(text: str, tmp_path: Path) -> None:
     (tmp_path / "a.launch.xml").write_text(text)

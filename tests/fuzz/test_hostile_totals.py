@@ -105,6 +105,13 @@ def test_every_case_of_a_matrix_reads_a_file_once(tmp_path: Path) -> None:
     assert "together" not in said
 
 
+def test_what_references_insert_has_one_limit_for_all_cases(tmp_path: Path) -> None:
+    value = f"variables: {{v: 0, long: '{'x' * 100_000}'}}\ntitle: $(var long)\n"
+    cases = matrix(900).partition("\n")[2]
+    said = validate(tmp_path, nodes(COMMAND, 1) + value + cases)
+    assert "with all its cases, is larger than 10 MB" in said
+
+
 def test_every_case_of_a_matrix_indexes_a_bag_once(tmp_path: Path) -> None:
     write_bag(tmp_path / "bag", MESSAGES, topics=[f"/t{number}" for number in range(500)])
     spec = nodes(COMMAND, 1).replace("playback: {mode: live}", "playback: {inputs: {i: {from: a}}}")

@@ -12,10 +12,12 @@ import gc
 import json
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -27,11 +29,14 @@ from r2bspec.bags.storage import ros1
 from r2bspec.check.check_context import Context
 from r2bspec.check.rules import bounds
 from r2bspec.cli.check_files import CheckOptions, check_file
+from r2bspec.compare.report_input import read_folder
 from r2bspec.interop.ros2_benchmark import read_compared
 from r2bspec.judge.measure.host_usage import ProcessSamples
 from r2bspec.record.sample_arrays import RESOURCE_DTYPE
+from r2bspec.report.pipelines import render_junit
 from r2bspec.safe_io.safe_json import decode_json
 from r2bspec.safe_io.safe_yaml import check_document
+from run_simulation import Played, Simulation, objective
 
 MAX_RATIO = 2.8
 REPETITIONS = 3
@@ -218,6 +223,18 @@ def read_launch(number: int, folder: Path) -> Work:
     return lambda: spec_from_sources("x", folder, InitSources(launch=str(file)))
 
 
+def write_junit(number: int, folder: Path) -> Work:
+    """A result with many requirements; a file can have more than any spec."""
+    place = folder / f"run-{number}"
+    objectives = {"fast": objective("latency.p99 < 60 ms", at="10 Hz")}
+    Simulation(segments=[Played(10, [0.01, 0.02])], objectives=objectives).write(place)
+    found = read_folder(place)
+    verdict = found.result.verdict
+    many = msgspec.structs.replace(verdict, requirements=verdict.requirements * number)
+    many_input = replace(found, result=msgspec.structs.replace(found.result, verdict=many))
+    return lambda: render_junit(many_input)
+
+
 READERS: dict[str, tuple[Callable[[int, Path], Work], int]] = {
     "rates of a report": (read_report(lambda n: {f"{i}.5fps": {} for i in range(n)}), 1500),
     "monitors of a report": (read_report(lambda n: {f"m{i}": {} for i in range(n)}), 1500),
@@ -227,6 +244,7 @@ READERS: dict[str, tuple[Callable[[int, Path], Work], int]] = {
     "values of YAML": (read_yaml, 3000),
     "values of JSON": (read_json, 4000),
     "nodes of a launch file": (read_launch, 150),
+    "requirements in JUnit": (write_junit, 800),
 }
 
 

@@ -6,8 +6,6 @@ finding, with another plan and without a reason here is a gap in the rules.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from mutants import Mutant
 
 from r2bspec.diagnostics import Path
@@ -30,48 +28,38 @@ _WORDS = ("title", "description")
 
 def reason(mutant: Mutant) -> str:
     """Why a mutant with another plan and no finding is no mistake, or an empty string."""
-    return next((why for rule in _RULES if (why := rule(mutant))), "")
-
-
-def _free_name(mutant: Mutant) -> str:
-    what = _NAMED.get(_strings(mutant.path[:-1]), "")
-    if mutant.kind == "misspell" and what:
-        return f"the name of {what} is free, and nothing else in the spec uses it"
-    if mutant.kind == "swap" and what:
-        return f"the names are free, and nothing else in the spec uses them: {what} has another"
-    return ""
-
-
-def _words(mutant: Mutant) -> str:
-    if mutant.path and mutant.path[-1] in _WORDS:
+    kind, path = mutant.kind, mutant.path
+    what = _NAMED.get(tuple(map(str, path[:-1])), "")
+    if path and path[-1] in _WORDS:
         return "words for readers; the language cannot judge them"
+    match kind, path[:1]:
+        case "retype", ("labels",):
+            return "a label may be of any type"
+        case "swap", ("variables",):
+            return "both variables are of one type"
+    match kind:
+        case "misspell" if what:
+            return f"the name of {what} is free, and nothing else in the spec uses it"
+        case "swap" if what:
+            used = "the names are free, and nothing else in the spec uses them"
+            return f"{used}: {what} has another"
+        case "delete" if what:
+            return f"a spec without {what} of that name is complete, and nothing refers to it"
+        case "delete" if path[-1] in _optional_keys(path[:-1]):
+            return "the key is optional, and its default applies"
+    if "parameters" in path[:-1]:
+        return _of_parameter(mutant)
+    if kind == "delete" and path[-2:-1] in (("publishes",), ("subscribes",)):
+        return "of a node that states less, the rest is unknown, and not guessed"
     return ""
 
 
-def _label(mutant: Mutant) -> str:
-    if mutant.kind == "retype" and mutant.path[:1] == ("labels",):
-        return "a label may be of any type"
-    return ""
+def _optional_keys(path: Path) -> set[str]:
+    owner = rule_at(path)
+    return set() if owner is None else {*(owner.keys or ())} - {*owner.required}
 
 
-def _entry_gone(mutant: Mutant) -> str:
-    what = _NAMED.get(_strings(mutant.path[:-1]), "")
-    if mutant.kind == "delete" and what:
-        return f"a spec without {what} of that name is complete, and nothing refers to it"
-    return ""
-
-
-def _has_default(mutant: Mutant) -> str:
-    owner = rule_at(mutant.path[:-1])
-    optional = set() if owner is None else {*(owner.keys or ())} - {*owner.required}
-    if mutant.kind == "delete" and mutant.path[-1] in optional:
-        return "the key is optional, and its default applies"
-    return ""
-
-
-def _parameter(mutant: Mutant) -> str:
-    if "parameters" not in mutant.path[:-1]:
-        return ""
+def _of_parameter(mutant: Mutant) -> str:
     if mutant.kind == "retype" and "instead" in mutant.note:
         return "the value came from a variable of the same type, which other nodes still use"
     if mutant.kind == "delete":
@@ -79,31 +67,3 @@ def _parameter(mutant: Mutant) -> str:
     if mutant.kind == "swap":
         return "both parameters are of one type, and only the node knows which value is which"
     return ""
-
-
-def _variables(mutant: Mutant) -> str:
-    if mutant.kind == "swap" and mutant.path[:1] == ("variables",):
-        return "both variables are of one type"
-    return ""
-
-
-def _interface(mutant: Mutant) -> str:
-    if mutant.kind == "delete" and mutant.path[-2:-1] in (("publishes",), ("subscribes",)):
-        return "of a node that states less, the rest is unknown, and not guessed"
-    return ""
-
-
-_RULES: tuple[Callable[[Mutant], str], ...] = (
-    _words,
-    _label,
-    _variables,
-    _free_name,
-    _entry_gone,
-    _has_default,
-    _parameter,
-    _interface,
-)
-
-
-def _strings(path: Path) -> tuple[str, ...]:
-    return tuple(str(part) for part in path)

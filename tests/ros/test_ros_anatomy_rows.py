@@ -20,7 +20,7 @@ from c_nodes import c_node_spec
 from r2bspec.execute.processes.prerequisites import reserved_domain
 from r2bspec.middleware.middleware import SHARED_MEMORY
 from r2bspec.native.build import anatomy_environment, anatomy_object
-from r2bspec.record.anatomy_files import file_bytes, read_anatomy
+from r2bspec.record.anatomy_files import AnatomyReader, file_bytes
 from r2bspec.record.run_record import AnatomyKind as Kind
 from ros_runs import HANG_S, Bench, relay_node, relay_spec
 from ros_runs import bench as bench
@@ -48,7 +48,7 @@ class Recorded:
     """What was recorded in a folder."""
 
     def __init__(self, folder: Path) -> None:
-        self.rows, self.objects, self.processes = read_anatomy(folder)
+        self.rows, self.objects, self.processes = AnatomyReader(folder).read()
 
     def of(self, kind: Kind, topic: str) -> Any:
         """The events of a kind about a topic or service; of takes those that took something."""

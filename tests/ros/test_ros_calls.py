@@ -11,11 +11,14 @@ pytest.importorskip("rclpy")
 pytest.importorskip("test_msgs")
 
 from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.serialization import serialize_message
+from test_msgs.srv import BasicTypes
 
 from c_nodes import c_node
 from r2bspec.harness.service_client import ServiceCallError, fill_message, service_class
 from ros_runs import Bench, quick_input, relay_spec
 from ros_runs import bench as bench
+from service_events import ADD_EVENTS, write_events
 
 # Every fourth request fails. The service takes longer than its period.
 NODES = """
@@ -114,11 +117,15 @@ def test_a_service_type_that_is_not_installed() -> None:
             service_class(wrong)
 
 
-def test_a_service_is_called_whether_or_not_it_has_answered(bench: Bench) -> None:
-    spec = calls_spec(
-        "Slow",
-        {"service": SLOW, "each": [{}, {"int64_value": 1}], "success": "bool_value"},
-    )
+def test_recorded_requests_are_sent_whether_or_not_earlier_ones_are_answered(bench: Bench) -> None:
+    requests = [BasicTypes.Request(int64_value=number) for number in range(2)]
+    events = [BasicTypes.Event(request=[request]) for request in requests]
+    recorded = [(100 * number, serialize_message(each)) for number, each in enumerate(events)]
+    write_events(bench.folder / "calls", recorded)
+    spec = calls_spec("Slow", {"service": SLOW, "from": "buffer/add", "success": "bool_value"})
+    spec["data_loader"] = {"bag": "./calls", "topics": {ADD_EVENTS: "buffer/add"}}
+    spec["playback"]["mode"] = "timeline"
+    del spec["benchmark"]["rates"]
     run = bench.run(spec).run()
     (segment,) = (each for each in run.record.segments if each.kind == "iteration")
     played, answers = run.playback(segment), run.monitor(segment, "it")
@@ -169,7 +176,8 @@ def test_a_service_in_c_is_called(bench: Bench) -> None:
 
 
 def test_of_an_action_acceptance_feedback_and_success_are_measured(bench: Bench) -> None:
-    run = bench.run(calls_spec("Planner", {"action": PLAN, "feedback": True})).run()
+    call = {"action": PLAN, "feedback": True, "each": [{"order": 7}, {}]}
+    run = bench.run(calls_spec("Planner", call)).run()
     (segment,) = (each for each in run.record.segments if each.kind == "iteration")
     rows = {name: run.monitor(segment, name) for name in ("it_accepted", "it_feedback", "it")}
     first = {}

@@ -22,6 +22,7 @@ class Source(Node):
         self.image = self.create_publisher(Image, "image", 10)
         self.old = self.create_publisher(Image, "old", 10)
         self.text = self.create_publisher(String, "text", 10)
+        self.ticks = 0
         self.create_timer(0.05, self.tick)
 
     def tick(self):
@@ -29,7 +30,8 @@ class Source(Node):
         self.old.publish(message)
         message.header.stamp = self.get_clock().now().to_msg()
         self.image.publish(message)
-        self.text.publish(String(data="x"))
+        self.text.publish(String(data="y" if self.ticks % 4 == 0 else "x"))
+        self.ticks += 1
 """
 
 SPEC: dict[str, Any] = {
@@ -47,6 +49,11 @@ SPEC: dict[str, Any] = {
         "out": {"topic": "output", "format": IMAGE},
         "old": {"topic": "old", "format": IMAGE},
         "text": {"topic": "text", "format": STRING, "match": "order"},
+        "reacts": {
+            "topic": "output",
+            "format": IMAGE,
+            "reaction": {"when": "header.stamp > 0", "from": "data == 'y'", "input": "text"},
+        },
     },
     "benchmark": {
         "duration": "700 ms",
@@ -55,8 +62,9 @@ SPEC: dict[str, Any] = {
         "start_timeout": "60 s",
     },
     "slos": {
-        "seen": {"require": ["received > 1", "out.latency.p50 < 100 s"]},
+        "seen": {"require": ["image.received > 1", "text.received > 1", "out.latency.p50 < 100 s"]},
         "unknown": {"require": ["old.latency.p50 < 100 s"]},
+        "quick": {"require": ["reacts.reaction.p50 < 100 s"]},
     },
 }
 
@@ -107,6 +115,19 @@ def test_latency_is_counted_from_the_stamp_of_the_source(pooled: Any) -> None:
     assert monitors["image"]["latency"]["min"] < monitors["out"]["latency"]["min"]
 
 
+def test_a_reaction_counts_from_a_message_that_another_monitor_sees(
+    done: Finished, pooled: Any
+) -> None:
+    seen = pooled["monitors"]["reacts"]
+    assert seen["sent"] >= 1
+    assert seen["reaction"]["n"] == seen["sent"] - seen["missed"] >= 1
+    assert seen["reaction"]["min"] > 0
+    (row,) = (
+        row for row in done.result()["verdict"]["requirements"] if row["objective"] == "quick"
+    )
+    assert row["estimate"] == seen["reaction"]["p50"]
+
+
 @pytest.mark.parametrize("name", ["old", "text"])
 def test_without_a_time_of_this_machine_there_is_no_latency(pooled: Any, name: str) -> None:
     seen = pooled["monitors"][name]
@@ -119,7 +140,7 @@ def test_without_a_time_of_this_machine_there_is_no_latency(pooled: Any, name: s
 
 def test_what_nobody_knows_has_no_value(pooled: Any) -> None:
     assert pooled["playback"]["sent"] is pooled["playback"]["rate_hz"] is None
-    for seen in pooled["monitors"].values():
+    for seen in (pooled["monitors"][monitor] for monitor in ("image", "out", "old", "text")):
         for name in ("sent", "answered", "missed", "drop_rate", "duplicates", "unmatched"):
             assert seen[name] is None
 

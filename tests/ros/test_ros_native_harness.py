@@ -145,28 +145,25 @@ class Harness:
         self.ask(monitor, protocol.Subscribe(monitors=(OUT,)))
 
     def match(self, *ends: ManagedProcess, count: int = 1) -> None:
-        deadline = time.monotonic() + HANG_S
-        while any(self.ask(end, protocol.CountMatches()).counts[TOPIC] < count for end in ends):
-            assert time.monotonic() < deadline
-            self.children.pump(0.02)
+        def matches(end: ManagedProcess) -> int:
+            counted: protocol.Matched = self.ask(end, protocol.CountMatches())
+            return counted.counts[TOPIC]
+
+        assert self.children.pump_until(lambda: min(map(matches, ends)) >= count, HANG_S)
 
     def discover(self, observer: ManagedProcess) -> None:
         """Wait until the observer knows the publisher."""
-        deadline = time.monotonic() + HANG_S
         command = protocol.Discover(topics=(TOPIC,))
-        while not self.ask(observer, command, protocol.Discovered).writers[TOPIC]:
-            assert time.monotonic() < deadline
-            self.children.pump(0.02)
+        assert self.children.pump_until(
+            lambda: self.ask(observer, command, protocol.Discovered).writers[TOPIC], HANG_S
+        )
 
     def played(self) -> Any:
         return PlaybackReader(self.rows / "played", PLAYBACK_FIELDS).read()
 
     def received(self, name: str, count: int) -> Any:
         rows = ArrivalReader(self.rows / f"{name}.rows", MONITOR_FIELDS)
-        deadline = time.monotonic() + HANG_S
-        while rows.count() < count:
-            assert time.monotonic() < deadline, f"{rows.count()} of {count}"
-            self.children.pump(0.02)
+        assert self.children.pump_until(lambda: rows.count() >= count, HANG_S), rows.count()
         return rows.read()
 
 
@@ -344,10 +341,7 @@ def test_a_monitor_that_did_not_run_says_for_how_long(
     began_ns = time.monotonic_ns()
     time.sleep(0.4)
     os.kill(monitor.pid, signal.SIGCONT)
-    deadline = time.monotonic() + HANG_S
-    while not held.between(began_ns, time.monotonic_ns()):
-        assert time.monotonic() < deadline
-        harness.children.pump(0.02)
+    harness.children.pump_until(lambda: held.between(began_ns, time.monotonic_ns()), HANG_S)
     assert held.between(began_ns, time.monotonic_ns()) > 0.2e9
 
 

@@ -57,7 +57,7 @@ from simulated_worlds import WORLDS
 from r2bspec.judge.rate_decision import Criterion
 from r2bspec.judge.statistics.binomial import upper_bound
 from r2bspec.judge.statistics.t_interval import mean_interval, smallest_detectable
-from simulated_peaks import SERVERS, Kind, outcome, searched
+from simulated_peaks import Kind, outcome
 from simulated_queues import SUSTAINED, Play, Server
 from simulated_queues import probe as probed
 from simulated_speeds import WORLDS as SPEEDS
@@ -542,29 +542,6 @@ def sustained() -> None:
     )
 
 
-def peaks() -> None:
-    def quantiles(values: list[float]) -> str:
-        low, middle, high = np.quantile(values, (0.05, 0.5, 0.95))
-        return f"{low:.3f}, {middle:.3f}, {high:.3f}"
-
-    def row(world: str, about_hz: float, number: int) -> list[str]:
-        found = [searched(world, about_hz, seed) for seed in range(number)]
-        return [
-            f"{world}, {about_hz:g} Hz",
-            quantiles([each.lower for each in found]),
-            quantiles([min(each.upper, 5.0) for each in found]),
-            f"{100 * sum(each.contains for each in found) / number:.1f} %",
-            f"{sum(len(each.record.probes) for each in found) / number:.1f}",
-            f"{sum(each.played_s for each in found) / number:.0f} s",
-        ]
-
-    show(
-        "peaks: highest rate that held and lowest that did not, in shares of the capacity",
-        ["servers", "held: 5 %, 50 %, 95 %", "did not", "holds the capacity", "probes", "played"],
-        (row(world, about_hz, 100) for world in SERVERS for about_hz in (20.0, 100.0, 400.0)),
-    )
-
-
 def peak_worlds() -> None:
     def row(name: str, number: int = 200) -> list[str]:
         found = [find(name, seed) for seed in range(number)]
@@ -724,7 +701,6 @@ TABLES = {
         power,
         gates,
         sustained,
-        peaks,
         peak_worlds,
         peak_losses,
         peak_edges,

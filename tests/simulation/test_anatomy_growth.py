@@ -6,11 +6,14 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from nightly import size
 from r2bspec.judge.measure.anatomy import Anatomy, anatomy
 from r2bspec.judge.measure.anatomy_growth import grown_parts
 from simulated_anatomies import Graph, Stage, Style, observed
+
+Figure = Callable[[str, object], None]
 
 STYLES: tuple[Style, ...] = ("rclcpp", "rclpy", "rcl")
 
@@ -98,7 +101,8 @@ def pair(seed: int) -> tuple[Anatomy, Anatomy, set[str], str]:
     return joined(graph), joined(replace(changed, seed=seed + 10_000)), owners, part
 
 
-def test_the_slowed_stage_and_its_part_are_named_first() -> None:
+@pytest.mark.timeout(1200)
+def test_the_slowed_stage_and_its_part_are_named_first(record_property: Figure) -> None:
     wrong = []
     count = size(30, 200)
     for seed in range(count):
@@ -106,12 +110,15 @@ def test_the_slowed_stage_and_its_part_are_named_first() -> None:
         grown = grown_parts(base, change)
         if not grown or grown[0].owner not in owners or grown[0].name != part:
             wrong.append((seed, owners, part, [each.text for each in grown[:3]]))
+    record_property("figure", f"named first: {count - len(wrong)} of {count}")
     assert len(wrong) <= 0.05 * count, wrong
 
 
-def test_what_did_not_change_is_not_named() -> None:
+@pytest.mark.timeout(1200)
+def test_what_did_not_change_is_not_named(record_property: Figure) -> None:
     named, count = 0, size(10, 100)
     for seed in range(count):
         graph = random_graph(seed)
         named += bool(grown_parts(joined(graph), joined(replace(graph, seed=seed + 10_000))))
+    record_property("figure", f"named although nothing changed: {named} of {count}")
     assert named <= 0.1 * count

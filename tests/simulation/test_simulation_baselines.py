@@ -16,7 +16,7 @@ from simulated_gates import (
 )
 from simulated_pair_looks import HEADS, errors_of_pairs
 
-from nightly import noise, size
+from nightly import noise, sampled, size
 from r2bspec.judge.baseline_comparison import HISTORY_CONFIRMATION_CONFIDENCE
 from r2bspec.judge.statistics.t_interval import noise_floor, paired_ratio, smallest_detectable
 
@@ -27,7 +27,7 @@ GATES = size(300, 2000)
 ALIKE = RUN_WORLDS["runs differ by 2.7 %"]
 
 
-@pytest.mark.parametrize("pairs", [4, 6, 10, 20][:: size(3, 1)])
+@pytest.mark.parametrize("pairs", sampled([4, 6, 10, 20], 3))
 def test_paired_intervals_cover_the_truth(pairs: int) -> None:
     random = np.random.default_rng(1)
     base, head = paired_values(random, RUNS, pairs, 0.93, drift=0.0)
@@ -41,7 +41,7 @@ def test_a_bootstrap_of_few_pairs_does_not() -> None:
     assert found.passed + found.failed > 0.13
 
 
-@pytest.mark.parametrize("pairs", [2, 3, 5, 10, 20][:: size(2, 1)])
+@pytest.mark.parametrize("pairs", sampled([2, 3, 5, 10, 20], 2))
 def test_equal_graphs_fail_in_at_most_five_percent_and_never_with_a_margin(pairs: int) -> None:
     assert paired_gate(1.0, 1.0, pairs=pairs, runs=RUNS).failed <= 0.06 + noise(0.03)
     assert paired_gate(1.0, 0.95, pairs=pairs, runs=size(100, 600)).failed == 0

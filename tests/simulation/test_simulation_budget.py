@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from simulated_gates import Values
@@ -18,12 +20,12 @@ from simulated_starts import (
     verdict_on,
 )
 
-from nightly import noise, size
+from nightly import noise, sampled, size
 from r2bspec.judge.verdict import UncertaintyBudget
 
 pytestmark = pytest.mark.simulation
 
-RUNS = 1000
+RUNS = size(250, 1000)
 BOTH = StartWorld(start=0.027, iteration=0.027, message_memory=0.9)
 
 
@@ -87,7 +89,7 @@ def test_the_largest_part_is_that_which_differs(
     world: StartWorld, source: str, quantity: str
 ) -> None:
     random, shape = np.random.default_rng(5), Shape(20, 3, 100)
-    runs, right = size(20, 100), 0
+    runs, right = size(10, 100), 0
     for _ in range(runs):
         budget = budget_of(world.run(random, shape), quantity, shape)
         shares = {part.source: part.share or 0.0 for part in budget.parts}
@@ -96,7 +98,7 @@ def test_the_largest_part_is_that_which_differs(
     assert right >= 0.85 * runs
 
 
-@pytest.mark.parametrize("quantity", ["p50", "p99", "mean, throughput"])
+@pytest.mark.parametrize("quantity", sampled(["p50", "p99", "mean, throughput"], 2))
 @pytest.mark.parametrize("name", ["nothing differs", "starts differ by 5 %"])
 def test_what_halves_an_interval_halves_it(name: str, quantity: str) -> None:
     world, random = ADVICE_WORLDS[name], np.random.default_rng(6)
@@ -110,8 +112,9 @@ def test_what_halves_an_interval_halves_it(name: str, quantity: str) -> None:
     assert 0.2 <= float(np.median(ratios)) <= 0.6 + noise(0.05)
 
 
-@pytest.mark.parametrize("start_s", [2.0, 12.0])
-@pytest.mark.parametrize("name", ADVICE_WORLDS)
+@pytest.mark.parametrize(
+    ("name", "start_s"), sampled(itertools.product(ADVICE_WORLDS, (2.0, 12.0)), 3)
+)
 def test_advice_decides_what_was_open(name: str, start_s: float) -> None:
     found = [
         follow_advice(ADVICE_WORLDS[name], quantity, runs=size(16, 200), start_s=start_s)

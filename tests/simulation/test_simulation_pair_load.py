@@ -10,12 +10,12 @@ import pytest
 from simulated_gates import chance
 from simulated_pair_load import LOAD_WORLDS, PairGate
 
-from nightly import noise, size
+from nightly import noise, sampled, size
 
 pytestmark = pytest.mark.simulation
 
-RUNS = size(10, 200)
-WORLDS = [*LOAD_WORLDS][:: size(4, 1)]
+RUNS = size(5, 200)
+WORLDS = sampled(LOAD_WORLDS, 4)
 BY_CHANCE = chance(0.05, RUNS)
 
 
@@ -55,9 +55,7 @@ def test_the_fixed_order_puts_what_returns_every_fourth_run_on_one_side() -> Non
 def test_load_on_one_side_alone_decides_nothing(side: str, verdict: int) -> None:
     world = LOAD_WORLDS[f"all runs of the {side}, by bad luck"]
     played, judged = (
-        PairGate(world, limit=100.0, interference=policy)
-        .outcomes(runs=size(10, 50))
-        .shares[verdict]
+        PairGate(world, limit=100.0, interference=policy).outcomes(runs=size(5, 50)).shares[verdict]
         for policy in ("tolerate", "note")
     )
     assert played == 1

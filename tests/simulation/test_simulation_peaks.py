@@ -15,7 +15,7 @@ from simulated_peaks import PRECISION, SERVERS, Searched, searched
 
 pytestmark = pytest.mark.simulation
 
-_SEARCHES = size(5, 60)
+_SEARCHES = size(2, 60)
 _LEAST = _SEARCHES * (0.95 - 3 * math.sqrt(0.95 * 0.05 / _SEARCHES))
 
 

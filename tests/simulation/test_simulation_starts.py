@@ -30,7 +30,7 @@ from simulated_starts import (
     verdict_on,
 )
 
-from nightly import noise, size
+from nightly import noise, sampled, size
 from r2bspec.plan.interim_looks import InterimLooks
 
 pytestmark = pytest.mark.simulation
@@ -105,7 +105,7 @@ NEW_RUN_DIFFERS = {
 MEMORY = "iterations resemble (0.8), 5 %"
 
 
-@pytest.mark.parametrize("name", WORLDS)
+@pytest.mark.parametrize("name", sampled(WORLDS, 2))
 def test_errors_on_the_limit(name: str) -> None:
     for quantity, found in errors(WORLDS[name], runs=RUNS, looks=True).items():
         passed, failed, confirmed = found.shares
@@ -120,7 +120,9 @@ def test_errors_on_the_limit(name: str) -> None:
 
 @pytest.mark.parametrize(
     ("name", "quantity"),
-    [(name, one) for name in NOT_HELD for one, (_, words) in NOT_HELD[name].items() if words],
+    sampled(
+        [(name, one) for name in NOT_HELD for one, (_, words) in NOT_HELD[name].items() if words], 3
+    ),
 )
 def test_where_no_test_holds_the_verdict_says_so(name: str, quantity: str) -> None:
     """The runs that the simulation judges wrongly are judged again, from their messages."""
@@ -188,7 +190,8 @@ def test_one_start_tells_of_this_start_alone() -> None:
 @pytest.mark.parametrize("name", ["nothing differs", "starts differ by 2.7 %"])
 def test_many_looks_share_the_error(name: str) -> None:
     quantities = ("p50", "p90", "mean, throughput")
-    found = errors(WORLDS[name], quantities, shape=Shape(20, 2, 75), runs=RUNS, looks=True)
+    runs, shape = size(20, 400), Shape(20, 2, 75)
+    found = errors(WORLDS[name], quantities, shape=shape, runs=runs, looks=True)
     assert all(held(one) for one in found.values())
 
 

@@ -189,9 +189,11 @@ class Fleet:
         """Whether a worker has joined the fleet so many times since it was started."""
         return (self.folder / f"{name}.log").read_text().count("is in the fleet") >= times
 
-    def client(self, *arguments: str | Path, output: Path, at: str = "") -> Client:
+    def client(
+        self, *arguments: str | Path, output: Path, at: str = "", verb: str = "run"
+    ) -> Client:
         """Start ``r2bspec run --on`` this fleet; `at` is where it connects instead of there."""
-        words = [*_PROGRAM, "run", *map(str, arguments), "--output", str(output)]
+        words = [*_PROGRAM, verb, *map(str, arguments), "--output", str(output)]
         process = subprocess.Popen(
             [*words, "--on", at or self.address],
             stdout=subprocess.PIPE,

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
+from typing import TypeVar
 
 import pytest
+
+Case = TypeVar("Case")
 
 NIGHTLY = os.environ.get("R2BSPEC_NIGHTLY", "") not in {"", "0"}
 
@@ -17,6 +21,11 @@ def size(sample: int, whole: int) -> int:
         whole: with which the stated errors are known to a fraction of themselves.
     """
     return whole if NIGHTLY else sample
+
+
+def sampled(cases: Iterable[Case], every: int) -> list[Case]:
+    """The first of every so many cases; with ``R2BSPEC_NIGHTLY=1`` each of them."""
+    return [*cases][:: 1 if NIGHTLY else every]
 
 
 def only_nightly() -> pytest.MarkDecorator:

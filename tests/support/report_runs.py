@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.judge.measure.metrics import MonitorMetrics
+from r2bspec.judge.result import Result
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan, TopicPlan
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import SearchRecord, StartRecord
@@ -135,3 +138,15 @@ SIMULATIONS = {
     "empty": EMPTY,
     "hostile": HOSTILE_RUN,
 }
+
+
+def with_monitors(
+    result: Result, change: Callable[[Mapping[str, MonitorMetrics]], dict[str, MonitorMetrics]]
+) -> Result:
+    """The result with other metrics of the monitors at every rate."""
+    put = msgspec.structs.replace
+    rates = tuple(
+        put(rate, pooled=put(rate.pooled, monitors=change(rate.pooled.monitors)))
+        for rate in result.metrics.rates
+    )
+    return put(result, metrics=put(result.metrics, rates=rates))

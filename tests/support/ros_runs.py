@@ -15,11 +15,11 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import psutil
@@ -33,6 +33,8 @@ from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.record.run_folder import Run, open_run
 from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import MONITOR_FIELDS
+
+_Found = TypeVar("_Found")
 
 HANG_S = 180.0
 """Guards against hanging only; nothing that passes takes so long."""
@@ -328,48 +330,48 @@ class Running:
         return self._output["stdout"].read_text()
 
     def wait_for(self, pattern: str) -> None:
-        """Wait until it has said something on standard error.
+        """Wait until it has said something on standard error."""
+        self.wait_until(lambda: re.search(pattern, self.stderr()), repr(pattern))
+
+    def wait_until(self, found: Callable[[], _Found | None], what: str) -> _Found:
+        """Wait until something is there, and return it.
 
         Raises:
-            AssertionError: it ended, or nearly hung, without having said it.
+            AssertionError: the run ended, or nearly hung, before.
         """
         deadline = time.monotonic() + HANG_S
-        while re.search(pattern, self.stderr()) is None:
-            assert self.process.poll() is None, f"ended before {pattern!r}:\n{self.stderr()}"
-            assert time.monotonic() < deadline, f"{pattern!r} was never said:\n{self.stderr()}"
+        while not (answer := found()):
+            assert self.process.poll() is None, f"ended before {what}:\n{self.stderr()}"
+            assert time.monotonic() < deadline, f"{what} never came:\n{self.stderr()}"
             time.sleep(0.02)
+        return answer
 
     def child(self, name: str) -> psutil.Process:
         """One of its processes, by the name of its log; waits until it runs."""
-        deadline = time.monotonic() + HANG_S
-        while True:
-            log = str(self.folder / "logs" / f"{name}.log")
+
+        def with_its_log() -> psutil.Process | None:
+            log = self.folder / "logs" / f"{name}.log"
             for process in self._bench.processes():
                 with contextlib.suppress(psutil.Error, OSError):
-                    if str(Path(f"/proc/{process.pid}/fd/1").readlink()) == log:
+                    if Path(f"/proc/{process.pid}/fd/1").readlink() == log:
                         return process
-            assert self.process.poll() is None, f"ended without {name}:\n{self.stderr()}"
-            assert time.monotonic() < deadline, f"process {name} was never seen"
-            time.sleep(0.02)
+            return None
+
+        return self.wait_until(with_its_log, f"process {name}")
 
     def wait_for_messages(self, monitor_name: str, count: int) -> None:
         """Wait until a monitor has recorded this many further messages."""
         process = self.child("monitor")
-        deadline = time.monotonic() + HANG_S
-        wanted = None
-        while True:
-            rows = [
-                open_file
+
+        def received() -> int:
+            return sum(
+                ArrivalReader(open_file, MONITOR_FIELDS).count()
                 for open_file in _open_files(process)
                 if open_file.name == f"{monitor_name}.rows"
-            ]
-            received = sum(ArrivalReader(row, MONITOR_FIELDS).count() for row in rows)
-            wanted = received + count if wanted is None else wanted
-            if received >= wanted:
-                return
-            assert self.process.poll() is None, f"ended before {count} messages:\n{self.stderr()}"
-            assert time.monotonic() < deadline, f"{count} messages were never received"
-            time.sleep(0.02)
+            )
+
+        wanted = received() + count
+        self.wait_until(lambda: received() >= wanted, f"{count} messages")
 
     def finish(self) -> Finished:
         """Wait for its end."""

@@ -241,7 +241,12 @@ class Simulation:
             machine={"cpu": "a simulated processor", "cores": 2},
             versions={"r2bspec": "0.0.0"},
             processes=tuple(
-                ProcessRecord(name=name, role="host", pid=number + 100, exit_code=0)
+                ProcessRecord(
+                    name=name,
+                    role="player" if name == "player" else "host",
+                    pid=number + 100,
+                    exit_code=0,
+                )
                 for number, name in enumerate(self.cpu)
             ),
             segments=segments,

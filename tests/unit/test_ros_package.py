@@ -10,11 +10,14 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from page_blocks import page_file
 from r2bspec._version import __version__
+from r2bspec.cli.run import command as run_command
 
 ROOT = Path(__file__).parents[2]
 PROJECT = """
@@ -89,6 +92,27 @@ def test_what_colcon_installs_is_the_whole_package(tmp_path: Path) -> None:
     assert said.stdout == f"{there}/share/r2bspec/docs/ci.md\n", said.stderr
     (points,) = there.rglob("entry_points.txt")
     assert "[ros2cli.command]\nbench = r2bspec.cli.ros2_bench:BenchCommand" in points.read_text()
+
+
+def test_the_launch_test_of_the_page_starts_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[str] = []
+    actions = {"ExecuteProcess": lambda cmd: started.extend(map("".join, cmd))}
+    testing = SimpleNamespace(ReadyToTest=object)
+    modules: dict[str, dict[str, Any]] = {
+        "launch": {"LaunchDescription": list},
+        "launch.actions": actions,
+        "launch.substitutions": {"LaunchConfiguration": str},
+        "launch_testing": {"actions": testing, "post_shutdown_test": lambda: lambda found: found},
+    }
+    for name, values in modules.items():
+        monkeypatch.setitem(sys.modules, name, SimpleNamespace(**values))
+    namespace: dict[str, Any] = {}
+    exec(page_file("ci.md", "camera_launch_test.py"), namespace)  # noqa: S102 - of the page
+    namespace["generate_test_description"]()
+    assert started[:2] == ["r2bspec", "run"]
+    context = run_command.make_context("run", started[2:])
+    assert "bench/camera.r2b.yaml" in str(context.params["specs"])
+    assert "results/camera.xunit.xml" in str(context.params)
 
 
 class CMake:

@@ -225,6 +225,10 @@ def _check_summary(path: Path) -> bool:
 def _skip_record(stream: BinaryIO) -> None:
     """In place of `rosbags`: a record that nothing asks for counts."""
     budget.spend_record()
+    # The opcode has been read. 0 is none: a hole of a terabyte would have 100 billion of them.
+    stream.seek(-1, 1)
+    if stream.read(1) == b"\0":
+        raise ValueError("it has a record without an opcode")
     (size,) = _LENGTH.unpack(stream.read(_LENGTH.size))
     place = stream.tell()
     if stream.seek(place + size) != place + size:

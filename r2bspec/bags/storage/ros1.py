@@ -110,6 +110,8 @@ def _check_index(path: Path, reader: Reader) -> None:
         len(reader.chunk_infos),
     ):
         raise ValueError("the numbers of chunks or connections in its header and its index differ")
+    if len({chunk.pos for chunk in reader.chunk_infos}) != len(reader.chunk_infos):
+        raise ValueError("its index has a chunk more than once")
     stated: Counter[int] = Counter()
     for chunk in reader.chunk_infos:
         stated.update(chunk.connection_counts)

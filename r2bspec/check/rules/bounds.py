@@ -134,7 +134,7 @@ def _limits(op: str | None, value: float) -> tuple[_Limit, _Limit]:
     return low, high
 
 
-_SIGNED = frozenset({"latency", "latency_from_due", "age"})
+_SIGNED = frozenset({"latency", "latency_from_due", "reaction", "age"})
 
 
 @rule("R2B515")

@@ -17,6 +17,8 @@ from r2bspec.language.quantities import Size
 from r2bspec.language.spec import ProcessSettings, Requires
 from r2bspec.middleware.middleware import RMW_VARIABLE, refuse_transport, selected_rmw
 from r2bspec.plan import this_machine as machine
+from r2bspec.plan.plan import ProcessPlan
+from r2bspec.plan.process_plans import find_places, graph_processes
 from r2bspec.plan.topic_plans import direct_bag_topic
 
 
@@ -139,19 +141,11 @@ to 1 ms."""
 @rule("R2B627")
 def rate_above_transport_capacity(context: Context) -> Findings:
     """Rates that exceed the capacity of the transport."""
-    spec, bag = context.spec, context.bag
+    spec = context.spec
     capacity = _CAPACITY_BYTES_PER_S.get(spec.transport.kind)
-    if capacity is None or bag is None or context.spec.has_own_rate:
+    if capacity is None or context.spec.has_own_rate:
         return
-    largest = max(
-        (
-            (info.max_message_bytes, name)
-            for name in spec.data_loader.topics
-            if (info := bag.find(name)) is not None and info.max_message_bytes
-        ),
-        default=(0, ""),
-    )
-    size, name = largest
+    size, name = _largest_message(context)
     if not size or not _is_played_unchanged(context, name):
         return
     max_rate_hz = capacity / size
@@ -169,6 +163,50 @@ def rate_above_transport_capacity(context: Context) -> Findings:
             )
             if not written:
                 return
+
+
+def _largest_message(context: Context) -> tuple[int, str]:
+    """The bytes of the largest loaded message, and its topic in the bag; 0 if that is unknown."""
+    sizes = [(0, "")]
+    for name in context.spec.data_loader.topics:
+        info = context.bag.find(name) if context.bag is not None else None
+        if info is not None and info.max_message_bytes:
+            sizes.append((info.max_message_bytes, name))
+    return max(sizes)
+
+
+_LARGE_FOR_PYTHON_BYTES = 4 << 20
+"""Page faults were measured with messages of 6.9 MB, and did not matter with 2.8 MB."""
+_KEEPS_BUFFERS = "MALLOC_TRIM_THRESHOLD_"
+
+
+@rule("R2B418")
+def images_in_python_process(context: Context) -> Findings:
+    """Player or monitors in a process of Python nodes that gets large messages."""
+    spec = context.spec
+    if spec.harness.placement != "graph":
+        return
+    processes = tuple(graph_processes(spec, context.wiring))
+    chosen = {place.process for place in find_places(spec, context.wiring, processes)}
+    for process in processes:
+        if process.name in chosen and pays_for_images(context, process):
+            yield Finding(
+                message=f"{quote(process.name)} is a process of Python nodes: with player or "
+                "monitors in it, large messages may take longer than between processes",
+                path=("harness",),
+                key=True,
+                help="write 'harness: {placement: separate}', or compare both: 'r2bspec run "
+                "--scan harness.placement=separate,graph'. The p50 of a relay of 1920x1200 at "
+                "15 Hz was 15.6 ms with graph and 10.2 ms with separate, because of page faults "
+                "(docs/performance.md, with what helps)",
+            )
+            return
+
+
+def pays_for_images(context: Context, process: ProcessPlan) -> bool:
+    """Whether the page faults of large messages may cost more than the way to another process."""
+    is_python = process.role == "host" and _KEEPS_BUFFERS not in process.env
+    return is_python and _largest_message(context)[0] >= _LARGE_FOR_PYTHON_BYTES
 
 
 def _is_played_unchanged(context: Context, bag_topic: str) -> bool:

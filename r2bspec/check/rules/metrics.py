@@ -14,7 +14,7 @@ import msgspec
 from r2bspec.bags.message_types import begins_with_header
 from r2bspec.check.check_context import Context, KnownMetric
 from r2bspec.check.rule import Finding, Findings, Pointer, rule
-from r2bspec.diagnostics.quote import quote, quoted_list
+from r2bspec.diagnostics.quote import quote, quoted_list, suggestion
 from r2bspec.judge.measure import metric_catalogue
 from r2bspec.judge.measure.units import show
 from r2bspec.record.calibration_file import Calibration, MetricNoise
@@ -108,17 +108,42 @@ def count_with_order_matching(context: Context) -> Findings:
 
 @rule("R2B527")
 def metric_unobserved(context: Context) -> Findings:
-    """Requirements on nodes and topics that are not observed from inside."""
-    for metric in context.known_metrics:
-        if metric.info.scope == "anatomy" and not context.spec.benchmark.anatomy:
+    """Requirements on nodes and topics that are not observed from inside, or unknown nodes."""
+    observed = context.spec.benchmark.anatomy
+    nodes = {*context.spec.graph.nodes, *context.spec.containers}
+    for index, name in enumerate(observed if isinstance(observed, tuple) else ()):
+        if name not in nodes:
             yield Finding(
-                message=f"{quote(metric.info.name)} is only known if a run observes its processes "
-                "from inside",
-                path=metric.located.path,
-                part=metric.located.metric_part,
-                help="add 'anatomy: true' to 'benchmark'",
-                suppresses={metric.located.subject},
+                message=f"{quote(name)} is no node that could be observed",
+                path=("benchmark", "anatomy", index),
+                help=suggestion(name, nodes, "nodes and containers"),
             )
+    for metric in context.known_metrics:
+        if metric.info.scope != "anatomy" or observed is True:
+            continue
+        subject = metric.info.subject
+        is_part = metric.info.family in _OF_ONE_NODE and bool(observed)
+        if is_part and {subject, _container(context, subject)} & {*(observed or ())}:
+            continue
+        yield Finding(
+            message=f"{quote(metric.info.name)} is only known if a run observes "
+            f"{f'the process of {subject}' if is_part else 'its processes'} from inside",
+            path=metric.located.path,
+            part=metric.located.metric_part,
+            help=f"add {subject} to 'anatomy' of 'benchmark'"
+            if is_part
+            else "add 'anatomy: true' to 'benchmark'",
+            suppresses={metric.located.subject},
+        )
+
+
+_OF_ONE_NODE = frozenset({"wait", "take", "callback", "load"})
+"""Families of metrics that need the events of the node's own process alone."""
+
+
+def _container(context: Context, name: str) -> str:
+    node = context.spec.graph.nodes.get(name)
+    return node.container if node is not None else ""
 
 
 _PROBE_STATISTICS = ("search", "sequential")
@@ -129,7 +154,8 @@ _PROBE_STATISTICS = ("search", "sequential")
 def metric_unavailable(context: Context) -> Findings:
     """Requirements on metrics that the playback mode or the monitor does not provide."""
     for metric in context.known_metrics:
-        problem = _why_unavailable_at_own_pace(context, metric)
+        problem = _why_no_reaction(context, metric)
+        problem = problem or _why_unavailable_at_own_pace(context, metric)
         if problem is None and context.spec.has_own_rate:
             problem = _why_unavailable(context, metric)
         if problem is not None:
@@ -142,6 +168,35 @@ def metric_unavailable(context: Context) -> Findings:
             )
 
 
+_OF_REACTIONS = frozenset({"reaction", "missed", "drop_rate", "sent"})
+"""Families of metrics of a monitor that measures reactions."""
+
+
+def _why_no_reaction(context: Context, metric: KnownMetric) -> tuple[str, str] | None:
+    """Message and help where a metric is of reactions, and the monitor is not, or the reverse."""
+    if metric.info.scope != "monitor":
+        return None
+    name, monitors = quote(metric.info.name), context.spec.monitors
+    reacting = [each for each, monitor in monitors.items() if monitor.reaction is not None]
+    named = [metric.monitor] if metric.monitor else [*context.spec.outputs]
+    if metric.info.family == "reaction":
+        other = next((each for each in named if each not in reacting), None)
+        if other is None:
+            return None
+        whose = f"write {quote(f'{reacting[0]}.{metric.info.name}')}" if reacting else ""
+        return (
+            f"monitor {other} measures no reaction, so that {name} has no value",
+            whose or "add 'reaction:' to the monitor",
+        )
+    other = next((each for each in named if each in reacting), None)
+    if other is None or metric.info.family in _OF_REACTIONS:
+        return None
+    return (
+        f"monitor {other} measures reactions, and not {name}",
+        "use reaction, missed or drop_rate of it, or name another monitor of the same topic",
+    )
+
+
 def _why_unavailable_at_own_pace(context: Context, metric: KnownMetric) -> tuple[str, str] | None:
     """Message and help; None if no monitor with a pace of its own stands in the way."""
     name = quote(metric.info.name)
@@ -152,6 +207,8 @@ def _why_unavailable_at_own_pace(context: Context, metric: KnownMetric) -> tuple
             "add a monitor that matches by stamp or by order",
         )
     named = [metric.monitor] if metric.monitor else paces
+    if metric.info.family in _OF_REACTIONS:
+        named = [name for name in named if context.spec.outputs[name].reaction is None]
     # Answers of calls have no pace.
     found = next((each for each in named if paces.get(each)), None)
     if metric.info.scope != "monitor" or found is None:
@@ -186,7 +243,11 @@ def _why_unavailable(context: Context, metric: KnownMetric) -> tuple[str, str] |
         )
     if mode != "live":
         return None
-    if not metric_catalogue.available_live(metric.info):
+    of_events = metric.info.family in _OF_REACTIONS - {"sent"} and all(
+        context.spec.outputs[each].reaction is not None
+        for each in ([metric.monitor] if metric.monitor else context.spec.outputs)
+    )
+    if not of_events and not metric_catalogue.available_live(metric.info):
         return (
             f"{name} is not available with 'mode: live', which does not observe the inputs",
             "use a metric of the outputs: throughput, interval, jitter, received, latency",

@@ -6,9 +6,12 @@ from r2bspec.bags.message_types import begins_with_header
 from r2bspec.check.check_context import Context
 from r2bspec.check.rule import MEASURE_FLOW, Finding, Findings, Pointer, rule, topic_key, value_key
 from r2bspec.datasets.catalogue import TruthNames, truth_names
+from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, quote, quoted_list, suggestion
 from r2bspec.judge.measure.metric_catalogue import TRUTHS
-from r2bspec.language.spec import Monitor, Truth
+from r2bspec.language.condition_grammar import Condition
+from r2bspec.language.spec import Monitor, PlaybackInput, Reaction, Truth
+from r2bspec.plan.message_conditions import ConditionMistake, message_condition
 
 
 @rule("R2B405")
@@ -81,6 +84,9 @@ def monitor_duplicate(context: Context) -> Findings:
     first: dict[tuple[str, str], str] = {}
     for name, monitor in context.spec.monitors.items():
         topic = context.harness_topic(monitor.topic)
+        # One of them may measure the latency, and any other a reaction.
+        if monitor.reaction is not None:
+            continue
         other = first.setdefault((topic, monitor.match), name)
         if other != name:
             yield Finding(
@@ -218,3 +224,103 @@ def _wrong_name(context: Context, name: str, truth: Truth) -> Finding | None:
 
 def _of_kind(names: TruthNames, truth: Truth) -> tuple[str, ...]:
     return names.disparity if truth.kind == "disparity" else names.tag
+
+
+@rule("R2B417")
+def reaction_unusable(context: Context) -> Findings:
+    """Reactions without an input event, or to fields that messages do not have."""
+    for name, monitor in context.spec.monitors.items():
+        if monitor.reaction is None:
+            continue
+        path = ("monitors", name, "reaction")
+        wrong = _wrong_input(context, path, monitor.reaction)
+        if wrong is not None:
+            yield wrong
+            continue
+        yield from _unfit(monitor.reaction.when, monitor.format, (*path, "when"))
+        if monitor.reaction.source is not None:
+            event = _event_monitor if context.spec.live else _event_input
+            format_ = event(context, monitor.reaction).format
+            yield from _unfit(monitor.reaction.source, format_, (*path, "from"))
+
+
+def _event_monitor(context: Context, reaction: Reaction) -> Monitor:
+    """The monitor whose messages begin the events of a live graph, which exists."""
+    wanted = context.harness_topic(reaction.input)
+    monitors = context.spec.outputs.values()
+    return next(each for each in monitors if context.harness_topic(each.topic) == wanted)
+
+
+def _wrong_input_of_a_live_graph(
+    context: Context, path: Path, reaction: Reaction
+) -> Finding | None:
+    topics = [each.topic for each in context.spec.outputs.values()]
+    if not reaction.input:
+        return Finding(
+            message="with 'mode: live' no input is played: an event begins with a message that "
+            "another monitor sees, and 'input' has to name its topic",
+            path=path,
+            key=True,
+            help="monitor the topic that the graph reacts to, and add 'input:' with it",
+        )
+    if context.harness_topic(reaction.input) in map(context.harness_topic, topics):
+        return None
+    return Finding(
+        message=f"no monitor sees {quote(reaction.input)}, and with 'mode: live' nothing else "
+        "sees where an event begins",
+        path=(*path, "input"),
+        help=f"add a monitor of this topic, or choose one of {quoted_list(dict.fromkeys(topics))}",
+    )
+
+
+def _event_input(context: Context, reaction: Reaction) -> PlaybackInput:
+    """The input of the events, which exists."""
+    inputs = context.spec.playback.inputs
+    wanted = context.harness_topic(reaction.input) if reaction.input else ""
+    named = (each for name, each in inputs.items() if context.harness_topic(name) == wanted)
+    return next(named, None) or next(iter(inputs.values()))
+
+
+def _wrong_input(context: Context, path: Path, reaction: Reaction) -> Finding | None:
+    """What is wrong with the input of the events."""
+    inputs = {context.harness_topic(name): name for name in context.spec.playback.inputs}
+    if context.spec.live:
+        return _wrong_input_of_a_live_graph(context, path, reaction)
+    if reaction.input and context.harness_topic(reaction.input) not in inputs:
+        return Finding(
+            message=f"{quote(reaction.input)} is not a playback input",
+            path=(*path, "input"),
+            help=suggestion(reaction.input, inputs.values(), "playback inputs"),
+        )
+    if reaction.source is None:
+        return None
+    if len(inputs) != 1 and not reaction.input:
+        several = f"the playback has {len(inputs)} inputs, and 'from' is about one of them"
+        return Finding(
+            message=several if inputs else "'from' needs a playback input, and there is none",
+            path=(*path, "from"),
+            key=True,
+            help=f"add 'input:' with one of {quoted_list(inputs.values())}"
+            if inputs
+            else "remove 'from': each step is then an event",
+        )
+    if _event_input(context, reaction).rate == "recorded":
+        return Finding(
+            message="an event begins with a step, and this input is played between the steps",
+            path=(*path, "input") if reaction.input else (*path, "from"),
+            help="choose an input without 'rate: recorded'",
+        )
+    return None
+
+
+def _unfit(condition: Condition, format_: str, path: Path) -> Findings:
+    found = message_condition(condition, format_)
+    if not isinstance(found, ConditionMistake):
+        return
+    rest = condition.text[found.column :].split()
+    yield Finding(
+        message=f"{quote(condition.text)}: {found.message}",
+        path=path,
+        part=(found.column, len(rest[0]) if rest else 1),
+        help=found.help,
+    )

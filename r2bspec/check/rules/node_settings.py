@@ -7,6 +7,7 @@ ignores a remapping that matches nothing, and says nothing of it.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 
 import msgspec
@@ -34,13 +35,12 @@ from r2bspec.diagnostics.quote import (
     suggestion,
 )
 from r2bspec.language.located_tree import ListNode
+from r2bspec.language.names import NODE_NAME
 from r2bspec.language.spec import ParameterValue
+from r2bspec.plan.wiring.name_resolution import NODE_TOPICS, is_node_parameter
 from r2bspec.plan.wiring.node_interface import ParameterInfo, ParameterType
 from r2bspec.plan.wiring.parameter_files import ParameterFile
 from r2bspec.plan.wiring.wiring import NodeWiring
-
-# Every node accepts these, and qos_overrides of its topics.
-_COMMON_PARAMETERS = ("use_sim_time", "start_type_description_service")
 
 
 @rule("R2B211")
@@ -52,7 +52,7 @@ def parameter_undeclared(context: Context) -> Findings:
             continue
         for override in parameter_overrides(context, node):
             # A parameter file may contain parameters of other nodes.
-            if override.name in declared or override.file or _is_common_parameter(override.name):
+            if override.name in declared or override.file or is_node_parameter(override.name):
                 continue
             finding = Finding(
                 message=f"{node.key} declares no parameter {quote(override.name)}",
@@ -61,10 +61,6 @@ def parameter_undeclared(context: Context) -> Findings:
                 help=suggestion(override.name, declared, "its parameters"),
             )
             yield _with_source(context, node, finding)
-
-
-def _is_common_parameter(name: str) -> bool:
-    return name in _COMMON_PARAMETERS or name.startswith("qos_overrides.")
 
 
 @rule("R2B212")
@@ -163,6 +159,12 @@ def parameter_file_unusable(context: Context) -> Findings:
 @rule("R2B618")
 def parameter_file_node_mismatch(context: Context) -> Findings:
     """Parameter files without parameters of the node."""
+    used = {
+        name
+        for _, node in context.nodes
+        for _, name, file in parameter_files(context, node)
+        if file.matching(node.name)
+    }
     for _, node in context.nodes:
         if node.node.kind.any_program:
             # It may contain several nodes with any names.
@@ -174,16 +176,23 @@ def parameter_file_node_mismatch(context: Context) -> Findings:
                     message=f"parameter file {quote(name)} has no parameters of {quote(node.name)}",
                     path=path,
                     help=_node_key_advice(keys, node),
+                    severity="warning" if name in used else None,
                 )
 
 
 def _node_key_advice(keys: list[str], node: NodeWiring) -> str:
-    if any(key.rpartition("/")[2] == node.key for key in keys):
+    is_below = node.namespace not in {"", "/"}
+    if is_below and any(key.rpartition("/")[2] == node.key for key in keys):
         return (
-            f"ROS reads {quote(node.key)} as a node without a namespace: write {quote(node.name)}, "
-            "or '/**' for any node"
+            f"ROS reads {quote(node.key)} as a node without a namespace: write 'namespace: /' in "
+            f"the spec, or in the file {quote(node.name)}, or '/**' for any node"
         )
-    return f"it has parameters of {quoted_list(keys)}; '/**' matches any node"
+    advice = f"it has parameters of {quoted_list(keys)}; '/**' matches any node"
+    name = keys[0].lstrip("/")
+    if len(keys) > 1 or not re.search(NODE_NAME.pattern, name):
+        return advice
+    also = ", and write 'namespace: /' in the spec" if is_below else ""
+    return f"{advice}; or name the node {quote(name)}{also}"
 
 
 # bool comes before int, because it is a subclass of int.
@@ -248,7 +257,6 @@ def parameter_files(
             yield ((*place, index) if listed else place), source.file, file
 
 
-_COMMON_TOPICS = ("/rosout", "/parameter_events", "/clock")
 _NODE_REMAPPINGS = {"__ns": "namespace", "__node": "", "__name": ""}
 
 
@@ -287,7 +295,7 @@ class _NodeTopics:
         all_known = node.interface.topics is not None and not node.node.kind.names_own_nodes
         if node.node.remappings and all_known:
             names = (*self.own, *node.interface.other_remappable_names)
-            self.known = frozenset((*_COMMON_TOPICS, *map(node.names.full, names)))
+            self.known = frozenset((*NODE_TOPICS, "/clock", *map(node.names.full, names)))
         self._remapped: frozenset[str] | None = None
 
     def used_instead(self, close: str) -> frozenset[str]:

@@ -9,13 +9,17 @@ from collections.abc import Iterable, Iterator
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.rule import Finding, Findings, Pointer, rule
+from r2bspec.check.rules.machine import pays_for_images
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, pluralize, quote, quoted_list, suggestion
 from r2bspec.language.node_kinds import PYTHON
 from r2bspec.language.spec import Container, Node, ProcessSettings
 from r2bspec.language.spec_graph import PROCESS_KEYS
+from r2bspec.plan import installed_packages
+from r2bspec.plan.launch_programs import LaunchPrograms, launch_programs
 from r2bspec.plan.plan import ProcessPlan
 from r2bspec.plan.process_plans import PartPlacement, find_places, graph_processes, reserved_names
+from r2bspec.plan.wiring.companion_files import source_folder
 from r2bspec.plan.wiring.wiring import NodeWiring, PhaseWiring
 
 
@@ -340,8 +344,12 @@ def harness_place_unknown(context: Context) -> Findings:
     first: dict[str, PartPlacement] = {}
     processes = tuple(graph_processes(spec, wiring))
     single = {process.name for process in processes if process.role != "command"}
-    for place in find_places(spec, wiring, processes):
-        if not place.process:
+    places = find_places(spec, wiring, processes)
+    chosen = {place.process for place in places if place.program}
+    for place in places:
+        if found := _launched_place(context, place, is_chosen=place.process in chosen):
+            yield found
+        elif not place.process:
             yield Finding(
                 message=_place_message(place),
                 path=(*place.path, "in") if place.named else place.path,
@@ -365,6 +373,45 @@ def harness_place_unknown(context: Context) -> Findings:
                 )
 
 
+def _launched_place(context: Context, place: PartPlacement, *, is_chosen: bool) -> Finding | None:
+    """What is wrong with a part in a launch file whose programs are known."""
+    known = _known_programs(context, place.process)
+    if known is None:
+        return None
+    labels = tuple(dict.fromkeys(program.label for program in known.programs))
+    path = (*place.path, "in") if place.named else place.path
+    if place.program and not any(place.program in each for each in known.programs):
+        return Finding(
+            message=f"the launch file of {place.process} starts no {quote(place.program)}",
+            path=path,
+            part=(len(place.process) + 1, len(place.program)),
+            help=suggestion(place.program, labels, "its programs") or "it starts no nodes",
+        )
+    if len(labels) > 1 and not known.has_conditions and not is_chosen:
+        what = "the player" if place.path == ("harness",) else f"monitor {quote(place.part)}"
+        return Finding(
+            message=f"the launch file of {place.process} starts {len(labels)} programs, and which "
+            f"of them gets {what} is not said",
+            path=path,
+            help=f"set '{_place_key(place)}' to one of them: "
+            f"{quoted_list(f'{place.process}/{each}' for each in labels)}",
+        )
+    return None
+
+
+def _known_programs(context: Context, process: str) -> LaunchPrograms | None:
+    """The programs of the launch file that a process is, if their names can be read."""
+    nodes = context.wiring.measure.nodes
+    launch = next((node.node.launch for node in nodes if node.key == process), None)
+    if launch is None:
+        return None
+    base_dir = context.loaded.base_dir
+    if launch.path:
+        return launch_programs(base_dir / launch.path, source_folder(base_dir))
+    share = installed_packages.package_share(launch.package)
+    return None if share is None else launch_programs(share / launch.file, share)
+
+
 def _place_message(place: PartPlacement) -> str:
     what = "the player" if place.path == ("harness",) else f"monitor {quote(place.part)}"
     does = "read the inputs" if place.path == ("harness",) else "publish its topic"
@@ -378,8 +425,11 @@ def _place_message(place: PartPlacement) -> str:
 def _place_help(place: PartPlacement) -> str:
     if place.external or not place.choices:
         return "let r2bspec start the nodes, or write 'harness: {placement: separate}'"
-    where = "harness" if place.path == ("harness",) else f"monitors.{place.part}"
-    return f"set '{where}.in' to one of the processes: {quoted_list(place.choices)}"
+    return f"set '{_place_key(place)}' to one of the processes: {quoted_list(place.choices)}"
+
+
+def _place_key(place: PartPlacement) -> str:
+    return "harness.in" if place.path == ("harness",) else f"monitors.{place.part}.in"
 
 
 _TYPICAL = (
@@ -396,6 +446,8 @@ def harness_outside_process(context: Context) -> Findings:
         return
     processes = tuple(graph_processes(spec, context.wiring))
     if len(processes) != 1 or spec.has_external_nodes or not _shared_by_design(processes[0]):
+        return
+    if pays_for_images(context, processes[0]):
         return
     container = processes[0].container
     yield Finding(

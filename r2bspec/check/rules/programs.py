@@ -20,7 +20,7 @@ from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, pluralize, quote, quoted_list, suggestion
 from r2bspec.language.node_kinds import EXECUTABLE, PLUGIN
 from r2bspec.plan import installed_packages
-from r2bspec.plan.this_machine import ament_prefixes, find_module
+from r2bspec.plan.this_machine import ament_prefixes, find_module, module_file
 from r2bspec.plan.wiring import node_interface
 from r2bspec.plan.wiring.companion_files import source_folder
 from r2bspec.plan.wiring.console_scripts import source_script
@@ -313,7 +313,7 @@ def _defined_names(target: installed_packages.PythonTarget) -> frozenset[str] | 
         )
     source = target.file if target.readable else None
     if target.module:
-        source = _module_source(target.module)
+        source = module_file(target.module)
     if source is None or not is_regular(source):
         return None
     try:
@@ -366,15 +366,8 @@ def _source_of(
     """The file of a node, if it may be read, and the folder in which it must be."""
     if not target.module:
         return (target.file if target.readable else None), sources
-    file = _module_source(target.module)
+    file = module_file(target.module)
     return file, file.parent if file is not None else sources
-
-
-def _module_source(name: str) -> FilePath | None:
-    """The Python file of a module; None if it is not found, or has none."""
-    module = find_module(name)
-    origin = module.origin if module is not None else None
-    return FilePath(origin) if origin is not None and origin.endswith(".py") else None
 
 
 @rule("R2B230")

@@ -24,7 +24,7 @@ from r2bspec.check.rule import (
 )
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import MAX_SUGGESTIONS, did_you_mean, quote, quoted_list, suggestion
-from r2bspec.plan.wiring.name_resolution import SHARED_TOPICS
+from r2bspec.plan.wiring.name_resolution import NODE_TOPICS, SHARED_TOPICS
 from r2bspec.plan.wiring.node_interface import InterfaceSource
 from r2bspec.plan.wiring.wiring import NodeWiring, PhaseWiring, WiredEndpoint
 
@@ -79,6 +79,8 @@ def topic_without_publisher(context: Context) -> Findings:
         published = tuple(name for name in phase.topics if phase.publishers(name))
         for subscription in phase.endpoints:
             if subscription.topic in SHARED_TOPICS and subscription.is_node:
+                continue
+            if subscription.topic in NODE_TOPICS:
                 continue
             # The recorder subscribes to the 'from' of playback inputs: see R2B401.
             if (

@@ -214,4 +214,4 @@ def _error(
         name=fault.name,
         help=fault.help,
     )
-    return GraphDifferencesError([difference], message, fault.help, details=output)
+    return GraphDifferencesError([difference], details=output)

@@ -15,7 +15,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import msgspec
@@ -317,8 +317,7 @@ class PhaseGraph:
                 expand(after, node.node, node.namespace),
                 has_planned_name(process, node),
             )
-            for process in self.plan.processes
-            if process.phase == self.phase
+            for process in self.plan.processes_in(self.phase)
             for node in process.nodes
             for before, after in node.remappings.items()
         )
@@ -452,6 +451,7 @@ def related_differences(
     return "".join(f"; {message}" for message in related)
 
 
+@dataclass
 class EarlyDiagnosis:
     """Observes a graph that is not ready.
 
@@ -469,29 +469,21 @@ class EarlyDiagnosis:
         stalled_s: for how many seconds a stalled graph has not changed; 0 for any other.
     """
 
+    plan: Plan
+    remapped: Sequence[find_fault.RemappedTopic]
+    observe: Callable[[], GraphFacts]
+    clock: Callable[[], float] = time.monotonic
+    _: KW_ONLY
+    idle_s: Callable[[], float] = lambda: 0.0
+    answer: Callable[[], bool] = lambda: False
+    never_active: Callable[[Collection[str]], frozenset[str]] = lambda _: frozenset()
     facts: GraphFacts | None = None
     stalled_s: float = 0.0
+    _last: GraphFacts | None = None
 
-    def __init__(
-        self,
-        plan: Plan,
-        remapped: Sequence[find_fault.RemappedTopic],
-        observe: Callable[[], GraphFacts],
-        clock: Callable[[], float] = time.monotonic,
-        *,
-        idle_s: Callable[[], float] = lambda: 0.0,
-        answer: Callable[[], bool] = lambda: False,
-        never_active: Callable[[Collection[str]], frozenset[str]] = lambda _: frozenset(),
-    ) -> None:
-        self._observe = observe
-        self._clock = clock
-        self._idle_s = idle_s
-        self._answer = answer
-        self._never_active = never_active
-        self._patience_s = patience_s(plan.start_timeout_ns / 1e9)
-        self._remapped = remapped
-        self._last: GraphFacts | None = None
-        self._unchanged_since = self._next = clock() + _LOOK_S
+    def __post_init__(self) -> None:
+        self._patience_s = patience_s(self.plan.start_timeout_ns / 1e9)
+        self._unchanged_since = self._next = self.clock() + _LOOK_S
 
     def certain(self, missing: Collection[str]) -> frozenset[str]:
         """The missing topics that will never be matched; mostly, and at first, none.
@@ -499,21 +491,21 @@ class EarlyDiagnosis:
         Raises:
             RunError: the observing process does not answer.
         """
-        now = self._clock()
+        now = self.clock()
         if now < self._next:
             return frozenset()
-        facts = self._observe()
-        now = self._clock()
+        facts = self.observe()
+        now = self.clock()
         self._next = now + _LOOK_S
         if facts != self._last:
             self._last, self._unchanged_since = facts, now
         unchanged_s = now - self._unchanged_since
         # Asked at every look, because it compares with the one before.
-        quiet_s = min(unchanged_s, self._idle_s())
+        quiet_s = min(unchanged_s, self.idle_s())
         if unchanged_s < _UNCHANGED_S:
             return frozenset()
         self.facts = facts
-        if quiet_s >= self._patience_s and self._answer():
+        if quiet_s >= self._patience_s and self.answer():
             self.stalled_s = unchanged_s
-        certain = find_fault.certain_topics(facts, missing, self._remapped)
-        return certain or self._never_active(missing)
+        certain = find_fault.certain_topics(facts, missing, self.remapped)
+        return certain or self.never_active(missing)

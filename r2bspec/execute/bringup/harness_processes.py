@@ -20,7 +20,7 @@ import struct
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -351,6 +351,7 @@ class HarnessProcesses:
         return self._process
 
 
+@dataclass
 class GraphHarness:
     """The parts that have been loaded into processes of the graph.
 
@@ -364,20 +365,16 @@ class GraphHarness:
         player: None until its process has been joined, and in a live run.
     """
 
-    def __init__(
-        self,
-        launcher: Launcher,
-        plan: Plan,
-        configure_player: Callable[[ManagedProcess], None],
-        rows_dir: Path,
-    ) -> None:
-        self._launcher = launcher
-        self._plans = {monitor.name: monitor for monitor in plan.monitors}
-        self._taps = tap_monitors(plan.monitors)
-        self._configure_player = configure_player
-        self._rows_dir = rows_dir
-        self._monitors: list[tuple[ManagedProcess, frozenset[str]]] = []
-        self.player: ManagedProcess | None = None
+    launcher: Launcher
+    plan: Plan
+    configure_player: Callable[[ManagedProcess], None]
+    rows_dir: Path
+    _monitors: list[tuple[ManagedProcess, frozenset[str]]] = field(default_factory=list)
+    player: ManagedProcess | None = None
+
+    def __post_init__(self) -> None:
+        self._plans = {monitor.name: monitor for monitor in self.plan.monitors}
+        self._taps = tap_monitors(self.plan.monitors)
 
     def configure(self, child: ManagedProcess, plan: ProcessPlan) -> None:
         """Configure the parts of one process; the taps run with the first monitor.
@@ -387,25 +384,25 @@ class GraphHarness:
         """
         if "player" in child.parts:
             self.player = child.parts["player"]
-            self._configure_player(self.player)
+            self.configure_player(self.player)
         if "monitor" in child.parts and plan.join is not None:
             taps: Iterable[MonitorPlan] = () if self._monitors else self._taps
             monitor = child.parts["monitor"]
             watched = (*(self._plans[name] for name in plan.join.monitors), *taps)
             rows_dir = str(self._folder_of(watched))
             settings = protocol.ConfigureMonitor(monitors=watched, rows_dir=rows_dir)
-            self._launcher.configure(monitor, settings)
+            self.launcher.configure(monitor, settings)
             self._monitors.append((monitor, frozenset(plan.name for plan in watched)))
 
     def _folder_of(self, monitors: Iterable[MonitorPlan]) -> Path:
         """Where a process writes: a further one in a folder of its own, with links to its rows."""
         if not self._monitors:
-            return self._rows_dir
-        folder = self._rows_dir / f"monitor-{len(self._monitors) + 1}"
+            return self.rows_dir
+        folder = self.rows_dir / f"monitor-{len(self._monitors) + 1}"
         folder.mkdir()
         for monitor in monitors:
             rows = f"{monitor.name}.rows"
-            (self._rows_dir / rows).symlink_to(folder / rows)
+            (self.rows_dir / rows).symlink_to(folder / rows)
         return folder
 
     @property

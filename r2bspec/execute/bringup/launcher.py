@@ -120,7 +120,7 @@ class Launcher:
         if self.joins is not None and plan.join is not None:
             variables = self.joins.environment(plan.name, variables)
         if self.anatomy is not None:
-            variables = self.anatomy.environment(plan.name, variables)
+            variables = self.anatomy.environment(plan, variables)
         if has_memory_lock(plan):
             variables |= prerequisites.memory_lock_variables(variables.get("LD_PRELOAD", ""))
         child = self._supervisor.start(
@@ -339,12 +339,7 @@ class Launcher:
 
     def endpoints_in(self, plan: Plan, phase: str) -> list[tuple[str, str, str, str]]:
         """The endpoints of the Python nodes of a phase."""
-        nodes = {
-            node.name
-            for process in plan.processes
-            if process.phase == phase
-            for node in process.nodes
-        }
+        nodes = {node.name for process in plan.processes_in(phase) for node in process.nodes}
         return [endpoint for endpoint in self.endpoints if endpoint[0] in nodes]
 
     def has_created(self, owner: str) -> bool:
@@ -441,10 +436,13 @@ class Launcher:
         )
         self._run_helper(name, command, protocol.Called, timeout_s)
 
-    def call_settings(
-        self, plan: Plan, rows_dir: Path, follows: str = ""
-    ) -> protocol.ConfigureCalls:
-        """What a process that calls services is told, with the secrets of its requests."""
+    def call_settings(self, plan: Plan, **where: Any) -> protocol.ConfigureCalls:
+        """What a process that calls services is told, with the secrets of its requests.
+
+        Args:
+            plan: of the run.
+            where: the other fields of the command.
+        """
         in_value = self._environment.secrets.in_value
         calls = tuple(
             msgspec.structs.replace(
@@ -453,7 +451,7 @@ class Launcher:
             for name, call in plan.called.items()
             if name == call.name
         )
-        return protocol.ConfigureCalls(calls=calls, rows_dir=str(rows_dir), follows=follows)
+        return protocol.ConfigureCalls(calls=calls, **where)
 
     def configure(self, child: ManagedProcess, command: Any) -> protocol.Ready:
         """Send a harness process its configuration and wait until it is ready.

@@ -8,7 +8,7 @@ lifecycle manager, activates it. If nothing there can, it is said instead of wai
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -242,10 +242,8 @@ class LifecycleNodes:
             and (anyone or any(name in nodes for nodes in planned))
         )
 
-    def _processes(self) -> Iterator[ProcessPlan]:
-        return (
-            process for process in self.graph.plan.processes if process.phase == self.graph.phase
-        )
+    def _processes(self) -> tuple[ProcessPlan, ...]:
+        return self.graph.plan.processes_in(self.graph.phase)
 
 
 class WaitingNode(NamedTuple):
@@ -304,4 +302,4 @@ def _mismatch(
     difference = Difference(
         code=code, message=message, part="lifecycle", owner=name, name=transition, help=help_text
     )
-    return GraphDifferencesError([difference], f"{message}{details}", help_text, details=details)
+    return GraphDifferencesError([difference], f"{message}{details}", details=details)

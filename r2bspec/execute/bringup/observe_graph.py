@@ -25,6 +25,7 @@ from r2bspec.ipc.sample_files import RowReader
 from r2bspec.middleware.middleware import RMW_VARIABLE, middleware_of
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.plan.taps import all_taps
+from r2bspec.plan.wiring.name_resolution import NODE_TOPICS
 from r2bspec.record.sample_arrays import MONITOR_FIELDS
 
 HARNESS = ("loader", "player", "monitor")
@@ -45,7 +46,6 @@ _MAX_DISCOVERY_S = 10.0
 _POLL_S = 0.02
 _DISCOVERY_INTERVAL_S = 0.3
 _Answer = TypeVar("_Answer")
-_COMMON_TOPICS = ("/rosout", "/parameter_events")
 
 
 @dataclass(frozen=True)
@@ -292,7 +292,7 @@ class GraphObserver:
     def _knows_all_endpoints(self, discovered: protocol.Discovered) -> bool:
         for node, topic, _, does in self.known:
             ends = discovered.writers if does == "publishes" else discovered.readers
-            if topic not in _COMMON_TOPICS and all(end.node != node for end in ends.get(topic, ())):
+            if topic not in NODE_TOPICS and all(end.node != node for end in ends.get(topic, ())):
                 return False
         return all(
             discovered.writers.get(topic.name)
@@ -304,7 +304,7 @@ class GraphObserver:
         """The nodes and the endpoints that discovery shows now."""
         graph = self._ask(protocol.ListGraph(), protocol.GraphSnapshot)
         planned = {topic.name for topic in self.plan.topics if topic.phase == self.phase}
-        names = tuple(sorted({*planned, *graph.topics} - {*_COMMON_TOPICS}))
+        names = tuple(sorted({*planned, *graph.topics} - NODE_TOPICS))
         return graph.nodes, self._ask(protocol.Discover(topics=names), protocol.Discovered)
 
     def _gather(

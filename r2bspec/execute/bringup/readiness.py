@@ -111,9 +111,7 @@ class IdleNodes:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._processes = {
-            process.name: process
-            for process in plan.processes
-            if process.phase == phase and process.nodes
+            process.name: process for process in plan.processes_in(phase) if process.nodes
         }
         self._has_external = any(node.phase == phase for node in plan.external)
         self._supervisor = supervisor

@@ -20,6 +20,7 @@ from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervis
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import has_planned_name
 from r2bspec.plan.plan import Plan, ProcessPlan
+from r2bspec.plan.wiring.name_resolution import NODE_TOPICS, is_node_parameter
 from r2bspec.record.run_record import Difference
 
 _PARAMETER_UNKNOWN = "R2B211"
@@ -32,7 +33,6 @@ _PATIENCE_S = 2.0
 """How long a parameter may be declared after the graph is ready."""
 
 _POLL_S = 0.2
-_COMMON_PARAMETERS = frozenset({"use_sim_time", "start_type_description_service"})
 
 
 def require_declared_parameters(ready: protocol.Ready) -> None:
@@ -46,12 +46,7 @@ def require_declared_parameters(ready: protocol.Ready) -> None:
         for node, name in ready.undeclared
     ]
     if differences:
-        raise _mismatch(differences)
-
-
-def _mismatch(differences: Sequence[Difference]) -> GraphDifferencesError:
-    message = "; ".join(difference.message for difference in differences)
-    return GraphDifferencesError(differences, message, hint=differences[0].help)
+        raise GraphDifferencesError(differences)
 
 
 def undeclared_parameter(node: str, name: str, known: Sequence[str]) -> Difference:
@@ -150,7 +145,7 @@ def find_unmatched(
             rule.topic,
             # Without what every node has.
             {each for each in found[rule.node] if not each.startswith(f"{rule.node}/")}
-            - {"/rosout", "/parameter_events"},
+            - NODE_TOPICS,
         )
         for rule in rules
         if rule.node in found
@@ -184,10 +179,10 @@ def expected_parameters(
     plan: Plan, phase: str, programs: Collection[str]
 ) -> Iterator[ExpectedParameters]:
     """The parameters of nodes that are not spun by Python hosts."""
-    for process in plan.processes:
-        if process.phase == phase and not spins_nodes(process, programs):
+    for process in plan.processes_in(phase):
+        if not spins_nodes(process, programs):
             for node in process.nodes:
-                names = tuple(name for name in node.parameters if not _is_common(name))
+                names = tuple(name for name in node.parameters if not is_node_parameter(name))
                 if names:
                     yield ExpectedParameters(node.name, names, has_planned_name(process, node))
 
@@ -195,10 +190,6 @@ def expected_parameters(
 def spins_nodes(process: ProcessPlan, programs: Collection[str]) -> bool:
     """Whether a process of r2bspec spins its nodes, and has asked them itself."""
     return process.role not in {"container", "command"} and process.name not in programs
-
-
-def _is_common(name: str) -> bool:
-    return name in _COMMON_PARAMETERS or name.startswith("qos_overrides.")
 
 
 def find_undeclared(
@@ -238,7 +229,7 @@ def find_undeclared(
             break
         supervisor.pump(_POLL_S)
     if wrong := [difference for difference in differences if not difference.harmless]:
-        raise _mismatch(wrong)
+        raise GraphDifferencesError(wrong)
     return differences
 
 
@@ -254,7 +245,7 @@ def undeclared(
         declared = {name for other in answered for name in found.parameters[other]}
         for name in node.names:
             if answered and name not in declared:
-                known = [other for other in sorted(declared) if not _is_common(other)]
+                known = [other for other in sorted(declared) if not is_node_parameter(other)]
                 difference = undeclared_parameter(node.node, name, known)
                 certain = any(is_typing_error(name, other) for other in known)
                 lifecycle = not answered.isdisjoint(found.lifecycle)

@@ -24,7 +24,7 @@ import msgspec
 
 from r2bspec.execute.identity import python_sources
 from r2bspec.execute.identity.file_digests import FileDigests, WorkspacePackages, build_id, is_elf
-from r2bspec.plan.command_lines import INCLUDED_LAUNCH
+from r2bspec.plan.command_lines import EXECUTABLE, INCLUDED_LAUNCH
 from r2bspec.plan.installed_packages import ament_packages, package_share, package_version
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
 from r2bspec.plan.this_machine import AMENT_INDEX, ament_prefixes
@@ -40,7 +40,6 @@ from r2bspec.safe_io.git import find_work_tree, inspect_work_tree
 from r2bspec.safe_io.limits import MAX_IDENTITY_TEXT_BYTES, MAX_NAME_CHARACTERS
 from r2bspec.safe_io.safe_file import is_regular, read_bytes
 
-_EXECUTABLE: Final = re.compile(r"\$\(executable (?P<package>\S+) (?P<name>\S+)\)")
 _PYTHON_PROGRAM: Final = re.compile(rb"#![^\n]*\bpython[0-9.]*\b")
 _PYTHON_INTERPRETER: Final = re.compile(r"(?:.*/)?python[0-9.]*|\$\(python\)")
 _ENTRY_SCRIPT: Final = re.compile(
@@ -288,7 +287,7 @@ class _GraphIdentifier:
                 parts.kind = "executable"
                 self._add_executable(parts, package, name)
                 rest = rest[4:]
-            case [first, *_] if (executable := _EXECUTABLE.fullmatch(first)) is not None:
+            case [first, *_] if (executable := EXECUTABLE.fullmatch(first)) is not None:
                 parts.kind = "executable"
                 self._add_executable(parts, executable["package"], executable["name"])
                 rest = rest[1:]
@@ -314,7 +313,7 @@ class _GraphIdentifier:
     def _add_named_files(self, parts: _Parts, words: Iterable[str], folder: Path) -> None:
         """The files of the work tree among the words of a command, also as ``key:=file``."""
         for word in words:
-            if (executable := _EXECUTABLE.fullmatch(word)) is not None:
+            if (executable := EXECUTABLE.fullmatch(word)) is not None:
                 # Of a container, or after a prefix.
                 if parts.kind == "command":
                     parts.kind = "executable"

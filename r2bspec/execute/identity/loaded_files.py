@@ -13,6 +13,7 @@ import os
 import re
 import sysconfig
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -33,23 +34,21 @@ _MODULES_TIMEOUT_S: Final = 5.0
 _IS_PYTHON: Final = re.compile(r"/(lib)?python[0-9.]*(\.so[0-9.]*)?$")
 
 
+@dataclass
 class LoadedFiles:
     """What the processes of the graph have loaded so far, in all starts of the run.
 
-    Args:
+    Attributes:
         supervisor: all processes.
         note: receives what could not be asked.
         modules_folder: where programs of Python nodes name their modules when they exit.
     """
 
-    def __init__(
-        self, supervisor: ProcessSupervisor, note: Callable[[str], None], modules_folder: Path
-    ) -> None:
-        self._supervisor = supervisor
-        self._note = note
-        self._modules_folder = modules_folder
-        self._files: dict[str, frozenset[str]] = {}
-        self._others: dict[int, frozenset[str]] = {}
+    supervisor: ProcessSupervisor
+    note: Callable[[str], None]
+    modules_folder: Path
+    _files: dict[str, frozenset[str]] = field(default_factory=dict)
+    _others: dict[int, frozenset[str]] = field(default_factory=dict)
 
     def look(self, hosts: Iterable[ManagedProcess], others: Iterable[ManagedProcess]) -> None:
         """Take down what processes that run have loaded until now.
@@ -77,12 +76,12 @@ class LoadedFiles:
             processes: all of the run; they have ended.
             complete: whether they ended as they should, so that what named nothing is noted.
         """
-        modules = modules_of_programs(self._modules_folder)
+        modules = modules_of_programs(self.modules_folder)
         for process in processes:
             if process.pid in modules:
                 self._add(process.name, modules[process.pid])
             elif complete and any(map(_IS_PYTHON.search, self._others.get(process.pid, ()))):
-                self._note(f"{process.name} did not say which modules of Python it had imported")
+                self.note(f"{process.name} did not say which modules of Python it had imported")
         return self._files
 
     def _add(self, name: str, files: frozenset[str]) -> None:
@@ -91,13 +90,13 @@ class LoadedFiles:
     def _modules(self, host: ManagedProcess) -> tuple[str, ...]:
         """What a host has imported; nothing if a node keeps it from answering."""
         try:
-            return self._supervisor.request(
+            return self.supervisor.request(
                 host, protocol.ListModules(), protocol.Modules, _MODULES_TIMEOUT_S
             ).files
         except RunError as error:
             if error.code != NO_ANSWER:
                 raise
-            self._note(f"{host.name} does not say which modules it has imported")
+            self.note(f"{host.name} does not say which modules it has imported")
             return ()
 
 

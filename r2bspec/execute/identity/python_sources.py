@@ -2,12 +2,8 @@
 
 What is imported from files of the user is a source, and is followed. What is imported from an
 installed distribution is known by its version; the standard library by that of Python. A source
-that imports by computed names may load anything beside it: then every module of its package, or of
-its folder, is a source.
-
-Statements are picked from the text by their first word, and parsed with `ast`: parsing whole files
-would take most of the time. A line of a docstring that happens to be an import adds a module that
-is not needed, which does no harm.
+that imports by computed names, or that this Python cannot parse, may load anything beside it: then
+every module of its package, or of its folder, is a source.
 
 Of installed distributions, only the names of metadata folders, and in some cases their lists of
 files, are read; nothing is imported. Folders are those that a process of the graph searches: of
@@ -127,13 +123,13 @@ class ModuleSearch:
     """
 
     def __init__(self) -> None:
-        started_with = _python_path(_variable_at_start("PYTHONPATH"))
+        started_with = _python_path(_path_at_start())
         self._current = _python_path(os.environ.get("PYTHONPATH", ""))
         self._gone = frozenset(started_with) - frozenset(self._current)
         inherited = [path for path in sys.path if path and path not in self._gone]
         self.folders = tuple(dict.fromkeys([*self._current, *inherited]))
         self.find = cache(self._find)
-        self.imports_of = cache(_imports_of)
+        self.imports_of = cache(imports_of)
         self._record = cache(partial(InstalledDistribution.read, name="RECORD"))
         self._names_in = cache(_listed_names)
         self._first_parts = cache(self._first_parts_in)
@@ -250,21 +246,14 @@ def _python_path(text: str) -> list[str]:
     return [str(Path(path).absolute()) for path in text.split(os.pathsep) if path]
 
 
-def _variable_at_start(name: str) -> str:
-    """A variable as it was when this process started."""
-    try:
-        variables = Path("/proc/self/environ").read_bytes().split(b"\0")
-    except OSError:
-        return ""
-    start = f"{name}=".encode()
-    return next(
-        (
-            os.fsdecode(variable[len(start) :])
-            for variable in variables
-            if variable.startswith(start)
-        ),
-        "",
-    )
+def _path_at_start() -> str:
+    """PYTHONPATH as it was when this process started."""
+    with contextlib.suppress(OSError):
+        for variable in Path("/proc/self/environ").read_bytes().split(b"\0"):
+            name, _, value = variable.partition(b"=")
+            if name == b"PYTHONPATH":
+                return os.fsdecode(value)
+    return ""
 
 
 def _path_spec(name: str, folders: list[str]) -> ModuleSpec | None:
@@ -294,26 +283,10 @@ def _plain(name: str) -> str:
 
 
 _MAX_FILES: Final = 4_000
-_STATEMENT: Final = re.compile(
-    rb"(?m)^[ \t]*((?:import[ \t]+[^#;\r\n\\(]+"
-    rb"|from[ \t]+[.\w]+[ \t]+import[ \t]*(?:\([^)]*\)|[^#;\r\n\\(]+)))"
-)
-_INLINE_STATEMENT: Final = re.compile(
-    rb"[:;][ \t]*((?:import[ \t]+[\w., \t]+|from[ \t]+[.\w]+[ \t]+import[ \t]+[\w., \t]+))"
-)
-_LONG_STATEMENT: Final = re.compile(
-    rb"(?m)^[ \t]*(?:from|import)\b(?:[^#\r\n]*\\\r?$|[^\r\n(]*\([^)#]*#)"
-)
-"""One over several lines that are joined by backslashes or have comments: files with such are
-parsed whole."""
 _COMPUTED_IMPORT: Final = re.compile(
     rb"import_module|__import__|spec_from_file_location|\brunpy\b|\bpkgutil\b|\bload_module\b"
     rb"|\bexec[ \t]*\("
 )
-_FOR_TYPES: Final = re.compile(
-    rb"(?m)^([ \t]*)if (?:typing\.)?TYPE_CHECKING:[^\r\n]*\r?\n(?:\1[ \t]+.*\r?\n|[ \t]*\r?\n)*"
-)
-"""What is imported for type checkers alone."""
 _TOOL: Final = "r2bspec"
 _TOOL_NODES: Final = "r2bspec.nodes"
 """The rest of r2bspec is the tool that measures: its version is in the record."""
@@ -364,14 +337,17 @@ def sources_of_module(search: ModuleSearch, name: str) -> Sources | None:
     return trail.follow()
 
 
-def _imports_of(file: Path) -> tuple[tuple[Import, ...], bool]:
-    """What a file imports, and whether it may import more; nothing if it cannot be read."""
+def imports_of(file: Path) -> tuple[tuple[Import, ...], bool]:
+    """What a file imports, and whether it may import more, as one of another Python version."""
     try:
         text = read_bytes(file, max_bytes=MAX_IMPORTED_PYTHON_BYTES)
     except (OSError, ValueError):
         return (), False
-    text = _FOR_TYPES.sub(rb"", text)
-    return tuple(_import_statements(text)), _COMPUTED_IMPORT.search(text) is not None
+    try:
+        tree = ast.parse(text)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return (), True
+    return tuple(_imports_in(tree)), _COMPUTED_IMPORT.search(text) is not None
 
 
 @dataclass
@@ -500,27 +476,21 @@ def _listed_names(folder: str | Path) -> list[str] | None:
         return None
 
 
-def _import_statements(text: bytes) -> Iterator[Import]:
-    statements = [*_STATEMENT.findall(text), *_INLINE_STATEMENT.findall(text)]
-    nodes: list[ast.AST] = []
-    try:
-        if _LONG_STATEMENT.search(text) is not None:
-            nodes = [*ast.walk(ast.parse(text))]
-        else:
-            for statement in dict.fromkeys(statements):
-                nodes += _parsed(statement)
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return
-    for node in nodes:
+def _is_for_types(condition: ast.expr) -> bool:
+    """Whether it is ``TYPE_CHECKING``: what is imported then is for type checkers alone."""
+    return "TYPE_CHECKING" in (getattr(condition, "id", ""), getattr(condition, "attr", ""))
+
+
+def _imports_in(tree: ast.AST) -> Iterator[Import]:
+    """The imports among the statements of a module, in functions and branches, too."""
+    waiting = [tree]
+    while waiting:
+        node = waiting.pop()
         if isinstance(node, ast.Import):
             yield from ((0, alias.name, ()) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             yield node.level, node.module or "", tuple(alias.name for alias in node.names)
-
-
-def _parsed(statement: bytes) -> list[ast.stmt]:
-    """The statements of a line; none for a line of prose that begins like one."""
-    try:
-        return ast.parse(statement.strip()).body
-    except SyntaxError:
-        return []
+        elif isinstance(node, ast.If) and _is_for_types(node.test):
+            waiting += node.orelse
+        elif not isinstance(node, ast.expr):
+            waiting += ast.iter_child_nodes(node)

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import contextlib
 import heapq
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -188,13 +187,12 @@ def recorded_messages(
     def ask(message: Any) -> protocol.Matched:
         return supervisor.request(supervisor.observer(), message, protocol.Matched)
 
-    ask(protocol.RecordMessages(monitors=monitors, folder=str(folder)))
-    deadline = time.monotonic() + _MATCH_TIMEOUT_S
-    while time.monotonic() < deadline:
+    def are_matched() -> bool:
         counts = ask(protocol.CountMatches()).counts
-        if all(counts.get(monitor.topic) for monitor in monitors):
-            break
-        supervisor.pump(_POLL_S)
+        return all(counts.get(monitor.topic) for monitor in monitors)
+
+    ask(protocol.RecordMessages(monitors=monitors, folder=str(folder)))
+    supervisor.pump_until(are_matched, _MATCH_TIMEOUT_S, _POLL_S)
     yield
     ask(protocol.EndRecording())
 

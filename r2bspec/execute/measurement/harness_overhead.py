@@ -220,12 +220,11 @@ class HarnessOverhead:
 
     def _wait_for_matches(self, part: ManagedProcess, topics: list[str], *, wanted: bool) -> bool:
         """Wait until all topics of a part are matched, or, unless `wanted`, none is."""
-        deadline = time.monotonic() + _MAX_MATCH_WAIT_S
-        while time.monotonic() < deadline:
-            if all((count > 0) == wanted for count in self._matches(part, topics)):
-                return True
-            self.context.supervisor.pump(_POLL_S)
-        return False
+
+        def are_as_wanted() -> bool:
+            return all((count > 0) == wanted for count in self._matches(part, topics))
+
+        return self.context.supervisor.pump_until(are_as_wanted, _MAX_MATCH_WAIT_S, _POLL_S)
 
 
 def can_be_measured(inputs: tuple[InputPlan, ...]) -> bool:

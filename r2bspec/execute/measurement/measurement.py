@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import msgspec
@@ -40,6 +41,7 @@ from r2bspec.record.run_record import (
 )
 
 
+@dataclass
 class Measurement:
     """The measurement of a run, or of its confirmation, and the results of its probes.
 
@@ -47,42 +49,21 @@ class Measurement:
         segment_player: plays in the start that runs.
     """
 
-    def __init__(
-        self,
-        plan: Plan,
-        segment_player: SegmentPlayer,
-        context: RunContext,
-        judge_so_far: Callable[[], Verdict],
-        budget: TimeBudget,
-        next_start: Callable[[], SegmentPlayer],
-        lost_rates: Callable[[], Mapping[float, str]] | None = None,
-    ) -> None:
-        """Create the measurement; nothing is played yet.
+    plan: Plan
+    segment_player: SegmentPlayer
+    context: RunContext
+    judge_so_far: Callable[[], Verdict]
+    budget: TimeBudget
+    next_start: Callable[[], SegmentPlayer]
+    lost_rates: Callable[[], Mapping[float, str]] | None = None
+    _search: PeakSearch | None = None
+    _sustained: list[Probe] = field(default_factory=list)
+    _ended: set[float] = field(default_factory=set)
+    _starts: list[SegmentPlayer] = field(default_factory=list)
 
-        Args:
-            plan: of the run.
-            segment_player: plays the segments of the first start.
-            context: of the run.
-            judge_so_far: the verdict on everything that was measured.
-            budget: of the whole run; limits all that is played in addition to what is declared.
-            next_start: starts all processes afresh; what it returns plays from then on.
-            lost_rates: with ``--abort-on-fail``, the rates whose requirements can no longer be
-                met, each with a sentence; None plays everything.
-        """
-        self._plan = plan
-        self.segment_player = segment_player
-        self._context = context
-        self._prober = RateProber(plan, segment_player, context, budget)
-        self._judge_so_far = judge_so_far
-        self._budget = budget
-        self._next_start = next_start
-        self._lost_rates = lost_rates
-        self._search: PeakSearch | None = None
-        self._sustained: list[Probe] = []
-        self._plays: tuple[PlayPlan, ...] = plan.play
-        self._ended: set[float] = set()
-        # Those in which iterations were played.
-        self._starts: list[SegmentPlayer] = []
+    def __post_init__(self) -> None:
+        self._prober = RateProber(self.plan, self.segment_player, self.context, self.budget)
+        self._plays: tuple[PlayPlan, ...] = self.plan.play
 
     @property
     def search(self) -> SearchRecord | None:
@@ -116,12 +97,12 @@ class Measurement:
         Raises:
             RunError: a process exited, failed, or does not respond.
         """
-        self._budget.begin()
+        self.budget.begin()
         self._probe_peak()
         self._probe_sustained()
         self._add_peak(self.peak_hz)
         if not self._plays:
-            return self._judge_so_far(), 0
+            return self.judge_so_far(), 0
         self._enter_play()
         return self._play_until_decided()
 
@@ -148,24 +129,24 @@ class Measurement:
         self._add_peak(self.peak_hz or peak_hz)
         if "iterations" in rests_on and self._plays:
             self._enter_play()
-            if self._plan.starts == 1:
+            if self.plan.starts == 1:
                 self._play_start(range(1, iterations + 1), iterations)
-                self._with_reruns(self._judge_so_far())
+                self._with_reruns(self.judge_so_far())
             else:
                 self._play_until_decided()
 
     def _add_peak(self, peak_hz: float | None) -> None:
         """Play at the peak, too, if one was found that is not among the rates."""
-        at_peak = self._plan.play_at_peak
-        rates = [play.rate_hz for play in self._plan.play]
+        at_peak = self.plan.play_at_peak
+        rates = [play.rate_hz for play in self.plan.play]
         if at_peak is not None and peak_hz is not None and peak_hz not in rates:
-            self._plays = (*self._plan.play, msgspec.structs.replace(at_peak, rate_hz=peak_hz))
+            self._plays = (*self.plan.play, msgspec.structs.replace(at_peak, rate_hz=peak_hz))
 
     def _probe_peak(self) -> None:
-        search = self._plan.search
+        search = self.plan.search
         if search is None:
             return
-        self._context.states.enter(RunState.SEARCH, "searching for the peak rate")
+        self.context.states.enter(RunState.SEARCH, "searching for the peak rate")
         seconds = max(search.confirm_ns, search.probe_ns) / 1e9
         self._search = PeakSearch(
             search.min_hz,
@@ -175,27 +156,27 @@ class Measurement:
             confidence=search.confidence,
             long_plays=self._prober.long_plays(
                 search,
-                lambda: self._budget.allows("the search ended early", seconds),
+                lambda: self.budget.allows("the search ended early", seconds),
             ),
         )
         self._search.run()
 
     def _probe_sustained(self) -> None:
-        if not self._plan.sustained_hz:
+        if not self.plan.sustained_hz:
             return
-        self._context.states.enter(RunState.SUSTAINED, "probing the rates to be sustained")
-        for rate_hz in self._plan.sustained_hz:
+        self.context.states.enter(RunState.SUSTAINED, "probing the rates to be sustained")
+        for rate_hz in self.plan.sustained_hz:
             self._sustained.append(self._prober.probe_sustained(rate_hz).probe)
 
     def _enter_play(self) -> None:
         text = {"timeline": "playing the recording", "live": "recording the live graph"}
-        state_text = text.get(self._plan.playback_mode, "playing at fixed rates")
-        self._context.states.enter(RunState.PLAY, state_text)
+        state_text = text.get(self.plan.playback_mode, "playing at fixed rates")
+        self.context.states.enter(RunState.PLAY, state_text)
 
     def _play_until_decided(self) -> tuple[Verdict, int]:
         """Play the iterations up to the look that decides."""
         looks = self._looks()
-        began_s, played = self._budget.spent_s(), 0
+        began_s, played = self.budget.spent_s(), 0
         verdict: Verdict | None = None
         for iterations in self._iterations_of_starts():
             self._play_start(iterations, looks.iterations[-1])
@@ -208,15 +189,15 @@ class Measurement:
                 break
             if played not in looks.iterations:
                 continue
-            verdict = self._judge_so_far()
+            verdict = self.judge_so_far()
             counted = [
                 requirement for requirement in verdict.requirements if requirement.level == "error"
             ]
             look = looks.completed_looks(played)
             if decide_after_look(looks, look, counted) != "go on":
                 break
-            more_s = (self._budget.spent_s() - began_s) / played * (looks.iterations[look] - played)
-            if not self._budget.allows(f"no more than {played} iterations", more_s):
+            more_s = (self.budget.spent_s() - began_s) / played * (looks.iterations[look] - played)
+            if not self.budget.allows(f"no more than {played} iterations", more_s):
                 break
             still_open = [
                 requirement.text
@@ -225,12 +206,12 @@ class Measurement:
                 and METHODS[requirement.method].rests_on == "iterations"
             ]
             if still_open:
-                self._context.note(f"open after {played} iterations: {', '.join(still_open)}")
-        return self._with_reruns(verdict or self._judge_so_far()), played
+                self.context.note(f"open after {played} iterations: {', '.join(still_open)}")
+        return self._with_reruns(verdict or self.judge_so_far()), played
 
     def _iterations_of_starts(self) -> Iterator[range]:
         """The iterations of each start; those of the only start, up to each look."""
-        looks, starts = self._looks(), self._plan.starts
+        looks, starts = self._looks(), self.plan.starts
         if starts == 1:
             for before, end in pairwise((0, *looks.iterations)):
                 yield range(before + 1, end + 1)
@@ -238,20 +219,20 @@ class Measurement:
             yield from iterations_of_starts(looks.declared, starts, looks.iterations[-1])
 
     def _looks(self) -> InterimLooks:
-        return InterimLooks.with_end(self._plays, self._plan.starts)
+        return InterimLooks.with_end(self._plays, self.plan.starts)
 
     def _play_start(self, iterations: Iterable[int], end: int) -> None:
         """Play the iterations of a start: a new one if some were played in the one that runs."""
-        if self._starts and self._plan.starts > 1:
-            self.segment_player = self._next_start()
+        if self._starts and self.plan.starts > 1:
+            self.segment_player = self.next_start()
             self._enter_play()
         self._starts.append(self.segment_player)
         for index in iterations:
             for play in self._plays:
                 if play.rate_hz not in self._ended:
                     self._play_once(play, index, f"iteration {index} of {end}")
-            if self._lost_rates is not None and index < end:
-                self._end_rates(self._lost_rates(), index, end)
+            if self.lost_rates is not None and index < end:
+                self._end_rates(self.lost_rates(), index, end)
             if self._all_ended:
                 return
 
@@ -266,8 +247,8 @@ class Measurement:
             if rate_hz in rates:
                 at = f"{rate_hz:g} Hz" if rate_hz else "the recording"
                 self._ended.add(rate_hz)
-                self._budget.ended_rates.append(EndedRate(rate_hz=rate_hz, iterations=index))
-                self._budget.leave_out(f"{at} was ended after {index} of {end} iterations: {why}")
+                self.budget.ended_rates.append(EndedRate(rate_hz=rate_hz, iterations=index))
+                self.budget.leave_out(f"{at} was ended after {index} of {end} iterations: {why}")
 
     def _with_reruns(self, verdict: Verdict) -> Verdict:
         """The verdict, after the affected iterations on which it depends were repeated."""
@@ -277,16 +258,16 @@ class Measurement:
             play = next(
                 candidate for candidate in self._plays if candidate.rate_hz == iteration.rate_hz
             )
-            if not self._budget.allows(
+            if not self.budget.allows(
                 f"no rerun of {name}, which host interference affected", play.duration_ns / 1e9
             ):
                 break
             reasons = "; ".join(iteration.reasons)
-            self._context.note(f"host interference affected {name} ({reasons}): repeating it")
+            self.context.note(f"host interference affected {name} ({reasons}): repeating it")
             segments = [segment for start in self._starts for segment in start.segments]
             index = next(segment.index for segment in segments if segment.id == name)
             self._play_once(play, index, f"iteration {index} again", rerun_of=name)
-            verdict = self._judge_so_far()
+            verdict = self.judge_so_far()
         return verdict
 
     def _play_once(self, play: PlayPlan, index: int, title: str, rerun_of: str = "") -> None:

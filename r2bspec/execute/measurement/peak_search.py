@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 
 from r2bspec.judge.stationarity import (
     Capacity,
@@ -298,48 +298,51 @@ SHORT_PROBES = LongPlays()
 """Nothing but short probes."""
 
 
+@dataclass
 class PeakSearch:
-    """One search; `run` executes it, `record` is its current state."""
+    """One search; `run` executes it, `record` is its current state.
 
-    def __init__(
-        self,
-        minimum_hz: float,
-        maximum_hz: float,
-        precision: float,
-        probe: ProbeFunction,
-        *,
-        confidence: float = CONFIDENCE,
-        long_plays: LongPlays = SHORT_PROBES,
-    ) -> None:
-        self._minimum_hz = minimum_hz
-        self._maximum_hz = maximum_hz
-        self._precision = precision
-        self._confidence = confidence
-        self._probe = probe
-        self._long = long_plays
-        self._probes: list[Probe] = []
-        self._lower: Probe | None = None
-        self._fails_hz: float | None = None
-        self._fails_by_player = False
-        self._open: dict[float, float] = {}
-        self._guess_hz = 0.0
-        self._guess_tried = False
-        self._stride = 1.0
-        self._done = False
-        self._proof: Proof = ""
-        self._candidate_hz: float | None = None
+    Attributes:
+        minimum_hz: the lower end of the range.
+        maximum_hz: its upper end.
+        precision: the relative width to which the bracket is narrowed.
+        probe: plays one rate shortly.
+        confidence: of the bracket.
+        long_plays: what is played besides short probes.
+    """
+
+    minimum_hz: float
+    maximum_hz: float
+    precision: float
+    probe: ProbeFunction
+    _: KW_ONLY
+    confidence: float = CONFIDENCE
+    long_plays: LongPlays = SHORT_PROBES
+    _probes: list[Probe] = field(default_factory=list)
+    _lower: Probe | None = None
+    _fails_hz: float | None = None
+    _fails_by_player: bool = False
+    _open: dict[float, float] = field(default_factory=dict)
+    _guess_hz: float = 0.0
+    _guess_tried: bool = False
+    _stride: float = 1.0
+    _done: bool = False
+    _proof: Proof = ""
+    _candidate_hz: float | None = None
+    _has_time: bool = True
+    _others: list[CompletionTimes] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
         self._overload = Overload(
             play=self._play_overload,
-            max_hz=maximum_hz,
-            precision=precision,
-            confidence=confidence,
-            budget_s=long_plays.budget_s,
-            stages=long_plays.stages,
-            loss=long_plays.loss,
+            max_hz=self.maximum_hz,
+            precision=self.precision,
+            confidence=self.confidence,
+            budget_s=self.long_plays.budget_s,
+            stages=self.long_plays.stages,
+            loss=self.long_plays.loss,
             goes_on=self._goes_on,
         )
-        self._has_time = True
-        self._others: list[CompletionTimes] = []
 
     @property
     def _holds_hz(self) -> float | None:
@@ -347,9 +350,9 @@ class PeakSearch:
 
     def run(self) -> SearchRecord:
         """Search. Both ends of the range are also probed, so that neither is assumed."""
-        if self._try(self._minimum_hz) is not False and self._maximum_hz > self._minimum_hz:
-            self._try(self._maximum_hz)
-        if not self._aim() or self._long.needs_probes(self._precision):
+        if self._try(self.minimum_hz) is not False and self.maximum_hz > self.minimum_hz:
+            self._try(self.maximum_hz)
+        if not self._aim() or self.long_plays.needs_probes(self.precision):
             while (rate_hz := self._next_rate()) is not None and self._goes_on():
                 self._try(rate_hz)
         self._prove()
@@ -360,12 +363,14 @@ class PeakSearch:
     def _goes_on(self) -> bool:
         """Whether there is time for more than a bracket needs; it does not come back."""
         spent_s = sum(probe.played_s for probe in self._probes)
-        self._has_time = self._has_time and spent_s < self._long.search_s and self._long.allows()
+        self._has_time = (
+            self._has_time and spent_s < self.long_plays.search_s and self.long_plays.allows()
+        )
         return self._has_time
 
     def record(self) -> SearchRecord:
         """The result so far."""
-        unsteady = find_nonstationarity(self._overload.comparable, self._others, self._precision)
+        unsteady = find_nonstationarity(self._overload.comparable, self._others, self.precision)
         lower, fails_hz = self._lower, self._fails_hz
         limited_by: Limit = "player" if self._fails_by_player else "graph"
         if not self._done:
@@ -380,12 +385,12 @@ class PeakSearch:
             holds_hz=self._holds_hz,
             fails_hz=fails_hz,
             limited_by=limited_by,
-            precision=self._precision,
-            confidence=self._confidence,
+            precision=self.precision,
+            confidence=self.confidence,
             proof=self._proof,
             proof_s=lower.played_s if lower is not None and self._proof else 0.0,
             lost_at_most=lower.lost_at_most if lower is not None else None,
-            max_lost=self._overload.loss + self._precision / 2,
+            max_lost=self._overload.loss + self.precision / 2,
             capacity=self._overload.record(),
             unsteady=tuple(part.text for part in unsteady),
             watched_s=sum(play.played_s for play in [*self._overload.shown, *self._others]),
@@ -400,22 +405,22 @@ class PeakSearch:
         """
         if self._fails_hz is None or self._fails_by_player or self._guess_hz <= 0:
             return False
-        if self._fails_hz <= self._minimum_hz:
+        if self._fails_hz <= self.minimum_hz:
             return False
         self._overload.run(self._guess_hz)
         upper_hz, lower_hz = self._overload.upper_hz, self._overload.lower_hz
-        if upper_hz is None or lower_hz is None or lower_hz <= self._minimum_hz:
+        if upper_hz is None or lower_hz is None or lower_hz <= self.minimum_hz:
             return False
         self._fails_hz = min(upper_hz, self._fails_hz)
-        if self._long.confirm is None or self._long.needs_probes(self._precision):
+        if self.long_plays.confirm is None or self.long_plays.needs_probes(self.precision):
             return self._try(lower_hz) is True
         self._candidate_hz = lower_hz
         return True
 
     def _play_overload(self, rate_hz: float) -> CompletionTimes | None:
-        if self._long.overload is None:
+        if self.long_plays.overload is None:
             return None
-        outcome = self._long.overload(rate_hz)
+        outcome = self.long_plays.overload(rate_hz)
         self._probes.append(outcome.probe)
         if outcome.limited_by_player or outcome.probe.explained:
             # Others took a part of the time: what came out is no bound of the capacity.
@@ -427,7 +432,7 @@ class PeakSearch:
         rate_hz = self._candidate_hz or self._clearly_held_hz
         if rate_hz is None:
             return
-        if self._long.confirm is None:
+        if self.long_plays.confirm is None:
             self._proof = "probes"
             return
         self._proof = "open"
@@ -435,7 +440,7 @@ class PeakSearch:
         for number in range(_MAX_CONFIRMATIONS):
             if number and not self._goes_on():
                 break
-            outcome = self._long.confirm(rate_hz, self._overload.proven_hz)
+            outcome = self.long_plays.confirm(rate_hz, self._overload.proven_hz)
             self._probes.append(outcome.probe)
             self._watch(outcome)
             if outcome.probe.holds:
@@ -445,9 +450,9 @@ class PeakSearch:
                 undecided = undecided or outcome.probe
             else:
                 self._refute(outcome)
-            if rate_hz <= self._minimum_hz:
+            if rate_hz <= self.minimum_hz:
                 break
-            rate_hz = max(self._below(outcome), self._minimum_hz)
+            rate_hz = max(self._below(outcome), self.minimum_hz)
         self._lower = undecided if undecided is not None else self._highest_kept()
 
     @property
@@ -459,7 +464,7 @@ class PeakSearch:
         holds_hz, fails_hz = self._holds_hz, self._fails_hz
         if holds_hz is None or fails_hz is None or self._fails_by_player:
             return holds_hz
-        return max(min(holds_hz, fails_hz / (1 + self._precision)), self._minimum_hz)
+        return max(min(holds_hz, fails_hz / (1 + self.precision)), self.minimum_hz)
 
     def _try_upper_end(self) -> None:
         """Play the upper end, too, where it follows from overloads, and raise it if it is kept up.
@@ -469,11 +474,11 @@ class PeakSearch:
         play may be quick ones by chance.
         """
         kept: list[Probe] = []
-        while self._proof == "confirmed" and self._long.upper is not None:
+        while self._proof == "confirmed" and self.long_plays.upper is not None:
             rate_hz = self._fails_hz
             if rate_hz is None or rate_hz in self._failed_hz:
                 return
-            outcome = self._long.upper(rate_hz, self._overload.tells_after_s)
+            outcome = self.long_plays.upper(rate_hz, self._overload.tells_after_s)
             self._probes.append(outcome.probe)
             play = outcome.departures
             if outcome.limited_by_player or outcome.probe.explained or play is None:
@@ -481,11 +486,11 @@ class PeakSearch:
             self._watch(outcome)
             if play.saturated:
                 self._overload.shown.append(play)
-            own = estimate_capacity([play.after(play.played_s / 3)], self._confidence)
+            own = estimate_capacity([play.after(play.played_s / 3)], self.confidence)
             if outcome.probe.holds is False or own is None:
                 return
             next_hz = min(failed_hz for failed_hz in self._failed_hz if failed_hz > rate_hz)
-            lost = outcome.drop_share > self._overload.loss + self._precision / 4
+            lost = outcome.drop_share > self._overload.loss + self.precision / 4
             if own.hz < _KEPT_UP * rate_hz and (lost or not outcome.probe.keeps_up):
                 self._fails_hz = min(max(rate_hz, own.upper_hz), next_hz)
                 return
@@ -494,7 +499,7 @@ class PeakSearch:
                 self._lower = kept[-2]
             self._fails_hz = next_hz
             if len(kept) < _MAX_RAISES and self._goes_on():
-                self._fails_hz = min(next_hz, rate_hz * (1 + self._precision))
+                self._fails_hz = min(next_hz, rate_hz * (1 + self.precision))
 
     @property
     def _failed_hz(self) -> list[float]:
@@ -503,7 +508,7 @@ class PeakSearch:
 
     def _watch(self, outcome: ProbeOutcome) -> None:
         """Examine a play for stops, unless others took a part of its time."""
-        if outcome.departures is not None and outcome.probe.taken <= self._precision:
+        if outcome.departures is not None and outcome.probe.taken <= self.precision:
             self._others.append(outcome.departures)
 
     def _refute(self, outcome: ProbeOutcome) -> None:
@@ -518,8 +523,8 @@ class PeakSearch:
             return
         if not play.saturated_later:
             return
-        if outcome.drop_share > self._overload.loss + self._precision / 2 and not find_start(
-            [play], self._precision
+        if outcome.drop_share > self._overload.loss + self.precision / 2 and not find_start(
+            [play], self.precision
         ):
             # It loses messages from the first second on; it was not slower than it seemed.
             return
@@ -533,8 +538,8 @@ class PeakSearch:
             return learnt_hz
         if outcome.probe.holds is None:
             width = self._overload.capacity.relative_width if self._overload.capacity else 0.0
-            return rate_hz / (1 + max(2 * self._precision, width))
-        return math.sqrt(rate_hz * self._minimum_hz)
+            return rate_hz / (1 + max(2 * self.precision, width))
+        return math.sqrt(rate_hz * self.minimum_hz)
 
     def _highest_kept(self) -> Probe | None:
         """The highest rate below the upper end that was sustained in a probe."""
@@ -546,12 +551,12 @@ class PeakSearch:
         return max(kept, key=lambda each: each.rate_hz, default=None)
 
     def _try(self, rate_hz: float) -> bool | None:
-        outcome = self._probe(rate_hz)
+        outcome = self.probe(rate_hz)
         self._probes.append(outcome.probe)
         self._watch(outcome)
         if outcome.sustained is False and self._needs_retry(outcome):
             # A short disturbance of the machine looks like a slow graph, but rarely twice.
-            outcome = self._probe(rate_hz)
+            outcome = self.probe(rate_hz)
             self._probes.append(outcome.probe)
             self._watch(outcome)
         if outcome.sustained is None:
@@ -570,14 +575,14 @@ class PeakSearch:
         """Whether the failed rate was expected to pass: the lowest, or below an output rate."""
         rate_hz = outcome.probe.rate_hz
         return not outcome.limited_by_player and (
-            rate_hz <= self._minimum_hz or rate_hz < self._guess_hz * (1 - self._precision)
+            rate_hz <= self.minimum_hz or rate_hz < self._guess_hz * (1 - self.precision)
         )
 
     def _next_rate(self) -> float | None:
         """The next rate to try, or None when the bracket is as narrow as it can be made."""
-        lower_hz = self._holds_hz or self._minimum_hz
-        upper_hz = self._fails_hz or self._maximum_hz
-        if upper_hz / lower_hz <= 1 + self._precision:
+        lower_hz = self._holds_hz or self.minimum_hz
+        upper_hz = self._fails_hz or self.maximum_hz
+        if upper_hz / lower_hz <= 1 + self.precision:
             return None
         around = sorted(rate for rate in self._open if lower_hz <= rate <= upper_hz)
         if around:
@@ -588,12 +593,12 @@ class PeakSearch:
 
     def _between(self, holds_hz: float, fails_hz: float) -> float:
         """A rate between a sustained and a failed one."""
-        guess_hz = self._guess_hz * (1 - self._precision / 2)
+        guess_hz = self._guess_hz * (1 - self.precision / 2)
         if holds_hz < guess_hz < fails_hz and not self._guess_tried:
             self._guess_tried = True
             return guess_hz
         # Move away from the guess in growing strides until they bracket the peak, then bisect.
-        step = 1 + self._stride * 0.999 * self._precision
+        step = 1 + self._stride * 0.999 * self.precision
         self._stride *= _STRIDE_GROWTH
         middle_hz = math.sqrt(holds_hz * fails_hz)
         if holds_hz >= guess_hz:
@@ -613,7 +618,7 @@ class PeakSearch:
         below_hz, above_hz = around[0], around[-1]
         down, up = (
             1
-            + min(max(self._precision, self._open[bound_hz]), _MAX_STEP) * 2.0 ** (len(around) // 2)
+            + min(max(self.precision, self._open[bound_hz]), _MAX_STEP) * 2.0 ** (len(around) // 2)
             for bound_hz in (below_hz, above_hz)
         )
         # A gap of one step is as narrow as possible.

@@ -20,7 +20,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 import msgspec
@@ -266,7 +266,7 @@ class RateProber:
 
 def _stages(plan: Plan) -> int:
     """How many queues there may be in a row: at most one for each node."""
-    graph = [process for process in plan.processes if process.phase == "measure"]
+    graph = plan.processes_in("measure")
     return sum(len(process.nodes) + (process.role == "command") for process in graph) or 1
 
 
@@ -290,25 +290,22 @@ def _allowed_loss(condition: Requirement) -> float:
     return condition.bound.value if condition.op in {"<", "<="} else 0.0
 
 
+@dataclass
 class _InterimMonitor:
     """Evaluates a probe at the planned looks, and keeps the result of the first clear one."""
 
-    def __init__(
-        self,
-        criterion: Criterion,
-        limit_s: float,
-        estimate_all: Callable[[SegmentObservation], list[ProbeEstimate]],
-        play: _Play,
-    ) -> None:
-        self._criterion = criterion
-        self._play = play
-        looks = plan_interim_looks(limit_s)
-        # A play that nothing ends before its time has one look.
-        self._looks = looks if play.ends_on else (InterimLook(limit_s, 1.0),)
-        self._estimate_all = estimate_all
-        self._number = 0
-        self._decided: list[ProbeJudgement] = []
-        self._ended_at: InterimLook | None = None
+    criterion: Criterion
+    limit_s: float
+    estimate_all: Callable[[SegmentObservation], list[ProbeEstimate]]
+    play: _Play
+    _number: int = 0
+    _decided: list[ProbeJudgement] = field(default_factory=list)
+    _ended_at: InterimLook | None = None
+
+    def __post_init__(self) -> None:
+        looks = plan_interim_looks(self.limit_s)
+        # A self.play that nothing ends before its time has one look.
+        self._looks = looks if self.play.ends_on else (InterimLook(self.limit_s, 1.0),)
 
     def watch(self, observation: SegmentObservation, elapsed_s: float) -> bool:
         """Whether the result is clear; called while playing."""
@@ -317,12 +314,12 @@ class _InterimMonitor:
             return False
         self._number += len(due)
         judgements = [
-            judge_interim(estimate, self._criterion, due[-1])
-            for estimate in self._estimate_all(observation)
+            judge_interim(estimate, self.criterion, due[-1])
+            for estimate in self.estimate_all(observation)
         ]
         worst = worst_judgement(judgements)
         state = True if worst.keeps_up else worst.holds
-        if state not in self._play.ends_on:
+        if state not in self.play.ends_on:
             return False
         self._ended_at, self._decided = due[-1], judgements
         return True
@@ -334,11 +331,11 @@ class _InterimMonitor:
             [
                 judge_final(
                     estimate,
-                    self._criterion,
+                    self.criterion,
                     self._ended_at or self._looks[-1],
                     judged,
-                    whole=self._play.whole,
-                    proven_hz=self._play.proven_hz,
+                    whole=self.play.whole,
+                    proven_hz=self.play.proven_hz,
                 )
                 for estimate, judged in zip(estimates, decided, strict=True)
             ]

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -91,7 +92,7 @@ class SegmentObservation:
                 self.playback,
                 self.monitors[name],
                 monitor,
-                self._plan.inputs,
+                self._plan.step_sources,
                 self.played_before,
             )
         return self._matched[name]
@@ -299,20 +300,20 @@ class ProgressView:
         return self._use()
 
 
+@dataclass
 class _SegmentRows:
     """The rows of a segment, counted from its first."""
 
-    def __init__(self, rows: RowReader | PlaybackReader, first: int) -> None:
-        self._rows = rows
-        self._first = first
+    rows: RowReader | PlaybackReader
+    first: int
 
     def count(self) -> int:
-        return self._rows.count() - self._first
+        return self.rows.count() - self.first
 
     def latest(self) -> tuple[int, NDArray[np.void]]:
         """The latest rows, after the number of the first of them."""
         start = max(0, self.count() - MAX_ROWS)
-        return start, self._rows.read(self._first + start)
+        return start, self.rows.read(self.first + start)
 
 
 def _latencies_ns(

@@ -88,11 +88,11 @@ def _cpu_model() -> str:
     return platform.processor()
 
 
-def _threads_per_core(root: Path = Path("/")) -> int | None:
+def _threads_per_core() -> int | None:
     """How many hardware threads share a core, at most; None where the kernel does not say."""
     siblings = [
         int(mask.replace(",", ""), 16).bit_count()
-        for path in root.glob("sys/devices/system/cpu/cpu[0-9]*/topology/thread_siblings")
+        for path in Path("/sys/devices/system/cpu").glob("cpu[0-9]*/topology/thread_siblings")
         if (mask := _read(path))
     ]
     return max(siblings, default=None)

@@ -43,10 +43,9 @@ from r2bspec.native.build import (
     join_object,
     lock_environment,
 )
+from r2bspec.plan.command_lines import EXECUTABLE
 from r2bspec.plan.plan import Plan, ProcessPlan
 from r2bspec.plan.this_machine import PACKAGE_INDEX, ament_prefixes
-
-_EXECUTABLE = re.compile(r"\$\(executable (?P<package>\S+) (?P<name>\S+)\)")
 
 
 def resolve_argv(plan: ProcessPlan) -> list[str]:
@@ -127,7 +126,7 @@ def _resolve(word: str) -> str:
             return str(harness_program())
     if word == "$(included_launch)":
         return str(Path(harness.__file__).with_name("included_launch.py"))
-    matched = _EXECUTABLE.fullmatch(word)
+    matched = EXECUTABLE.fullmatch(word)
     return str(find_executable(matched["package"], matched["name"])) if matched else word
 
 
@@ -371,7 +370,7 @@ def require_free_shared_memory(
             "segments (transport: {kind: shared_memory, segment: ...}).",
         )
     # The observer, which no plan lists, runs with the measured graph.
-    processes = sum(process.phase == phase for process in plan.processes) + (phase == "measure")
+    processes = len(plan.processes_in(phase)) + (phase == "measure")
     required_bytes = middleware.required_shm_bytes(processes, segment_bytes)
     if free < required_bytes:
         suggested_mib = -(-required_bytes * 5 // (4 << 20))  # with some to spare

@@ -137,8 +137,8 @@ class _SchedAttr(ctypes.Structure):
     )
 
 
-def shorten_slice(pid: int, slice_ns: int = SLICE_NS) -> bool:
-    """Let a process that has just been started wait less for a core, not run for longer.
+def shorten_slice(pid: int) -> bool:
+    """Give a process that has just been started `SLICE_NS`: it waits less for a core.
 
     Since Linux 6.12 a thread that wakes up preempts one with a longer slice if its turn comes
     earlier (EEVDF); otherwise it waits until that slice is over, which shows as late publications
@@ -148,7 +148,6 @@ def shorten_slice(pid: int, slice_ns: int = SLICE_NS) -> bool:
 
     Args:
         pid: the process, before it starts threads.
-        slice_ns: the slice, in nanoseconds.
 
     Returns:
         Whether the kernel has accepted it.
@@ -156,7 +155,7 @@ def shorten_slice(pid: int, slice_ns: int = SLICE_NS) -> bool:
     attributes = _attributes(pid)
     if attributes is None or attributes.policy != _SCHED_OTHER:
         return False
-    attributes.runtime_ns = slice_ns
+    attributes.runtime_ns = SLICE_NS
     set_call, _ = _SYSCALLS[platform.machine()]
     return _syscall(set_call, pid, ctypes.byref(attributes), 0) == 0
 

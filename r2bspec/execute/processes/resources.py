@@ -34,7 +34,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import psutil
 
-from r2bspec.ipc.protocol import RUN_ID_VARIABLE
+from r2bspec.ipc.process_cleanup import carries_run_id
 from r2bspec.judge.measure.host_usage import CONTROLLER_INDEX, MACHINE_INDEX, ORPHANS_INDEX
 from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
 
@@ -179,15 +179,9 @@ def minor_faults(pid: int) -> int:
 class OrphanFinder:
     """Finds them; each is attributed to the process of the run that it descends from."""
 
-    def __init__(self, run_id: str, proc: Path = _PROC) -> None:
-        """Nothing is read yet.
-
-        Args:
-            run_id: of the run; if it is empty, nothing is ever found.
-            proc: where the process file system is.
-        """
-        self._proc = proc
-        self._wanted = f"{RUN_ID_VARIABLE}={run_id}".encode() if run_id else b""
+    def __init__(self, run_id: str) -> None:
+        """Nothing is read yet; with an empty id, nothing is ever found."""
+        self._run_id = run_id
         self._belongs: dict[int, bool] = {}
         self._owners: dict[int, int] = {}
 
@@ -203,7 +197,7 @@ class OrphanFinder:
                 each is the leader of a session.
             unknown: the index for orphans of which only the run is known.
         """
-        if not self._wanted:
+        if not self._run_id:
             return {}
         running = set(psutil.pids())
         # Numbers are used again.
@@ -211,7 +205,7 @@ class OrphanFinder:
         self._owners = {pid: index for pid, index in self._owners.items() if pid in running}
         self._owners |= descendants
         for pid in running - self._belongs.keys():
-            self._belongs[pid] = pid in descendants or self._has_run_id(pid)
+            self._belongs[pid] = pid in descendants or carries_run_id(pid, self._run_id)
         counts: dict[int, int] = {}
         for pid, ours in self._belongs.items():
             if ours and pid not in descendants and pid not in leaders and pid != os.getpid():
@@ -223,13 +217,6 @@ class OrphanFinder:
                     self._owners[pid] = leaders.get(session, unknown)
                 counts[pid] = self._owners[pid]
         return counts
-
-    def _has_run_id(self, pid: int) -> bool:
-        try:
-            variables = (self._proc / str(pid) / "environ").read_bytes()
-        except OSError:
-            return False
-        return self._wanted in variables.split(b"\0")
 
 
 def _parent_of(pid: int) -> int:

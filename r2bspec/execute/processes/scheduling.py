@@ -14,6 +14,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import re
 import resource
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -22,11 +23,13 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Final
 
+import msgspec
 import psutil
 
 from r2bspec.execute.errors import RunError
 from r2bspec.language.spec import ThreadScheduling
 from r2bspec.plan.plan import ProcessPlan
+from r2bspec.plan.this_machine import CAP_IPC_LOCK, CAP_SYS_NICE, has_capability
 from r2bspec.record.run_record import ThreadSchedulingRecord
 
 _POLICIES: Final = {
@@ -37,8 +40,6 @@ _POLICIES: Final = {
     "rr": os.SCHED_RR,
 }
 _NAMES: Final = {number: name for name, number in _POLICIES.items()}
-_CAP_IPC_LOCK: Final = 14
-_CAP_SYS_NICE: Final = 23
 
 
 def require_permitted(processes: Sequence[ProcessPlan]) -> None:
@@ -141,21 +142,7 @@ def _policy_limit(priority: int) -> str:
 
 
 def _capability() -> str:
-    return "" if _has_capability(_CAP_SYS_NICE) else ", or the capability CAP_SYS_NICE"
-
-
-def _has_capability(number: int) -> bool:
-    return bool(int(_status(os.getpid(), "CapEff") or "0", 16) >> number & 1)
-
-
-def _status(pid: int, field: str) -> str:
-    """The first word of a field of ``/proc/PID/status``; empty if it is not there."""
-    try:
-        status = Path(f"/proc/{pid}/status").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return ""
-    lines = (line.split() for line in status.splitlines())
-    return next((words[1] for words in lines if words[0] == f"{field}:" and words[1:]), "")
+    return "" if has_capability(CAP_SYS_NICE) else ", or the capability CAP_SYS_NICE"
 
 
 def has_memory_lock(plan: ProcessPlan) -> bool:
@@ -171,7 +158,7 @@ def _require_memory_lock(name: str) -> None:
     """
     hard = resource.getrlimit(resource.RLIMIT_MEMLOCK)[1]
     enough = hard == resource.RLIM_INFINITY or hard >= psutil.virtual_memory().total
-    if not enough and not _has_capability(_CAP_IPC_LOCK):
+    if not enough and not has_capability(CAP_IPC_LOCK):
         raise RunError(
             f"process {name}: a memory lock is not permitted: RLIMIT_MEMLOCK is {hard >> 10} KiB, "
             "and 'unlimited' is needed, or the capability CAP_IPC_LOCK",
@@ -190,7 +177,7 @@ def locked_bytes(plan: ProcessPlan, pid: int) -> int:
     with contextlib.suppress(psutil.Error):
         process = psutil.Process(pid)
         family = (process, *process.children(recursive=True))
-        locked = 1024 * sum(int(_status(each.pid, "VmLck") or "0") for each in family)
+        locked = sum(map(_locked_bytes_of, family))
         if not locked and process.is_running():
             raise RunError(
                 f"process {plan.name}: its memory is not locked: it initialises no rcl, or its "
@@ -201,6 +188,15 @@ def locked_bytes(plan: ProcessPlan, pid: int) -> int:
             )
         return locked
     return 0
+
+
+def _locked_bytes_of(process: psutil.Process) -> int:
+    try:
+        status = Path(f"/proc/{process.pid}/status").read_text(errors="replace")
+    except OSError:
+        return 0
+    found = re.search(r"^VmLck:\s+(\d+) kB", status, re.MULTILINE)
+    return 1024 * int(found[1]) if found else 0
 
 
 def schedule_threads(
@@ -251,17 +247,7 @@ def read_scheduling(pid: int) -> tuple[ThreadSchedulingRecord, ...]:
             )
             found[record] += 1
     ordered = sorted(found, key=lambda each: (each.thread, each.policy, each.priority))
-    return tuple(
-        ThreadSchedulingRecord(
-            thread=each.thread,
-            policy=each.policy,
-            priority=each.priority,
-            nice=each.nice,
-            cpus=each.cpus,
-            count=found[each],
-        )
-        for each in ordered
-    )
+    return tuple(msgspec.structs.replace(each, count=found[each]) for each in ordered)
 
 
 def _threads(pid: int) -> list[tuple[int, str]]:

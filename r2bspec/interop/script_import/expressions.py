@@ -21,6 +21,7 @@ from r2bspec.interop.script_import.known_functions import ASSETS, foreign_call, 
 from r2bspec.interop.script_import.values import (
     BoundFunction,
     Construct,
+    CopiedEnvironment,
     Foreign,
     ImageSize,
     ImportNote,
@@ -315,7 +316,10 @@ class Expressions:
         return True
 
     def _item(self, owner: Any, key: Any) -> Any:
-        if isinstance(owner, Foreign) and owner.name == "os.environ" and isinstance(key, str):
+        is_environment = isinstance(owner, Foreign) and owner.name == "os.environ"
+        if isinstance(owner, CopiedEnvironment) and key not in owner:
+            is_environment = True
+        if is_environment and isinstance(key, str):
             return known_functions.environment_variable(key)
         self.steps.count_items(key)
         try:

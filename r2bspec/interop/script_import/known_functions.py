@@ -22,6 +22,7 @@ from typing import Any, Final
 from r2bspec.diagnostics import Span
 from r2bspec.interop.script_import.values import (
     Construct,
+    CopiedEnvironment,
     ImageSize,
     LaunchText,
     NotKnownError,
@@ -357,6 +358,7 @@ _CALLS: Final[dict[str, Callable[..., Any]]] = {
     "os.path.expandvars": _of_text(str),
     "os.getenv": environment_variable,
     "os.environ.get": environment_variable,
+    "os.environ.copy": CopiedEnvironment,
     "launch.utilities.perform_substitutions": lambda _context, parts: "".join(_flattened((parts,))),
     "pathlib.Path": join_path,
     "copy.deepcopy": _copied,

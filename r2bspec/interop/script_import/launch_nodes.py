@@ -21,6 +21,7 @@ from r2bspec.interop.script_import.launch_texts import parameter_value, performe
 from r2bspec.interop.script_import.substitutions import split_words
 from r2bspec.interop.script_import.values import (
     Construct,
+    CopiedEnvironment,
     ImportNote,
     PlacedTuple,
     StepCounter,
@@ -221,12 +222,12 @@ class NodeReader:
             given = action.get(key)
             values = list(given.items()) if isinstance(given, dict) else listed(given)
             for pair in values:
-                if isinstance(pair, Unknown) or len(pair) != 2:
+                if not isinstance(pair, list | tuple) or len(pair) != 2:
                     self.lose("an environment variable is not known", action)
                     continue
                 name, value = (performed(part, action, self.steps) for part in pair)
                 environment[str(name)] = value if isinstance(value, Unknown) else str(value)
-            if key == "env" and values:
+            if key == "env" and values and not isinstance(given, CopiedEnvironment):
                 self.change("'env' of launch has no other variables; here they are added", action)
         if self._is_set(action, "respawn"):
             self.change("'respawn' is left out: a run fails when a process ends", action)

@@ -103,8 +103,9 @@ def markup_launch_file(reader: ScriptReader, file: Path, given: Mapping[str, Any
         UnusableScriptError: it cannot be read or parsed.
         ScriptLimitError: it exceeds the limits.
     """
-    text = reader.read_text(file)
-    root = _xml(file, text) if text.lstrip().startswith("<") else _yaml(file, text)
+    text = reader.read_text(file).removeprefix("\ufeff")
+    is_xml = text.lstrip().startswith("<") or (file.suffix == ".xml" and not text.strip())
+    root = _xml(file, text) if is_xml else _yaml(file, text)
     markup = _Markup(reader, file, given)
     markup.launch.actions = list(markup.actions(root.children))
     return markup.launch
@@ -143,67 +144,52 @@ def _xml(file: Path, text: str) -> _Entity:
 def _yaml(file: Path, text: str) -> _Entity:
     try:
         content = load_values(text)
-        lines = yaml.compose(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        root = yaml.compose(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line, column = (mark.line + 1, mark.column + 1) if mark is not None else (1, 1)
         raise _syntax(file, f"invalid YAML: {error}".split("\n")[0], line, column) from error
     if not isinstance(content, dict) or not isinstance(content.get("launch"), list):
         raise _syntax(file, "a launch file in YAML has a list under the key 'launch'", 1, 1)
-    entities = _YamlEntities(str(file))
-    inside = entities.listed(content["launch"], entities.value_at(lines, "launch"), 0)
+    inside = [*_listed(str(file), *_entries(content, root)["launch"], 0)]
     return _Entity("launch", Span.of_file(str(file)), {}, inside)
 
 
-@dataclass(frozen=True, slots=True)
-class _YamlEntities:
-    """Makes entities of values, with the places of the nodes that they were made from."""
+def _listed(file: str, items: Any, node: Any, depth: int) -> Iterator[_Entity]:
+    """The entities of a list of values, with the places of the nodes that these are made of."""
+    for values, at in _pairs(items, node) if depth < MAX_MARKUP_DEPTH else ():
+        for name, (value, below) in _entries(values, at).items():
+            yield _entity(file, name, value, below, depth)
 
-    file: str
 
-    def listed(self, items: Any, node: Any, depth: int) -> list[_Entity]:
-        entities: list[_Entity] = []
-        inside = node.value if isinstance(node, yaml.SequenceNode) else []
-        for number, item in enumerate(items if isinstance(items, list) else ()):
-            at = inside[number] if number < len(inside) else node
-            if depth < MAX_MARKUP_DEPTH and isinstance(item, dict):
-                entities += [
-                    self.entity(str(name), values, self.value_at(at, name), depth)
-                    for name, values in item.items()
-                ]
-        return entities
+def _entity(file: str, name: str, values: Any, node: Any, depth: int) -> _Entity:
+    line, column = node.start_mark.line + 1, node.start_mark.column + 1
+    entity = _Entity(name.replace("-", "_"), Span(file, line, column, line, column + 1))
+    if isinstance(values, list):
+        entity.children += _listed(file, values, node, depth + 1)
+    for key, (value, below) in _entries(values, node).items():
+        entity.values[key.replace("-", "_")] = value
+        if key in _CHILDREN:
+            pairs = _pairs(value, below)
+            entity.children += [_entity(file, key, *pair, depth + 1) for pair in pairs]
+        elif key == "children":
+            entity.children += _listed(file, value, below, depth + 1)
+    return entity
 
-    def entity(self, name: str, values: Any, node: Any, depth: int) -> _Entity:
-        name, place = name.replace("-", "_"), self.place(node)
-        if isinstance(values, list):
-            return _Entity(name, place, {}, self.listed(values, node, depth + 1))
-        values = values if isinstance(values, dict) else {}
-        children: list[_Entity] = []
-        for key, inside in values.items():
-            if isinstance(inside, list):
-                below = self.value_at(node, key)
-                if key in _CHILDREN:
-                    nodes = below.value if isinstance(below, yaml.SequenceNode) else []
-                    children += [
-                        self.entity(key, each, nodes[at] if at < len(nodes) else node, depth + 1)
-                        for at, each in enumerate(inside)
-                    ]
-                elif key == "children":
-                    children += self.listed(inside, below, depth + 1)
-        attributes = {str(key).replace("-", "_"): value for key, value in values.items()}
-        return _Entity(name, place, attributes, children)
 
-    @staticmethod
-    def value_at(node: Any, key: Any) -> Any:
-        """The node of a value; that of the map where it cannot be told."""
-        pairs = node.value if isinstance(node, yaml.MappingNode) else []
-        return next((value for name, value in pairs if name.value == str(key)), node)
+def _pairs(values: Any, node: Any) -> list[tuple[Any, Any]]:
+    """The items of a list with their nodes; none of another value."""
+    items = values if isinstance(values, list) else []
+    nodes = node.value if isinstance(node, yaml.SequenceNode) else [node] * len(items)
+    return list(zip(items, nodes, strict=False))
 
-    def place(self, node: Any) -> Span:
-        if node is None:
-            return Span.of_file(self.file)
-        line, column = node.start_mark.line + 1, node.start_mark.column + 1
-        return Span(self.file, line, column, line, column + 1)
+
+def _entries(values: Any, node: Any) -> dict[str, tuple[Any, Any]]:
+    """The values of a map with their nodes, or that of a map where a merge key brings them."""
+    items = values.items() if isinstance(values, dict) else ()
+    pairs = node.value if isinstance(node, yaml.MappingNode) else ()
+    nodes = {key.value: below for key, below in pairs}
+    return {str(key): (value, nodes.get(str(key), node)) for key, value in items}
 
 
 def _syntax(file: Path, message: str, line: int, column: int) -> UnusableScriptError:

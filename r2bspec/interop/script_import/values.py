@@ -211,6 +211,10 @@ class LaunchText(str):
     """The value of a launch argument: as a parameter it is read as YAML, so that "10" is 10."""
 
 
+class CopiedEnvironment(dict[Any, Any]):
+    """A copy of ``os.environ``, of which only what the script adds is known by its value."""
+
+
 class PlacedTuple(tuple[Any, ...]):
     """A tuple that is written in the script, with its place."""
 

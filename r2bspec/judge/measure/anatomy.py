@@ -10,8 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import Final
 
+import msgspec
 import numpy as np
 
 from r2bspec.judge.measure.anatomy_causes import find_causes
@@ -24,7 +26,8 @@ from r2bspec.judge.measure.anatomy_events import (
     grouped,
     join_events,
 )
-from r2bspec.judge.measure.anatomy_paths import Path, PathSearch
+from r2bspec.judge.measure.anatomy_paths import Path, PathSearch, paths_of_reactions
+from r2bspec.judge.measure.matching import MatchedMonitor
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.record.run_record import AnatomyKind, AnatomyRecord
@@ -119,7 +122,8 @@ class Anatomy:
         """The values of a metric, in seconds or as shares; none for an unknown name.
 
         ``NODE.callback``, ``NODE.wait``, ``NODE.take``, ``NODE.dispatch`` and ``NODE.publish`` have
-        one for each event, ``TOPIC.transport`` one for each message, ``NODE.load`` one for each of
+        one for each event, ``TOPIC.transport`` one for each message, ``MONITOR.path`` the latency
+        of each message of the monitor on the path that it followed, ``NODE.load`` one for each of
         `WINDOWS` parts of the iteration, ``NODE.overtaken`` the share of the messages sent to the
         node that it never took, and ``path.NODE.share`` (or a topic's) one for each message of
         every monitor: which share of its latency it spent there, on the path that it followed.
@@ -129,6 +133,9 @@ class Anatomy:
             return self._shares(owner.removeprefix("path."))
         if what == "transport":
             return self.transports.get(owner, NO_TIMES).seconds
+        if what == "path":
+            found = [path.seconds[path.last] for path in self.paths.get(owner, ())]
+            return np.concatenate([np.empty(0), *found])
         node = self.nodes.get(owner)
         if node is None:
             return np.empty(0)
@@ -152,7 +159,8 @@ class Anatomy:
         owners = dict.fromkeys(
             part.owner for paths in self.paths.values() for path in paths for part in path.parts
         )
-        names = [*nodes, *topics, *(f"path.{owner}.share" for owner in owners)]
+        paths = [f"{monitor}.path" for monitor in self.paths]
+        names = [*nodes, *topics, *paths, *(f"path.{owner}.share" for owner in owners)]
         return tuple(name for name in names if self.values(name).size)
 
     def _shares(self, owner: str) -> Seconds:
@@ -167,7 +175,13 @@ class Anatomy:
         return np.concatenate(found)
 
 
-def anatomy(record: AnatomyRecord, rows: Rows, plan: Plan, window_ns: tuple[int, int]) -> Anatomy:
+def anatomy(
+    record: AnatomyRecord,
+    rows: Rows,
+    plan: Plan,
+    window_ns: tuple[int, int],
+    reactions: Mapping[str, MatchedMonitor] = MappingProxyType({}),
+) -> Anatomy:
     """Join the events of an observed iteration.
 
     Rows that are missing, forged or damaged make parts unknown, or messages; they raise nothing.
@@ -177,6 +191,7 @@ def anatomy(record: AnatomyRecord, rows: Rows, plan: Plan, window_ns: tuple[int,
         rows: of type `ANATOMY_DTYPE`.
         plan: of the run.
         window_ns: the iteration, from its first step to the end of its last period.
+        reactions: of monitors of reactions, by name: then only the paths of these are theirs.
     """
     events = join_events(record, rows, plan)
     live = plan.playback_mode == "live"
@@ -187,11 +202,26 @@ def anatomy(record: AnatomyRecord, rows: Rows, plan: Plan, window_ns: tuple[int,
     ended_ns = window_ns[1] if live or not rows.size else int(rows["ended_ns"].max())
     counted_ns = window_ns[0], max(ended_ns, window_ns[1])
     within = _within(events.began_ns, counted_ns)
+    for monitor in plan.monitors:
+        if monitor.own_pace and monitor.reaction is msgspec.UNSET:
+            # Of its outputs, those count that arrive while inputs are played.
+            of_it = takes[monitor.name]
+            takes[monitor.name] = of_it[_within(events.ended_ns[of_it], window_ns)]
     return Anatomy(
-        paths={name: search.paths_to(name, places) for name, places in takes.items()},
+        paths={
+            name: paths_of_reactions(
+                search.paths_to(name, places), places, events.ended_ns, reactions[name]
+            )
+            if name in reactions
+            else search.paths_to(name, places)
+            for name, places in takes.items()
+        },
         nodes={node.name: node for node in _nodes(events, record, window_ns, within)},
         transports=_transports(events, within),
-        monitored={name: int(within[places].sum()) for name, places in takes.items()},
+        monitored={
+            name: reactions[name].rows.size if name in reactions else int(within[places].sum())
+            for name, places in takes.items()
+        },
         window_ns=window_ns,
         lost=sum(process.lost for process in record.processes),
         left_out=events.left_out,
@@ -235,9 +265,16 @@ def _takes_of_monitors(events: Events, record: AnatomyRecord, plan: Plan) -> dic
 
 def _is_end(events: Events, takes: Ints, monitor: MonitorPlan, plan: Plan) -> Mask:
     """Which takes are messages of a monitor, or answers to the calls that it stands for."""
-    call = plan.called.get(monitor.name)
-    ends = {monitor.topic} if call is None else {call.target, f"{call.target}/_action/get_result"}
-    kind = AnatomyKind.TAKE if call is None else AnatomyKind.TAKE_RESPONSE
+    ends, kind = {monitor.topic}, AnatomyKind.TAKE
+    if (call := plan.called.get(monitor.name)) is not None:
+        of_action = f"{call.target}/_action"
+        match monitor.name:
+            case call.feedback:
+                ends = {f"{of_action}/feedback"}
+            case call.accepted:
+                ends, kind = {f"{of_action}/send_goal"}, AnatomyKind.TAKE_RESPONSE
+            case _:
+                ends, kind = {call.target, f"{of_action}/get_result"}, AnatomyKind.TAKE_RESPONSE
     numbers = [number for number, name in enumerate(events.names.topics) if name in ends]
     is_end: Mask = np.isin(events.topic[takes], numbers) & (events.kind[takes] == kind)
     return is_end

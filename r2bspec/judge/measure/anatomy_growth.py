@@ -40,7 +40,7 @@ import numpy as np
 from r2bspec.judge.measure.anatomy import WINDOWS, Anatomy, NodeAnatomy
 from r2bspec.judge.measure.anatomy_events import Ints
 from r2bspec.judge.measure.anatomy_paths import NOT_SEEN
-from r2bspec.judge.measure.anatomy_summary import join_segment, observed_segments
+from r2bspec.judge.measure.observed_runs import join_segment, observed_segments
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.record.comparison_folder import MergedRun
@@ -101,7 +101,8 @@ class GrownPart:
         if self.name == _QUEUE:
             text = f"{self.owner}: {self.share:+.1%} of its messages are never taken"
         else:
-            of = f" (of {_signed(self.latency)})" if self.latency > 0 else ""
+            # The latency of all messages grew by less if other parts became shorter.
+            of = f" (of {_signed(self.latency)})" if self.latency >= self.seconds else ""
             text = f"{self.owner}: {self.name} {_signed(self.seconds)}{of}"
         if self.beside:
             text += f"; it shares a thread with {', '.join(self.beside)} now"

@@ -17,12 +17,15 @@ The path ends when the middleware of the monitor has received the message. A tim
 or not between those that are, leaves what lies between its neighbours ``not seen``: of the topic up
 to the end of the take, of the node after it. So the parts always add up to the end-to-end latency,
 to the nanosecond.
+
+A reaction to an input event may need further inputs. Its path is that of the last one, and begins
+with the time that passed until that was published, ``earlier`` of the player.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Final, Literal
 
@@ -30,10 +33,19 @@ import numpy as np
 
 from r2bspec.judge.measure.anatomy_causes import Causes
 from r2bspec.judge.measure.anatomy_events import NONE, UNKNOWN_NS, Events, Ints, Mask
+from r2bspec.judge.measure.matching import MatchedMonitor
 from r2bspec.judge.measure.times import Seconds
 
 PartName = Literal[
-    "publish", "transport", "wait", "take", "dispatch", "callback", "held", "not seen"
+    "earlier",
+    "publish",
+    "transport",
+    "wait",
+    "take",
+    "dispatch",
+    "callback",
+    "held",
+    "not seen",
 ]
 
 NOT_SEEN: Final = "not seen"
@@ -164,9 +176,7 @@ class PathSearch:
         )
         self._steps = 0
         paths = [self._path(monitor, found) for found in islice(self._back(chain, ()), _MAX_FOUND)]
-        full = [path for path in paths if path.began_ns.size]
-        full.sort(key=lambda path: (-int(np.count_nonzero(path.last)), -path.began_ns.size))
-        return tuple(full[:MAX_PATHS])
+        return _most_used(paths)[:MAX_PATHS]
 
     def _back(self, chain: _Chain, seen: tuple[int, ...]) -> Iterator[_Chain]:
         """The chains that a publication of the player begins, or a source of a live graph."""
@@ -250,6 +260,52 @@ class PathSearch:
             held=tuple(held[order] for held in chain.held[::-1]),
             places=tuple((send[order], take[order]) for send, take in hops),
         )
+
+
+def paths_of_reactions(
+    paths: tuple[Path, ...], takes: Ints, ended_ns: Ints, reactions: MatchedMonitor
+) -> tuple[Path, ...]:
+    """The paths of the messages that are reactions, from their events on.
+
+    Args:
+        paths: of all messages of the monitor.
+        takes: the rows of its takes.
+        ended_ns: of each row, when it ended.
+        reactions: as `match_reactions` finds them.
+    """
+    matching = reactions.matching
+    rows = matching.first_row[matching.answered]
+    began_ns = reactions.steps["published_ns"][matching.trigger_steps[matching.answered]]
+    # The monitor reads the clock when a take has returned.
+    ordered = takes[np.argsort(ended_ns[takes], kind="stable")]
+    taken = np.searchsorted(ended_ns[ordered], reactions.rows["taken_ns"][rows], side="right") - 1
+    event_ns = dict(zip(ordered[taken[taken >= 0]].tolist(), began_ns[taken >= 0], strict=True))
+    return _most_used([_of_reactions(path, event_ns) for path in paths])
+
+
+def _most_used(paths: list[Path]) -> tuple[Path, ...]:
+    """Those with messages, the one first that most of them took last."""
+    full = [path for path in paths if path.began_ns.size]
+    full.sort(key=lambda path: (-int(np.count_nonzero(path.last)), -path.began_ns.size))
+    return tuple(full)
+
+
+def _of_reactions(path: Path, event_ns: Mapping[int, int]) -> Path:
+    begins = np.array([event_ns.get(take, UNKNOWN_NS) for take in path.places[-1][1].tolist()])
+    kept = np.flatnonzero((begins != UNKNOWN_NS) & (begins <= path.began_ns))
+    begins = begins[kept].astype(np.int64)
+    seconds = (path.began_ns[kept] - begins) / 1e9
+    earlier = Part(owner=path.hops[0], of="node", name="earlier", seconds=seconds)
+    return replace(
+        path,
+        parts=(earlier, *(replace(part, seconds=part.seconds[kept]) for part in path.parts)),
+        began_ns=begins,
+        ended_ns=path.ended_ns[kept],
+        last=path.last[kept],
+        by_timer=path.by_timer[kept],
+        held=tuple(held[kept] for held in path.held),
+        places=tuple((send[kept], take[kept]) for send, take in path.places),
+    )
 
 
 def _by_count(values: Ints) -> list[int]:

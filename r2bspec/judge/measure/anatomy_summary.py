@@ -1,22 +1,19 @@
 """What reports show of an anatomy: each path by its parts, and each node, in few numbers.
 
-Of each rate one iteration is summarised, the last one that was observed from inside: a table or a
+Of each rate one iteration is shown, the last one that was observed from inside: a table or a
 drawing is of messages that belong together.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Literal
 
 import msgspec
 import numpy as np
 
-from r2bspec.judge.measure.anatomy import Anatomy, NodeAnatomy, anatomy
+from r2bspec.judge.measure.anatomy import Anatomy, NodeAnatomy
 from r2bspec.judge.measure.anatomy_paths import Part, PartName, Path
 from r2bspec.judge.measure.times import Seconds, percentiles
-from r2bspec.record.comparison_folder import MergedRun
-from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import AnatomyRecord, Segment
 
 
@@ -98,7 +95,7 @@ class AnatomySummary(msgspec.Struct, frozen=True, kw_only=True):
     """The anatomy of one iteration.
 
     Attributes:
-        segment: its id.
+        segment: its id; empty if none could be observed.
         rate_hz: at which it was played; 0 for that of the recording or of the graph's own source.
         paths: to all monitors, of each those first that most messages took last.
         nodes: in the order of the paths, then of their names.
@@ -112,55 +109,13 @@ class AnatomySummary(msgspec.Struct, frozen=True, kw_only=True):
     rate_hz: float
     paths: tuple[PathSummary, ...]
     nodes: tuple[NodeSummary, ...]
-    received: dict[str, int]
+    received: dict[str, int] = {}
     lost: int = 0
     error: str = ""
 
 
-def anatomy_summaries(run: Run) -> tuple[AnatomySummary, ...]:
-    """The anatomy of the last observed iteration at each rate; of several runs that of the last.
-
-    Raises:
-        RecordError: a file of the run is missing or damaged.
-    """
-    run = last_run(run)
-    return tuple(
-        summarised(join_segment(run, segment, record), segment, record.error)
-        for segment, record in observed_segments(run)
-    )
-
-
-def last_run(run: Run) -> Run:
-    """The last of several runs as one; another run itself."""
-    return run.runs[-1] if isinstance(run, MergedRun) and run.runs else run
-
-
-def observed_segments(run: Run) -> Iterator[tuple[Segment, AnatomyRecord]]:
-    """The iterations of a run that are summarised, with what was observed in their start."""
-    records = {record.start: record for record in run.record.anatomies}
-    last = {
-        segment.rate_hz: segment
-        for segment in run.record.segments
-        if segment.kind in {"iteration", "anatomy"}
-        and segment.start in records
-        and run.has_anatomy(segment)
-    }
-    for segment in last.values():
-        yield segment, records[segment.start]
-
-
-def join_segment(run: Run, segment: Segment, record: AnatomyRecord) -> Anatomy:
-    """The anatomy of a segment.
-
-    Raises:
-        RecordError: its file is missing or damaged.
-    """
-    window_ns = segment.began_ns, segment.ended_ns
-    return anatomy(record, run.anatomy(segment), run.plan, window_ns)
-
-
-def summarised(found: Anatomy, segment: Segment, error: str = "") -> AnatomySummary:
-    """An anatomy in few numbers."""
+def summarised(found: Anatomy, segment: Segment, record: AnatomyRecord) -> AnatomySummary:
+    """The anatomy of a segment in few numbers."""
     paths = [path for paths in found.paths.values() for path in paths]
     on_paths = dict.fromkeys(owner for path in paths for owner in path.hops)
     names = [*(name for name in on_paths if name in found.nodes)]
@@ -172,7 +127,7 @@ def summarised(found: Anatomy, segment: Segment, error: str = "") -> AnatomySumm
         nodes=tuple(_node(found.nodes[name]) for name in names),
         received=dict(found.monitored),
         lost=found.lost,
-        error=error,
+        error=record.error,
     )
 
 

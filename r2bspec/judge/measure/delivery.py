@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.judge.measure.matching import Matching
-from r2bspec.judge.measure.times import percentile
 from r2bspec.record.sample_arrays import Rows
 
 _MAX_BATCHES = 10
@@ -55,7 +54,6 @@ class DeliveryEstimate:
         drop_share: of the completed outputs, the share that never arrived.
         published: steps published.
         answered: outputs received.
-        lateness_p99_s: the 99th percentile of how late publications began.
     """
 
     offered_hz: float
@@ -68,7 +66,6 @@ class DeliveryEstimate:
     drop_share: float
     published: int
     answered: int
-    lateness_p99_s: float
 
     @property
     def backlog_growth_hz(self) -> float:
@@ -108,7 +105,6 @@ def delivery(
         now_ns: the time at which `monitor` was read; CLOCK_MONOTONIC.
     """
     published = playback["published_ns"]
-    lateness = percentile((published - playback["due_ns"]) / 1e9, 0.99) or 0.0
     answers = np.flatnonzero(match.answered)
     if match.trigger_steps.size and int(match.trigger_steps[-1]) >= playback.size:
         raise ValueError("the matching does not belong to this playback")
@@ -130,7 +126,6 @@ def delivery(
         drop_share=(passed - answers.size) / passed if passed else 0.0,
         published=int(playback.size),
         answered=int(answers.size),
-        lateness_p99_s=lateness,
     )
 
 

@@ -54,12 +54,26 @@ MIN_SPACING_NS = 100_000_000
 """Processor time is counted in ticks of 10 ms: a rate needs several of them."""
 
 
+_CROWDED = 100
+"""Times for each that is kept, from which on a search for the next is faster than a loop."""
+
+
 def spaced_indices(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     """The indices of ascending times at least `MIN_SPACING_NS` apart; the last one is kept."""
     kept: list[int] = []
-    for index, time_ns in enumerate(times_ns.tolist()):
-        if not kept or time_ns - times_ns[kept[-1]] >= MIN_SPACING_NS:
+    index, next_ns = 0, 0
+    if times_ns.size > _CROWDED and times_ns.size > _CROWDED * (
+        (int(times_ns[-1]) - int(times_ns[0])) // MIN_SPACING_NS + 1
+    ):
+        times_ns = np.ascontiguousarray(times_ns)
+        while index < times_ns.size:
             kept.append(index)
+            index = int(np.searchsorted(times_ns, times_ns[index] + MIN_SPACING_NS))
+    else:
+        for index, time_ns in enumerate(times_ns.tolist()):
+            if not kept or time_ns >= next_ns:
+                kept.append(index)
+                next_ns = time_ns + MIN_SPACING_NS
     if kept and kept[-1] != times_ns.size - 1:
         kept[-1:] = [times_ns.size - 1] if len(kept) > 1 else [kept[-1], times_ns.size - 1]
     return np.array(kept, dtype=np.int64)
@@ -113,19 +127,54 @@ class ProcessSamples:
             if self._rows[place].size > 1
         }
 
+    def used_together(
+        self, indices: Iterable[int], began_ns: int, ended_ns: int
+    ) -> ResourceUse | None:
+        """What several processes used between two times, as if they were one.
+
+        Times of sampling differ by little from process to process: at those of the one that was
+        sampled most often, the values of the others are interpolated. So the maxima are those of
+        sums, which the sums of maxima are not.
+
+        Returns:
+            None if nothing was sampled of any of them then.
+        """
+        found = [
+            _around(rows, began_ns, ended_ns)
+            for index in indices
+            if (rows := self.rows(index)).size > 1
+            and rows["time_ns"][0] < ended_ns
+            and rows["time_ns"][-1] > began_ns
+        ]
+        return _process_use(_summed(found), began_ns, ended_ns) if found else None
+
+
+def _summed(found: Sequence[Rows]) -> Rows:
+    """One row for each sample of the process that was sampled most often."""
+    if len(found) == 1:
+        return found[0]
+    total = max(found, key=len).copy()
+    times = total["time_ns"]
+    since = times[0]
+    for field in ("cpu_s", "memory_bytes", "waited_s", "minor_faults"):
+        # -1 in files of versions that did not record it.
+        known = all(rows[field].min() >= 0 for rows in found)
+        total[field] = -1
+        if known:
+            total[field] = sum(
+                np.interp((times - since) / 1e9, (rows["time_ns"] - since) / 1e9, rows[field])
+                for rows in found
+            )
+    return total
+
 
 def total_use(found: Sequence[ResourceUse]) -> ResourceUse:
     """What several processes, at least one, used together in one window."""
     if len(found) == 1:
         return found[0]
-    return ResourceUse(
-        cpu_mean=_sum([one.cpu_mean for one in found]),
-        # The busiest moments need not coincide: their sum is an upper bound.
-        cpu_max=_sum([one.cpu_max for one in found]),
-        memory_max_bytes=sum(one.memory_max_bytes or 0 for one in found),
-        waited=_sum([one.waited for one in found]),
-        minor_faults=_sum([one.minor_faults for one in found]),
-    )
+    # The busiest moments need not coincide: their sum is an upper bound.
+    sums = {name: _sum(found, name) for name in ("cpu_mean", "cpu_max", "waited", "minor_faults")}
+    return ResourceUse(memory_max_bytes=sum(one.memory_max_bytes or 0 for one in found), **sums)
 
 
 def _process_use(rows: Rows, began_ns: int, ended_ns: int) -> ResourceUse:
@@ -143,7 +192,10 @@ def _process_use(rows: Rows, began_ns: int, ended_ns: int) -> ResourceUse:
     times_s, edges_s, seconds = (times - start) / 1e9, (edges - start) / 1e9, (end - start) / 1e9
     used = np.interp(edges_s, times_s, rows["cpu_s"])
     apart = spaced_indices(edges)
-    busiest = float(np.max(np.diff(used[apart]) / (np.diff(edges[apart]) / 1e9)))
+    # Not by numpy's diff: a run has thousands of windows.
+    some_used, some_edges = used[apart], edges[apart]
+    growth, between = some_used[1:] - some_used[:-1], some_edges[1:] - some_edges[:-1]
+    busiest = float((growth / (between / 1e9)).max())
     mean = float(used[-1] - used[0]) / seconds
     waited_s, minor_faults = (
         # -1 in files of versions that did not record it.
@@ -173,8 +225,13 @@ def _growth(times_s: NDArray[np.float64], values: NDArray[np.float64], seconds: 
     return float(last - first)
 
 
-def _sum(values: list[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
+def _known(found: Iterable[ResourceUse], name: str) -> list[Any]:
+    """The values of a field that are known."""
+    return [value for one in found if (value := getattr(one, name)) is not None]
+
+
+def _sum(found: Iterable[ResourceUse], name: str) -> float | None:
+    known = _known(found, name)
     return sum(known) if known else None
 
 
@@ -186,15 +243,12 @@ def pool_resource_use(samples: Iterable[ResourceUse | None]) -> ResourceUse | No
     known = [sample for sample in samples if sample is not None]
     if not known:
         return None
-    means = [sample.cpu_mean for sample in known if sample.cpu_mean is not None]
-    busiest = [sample.cpu_max for sample in known if sample.cpu_max is not None]
-    memory = [sample.memory_max_bytes for sample in known if sample.memory_max_bytes is not None]
-    faults = [sample.minor_faults for sample in known if sample.minor_faults is not None]
+    means = _known(known, "cpu_mean")
     return ResourceUse(
         cpu_mean=sum(means) / len(means) if means else None,
-        cpu_max=max(busiest, default=None),
-        memory_max_bytes=max(memory, default=None),
-        minor_faults=sum(faults) if faults else None,
+        cpu_max=max(_known(known, "cpu_max"), default=None),
+        memory_max_bytes=max(_known(known, "memory_max_bytes"), default=None),
+        minor_faults=_sum(known, "minor_faults"),
     )
 
 

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.ipc.schedule import Schedule, TimelineSchedule
-from r2bspec.plan.plan import InputPlan, MonitorPlan
+from r2bspec.plan.plan import MonitorPlan, StepSources
 from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import Rows
 
@@ -123,9 +123,9 @@ class Matching:
     step: NDArray[np.int64]
     trigger_steps: NDArray[np.int64]
     first_row: NDArray[np.int64]
-    duplicates: int
-    reordered: int
-    unmatched: int
+    duplicates: int = 0
+    reordered: int = 0
+    unmatched: int = 0
     early: int = 0
     surplus: int = 0
     per_step: float = 1.0
@@ -182,9 +182,6 @@ def match(
             step=_steps_by_stamp(playback["stamp_ns"], monitor["stamp_ns"]),
             trigger_steps=np.empty(0, np.int64),
             first_row=np.empty(0, np.int64),
-            duplicates=0,
-            reordered=0,
-            unmatched=0,
         )
     surplus = 0
     if by == "order":
@@ -336,14 +333,12 @@ def source_times_ns(segment: Segment, rows: Rows) -> NDArray[np.int64] | None:
     return None if odd > _MAX_IMPLAUSIBLE_SHARE * rows.size else stamped
 
 
-def select_expected_steps(
-    playback: Rows, inputs: Sequence[InputPlan], monitor: MonitorPlan
-) -> Rows:
+def select_expected_steps(playback: Rows, inputs: StepSources, monitor: MonitorPlan) -> Rows:
     """The steps that count for a monitor.
 
     Args:
         playback: rows of type `PLAYBACK_DTYPE`.
-        inputs: of the plan.
+        inputs: `step_sources` of the plan.
         monitor: of the plan; without 'answers', every step counts.
     """
     mask = np.int64(input_mask(inputs, monitor.answers))
@@ -351,7 +346,7 @@ def select_expected_steps(
     return rows
 
 
-def input_mask(inputs: Sequence[InputPlan], topics: Sequence[str]) -> int:
+def input_mask(inputs: StepSources, topics: Sequence[str]) -> int:
     """The set of the inputs on these topics, as bits."""
     return sum(1 << number for number, input_ in enumerate(inputs) if input_.topic in topics)
 
@@ -379,7 +374,7 @@ def match_monitor(
     playback: Rows,
     rows: Rows,
     plan: MonitorPlan,
-    inputs: Sequence[InputPlan] = (),
+    inputs: StepSources = (),
     played_before: int = 0,
 ) -> MatchedMonitor:
     """Match what a monitor received to what was played.
@@ -388,7 +383,7 @@ def match_monitor(
         playback: rows of type `PLAYBACK_DTYPE`: all steps of the segment.
         rows: rows of type `MONITOR_DTYPE`.
         plan: the monitor.
-        inputs: of the plan.
+        inputs: `step_sources` of the plan.
         played_before: see `Segment`.
     """
     steps = select_expected_steps(playback, inputs, plan)

@@ -3,7 +3,7 @@
 Grammar of a metric's name, as a requirement writes it::
 
     metric = [monitor "."] name ["." part]          latency.p99, detections.latency.p99
-           | ("cpu" | "memory") "." process "." part    cpu.apriltag.mean
+           | ("cpu" | "memory") "." process "." part    cpu.apriltag.mean, cpu.graph.mean
            | node "." family ["." part]                 blur.callback.p99, blur.load
            | topic ".transport." part                   camera/image.transport.p50
 
@@ -28,7 +28,7 @@ import msgspec
 from msgspec.structs import replace
 
 from r2bspec.diagnostics import did_you_mean
-from r2bspec.judge.measure.distribution import PERCENTILES, SHORT_PERCENTILES, quantile
+from r2bspec.judge.measure.distribution import PARTS, SHORT_PERCENTILES, quantile
 from r2bspec.language.requirement_grammar import Bound
 from r2bspec.language.spec import TruthKind
 from r2bspec.plan.plan import Plan
@@ -95,7 +95,17 @@ Statistic = Literal["percentile", "share", "mean", "observation", "search", "seq
 (observation), by the bracket of the search (search), by a probe (sequential) or by comparing
 messages with the truth (truth)."""
 
-Scope = Literal["monitor", "truth", "playback", "process", "machine", "search", "probe", "anatomy"]
+Scope = Literal[
+    "monitor",
+    "truth",
+    "playback",
+    "process",
+    "graph",
+    "machine",
+    "search",
+    "probe",
+    "anatomy",
+]
 """What the metric belongs to; those of scope ``anatomy`` belong to a node or a topic. Only the
 metrics of a monitor (monitor, truth) are prefixed with its name. Those of scope ``truth`` have a
 value for the monitors that name a truth of their kind."""
@@ -104,37 +114,56 @@ _OF_MONITORS = frozenset({"monitor", "truth"})
 
 Dimension = Literal["time", "rate", "size", "share", "count", "none"]
 
+WHOLE_GRAPH: Final = "graph"
+"""All processes of the graph together, in place of a process in the names of metrics."""
+
 PROCESS = "<process>"
 """Placeholder for the name of any process in the catalogue's names."""
 
 NODE = "<node>"
 TOPIC = "<topic>"
-"""Placeholders for any node of the graph and for any topic, without the slash that it begins with,
-in the names of metrics that are observed from inside."""
+MONITOR = "<monitor>"
+"""Placeholders for any node of the graph, for any topic, without the slash that it begins with, and
+for any monitor, in the names of metrics that are observed from inside."""
 
 
 class Subjects(msgspec.Struct, frozen=True):
-    """What a run has metrics of, besides its monitors.
+    """What a run has metrics of.
 
     Attributes:
         topics: without the slash that they begin with.
+        monitors: of which paths are observed from inside.
+        namespace: in which topics can be named without it, without the slash.
     """
 
     processes: tuple[str, ...] = ()
     nodes: tuple[str, ...] = ()
     topics: tuple[str, ...] = ()
+    monitors: tuple[str, ...] = ()
+    namespace: str = ""
 
     @classmethod
     def of_plan(cls, plan: Plan) -> Subjects:
         """Those of a run of a plan."""
-        measured = [process for process in plan.processes if process.phase == "measure"]
+        measured = plan.processes_in("measure")
         nodes = dict.fromkeys(node.node for process in measured for node in process.nodes)
         topics = dict.fromkeys(topic.name.removeprefix("/") for topic in plan.topics)
-        return cls(tuple(process.name for process in measured), tuple(nodes), tuple(topics))
+        return cls(
+            processes=tuple(process.name for process in measured),
+            nodes=tuple(nodes),
+            topics=tuple(topics),
+            monitors=tuple(monitor.name for monitor in plan.monitors),
+            namespace=plan.namespace.strip("/"),
+        )
 
     def named_by(self, placeholder: str) -> tuple[str, ...]:
         """The names that a placeholder stands for."""
-        return {PROCESS: self.processes, NODE: self.nodes, TOPIC: self.topics}[placeholder]
+        return {
+            PROCESS: self.processes,
+            NODE: self.nodes,
+            TOPIC: self.topics,
+            MONITOR: self.monitors,
+        }[placeholder]
 
 
 NO_SUBJECTS: Final = Subjects()
@@ -208,6 +237,8 @@ _UNITS_AND_EXAMPLES: dict[Dimension, tuple[str, str]] = {
 _TIME_FAMILIES = {
     "latency": "time from publication of the input to reception of the output",
     "latency_from_due": "time from the due time of the input to reception of the output",
+    "reaction": "time from publication of an input event to reception of the first output that "
+    "meets the condition",
     "age": "time from publication of the newest input in an output to its reception",
     "interval": "time between consecutive outputs",
     "jitter": "absolute difference of consecutive intervals",
@@ -220,24 +251,25 @@ _ANATOMY_FAMILIES = {
     "take": (NODE, "time to take a message from the middleware"),
     "callback": (NODE, "time from the beginning of a callback to its end"),
     "transport": (TOPIC, "time from the stamp of the publication to that of the reception"),
+    "path": (MONITOR, "time from publication of the input to reception, on the path followed"),
 }
-"""Families of nodes and topics that have one value per message, observed from inside."""
+"""Families of nodes, topics and monitors with one value per message, observed from inside."""
 
 
-def _distribution(family: str, what: str) -> list[MetricInfo]:
-    return [
-        _metric(f"{family}.min", "monitor", "time", "observation", f"smallest {what}"),
-        _metric(f"{family}.mean", "monitor", "time", "mean", f"mean {what}"),
-        *(_percentile(family, part, what) for part in PERCENTILES),
-        _metric(f"{family}.max", "monitor", "time", "observation", f"largest {what}"),
-    ]
-
-
-def _percentile(family: str, part: str, what: str) -> MetricInfo:
+def _time_metric(scope: Scope, family: str, part: str, what: str, subject: str = "") -> MetricInfo:
+    """A part of the distribution of some times."""
     q = quantile(part)
+    statistic: Statistic = "percentile" if q is not None else "observation"
     text = f"{what}: {q * 100:g} % of the values are at or below" if q is not None else what
-    scope: Scope = "monitor" if family in _TIME_FAMILIES else "playback"
-    return replace(_metric(f"{family}.{part}", scope, "time", "percentile", text), quantile=q)
+    if part == "mean":
+        statistic, text = "mean", f"mean {what}"
+    elif part in _EXTREMES:
+        text = f"{_EXTREMES[part]} {what}"
+    info = _metric(f"{family}.{part}", scope, "time", statistic, text)
+    return replace(info, quantile=q, subject=subject)
+
+
+_EXTREMES = {"min": "smallest", "max": "largest"}
 
 
 def _metric(
@@ -250,16 +282,7 @@ def _metric(
 def _anatomy(family: str, part: str) -> MetricInfo:
     """A metric of a node or topic, with a placeholder in its name."""
     subject, what = _ANATOMY_FAMILIES[family]
-    name = f"{subject}.{family}.{part}"
-    q = quantile(part)
-    if q is not None:
-        text = f"{what}: {q * 100:g} % of the values are at or below"
-        info = replace(_metric(name, "anatomy", "time", "percentile", text), quantile=q)
-    elif part == "mean":
-        info = _metric(name, "anatomy", "time", "mean", f"mean {what}")
-    else:
-        info = _metric(name, "anatomy", "time", "observation", f"largest {what}")
-    return replace(info, subject=subject)
+    return _time_metric("anatomy", f"{subject}.{family}", part, what, subject)
 
 
 ANATOMY_SHARES: Final = (".load", ".overtaken", ".share")
@@ -274,7 +297,11 @@ _LATENESS_DESCRIPTION = "time from when a publication was due to when it began"
 
 _CATALOGUE: tuple[MetricInfo, ...] = (
     _metric("throughput.mean", "monitor", "rate", "mean", "output rate: outputs / window of time"),
-    *(info for family, what in _TIME_FAMILIES.items() for info in _distribution(family, what)),
+    *(
+        _time_metric("monitor", family, part, what)
+        for family, what in _TIME_FAMILIES.items()
+        for part in PARTS
+    ),
     _metric("sent", "playback", "count", "observation", "steps played"),
     _metric("received", "monitor", "count", "observation", "messages received, matched or not"),
     _metric("missed", "monitor", "count", "observation", "expected outputs not received"),
@@ -285,19 +312,20 @@ _CATALOGUE: tuple[MetricInfo, ...] = (
     _metric(
         "playback.rate", "playback", "rate", "mean", "published rate: (n - 1) / (last - first)"
     ),
-    *(_percentile("playback.lateness", part, _LATENESS_DESCRIPTION) for part in SHORT_PERCENTILES),
-    _metric(
-        "playback.lateness.max",
-        "playback",
-        "time",
-        "observation",
-        f"largest {_LATENESS_DESCRIPTION}",
+    *(
+        _time_metric("playback", "playback.lateness", part, _LATENESS_DESCRIPTION)
+        for part in (*SHORT_PERCENTILES, "max")
     ),
     _metric(f"cpu.{PROCESS}.mean", "process", "share", "mean", "processor time; one core is 100 %"),
     _metric(
         f"cpu.{PROCESS}.max", "process", "share", "observation", "the same in the busiest sample"
     ),
     _metric(f"memory.{PROCESS}.max", "process", "size", "observation", "largest resident set"),
+    _metric("cpu.graph.mean", "graph", "share", "mean", "the same of all processes of the graph"),
+    _metric("cpu.graph.max", "graph", "share", "observation", "the same in their busiest sample"),
+    _metric(
+        "memory.graph.max", "graph", "size", "observation", "largest sum of their resident sets"
+    ),
     _metric("cpu.system.mean", "machine", "share", "mean", "CPU of the machine; one core is 100 %"),
     _metric("cpu.system.max", "machine", "share", "observation", "the same in the busiest sample"),
     _metric(
@@ -348,7 +376,7 @@ _OWN_PACE_FAMILIES = ("throughput", "age", "interval", "jitter", "received")
 
 def available_live(info: MetricInfo) -> bool:
     """Whether a metric is known in a live run, in which the graph has its own source."""
-    known = {*_OWN_PACE_FAMILIES, "latency", "cpu", "memory"}
+    known = {*_OWN_PACE_FAMILIES, "latency", "reaction", "cpu", "memory"}
     return info.scope == "anatomy" or info.family in known
 
 
@@ -389,9 +417,8 @@ def resolve(
             raise _unknown_metric(metric, f"{metric!r} is a monitor, without a metric", subjects)
         info = _find(rest, subjects)
         if info is None:
-            raise _unknown_metric(
-                rest, f"there is no metric {rest!r}", subjects, prefix=f"{first}."
-            )
+            of_one = replace(subjects, processes=(), nodes=(), topics=(), monitors=())
+            raise _unknown_metric(rest, f"there is no metric {rest!r}", of_one, prefix=f"{first}.")
         if info.scope not in _OF_MONITORS:
             raise MetricError(
                 f"{rest!r} is not a metric of a monitor", known=(rest,), suggestion=rest
@@ -412,9 +439,9 @@ def _find(name: str, subjects: Subjects) -> MetricInfo | None:
     family, _, part = name.rpartition(".")
     if quantile(part) is not None:
         if family in _TIME_FAMILIES:
-            return _percentile(family, part, _TIME_FAMILIES[family])
+            return _time_metric("monitor", family, part, _TIME_FAMILIES[family])
         if family == "playback.lateness":
-            return _percentile(family, part, _LATENESS_DESCRIPTION)
+            return _time_metric("playback", family, part, _LATENESS_DESCRIPTION)
     return _find_process(family, part, subjects) or _find_anatomy(name, subjects)
 
 
@@ -430,8 +457,13 @@ def _find_anatomy(name: str, subjects: Subjects) -> MetricInfo | None:
     first, *rest = name.split(".")
     is_share = first == "path" and rest[1:] == ["share"]
     subject = rest[0] if is_share else first
-    placeholder = _ANATOMY_FAMILIES.get(rest[0] if rest else "", (NODE, ""))[0]
-    if subject not in subjects.named_by(placeholder):
+    family = rest[0] if rest and not is_share else ""
+    placeholder = _ANATOMY_FAMILIES.get(family, (NODE, ""))[0]
+    named = subjects.named_by(placeholder)
+    if placeholder == TOPIC and subject not in named:
+        subject = f"{subjects.namespace}/{subject}"
+        name = ".".join([subject, *rest])
+    if subject not in named:
         return None
     generic = f"path.{NODE}.share" if is_share else ".".join([placeholder, *rest])
     template = METRICS.get(generic)
@@ -450,7 +482,7 @@ def names(subjects: Subjects = NO_SUBJECTS) -> tuple[str, ...]:
         else:
             named = sorted(subjects.named_by(placeholder))
             listed += [name.replace(placeholder, subject) for subject in named]
-    return tuple(listed)
+    return tuple(dict.fromkeys(listed))
 
 
 def _unknown_metric(name: str, message: str, subjects: Subjects, prefix: str = "") -> MetricError:
@@ -528,10 +560,11 @@ SCOPES: dict[Scope, str] = {
     "truth": "a monitor with 'truth'; MONITOR.NAME for one of several",
     "playback": "the playback",
     "process": "each process of the plan",
+    "graph": "the graph",
     "machine": "the machine",
     "search": "the search for the peak",
     "probe": "a probe at one rate",
-    "anatomy": "each node or topic, with 'benchmark: {anatomy: true}'",
+    "anatomy": "each node, topic or monitor, with 'benchmark: {anatomy: true}'",
 }
 
 
@@ -539,7 +572,8 @@ def stem(info: MetricInfo) -> str:
     """The key of a metric's definition: its name, if necessary without the last part."""
     if info.scope == "anatomy":
         placeholder = _ANATOMY_FAMILIES.get(info.family, (NODE, ""))[0]
-        return f"path.{NODE}.share" if info.family == "path" else f"{placeholder}.{info.family}"
+        is_share = info.name.startswith("path.") and info.name.endswith(".share")
+        return f"path.{NODE}.share" if is_share else f"{placeholder}.{info.family}"
     template = info.name.replace(info.subject, PROCESS, 1) if info.subject else info.name
     return template if template in definitions() else template.rpartition(".")[0]
 
@@ -573,7 +607,9 @@ def find_metric(name: str) -> MetricInfo:
         if candidate in METRICS:
             return METRICS[candidate]
     processes = Subjects(processes=(rest.rpartition(".")[0],) if first in {"cpu", "memory"} else ())
-    named = replace(processes, nodes=(first, rest.partition(".")[0]), topics=(first,))
+    named = replace(
+        processes, nodes=(first, rest.partition(".")[0]), topics=(first,), monitors=(first,)
+    )
     for candidate in (name, rest):
         with contextlib.suppress(MetricError):
             return resolve(candidate, (), named)[1]

@@ -59,6 +59,8 @@ def metric_value(info: MetricInfo, monitor: str | None, samples: SegmentSamples)
             return _playback_value(info, samples)
         case "process":
             return _use_value(info, samples.processes.get(info.subject))
+        case "graph":
+            return _use_value(info, samples.graph)
         case "machine":
             return _use_value(info, samples.machine)
         case "anatomy":
@@ -77,6 +79,8 @@ def monitor_value(info: MetricInfo, seen: MonitorSamples) -> float | None:
     if info.family in seen.times:
         lost = seen.missed if info.family in LOSS_SENSITIVE_FAMILIES else 0
         return _time_value(info, seen.times[info.family], lost)
+    if info.family == "reaction":
+        return None
     match info.name:
         case "throughput.mean":
             return seen.throughput_hz
@@ -272,7 +276,6 @@ def _cut_window(
         steps=inside,
         times=outputs.by_family,
         sent=number,
-        answered=int(outputs.arrived_ns.size),
         received=int(outputs.arrived_ns.size),
         throughput_hz=outputs.throughput_hz,
         by_order=seen.by_order,

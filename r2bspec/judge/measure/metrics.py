@@ -9,7 +9,7 @@ added, messages pooled, rates averaged.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from typing import Final, Literal
 
 import msgspec
 import numpy as np
@@ -71,6 +71,9 @@ class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
             where they follow the inputs (`r2bspec.judge.measure.own_pace`).
         unknown_latency: why there is no latency though there are answers; empty if there is one.
         hops: the path of the messages, where it is tapped.
+        reaction: of a monitor of reactions, which counts input events in place of steps; its
+            latencies are the same.
+        unreadable: of such a monitor, outputs in which the field of the condition was not read.
     """
 
     sent: int | None
@@ -94,6 +97,8 @@ class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
     unknown_latency: str = ""
     hops: tuple[HopMetrics, ...] = ()
     age: Distribution | None = None
+    reaction: Distribution | msgspec.UnsetType = msgspec.UNSET
+    unreadable: int | msgspec.UnsetType = msgspec.UNSET
     own_period_s: float | None = None
 
     @property
@@ -136,6 +141,8 @@ class SegmentMetrics(msgspec.Struct, frozen=True, kw_only=True):
     that did not state it.
 
     Attributes:
+        graph: what the processes of the graph used together; None in results of versions that did
+            not state it.
         anatomy: what was observed from inside of each node and topic, such as ``blur.callback``;
             times in seconds, and shares, which have one value or a few. Unset if nothing was.
     """
@@ -146,6 +153,7 @@ class SegmentMetrics(msgspec.Struct, frozen=True, kw_only=True):
     monitors: dict[str, MonitorMetrics]
     processes: dict[str, UseMetrics]
     machine: UseMetrics | None
+    graph: UseMetrics | None = None
     interference: HostInterference | None = None
     start: int = 0
     anatomy: dict[str, Distribution] | msgspec.UnsetType = msgspec.UNSET
@@ -221,6 +229,7 @@ def measure_segment(samples: SegmentSamples) -> SegmentMetrics:
         monitors={name: _monitor(seen) for name, seen in samples.monitors.items()},
         processes={name: _use(used, sent) for name, used in samples.processes.items()},
         machine=_use(samples.machine) if samples.machine is not None else None,
+        graph=_use(samples.graph, sent) if samples.graph is not None else None,
         interference=samples.interference,
         start=samples.segment.start,
         anatomy=_anatomy([samples]),
@@ -250,6 +259,7 @@ def _measure_rate(
 
 def _pooled(samples: Sequence[SegmentSamples]) -> SegmentMetrics:
     machine = pool_resource_use(sample.machine for sample in samples)
+    graph = pool_resource_use(sample.graph for sample in samples)
     sent = sum(sample.playback.sent for sample in samples if not sample.playback.live)
     names = dict.fromkeys(name for sample in samples for name in sample.processes)
     processes = {
@@ -265,6 +275,7 @@ def _pooled(samples: Sequence[SegmentSamples]) -> SegmentMetrics:
         },
         processes={name: _use(used, sent) for name, used in processes.items() if used is not None},
         machine=_use(machine) if machine is not None else None,
+        graph=_use(graph, sent) if graph is not None else None,
         anatomy=_anatomy(samples),
     )
 
@@ -279,23 +290,26 @@ def _anatomy(samples: Sequence[SegmentSamples]) -> dict[str, Distribution] | msg
     } or msgspec.UNSET
 
 
+_RANGES: Final = {
+    "latency": ("mean", *MAIN_PERCENTILES, "max"),
+    "reaction": (*MAIN_PERCENTILES, "max"),
+    "jitter": (TAIL_PERCENTILE,),
+    "age": (*MAIN_PERCENTILES, "max"),
+}
+"""The parts of times of which a result has the range over the iterations."""
+
+
 def _spread(iterations: Sequence[SegmentMetrics], monitor: str) -> dict[str, Spread]:
     """The range over the iterations of the main metrics."""
     seen = [iteration.monitors[monitor] for iteration in iterations]
     columns: dict[str, list[float | None]] = {
         "throughput.mean": [sample.throughput_hz for sample in seen],
         **{
-            f"latency.{part}": [part_value(sample.latency, part) for sample in seen]
-            for part in ("mean", *MAIN_PERCENTILES, "max")
-        },
-        f"jitter.{TAIL_PERCENTILE}": [
-            part_value(sample.jitter, TAIL_PERCENTILE) for sample in seen
-        ],
-        **{
-            f"age.{part}": [
-                part_value(sample.age, part) for sample in seen if sample.age is not None
+            f"{family}.{part}": [
+                part_value(times, part) for sample in seen if (times := getattr(sample, family))
             ]
-            for part in (*MAIN_PERCENTILES, "max")
+            for family, parts in _RANGES.items()
+            for part in parts
         },
         "drop_rate": [sample.drop_rate for sample in seen],
     }
@@ -309,7 +323,8 @@ def _spread(iterations: Sequence[SegmentMetrics], monitor: str) -> dict[str, Spr
 
 def _monitor(seen: MonitorSamples) -> MonitorMetrics:
     counts = {
-        name: None if seen.own_pace else getattr(seen, name) for name in (*SENT_COUNTS, "missed")
+        name: None if seen.own_pace else getattr(seen, name)
+        for name in (*SENT_COUNTS, "answered", "missed")
     }
     return MonitorMetrics(
         drop_rate=seen.missed / seen.expected if seen.expected and not seen.own_pace else None,
@@ -320,6 +335,8 @@ def _monitor(seen: MonitorSamples) -> MonitorMetrics:
         interval=distribution(seen.times["interval"]),
         jitter=distribution(seen.times["jitter"]),
         age=distribution(seen.times["age"]) if seen.own_pace else None,
+        reaction=distribution(seen.times["reaction"]) if seen.of_events else msgspec.UNSET,
+        unreadable=seen.unreadable if seen.of_events else msgspec.UNSET,
         own_period_s=seen.own_period_s,
         untimed=seen.untimed,
         unknown_latency=seen.unknown_latency,

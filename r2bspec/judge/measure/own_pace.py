@@ -1,7 +1,7 @@
 """Whether an output comes at a period of its own: that of a timer, whatever is played.
 
 An output that follows the inputs has their period, and ends with them. That of a timer does
-neither. It counts as such if, in one segment,
+neither. It counts as such if, in one segment, or in all together where each has too few messages,
 
     its intervals are steady     their mean is within a quarter of their median, and at most one in
                                  ten is longer than 2.5 medians: ticks are late on a busy machine
@@ -16,8 +16,10 @@ answers an input. One that has several outputs for each input has unasked ones, 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from r2bspec.judge.measure.matching import NO_MATCH, MatchedMonitor
 from r2bspec.judge.measure.units import show
@@ -31,34 +33,80 @@ _LATE_PERIODS = 2.5
 _OTHER_PERIOD = 0.05
 
 
-def own_period_s(segment: Segment, matched: MatchedMonitor) -> float | None:
-    """The period of a monitor's outputs, if it is their own and not that of the inputs; else None.
+@dataclass(frozen=True)
+class PaceEvidence:
+    """What one segment tells of the pace of a monitor's outputs.
+
+    Attributes:
+        intervals_ns: between its messages, until the graph had drained.
+        unasked: messages that answer nothing of the segment.
+        least: how many of them are needed.
+        step_ns: the period of the inputs.
+    """
+
+    intervals_ns: NDArray[np.int64]
+    unasked: int
+    least: int
+    step_ns: float
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether a period would be known, if there were one."""
+        return self.unasked >= self.least and self.intervals_ns.size >= _MIN_INTERVALS
+
+    @property
+    def period_s(self) -> float | None:
+        """The period of the outputs, if it is their own and not that of the inputs; else None."""
+        if not self.is_enough:
+            return None
+        intervals = self.intervals_ns
+        period = float(np.median(intervals))
+        late = float(np.mean(intervals > _LATE_PERIODS * period))
+        steady = abs(float(intervals.mean()) - period) <= _STEADY_WITHIN * period
+        if not period or not steady or late > _MAX_LATE_SHARE:
+            return None
+        return period / 1e9 if abs(period / self.step_ns - 1) > _OTHER_PERIOD else None
+
+
+def pace_evidence(segment: Segment, matched: MatchedMonitor) -> PaceEvidence | None:
+    """What a segment tells of the pace of a monitor's outputs; None if that is not asked for.
 
     Args:
         segment: in which inputs were played.
         matched: what the monitor received in it, until the graph had drained.
     """
+    if matched.own_pace or not matched.steps.size:
+        return None
     rows, matching = matched.rows, matched.matching
     answering = matching.first_row[matching.first_row != NO_MATCH]
-    least = 1 if matching.by_order else _MIN_UNASKED
-    if matched.own_pace or rows.size - answering.size < least or not matched.steps.size:
-        return None
-    intervals = np.diff(np.sort(rows["received_ns"]))
-    if intervals.size < _MIN_INTERVALS:
-        return None
-    period = float(np.median(intervals))
-    played = (segment.ended_ns - segment.began_ns) / matched.steps.size
-    late = float(np.mean(intervals > _LATE_PERIODS * period))
-    steady = (
-        late <= _MAX_LATE_SHARE and abs(float(intervals.mean()) - period) <= _STEADY_WITHIN * period
+    return PaceEvidence(
+        np.diff(np.sort(rows["received_ns"])),
+        unasked=rows.size - answering.size,
+        least=1 if matching.by_order else _MIN_UNASKED,
+        step_ns=(segment.ended_ns - segment.began_ns) / matched.steps.size,
     )
-    return period / 1e9 if period and steady and abs(period / played - 1) > _OTHER_PERIOD else None
 
 
-def pooled_period_s(periods_s: Sequence[float | None]) -> float | None:
-    """The period over several segments: the median, if at least half of them have one."""
-    known = [period_s for period_s in periods_s if period_s is not None]
-    return float(np.median(known)) if known and 2 * len(known) >= len(periods_s) else None
+def own_period_s(evidence: Sequence[PaceEvidence], overdue: int = 0) -> float | None:
+    """The period over several segments: the median, if at least half of them have one.
+
+    Where none has enough messages, as of a slow timer, those of all are taken together.
+
+    Args:
+        evidence: of each segment.
+        overdue: how many messages of all of them answer earlier segments.
+    """
+    known = [period_s for each in evidence if (period_s := each.period_s) is not None]
+    if known:
+        return float(np.median(known)) if 2 * len(known) >= len(evidence) else None
+    if not evidence or any(each.is_enough for each in evidence):
+        return None
+    return PaceEvidence(
+        np.concatenate([each.intervals_ns for each in evidence]),
+        unasked=sum(each.unasked for each in evidence) - overdue,
+        least=max(each.least for each in evidence),
+        step_ns=float(np.mean([each.step_ns for each in evidence])),
+    ).period_s
 
 
 _NEAR_RATIO = 0.05

@@ -12,15 +12,15 @@ successive hops add up to the mean of the whole path, for the same steps; percen
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.measure.anatomy import anatomy
+from r2bspec.judge.measure.anatomy_summary import summarised
 from r2bspec.judge.measure.host_usage import (
     MACHINE_INDEX,
     HostInterference,
@@ -39,6 +39,13 @@ from r2bspec.judge.measure.matching import (
     source_times_ns,
 )
 from r2bspec.judge.measure.metric_catalogue import Subjects
+from r2bspec.judge.measure.observed_runs import ObservedRows, observed_anatomy, observed_values
+from r2bspec.judge.measure.reactions import (
+    UNREADABLE,
+    live_source,
+    match_live_reactions,
+    match_reactions,
+)
 from r2bspec.judge.measure.samples import (
     HopSamples,
     MonitorSamples,
@@ -47,14 +54,15 @@ from r2bspec.judge.measure.samples import (
     live_samples,
     monitor_samples,
     playback_samples,
+    reaction_samples,
 )
-from r2bspec.judge.measure.times import Seconds, seconds
-from r2bspec.plan.plan import MonitorPlan, Plan
+from r2bspec.judge.measure.times import seconds
+from r2bspec.plan.plan import GRAPH_ROLES, MonitorPlan, Plan
 from r2bspec.plan.taps import PLAYER, hops_to
 from r2bspec.record.comparison_folder import MergedRun, prefixed_id
 from r2bspec.record.files import RecordError
 from r2bspec.record.run_folder import Run
-from r2bspec.record.run_record import AnatomyRecord, ProcessRecord, RunRecord, Segment
+from r2bspec.record.run_record import ProcessRecord, RunRecord, Segment
 from r2bspec.record.sample_arrays import PLAYBACK_DTYPE, Rows
 from r2bspec.safe_io.limits import MAX_PROCESS_WINDOWS
 
@@ -64,19 +72,6 @@ NO_STAMPS: NDArray[np.int64] = np.empty(0, np.int64)
 
 
 PlayedEarlier = Callable[[NDArray[np.int64]], NDArray[np.bool_]]
-
-
-@dataclass(frozen=True)
-class ObservedRows:
-    """What was observed from inside in one segment.
-
-    Attributes:
-        rows: of type `ANATOMY_DTYPE`.
-        record: of its start.
-    """
-
-    rows: Rows
-    record: AnatomyRecord
 
 
 @dataclass(frozen=True)
@@ -90,6 +85,7 @@ class SegmentRows:
         played_earlier: which of some stamps are those of steps of earlier segments; called only
             where messages arrived that match no step of this one.
         anatomy: what was observed from inside; None if nothing was.
+        marks: rows of type `MARK_DTYPE` of each monitor of reactions.
     """
 
     playback: Rows
@@ -97,6 +93,7 @@ class SegmentRows:
     taps: Mapping[str, Rows]
     played_earlier: PlayedEarlier = lambda stamps: np.zeros(stamps.size, np.bool_)
     anatomy: ObservedRows | None = None
+    marks: Mapping[str, Rows] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -168,21 +165,40 @@ def merged_samples(merged: MergedRun, runs: Sequence[RunSamples]) -> RunSamples:
             iterations.setdefault(rate, []).extend(map(of_merged, played))
         sustained |= {rate: of_merged(one) for rate, one in run.sustained.items()}
         reruns |= {prefixed_id(number, name): of_merged(one) for name, one in run.reruns.items()}
-    search = merged.record.search
+    whole = [segment for segment in segments.values() if segment.kind == "iteration"]
+    return _run_samples(merged.record, merged.plan, whole, iterations, sustained, reruns)
+
+
+def _run_samples(
+    record: RunRecord,
+    plan: Plan,
+    segments: Sequence[Segment],
+    iterations: Mapping[float, Sequence[SegmentSamples]],
+    sustained: Mapping[float, SegmentSamples],
+    reruns: Mapping[str, SegmentSamples],
+) -> RunSamples:
+    """The samples of a run, or of a session of it, from those of its segments.
+
+    Args:
+        record: of the run.
+        plan: of the run.
+        segments: its iterations, complete or not.
+        iterations: see `RunSamples`, as the following.
+        sustained: likewise.
+        reruns: likewise.
+    """
+    # The processes are those that ran.
+    ran = dict.fromkeys(process.name for process in record.processes)
     return RunSamples(
-        record=merged.record,
-        peak_hz=search.holds_hz if search else None,
-        monitors=tuple(monitor.name for monitor in merged.plan.monitors),
+        record=record,
+        peak_hz=record.search.holds_hz if record.search else None,
+        monitors=tuple(monitor.name for monitor in plan.monitors),
         iterations={rate: tuple(played) for rate, played in iterations.items()},
         sustained=sustained,
-        incomplete=tuple(
-            segment.id
-            for segment in segments.values()
-            if segment.kind == "iteration" and not segment.complete
-        ),
+        incomplete=tuple(segment.id for segment in segments if not segment.complete),
         reruns=reruns,
-        mode=merged.plan.playback_mode,
-        subjects=_subjects(merged.plan, merged.record),
+        mode=plan.playback_mode,
+        subjects=msgspec.structs.replace(Subjects.of_plan(plan), processes=tuple(ran)),
     )
 
 
@@ -227,6 +243,11 @@ def _read_rows(run: Run, segment: Segment, played: _PlayedStamps) -> SegmentRows
         },
         taps={} if segment.live else {topic: run.tap(segment, topic) for topic in taps},
         anatomy=_observed_rows(run, segment) if run.plan.anatomy else None,
+        marks={
+            monitor.name: run.marks(segment, monitor.name)
+            for monitor in run.plan.monitors
+            if monitor.reaction
+        },
         played_earlier=partial(played.before, segment.began_ns),
     )
 
@@ -242,21 +263,6 @@ def _observed_rows(run: Run, segment: Segment) -> ObservedRows | None:
     return None if record is None else ObservedRows(run.anatomy(segment), record)
 
 
-def observed_values(
-    plan: Plan, segment: Segment, observed: ObservedRows | None
-) -> dict[str, Seconds]:
-    """What was observed of each node and topic in a segment; see `SegmentSamples.anatomy`."""
-    if observed is None:
-        return {}
-    window_ns = segment.began_ns, segment.ended_ns
-    joined = anatomy(observed.record, observed.rows, plan, window_ns)
-    # Requirements name topics without the slash that they begin with.
-    return {
-        name.replace("path./", "path.").removeprefix("/"): joined.values(name)
-        for name in joined.names
-    }
-
-
 def match_segment(run: Run, segment: Segment, monitor: MonitorPlan) -> tuple[Rows, Rows, Matching]:
     """The steps of a segment that count for a monitor, what it received, and how they match.
 
@@ -268,7 +274,7 @@ def match_segment(run: Run, segment: Segment, monitor: MonitorPlan) -> tuple[Row
     """
     rows = run.monitor(segment, monitor.name)
     if not segment.live:
-        playback, inputs = run.playback(segment), run.plan.inputs
+        playback, inputs = run.playback(segment), run.plan.step_sources
         matched = match_monitor(playback, rows, monitor, inputs, segment.played_before)
         return matched.steps, rows, matched.matching
     stamped = source_times_ns(segment, rows)
@@ -294,30 +300,64 @@ def segment_samples(
         rows: what the harness wrote in it.
         matched: the match of each monitor, where the caller has it already.
     """
+    reactions: dict[str, MatchedMonitor] = {}
     if segment.live:
         monitors = {name: live_samples(segment, row) for name, row in rows.monitors.items()}
+        for monitor in plan.monitors:
+            if monitor.name in rows.marks and (source := live_source(plan, monitor)) is not None:
+                marks = rows.marks[monitor.name]
+                events, outputs = rows.monitors[source.name], rows.monitors[monitor.name]
+                found = match_live_reactions(events, outputs, marks)
+                monitors[monitor.name] = _reactions(segment, marks, found)
     else:
         matched = matched or {
             monitor.name: match_monitor(
                 rows.playback,
                 rows.monitors[monitor.name],
                 monitor,
-                plan.inputs,
+                plan.step_sources,
                 segment.played_before,
             )
             for monitor in plan.monitors
         }
+        reactions = {
+            name: match_reactions(rows.playback, matched[name], marks)
+            for name, marks in rows.marks.items()
+        }
         monitors = {
-            monitor.name: _monitor(plan, segment, rows, monitor, matched[monitor.name])
+            monitor.name: _reactions(
+                segment,
+                rows.marks[monitor.name],
+                reactions[monitor.name],
+                monitor_samples(segment, matched[monitor.name]).unknown_latency,
+            )
+            if monitor.name in reactions
+            else _monitor(plan, segment, rows, monitor, matched[monitor.name])
             for monitor in plan.monitors
         }
+    observed, joined = rows.anatomy, None
+    if observed is not None:
+        joined = observed_anatomy(plan, segment, observed, reactions)
     return SegmentSamples(
         segment=segment,
         playback=replace(playback_samples(rows.playback), live=segment.live),
         monitors=monitors,
-        anatomy=observed_values(plan, segment, rows.anatomy),
+        anatomy=observed_values(joined) if joined else {},
+        summary=summarised(joined, segment, observed.record) if joined and observed else None,
         processes={},
         machine=None,
+    )
+
+
+def _reactions(
+    segment: Segment, marks: Rows, reactions: MatchedMonitor, unpaired: str = ""
+) -> MonitorSamples:
+    """The reactions that one monitor received."""
+    return reaction_samples(
+        segment,
+        reactions,
+        unpaired=unpaired,
+        unreadable=int(np.count_nonzero(marks["what"] == UNREADABLE)),
     )
 
 
@@ -345,7 +385,11 @@ def _overdue(rows: SegmentRows, matched: MatchedMonitor) -> int:
 
 
 def with_host_samples(
-    samples: SegmentSamples, record: RunRecord, host: HostSamples, ranks: Mapping[str, int]
+    samples: SegmentSamples,
+    record: RunRecord,
+    host: HostSamples,
+    ranks: Mapping[str, int],
+    graph: Collection[str],
 ) -> SegmentSamples:
     """The samples of a segment with resource usage and host interference.
 
@@ -354,6 +398,7 @@ def with_host_samples(
         record: of the run.
         host: what was sampled over the whole run.
         ranks: the places of processes in tables, by their names.
+        graph: the names of the processes of the graph.
     """
     segment = samples.segment
     used = host.processes.used(segment.began_ns, segment.ended_ns)
@@ -361,10 +406,18 @@ def with_host_samples(
     for index, use in used.items():
         if 0 <= index < len(record.processes):
             named.setdefault(record.processes[index].name, []).append(use)
+    of_graph = [
+        index
+        for index in used
+        if 0 <= index < len(record.processes) and record.processes[index].name in graph
+    ]
     return replace(
         samples,
         processes={name: total_use(named[name]) for name in sorted(named, key=ranks.__getitem__)},
         machine=used.get(MACHINE_INDEX),
+        graph=used[of_graph[0]]
+        if len(of_graph) == 1
+        else host.processes.used_together(of_graph, segment.began_ns, segment.ended_ns),
         interference=host_interference(
             host.interference,
             used,
@@ -374,12 +427,6 @@ def with_host_samples(
             segment.ended_ns,
         ),
     )
-
-
-def _subjects(plan: Plan, record: RunRecord) -> Subjects:
-    """What a run has metrics of: nodes and topics of its plan, and the processes that ran."""
-    ran = dict.fromkeys(process.name for process in record.processes)
-    return msgspec.structs.replace(Subjects.of_plan(plan), processes=tuple(ran))
 
 
 def _ranks(processes: tuple[ProcessRecord, ...]) -> dict[str, int]:
@@ -410,6 +457,10 @@ def run_samples(
         RecordError: `samples_of` reads files, and one is missing or damaged.
     """
     ranks = _ranks(record.processes)
+    graph = {
+        *(process.name for process in record.processes if process.role in GRAPH_ROLES),
+        *(process.name for process in plan.processes if process.nodes),
+    }
 
     def session(
         record: RunRecord, iterations: list[Segment], sustained: list[Segment]
@@ -417,7 +468,7 @@ def run_samples(
         """The samples of the complete ones among some segments, played in one session."""
 
         def of_segment(segment: Segment) -> SegmentSamples:
-            return with_host_samples(samples_of(segment), record, host, ranks)
+            return with_host_samples(samples_of(segment), record, host, ranks, graph)
 
         first_played: dict[float, list[SegmentSamples]] = {}
         reruns: dict[str, SegmentSamples] = {}
@@ -426,17 +477,8 @@ def run_samples(
                 reruns[segment.rerun_of] = of_segment(segment)
             elif segment.complete:
                 first_played.setdefault(segment.rate_hz, []).append(of_segment(segment))
-        return RunSamples(
-            record=record,
-            peak_hz=record.search.holds_hz if record.search else None,
-            monitors=tuple(monitor.name for monitor in plan.monitors),
-            iterations={rate: tuple(played) for rate, played in first_played.items()},
-            sustained={probe.rate_hz: of_segment(probe) for probe in sustained if probe.complete},
-            incomplete=tuple(iteration.id for iteration in iterations if not iteration.complete),
-            reruns=reruns,
-            mode=plan.playback_mode,
-            subjects=_subjects(plan, record),
-        )
+        probed = {probe.rate_hz: of_segment(probe) for probe in sustained if probe.complete}
+        return _run_samples(record, plan, iterations, first_played, probed, reruns)
 
     first = session(
         record,
@@ -472,14 +514,8 @@ def _calibrated(session: RunSamples, calibration: float | None) -> RunSamples:
             one, interference=msgspec.structs.replace(interference, calibration=calibration)
         )
 
-    return replace(
-        session,
-        iterations={
-            rate: tuple(with_calibration(sample) for sample in samples)
-            for rate, samples in session.iterations.items()
-        },
-        reruns={name: with_calibration(rerun) for name, rerun in session.reruns.items()},
-    )
+    reruns = {name: with_calibration(rerun) for name, rerun in session.reruns.items()}
+    return replace(session.with_each(with_calibration), reruns=reruns)
 
 
 def hop_samples(

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.judge.measure.anatomy_summary import AnatomySummary
 from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse
 from r2bspec.judge.measure.matching import (
     NO_MATCH,
@@ -18,7 +20,7 @@ from r2bspec.judge.measure.matching import (
     source_times_ns,
 )
 from r2bspec.judge.measure.metric_catalogue import NO_SUBJECTS, Subjects
-from r2bspec.judge.measure.own_pace import own_period_s, pooled_period_s
+from r2bspec.judge.measure.own_pace import PaceEvidence, own_period_s, pace_evidence
 from r2bspec.judge.measure.times import (
     Seconds,
     edge_gaps,
@@ -62,7 +64,7 @@ def pool_hops(iterations: Sequence[Iterable[HopSamples]]) -> tuple[HopSamples, .
     )
 
 
-LOSS_SENSITIVE_FAMILIES = ("latency", "latency_from_due")
+LOSS_SENSITIVE_FAMILIES = ("latency", "latency_from_due", "reaction")
 """Families in which a missed output counts as later than every other."""
 
 _FAMILIES_OF_PAIRS = (*LOSS_SENSITIVE_FAMILIES, "age")
@@ -78,12 +80,17 @@ class StepTimes:
 
     `newest_ns` is when the newest input in each output was published, `NO_MATCH` where unknown;
     None stands for `published_ns`.
+
+    Attributes:
+        of_events: whether they are input events, and the outputs reactions to them
+            (`r2bspec.judge.measure.reactions`).
     """
 
     due_ns: NDArray[np.int64]
     published_ns: NDArray[np.int64]
     received_ns: NDArray[np.int64]
     newest_ns: NDArray[np.int64] | None = None
+    of_events: bool = False
 
     @classmethod
     def joined(cls, parts: Sequence[StepTimes]) -> StepTimes:
@@ -94,12 +101,18 @@ class StepTimes:
             published_ns=np.concatenate([part.published_ns for part in parts]),
             received_ns=np.concatenate([part.received_ns for part in parts]),
             newest_ns=np.concatenate(newest) if newest else None,
+            of_events=parts[0].of_events,
         )
 
     def cut(self, part: slice) -> StepTimes:
         """A part of them."""
-        newest = None if self.newest_ns is None else self.newest_ns[part]
-        return StepTimes(self.due_ns[part], self.published_ns[part], self.received_ns[part], newest)
+        return replace(
+            self,
+            due_ns=self.due_ns[part],
+            published_ns=self.published_ns[part],
+            received_ns=self.received_ns[part],
+            newest_ns=None if self.newest_ns is None else self.newest_ns[part],
+        )
 
     @property
     def answered(self) -> NDArray[np.bool_]:
@@ -164,13 +177,14 @@ class MonitorSamples:
         own_pace: whether no output was expected, as in a live run, in which nothing is played, and
             with `match: own_pace`. Each message then counts as a step, and what was sent or missed
             is unknown, whatever the counts say (`r2bspec.judge.measure.matching`).
-        own_period_s: see `r2bspec.judge.measure.own_pace`.
+        pace: see `r2bspec.judge.measure.own_pace`; of each segment.
+        unreadable: of a monitor of reactions, outputs whose field could not be read.
+        unpaired: of such a monitor, why it is unknown which step an output answers.
     """
 
     steps: StepTimes
     times: Mapping[str, Seconds]
     sent: int
-    answered: int
     received: int
     throughput_hz: float
     duplicates: int = 0
@@ -185,7 +199,9 @@ class MonitorSamples:
     per_step: float = 1.0
     hops: tuple[HopSamples, ...] = ()
     own_pace: bool = False
-    own_period_s: float | None = None
+    pace: tuple[PaceEvidence, ...] = ()
+    unreadable: int = 0
+    unpaired: str = ""
 
     @property
     def expected(self) -> int:
@@ -193,9 +209,24 @@ class MonitorSamples:
         return int(self.steps.due_ns.size)
 
     @property
+    def of_events(self) -> bool:
+        """Whether reactions to input events are measured, which are its steps."""
+        return self.steps.of_events
+
+    @cached_property
+    def answered(self) -> int:
+        """Expected outputs that arrived."""
+        return int(np.count_nonzero(self.steps.answered))
+
+    @property
     def missed(self) -> int:
         """Expected outputs that never arrived."""
         return self.expected - self.answered
+
+    @property
+    def own_period_s(self) -> float | None:
+        """The period of outputs that come whatever is played; None if these do not."""
+        return own_period_s(self.pace, self.overdue)
 
     @property
     def unknown_latency(self) -> str:
@@ -204,7 +235,7 @@ class MonitorSamples:
         See `Matching.pairs_known`.
         """
         if not self.by_order:
-            return ""
+            return self.unpaired
         faults = {
             f"{self.missed:,} of {self.expected:,} are missing": self.missed,
             f"{self.surplus:,} are more than the {self.expected:,} expected": self.surplus,
@@ -255,9 +286,11 @@ class SegmentSamples:
     """One segment: playback, monitors, processes, and host interference.
 
     Attributes:
+        graph: what the processes of the graph used together.
         anatomy: what was observed from inside of each node and topic, by its name and the family of
             the metric, such as ``blur.callback``: the values of single messages, in seconds, in the
             order in which they began. The load has one value.
+        summary: what reports show of the same.
     """
 
     segment: Segment
@@ -267,6 +300,8 @@ class SegmentSamples:
     machine: ResourceUse | None
     interference: HostInterference | None = None
     anatomy: Mapping[str, Seconds] = field(default_factory=dict)
+    summary: AnatomySummary | None = None
+    graph: ResourceUse | None = None
 
     @property
     def live(self) -> bool:
@@ -315,6 +350,12 @@ class RunSamples:
         return min(
             (len(set(starts_of(iteration))) for iteration in self.iterations.values()), default=1
         )
+
+    @property
+    def summaries(self) -> dict[str, AnatomySummary]:
+        """The anatomies of the iterations that were observed from inside, by segment."""
+        played = (one for iterations in self.iterations.values() for one in iterations)
+        return {one.segment.id: one.summary for one in played if one.summary is not None}
 
     def iterations_at(self, at_hz: float | None) -> tuple[SegmentSamples, ...]:
         """The iterations at a rate; none if there is no rate."""
@@ -376,6 +417,8 @@ def output_times(
         "interval": between,
         "jitter": jitter(arrived),
     }
+    if steps.of_events:
+        times["reaction"] = latency
     return OutputTimes(times, arrived, rate_hz)
 
 
@@ -394,7 +437,6 @@ def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> Monito
         steps=steps,
         times=outputs.by_family if matched.pairs_known else {**outputs.by_family, **unknown},
         sent=int(playback.size),
-        answered=int(outputs.arrived_ns.size),
         received=int(monitor.size),
         duplicates=matched.duplicates,
         reordered=matched.reordered,
@@ -406,7 +448,37 @@ def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> Monito
         by_order=matched.by_order,
         untimed=_untimed(monitor),
         per_step=matched.per_step,
-        own_period_s=own_period_s(segment, matched_monitor),
+        pace=() if (pace := pace_evidence(segment, matched_monitor)) is None else (pace,),
+    )
+
+
+def reaction_samples(
+    segment: Segment, matched: MatchedMonitor, unpaired: str, unreadable: int
+) -> MonitorSamples:
+    """The counts and times of a monitor of reactions; its steps are the events of the segment.
+
+    Args:
+        segment: of the messages.
+        matched: see `r2bspec.judge.measure.reactions.match_reactions`.
+        unpaired: see `MonitorSamples`.
+        unreadable: likewise.
+    """
+    steps = replace(step_times(matched.steps, matched.rows, matched.matching), of_events=True)
+    window_ns = segment.ended_ns - segment.began_ns
+    outputs = output_times(steps, segment.ended_ns, window_ns, 0.0)
+    return MonitorSamples(
+        steps=steps,
+        times={
+            **outputs.by_family,
+            **(dict.fromkeys(_FAMILIES_OF_PAIRS, np.empty(0)) if unpaired else {}),
+        },
+        sent=int(steps.due_ns.size),
+        received=int(outputs.arrived_ns.size),
+        throughput_hz=outputs.throughput_hz,
+        late=int(np.count_nonzero(outputs.arrived_ns > segment.ended_ns)),
+        untimed=_untimed(matched.rows),
+        unreadable=unreadable,
+        unpaired=unpaired,
     )
 
 
@@ -488,7 +560,6 @@ def _unasked_samples(segment: Segment, monitor: Rows, newest: NDArray[np.int64])
             "jitter": jitter(arrived),
         },
         sent=int(arrived.size),
-        answered=int(arrived.size),
         received=int(arrived.size),
         throughput_hz=throughput(arrived, segment.began_ns, segment.ended_ns - segment.began_ns),
         untimed=_untimed(monitor),
@@ -501,12 +572,12 @@ def _untimed(rows: Rows) -> int:
 
 
 SENT_COUNTS = (
-    *("sent", "answered", "duplicates", "reordered", "unmatched"),
+    *("sent", "duplicates", "reordered", "unmatched"),
     *("late", "early", "overdue", "surplus"),
 )
 """Counts of `MonitorSamples` that depend on what was sent."""
 
-_COUNTS = (*SENT_COUNTS, "received", "untimed")
+_COUNTS = (*SENT_COUNTS, "received", "untimed", "unreadable")
 
 
 def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
@@ -529,7 +600,8 @@ def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
         per_step=samples[0].per_step,
         hops=pool_hops([sample.hops for sample in samples]),
         own_pace=samples[0].own_pace,
-        own_period_s=pooled_period_s([sample.own_period_s for sample in samples]),
+        pace=tuple(each for sample in samples for each in sample.pace),
+        unpaired=next((sample.unpaired for sample in samples if sample.unpaired), ""),
         **counts,
     )
 

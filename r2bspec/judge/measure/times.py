@@ -17,7 +17,7 @@ Seconds = NDArray[np.float64]
 
 def intervals(arrived_ns: NDArray[np.int64]) -> Seconds:
     """t[i+1] - t[i] in seconds; shape (n - 1,)."""
-    return seconds(np.diff(arrived_ns))
+    return seconds(arrived_ns[1:] - arrived_ns[:-1])
 
 
 def jitter(arrived_ns: NDArray[np.int64]) -> Seconds:
@@ -131,10 +131,8 @@ def percentile(values: NDArray[np.float64], q: float, lost: int = 0) -> float | 
 def percentiles(values: Seconds, shares: Iterable[float]) -> list[float | None]:
     """The same for several fractions, without lost messages; the values are sorted once."""
     ascending = np.sort(values)
-    return [
-        float(ascending[rank(share, ascending.size) - 1]) if ascending.size else None
-        for share in shares
-    ]
+    total = ascending.size
+    return [ascending.item(rank(share, total) - 1) if total else None for share in shares]
 
 
 def rank(q: float, n: int) -> int:

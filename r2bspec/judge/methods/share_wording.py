@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 _COUNTED_NOUNS = {
     "latency": "outputs",
     "latency_from_due": "outputs",
+    "reaction": "events",
     "age": "outputs",
     "interval": "intervals",
     "jitter": "changes of the interval",

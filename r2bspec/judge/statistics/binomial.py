@@ -23,6 +23,7 @@ which is defined between whole numbers as well, and is used there.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable
 
 
@@ -55,13 +56,7 @@ def last_true(holds: Callable[[int], bool], low: int, high: int) -> int:
 
     `holds(low)` must be true.
     """
-    while low < high:
-        middle = (low + high + 1) // 2
-        if holds(middle):
-            low = middle
-        else:
-            high = middle - 1
-    return low
+    return low + bisect_left(range(low + 1, high + 1), True, key=lambda k: not holds(k))
 
 
 def burst_tolerance(k: float, n: float, allowed: float, confidence: float) -> float | None:

@@ -207,8 +207,9 @@ def _autocorrelation_inflation(flags: BadFlags, sizes: NDArray[np.int64], p: flo
     lags = min(_MAX_LAG, int(filled.min()) // _LAG_DIVISOR)
     if lags < 2:
         return 1.0
-    inside = np.arange(flags.shape[1]) < sizes[:, np.newaxis]
-    deviations = np.where(inside, flags - p, 0.0)
+    deviations = flags.astype(np.float64) - p
+    if sizes.min() < flags.shape[1]:
+        deviations[np.arange(flags.shape[1]) >= sizes[:, np.newaxis]] = 0.0
     pairs = filled.sum() - filled.size * np.arange(lags + 1)
     r = lagged_products(deviations, lags) / pairs
     return geyer_inflation(r / r[0])

@@ -473,9 +473,7 @@ def noise_floor(ratios: Sequence[float], confidence: float) -> NoiseFloor:
     Raises:
         ValueError: fewer than two ratios, or one that is not positive.
     """
-    if any(ratio <= 0 for ratio in ratios):
-        raise ValueError("a ratio is positive")
-    logs = [math.log(ratio) for ratio in ratios]
+    logs = _logarithms(ratios)
     interval = mean_interval(logs, confidence)
     return NoiseFloor(
         deviation=interval.deviation,

@@ -10,6 +10,8 @@ import re
 from functools import cache
 from importlib.resources import files
 
+from r2bspec.language.names import NODE_NAME
+
 SUFFIX = ".r2b.yaml"
 
 _NODE = re.compile(r"^    my_node:\n      python: (?P<target>\S+)\n", re.MULTILINE)
@@ -37,11 +39,13 @@ def purpose(text: str) -> str:
     return " ".join(lines).split(". ")[0].removesuffix(".")
 
 
-def node_key(target: str) -> str:
-    """The key of a node, from its class, or from its file if it is a function such as `main`.
+def node_key(target: str, name: str = "") -> str:
+    """The key of a node: its own name, if its source gives it one that a node of a spec can have.
 
-    Two specs in a folder then have nodes of one name only if they have the same node.
+    Else it is made of its class, or of its file if it is a function such as `main`.
     """
+    if re.search(NODE_NAME.pattern, name) and name not in _PROCESS_NAMES:
+        return name
     place, _, name = target.rpartition(":") if ":" in target else target.rpartition(".")
     if name in {"main", "make", "create"}:
         name = place.rpartition("/")[2].removesuffix(".py").rpartition(".")[2]

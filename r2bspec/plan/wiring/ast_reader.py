@@ -12,7 +12,6 @@ makes one node of such a class, and spins it, has the interface of that node.
 from __future__ import annotations
 
 import ast
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -24,6 +23,7 @@ from r2bspec.plan.wiring import literal_calls, self_references, source_files
 from r2bspec.plan.wiring.node_helpers import NodeHelper
 from r2bspec.plan.wiring.node_interface import InterfaceEntry, ParameterInfo
 from r2bspec.plan.wiring.python_source import SourceNames, own_nodes, program_class
+from r2bspec.plan.wiring.timer_outputs import attributes_of_self, timer_outputs
 from r2bspec.plan.wiring.topic_names import TopicNames
 from r2bspec.safe_io.limits import MAX_BASE_CLASSES, MAX_PYTHON_BYTES
 from r2bspec.safe_io.safe_file import ByteBudget, read_bytes
@@ -61,6 +61,9 @@ class _PartialInterface:
         topics: the types of the known topics of each side; empty if unknown.
         more: why there may be more topics of a side; empty if there are none.
         parameters: None as soon as they are not all known.
+        services: the types of services and actions by name; empty for one that it only calls.
+        name: that its constructor gives it; empty if the text does not say it.
+        timed: the topics that it publishes by a timer, with its period in seconds.
     """
 
     names: SourceNames
@@ -70,7 +73,9 @@ class _PartialInterface:
     more: dict[_Side, str] = field(default_factory=lambda: {"publishes": "", "subscribes": ""})
     parameters: dict[str, ParameterInfo] | None = field(default_factory=dict)
     qos: dict[str, QoS] = field(default_factory=dict)
-    actions: dict[str, str] = field(default_factory=dict)
+    services: dict[str, str] = field(default_factory=dict)
+    name: str = ""
+    timed: dict[str, float | None] = field(default_factory=dict)
 
     def forget(self, method: str, why: str) -> None:
         """Note that a method of `Node` may be called elsewhere."""
@@ -101,7 +106,7 @@ class _PartialInterface:
             self.add_doubt(
                 side, f"whether line {call.lineno} makes a {what}, and how often, is not known"
             )
-        written = literal_calls.message_type(kind, self.names)
+        written = literal_calls.interface_type(kind, self.names)
         if self.topics[side].setdefault(topic, written) != written:
             self.topics[side][topic] = ""
 
@@ -121,8 +126,11 @@ class _PartialInterface:
     def add_base_constructor(self, call: ast.Call) -> None:
         """Take the arguments of ``super().__init__`` into account.
 
-        They may declare every parameter that is set, and rename topics.
+        They name the node, and may declare every parameter that is set, and rename topics.
         """
+        match literal_calls.argument(call, 0, "node_name"):
+            case ast.Constant(value=str(name)):
+                self.name = name
         for keyword in call.keywords:
             if keyword.arg == "cli_args":
                 self.forget_all(f"line {call.lineno} sets cli_args, which may rename topics")
@@ -150,9 +158,11 @@ class _PartialInterface:
             subscribes=self.topics["subscribes"],
             publishes=self.topics["publishes"],
             parameters=self.parameters,
-            services=self.actions,
+            services=self.services,
             qos=self.qos,
             origin="source",
+            name=self.name,
+            timed=self.timed,
             may_publish_more=self.more["publishes"],
             may_subscribe_more=self.more["subscribes"],
             is_lifecycle=lifecycle,
@@ -289,6 +299,7 @@ def _add_class(
     topics = TopicNames(node_class, names)
     for call, inside, certain in _calls(node_class, names, lifecycle=lifecycle):
         _add_call(result, call, topics, inside, certain=certain)
+    result.timed.update(timer_outputs(node_class, topics))
     if not _passes_keywords_unchanged(node_class):
         result.forget_all("its constructor changes the arguments that it passes to Node")
 
@@ -322,6 +333,8 @@ def _add_call(
         qos = literal_calls.qos_profile(call, 3 if side == "subscribes" else 2, result.names)
         if topic is not None and qos is not None:
             result.qos[topic] = qos
+    elif method == "create_service":
+        _add_service(result, call, topics, inside, "srv", first=0)
     elif method in {"declare_parameter", "declare_parameters"}:
         result.add_parameters(call, method, certain)
     elif method == "__init__":
@@ -354,9 +367,25 @@ def _add_helper(
             "subscribes", call, topic, literal_calls.argument(call, 1, "msg_type"), certain
         )
     if helper.names_action:
-        name = topics.resolve(literal_calls.argument(call, 2, "action_name"), inside)
-        if name is not None:
-            result.actions[name] = ""
+        _add_service(result, call, topics, inside, "action", first=1, answers=helper.answers)
+
+
+def _add_service(
+    result: _PartialInterface,
+    call: ast.Call,
+    topics: TopicNames,
+    inside: ast.AST,
+    kind: Literal["srv", "action"],
+    *,
+    first: int,
+    answers: bool = True,
+) -> None:
+    """Take a service or an action into account: its type is this argument, its name the next."""
+    name = topics.resolve(literal_calls.argument(call, first + 1, f"{kind}_name"), inside)
+    if name is not None:
+        given = literal_calls.argument(call, first, f"{kind}_type")
+        written = literal_calls.interface_type(given, result.names, kind)
+        result.services[name] = written if answers else ""
 
 
 def _passes_keywords_unchanged(found: ast.ClassDef) -> bool:
@@ -411,7 +440,7 @@ def _calls(
     methods = {part.name: part for part in found.body if isinstance(part, ast.FunctionDef)}
     first = [methods[name] for name in _first_methods(lifecycle=lifecycle) if name in methods]
     waiting, once = list(first), {each.name for each in first}
-    mentioned = _mentioned(found)
+    mentioned = attributes_of_self(found)
     while waiting:
         for call, certain in _calls_in(waiting.pop(), names):
             called = methods.get(self_references.method_of_self(call)) if certain else None
@@ -427,15 +456,6 @@ def _calls(
 
 def _first_methods(*, lifecycle: bool) -> tuple[str, ...]:
     return ("__init__", "on_configure") if lifecycle else ("__init__",)
-
-
-def _mentioned(found: ast.ClassDef) -> Counter[str]:
-    """How often a class mentions each attribute of its node."""
-    return Counter(
-        node.attr
-        for node in ast.walk(found)
-        if isinstance(node, ast.Attribute) and self_references.is_self(node.value)
-    )
 
 
 def _calls_in(method: ast.FunctionDef, names: SourceNames) -> Iterator[tuple[ast.Call, bool]]:

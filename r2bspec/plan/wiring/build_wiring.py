@@ -1,7 +1,7 @@
 """Building the wiring of a spec.
 
 The harness and the nodes are connected by topics. In the preprocess phase, the loader publishes the
-topics in `data_loader`, and the recorder subscribes to the `from` topic of every playback input. In
+topics in `data_loader`, and the recorder subscribes to the `from` topic of every input or call. In
 the measure phase, the player publishes the playback inputs, and each monitor subscribes to its
 topic. Recorded transforms are published by the loader and then by the player, if the spec says so.
 A live benchmark has only monitors.
@@ -69,11 +69,6 @@ def build_wiring(
     )
 
 
-def harness_topic(name: str, namespace: str) -> str:
-    """The full name of a topic that the spec names outside of a node."""
-    return expand(name, "", namespace)
-
-
 def _has_ros_settings(node: Node) -> bool:
     """Whether the spec has settings of a node that need a ROS process.
 
@@ -128,7 +123,7 @@ def _data_endpoints(
         yield WiredEndpoint(
             owner="loader",
             is_publisher=True,
-            topic=harness_topic(target, namespace),
+            topic=expand(target, "", namespace),
             type=types.get(bag_topic, ""),
             path=("data_loader", "topics", bag_topic),
             qos=_HARNESS_QOS,
@@ -138,10 +133,18 @@ def _data_endpoints(
         yield WiredEndpoint(
             owner="recorder",
             is_publisher=False,
-            topic=harness_topic(played.source, namespace),
+            topic=expand(played.source, "", namespace),
             type=played.format,
             path=(*place, "from"),
             type_path=(*place, "format"),
+        )
+    for name, call in spec.recorded_calls.items():
+        yield WiredEndpoint(
+            owner="recorder",
+            is_publisher=False,
+            topic=expand(call.source or "", "", namespace),
+            type="",
+            path=("playback", "calls", name, "from"),
         )
 
 
@@ -171,7 +174,7 @@ def _play_endpoints(spec: Spec, namespace: str) -> Iterator[WiredEndpoint]:
         yield WiredEndpoint(
             owner="player",
             is_publisher=True,
-            topic=harness_topic(name, namespace),
+            topic=expand(name, "", namespace),
             type=played.format,
             path=place,
             topic_is_key=True,
@@ -184,7 +187,7 @@ def _play_endpoints(spec: Spec, namespace: str) -> Iterator[WiredEndpoint]:
         yield WiredEndpoint(
             owner="monitor",
             is_publisher=False,
-            topic=harness_topic(monitor.topic, namespace),
+            topic=expand(monitor.topic, "", namespace),
             type=monitor.format,
             path=(*place, "topic"),
             type_path=(*place, "format"),

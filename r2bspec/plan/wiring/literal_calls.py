@@ -21,12 +21,14 @@ def argument(call: ast.Call, position: int, name: str) -> ast.expr | None:
     return next((keyword.value for keyword in call.keywords if keyword.arg == name), None)
 
 
-def message_type(kind: ast.expr | None, names: SourceNames) -> str:
-    """The type that the class of a message stands for; empty if the text does not say it."""
-    if kind is None:
+def interface_type(
+    given: ast.expr | None, names: SourceNames, kind: Literal["msg", "srv", "action"] = "msg"
+) -> str:
+    """The type of this kind that a class stands for; empty if the text does not say it."""
+    if given is None:
         return ""
-    package, middle, message = (["", "", *names.full_name(kind).split(".")])[-3:]
-    return f"{package}/msg/{message}" if middle == "msg" and package else ""
+    package, middle, name = (["", "", *names.full_name(given).split(".")])[-3:]
+    return f"{package}/{kind}/{name}" if middle == kind and package else ""
 
 
 def qos_profile(call: ast.Call, position: int, names: SourceNames) -> QoS | None:

@@ -14,9 +14,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-SHARED_TOPICS = frozenset(
-    {"/tf", "/tf_static", "/rosout", "/parameter_events", "/clock", "/diagnostics"}
-)
+NODE_TOPICS = frozenset({"/rosout", "/parameter_events"})
+"""Topics that every node has, without a word of its code."""
+
+SHARED_TOPICS = NODE_TOPICS | {"/tf", "/tf_static", "/clock", "/diagnostics"}
 """Topics made for any number of publishers and subscriptions, or that every node has."""
 
 
@@ -34,6 +35,13 @@ def join_namespaces(outer: str, inner: str) -> str:
     """
     text = inner if inner.startswith("/") else f"{outer}/{inner}"
     return "/" + "/".join(token for token in text.split("/") if token)
+
+
+def is_node_parameter(name: str) -> bool:
+    """Whether a parameter is one that every node has, or one for the QoS of its topics."""
+    return name in {"use_sim_time", "start_type_description_service"} or name.startswith(
+        "qos_overrides."
+    )
 
 
 def node_name(node: str, namespace: str) -> str:

@@ -21,7 +21,8 @@ class NodeHelper(msgspec.Struct, frozen=True):
         publishes: the types of the topics that it publishes for the node, by their names.
         subscribes: likewise.
         makes_subscription: whether its arguments after the node are those of a subscription.
-        names_action: whether its third argument is the name of an action.
+        names_action: whether its third argument is the name of an action; the type comes first.
+        answers: whether it is the server of this action.
     """
 
     node: int = 0
@@ -29,19 +30,21 @@ class NodeHelper(msgspec.Struct, frozen=True):
     subscribes: Mapping[str, str] = msgspec.field(default_factory=dict)
     makes_subscription: bool = False
     names_action: bool = False
+    answers: bool = False
 
 
 _LISTENER = NodeHelper(1, subscribes={"/tf": _TRANSFORMS, "/tf_static": _TRANSFORMS})
 _BROADCASTER = NodeHelper(publishes={"/tf": _TRANSFORMS})
 _STATIC_BROADCASTER = NodeHelper(publishes={"/tf_static": _TRANSFORMS})
-_ACTION = NodeHelper(names_action=True)
+_ACTION_CLIENT = NodeHelper(names_action=True)
+_ACTION_SERVER = NodeHelper(names_action=True, answers=True)
 
 NODE_HELPERS: Final[Mapping[str, NodeHelper]] = {
     "message_filters.Subscriber": NodeHelper(makes_subscription=True),
-    "rclpy.action.ActionClient": _ACTION,
-    "rclpy.action.ActionServer": _ACTION,
-    "rclpy.action.client.ActionClient": _ACTION,
-    "rclpy.action.server.ActionServer": _ACTION,
+    "rclpy.action.ActionClient": _ACTION_CLIENT,
+    "rclpy.action.ActionServer": _ACTION_SERVER,
+    "rclpy.action.client.ActionClient": _ACTION_CLIENT,
+    "rclpy.action.server.ActionServer": _ACTION_SERVER,
     "tf2_ros.Buffer": NodeHelper(1),
     "tf2_ros.StaticTransformBroadcaster": _STATIC_BROADCASTER,
     "tf2_ros.TransformBroadcaster": _BROADCASTER,

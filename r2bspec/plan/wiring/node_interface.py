@@ -126,6 +126,9 @@ class Interface(msgspec.Struct, frozen=True):
         parameters_from: the source of `parameters`.
         type_parameters: the parameter that decides the type of a topic, if there is one.
         qos: the known QoS profiles of topics.
+        services: the types of its services and actions, by their names before remapping; empty if
+            the type is unknown, or the node only calls it.
+        timed: the topics that it publishes by a timer alone, with its period in seconds, if known.
         other_remappable_names: names that can be remapped although they are not topics: services,
             and names from which the names of topics are derived.
         described_package: what the source describes, such as ``image_proc of ROS 2 Jazzy``.
@@ -142,6 +145,8 @@ class Interface(msgspec.Struct, frozen=True):
     parameters_from: InterfaceSource = ""
     type_parameters: Mapping[str, str] = msgspec.field(default_factory=dict)
     qos: Mapping[str, QoS] = msgspec.field(default_factory=dict)
+    services: Mapping[str, str] = msgspec.field(default_factory=dict)
+    timed: Mapping[str, float | None] = msgspec.field(default_factory=dict)
     other_remappable_names: tuple[str, ...] = ()
     described_package: str = ""
     may_publish_more: str = ""
@@ -190,6 +195,8 @@ class InterfaceEntry(_InterfaceRow, frozen=True, kw_only=True):
 
     origin: InterfaceSource = "table"
     described_package: str = ""
+    name: str = ""
+    timed: Mapping[str, float | None] = msgspec.field(default_factory=dict)
     may_publish_more: str = ""
     may_subscribe_more: str = ""
     is_lifecycle: bool = False
@@ -244,14 +251,9 @@ def interface_of(
         names: how its names are resolved.
         parameters: its parameters.
     """
-    why = next((row for row in entries if row.may_publish_more), None)
-    unknown = InterfaceEntry(
-        None,
-        None,
-        None,
-        origin="",
-        may_publish_more=why.may_publish_more if why is not None else "",
-        may_subscribe_more=why.may_subscribe_more if why is not None else "",
+    doubts = next((row for row in entries if row.may_publish_more), InterfaceEntry())
+    unknown = msgspec.structs.replace(
+        doubts, subscribes=None, publishes=None, parameters=None, origin=""
     )
     subscribes_entry = next((row for row in entries if row.subscribes is not None), unknown)
     publishes_entry = next((row for row in entries if row.publishes is not None), unknown)
@@ -267,6 +269,12 @@ def interface_of(
         parameters_from=parameters_entry.origin,
         type_parameters=_type_parameters(entries, parameters),
         qos={name: qos for entry in reversed(entries) for name, qos in entry.qos.items()},
+        services={name: kind for row in entries for name, kind in row.services.items()},
+        timed={
+            _substitute(name, parameters, row): period_s
+            for row in entries
+            for name, period_s in row.timed.items()
+        },
         other_remappable_names=tuple(
             name for entry in entries for name in _other_remappable_names(entry)
         ),

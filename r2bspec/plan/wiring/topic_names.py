@@ -36,19 +36,41 @@ class TopicNames:
 
     def resolve(self, node: ast.expr | None, method: ast.AST) -> str | None:
         """The topic that an expression in a method means; None if the text does not say it."""
+        match self._followed(node, method):
+            case ast.Constant(value=str(text)):
+                return text
+            case ast.Attribute(value=inner, attr=name) if name in _PARAMETER_VALUES:
+                return self._parameter(inner, method)
+        return None
+
+    def number(self, node: ast.expr | None, method: ast.AST) -> float | None:
+        """The number that an expression in a method means, also as a quotient of two literals."""
+        match self._followed(node, method):
+            case ast.Constant(value=int() | float() as number):
+                return float(number)
+            case ast.BinOp(
+                left=ast.Constant(value=int() | float() as above),
+                op=ast.Div(),
+                right=ast.Constant(value=int() | float() as below),
+            ) if below:
+                return float(above / below)
+        return None
+
+    def stored(self, attribute: str) -> ast.expr | None:
+        """The only value that an attribute of `self` gets; None if there are others."""
+        return self._attributes.get(attribute)
+
+    def _followed(self, node: ast.expr | None, method: ast.AST) -> ast.expr | None:
+        """What a name or an attribute is bound to, once and for all; None if that is not known."""
         for _ in range(_MAX_STEPS):
             match node:
-                case ast.Constant(value=str(text)):
-                    return text
                 case ast.Name(id=name):
                     known = self._locals.get(id(method), {})
                     node = known[name] if name in known else self._names.constant(name)
                 case ast.Attribute(attr=name) if is_name(node.value, "self"):
-                    node = self._attributes.get(name)
-                case ast.Attribute(attr=name) if name in _PARAMETER_VALUES:
-                    return self._parameter(node.value, method)
+                    node = self.stored(name)
                 case _:
-                    return None
+                    return node
         return None
 
     def _parameter(self, node: ast.expr | None, method: ast.AST) -> str | None:

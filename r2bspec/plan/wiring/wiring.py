@@ -12,7 +12,7 @@ import msgspec
 
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.spec import Node, ParameterValue, QoS
-from r2bspec.plan.wiring.name_resolution import Remapper
+from r2bspec.plan.wiring.name_resolution import Remapper, expand
 from r2bspec.plan.wiring.node_interface import Interface
 from r2bspec.plan.wiring.python_source import KEYWORDS, NodeStart
 
@@ -198,3 +198,7 @@ class Wiring(msgspec.Struct, frozen=True):
     def phases(self) -> tuple[PhaseWiring, PhaseWiring]:
         """Both phases, in order."""
         return (self.preprocess, self.measure)
+
+    def topic(self, name: str) -> str:
+        """The full name of a topic that the spec names outside of a node."""
+        return expand(name, "", self.namespace)

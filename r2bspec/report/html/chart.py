@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import re
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import TYPE_CHECKING, Any, Final
 
 from r2bspec.diagnostics.quote import printable
@@ -93,7 +95,11 @@ def _plain_attributes(element: ET.Element, name: str, used: set[str]) -> None:
         if key.endswith("}href"):
             del element.attrib[key]
             key = "href"
-        if key == "href" and value.startswith("#"):
+        if element.tag == "a" and key == "target":
+            del element.attrib[key]
+            continue
+        # A link leads to what is elsewhere in the page.
+        if key == "href" and value.startswith("#") and element.tag != "a":
             used.add(value[1:])
             value = f"#{name}-{value[1:]}"
         elif "url(#" in value:
@@ -274,6 +280,22 @@ def marker(number: int) -> str:
     return _MARKS[number % len(_MARKS)]
 
 
+@cache
+def _load_matplotlib() -> None:
+    """Import it so that its list of fonts is in the cache of r2bspec, and nothing in the home."""
+    from r2bspec.safe_io.cache_folder import cache_or_temporary_folder
+
+    name = "MPLCONFIGDIR"
+    before = os.environ.get(name)
+    os.environ[name] = str(cache_or_temporary_folder("matplotlib"))
+    try:
+        import matplotlib.figure  # noqa: F401
+    finally:
+        del os.environ[name]
+        if before is not None:
+            os.environ[name] = before
+
+
 def draw(
     name: str,
     title: str,
@@ -282,6 +304,7 @@ def draw(
     paint: Callable[[ChartBuilder], object],
 ) -> Chart:
     """Draw a chart: `paint` gets an empty figure and fills it."""
+    _load_matplotlib()
     import matplotlib
     from matplotlib.figure import Figure
 

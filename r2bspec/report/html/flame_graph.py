@@ -10,7 +10,7 @@ from __future__ import annotations
 import zlib
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 from r2bspec.diagnostics.quote import clip
@@ -33,13 +33,30 @@ _COLOURS: Final = tuple(f"s{number}" for number in range(6))
 _TINTS: Final = ("0.22", "0.32", "0.42")
 
 
-@dataclass
+@dataclass(frozen=True, slots=True)
 class _Call:
-    """A function with the functions that led to it, and its samples."""
+    """A function as others have called it.
+
+    Attributes:
+        depth: how many functions led to it, it included.
+        stacks: those that lead through it, with their samples.
+    """
 
     name: str
-    samples: int = 0
-    called: dict[str, _Call] = field(default_factory=dict)
+    depth: int
+    samples: int
+    stacks: list[tuple[tuple[str, ...], int]]
+
+    def called(self) -> list[_Call]:
+        """What it called, by name; found when asked for, because most is too narrow to be drawn."""
+        groups: dict[str, list[tuple[tuple[str, ...], int]]] = {}
+        for stack in self.stacks:
+            if len(stack[0]) > self.depth:
+                groups.setdefault(stack[0][self.depth], []).append(stack)
+        return [
+            _Call(name, self.depth + 1, sum(samples for _, samples in below), below)
+            for name, below in sorted(groups.items())
+        ]
 
 
 def flame_graph(name: str, title: str, stacks: Stacks) -> Chart | None:
@@ -50,11 +67,11 @@ def flame_graph(name: str, title: str, stacks: Stacks) -> Chart | None:
         title: the heading of the figure.
         stacks: the samples, by their stack.
     """
-    root = _tree(stacks)
+    root = _Call("all", 0, sum(stacks.values()), list(stacks.items()))
     if not root.samples:
         return None
     base = _without_common_calls(root)
-    boxes = [box for box in _boxes(base, base.samples) if box.level < _MAX_ROWS]
+    boxes = list(_boxes(base, base.samples))
     rows = 1 + max(box.level for box in boxes)
     description = _description(stacks, root.samples)
     note = f"{description} Boxes under {_MIN_SHARE:.1%} of the samples are not drawn."
@@ -74,25 +91,11 @@ def flame_graph(name: str, title: str, stacks: Stacks) -> Chart | None:
     return Chart(name, title, description, render_text("flame_graph.svg.j2", context), note)
 
 
-def _tree(stacks: Stacks) -> _Call:
-    root = _Call("all")
-    for stack, samples in stacks.items():
-        call = root
-        call.samples += samples
-        for name in stack:
-            call = call.called.setdefault(name, _Call(name))
-            call.samples += samples
-    return root
-
-
 def _without_common_calls(root: _Call) -> _Call:
     """The first of the last few calls that every sample has in common."""
     common = [root]
-    while len(common[-1].called) == 1:
-        (only,) = common[-1].called.values()
-        if only.samples < root.samples:
-            break
-        common.append(only)
+    while len(called := common[-1].called()) == 1 and called[0].samples == root.samples:
+        common.append(called[0])
     return common[-_COMMON_ROWS:][0]
 
 
@@ -125,7 +128,7 @@ def _boxes(root: _Call, total: int) -> Iterator[_Box]:
     while waiting:
         call, before, level = waiting.pop()
         yield _Box(call.name, call.samples, call.samples / total, before / total, level)
-        for _, child in sorted(call.called.items()):
+        for child in call.called() if level + 1 < _MAX_ROWS else ():
             if child.samples >= _MIN_SHARE * total:
                 waiting.append((child, before, level + 1))
             before += child.samples

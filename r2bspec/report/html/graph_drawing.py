@@ -12,8 +12,6 @@ It is a part of the report of a run, and a page of its own: one file, without sc
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,8 +20,7 @@ from r2bspec.diagnostics.quote import clip
 from r2bspec.plan.drawing import Arrow, BoxKind, FigureBox, figure
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.time_estimate import estimate_time
-from r2bspec.report.html.chart import PALETTE
-from r2bspec.report.html.templates import own_text, render_template
+from r2bspec.report.html.templates import own_style, render_template
 
 _SAMPLES = 40
 _CLEARANCE = 3.0
@@ -277,12 +274,13 @@ def _layer_indices(names: list[str], feeds: list[tuple[str, str]]) -> dict[str, 
     graph.add_nodes_from(names)
     graph.add_edges_from(feeds)
     components = nx.condensation(graph)
-    rank: dict[int, int] = {}
-    for component in nx.topological_sort(components):
-        rank[component] = max(
-            (rank[predecessor] + 1 for predecessor in components.predecessors(component)), default=0
-        )
-    return {name: rank[components.graph["mapping"][name]] for name in names}
+    # Each in the earliest layer that is after those of all its predecessors.
+    return {
+        name: layer
+        for layer, generation in enumerate(nx.topological_generations(components))
+        for component in generation
+        for name in components.nodes[component]["members"]
+    }
 
 
 def _mean_predecessor_y(
@@ -330,25 +328,12 @@ _WIDE = "header,main{max-width:none}\n"
 
 
 def render_graph(plan: Plan) -> bytes:
-    """The page, UTF-8. The same plan gives the same bytes.
-
-    A browser loads nothing for it and runs no script: its policy (Content Security Policy) allows
-    the style that is in the page, by its hash, and nothing else.
-    """
-    style = own_text("style.css") + _WIDE + _colours()
-    digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
+    """The page, UTF-8. The same plan gives the same bytes."""
     context = {
         "name": plan.name,
         "title": plan.title or plan.name,
         "time": estimate_time(plan).text(),
         "graph": lay_out(plan, {}),
-        "style": style,
-        "style_hash": f"sha256-{digest}",
+        **own_style(_WIDE),
     }
     return render_template("graph_page.html.j2", context)
-
-
-def _colours() -> str:
-    return "".join(
-        f".f-{name}{{fill:var(--{name})}}.k-{name}{{stroke:var(--{name})}}\n" for name in PALETTE
-    )

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from itertools import islice
 from typing import TYPE_CHECKING, Any, get_args
 
 import msgspec
@@ -34,6 +35,8 @@ from r2bspec.report.html.load_charts import load_curve_chart, loads_chart
 from r2bspec.report.html.templates import own_text, render_template
 from r2bspec.report.html.waterfall import waterfalls
 from r2bspec.report.notes import notes, profile_notes
+from r2bspec.safe_io.limits import MAX_STACKS_BYTES
+from r2bspec.safe_io.safe_file import ByteBudget
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -86,6 +89,10 @@ _ITERATION_COLUMNS = (
 )
 """The metrics of the tables of a monitor."""
 
+_MAX_SHOWN_ITERATIONS = 200
+_MAX_SHOWN_REQUIREMENTS = 2_000
+"""Rows of tables that nobody reads to their ends; the worst requirements are the first."""
+
 _MAX_SHOWN_RATES = 4
 """Rates whose numbers are written into the drawing of the graph."""
 
@@ -99,9 +106,13 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
     result = report_input.result
     metrics = result.metrics
     ordered = result_table.requirement_rows(result.verdict, worst_first=True)
+    shown = ordered[:_MAX_SHOWN_REQUIREMENTS]
     monitors = result_table.monitor_names(metrics)
     processes = [*dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.processes)]
-    charts = _charts(report_input, monitors)
+    unread: list[str] = []
+    profiles = [*_flame_graphs(report_input.run, unread)] if report_input.run is not None else []
+    flames = _flames(result, profiles)
+    charts = _charts(report_input, monitors, flames) | {"profiles": profiles}
     line = headline(result)
     around = [
         note
@@ -114,9 +125,10 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "result": result,
         "metrics": metrics,
         "counts": Counter(row.verdict.outcome for row in ordered),
-        "budgets": [row for row in ordered if row.verdict.budget is not None],
+        "budgets": [row for row in shown if row.verdict.budget is not None],
         "sources": get_args(VarianceSource),
-        "requirements": [*zip(ordered, result_table.reasons(ordered), strict=True)],
+        "requirements": [*zip(shown, result_table.reasons(shown), strict=True)],
+        "more_requirements": len(ordered) - len(shown),
         "compared": [
             row
             for row in result_table.requirement_rows(result.verdict)
@@ -125,9 +137,10 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "notes": notes(result),
         "line": line,
         "reason": reason_after(line, result.verdict),
-        "profiles": [*profile_notes(result.profiles)],
+        "profiles": [*profile_notes(result.profiles), *unread],
         "anatomies": anatomies_of(result),
         "anatomy_table": anatomy_table,
+        "flames": flames,
         "has_interference": bool(around),
         "has_frequency": any(sample.frequency_hz for sample in around),
         "affected": defaultdict(
@@ -143,7 +156,11 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         },
         "number": Numbers(msgspec.to_builtins(result)),
         "measured": partial(result_table.measured, metrics),
-        "iterations": partial(result_table.measured_iterations, metrics),
+        "iterations": lambda monitor: [
+            *islice(result_table.measured_iterations(metrics, monitor), _MAX_SHOWN_ITERATIONS)
+        ],
+        "more_iterations": sum(len(rate.iterations) for rate in metrics.rates)
+        - _MAX_SHOWN_ITERATIONS,
         "latency_columns": [result_table.METRICS[name] for name in _LATENCY_COLUMNS],
         "throughput_columns": [result_table.METRICS[name] for name in _THROUGHPUT_COLUMNS],
         "iteration_columns": [result_table.METRICS[name] for name in _ITERATION_COLUMNS],
@@ -170,8 +187,26 @@ def _plain(value: object) -> str:
     return msgspec.json.encode(value).decode() if value else "-"
 
 
-def _charts(report_input: ReportInput, monitors: list[str]) -> dict[str, list[Chart]]:
-    """The charts of each section of the page."""
+def _flames(result: Result, profiles: Sequence[Chart]) -> dict[str, str]:
+    """Where in the page the flame graph of the process of each node is, by the node's name."""
+    drawn = {chart.name for chart in profiles}
+    of_process = {
+        profile.process: f"#profile-{number}-figure"
+        for number, profile in enumerate(result.profiles)
+        if f"profile-{number}" in drawn
+    }
+    return {
+        node.name: of_process[node.process]
+        for anatomy in anatomies_of(result)
+        for node in anatomy.nodes
+        if node.process in of_process
+    }
+
+
+def _charts(
+    report_input: ReportInput, monitors: list[str], flames: Mapping[str, str]
+) -> dict[str, list[Chart]]:
+    """The charts of each section of the page, but for those of profiles."""
     metrics, run = report_input.result.metrics, report_input.run
     charts: dict[str, list[Chart]] = {"offered": [], "loads": []}
     if any(rate.offered_hz for rate in metrics.rates):
@@ -181,20 +216,21 @@ def _charts(report_input: ReportInput, monitors: list[str]) -> dict[str, list[Ch
         charts["loads"].append(loads)
     return charts | {
         "latency": [*_latency_charts(report_input, monitors)],
-        "anatomy": [*waterfalls(report_input.result)],
+        "anatomy": [*waterfalls(report_input.result, flames)],
         "baseline": [*_baseline_charts(report_input, monitors)],
-        "profiles": [*_flame_graphs(run)] if run is not None else [],
     }
 
 
-def _flame_graphs(run: Run) -> Iterator[Chart]:
-    """A flame graph of each profile with folded stacks that can be read."""
+def _flame_graphs(run: Run, unread: list[str]) -> Iterator[Chart]:
+    """A flame graph of each profile with folded stacks; `unread` gets why there is none."""
+    budget = ByteBudget(MAX_STACKS_BYTES)
     for number, profile in enumerate(run.record.profiles):
         if not profile.stacks:
             continue
         try:
-            stacks = read_stacks(run.folder / profile.stacks, run.folder)
-        except (OSError, ValueError):
+            stacks = read_stacks(run.folder / profile.stacks, run.folder, budget)
+        except (OSError, ValueError) as error:
+            unread.append(f"{profile.stacks} is not drawn: {error}")
             continue
         at = f" {at_rate(profile.rate_hz)}" if profile.rate_hz else ""
         title = f"Where {profile.process} spends its CPU time{at}, seen by {profile.profiler}"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import importlib.resources
 import re
 from functools import cache
@@ -57,6 +59,20 @@ def _environment() -> Environment:
         **{function.__name__: function for function in (at_rate, part_title, show, show_rate)},
     }
     return environment
+
+
+def own_style(extra: str = "") -> dict[str, str]:
+    """What a page without scripts needs of styles: the stylesheet, and the hash that allows it.
+
+    A browser then loads nothing for the page and runs no script, by its policy (Content Security
+    Policy): that has the hash of the style that is in the page, and nothing else.
+    """
+    colours = "".join(
+        f".f-{name}{{fill:var(--{name})}}.k-{name}{{stroke:var(--{name})}}\n" for name in PALETTE
+    )
+    style = own_text("style.css") + extra + colours
+    digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
+    return {"style": style, "style_hash": f"sha256-{digest}"}
 
 
 def own_text(name: str) -> Markup:

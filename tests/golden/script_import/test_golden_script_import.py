@@ -52,4 +52,4 @@ def test_its_spec_and_plan(script: Path) -> None:
 
 def test_the_corpus_has_every_mistake() -> None:
     found = {one.code for each in SCRIPTS for one in find_mistakes(read_benchmark_script(each))}
-    assert found == {code for code in all_pages() if code >= "R2B720"}
+    assert found == {code for code in all_pages() if "R2B720" <= code < "R2B800"}

@@ -14,13 +14,13 @@ import pytest
 from lock_holder import other_holder
 from r2bspec import api
 from r2bspec.execute.processes.machine import HostBusyError, lock_file
-from r2bspec.execute.progress import NullProgress
+from r2bspec.execute.progress import Progress
 
 ROOT = Path(__file__).parents[3]
 RELAY = ROOT / "specs" / "relay.r2b.yaml"
 
 
-class Notes(NullProgress):
+class Notes(Progress):
     """What a run says."""
 
     def __init__(self, on_note: Callable[[], object] = lambda: None) -> None:

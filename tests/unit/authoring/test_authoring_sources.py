@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rosbags.rosbag2 import Writer
-from rosbags.typesys import Stores, get_typestore
 
+from ament_packages import install_package
 from command_line import Call
+from data_bags import text, write_bag
+from launch_specs import stored
 from r2bspec.api import compile_plan, load, validate
 from r2bspec.authoring.draft_spec import DraftNodes, draft_text
 from r2bspec.authoring.sources import add_graph_nodes
@@ -49,7 +50,7 @@ def main():
     rclpy.init()
     rclpy.spin(Talker())
 """
-XML = (Path(__file__).parent / "launch_files/cell.launch.xml").read_text(encoding="utf-8")
+XML = stored("cell.launch.xml")
 PYTHON = """
 from launch import LaunchDescription
 from launch_ros.actions import Node
@@ -58,12 +59,6 @@ from launch_ros.actions import Node
 def generate_launch_description():
     return LaunchDescription([Node(name='light', package='cell_light', executable='light')])
 """
-
-
-@pytest.fixture(autouse=True)
-def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("CELL_PORT", "3")
 
 
 def made(*arguments: str) -> str:
@@ -115,10 +110,76 @@ def test_a_node_alone() -> None:
     assert "# - the publishers of /r2b/camera_info, /r2b/hawk_0_left_rgb_image" in text
 
 
+@pytest.mark.parametrize(
+    ("limit", "period"),
+    [("throughput.mean >= 9.5 Hz", "0.1"), (None, "0.5"), (None, "float(kwargs['period'])")],
+)
+def test_what_a_timer_publishes_is_no_answer(limit: str | None, period: str) -> None:
+    timed = NODE.replace(
+        '"hawk_0_left_rgb_image", self.publisher.publish', '"hawk_0_left_rgb_image", print'
+    )
+    tick = "    def tick(self):\n        self.publisher.publish(Image())\n"
+    made_timer = f"        self.create_timer({period}, self.tick)\n"
+    Path("node.py").write_text(f"{timed}{made_timer}\n{tick}")
+    made("--from-bag", "r2b_storage", "--node", "./node.py:Bright")
+    assert spec().monitors["bright"].match == "own_pace"
+    required = [each.text for slo in spec().slos.values() for each in slo.require]
+    assert required == ([limit] if limit else [])
+
+
+ANSWERING = """
+from rclpy.action import ActionClient, ActionServer
+from rclpy.node import Node
+from test_msgs.action import Fibonacci
+from test_msgs.srv import BasicTypes
+
+
+class Arm(Node):
+    def __init__(self):
+        super().__init__("left_arm")
+        self.create_service(BasicTypes, "~/check", self.check)
+        self.server = ActionServer(self, Fibonacci, action_name="move", execute_callback=print)
+        self.gripper = ActionClient(self, Fibonacci, "grip")
+
+    def check(self, request, response):
+        return response
+"""
+
+
+@pytest.mark.parametrize("more", [(), ("--from-bag", "r2b_storage")])
+def test_a_node_that_only_answers_is_called(more: tuple[str, ...]) -> None:
+    """What it calls itself is no load; a recording has nothing for it."""
+    Path("node.py").write_text(ANSWERING)
+    text = made("--node", "./node.py:Arm", *more)
+    calls = spec().playback.calls
+    check, move = calls["left_arm_check"].service, calls["move"].action
+    assert (check.name, check.type) == ("left_arm/check", "test_msgs/srv/BasicTypes")
+    assert (move.name, move.type) == ("move", "test_msgs/action/Fibonacci")
+    assert len(calls) == 2
+    assert (list(spec().graph.nodes), spec().monitors) == (["left_arm"], {})
+    assert [str(each) for each in spec().benchmark.rates] == ["10 Hz"]
+    required = [each.metric for each in spec().slos["keeps_up"].require]
+    assert required == ["left_arm_check.drop_rate", "move.drop_rate"]
+    assert ("what r2b_storage is for" in text) == bool(more)
+
+
 def test_a_node_whose_topics_come_from_parameters() -> None:
     Path("node.py").write_text(COMPUTED)
     made("--node", "./node.py:Talker")
     assert [monitor.topic for monitor in spec().monitors.values()] == ["chatter"]
+
+
+@pytest.mark.parametrize(
+    ("key", "namespace"), [("talker", "/"), ("/r2b/talker", "r2b"), ("/**", "r2b")]
+)
+def test_a_node_with_a_file_of_its_parameters(key: str, namespace: str) -> None:
+    """It has the name that the file has, and the topics that the file names."""
+    Path("node.py").write_text(COMPUTED)
+    Path("own.yaml").write_text(f"{key}: {{ros__parameters: {{topic: said}}}}\n")
+    made("--node", "./node.py:main", "--params-file", "own.yaml")
+    assert spec().graph.nodes["talker"].parameter_files == ("./own.yaml",)
+    assert [monitor.topic for monitor in spec().monitors.values()] == ["said"]
+    assert spec().namespace == namespace
 
 
 def test_a_node_whose_topics_are_computed() -> None:
@@ -143,13 +204,7 @@ def test_a_bag_of_any_rate_has_messages_enough(hz: float, seconds: float) -> Non
 
 
 def write_scans(folder: Path, hz: float, count: int) -> None:
-    store = get_typestore(Stores.ROS2_JAZZY)
-    kind = "std_msgs/msg/Float32"
-    with Writer(folder, version=9) as bag:
-        topic = bag.add_connection("/range", kind, typestore=store)
-        message = store.serialize_cdr(store.types[kind](1.5), kind)
-        for number in range(count):
-            bag.write(topic, 10**18 + round(number * 1e9 / hz), message)
+    write_bag(folder, [("/scan", round(n * 1e9 / hz), text("far")) for n in range(count)])
 
 
 def test_what_nothing_publishes_comes_from_outside() -> None:
@@ -180,16 +235,11 @@ def test_an_included_file_is_expanded() -> None:
 
 
 def test_a_package(monkeypatch: pytest.MonkeyPatch) -> None:
-    share = Path("prefix/share/cell")
-    (share / "launch").mkdir(parents=True)
-    (share / "launch" / "one.launch.xml").write_text(XML)
-    index = Path("prefix/share/ament_index/resource_index/packages")
-    index.mkdir(parents=True)
-    (index / "cell").touch()
-    monkeypatch.setenv("AMENT_PREFIX_PATH", str(Path("prefix").absolute()))
+    prefix = install_package(Path("prefix").absolute(), "cell", {"launch/one.launch.xml": XML})
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(prefix))
     made("--from-launch", "cell")
     Path("made.r2b.yaml").unlink()
-    (share / "launch" / "two.launch.py").write_text(PYTHON)
+    install_package(prefix, "cell", {"launch/two.launch.py": PYTHON})
     assert main(["init", "made", "--from-launch", "cell"]) == 2
     made("--from-launch", "cell:two.launch.py")
 

@@ -3,35 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
-import pytest
-
-from r2bspec.api import compile_plan, load, validate
+from launch_specs import made, stored
+from r2bspec.api import compile_plan
 from r2bspec.cli.main import main
-
-FOLDER = Path(__file__).parent / "launch_files"
-
-
-@pytest.fixture(autouse=True)
-def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-
-
-def made(name: str) -> tuple[Any, str]:
-    """The spec of a launch file and its text; only its parameter files are missing."""
-    stored = FOLDER / (f"{name}.txt" if name.endswith(".py") else name)
-    Path(name).write_text(stored.read_text(encoding="utf-8"))
-    assert main(["init", "made", "--from-launch", name]) == 0
-    file = Path("made.r2b.yaml")
-    errors = {each.code for each in validate(file) if each.severity == "error"}
-    assert errors <= {"R2B614"}
-    return load(file), file.read_text()
 
 
 def test_containers_and_what_is_loaded_into_them() -> None:
     for name in ("contents.launch.py", "contents.launch.xml"):
-        spec, _ = made(name)
+        spec, _ = made(name, stored(name))
         vision = spec.containers["vision"]
         assert (vision.executable, vision.threads) == ("component_container_mt", 4)
         assert vision.prefix == ("nice", "-n", "5")
@@ -45,12 +25,12 @@ def test_containers_and_what_is_loaded_into_them() -> None:
 
 
 def test_a_parameter_of_a_container_is_an_argument_of_it() -> None:
-    spec, _ = made("contents.launch.py")
+    spec, _ = made("contents.launch.py", stored("contents.launch.py"))
     assert spec.containers["vision"].arguments[3:] == ("--ros-args", "-p", "depth:=2")
 
 
 def test_groups_pass_on_what_they_set_and_keep_it_to_themselves() -> None:
-    spec, _ = made("contents.launch.py")
+    spec, _ = made("contents.launch.py", stored("contents.launch.py"))
     eye = spec.graph.nodes["eye"]
     assert eye.namespace == "/cell_left"
     assert eye.remappings == {"scan": "/laser", "image": "left/image"}
@@ -61,7 +41,7 @@ def test_groups_pass_on_what_they_set_and_keep_it_to_themselves() -> None:
 
 
 def test_arguments_and_prefixes_of_programs() -> None:
-    spec, text = made("contents.launch.py")
+    spec, text = made("contents.launch.py", stored("contents.launch.py"))
     eye = spec.graph.nodes["eye"]
     assert eye.prefix == ("chrt", "-r", "20")
     assert eye.arguments == ("-d", "./eye.left", "--ros-args", "--log-level", "debug")
@@ -72,7 +52,7 @@ def test_arguments_and_prefixes_of_programs() -> None:
 
 
 def test_parameters_have_the_types_that_launch_gives_them() -> None:
-    spec, _ = made("contents.launch.py")
+    spec, _ = made("contents.launch.py", stored("contents.launch.py"))
     share = "/opt/ros/jazzy/share/cell"
     eye = spec.graph.nodes["eye"]
     assert eye.parameter_files == (f"{share}/eye.yaml", f"{share}/more.yaml")
@@ -90,7 +70,7 @@ def test_parameters_have_the_types_that_launch_gives_them() -> None:
 
 
 def test_functions_that_are_called_at_launch() -> None:
-    spec, _ = made("contents.launch.py")
+    spec, _ = made("contents.launch.py", stored("contents.launch.py"))
     for number in "12":
         camera = spec.graph.nodes[f"camera{number}"]
         assert camera.parameters == {"serial": "", "exposure": 8500}
@@ -98,14 +78,14 @@ def test_functions_that_are_called_at_launch() -> None:
 
 
 def test_transitions_of_lifecycle_nodes() -> None:
-    spec, text = made("contents.launch.py")
+    spec, text = made("contents.launch.py", stored("contents.launch.py"))
     assert spec.graph.nodes["mapper"].lifecycle == "active"
     assert "launch node" not in text
 
 
 def test_the_same_in_xml() -> None:
     """Variables that are set in a group end with it."""
-    spec, text = made("contents.launch.xml")
+    spec, text = made("contents.launch.xml", stored("contents.launch.xml"))
     eye = spec.graph.nodes["eye"]
     assert eye.namespace == "/cell_left"
     assert eye.remappings == {"scan": "/laser", "image": "right/image"}
@@ -125,7 +105,7 @@ def test_the_same_in_xml() -> None:
 
 
 def test_what_is_deployed_is_in_the_plan() -> None:
-    text = (FOLDER / "contents.launch.xml").read_text(encoding="utf-8")
+    text = stored("contents.launch.xml")
     Path("a.launch.xml").write_text(
         text.replace('<param from="$(find-pkg-share cell)/', "<!--").replace('eye.yaml"/>', "-->")
     )

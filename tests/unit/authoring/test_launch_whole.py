@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 from command_line import Call
-from r2bspec.api import load, validate
-from r2bspec.cli.main import main
+from launch_specs import made
 
 HEAD = """
 from launch import LaunchDescription
@@ -46,6 +45,7 @@ UNKNOWN = {
     "a name": "node(name=LaunchConfiguration('map'))",
     "a program": "Node(package='cell', executable=LaunchConfiguration('map'))",
     "an environment variable": "node(additional_env={'A': LaunchConfiguration('map')})",
+    "an environment": "node(env=open('a'))",
     "a default": "node(parameters=[{'a': EnvironmentVariable('A', default_value='3')}])",
     "a working directory": "ExecuteProcess(cmd=['./eye'], cwd='/tmp')",
     "an action of a package": "MoveItConfigsBuilder('arm')",
@@ -59,24 +59,15 @@ UNKNOWN = {
 }
 
 
-@pytest.fixture(autouse=True)
-def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-
-
-def made(content: str, *arguments: str, name: str = "cell.launch.py") -> tuple[Any, str]:
-    """The spec of a launch file, which has no errors, and its text."""
-    Path(name).write_text(content)
-    assert main(["init", "made", "--from-launch", name, *arguments]) == 0
-    file = Path("made.r2b.yaml")
-    assert [each.message for each in validate(file) if each.severity == "error"] == []
-    return load(file), file.read_text()
+def made_in_python(action: str, *arguments: str) -> tuple[Any, str]:
+    """The spec of a launch file in Python with an action."""
+    function = f"def generate_launch_description():\n    return launch([{action}])\n"
+    return made("cell.launch.py", f"{HEAD}\n{function}", *arguments)
 
 
 @pytest.mark.parametrize("action", UNKNOWN.values(), ids=UNKNOWN)
 def test_what_is_not_known_makes_one_node_of_the_file(action: str) -> None:
-    content = f"{HEAD}\ndef generate_launch_description():\n    return launch([{action}])\n"
-    spec, text = made(content)
+    spec, text = made_in_python(action)
     (whole,) = spec.graph.nodes.values()
     assert whole.launch.path == "./cell.launch.py"
     assert "cell.launch.py is one launch node, because of this: " in text
@@ -84,23 +75,32 @@ def test_what_is_not_known_makes_one_node_of_the_file(action: str) -> None:
     assert "#   map: '?'" in text or "#   map: ?" in text
 
 
+def test_a_copy_of_the_environment_is_what_is_added_to_it() -> None:
+    """The programs of a run have its environment, so that nothing else is to be said."""
+    body = "    env = os.environ.copy()\n    env['A'] = '2'\n    env['B'] = env['HOME']\n"
+    content = (
+        f"{HEAD}\ndef generate_launch_description():\n{body}    return launch([node(env=env)])\n"
+    )
+    spec, text = made("cell.launch.py", content)
+    assert "env: {A: '2', B: $(env HOME)}" in text
+    assert "of launch has no other variables" not in text
+    assert [node.launch for node in spec.graph.nodes.values()] == [None]
+
+
 def test_arguments_that_are_given_decide() -> None:
     action = "node(name=LaunchConfiguration('map'), namespace=LaunchConfiguration('side'))"
-    content = f"{HEAD}\ndef generate_launch_description():\n    return launch([{action}])\n"
-    spec, _ = made(content, "--launch-arg", "map:=hall", "--launch-arg", "side:=right")
+    spec, _ = made_in_python(action, "--launch-arg", "map:=hall", "--launch-arg", "side:=right")
     assert spec.graph.nodes["hall"].namespace == "/right"
 
 
 def test_arguments_that_are_given_are_those_of_the_whole_file() -> None:
     action = "node(name=LaunchConfiguration('map'), cwd='/tmp')"
-    content = f"{HEAD}\ndef generate_launch_description():\n    return launch([{action}])\n"
-    spec, _ = made(content, "--launch-arg", "map:=0012", "--launch-arg", "fast:=True")
+    spec, _ = made_in_python(action, "--launch-arg", "map:=0012", "--launch-arg", "fast:=True")
     assert spec.graph.nodes["cell"].launch.arguments == {"map": "0012", "fast": "True"}
 
 
 def test_a_value_that_is_no_choice_is_told() -> None:
-    content = f"{HEAD}\ndef generate_launch_description():\n    return launch([node()])\n"
-    _, text = made(content, "--launch-arg", "side:=up")
+    _, text = made_in_python("node()", "--launch-arg", "side:=up")
     assert "'up' is no choice of the launch argument 'side': left, right" in text
 
 
@@ -116,7 +116,7 @@ def test_only_the_included_file_is_kept_whole() -> None:
       <include file="$(dirname)/robot.launch.xml"><arg name="model" value="007"/></include>
       <node pkg="cell" exec="eye" name="eye"/>
     </launch>"""
-    spec, text = made(content, name="cell.launch.xml")
+    spec, text = made("cell.launch.xml", content)
     whole = spec.graph.nodes["robot"]
     assert list(spec.graph.nodes) == ["eye", "robot"]
     assert whole.launch.path == "./robot.launch.xml"
@@ -131,21 +131,21 @@ def test_an_argument_that_is_not_known_is_not_passed_on_in_silence() -> None:
       <arg name="vehicle" default="$(env CELL_VEHICLE truck)"/>
       <include file="$(find-pkg-share far_away)/launch/far.launch.xml"/>
     </launch>"""
-    spec, text = made(content, name="cell.launch.xml")
+    spec, text = made("cell.launch.xml", content)
     assert spec.graph.nodes["far"].launch.package == "far_away"
     assert "cell.launch.xml:3: far.launch.xml gets no launch argument 'vehicle'" in text
 
 
 def test_names_that_a_run_needs_itself_are_not_taken() -> None:
     content = '<launch><node pkg="cell" exec="system" name="system"/></launch>'
-    spec, text = made(content, name="system.launch.xml")
+    spec, text = made("system.launch.xml", content)
     assert list(spec.graph.nodes) == ["system_2"]
     assert "here it is 'system_2'" in text
 
 
 def test_programs_that_end_are_told() -> None:
     content = '<launch><node pkg="controller_manager" exec="spawner" name="arm"/></launch>'
-    _, text = made(content, name="cell.launch.xml")
+    _, text = made("cell.launch.xml", content)
     assert "'spawner' ends when it has done its work" in text
 
 
@@ -172,17 +172,14 @@ def test_arguments_of_an_included_file_apply_after_it() -> None:
     )
     include = '<include file="$(dirname)/low.launch.xml"><arg name="speed" value="{}"/>{}</include>'
     two = include.format("1", "") + include.format("2", '<arg name="lens" value="7"/>')
-    spec, _ = made(f"<launch>{two}{include.format('3', '')}</launch>", name="cell.launch.xml")
+    spec, _ = made("cell.launch.xml", f"<launch>{two}{include.format('3', '')}</launch>")
     assert list(spec.graph.nodes) == ["eye_1_3", "eye_2_7", "eye_3_7"]
     Path("made.r2b.yaml").unlink()
     after = '<node pkg="cell" exec="eye" name="$(var speed)"/>'
     declared = f'<launch><arg name="speed" default="9"/>{include.format("1", "")}'
-    _, text = made(f"{declared}{after}</launch>", name="cell.launch.xml")
+    _, text = made("cell.launch.xml", f"{declared}{after}</launch>")
     assert "the launch argument 'speed' has the value of an included file here" in text
     Path("made.r2b.yaml").unlink()
-    spec, _ = made(
-        f'<launch><arg name="speed" default="n9"/><group>{include.format("1", "")}</group>'
-        f"{after}</launch>",
-        name="cell.launch.xml",
-    )
+    group = f'<arg name="speed" default="n9"/><group>{include.format("1", "")}</group>'
+    spec, _ = made("cell.launch.xml", f"<launch>{group}{after}</launch>")
     assert list(spec.graph.nodes) == ["eye_1_3", "n9"]

@@ -5,15 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
-
+import data_bags
 from r2bspec.check import check
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.language.load_spec import load_spec
-
-STRING = "std_msgs/msg/String"
-START_NS = 1_700_000_000_000_000_000
 
 
 def findings(text: str, *, file: str = "spec.r2b.yaml", offline: bool = False) -> list[Diagnostic]:
@@ -27,12 +22,7 @@ def codes(text: str, *, file: str = "spec.r2b.yaml", offline: bool = False) -> l
 
 
 def write_bag(folder: Path, times_ns: dict[str, Iterable[int]]) -> Path:
-    """A bag of strings, recorded at the given ns after START_NS."""
-    typestore = get_typestore(Stores.ROS2_JAZZY)
-    data = bytes(typestore.serialize_cdr(typestore.types[STRING](data="x"), STRING))
-    with Writer(folder, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
-        for topic, times in times_ns.items():
-            connection = writer.add_connection(topic, STRING, typestore=typestore)
-            for time_ns in times:
-                writer.write(connection, START_NS + time_ns, data)
-    return folder
+    """A bag of strings, recorded at these times."""
+    words = data_bags.text("x")
+    messages = [(topic, time_ns, words) for topic, times in times_ns.items() for time_ns in times]
+    return data_bags.write_bag(folder, messages, storage="mcap", topics=times_ns)

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from check_specs import STRING, codes, findings, write_bag
+from check_specs import codes, findings, write_bag
 
+from data_bags import STRING
 from example_spec import example
 from r2bspec.check.check_context import Context
 from r2bspec.check.rules.bags import serialization_not_cdr

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from check_specs import codes, findings
 
+from ament_packages import install_package
 from example_spec import example
 from r2bspec.check import check
 from r2bspec.diagnostics import Certainty, Diagnostic
@@ -32,13 +33,8 @@ def node(text: str) -> str:
 @pytest.fixture
 def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with an ament package, a Python package, and programs; the current folder."""
-    index = tmp_path / "ros" / "share/ament_index/resource_index/packages"
-    index.mkdir(parents=True)
-    (index / "detectors").touch()
-    programs = tmp_path / "ros" / "lib" / "detectors"
-    programs.mkdir(parents=True)
-    (programs / "detector_node").touch(mode=0o755)
-    (programs / "notes.txt").touch(mode=0o644)
+    install_package(tmp_path / "ros", "detectors", programs=["detector_node"])
+    (tmp_path / "ros/lib/detectors/notes.txt").touch(mode=0o644)
     package = tmp_path / "site" / "r2b_test_nodes"
     package.mkdir(parents=True)
     (package / "__init__.py").write_text("raise SystemExit('imported')\n", encoding="utf-8")
@@ -243,6 +239,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (ros / package).mkdir(parents=True)
     for package in ("rclpy", "sensor_msgs", "std_msgs"):
         (ros / package / "__init__.py").write_text("raise SystemExit('imported')\n")
+        monkeypatch.delitem(sys.modules, package, raising=False)
     messages = "from sensor_msgs.msg._image import Image\n"
     (ros / "sensor_msgs/msg/__init__.py").write_text(messages)
     monkeypatch.syspath_prepend(str(ros))

@@ -7,10 +7,12 @@ from pathlib import Path
 import pytest
 from check_specs import codes, findings, write_bag
 
+from ament_packages import install_package
 from example_spec import example
 from r2bspec.check.check_context import cached_index
 from r2bspec.datasets.catalogue import locate as locate_bag
 from r2bspec.diagnostics import Certainty
+from r2bspec.plan.launch_programs import launch_programs
 
 
 def relay(fields: str, **sections: str) -> str:
@@ -46,12 +48,6 @@ def test_parameter_files(content: str | None, expected: list[str], spec_file: st
     assert codes(relay("parameters: [./p.yaml, {seed: 3}]"), file=spec_file) == [
         code for code in expected if code not in {"R2B212", "R2B213"}
     ], "the later value counts"
-
-
-def test_a_file_for_a_node_without_namespace_is_explained(spec_file: str) -> None:
-    Path(spec_file).with_name("p.yaml").write_text("relay: {ros__parameters: {}}", encoding="utf-8")
-    (found,) = findings(relay("parameters: ./p.yaml"), file=spec_file)
-    assert "write '/r2b/relay', or '/**' for any node" in found.help
 
 
 def test_parameters_in_a_list_are_pointed_into(spec_file: str) -> None:
@@ -95,11 +91,7 @@ def test_a_component_that_a_well_known_package_does_not_have(spec_file: str) -> 
 def test_the_components_of_an_installed_package_are_known(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spec_file: str
 ) -> None:
-    index = tmp_path / "share/ament_index/resource_index"
-    for folder in ("packages", "rclcpp_components"):
-        (index / folder).mkdir(parents=True)
-    (index / "packages/mine").touch()
-    (index / "rclcpp_components/mine").write_text("mine::Blur;lib/libmine.so\n")
+    install_package(tmp_path, "mine", rclcpp_components="mine::Blur;lib/libmine.so\n")
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
     graph = "nodes: {{r: {{package: mine, plugin: 'mine::{}'}}}}"
 
@@ -112,26 +104,86 @@ def test_the_components_of_an_installed_package_are_known(
 
 
 @pytest.mark.parametrize(
+    ("key", "advice"),
+    [
+        ("relay", "write 'namespace: /' in the spec, or in the file '/r2b/relay', or '/**'"),
+        ("filter", "or name the node 'filter', and write 'namespace: /' in the spec"),
+        ("/left/relay2", "it has parameters of '/left/relay2'; '/**' matches any node"),
+    ],
+)
+def test_a_file_of_a_deployed_node_says_how_the_node_is_named(
+    key: str, advice: str, spec_file: str
+) -> None:
+    text = f"{key}: {{ros__parameters: {{seed: 1}}}}"
+    Path(spec_file).with_name("p.yaml").write_text(text, encoding="utf-8")
+    (found,) = findings(relay("parameters: ./p.yaml"), file=spec_file)
+    assert advice in found.help
+
+
+def test_a_file_of_several_nodes_may_have_nothing_for_one_of_them(spec_file: str) -> None:
+    text = "/r2b/second: {ros__parameters: {seed: 1}}"
+    Path(spec_file).with_name("p.yaml").write_text(text, encoding="utf-8")
+    second = (
+        "second: {python: r2bspec.nodes.RelayNode, parameters: ./p.yaml, "
+        "remappings: {input: output, output: other}}"
+    )
+    both = relay("parameters: ./p.yaml").replace("relay: {", f"{second}, relay: {{", 1)
+    found = [each for each in findings(both, file=spec_file) if each.code == "R2B618"]
+    assert [each.severity for each in found] == ["warning"]
+
+
+LAUNCH_FILES = {
+    "py": """
+from launch import LaunchDescription
+from launch_ros.actions import ComposableNodeContainer, Node
+
+def generate_launch_description():
+    return LaunchDescription([
+        Node(package="nav", executable="talker", name="first"),
+        ComposableNodeContainer(
+            package="rclcpp_components", executable="component_container", name="second"),
+    ])
+""",
+    "xml": """
+<launch>
+  <node pkg="nav" exec="talker" name="first"><param name="secnd" value="1"/></node>
+  <node_container pkg="rclcpp_components" exec="component_container" name="second"/>
+</launch>
+""",
+    "yaml": """
+launch:
+- node: {pkg: nav, exec: talker, name: first, param: [{name: secnd, value: 1}]}
+- group:
+  - node_container: {pkg: rclcpp_components, exec: component_container, name: second}
+""",
+}
+
+
+@pytest.mark.parametrize(
     ("player", "monitor", "expected"),
     [
         ("nav/first", "nav/first", ""),
         ("nav/first", "nav/second", "'nav/second' and 'nav/first' are two programs of 'nav'"),
         ("nav/first", "nav", ""),
-        ("nav", "relay/x", "'relay' is one program, and has no 'x'"),
+        ("nav/first", "nav/talker", "'nav/talker' and 'nav/first' are two programs of 'nav'"),
+        ("nav/first", "relay/x", "'relay' is one program, and has no 'x'"),
+        ("nav/first", "nav/secnd", "the launch file of nav starts no 'secnd'"),
+        ("relay", "nav", "the launch file of nav starts 2 programs, and which of them gets mon"),
     ],
 )
+@pytest.mark.parametrize("kind", LAUNCH_FILES)
 def test_one_program_of_a_launch_file_can_have_parts_of_the_harness(
-    player: str, monitor: str, expected: str, spec_file: str
+    player: str, monitor: str, expected: str, kind: str, spec_file: str
 ) -> None:
     folder = Path(spec_file).parent
-    folder.joinpath("nav.launch.py").touch()
+    folder.joinpath(f"nav.launch.{kind}").write_text(LAUNCH_FILES[kind])
     image = "sensor_msgs/msg/Image"
     text = example(
         harness=f"{{placement: graph, in: {player}}}",
         graph=f"""
         nodes:
           nav:
-            launch: {{path: ./nav.launch.py}}
+            launch: {{path: ./nav.launch.{kind}}}
             subscribes: {{image: {image}}}
             publishes: {{output: {image}}}
           relay: {{python: r2bspec.nodes.RelayNode, remappings: {{input: output, output: end}}}}
@@ -141,6 +193,62 @@ def test_one_program_of_a_launch_file_can_have_parts_of_the_harness(
     found = [each for each in findings(text, file=spec_file) if each.code == "R2B672"]
     assert len(found) == bool(expected)
     assert all(each.message.startswith(expected) for each in found)
+
+
+@pytest.mark.parametrize(
+    ("kind", "text"),
+    [
+        ("xml", "<launch><include file='$(dirname)/other.launch.xml'/></launch>"),
+        ("xml", "<launch><node pkg='nav' exec='$(var which)' name='first'/></launch>"),
+        ("xml", "<!DOCTYPE launch><launch/>"),
+        ("yaml", "launch: [{executable: {cmd: ./secnd}}]"),
+        ("py", "from launch_ros.actions import Node\nNode(executable='a', **more())"),
+        ("py", "from launch_ros.actions import Node\nmap(Node, ())"),
+        (
+            "py",
+            "from launch_ros.actions import Node\n"  # noqa: ISC004
+            "Node(executable='a', ros_arguments=['-r', '__node:=b'])",
+        ),
+        ("xml", "<launch><node pkg='nav' exec='a' args='--ros-args -r __name:=b'/></launch>"),
+        ("py", "from launch_ros.actions import *\nNode(executable='a')"),
+        ("py", "from bringup import nodes\nnodes()"),
+        ("py", "from launch.actions import OpaqueFunction\nOpaqueFunction(function=print)"),
+        ("py", "("),
+    ],
+)
+def test_programs_that_the_text_does_not_say_are_found_at_the_start(
+    kind: str, text: str, tmp_path: Path
+) -> None:
+    file = tmp_path / f"nav.launch.{kind}"
+    file.write_text(text)
+    assert launch_programs(file, tmp_path) is None
+    file.write_text(LAUNCH_FILES[kind])
+    assert launch_programs(file, tmp_path) is not None
+    assert launch_programs(file, tmp_path / "elsewhere") is None
+
+
+@pytest.mark.parametrize(
+    ("topic", "env", "placement", "expected"),
+    [
+        ("/hawk_0_left_rgb_image", "{}", "graph", {"R2B418"}),
+        ("/hawk_0_left_rgb_image", "{MALLOC_TRIM_THRESHOLD_: '1073741824'}", "graph", set()),
+        ("/hawk_0_left_rgb_image", "{}", "separate", set()),
+        ("/d455_1_rgb_image", "{}", "graph", set()),
+        ("/d455_1_rgb_image", "{}", "separate", {"R2B673"}),
+    ],
+)
+def test_placement_of_the_harness_is_advised_by_node_kind_and_size(
+    topic: str, env: str, placement: str, expected: set[str]
+) -> None:
+    text = example(
+        harness=f"{{placement: {placement}}}",
+        containers=f"{{vision: {{executable: python, env: {env}}}}}",
+        data_loader=f"{{bag: r2b_storage, topics: {{{topic}: image_raw}}}}",
+        graph="nodes: {relay: {python: r2bspec.nodes.RelayNode, container: vision, "
+        "remappings: {input: image}}, second: {python: r2bspec.nodes.RelayNode, "
+        "container: vision, remappings: {input: output, output: other}}}",
+    )
+    assert {code for code in codes(text) if code in {"R2B418", "R2B673"}} == expected
 
 
 LIFECYCLE_SOURCE = """
@@ -198,12 +306,8 @@ def test_more_shared_memory_than_there_is(spec_file: str, monkeypatch: pytest.Mo
 def test_a_launch_file_of_a_package_is_looked_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spec_file: str
 ) -> None:
-    share = tmp_path / "ros" / "share"
-    (share / "ament_index/resource_index/packages").mkdir(parents=True)
-    (share / "ament_index/resource_index/packages/cameras").touch()
-    (share / "cameras/launch").mkdir(parents=True)
-    (share / "cameras/launch/camera.launch.py").touch()
-    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "ros"))
+    install_package(tmp_path, "cameras", {"launch/camera.launch.py": ""})
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
 
     def said(file: str) -> list[str]:
         graph = f"""
@@ -263,6 +367,38 @@ benchmark: {benchmark}
 slos: {{steady: {{require: [latency.p50 < 1 s]}}}}
 """
     assert codes(text, file=spec_file) == []
+
+
+@pytest.mark.parametrize(
+    ("reaction", "said"),
+    [
+        ("when: height > 0, from: width > 9, input: image", ""),
+        ("when: height > 0, input: image", ""),
+        ("when: height > 0, from: depth > 9, input: image", "has no field 'depth'"),
+        ("when: height > 0, from: width > 9", "'input' has to name its topic"),
+        ("when: height > 0, input: imag", "no monitor sees 'imag'"),
+    ],
+)
+def test_a_live_graph_reacts_to_what_another_monitor_sees(
+    reaction: str, said: str, spec_file: str
+) -> None:
+    text = f"""
+r2bspec: 1
+name: live
+playback: {{mode: live}}
+graph:
+  nodes:
+    driver: {{command: [sh], publishes: {{image: sensor_msgs/msg/Image}}}}
+    relay: {{python: r2bspec.nodes.RelayNode, remappings: {{input: image}}}}
+monitors:
+  seen: {{topic: image, format: sensor_msgs/msg/Image}}
+  out: {{topic: output, format: sensor_msgs/msg/Image, reaction: {{{reaction}}}}}
+benchmark: {{duration: 5 s}}
+slos: {{quick: {{require: [out.reaction.p50 < 1 s, out.missed == 0]}}}}
+"""
+    found = findings(text, file=spec_file)
+    assert [each.code for each in found] == (["R2B417"] if said else [])
+    assert all(said in each.message for each in found)
 
 
 @pytest.mark.parametrize(

@@ -94,6 +94,11 @@ def test_nothing_is_overwritten(call: Call) -> None:
         ),
         (["camera", "--node", "./gone.py:Gone"], "gone.py does not exist"),
         (["camera", "--node", "./here.py:Gone"], "has no class or function 'Gone'"),
+        (["camera", "--params-file", "here.py"], "--params-file needs --node"),
+        (
+            ["camera", "--node", "./here.py:Here", "--params-file", "gone.yaml"],
+            "gone.yaml does not exist",
+        ),
     ],
 )
 def test_wrong_usage_writes_nothing(arguments: list[str], said: str, call: Call) -> None:
@@ -125,6 +130,13 @@ def test_the_list_says_what_each_is_for(call: Call) -> None:
 )
 def test_a_node_has_the_key_of_its_class(target: str, key: str) -> None:
     assert node_key(target) == key
+
+
+@pytest.mark.parametrize(
+    ("name", "key"), [("Left_Eye", "Left_Eye"), ("player", "eye"), ("a b", "eye"), ("", "eye")]
+)
+def test_a_node_has_the_name_that_its_source_gives_it(name: str, key: str) -> None:
+    assert node_key("./eye.py:main", name) == key
 
 
 def test_the_node_under_test_can_be_named() -> None:

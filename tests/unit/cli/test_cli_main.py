@@ -224,6 +224,66 @@ def test_a_stream_that_is_closed_changes_no_status(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_reader_that_ends_is_no_error_of_the_input(unbuffered: str) -> None:
+    asked = [sys.executable, "-m", "r2bspec", "schema"]
+    with subprocess.Popen(
+        asked,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=os.environ | {"PYTHONUNBUFFERED": unbuffered},
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == b""
+    assert process.returncode == ExitStatus.OUTPUT_CLOSED
+
+
+def test_a_pipe_that_does_not_wait_loses_nothing() -> None:
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    asked = [sys.executable, "-m", "r2bspec", "schema"]
+    with subprocess.Popen(
+        asked, stdout=writing, env=os.environ | {"PYTHONUNBUFFERED": "1"}
+    ) as process:
+        os.close(writing)
+        with open(reading, encoding="utf-8") as output:  # noqa: PTH123
+            text = output.read()
+    assert process.returncode == 0
+    assert msgspec.json.decode(text)["$schema"]
+
+
+@pytest.mark.parametrize(
+    "words", [("validate", ""), ("plan", "a.r2b.yaml", "-o", ""), ("init", "--from-bag", "")]
+)
+def test_an_empty_argument_is_refused(words: tuple[str, ...], call: Call) -> None:
+    assert "is empty" in call(*words, status=2).err
+
+
+@pytest.mark.parametrize(
+    ("asked", "number"), [("nope", "1"), ("bash_nope", "1"), ("bash_complete", "x")]
+)
+def test_a_completion_that_no_shell_asks_for_is_refused(
+    asked: str, number: str, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("_R2BSPEC_COMPLETE", asked)
+    monkeypatch.setenv("COMP_CWORD", number)
+    assert "R2B601" in call("explain", status=2).err
+
+
+@pytest.mark.parametrize("limit", ["FOLDERS", "ENTRIES"])
+@pytest.mark.parametrize("verb", ["validate", "run"])
+@pytest.mark.parametrize("pattern", ["", "/**", "/**/**/x", "/*/*.r2b.yaml"])
+def test_a_search_for_specs_ends(
+    limit: str, verb: str, pattern: str, tmp_path: Path, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(f"r2bspec.safe_io.file_search.MAX_SEARCHED_{limit}", 3)
+    for name in ("a", "b", "c", "d"):
+        (tmp_path / name).mkdir()
+    assert "too many to search" in call(verb, f"{tmp_path}{pattern}", status=2).err
+
+
 # Options take quantities of the language; a bare number is answered with its unit.
 
 

@@ -337,7 +337,8 @@ def test_an_output_without_room_is_no_internal_error() -> None:
             text=True,
             check=False,
         )
-    (line,) = done.stderr.splitlines()
+    line, way_out = done.stderr.splitlines()
     assert line.startswith("error[R2B651 ")
     assert line.endswith("the output cannot be written: No space left on device")
+    assert way_out.startswith("  help: ")
     assert done.returncode == ExitStatus.USAGE

@@ -21,7 +21,7 @@ from r2bspec.compare.base_environment import (
 )
 from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
 from r2bspec.execute.processes.environment import applied_environment
-from r2bspec.execute.progress import NullProgress
+from r2bspec.execute.progress import Progress
 from r2bspec.language.quantities import Duration
 from r2bspec.language.spec import GateBase
 from r2bspec.plan.this_machine import find_module
@@ -148,17 +148,17 @@ class TestBuilds:
         script = "mkdir install && echo 'export PYTHONPATH=/built:$PYTHONPATH' > install/setup.bash"
         settings = GateBase(build=(("sh", "-c", script),), setup="install/setup.bash")
         builds = BaseBuilds(tree)
-        found = builds.environment(settings, NullProgress())
+        found = builds.environment(settings, Progress())
         assert found["PYTHONPATH"].startswith("/built:")
         # A second spec with the same settings builds nothing again: mkdir would fail.
-        assert builds.environment(settings, NullProgress()) is found
+        assert builds.environment(settings, Progress()) is found
 
     def test_a_build_sees_no_search_path_of_the_head(
         self, tree: BaseTree, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setenv("PYTHONPATH", str(tree.head_top / "src/pkg"))
         command = ("python3", "-c", "import pkg; print(pkg.__file__, file=open('seen', 'w'))")
-        BaseBuilds(tree).environment(GateBase(build=(command,)), NullProgress())
+        BaseBuilds(tree).environment(GateBase(build=(command,)), Progress())
         seen = (tree.top / "seen").read_text().strip()
         assert seen == str(tree.top / "src/pkg/pkg/__init__.py")
 
@@ -172,18 +172,18 @@ class TestBuilds:
     def test_a_setup_can_be_a_variable(
         self, tree: BaseTree, setup: str, variable: str, value: str
     ) -> None:
-        found = BaseBuilds(tree).environment(GateBase(setup=setup), NullProgress())
+        found = BaseBuilds(tree).environment(GateBase(setup=setup), Progress())
         assert found[variable] == value.format(top=tree.top)
 
     def test_a_build_that_fails_says_how_and_names_the_way_out(self, tree: BaseTree) -> None:
         command = ("sh", "-c", "echo first; echo 'x.cpp:3: error' >&2; exit 3")
         with pytest.raises(BaseBuildError, match=r"(?s)ended with 3.*x\.cpp:3: error") as caught:
-            BaseBuilds(tree).environment(GateBase(build=(command,)), NullProgress())
+            BaseBuilds(tree).environment(GateBase(build=(command,)), Progress())
         assert "--allow base" in caught.value.hint
 
     def test_a_program_that_is_missing(self, tree: BaseTree) -> None:
         with pytest.raises(BaseBuildError, match="cannot be started"):
-            BaseBuilds(tree).environment(GateBase(build=(("no-such",),)), NullProgress())
+            BaseBuilds(tree).environment(GateBase(build=(("no-such",),)), Progress())
 
     def test_a_build_that_takes_too_long_is_ended_with_all_its_processes(
         self, tree: BaseTree
@@ -191,7 +191,7 @@ class TestBuilds:
         command = ("sh", "-c", "sleep 600 & echo $! > child; wait")
         settings = GateBase(build=(command,), timeout=Duration(2_000_000_000))
         with pytest.raises(BaseBuildError, match="did not end within 2 s"):
-            BaseBuilds(tree).environment(settings, NullProgress())
+            BaseBuilds(tree).environment(settings, Progress())
         child = (tree.top / "child").read_text().strip()
         state = subprocess.run(
             ["ps", "-o", "stat=", "-p", child],  # noqa: S607

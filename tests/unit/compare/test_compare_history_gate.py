@@ -9,11 +9,14 @@ import msgspec
 import pytest
 
 from pair_simulation import latencies
+from r2bspec.compare.comparison import compare, read_compared_result
 from r2bspec.compare.errors import IncomparableError
 from r2bspec.compare.history import open_history
 from r2bspec.compare.history_gate import (
+    add_to_history,
     baseline_from_history,
     baseline_from_stored_run,
+    grown_since,
     history_entry,
     run_with_baseline,
     write_baseline,
@@ -24,10 +27,12 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import InconclusivePolicy
 from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import GatePlan, Plan
-from r2bspec.record.run_folder import RunFolder, open_run
+from r2bspec.record.baseline_file import BaselineRecord
+from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.report.format_registry import renderer
 from r2bspec.report.terminal import to_text
 from run_simulation import Played, Simulation, objective
+from simulated_anatomies import CHAIN, ObservedSimulation
 
 NO_REGRESSION = {"no_regression": objective("latency.p50 <= 110 % of baseline")}
 LEVELS = [0.020, 0.0204, 0.0197, 0.0201, 0.0199, 0.0202]
@@ -238,3 +243,44 @@ def test_accuracy_is_left_out_of_a_history(tmp_path: Path) -> None:
     assert entry.run_id == run.record.run_id
     assert "accuracy" not in str(entry)
     assert "latency.p90" in str(entry)
+
+
+class ObservedInEveryIteration(ObservedSimulation):
+    """A run of a benchmark with ``anatomy: true``."""
+
+    def plan(self) -> Plan:
+        """See `Simulation.plan`."""
+        return msgspec.structs.replace(super().plan(), anatomy=True)
+
+
+def observed_run(path: Path, service_s: float, seed: int) -> Run:
+    graph = replace(CHAIN.with_stage("blur", service_s=service_s), seed=seed)
+    run = ObservedInEveryIteration.of(graph).write(path)
+    RunFolder(path).write_record(msgspec.structs.replace(run.record, run_id=path.name))
+    return open_run(path)
+
+
+def test_the_part_that_grew_since_a_stored_run_is_named(tmp_path: Path) -> None:
+    base = observed_run(tmp_path / "base", 0.004, 0)
+    head = observed_run(tmp_path / "head", 0.0048, 1)
+    stored = BaselineRecord(kind="stored", source=str(base.folder), run_ids=("base",), series=())
+    (grown,) = grown_since(stored, head)
+    assert grown.startswith("blur: callback +7")
+    assert grown_since(stored, base) == ()
+    sides = [read_compared_result(run.folder) for run in (base, head)]
+    assert f"grown: {grown}" in compare(sides[0], sides[1], margin=0.05, force=True).differences
+    assert grown_since(msgspec.structs.replace(stored, source="/nothing"), head) == ()
+    write_baseline(head.folder, msgspec.structs.replace(stored, grown=(grown,)))
+    assert result_of(head).grown == (grown,)
+
+
+def test_the_part_that_grew_since_a_history_is_named(tmp_path: Path) -> None:
+    history = tmp_path / "history.sqlite"
+    for number in range(4):
+        run = observed_run(tmp_path / f"run-{number}", 0.004, number)
+        add_to_history(history, run, result_of(run))
+    slow = observed_run(tmp_path / "slow", 0.0048, 5)
+    grown = grown_since(baseline_from_history(history, slow), slow)
+    assert grown[0].startswith("blur: callback +7")
+    same = observed_run(tmp_path / "same", 0.004, 6)
+    assert grown_since(baseline_from_history(history, same), same) == ()

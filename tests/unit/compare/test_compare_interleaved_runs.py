@@ -18,7 +18,7 @@ from r2bspec.compare.interleaved_comparison import BaseFailsError, ComparisonSid
 from r2bspec.compare.interleaved_runs import compare
 from r2bspec.errors import ExitStatus
 from r2bspec.execute.errors import NotReadyError, ProcessDiedError, RunError, UnwritableRunError
-from r2bspec.execute.progress import NullProgress
+from r2bspec.execute.progress import Progress
 from r2bspec.plan.plan import Plan
 from r2bspec.record import run_folder, sample_arrays
 from r2bspec.record.comparison_folder import PairedComparison, open_comparison
@@ -130,7 +130,7 @@ def test_on_a_host_that_is_always_busy_two_pairs_are_played_again_and_no_more(ho
     assert any("the machine is always busy" in note for note in pairs.notes)
 
 
-class Notes(NullProgress):
+class Notes(Progress):
     """What is said while a comparison is made."""
 
     def __init__(self) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,11 @@ import pytest
 from r2bspec.cli.main import main
 from r2bspec.compare.proposals import Proposal, prediction_bound, propose_objectives
 from r2bspec.judge.judge_run import result_of
+from r2bspec.judge.measure.metric_catalogue import Subjects
+from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.result import Result
 from r2bspec.language.load_spec import load_spec
+from r2bspec.language.spec import Objective
 from r2bspec.record.calibration_file import Calibration, MetricNoise
 from r2bspec.record.run_folder import Run
 from run_simulation import Played, Simulation
@@ -160,3 +166,39 @@ def test_the_bound_covers_the_next_value() -> None:
         assert bound is not None
         covered += bool(values[10] <= bound)
     assert covered / 2000 > 0.94
+
+
+def test_nodes_that_were_observed_get_limits_of_their_callbacks_and_loads(tmp_path: Path) -> None:
+    run = run_of(tmp_path)
+    samples = read_samples(run)
+    random = np.random.default_rng(3)
+    observed = [
+        {
+            "relay.callback": 0.004 * np.exp(random.normal(0, 0.1, 300)),
+            "relay.wait": np.full(300, 0.001),
+            "relay.load": np.full(20, 0.12 * math.exp(random.normal(0, 0.05))),
+        }
+        for _ in samples.iterations[30]
+    ]
+    played = tuple(
+        replace(one, anatomy=seen)
+        for one, seen in zip(samples.iterations[30], observed, strict=True)
+    )
+    samples = replace(samples, iterations={30: played}, subjects=Subjects(nodes=("relay",)))
+    text = SPEC.replace("iterations: 10", "iterations: 10, anatomy: true")
+    loaded = load_spec(text, file="simulated.r2b.yaml")
+
+    def judged(slos: Mapping[str, Objective] | None) -> Result:
+        return result_of(run, slos, "x", None, samples)
+
+    found = propose_objectives(loaded, text, judged(None), judged)
+    (texts,) = found.added.values()
+    callback, load = texts[-2:]
+    assert callback.startswith("relay.callback.p9")
+    assert load.startswith("relay.load < 1")
+    assert load_spec(found.text, file="simulated.r2b.yaml").spec is not None
+    stated = text + f"slos: {{parts: {{at: 30 Hz, require: [{callback}, {load}]}}}}\n"
+    again = propose_objectives(
+        load_spec(stated, file="simulated.r2b.yaml"), stated, judged(None), judged
+    )
+    assert not any("relay" in each for texts in again.added.values() for each in texts)

@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from data_bags import decoded, pixels, stamp_ns, truth_of
+from nightly import size
 from r2bspec.bags.recording import SyntheticDataset
 from r2bspec.datasets import rig
 from r2bspec.datasets.cameras import (
@@ -61,7 +62,7 @@ def rectified(made: SyntheticDataset, topic: str, image: NDArray[np.uint8]) -> N
     return np.asarray(cv2.undistort(image, matrix, np.array(camera.distortion)))
 
 
-@pytest.mark.parametrize("pair", ["d455_1_ir", "hawk_0"])
+@pytest.mark.parametrize("pair", ["hawk_0", "d455_1_ir"][: size(1, 2)])
 def test_the_right_image_shows_the_left_one_shifted_by_the_disparity(
     storage_room: SyntheticDataset, pair: str
 ) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import json as standard_json
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -22,17 +21,23 @@ from r2bspec.report.findings_text import MAX_WIDTH, code_with_slug, excerpt, ren
 
 
 SOURCES = {"a.yaml": "name: x\nrate: 30\n"}
-FOUND = Diagnostic(
-    "R2B109",
-    Severity.ERROR,
-    "30 has no unit",
-    Span("a.yaml", 2, 7, 2, 9),
-    path=("rates", 0),
-    help="write 30 Hz",
-    related=(Related("said here", Span("a.yaml", 1, 1, 1, 5)),),
-    edit=Edit(Span("a.yaml", 2, 7, 2, 9), "30 Hz"),
-    certainty=Certainty.ENVIRONMENT,
-)
+
+
+def missing_unit(file: str, line: int = 2) -> Diagnostic:
+    return Diagnostic(
+        "R2B109",
+        Severity.ERROR,
+        "30 has no unit",
+        Span(file, line, 7, line, 9),
+        path=("rates", 0),
+        help="write 30 Hz",
+        related=(Related("said here", Span(file, 1, 1, 1, 5)),),
+        edit=Edit(Span(file, line, 7, line, 9), "30 Hz"),
+        certainty=Certainty.ENVIRONMENT,
+    )
+
+
+FOUND = missing_unit("a.yaml")
 
 
 def test_text() -> None:
@@ -114,7 +119,7 @@ def test_a_line_that_is_not_there() -> None:
 
 
 def test_json() -> None:
-    report = standard_json.loads(render("json", [FOUND], SOURCES))
+    report = json.loads(render("json", [FOUND], SOURCES))
     assert (report["version"], report["errors"], report["warnings"]) == (1, 1, 0)
     (finding,) = report["findings"]
     assert (finding["code"], finding["slug"]) == ("R2B109", "missing-unit")
@@ -199,17 +204,7 @@ def test_characters_that_xml_forbids_are_replaced() -> None:
 GOLDEN = Path(__file__).parents[2] / "golden"
 BROKEN = sorted([*(GOLDEN / "language").glob("*.yaml"), *(GOLDEN / "check").glob("*.yaml")])
 
-MISSING_UNIT = Diagnostic(
-    "R2B109",
-    Severity.ERROR,
-    "30 has no unit",
-    Span("a b.yaml", 2, 7, 2, 9),
-    path=("rates", 0),
-    help="write 30 Hz",
-    related=(Related("said here", Span("a b.yaml", 1, 1, 1, 5)),),
-    edit=Edit(Span("a b.yaml", 2, 7, 2, 9), "30 Hz"),
-    certainty=Certainty.ENVIRONMENT,
-)
+MISSING_UNIT = missing_unit("a b.yaml")
 
 
 def log_of(*found: Diagnostic, names: tuple[str, ...] = ()) -> dict[str, Any]:
@@ -281,13 +276,7 @@ def test_a_result() -> None:
 
 
 def test_a_fingerprint_does_not_change_with_the_line() -> None:
-    lower = Diagnostic(
-        MISSING_UNIT.code,
-        MISSING_UNIT.severity,
-        MISSING_UNIT.message,
-        Span("a b.yaml", 9, 7, 9, 9),
-        path=MISSING_UNIT.path,
-    )
+    lower = missing_unit("a b.yaml", 9)
     first, second = log_of(MISSING_UNIT, lower)["runs"][0]["results"]
     assert first["partialFingerprints"] == second["partialFingerprints"]
 

@@ -11,10 +11,11 @@ from r2bspec.bags.integrity import hash_files
 from r2bspec.bags.recording import DataError
 from r2bspec.execute.errors import DatasetMismatchError
 from r2bspec.execute.fill_buffers import buffer_bags, obtain_dataset
-from r2bspec.execute.progress import NullProgress
+from r2bspec.execute.progress import Progress
 from r2bspec.ipc.buffers import buffered_transforms, read_index, read_messages, read_stamps
 from r2bspec.plan.plan import BagTopicPlan, DatasetPlan
 from ros_runs import IMAGE, START_NS, STRING, image, text, write_bag
+from service_events import ADD_EVENTS, ADD_TYPE, ANSWERED, RECEIVED, SENT, event, write_events
 from transform_bags import read_transforms, write_transform_bag
 
 MS = 1_000_000
@@ -54,7 +55,7 @@ def buffers(tmp_path: Path) -> Path:
 
 def test_messages_are_buffered_as_they_were_recorded(bag: Path, buffers: Path) -> None:
     plan = dataset(topic("/left", "/r2b/image"), topic("/text", "/r2b/words", STRING))
-    assert buffer_bags([bag], [plan], buffers, NullProgress()) == {"/r2b/image": 4, "/r2b/words": 2}
+    assert buffer_bags([bag], [plan], buffers, Progress()) == {"/r2b/image": 4, "/r2b/words": 2}
     index = read_index(buffers, "/r2b/image")
     assert index.has_header
     assert index.stamps_ns == tuple(START_NS + ms * MS for ms in (0, 33, 66, 99))
@@ -63,7 +64,7 @@ def test_messages_are_buffered_as_they_were_recorded(bag: Path, buffers: Path) -
 
 
 def test_what_has_no_header_is_stamped_with_its_time_of_recording(bag: Path, buffers: Path) -> None:
-    buffer_bags([bag], [dataset(topic("/text", "/words", STRING))], buffers, NullProgress())
+    buffer_bags([bag], [dataset(topic("/text", "/words", STRING))], buffers, Progress())
     index = read_index(buffers, "/words")
     assert not index.has_header
     assert index.stamps_ns == (START_NS + 10 * MS, START_NS + 20 * MS)
@@ -72,7 +73,7 @@ def test_what_has_no_header_is_stamped_with_its_time_of_recording(bag: Path, buf
 
 def test_only_what_the_plan_names_in_the_window_is_buffered(bag: Path, buffers: Path) -> None:
     plan = dataset(topic("left", "/image"), start_ms=20, end_ms=70)
-    assert buffer_bags([bag], [plan], buffers, NullProgress()) == {"/image": 2}
+    assert buffer_bags([bag], [plan], buffers, Progress()) == {"/image": 2}
     assert read_index(buffers, "/image").stamps_ns == (START_NS + 33 * MS, START_NS + 66 * MS)
     assert sorted(each.name for each in buffers.iterdir()) == ["image.cdr", "image.json"]
 
@@ -83,7 +84,7 @@ def test_several_bags_share_one_clock(tmp_path: Path, bag: Path, buffers: Path) 
         dataset(topic("/left", "/left"), start_ms=30, end_ms=100),
         dataset(topic("/right", "/right"), start_ms=30, end_ms=100),
     ]
-    counts = buffer_bags([bag, later], plans, buffers, NullProgress())
+    counts = buffer_bags([bag, later], plans, buffers, Progress())
     assert counts == {"/left": 3, "/right": 2}
 
 
@@ -93,10 +94,39 @@ def test_messages_of_one_topic_in_several_bags_are_merged_by_time(
     parts = {"first": (0, 40, 80), "second": (20, 60, 100)}
     bags = [write_bag(tmp_path / name, {"/left": times}) for name, times in parts.items()]
     plans = [dataset(topic("/left", "/image")) for _ in bags]
-    assert buffer_bags(bags, plans, buffers, NullProgress()) == {"/image": 6}
+    assert buffer_bags(bags, plans, buffers, Progress()) == {"/image": 6}
     index = read_index(buffers, "/image")
     assert index.times_ns == tuple(START_NS + ms * MS for ms in (0, 20, 40, 60, 80, 100))
     assert index.stamps_ns == index.times_ns
+
+
+def test_of_the_events_of_a_service_the_requests_of_one_side_are_buffered(
+    tmp_path: Path, buffers: Path
+) -> None:
+    events = [
+        (0, event(SENT, request=b"sent 1")),
+        (1, event(RECEIVED, request=b"received 1")),
+        (2, event(ANSWERED, request=b"a response")),
+        # Of another client, which does not publish what it sends.
+        (11, event(RECEIVED, request=b"received 2", big_endian=True)),
+        (21, event(RECEIVED)),
+    ]
+    bag = write_events(tmp_path / "calls", events)
+    plan = dataset(topic(ADD_EVENTS, "/calls", ADD_TYPE))
+    assert buffer_bags([bag], [plan], buffers, Progress()) == {"/calls": 2}
+    index = read_index(buffers, "/calls")
+    assert index.times_ns == (START_NS + 1 * MS, START_NS + 11 * MS)
+    assert [data[48:] for data in read_messages(buffers, "/calls").values()] == [
+        b"received 1",
+        b"received 2",
+    ]
+    early = dataset(topic(ADD_EVENTS, "/calls", ADD_TYPE), end_ms=1)
+    buffer_bags([bag], [early], buffers, Progress())
+    assert read_index(buffers, "/calls").times_ns == (START_NS,)
+    none = dataset(topic(ADD_EVENTS, "/calls", ADD_TYPE), start_ms=20)
+    with pytest.raises(DataError, match="and no request") as refused:
+        buffer_bags([bag], [none], buffers, Progress())
+    assert refused.value.code == "R2B242"
 
 
 def test_transforms_are_buffered_where_they_are_asked_for(tmp_path: Path, buffers: Path) -> None:
@@ -105,7 +135,7 @@ def test_transforms_are_buffered_where_they_are_asked_for(tmp_path: Path, buffer
     )
     asked = dataset(topic("/camera", "/image"), start_ms=40)
     plan = msgspec.structs.replace(asked, publish_tf=True, publish_tf_static=True)
-    counts = buffer_bags([bag], [plan], buffers, NullProgress())
+    counts = buffer_bags([bag], [plan], buffers, Progress())
     assert counts == {"/image": 1, "/tf": 2, "/tf_static": 1}
     assert buffered_transforms(buffers) == ("/tf", "/tf_static")
     (static,) = read_messages(buffers, "/tf_static", {0}).values()
@@ -117,7 +147,7 @@ def test_what_only_ros_knows_to_have_a_header_is_left_open_until_it_says_so(
     bag: Path, buffers: Path
 ) -> None:
     plan = dataset(topic("/left", "/image", "own_msgs/msg/Picture"))
-    buffer_bags([bag], [plan], buffers, NullProgress())
+    buffer_bags([bag], [plan], buffers, Progress())
     index = read_index(buffers, "/image")
     assert index.has_header is None
     known = read_stamps(buffers, index)
@@ -131,9 +161,7 @@ def test_a_bag_is_found_beside_the_spec_and_hashed(
 ) -> None:
     digest = hash_files(bag)
     sha256 = "" if pinned is None else pinned + digest.removeprefix("sha256:")
-    found = obtain_dataset(
-        dataset(topic("/left", "/image"), sha256=sha256), tmp_path, NullProgress()
-    )
+    found = obtain_dataset(dataset(topic("/left", "/image"), sha256=sha256), tmp_path, Progress())
     assert found.path == bag
     assert found.provenance == {
         "source": "./bag",
@@ -147,8 +175,8 @@ def test_another_bag_than_the_one_that_was_pinned_or_none_is_refused(
     tmp_path: Path, bag: Path
 ) -> None:
     with pytest.raises(DatasetMismatchError, match="the hash of ./bag is") as raised:
-        obtain_dataset(dataset(topic("/left", "/image"), sha256="0" * 64), tmp_path, NullProgress())
+        obtain_dataset(dataset(topic("/left", "/image"), sha256="0" * 64), tmp_path, Progress())
     assert hash_files(bag) in str(raised.value)
     assert raised.value.exit_code == 2
     with pytest.raises(DataError, match="bag does not exist"):
-        obtain_dataset(dataset(topic("/left", "/image")), tmp_path / "other", NullProgress())
+        obtain_dataset(dataset(topic("/left", "/image")), tmp_path / "other", Progress())

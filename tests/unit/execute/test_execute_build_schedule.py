@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from r2bspec.execute.build_schedule import (
     align,
+    build_call_timeline,
     build_schedule,
     make_timeline,
     place_between,
@@ -21,8 +22,9 @@ from r2bspec.execute.build_schedule import (
 from r2bspec.execute.errors import RunError, UnpairedInputError
 from r2bspec.ipc.buffers import BufferIndex, write_index
 from r2bspec.ipc.schedule import NO_STEP, CyclicSchedule, TimelineSchedule
+from r2bspec.judge.measure.matching import input_mask
 from r2bspec.language.spec import QoS
-from r2bspec.plan.plan import BagTopicPlan, InputPlan, TimelinePlan
+from r2bspec.plan.plan import BagTopicPlan, CallPlan, InputPlan, TimelinePlan
 from run_simulation import Played, Simulation
 from schedule_events import played_events
 
@@ -35,12 +37,18 @@ def index(*times: int, stamps: tuple[int, ...] | None = None, header: bool = Tru
     """Messages recorded at times after the beginning; stamped then, unless it is said when."""
     times_ns = tuple(T + time_ for time_ in times)
     stamps_ns = times_ns if stamps is None else tuple(T + stamp for stamp in stamps)
+    return buffered("/topic", stamps_ns, times_ns, header=header)
+
+
+def buffered(
+    topic: str, stamps_ns: tuple[int, ...], times_ns: tuple[int, ...], *, header: bool = True
+) -> BufferIndex:
     return BufferIndex(
-        topic="/topic",
+        topic=topic,
         type="sensor_msgs/msg/Image",
         has_header=header,
         stamps_ns=stamps_ns,
-        sizes=(9,) * len(times),
+        sizes=(9,) * len(times_ns),
         times_ns=times_ns,
     )
 
@@ -229,14 +237,7 @@ def test_a_timeline_that_leaves_most_messages_out_is_refused(tmp_path: Path) -> 
 
 
 def recorded(topic: str, *stamps_ns: int, header: bool = True) -> BufferIndex:
-    return BufferIndex(
-        topic=topic,
-        type="sensor_msgs/msg/Image",
-        has_header=header,
-        stamps_ns=stamps_ns,
-        sizes=(100,) * len(stamps_ns),
-        times_ns=stamps_ns,
-    )
+    return buffered(topic, stamps_ns, stamps_ns, header=header)
 
 
 def test_a_message_that_is_missing_on_one_side_shifts_no_later_pair() -> None:
@@ -300,14 +301,7 @@ def test_all_inputs_of_a_step_have_one_stamp_and_the_rest_is_counted(
 
 
 def stamped(topic: str, *stamps_ns: int) -> BufferIndex:
-    return BufferIndex(
-        topic=topic,
-        type="sensor_msgs/msg/Imu",
-        has_header=True,
-        stamps_ns=stamps_ns,
-        sizes=(100,) * len(stamps_ns),
-        times_ns=tuple(stamp + 7 for stamp in stamps_ns),
-    )
+    return buffered(topic, stamps_ns, tuple(stamp + 7 for stamp in stamps_ns))
 
 
 CAMERA = stamped("/camera", 0, 100, 200)
@@ -341,3 +335,25 @@ def test_a_step_input_may_come_after_one_with_its_own_rate() -> None:
 def test_an_input_on_another_clock_is_refused() -> None:
     with pytest.raises(RunError, match="no message of /imu was recorded between the steps"):
         place_between(1, stamped("/imu", 5000, 6000), STEPS, [CAMERA])
+
+
+def test_each_recorded_request_is_a_step_of_its_call(tmp_path: Path) -> None:
+    calls = [
+        CallPlan(name=name, target=f"/{name}", type="x/srv/Y", request={}, source=source)
+        for name, source in (("add", "/a"), ("tick", msgspec.UNSET), ("plan", "/p"))
+    ]
+    for source, times in (("/a", (0, 100)), ("/p", (40,))):
+        found = msgspec.structs.replace(index(*times, header=False), topic=source)
+        write_index(tmp_path, found)
+    schedule = build_call_timeline(calls, PLAN, tmp_path)
+    assert [step.inputs for step in schedule.steps] == [0b01, 0b10, 0b01]
+    period = schedule.period_ns
+    assert [(m.offset_ns, m.input, m.position) for m in map(schedule.message_of, range(4))] == [
+        (0, 0, 0),
+        (40, 1, 0),
+        (100, 0, 1),
+        (period, 0, 0),
+    ]
+    # The answers to one call are expected of its steps, those to what has no recording of all.
+    for answers, expected in ((("plan",), 0b10), (("add",), 0b01), ((), 0)):
+        assert input_mask([call for call in calls if call.source], answers) == expected

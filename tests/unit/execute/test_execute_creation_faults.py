@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from ament_packages import install_package
 from plans import node_plan, process_plan
 from r2bspec.execute.bringup.creation_faults import not_created, not_loaded, not_made
 from r2bspec.execute.bringup.launcher import Launcher
@@ -24,12 +25,9 @@ THREW = "Component constructor threw an exception: "
 @pytest.fixture(autouse=True)
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A package with one component and one without any."""
-    index = tmp_path / "share/ament_index/resource_index"
-    for package in ("camera", "tools"):
-        (index / "packages").mkdir(parents=True, exist_ok=True)
-        (index / "packages" / package).touch()
-    (index / "rclcpp_components").mkdir()
-    (index / "rclcpp_components/camera").write_text("camera::RectifyNode;lib/libcamera.so\n")
+    components = "camera::RectifyNode;lib/libcamera.so\n"
+    install_package(tmp_path, "camera", rclcpp_components=components)
+    install_package(tmp_path, "tools")
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
 
 

@@ -121,7 +121,7 @@ class Run:
         )
 
     def _next_start(self) -> Any:
-        assert self.measurement._plan.starts > 1
+        assert self.measurement.plan.starts > 1
         self.starts.append(Played())
         return self.starts[-1]
 

@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from ament_packages import install_package
 from plans import process_plan
 from r2bspec.execute.errors import NotInstalledError, RunError, SharedMemoryError
 from r2bspec.execute.processes import prerequisites
@@ -34,22 +35,10 @@ def resolved(*argv: str) -> list[str]:
     return resolve_argv(process_plan("talker", argv=argv))
 
 
-def install(prefix: Path, package: str, *executables: str) -> Path:
-    """Install a package as ament does."""
-    index = prefix / "share/ament_index/resource_index/packages"
-    index.mkdir(parents=True, exist_ok=True)
-    (index / package).touch()
-    folder = prefix / "lib" / package
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in executables:
-        (folder / name).write_text("#!/bin/sh\n")
-        (folder / name).chmod(0o755)
-    return prefix
-
-
 @pytest.fixture
 def prefix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    found = install(tmp_path / "install", "demo_nodes_cpp", "talker", "listener")
+    programs = ["talker", "listener"]
+    found = install_package(tmp_path / "install", "demo_nodes_cpp", programs=programs)
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(found))
     return found
 
@@ -62,7 +51,7 @@ def test_an_executable_of_a_package_is_found(prefix: Path) -> None:
 def test_the_first_prefix_that_has_it_wins(
     tmp_path: Path, prefix: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    overlay = install(tmp_path / "overlay", "demo_nodes_cpp", "talker")
+    overlay = install_package(tmp_path / "overlay", "demo_nodes_cpp", programs=["talker"])
     monkeypatch.setenv("AMENT_PREFIX_PATH", f"{overlay}:{prefix}")
     assert find_executable("demo_nodes_cpp", "talker") == overlay / "lib/demo_nodes_cpp/talker"
     # The overlay has the package, too, but not this executable.

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from r2bspec.execute.errors import InterruptedRunError
-from r2bspec.execute.progress import NullProgress
+from r2bspec.execute.progress import Progress
 from r2bspec.execute.run_context import TimeBudget
 from r2bspec.execute.states import NEXT, Interrupts, PhaseClock, RunState, RunStates
 from r2bspec.record.run_record import PhaseTime, WaitTime
@@ -57,7 +57,7 @@ def test_every_state_can_be_reached_and_leads_to_the_end() -> None:
 
 
 def test_a_run_cannot_skip_a_state() -> None:
-    states = RunStates(NullProgress())
+    states = RunStates(Progress())
     states.enter(RunState.LOAD, "reading")
     with pytest.raises(RuntimeError, match="from 'load' to 'play'"):
         states.enter(RunState.PLAY, "playing")

@@ -87,10 +87,7 @@ class Stage:
         return self.children.start(name, role, argv, environment, cwd=self.folder, log=log, **more)
 
     def pump_until(self, condition: Callable[[], object]) -> None:
-        deadline = time.monotonic() + HANG_S
-        while not condition():
-            assert time.monotonic() < deadline, "what the test waits for did not happen"
-            self.children.pump()
+        assert self.children.pump_until(condition, HANG_S), "what is waited for did not happen"
 
     def pump_for_ever(self) -> None:
         self.pump_until(lambda: False)

@@ -97,6 +97,25 @@ def service(folder: Path, name: str, kind: type[Service] = Service) -> Service:
     return kind(HostFacts(name=name, r2bspec=__version__), store)
 
 
+def packing(folder: Path, packed: Packing) -> Answering:
+    """A host whose archives are made by `packed`."""
+    liar = service(folder, "liar", Liar)
+    assert isinstance(liar, Liar)
+    liar.packed = packed
+    return liar.answer
+
+
+def lying(folder: Path, method: str, value: Any) -> Answering:
+    """A host that is honest, but for its answers to one method."""
+    honest = service(folder, "liar")
+
+    def answer(request: bytes) -> bytes:
+        is_lie = read_request(request)[0] == method
+        return answer_of(request, value) if is_lie else honest.answer(request)
+
+    return answer
+
+
 class Suite:
     """A run that several hosts may make, one after the other."""
 
@@ -126,10 +145,10 @@ class Suite:
         return [(event.host, event.state) for event in read_journal(self.root) if event.state]
 
 
-def is_found_out(folder: Path, lying: Answering, match: str) -> None:
+def is_found_out(folder: Path, liar: Answering, match: str) -> None:
     """See that a lie is refused with the name of the host, and another host makes the run."""
     suite = Suite(folder)
-    (ended,) = suite.play({"liar": lying, "true": service(folder, "true").answer})
+    (ended,) = suite.play({"liar": liar, "true": service(folder, "true").answer})
     assert (ended.host, ended.error) == ("true", None)
     assert (ended.run.folder / "record.json").is_file()
     (note,) = suite.notes
@@ -143,7 +162,7 @@ def is_found_out(folder: Path, lying: Answering, match: str) -> None:
     # Where there is no other one, the run counts as not made, with the cause and a way out.
     (folder / "alone").mkdir()
     alone = Suite(folder / "alone", run=suite.run)
-    (ended,) = alone.play({"liar": lying})
+    (ended,) = alone.play({"liar": liar})
     assert ended.error is not None
     assert ended.error.code == "R2B686"
     assert match in str(ended.error)
@@ -186,13 +205,7 @@ def test_what_is_no_answer_is_refused(content: Any, tmp_path: Path) -> None:
     ],
 )
 def test_an_answer_of_another_type_is_refused(method: str, value: Any, tmp_path: Path) -> None:
-    honest = service(tmp_path, "liar")
-
-    def lying(request: bytes) -> bytes:
-        asked, _ = read_request(request)
-        return answer_of(request, value) if asked == method else honest.answer(request)
-
-    is_found_out(tmp_path, lying, "its answer is none")
+    is_found_out(tmp_path, lying(tmp_path, method, value), "its answer is none")
 
 
 def test_a_file_that_is_not_of_the_spec_is_not_sent(tmp_path: Path) -> None:
@@ -201,49 +214,38 @@ def test_a_file_that_is_not_of_the_spec_is_not_sent(tmp_path: Path) -> None:
 
 
 def test_a_result_without_a_run_is_refused(tmp_path: Path) -> None:
-    honest = service(tmp_path, "liar")
-
-    def lying(request: bytes) -> bytes:
-        is_play = read_request(request)[0] == "play"
-        return answer_of(request, RunEnded(outcome="pass")) if is_play else honest.answer(request)
-
-    is_found_out(tmp_path, lying, "nothing of the run")
+    played = RunEnded(outcome="pass")
+    is_found_out(tmp_path, lying(tmp_path, "play", played), "nothing of the run")
 
 
 @pytest.mark.parametrize("piece", [b"", b"x", bytes(5 << 20)])
 def test_pieces_of_another_length_are_refused(piece: bytes, tmp_path: Path) -> None:
-    honest = service(tmp_path, "liar")
-
-    def lying(request: bytes) -> bytes:
-        is_read = read_request(request)[0] == "read"
-        return answer_of(request, piece) if is_read else honest.answer(request)
-
-    is_found_out(tmp_path, lying, "does not hand out its run")
+    is_found_out(tmp_path, lying(tmp_path, "read", piece), "does not hand out its run")
 
 
 def test_a_digest_that_is_not_that_of_the_archive_is_refused(tmp_path: Path) -> None:
     honest = service(tmp_path, "liar")
 
-    def lying(request: bytes) -> bytes:
+    def altered(request: bytes) -> bytes:
         method, args = read_request(request)
         if method != "play":
             return honest.answer(request)
         played = msgspec.structs.replace(honest.play(*args), sha256="0" * 64)
         return answer_of(request, played)
 
-    is_found_out(tmp_path, lying, "did not arrive as the host liar sent it")
+    is_found_out(tmp_path, altered, "did not arrive as the host liar sent it")
 
 
 def test_more_than_the_disk_holds_is_not_fetched(tmp_path: Path) -> None:
-    honest = service(tmp_path, "liar")
+    played = RunEnded(outcome="pass", size=64 << 40, sha256="0" * 64)
+    liar = lying(tmp_path, "play", played)
     asked: list[str] = []
 
-    def lying(request: bytes) -> bytes:
+    def noting(request: bytes) -> Any:
         asked.append(read_request(request)[0])
-        played = RunEnded(outcome="pass", size=64 << 40, sha256="0" * 64)
-        return answer_of(request, played) if asked[-1] == "play" else honest.answer(request)
+        return liar(request)
 
-    is_found_out(tmp_path, lying, "too much for here")
+    is_found_out(tmp_path, noting, "too much for here")
     assert "read" not in asked
 
 
@@ -304,11 +306,8 @@ def test_archives_that_are_none_of_a_run_are_refused(
     what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(host_store, "MAX_BUNDLE_FILES", 50)
-    liar = service(tmp_path, "liar", Liar)
-    assert isinstance(liar, Liar)
-    liar.packed = ARCHIVES[what]
     before = set(tmp_path.parent.iterdir())
-    is_found_out(tmp_path, liar.answer, "")
+    is_found_out(tmp_path, packing(tmp_path, ARCHIVES[what]), "")
     assert set(tmp_path.parent.iterdir()) == before
     assert not Path("/tmp/evil").exists()  # noqa: S108
 
@@ -337,23 +336,18 @@ def forged(plan: str, run_id: str = "1") -> Packing:
     ("plan", "match"), [("{}", "is no run"), ("", "is no run"), ("other", "another benchmark")]
 )
 def test_a_run_of_another_benchmark_is_refused(plan: str, match: str, tmp_path: Path) -> None:
-    liar = service(tmp_path, "liar", Liar)
-    assert isinstance(liar, Liar)
     if plan == "other":
         (tmp_path / "other").mkdir()
         other = msgspec.structs.replace(run_of(tmp_path / "other").head.plan, title="other")
         plan = canonical_json(other).decode()
-    liar.packed = forged(plan)
-    is_found_out(tmp_path, liar.answer, match)
+    is_found_out(tmp_path, packing(tmp_path, forged(plan)), match)
 
 
 def test_one_run_does_not_count_for_two(tmp_path: Path) -> None:
     suite = Suite(tmp_path)
-    liar = service(tmp_path, "liar", Liar)
-    assert isinstance(liar, Liar)
-    liar.packed = forged(canonical_json(suite.run.head.plan).decode())
+    liar = packing(tmp_path, forged(canonical_json(suite.run.head.plan).decode()))
     second = dataclasses.replace(suite.run, folder=suite.root / "second", hosts=frozenset({"liar"}))
-    first, refused = suite.play({"liar": liar.answer}, second)
+    first, refused = suite.play({"liar": liar}, second)
     assert first.error is None
     assert isinstance(refused.error, FalseAnswerError)
     assert f"its run is that in {first.run.folder}" in str(refused.error)

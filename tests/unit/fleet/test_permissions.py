@@ -9,6 +9,7 @@ import msgspec
 import pytest
 import yaml
 
+from ament_packages import install_package
 from r2bspec.fleet.errors import NotAllowedError
 from r2bspec.fleet.permissions import check_allowed
 from r2bspec.language.load_spec import load_spec
@@ -112,9 +113,7 @@ def test_python_of_a_ros_package_that_is_installed_needs_none(
 ) -> None:
     plan = plan_of({"python": "demo.talker.Talker"})
     assert needs(plan) == {"python"}
-    index = tmp_path / "share/ament_index/resource_index/packages"
-    index.mkdir(parents=True)
-    (index / "demo").touch()
+    install_package(tmp_path, "demo")
     monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path / 'none'}:{tmp_path}")
     assert needs(plan) == set()
 

@@ -8,7 +8,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import psutil
 import pytest
 
 from family_trees import Family, family, wait_for
@@ -141,10 +140,10 @@ def test_one_that_may_not_be_looked_at_is_passed_over(
 ) -> None:
     people.start("plain")
 
-    def refuse(_process: psutil.Process) -> dict[str, str]:
-        raise psutil.AccessDenied
+    def refuse(_environment: Path) -> bytes:
+        raise PermissionError
 
-    monkeypatch.setattr(psutil.Process, "environ", refuse)
+    monkeypatch.setattr(Path, "read_bytes", refuse)
     assert run_processes(people.run_id, []) == []
     assert len(run_processes(people.run_id, people.sessions)) == 1
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from r2bspec.judge.measure.matching import NO_MATCH, match_monitor
-from r2bspec.judge.measure.own_pace import own_pace_text, own_period_s, pooled_period_s
-from r2bspec.judge.measure.samples import MonitorSamples, monitor_samples
+from r2bspec.judge.measure.own_pace import PaceEvidence, own_pace_text, own_period_s
+from r2bspec.judge.measure.samples import MonitorSamples, monitor_samples, pool_monitor
 from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import MONITOR_DTYPE
 from run_simulation import MONITOR_PLAN, Played, playback_rows
@@ -47,7 +47,8 @@ def received(
     )
     plan = msgspec.structs.replace(MONITOR_PLAN, match=by)
     matched = match_monitor(playback, rows, plan)
-    return own_period_s(segment, matched), monitor_samples(segment, matched)
+    seen = monitor_samples(segment, matched)
+    return seen.own_period_s, seen
 
 
 def ticks(hz: float, until_s: float = 2.4) -> list[float]:
@@ -59,9 +60,7 @@ def ticks(hz: float, until_s: float = 2.4) -> list[float]:
 def test_a_timer_is_recognised_slower_and_faster_than_the_inputs(
     hz: float, stamps: Literal["newest", "own"]
 ) -> None:
-    period_s, seen = received(ticks(hz), stamps)
-    assert period_s == pytest.approx(1 / hz)
-    assert seen.own_period_s == period_s
+    assert received(ticks(hz), stamps)[0] == pytest.approx(1 / hz)
 
 
 def test_by_order_one_message_before_the_inputs_is_enough() -> None:
@@ -90,10 +89,28 @@ def test_the_inputs_period_is_nothing_of_its_own() -> None:
     assert received([0.01 + step / INPUT_HZ for step in range(STEPS)], "own")[0] is None
 
 
+def evidence(period_s: float, intervals: int = 9, unasked: int = 2) -> PaceEvidence:
+    at_ns = np.full(intervals, round(period_s * 1e9))
+    return PaceEvidence(at_ns, unasked, least=2, step_ns=1e9 / INPUT_HZ)
+
+
 def test_half_of_the_segments_are_enough() -> None:
-    assert pooled_period_s([0.1, None, 0.3]) == pytest.approx(0.2)
-    assert pooled_period_s([0.1, None, None]) is None
-    assert pooled_period_s([]) is None
+    bursts = evidence(1 / INPUT_HZ)
+    assert own_period_s([evidence(0.1), bursts, evidence(0.3)]) == pytest.approx(0.2)
+    assert own_period_s([evidence(0.1), bursts, bursts]) is None
+    assert own_period_s([]) is None
+
+
+def test_a_slow_timer_is_recognised_over_segments() -> None:
+    slow = evidence(1.0, intervals=2, unasked=1)
+    assert own_period_s([slow]) is None
+    assert own_period_s([slow, slow]) == pytest.approx(1.0)
+    # Late answers of an overloaded node are unasked for only in the segment in which they come.
+    assert own_period_s([slow, slow], overdue=1) is None
+    assert own_period_s([slow, slow, evidence(1 / INPUT_HZ)]) is None
+    parts = [received([0.4, 1.4, 2.4], "own")[1] for _ in range(2)]
+    assert parts[0].own_period_s is None
+    assert pool_monitor(parts).own_period_s == pytest.approx(1.0)
 
 
 def test_what_is_played_decides_the_age_and_no_message_is_missed() -> None:

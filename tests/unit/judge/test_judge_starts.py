@@ -322,6 +322,29 @@ class TestWhatItSays:
         assert len(notes) == bool(note)
         assert all(text.endswith(note) for text in notes)
 
+    @pytest.mark.parametrize(
+        ("lost_of_300", "allowed", "note"),
+        [
+            (1, "0.6 %", "met by a factor of 1.8, and at another hour four times as many outputs"),
+            (6, "1 %", "missed by a factor of 2, and at another hour a quarter as many outputs"),
+            (1, "2 %", ""),
+            (30, "1 %", ""),
+            (0, "1 %", ""),
+        ],
+    )
+    def test_losses_that_are_close_to_their_limit(
+        self, lost_of_300: int, allowed: str, note: str
+    ) -> None:
+        seconds = np.full(3000, 0.02)
+        seconds[np.linspace(50, 2950, 10 * lost_of_300).astype(int)] = NAN
+        found = one(
+            run(*[Played(30, seconds)] * len(STARTS), starts=STARTS), f"drop_rate <= {allowed}"
+        )
+        assert found.outcome == ("fail" if lost_of_300 > 3 else "pass")
+        notes = [text for text in found.notes if "factor" in text]
+        assert len(notes) == bool(note)
+        assert all(note in text for text in notes)
+
     def test_one_iteration_is_no_sample_of_iterations(self) -> None:
         found = one(run(Played(30, np.full(600, 0.02))), "latency.p50 < 60 ms")
         assert found.notes == ("One iteration does not show by how much iterations differ.",)

@@ -11,7 +11,11 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from nightly import noise, size
-from r2bspec.judge.statistics.autocorrelation import serial_inflation, significant_inflation
+from r2bspec.judge.statistics.autocorrelation import (
+    lagged_products,
+    serial_inflation,
+    significant_inflation,
+)
 from r2bspec.judge.statistics.binomial import burst_tolerance, lower_bound, upper_bound
 from r2bspec.judge.statistics.effective_sample_size import BadFlags, effective_sample
 from r2bspec.judge.statistics.percentile_interval import RankedMessages, percentile_interval
@@ -282,3 +286,10 @@ class TestSerial:
         half = stats.t.ppf(0.95, freedom) * plain.deviation / math.sqrt(6 / 2)
         assert wide.upper - wide.mean == pytest.approx(half)
         assert mean_interval([1.0, 2.0], 0.95, inflation=50.0).upper < math.inf
+
+
+@pytest.mark.parametrize(("shape", "lags"), [((1, 5), 2), ((3, 500), 4), ((2, 3000), 200)])
+def test_products_in_blocks_are_those_of_all_values(shape: tuple[int, int], lags: int) -> None:
+    rows = np.random.default_rng(1).normal(size=shape)
+    expected = [(rows[:, lag:] * rows[:, : shape[1] - lag]).sum() for lag in range(lags + 1)]
+    assert lagged_products(rows, lags) == pytest.approx(expected, abs=1e-8)

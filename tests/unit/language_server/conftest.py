@@ -12,6 +12,7 @@ from lsprotocol import types
 from pytest_lsp import ClientServerConfig, client_capabilities
 
 import patient_language_server
+from ament_packages import install_package
 from open_document import NODES, OpenDocument, VersionedClient
 from r2bspec.cli.main import main
 from report_runs import SIMULATIONS
@@ -22,20 +23,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A workspace with a node, an installed package, and a result."""
     folder = tmp_path_factory.mktemp("workspace")
     (folder / "nodes.py").write_text(NODES)
-    prefix = folder / "install"
-    index = prefix / "share" / "ament_index" / "resource_index"
-    for kind, content in (
-        ("packages", ""),
-        ("rclcpp_components", "cell_vision::Detector;lib/libdetector.so\n"),
-        ("rosidl_interfaces", "msg/Found.msg\nmsg/Found.idl\nsrv/Ask.srv\n"),
-    ):
-        (index / kind).mkdir(parents=True)
-        (index / kind / "cell_vision").write_text(content)
-    (prefix / "share" / "cell_vision" / "launch").mkdir(parents=True)
-    (prefix / "share" / "cell_vision" / "launch" / "cell.launch.py").touch()
-    program = prefix / "lib" / "cell_vision" / "detect"
-    program.parent.mkdir(parents=True)
-    program.touch(0o755)
+    install_package(
+        folder / "install",
+        "cell_vision",
+        {"launch/cell.launch.py": ""},
+        ["detect"],
+        rclcpp_components="cell_vision::Detector;lib/libdetector.so\n",
+        rosidl_interfaces="msg/Found.msg\nmsg/Found.idl\nsrv/Ask.srv\n",
+    )
     SIMULATIONS["usual"].write(folder / "runs" / "simulated-1")
     main(["judge", "--write", str(folder / "runs" / "simulated-1")])
     return folder

@@ -5,9 +5,7 @@ from __future__ import annotations
 import asyncio
 import io
 import json
-import os
 import re
-import select
 import subprocess
 import sys
 import tempfile
@@ -85,9 +83,13 @@ class PatientInput(io.BufferedReader):
     def readline(self, size: int | None = -1) -> bytes:
         line = super().readline(size)
         deadline = time.monotonic() + _WAIT_S
-        while not line and self._connection._requests and time.monotonic() < deadline:
+        while not line and not self._is_answered() and time.monotonic() < deadline:
             time.sleep(0.001)
         return line
+
+    def _is_answered(self) -> bool:
+        incoming = self._connection._incoming
+        return incoming is not None and incoming.is_idle and not self._connection._requests
 
 
 def session(*parts: bytes) -> list[dict[str, Any]]:
@@ -118,13 +120,17 @@ def messages_of(data: bytes) -> Iterator[Any]:
     yield data
 
 
-def answers(*parts: bytes) -> list[tuple[Any, int]]:
+def codes_of(messages: list[dict[str, Any]]) -> list[tuple[Any, int]]:
     """The id and the code of every answer, in their order."""
     return [
         (message["id"], message["error"]["code"] if "error" in message else RESULT)
-        for message in session(*parts)
+        for message in messages
         if "method" not in message
     ]
+
+
+def answers(*parts: bytes) -> list[tuple[Any, int]]:
+    return codes_of(session(*parts))
 
 
 def in_session(*parts: bytes) -> list[tuple[Any, int]]:
@@ -422,160 +428,68 @@ def test_changes_are_those_of_the_whole_text(
     assert edited(text, changes, encoding) == expected
 
 
-class Editor:
-    """A server, and what an editor writes to it byte by byte."""
-
-    def __init__(self) -> None:
-        # A pipe that nobody reads would fill up with the log of the server.
-        self._log = tempfile.TemporaryFile()  # noqa: SIM115  closed by `close`
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "r2bspec", "lsp"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._log,
-        )
-        self._pending = b""
-        self._received: list[dict[str, Any]] = []
-        self._last_id = 0
-
-    def write(self, data: bytes) -> None:
-        assert self.process.stdin is not None
-        self.process.stdin.write(data)
-        self.process.stdin.flush()
-
-    def send(self, message: Any) -> None:
-        self.write(framed(message))
-
-    def notify(self, method: str, **params: Any) -> None:
-        self.send({"jsonrpc": "2.0", "method": method, "params": params})
-
-    def ask(self, method: str, **params: Any) -> dict[str, Any]:
-        """The answer to a request: with a result or an error."""
-        self._last_id += 1
-        self.send({"jsonrpc": "2.0", "id": self._last_id, "method": method, "params": params})
-        return self.next_message(lambda message: message.get("id") == self._last_id)
-
-    def open(self, uri: str, text: str = SPEC) -> None:
-        item = {"uri": uri, "languageId": "yaml", "version": 1, "text": text}
-        self.notify("textDocument/didOpen", textDocument=item)
-
-    def diagnostics(self, uri: str) -> list[Any]:
-        """The next diagnostics of a document."""
-        message = self.next_message(
-            lambda message: (
-                message.get("method") == "textDocument/publishDiagnostics"
-                and message["params"]["uri"] == uri
-            )
-        )
-        found: list[Any] = message["params"]["diagnostics"]
-        return found
-
-    def next_message(self, fits: Any) -> dict[str, Any]:
-        while True:
-            message = self._read()
-            if fits(message):
-                return message
-
-    def _read(self) -> dict[str, Any]:
-        while not self._received:
-            self._receive()
-            *messages, self._pending = messages_of(self._pending)
-            self._received += messages
-        return self._received.pop(0)
-
-    def _receive(self) -> None:
-        assert self.process.stdout is not None
-        number = self.process.stdout.fileno()
-        assert select.select([number], [], [], _WAIT_S)[0], "the server says nothing"
-        data = os.read(number, 1 << 16)
-        assert data, "the server has ended"
-        self._pending += data
-
-    def said(self) -> bytes:
-        """What the server wrote on standard error, whose file has the same place for both."""
-        return os.pread(self._log.fileno(), 1 << 24, 0)
-
-    def close(self) -> None:
-        self.process.kill()
-        self.process.communicate()
-        self._log.close()
+def published(messages: list[dict[str, Any]], uri: str) -> list[dict[str, Any]]:
+    """The diagnostics of a document that were published last."""
+    params = [each["params"] for each in messages if each.get("method") == PUBLISHED]
+    found: list[dict[str, Any]] = [each for each in params if each["uri"] == uri][-1]["diagnostics"]
+    return found
 
 
-@pytest.fixture(scope="module")
-def editor() -> Iterator[Editor]:
-    """An editor whose server gets all that is here, and writes nothing on standard error."""
-    editor = Editor()
-    assert "result" in editor.ask("initialize", processId=None, rootUri=None, capabilities={})
-    editor.notify("initialized")
-    yield editor
-    editor.ask("shutdown")
-    editor.notify("exit")
-    assert editor.process.wait(_WAIT_S) == 0
-    assert editor.said() == b""
-    editor.close()
-
-
-def codes(diagnostics: list[Any]) -> set[str]:
-    return {diagnostic["code"] for diagnostic in diagnostics}
+PUBLISHED = "textDocument/publishDiagnostics"
 
 
 @pytest.mark.parametrize("name", ["a%00b.yaml", "%00", "loop/a.yaml", "x" * 5000, "%FF%FE.yaml"])
-def test_a_document_that_can_be_no_file_leaves_the_others_alone(
-    editor: Editor, tmp_path: Path, name: str
-) -> None:
+def test_a_document_that_can_be_no_file_leaves_the_others_alone(tmp_path: Path, name: str) -> None:
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
-    strange = f"{tmp_path.as_uri()}/{name}"
-    editor.open(strange)
-    other = (tmp_path / "other.r2b.yaml").as_uri()
-    editor.open(other)
-    assert codes(editor.diagnostics(other))
-    for method in ("hover", "completion", "definition"):
-        answer = editor.ask(
-            f"textDocument/{method}",
-            textDocument={"uri": strange},
-            position={"line": 0, "character": 0},
-        )
-        assert "result" in answer or answer["error"]["code"] == -32602
+    strange, other = f"{tmp_path.as_uri()}/{name}", (tmp_path / "other.r2b.yaml").as_uri()
+    asked = [about(1, method, uri=strange) for method in ("hover", "completion", "definition")]
+    last = about(2, "documentSymbol", uri=other)
+    messages = session(INITIALIZE, opened(uri=strange), opened(uri=other), *asked, last)
+    assert published(messages, other)
+    assert {code for number, code in codes_of(messages) if number == 1} <= {RESULT, PARAMS}
 
 
-def long_text(about: str) -> str:
-    """A spec that is too long with any other."""
-    return SPEC + f"# {about}\n" + "# x\n" * (MAX_EDITOR_TEXT_CHARACTERS // 4)
+def too_long(uri: str) -> bytes:
+    """A spec is opened that is too long with any other."""
+    return opened(SPEC + "# x\n" * (MAX_EDITOR_TEXT_CHARACTERS // 4), uri)
 
 
-def test_a_document_that_is_too_long_has_one_finding_and_no_answers(
-    editor: Editor, tmp_path: Path
-) -> None:
+def test_a_document_that_is_too_long_has_one_finding_and_no_answers(tmp_path: Path) -> None:
     long, other = ((tmp_path / f"{name}.r2b.yaml").as_uri() for name in ("long", "other"))
-    editor.open(long, long_text("long"))
-    (found,) = editor.diagnostics(long)
+    asked = [about(1, each, 9, long) for each in ("hover", "completion", "documentSymbol")]
+    last = about(2, "documentSymbol", uri=other)
+    messages = session(INITIALIZE, too_long(long), opened(uri=other), *asked, last)
+    (found,) = published(messages, long)
     assert found["code"] == "R2B002"
     assert f"{MAX_EDITOR_TEXT_CHARACTERS:,} characters" in found["message"]
     assert "open it again" in found["message"]
-    editor.open(other)
-    assert "R2B002" not in codes(editor.diagnostics(other))
-    for method in ("hover", "completion", "documentSymbol"):
-        place = {"line": 9, "character": 0}
-        answer = editor.ask(f"textDocument/{method}", textDocument={"uri": long}, position=place)
-        assert answer["result"] in (None, {"isIncomplete": False, "items": []})
-    # A part cannot be changed of a text that was not kept; all of it can.
+    assert "R2B002" not in {each["code"] for each in published(messages, other)}
+    empty = (None, {"isIncomplete": False, "items": []})
+    assert [each["result"] in empty for each in messages if each.get("id") == 1] == [True] * 3
+
+
+def test_all_of_a_document_that_was_too_long_can_be_changed_and_no_part(tmp_path: Path) -> None:
+    long = (tmp_path / "long.r2b.yaml").as_uri()
     start = {"line": 0, "character": 0}
-    document = {"uri": long, "version": 2}
-    for change in ({"range": {"start": start, "end": start}, "text": "x"}, {"text": SPEC}):
-        editor.notify("textDocument/didChange", textDocument=document, contentChanges=[change])
-    assert "R2B002" not in codes(editor.diagnostics(long))
+    part = changed({"range": {"start": start, "end": start}, "text": "x"}, uri=long)
+    asked = about(1, "documentSymbol", uri=long)
+    messages = session(INITIALIZE, too_long(long), part, changed({"text": SPEC}, uri=long), asked)
+    found = {each["code"] for each in published(messages, long)}
+    assert found
+    assert "R2B002" not in found
 
 
-def test_the_length_of_all_open_documents_together_is_limited(
-    editor: Editor, tmp_path: Path
-) -> None:
+def test_the_length_of_all_open_documents_together_is_limited(tmp_path: Path) -> None:
     text = SPEC + "# x\n" * (MAX_EDITOR_TEXT_CHARACTERS // 6)
-    uris = [(tmp_path / f"{number}.r2b.yaml").as_uri() for number in range(3)]
-    for uri in uris:
-        editor.open(uri, text)
-    is_too_long = ["R2B002" in codes(editor.diagnostics(uri)) for uri in uris]
+    uris = [(tmp_path / f"{number}.r2b.yaml").as_uri() for number in range(4)]
+    opens = [opened(text, uri) for uri in uris[:3]]
+    asked = about(1, "documentSymbol", uri=uris[3])
+    messages = session(INITIALIZE, *opens, opened(uri=uris[3]), asked)
+    is_too_long = [
+        "R2B002" in {each["code"] for each in published(messages, uri)} for uri in uris[:3]
+    ]
     assert is_too_long == [False, True, True]
-    editor.notify("textDocument/didClose", textDocument={"uri": uris[0]})
-    assert editor.diagnostics(uris[0]) == []
-    editor.open(uris[1], text)
-    assert "R2B002" not in codes(editor.diagnostics(uris[1]))
+    closed = notice("textDocument/didClose", textDocument={"uri": uris[0]})
+    asked = about(1, "documentSymbol", uri=uris[1])
+    messages = session(INITIALIZE, *opens, closed, opens[1], asked)
+    assert "R2B002" not in {each["code"] for each in published(messages, uris[1])}

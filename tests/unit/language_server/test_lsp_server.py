@@ -90,6 +90,17 @@ async def test_an_interface_counts_as_it_is_in_the_editor(
     shutil.rmtree(folder / "interfaces")
 
 
+async def test_the_findings_of_a_document_end_when_it_is_closed(
+    document: OpenDocument, folder: Path
+) -> None:
+    other = OpenDocument(document.client, folder / "other.r2b.yaml")
+    await other.write("r2bspec: 1\n")
+    assert other.worse()
+    other.close()
+    while document.client.diagnostics[other.uri]:
+        await document.client.wait_for_notification(types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)
+
+
 async def test_only_findings_of_the_newest_text_are_shown(document: OpenDocument) -> None:
     """Of twenty texts, one right after the other, what is shown never goes back to an older one."""
     await document.write(SPEC)

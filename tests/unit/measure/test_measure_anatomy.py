@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from r2bspec.judge.measure.anatomy import Anatomy, anatomy
-from r2bspec.judge.measure.anatomy_paths import MAX_PATHS, NOT_SEEN, Path
+from r2bspec.judge.measure.anatomy_paths import MAX_PATHS, NOT_SEEN, Path, paths_of_reactions
+from r2bspec.judge.measure.matching import ONE_TO_ONE, MatchedMonitor, Matching
 from r2bspec.record.run_record import AnatomyKind
+from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE
 from simulated_anatomies import CHAIN, CLOCK_NS, FORK, TIMER, Graph, Observed, Stage, observed
 
 LOOP = replace(
@@ -87,6 +89,20 @@ def test_a_message_that_came_first_waits_in_the_node_that_fuses() -> None:
     assert waits[~right.last].max() > 0
 
 
+def test_of_a_pace_of_its_own_what_arrives_after_the_inputs_does_not_count() -> None:
+    seen = observed(TIMER)
+    began_ns, ended_ns = seen.window_ns
+    seen = replace(seen, window_ns=(began_ns, (began_ns + ended_ns) // 2))
+    (monitor,) = seen.plan.monitors
+    paced = msgspec.structs.replace(monitor, match="own_pace")
+    plan = msgspec.structs.replace(seen.plan, monitors=(paced,))
+    (everything,) = joined(seen).paths["out"]
+    found = joined(replace(seen, plan=plan))
+    (path,) = found.paths["out"]
+    assert path.ended_ns.max() <= seen.window_ns[1] < everything.ended_ns.max()
+    assert found.monitored["out"] == path.seconds.size == found.values("out.path").size
+
+
 def test_a_timer_publishes_what_came_before_it() -> None:
     (path,) = joined(observed(TIMER)).paths["out"]
     assert path.by_timer.all()
@@ -135,6 +151,40 @@ def test_a_clock_that_steps_leaves_times_unseen_and_no_sum_wrong() -> None:
     assert 1 <= sum(np.count_nonzero(part.seconds) for part in unseen) <= 3
     assert path.began_ns.size == 200
     assert path.seconds.max() < 0.1
+
+
+def test_of_reactions_the_path_comes_first_that_most_of_them_took() -> None:
+    found = joined(observed(FORK.with_stage("right", service_s=0.0028)))
+    left, right = found.paths["out"]
+    assert np.count_nonzero(left.last) > np.count_nonzero(right.last) > 0
+    # Only messages that came over the other path last are reactions.
+    takes = right.places[-1][1]
+    number = np.arange(np.count_nonzero(right.last))
+    steps, rows = np.zeros(number.size, PLAYBACK_DTYPE), np.zeros(number.size, MONITOR_DTYPE)
+    steps["published_ns"] = right.began_ns[right.last]
+    rows["taken_ns"] = found.events.ended_ns[takes[right.last]]
+    matching = Matching(
+        step=number, trigger_steps=number, first_row=number, duplicates=0, reordered=0, unmatched=0
+    )
+    reactions = MatchedMonitor(steps, rows, ONE_TO_ONE, matching)
+    first, *_ = paths_of_reactions((left, right), takes, found.events.ended_ns, reactions)
+    assert first.hops == right.hops
+    assert first.seconds.size == number.size
+
+
+def test_an_executor_that_never_waits_in_rcl_has_the_same_parts() -> None:
+    """As that of rclcpp for events, which the middleware calls."""
+    graph = replace(FORK, stages=tuple(replace(each, style="rclcpp") for each in FORK.stages))
+    seen = observed(graph)
+    rows = seen.rows[seen.rows["kind"] != AnatomyKind.WAIT]
+    for one, other in zip(
+        joined(seen).paths["out"], joined(replace(seen, rows=rows)).paths["out"], strict=True
+    ):
+        assert [part.name for part in one.parts] == [part.name for part in other.parts]
+        assert all(
+            np.array_equal(part.seconds, same.seconds, equal_nan=True)
+            for part, same in zip(one.parts, other.parts, strict=True)
+        )
 
 
 def test_a_middleware_without_times_of_reception_leaves_the_transport_unseen() -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from plans import process_plan
 from r2bspec.judge.measure.anatomy import Anatomy, anatomy
-from r2bspec.plan.plan import JoinPlan, MonitorPlan, Plan
+from r2bspec.plan.plan import CallPlan, JoinPlan, MonitorPlan, Plan
 from r2bspec.record.run_record import AnatomyKind, AnatomyObject, AnatomyProcess, AnatomyRecord
 from r2bspec.record.sample_arrays import ANATOMY_DTYPE
 from simulated_anatomies import CHAIN, CLOCK_NS, plan_of
@@ -142,6 +142,42 @@ def test_a_path_leads_through_a_service() -> None:
     assert got["/r2b/answer callback"] == 90 - 65
     assert got["/r2b/answer wait"] == 60 - 50
     assert "not seen" not in " ".join(got)
+
+
+def test_acceptance_feedback_and_result_of_an_action_have_a_path_each() -> None:
+    script = Script()
+    at = 0
+    for what, number in (("send_goal", 1), ("get_result", 2)):
+        name = f"/plan/_action/{what}"
+        client, service = ("client", name, "/r2bspec/player"), ("service", name, "/r2b/server")
+        script.add("player", AnatomyKind.SEND_REQUEST, at, at + 4, client, source=number)
+        script.add("server", AnatomyKind.TAKE_REQUEST, at + 20, at + 22, service, source=number)
+        script.callback("server", at + 25, at + 60)
+        if what == "get_result":
+            script.publish("server", "/plan/_action/feedback", at + 30, "/r2b/server")
+            script.take("player", "/plan/_action/feedback", at + 45, at + 30, "/r2bspec/player")
+        script.add("server", AnatomyKind.SEND_RESPONSE, at + 50, at + 54, service, source=number)
+        script.add("player", AnatomyKind.TAKE_RESPONSE, at + 70, at + 72, client, source=number)
+        at += 100
+    names = ("it", "it_accepted", "it_feedback")
+    call = CallPlan(
+        name="it", target="/plan", type="x/action/X", request={},
+        accepted="it_accepted", feedback="it_feedback",
+    )  # fmt: skip
+    plan = msgspec.structs.replace(
+        plan_of(CHAIN),
+        monitors=tuple(
+            MonitorPlan(name=name, topic="/plan", type="", match="stamp") for name in names
+        ),
+        calls=(call,),
+    )
+    found = script.joined(plan)
+    ends = {name: [path.hops[-1] for path in found.paths[name]] for name in names}
+    assert ends == {
+        "it": ["/plan/_action/get_result"],
+        "it_accepted": ["/plan/_action/send_goal"],
+        "it_feedback": ["/plan/_action/feedback"],
+    }
 
 
 def test_a_path_leads_through_a_buffer_within_a_process() -> None:

@@ -8,7 +8,13 @@ from r2bspec.judge.measure.distribution import quantile
 from r2bspec.judge.measure.metric_catalogue import METRICS, MetricError, Subjects, names, resolve
 from r2bspec.language.requirement_grammar import parse_requirement
 
-SUBJECTS = Subjects(processes=("apriltag",), nodes=("relay",), topics=("camera/image",))
+SUBJECTS = Subjects(
+    processes=("apriltag",),
+    nodes=("relay",),
+    topics=("camera/image", "r2b/detections"),
+    monitors=("detections",),
+    namespace="r2b",
+)
 
 
 @pytest.mark.parametrize(
@@ -47,6 +53,9 @@ def test_percentiles_are_read_from_their_names(name: str, fraction: float | None
         ("relay.load", None, "relay.load"),
         ("path.relay.share", None, "path.relay.share"),
         ("camera/image.transport.p50", None, "camera/image.transport.p50"),
+        ("r2b/detections.transport.p50", None, "r2b/detections.transport.p50"),
+        ("detections.transport.p50", None, "r2b/detections.transport.p50"),
+        ("detections.path.p99", None, "detections.path.p99"),
     ],
 )
 def test_names_resolve(text: str, monitor: str | None, name: str) -> None:
@@ -71,6 +80,7 @@ def test_a_monitor_may_have_the_name_of_a_metric() -> None:
         ("latency.p9x", "there is no metric", "latency.p99"),
         ("detection.latency.p99", "there is no monitor 'detection'", "detections.latency.p99"),
         ("detections.drop_rat", "there is no metric 'drop_rat'", "detections.drop_rate"),
+        ("detections.callback.p50", "there is no metric 'callback.p50'", ""),
         ("detections", "is a monitor, without a metric", ""),
         ("detections.peak.rate", "is not a metric of a monitor", "peak.rate"),
         ("cpu.apriltg.mean", "there is no metric", "cpu.apriltag.mean"),

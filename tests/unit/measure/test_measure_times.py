@@ -139,3 +139,21 @@ class TestResources:
         used = total_use([*ProcessSamples(rows).used(EPOCH_NS, EPOCH_NS + 2 * 10**9).values()])
         assert used.cpu_mean == pytest.approx(2.0)
         assert used.memory_max_bytes == 200
+
+    def test_the_maximum_of_a_sum_is_not_the_sum_of_the_maxima(self) -> None:
+        # Two processes that are busy one after the other: one core at any time.
+        rows = np.concatenate(
+            (
+                self.sampled([0, 1, 2], [0, 1, 1]),
+                self.sampled([0.01, 1.01, 2.01], [7, 7, 8], process=1),
+            )
+        )
+        sampled, ended_ns = ProcessSamples(rows), EPOCH_NS + 2 * 10**9
+        together = sampled.used_together([0, 1], EPOCH_NS, ended_ns)
+        assert together is not None
+        assert together.cpu_mean == pytest.approx(1.0, abs=0.02)
+        assert together.cpu_max == pytest.approx(1.0, abs=0.02)
+        assert total_use([*sampled.used(EPOCH_NS, ended_ns).values()]).cpu_max == pytest.approx(2.0)
+        assert together.memory_max_bytes == pytest.approx(399, abs=2)
+        assert sampled.used_together([0], EPOCH_NS, ended_ns) == sampled.used(EPOCH_NS, ended_ns)[0]
+        assert sampled.used_together([2], EPOCH_NS, ended_ns) is None

@@ -10,14 +10,14 @@ from example_spec import example
 from r2bspec.check import check
 from r2bspec.cli.main import main
 from r2bspec.judge.measure import metric_catalogue as reference
-from r2bspec.judge.measure.metric_catalogue import METRICS, NODE, PROCESS, TOPIC
+from r2bspec.judge.measure.metric_catalogue import METRICS, MONITOR, NODE, PROCESS, TOPIC
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.requirement_grammar import RequirementError, parse_requirement
 
 
 def filled(name: str) -> str:
     """A name with something in the place of its placeholder."""
-    for placeholder in (PROCESS, NODE, TOPIC):
+    for placeholder in (PROCESS, NODE, TOPIC, MONITOR):
         name = name.replace(placeholder, "camera")
     return name
 

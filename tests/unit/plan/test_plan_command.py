@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import stat
 from pathlib import Path
 
 import msgspec
@@ -37,6 +39,23 @@ def test_or_to_a_file_that_is_a_plan_again(tmp_path: Path, call: Call) -> None:
     assert call("plan", RELAY, "-o", file, status=0).out == ""
     assert read_plan(file).name == "relay"
     assert call("plan", file, status=0).out == file.read_text(encoding="utf-8")
+
+
+def test_a_device_is_written_to_and_not_replaced(tmp_path: Path, call: Call) -> None:
+    _, device = os.openpty()
+    os.set_blocking(device, False)  # nobody reads it
+    (link := tmp_path / "out").symlink_to(os.ttyname(device))
+    call("plan", RELAY, "-o", link, "--graph", "dot", status=0)
+    assert stat.S_ISCHR(link.stat().st_mode)
+
+
+def test_the_spec_is_not_replaced_by_its_plan(tmp_path: Path, call: Call) -> None:
+    spec = tmp_path / "a.r2b.yaml"
+    spec.write_text(RELAY.read_text())
+    (link := tmp_path / "link").symlink_to(spec)
+    before = spec.read_bytes()
+    assert "is read" in call("plan", spec, "-o", link, status=2).err
+    assert spec.read_bytes() == before
 
 
 @pytest.mark.parametrize(
@@ -166,3 +185,15 @@ def test_a_rate_that_must_be_sustained_is_played_whole() -> None:
 )
 def test_times_are_written_for_people(seconds: float, text: str) -> None:
     assert time_text(seconds) == text
+
+
+def test_the_deployments_that_can_be_tried_are_printed_and_nothing_is_started(
+    call: Call, tmp_path: Path
+) -> None:
+    said = call("plan", RELAY, "--tune", "--set", "tune.limits.threads=2", status=0)
+    assert "4 deployments, today's among them, of 2 levers" in said.out
+    assert "graph.nodes.relay.threads: single-threaded | 2 threads\n" in said.out
+    assert "\n  cpus: " in said.out.partition("Left out:")[2]
+    file = tmp_path / "relay.json"
+    call("plan", RELAY, "-o", file, status=0)
+    assert "is a plan, whose deployment is fixed" in call("plan", file, "--tune", status=2).err

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from native_playlists import SANITIZERS
 from r2bspec.native.build import BuildError, anatomy_object, join_environment, join_object
-from r2bspec.record.anatomy_files import file_bytes, read_anatomy
+from r2bspec.record.anatomy_files import AnatomyReader, file_bytes
 from r2bspec.record.files import RecordError
 from r2bspec.record.run_record import AnatomyKind
 from r2bspec.record.sample_arrays import ANATOMY_DTYPE
@@ -68,7 +68,7 @@ EVENTS = [
 
 def events(folder: Path) -> list[tuple[str, str, int, int, int, int]]:
     """As `EVENTS`."""
-    rows, objects, _ = read_anatomy(folder)
+    rows, objects, _ = AnatomyReader(folder).read()
     names = ["", *(each.name if each.kind != "buffer" else "buffer" for each in objects)]
     names = [name.rpartition("/")[2] for name in names]
     names = [name or ("timer" if index else "") for index, name in enumerate(names)]
@@ -83,12 +83,15 @@ def test_each_call_is_an_event_and_reaches_what_it_is_meant_for(
     """Whether the process is linked to rcl, or loads it for itself alone, as rclpy does."""
     done = call_ros(tmp_path, "each", how=how)
     assert (done.returncode, done.stderr) == (0, "")
-    rows, objects, (process,) = read_anatomy(tmp_path)
+    rows, objects, (process,) = AnatomyReader(tmp_path).read()
     assert [(each.kind, each.name, each.node) for each in objects] == OBJECTS
     assert events(tmp_path) == EVENTS
     assert process.name == "name/of process"
     assert process.lost == 0
-    assert {path.name for path in tmp_path.iterdir()} == {f"name%of process.{process.pid}.rows"}
+    (file,) = tmp_path.iterdir()
+    assert file.name == f"name%of process.{process.pid}.rows"
+    # It has ended: the room that it did not need belongs to others.
+    assert file.stat().st_size < file_bytes(0)
     # Two of the tracepoints are called on only while a tracer is there.
     traced = int(done.stdout.split()[0])
     (tmp_path / "traced").mkdir()
@@ -134,7 +137,7 @@ def test_the_object_that_brings_the_harness_works_before_and_behind_it(
 
 def test_threads_share_a_file_without_losing_or_mixing_anything(tmp_path: Path) -> None:
     call_ros(tmp_path, "threads", "8", "1000")
-    rows, _, (process,) = read_anatomy(tmp_path)
+    rows, _, (process,) = AnatomyReader(tmp_path).read()
     assert process.lost == 0
     assert sorted(rows["source_ns"]) == [*range(1, 8001)]
     assert sorted(Counter(rows["thread"].tolist()).values()) == [1000] * 8
@@ -148,7 +151,7 @@ def test_threads_share_a_file_without_losing_or_mixing_anything(tmp_path: Path) 
 
 def test_threads_that_end_leave_their_room_to_others(tmp_path: Path) -> None:
     call_ros(tmp_path, "brief", "1500", max_bytes=file_bytes(1500))
-    rows, _, (process,) = read_anatomy(tmp_path)
+    rows, _, (process,) = AnatomyReader(tmp_path).read()
     assert process.lost == 0
     assert rows["source_ns"].tolist() == [*range(1, 1501)]
     assert (rows["thread"] != process.pid).all()
@@ -156,7 +159,7 @@ def test_threads_that_end_leave_their_room_to_others(tmp_path: Path) -> None:
 
 def test_what_has_no_room_is_counted(tmp_path: Path) -> None:
     call_ros(tmp_path, "threads", "4", "5000", max_bytes=file_bytes(1000))
-    rows, _, (process,) = read_anatomy(tmp_path)
+    rows, _, (process,) = AnatomyReader(tmp_path).read()
     assert len(rows) >= 1000
     assert len(rows) + process.lost == 20_000
 
@@ -164,7 +167,7 @@ def test_what_has_no_room_is_counted(tmp_path: Path) -> None:
 def test_objects_that_have_no_room_are_counted_and_their_events_remain(tmp_path: Path) -> None:
     """Each address is used by many of them, one after another."""
     call_ros(tmp_path, "objects", "3000")
-    rows, objects, (process,) = read_anatomy(tmp_path)
+    rows, objects, (process,) = AnatomyReader(tmp_path).read()
     assert len(objects) == 2048
     assert process.lost == 3000 - 2048
     assert rows["object"].tolist() == [*range(1, 2049), *[0] * (3000 - 2048)]
@@ -173,21 +176,21 @@ def test_objects_that_have_no_room_are_counted_and_their_events_remain(tmp_path:
 @pytest.mark.parametrize("how", ["linked", "loaded"])
 def test_a_forked_child_writes_nothing(tmp_path: Path, how: Linked) -> None:
     assert call_ros(tmp_path, "fork", how=how).returncode == 0
-    rows, objects, _ = read_anatomy(tmp_path)
+    rows, objects, _ = AnatomyReader(tmp_path).read()
     assert rows["source_ns"].tolist() == [1, 2, 3]
     assert len(objects) == 1
 
 
 def test_what_a_forked_child_executes_is_recorded(tmp_path: Path) -> None:
     assert call_ros(tmp_path, "fork", "1").returncode == 0
-    rows, _, processes = read_anatomy(tmp_path)
+    rows, _, processes = AnatomyReader(tmp_path).read()
     assert sorted(Counter(rows["process"].tolist()).values()) == [3, 5]
     assert len({each.pid for each in processes}) == 2
 
 
 def test_what_a_killed_process_has_finished_is_read(tmp_path: Path) -> None:
     assert call_ros(tmp_path, "killed", "700").returncode < 0
-    assert len(read_anatomy(tmp_path)[0]) == 700
+    assert len(AnatomyReader(tmp_path).read()[0]) == 700
 
 
 @pytest.mark.parametrize(
@@ -208,7 +211,7 @@ def test_a_process_without_a_file_says_why_and_goes_on(
     (line,) = done.stderr.splitlines()
     assert line.startswith("r2bspec cannot observe this process: ")
     assert any(line.endswith(each) for each in reason.split("|"))
-    assert read_anatomy(tmp_path)[1:] == ((), ())
+    assert AnatomyReader(tmp_path).read()[1:] == ((), ())
 
 
 @pytest.mark.parametrize(
@@ -221,7 +224,7 @@ def test_sanitizers_find_nothing(tmp_path: Path, words: list[str]) -> None:
     except BuildError as error:
         pytest.skip(f"the compiler has no sanitizers here: {error}")
     assert (done.returncode, done.stderr) == (0, "")
-    assert len(read_anatomy(tmp_path)[0]) > 0
+    assert len(AnatomyReader(tmp_path).read()[0]) > 0
 
 
 def rows_file(folder: Path, *words: str, max_bytes: int = file_bytes(256)) -> Path:
@@ -233,7 +236,7 @@ def rows_file(folder: Path, *words: str, max_bytes: int = file_bytes(256)) -> Pa
 def test_processes_are_put_together(tmp_path: Path) -> None:
     for _ in range(2):
         call_ros(tmp_path, "each")
-    rows, objects, processes = read_anatomy(tmp_path)
+    rows, objects, processes = AnatomyReader(tmp_path).read()
     assert len(processes) == 2
     assert [each.process for each in objects] == [0] * len(OBJECTS) + [1] * len(OBJECTS)
     assert len(rows) == 2 * len(EVENTS)
@@ -245,7 +248,7 @@ def test_processes_are_put_together(tmp_path: Path) -> None:
 def test_events_that_are_not_finished_or_cannot_be_are_left_out(tmp_path: Path) -> None:
     path = rows_file(tmp_path, "threads", "1", "100")
     content = bytearray(path.read_bytes())
-    start = content.index(read_anatomy(tmp_path)[0][0].tobytes())
+    start = content.index(AnatomyReader(tmp_path).read()[0][0].tobytes())
     rows = np.frombuffer(content, ANATOMY_DTYPE, count=100, offset=start)
     rows["kind"][0] = 0
     rows["kind"][1] = 99
@@ -254,11 +257,63 @@ def test_events_that_are_not_finished_or_cannot_be_are_left_out(tmp_path: Path) 
     rows["object"][4] = 77
     rows["process"][5] = 12
     path.write_bytes(content)
-    kept, _, (process,) = read_anatomy(tmp_path)
+    kept, _, (process,) = AnatomyReader(tmp_path).read()
     assert len(kept) == 96
     assert process.lost == 3
     assert kept["object"].tolist() == [0] + [1] * 95
     assert set(kept["process"]) == {0}
+
+
+def test_what_was_passed_is_not_read_again(tmp_path: Path) -> None:
+    path = rows_file(tmp_path, "threads", "4", "700", max_bytes=file_bytes(3000))
+    content = path.read_bytes()
+    reader = AnatomyReader(tmp_path)
+    everything, objects, _ = reader.read()
+    assert len(everything) == 2800
+    middle = int(np.median(everything["began_ns"]))
+    assert len(reader.read(middle)[0]) == 2800
+    rows, again, (process,) = reader.read(middle)
+    assert (again, process.lost) == (objects, 0)
+    # Only full slabs are passed, and only with all that lies in them.
+    assert 0 < 2800 - len(rows) <= 1400
+    assert (2800 - len(rows)) % 256 == 0
+    late = everything[everything["began_ns"] >= middle]
+    assert set(late["source_ns"]) <= set(rows["source_ns"])
+    # A slab that is not full may get more.
+    reader.read(2**61)
+    left = len(reader.read(2**61)[0])
+    assert 0 < left < 4 * 256
+    assert (2800 - left) % 256 == 0
+    path.write_bytes(content[: content.rindex(everything[-1].tobytes()) - 700 * 64])
+    assert reader.read()[2][0].lost > 0
+
+
+def test_numbers_stay_whatever_is_added(tmp_path: Path) -> None:
+    path = rows_file(tmp_path)
+    content = path.read_bytes()
+    fewer = bytearray(content)
+    at = content.index(_header_of_objects(len(OBJECTS)))
+    fewer[at : at + 4] = (3).to_bytes(4, "little")
+    (tmp_path / "z.rows").write_bytes(content)
+    path.write_bytes(fewer)
+    reader = AnatomyReader(tmp_path)
+    before, known, _ = reader.read()
+    # One file has more objects now, and another one is before both in the folder.
+    path.write_bytes(content)
+    (tmp_path / "a.rows").write_bytes(content)
+    after, objects, processes = reader.read()
+    assert len(processes) == 3
+    assert objects[: len(known)] == known
+    assert len(objects) == 3 * len(OBJECTS)
+    assert [each.process for each in objects[-len(OBJECTS) :]] == [2] * len(OBJECTS)
+    for process in (0, 1):
+        was, now = (rows["object"][rows["process"] == process] for rows in (before, after))
+        assert (now[was != 0] == was[was != 0]).all()
+
+
+def _header_of_objects(count: int) -> bytes:
+    """How many objects there are, and that nothing is lost."""
+    return count.to_bytes(4, "little") + bytes(8)
 
 
 def test_files_of_others_are_passed_over(tmp_path: Path) -> None:
@@ -267,7 +322,7 @@ def test_files_of_others_are_passed_over(tmp_path: Path) -> None:
     # Its process was killed while it made the file.
     (tmp_path / "empty.1.rows").write_bytes(b"")
     (tmp_path / "zeros.1.rows").write_bytes(bytes(1 << 20))
-    assert len(read_anatomy(tmp_path)[2]) == 1
+    assert len(AnatomyReader(tmp_path).read()[2]) == 1
 
 
 def shorten(path: Path) -> None:
@@ -302,13 +357,13 @@ def test_a_damaged_file_is_named(tmp_path: Path, damage: Any) -> None:
     path = rows_file(folder)
     damage(path)
     with pytest.raises(RecordError, match=str(path)) as caught:
-        read_anatomy(folder)
+        AnatomyReader(folder).read()
     assert caught.value.hint
 
 
 def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="nowhere cannot be read"):
-        read_anatomy(tmp_path / "nowhere")
+        AnatomyReader(tmp_path / "nowhere").read()
 
 
 @pytest.fixture(scope="module")
@@ -337,7 +392,7 @@ def test_no_file_breaks_the_reader(
     (tmp_path / "fuzzed.1.rows").write_bytes(content[:size])
     found, said = None, "is damaged"
     try:
-        found = read_anatomy(tmp_path)
+        found = AnatomyReader(tmp_path).read()
     except RecordError as error:
         said = str(error)
     assert "is damaged" in said

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from r2bspec.record.run_folder import read_stacks, write_stacks
+from r2bspec.record import run_folder
+from r2bspec.record.run_folder import OTHER_STACKS, read_stacks, write_stacks
 from r2bspec.safe_io.safe_file import RefusedFileError
 
 NAMES = st.text(
@@ -46,3 +47,12 @@ def test_no_file_outside_the_folder_is_read(tmp_path: Path) -> None:
     for each in (inside / "link.folded", inside / "../secret.folded"):
         with pytest.raises(RefusedFileError):
             read_stacks(each, inside)
+
+
+def test_of_very_many_stacks_those_with_the_most_samples_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.folded"
+    path.write_text("a;x 1\na;b 7\na;c 2\na;y 1\na;c 6\n")
+    monkeypatch.setattr(run_folder, "MAX_STACK_FRAMES", 4)
+    assert read_stacks(path, tmp_path) == {("a", "b"): 7, ("a", "c"): 8, OTHER_STACKS: 2}

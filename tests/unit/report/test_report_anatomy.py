@@ -12,10 +12,12 @@ import msgspec
 import pytest
 
 from html_elements import Page
+from profiled_runs import WHOLE
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import from_json, result_of, to_json
 from r2bspec.judge.measure.anatomy_growth import grown_texts
 from r2bspec.judge.measure.anatomy_summary import AnatomySummary
+from r2bspec.record.run_folder import write_stacks
 from r2bspec.report.format_registry import renderer
 from report_runs import HOSTILE
 from run_simulation import objective
@@ -132,12 +134,14 @@ def test_what_is_missing_is_said(tmp_path: Path) -> None:
     found = reported(tmp_path / "run", CHAIN)
     assert found.run is not None
     (record,) = found.run.record.anatomies
-    processes = tuple(msgspec.structs.replace(each, lost=7) for each in record.processes)
-    record = msgspec.structs.replace(record, processes=processes, error="blur is static.")
-    run = replace(found.run, record=msgspec.structs.replace(found.run.record, anatomies=(record,)))
+    failed = msgspec.structs.replace(record, start=2, error="blur did not start.")
+    record = msgspec.structs.replace(record, error="blur is static.")
+    run = replace(
+        found.run, record=msgspec.structs.replace(found.run.record, anatomies=(record, failed))
+    )
     text = shown(ReportInput(result=result_of(run), run=run), "text")
-    assert "35 events were lost for lack of room" in text
     assert "blur is static\n" in text
+    assert "No iteration of start 2 was observed from inside: blur did not start\n" in text
 
 
 def test_the_first_line_of_a_failure_names_the_part_that_grew(tmp_path: Path) -> None:
@@ -154,3 +158,21 @@ def test_the_first_line_of_a_failure_names_the_part_that_grew(tmp_path: Path) ->
     text = shown(ReportInput(result=result, run=head), "text")
     assert grown[0] in text.splitlines()[0]
     assert f"Grown since the base: {grown[0]}." in text
+
+
+def test_callbacks_lead_to_the_flame_graph_of_their_process(
+    fork: ReportInput, tmp_path: Path
+) -> None:
+    assert fork.run is not None
+    left = next(node for node in summary(fork).nodes if node.name == "left")
+    stacks = "profile/left/left.folded"
+    write_stacks(fork.run.folder / stacks, {("main", "blur"): 3, ("main", "idle"): 1})
+    profile = msgspec.structs.replace(WHOLE, process=left.process, stacks=stacks)
+    run = replace(fork.run, record=msgspec.structs.replace(fork.run.record, profiles=(profile,)))
+    result = msgspec.structs.replace(fork.result, profiles=(profile,))
+    page = shown(ReportInput(result=result, run=run), "html")
+    assert page.count('id="profile-0-figure"') == 1
+    # In the table of nodes, and in the waterfalls through the node.
+    assert '<a href="#profile-0-figure" title="flame graph of its process">' in page
+    assert '<a href="#profile-0-figure">' in page
+    assert "#profile-0-figure" not in shown(fork, "html")

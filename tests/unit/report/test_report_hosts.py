@@ -16,7 +16,7 @@ from r2bspec.judge.measure.distribution import PARTS, part_value
 from r2bspec.judge.measure.metrics import MonitorMetrics
 from r2bspec.judge.result import Result
 from r2bspec.report.suite import SuiteRun, SuiteSummary, run_with_result, to_html
-from report_runs import HOSTILE
+from report_runs import HOSTILE, with_monitors
 
 HOSTS = ("carter", "desk", "lab")
 
@@ -28,13 +28,9 @@ def result(reported: Callable[[str], ReportInput]) -> Result:
 
 def changed(result: Result, change: Callable[[MonitorMetrics], MonitorMetrics]) -> Result:
     """The same with other metrics of every monitor at every rate."""
-    rates = []
-    for rate in result.metrics.rates:
-        monitors = {name: change(seen) for name, seen in rate.pooled.monitors.items()}
-        pooled = msgspec.structs.replace(rate.pooled, monitors=monitors)
-        rates.append(msgspec.structs.replace(rate, pooled=pooled))
-    metrics = msgspec.structs.replace(result.metrics, rates=tuple(rates))
-    return msgspec.structs.replace(result, metrics=metrics)
+    return with_monitors(
+        result, lambda seen: {name: change(monitor) for name, monitor in seen.items()}
+    )
 
 
 def slower(result: Result, factor: float) -> Result:

@@ -21,7 +21,7 @@ from r2bspec.judge.verdict import DisturbedIteration
 from r2bspec.record.run_record import OutputGapRecord, StartRecord
 from r2bspec.report.format_registry import renderer
 from r2bspec.report.notes import MOST_NOTES, Weight, all_notes, notes
-from report_runs import USUAL, with_starts
+from report_runs import USUAL, with_monitors, with_starts
 from run_simulation import Played, Simulation, objective
 
 
@@ -60,8 +60,9 @@ def test_at_most_five_the_most_important_first(tmp_path: Path) -> None:
     assert len(found.shown) == MOST_NOTES == 5
     assert found.shown[0].startswith("No more messages on /r2b/out")
     assert "A note about one requirement." in found.shown[1]
-    assert found.shown[2].startswith("Host interference in 2 of ")
-    assert found.shown[3:] == ("Planned part 0 was not played.", "Planned part 1 was not played.")
+    assert "at another hour" in found.shown[2]
+    assert found.shown[3].startswith("Host interference in 2 of ")
+    assert found.shown[4] == "Planned part 0 was not played."
     weights = [note.weight for note in all_notes(result)]
     assert weights == sorted(weights)
     assert found == notes(result)
@@ -191,3 +192,13 @@ def test_no_sentence_stands_in_every_report(tmp_path: Path) -> None:
     )
     assert len(said) > 5
     assert max(said.values()) <= len(results) / 2
+
+
+def test_feedback_of_an_action_is_not_duplicated(tmp_path: Path) -> None:
+    result = result_of(USUAL.write(tmp_path / "run"))
+    monitor = next(iter(result.metrics.rates[0].pooled.monitors.values()))
+    often = msgspec.structs.replace(monitor, duplicates=7)
+    named = {"plan": monitor, "plan_accepted": monitor, "plan_feedback": often, "a_feedback": often}
+    texts = [each.text for each in all_notes(with_monitors(result, lambda _: named))]
+    duplicated = {text.partition(" ")[0] for text in texts if "7 duplicated" in text}
+    assert duplicated == {"a_feedback"}

@@ -41,7 +41,9 @@ def test_the_page_draws_the_stacks(tmp_path: Path) -> None:
 def test_a_folder_of_a_stranger_draws_nothing_from_elsewhere(tmp_path: Path) -> None:
     (tmp_path / "secret").write_text("secret_words 7\n")
     outside = msgspec.structs.replace(WHOLE, stacks="../secret")
-    assert "secret_words" not in html(profiled_run(tmp_path / "run", outside))
+    page = html(profiled_run(tmp_path / "run", outside))
+    assert "secret_words" not in page
+    assert "../secret is not drawn: it is a link out of its folder" in page
 
 
 def boxes(svg: str) -> dict[str, tuple[float, float, float]]:

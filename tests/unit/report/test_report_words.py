@@ -35,7 +35,7 @@ from r2bspec.record.run_record import (
 from r2bspec.report.format_registry import renderer
 from r2bspec.report.pipelines import render_github as render
 from r2bspec.report.write_reports import ReportRequest, write_failure_reports
-from report_runs import USUAL, with_starts
+from report_runs import USUAL, with_monitors, with_starts
 from run_simulation import Played, Simulation, objective
 
 # What a run says beside its numbers is told by every report that people read.
@@ -106,26 +106,19 @@ HEAD, BASE = (
 @pytest.fixture(scope="module")
 def result(usual_run: Run) -> Result:
     """A result about which there is everything to say."""
-    judged = result_of(with_starts(usual_run, *STARTS))
-    put = msgspec.structs.replace
-    rates = tuple(
-        put(
-            rate,
-            pooled=put(
-                rate.pooled,
-                monitors={
-                    name: put(seen, hops=(HOP,), late=3, overdue=2, unmatched=5, early=1)
-                    for name, seen in rate.pooled.monitors.items()
-                },
-            ),
-        )
-        for rate in judged.metrics.rates
+    found = with_monitors(
+        result_of(with_starts(usual_run, *STARTS)),
+        lambda monitors: {
+            name: msgspec.structs.replace(
+                seen, hops=(HOP,), late=3, overdue=2, unmatched=5, early=1
+            )
+            for name, seen in monitors.items()
+        },
     )
-    return put(
-        judged,
-        metrics=put(judged.metrics, rates=rates),
+    return msgspec.structs.replace(
+        found,
         monitor_labels={"detections": "Tag detections"},
-        versions=judged.versions | {"rmw": "rmw_cyclonedds_cpp"},
+        versions=found.versions | {"rmw": "rmw_cyclonedds_cpp"},
         harness_overhead=(FLOOR,),
         output_gaps=(GAP,),
         differences=(DIFFERENCE,),

@@ -13,9 +13,11 @@ from typing import Any
 import pytest
 
 from command_line import Call
+from data_bags import text, write_bag
 from r2bspec.cli.finished_runs import judge_command as judge
 from r2bspec.cli.main import main
 from r2bspec.compare.report_input import ReportInput
+from r2bspec.errors import ExitStatus
 from r2bspec.judge.judge_run import result_of
 from r2bspec.plan.time_estimate import TimeEstimate
 from r2bspec.record.run_folder import Run
@@ -227,3 +229,51 @@ def test_nobody_looks_where_nobody_is_told(capsys: pytest.CaptureFixture[str]) -
         for _ in range(10):
             listener.playing(seen)
     assert (seen.looks, capsys.readouterr().err) == (0, "")
+
+
+# A report replaces nothing that it is made from.
+
+
+def test_no_report_replaces_a_file_of_a_run(run: Path, tmp_path: Path) -> None:
+    other = tmp_path / "result.json"
+    assert main(["report", str(run), "--report", f"json={other}"]) == ExitStatus.OK
+    files = [file for file in (*run.rglob("*"), other) if file.is_file()]
+    assert len(files) > 5
+    before = [file.read_bytes() for file in files]
+    for file in files:
+        source = other if file == other else run
+        for verb in ("judge", "report"):
+            arguments = [verb, str(source), "--report", f"csv={file}"]
+            if file != other or verb == "report":
+                assert main(arguments) == ExitStatus.USAGE
+    inside = f"csv={run}/../{run.name}/{{monitor}}.json"
+    assert main(["report", str(run), "--report", inside]) == ExitStatus.USAGE
+    assert before == [file.read_bytes() for file in files]
+    assert main(["report", str(run), "--report", f"csv={run}/report.csv"]) == ExitStatus.OK
+
+
+@pytest.mark.parametrize("valid", [True, False])
+def test_no_report_of_a_run_replaces_what_the_run_needs(
+    valid: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = write_bag(tmp_path / "bag", [("/a", 0, text("x"))])
+    (tmp_path / "base.yaml").write_text("title: x\n")
+    (tmp_path / "node.py").write_text("class Node: ..." if valid else "(")
+    spec = tmp_path / "x.r2b.yaml"
+    spec.write_text(
+        "r2bspec: 1\nname: x\nextends: base.yaml\ndata_loader: {bag: ./bag, topics: {/a: a}}\n"
+        "playback: {inputs: {a: {from: a, format: std_msgs/msg/String}}}\n"
+        "graph: {nodes: {n: {python: ./node.py:Node}}}\nbenchmark: {rates: [30 Hz]}\n"
+        "monitors: {m: {topic: output, format: std_msgs/msg/String, match: order}}\n"
+    )
+    output = tmp_path / "out"
+    files = [spec, tmp_path / "base.yaml", tmp_path / "node.py", *bag.iterdir()]
+    before = [file.read_bytes() for file in files]
+    for target in (*files, tmp_path / "{name}.r2b.yaml", output / "record.json"):
+        for verb in ([], ["--case", "all"]):
+            arguments = ["run", str(spec), "--output", str(output), "--report", f"junit={target}"]
+            assert main([*arguments, *verb]) == ExitStatus.USAGE
+            said = capsys.readouterr().err
+            assert "would replace" in said, (target, verb, said)
+    assert not output.exists()
+    assert before == [file.read_bytes() for file in files]

@@ -10,6 +10,7 @@ import pytest
 import yaml
 from wiring_specs import IMAGE, node
 
+from ament_packages import install_package
 from example_spec import example
 from r2bspec.check import check
 from r2bspec.diagnostics import Diagnostic
@@ -109,13 +110,9 @@ def test_a_record_without_an_origin_is_used(folder: Path) -> None:
 def test_with_another_version_of_the_package_nothing_is_certain(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    share = folder / "ros/share/detectors"
-    share.mkdir(parents=True)
-    (share / "package.xml").write_text("<package><version>1.3.0</version></package>")
-    index = folder / "ros/share/ament_index/resource_index/packages"
-    index.mkdir(parents=True)
-    (index / "detectors").touch()
-    monkeypatch.setenv("AMENT_PREFIX_PATH", str(folder / "ros"))
+    manifest = {"package.xml": "<package><version>1.3.0</version></package>"}
+    prefix = install_package(folder / "ros", "detectors", manifest)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(prefix))
     for version, severity in (("1.3.0", "error"), ("1.2.9", "warning")):
         record(folder, recorded_from={"target": "detectors D", "version": version})
         found = findings(folder, "package: detectors, plugin: D")

@@ -89,7 +89,7 @@ def test_camera_info_is_looked_for_in_the_namespace_of_the_remapped_image(
 # Source, read literally
 
 
-def literal(tmp_path: Path, body: str, base: str = "Node") -> Any:
+def literal(tmp_path: Path, body: str, base: str = "Node", after: str = "") -> Any:
     file = tmp_path / "nodes.py"
     lines = "\n".join(f"        {line}" for line in body.splitlines())
     file.write_text(
@@ -97,7 +97,7 @@ def literal(tmp_path: Path, body: str, base: str = "Node") -> Any:
         "import sensor_msgs.msg as m\n"
         "from std_msgs.msg import String as Text\n"
         f"class N({base}):\n    def __init__(self, **kwargs):\n"
-        f"        super().__init__('n', **kwargs)\n{lines}\n",
+        f"        super().__init__('n', **kwargs)\n{lines}\n{after}",
         encoding="utf-8",
     )
     return read_node_source(file, "N")
@@ -154,6 +154,32 @@ def test_literal_topics_are_known_and_what_may_be_missing_has_a_reason(
     assert found.publishes == publishes
     assert why in found.may_publish_more
     assert bool(why) == bool(found.may_publish_more)
+
+
+@pytest.mark.parametrize(
+    ("body", "tick", "timed"),
+    [
+        ("self.create_timer(0.02, self.tick)", "self.pub.publish(1)", {"out": 0.02}),
+        (
+            "period = 1 / 50\nself.create_timer(period, self.tick)",
+            "self.pub.publish(1)",
+            {"out": 0.02},
+        ),
+        ("self.create_timer(kwargs['p'], self.tick)", "self.pub.publish(1)", {"out": None}),
+        ("self.create_timer(1, self.tick)", "if self.x: self.pub.publish(1)", {"out": 1.0}),
+        ("self.create_timer(1, self.tick)", "while self.x: self.pub.publish(self.x.pop())", {}),
+        ("self.create_timer(1, self.tick)\nself.tick()", "self.pub.publish(1)", {}),
+        ("self.create_timer(1, self.tick)\nself.pub.publish(1)", "self.pub.publish(1)", {}),
+        ("self.create_timer(1, self.tick)", "print(1)", {}),
+    ],
+)
+def test_what_a_timer_publishes_has_its_pace(
+    body: str, tick: str, timed: Any, tmp_path: Path
+) -> None:
+    """Not in a loop, which may empty a queue of inputs, and not where inputs publish it, too."""
+    made = "self.pub = self.create_publisher(m.Image, 'out', 1)\nself.x = []"
+    found = literal(tmp_path, f"{made}\n{body}", after=f"    def tick(self):\n        {tick}\n")
+    assert found.timed == timed
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,117 @@
+"""The anatomies of a run: of each segment that was observed from inside, joined in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from r2bspec.judge.measure.anatomy import Anatomy, anatomy
+from r2bspec.judge.measure.anatomy_summary import AnatomySummary, summarised
+from r2bspec.judge.measure.matching import MatchedMonitor, match_monitor
+from r2bspec.judge.measure.reactions import match_reactions
+from r2bspec.judge.measure.times import Seconds
+from r2bspec.plan.plan import Plan
+from r2bspec.record.comparison_folder import MergedRun
+from r2bspec.record.run_folder import Run
+from r2bspec.record.run_record import AnatomyRecord, Segment
+from r2bspec.record.sample_arrays import Rows
+
+
+@dataclass(frozen=True)
+class ObservedRows:
+    """What was observed from inside in one segment.
+
+    Attributes:
+        rows: of type `ANATOMY_DTYPE`.
+        record: of its start.
+    """
+
+    rows: Rows
+    record: AnatomyRecord
+
+
+def observed_anatomy(
+    plan: Plan, segment: Segment, observed: ObservedRows, reactions: Mapping[str, MatchedMonitor]
+) -> Anatomy:
+    """The anatomy of a segment.
+
+    Args:
+        plan: of the run.
+        segment: that was observed.
+        observed: in it.
+        reactions: of each monitor of reactions, by name, as `match_reactions` finds them.
+    """
+    window_ns = segment.began_ns, segment.ended_ns
+    return anatomy(observed.record, observed.rows, plan, window_ns, reactions)
+
+
+def observed_values(joined: Anatomy) -> dict[str, Seconds]:
+    """What was observed of each node and topic; see `SegmentSamples.anatomy`."""
+    # Requirements name topics without the slash that they begin with.
+    return {
+        name.replace("path./", "path.").removeprefix("/"): joined.values(name)
+        for name in joined.names
+    }
+
+
+def anatomy_summaries(
+    run: Run, known: Mapping[str, AnatomySummary] | None = None
+) -> tuple[AnatomySummary, ...]:
+    """The anatomy of the last observed iteration at each rate; of several runs that of the last.
+
+    A start in which no iteration could be observed has one without paths, which says why.
+
+    Args:
+        run: the run.
+        known: those that were made before, by segment.
+
+    Raises:
+        RecordError: a file of the run is missing or damaged.
+    """
+    run, known = last_run(run), known or {}
+    found = [
+        known.get(segment.id) or summarised(join_segment(run, segment, record), segment, record)
+        for segment, record in observed_segments(run)
+    ]
+    starts = {segment.start for segment in run.record.segments if run.has_anatomy(segment)}
+    for record in run.record.anatomies:
+        if record.error and record.start not in starts:
+            error = f"No iteration of start {record.start} was observed from inside: {record.error}"
+            found.append(AnatomySummary(segment="", rate_hz=0, paths=(), nodes=(), error=error))
+    return tuple(found)
+
+
+def last_run(run: Run) -> Run:
+    """The last of several runs as one; another run itself."""
+    return run.runs[-1] if isinstance(run, MergedRun) and run.runs else run
+
+
+def observed_segments(run: Run) -> Iterator[tuple[Segment, AnatomyRecord]]:
+    """The iterations of a run that are summarised, with what was observed in their start."""
+    records = {record.start: record for record in run.record.anatomies}
+    last = {
+        segment.rate_hz: segment
+        for segment in run.record.segments
+        if segment.kind in {"iteration", "anatomy"}
+        and segment.start in records
+        and run.has_anatomy(segment)
+    }
+    for segment in last.values():
+        yield segment, records[segment.start]
+
+
+def join_segment(run: Run, segment: Segment, record: AnatomyRecord) -> Anatomy:
+    """The anatomy of a segment of a run.
+
+    Raises:
+        RecordError: a file of it is missing or damaged.
+    """
+    reactions = {}
+    for monitor in run.plan.monitors:
+        if monitor.reaction and not segment.live:
+            playback, rows = run.playback(segment), run.monitor(segment, monitor.name)
+            matched = match_monitor(playback, rows, monitor, run.plan.inputs, segment.played_before)
+            marks = run.marks(segment, monitor.name)
+            reactions[monitor.name] = match_reactions(playback, matched, marks)
+    observed = ObservedRows(run.anatomy(segment), record)
+    return observed_anatomy(run.plan, segment, observed, reactions)

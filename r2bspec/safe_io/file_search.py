@@ -1,0 +1,123 @@
+"""The search for files below a folder: within limits, on one file system, without loops."""
+
+from __future__ import annotations
+
+import contextlib
+import fnmatch
+import glob
+import os
+import re
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from r2bspec.errors import UsageError
+from r2bspec.safe_io.limits import MAX_SEARCHED_ENTRIES, MAX_SEARCHED_FOLDERS
+
+_ANY_FOLDERS: Final = "**"
+
+
+def matching_files(pattern: str) -> list[str]:
+    """The files that match a pattern of the shell, sorted.
+
+    ``*``, ``?`` and ``[...]`` stand for parts of a name, and ``**`` for any folders. They find no
+    hidden names, and ``**`` follows no links.
+
+    Raises:
+        UsageError: very much would have to be searched.
+    """
+    parts = [part for part in pattern.split("/") if part]
+    found = files_below("/" if pattern.startswith("/") else "", parts, pattern)
+    return [file for file in found if os.path.isfile(file)]  # noqa: PTH113 - may be too long
+
+
+def files_below(folder: str, parts: Sequence[str], searched: str) -> list[str]:
+    """All but folders below a folder whose path matches the parts of a pattern, sorted.
+
+    Pipes and links that lead nowhere are among them: a spec that is one gets a finding.
+
+    Args:
+        folder: where the search begins; empty for the current folder.
+        parts: a pattern for each part of the path, as those of `matching_files`.
+        searched: what the user named.
+
+    Raises:
+        UsageError: very much would have to be searched.
+    """
+    search = _Search(parts, searched)
+    found: set[str] = set()
+    pending = [(folder, 0, 0)]
+    seen: set[tuple[str, int]] = set()
+    while pending:
+        place, depth, device = pending.pop()
+        if depth == len(search.parts):
+            if os.path.lexists(place) and not os.path.isdir(place):  # noqa: PTH112 - too long
+                found.add(place)
+        elif (place, depth) not in seen:
+            seen.add((place, depth))
+            pending += search.step(place, depth, device)
+    return sorted(found)
+
+
+class _Search:
+    """The steps of one search.
+
+    Attributes:
+        parts: of the pattern; ``**`` is followed by another part.
+    """
+
+    def __init__(self, parts: Sequence[str], searched: str) -> None:
+        self.parts: list[str] = []
+        for part in parts:
+            if part != _ANY_FOLDERS or self.parts[-1:] != [_ANY_FOLDERS]:
+                self.parts.append(part)
+        self.parts += ["*"] * (self.parts[-1:] == [_ANY_FOLDERS])
+        self._searched = searched
+        self._folders = self._entries = 0
+
+    def step(self, place: str, depth: int, device: int) -> Iterator[tuple[str, int, int]]:
+        """What matches one part more: each with that number of parts, and its file system."""
+        deep = self.parts[depth] == _ANY_FOLDERS
+        part = self.parts[depth + deep]
+        after = depth + deep + 1
+        if not (deep or glob.has_magic(part)):
+            yield os.path.join(place, part), after, 0  # noqa: PTH118 - as the user wrote it
+            return
+        device = device or _device(place)
+        matches = re.compile(fnmatch.translate(part)).match
+        for entry in self._listed(place):
+            path = os.path.join(place, entry.name)  # noqa: PTH118
+            hidden = entry.name.startswith(".")
+            if deep and not hidden and _is_below(entry, device):
+                yield path, depth, device
+            if matches(entry.name) and hidden <= part.startswith("."):
+                yield path, after, 0
+
+    def _listed(self, place: str) -> Iterator[os.DirEntry[str]]:
+        self._folders += 1
+        self._check(self._folders, MAX_SEARCHED_FOLDERS, "folders")
+        with contextlib.suppress(OSError), os.scandir(place or ".") as entries:
+            for entry in entries:
+                self._entries += 1
+                self._check(self._entries, MAX_SEARCHED_ENTRIES, "files and folders")
+                yield entry
+
+    def _check(self, number: int, limit: int, what: str) -> None:
+        if number > limit:
+            raise UsageError(
+                f"{self._searched!r} has more than {limit:,} {what}, too many to search",
+                hint="Name the folder of the specs, or each spec.",
+            )
+
+
+def _device(folder: str) -> int:
+    try:
+        return os.stat(folder or ".").st_dev  # noqa: PTH116
+    except OSError:
+        return 0
+
+
+def _is_below(entry: os.DirEntry[str], device: int) -> bool:
+    try:
+        return entry.is_dir(follow_symlinks=False) and entry.stat().st_dev == device
+    except OSError:
+        return False

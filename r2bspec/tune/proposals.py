@@ -1,0 +1,167 @@
+"""Which deployment to try next: Optuna's tree-structured Parzen estimator proposes, starts decide.
+
+First today's deployment, then levers by themselves, the most promising ones first: most graphs
+depend on a few levers, and a lever that breaks the graph shows it alone. After that two proposers
+take turns. One adds up the effects that the settings have shown (`r2bspec.tune.effects`). The other
+is the estimator (Bergstra et al., "Algorithms for hyper-parameter optimization", NIPS 2011), which
+knows of settings that act together; the largest excess over a limit is the constraint of a trial.
+A deployment is proposed once: its noise is met by the race of the best (`r2bspec.tune.search`), and
+not by chance repetitions here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from r2bspec.plan.tuning_space import Deployment, TuningSpace
+from r2bspec.tune.effects import expected_best
+from r2bspec.tune.tuning_result import MAX_EXCESS
+
+if TYPE_CHECKING:
+    from optuna import Trial as OptunaTrial
+    from optuna.distributions import BaseDistribution
+
+_STARTUP_TRIALS: Final = 8
+"""Trials before the estimator has a model; the single levers are among them."""
+
+_ASKED_AGAIN: Final = 50
+"""How often the estimator may propose what was tried, before chance proposes."""
+
+_BROKEN_COST: Final = 2.0
+"""Times the largest cost so far: what a deployment without a cost is said to cost."""
+
+
+class Proposals:
+    """The deployments to try, in turn; each at most once.
+
+    Args:
+        space: of all deployments.
+        seed: the same one proposes the same after the same results.
+        first: deployments to propose before any other, in this order.
+    """
+
+    def __init__(self, space: TuningSpace, seed: int, first: Iterable[Deployment]) -> None:
+        import optuna
+
+        optuna.logging.set_verbosity(optuna.logging.ERROR)
+        self._space = space
+        self._chance = np.random.default_rng(seed)
+        self._study = optuna.create_study(
+            sampler=optuna.samplers.TPESampler(
+                seed=seed, multivariate=True, n_startup_trials=_STARTUP_TRIALS
+            )
+        )
+        self._distributions: dict[str, BaseDistribution] = {
+            lever.name: optuna.distributions.CategoricalDistribution(range(len(lever.settings)))
+            for lever in space.levers
+        }
+        self._told: dict[Deployment, tuple[float, float]] = {}
+        self._asked: dict[Deployment, OptunaTrial] = {}
+        self._skipped: set[Deployment] = set()
+        self._first = list(dict.fromkeys(first))
+        self._turns = 0
+
+    def next(self) -> Deployment | None:
+        """A deployment that was not tried; None if there is none."""
+        while self._first:
+            deployment = self._first.pop(0)
+            if self._is_new(deployment):
+                return self._ask_for(deployment)
+        if len(self._told) + len(self._skipped) >= self._space.size:
+            return None
+        self._turns += 1
+        if self._turns % 2 and (expected := self._expected_best()) is not None:
+            return self._ask_for(expected)
+        for _ in range(_ASKED_AGAIN):
+            trial = self._study.ask(fixed_distributions=self._distributions)
+            deployment = self._space.deployment(trial.params)
+            if self._is_new(deployment):
+                self._asked[deployment] = trial
+                return deployment
+            # So that the estimator does not propose it for ever.
+            self._end(trial, *self._told.get(deployment, (self._broken_cost, MAX_EXCESS)))
+        return self._by_chance()
+
+    def skip(self, deployment: Deployment) -> None:
+        """A deployment is not tried, because it cannot be the best; or nothing is known of it."""
+        self._skipped.add(deployment)
+        if (trial := self._asked.pop(deployment, None)) is not None:
+            self._end(trial, self._broken_cost, MAX_EXCESS)
+
+    def tell(self, deployment: Deployment, cost: float | None, excess: float) -> None:
+        """The result of a trial, of one that was proposed or of any other.
+
+        Args:
+            deployment: that was tried.
+            cost: that was measured; None where it did not work.
+            excess: over the limit that it misses most; at most 0 where it keeps all.
+        """
+        trial = self._asked.pop(deployment, None)
+        if trial is None:
+            self._ask_for(deployment)
+            trial = self._asked.pop(deployment)
+        if cost is None:
+            cost, excess = self._broken_cost, MAX_EXCESS
+        self._told[deployment] = cost, excess
+        self._end(trial, cost, excess)
+
+    def _is_new(self, deployment: Deployment) -> bool:
+        return deployment not in self._told and deployment not in self._skipped
+
+    @property
+    def _broken_cost(self) -> float:
+        return _BROKEN_COST * max((cost for cost, _ in self._told.values()), default=1.0)
+
+    def _end(self, trial: OptunaTrial, cost: float, excess: float) -> None:
+        trial.set_constraint("excess", excess)
+        self._study.tell(trial, cost)
+
+    def _ask_for(self, deployment: Deployment) -> Deployment:
+        places = {choice.lever: choice.place for choice in deployment.choices}
+        self._study.enqueue_trial({name: places.get(name, 0) for name in self._distributions})
+        self._asked[deployment] = self._study.ask(fixed_distributions=self._distributions)
+        return deployment
+
+    def _expected_best(self) -> Deployment | None:
+        worked = {
+            deployment: result
+            for deployment, result in self._told.items()
+            if result[1] < MAX_EXCESS
+        }
+        known = self._told.keys() | self._skipped
+        return expected_best(self._space, worked, known, self._chance)
+
+    def _by_chance(self) -> Deployment | None:
+        for _ in range(_ASKED_AGAIN):
+            choice = {
+                lever.name: int(self._chance.integers(len(lever.settings)))
+                for lever in self._space.levers
+            }
+            if self._is_new(deployment := self._space.deployment(choice)):
+                return self._ask_for(deployment)
+        return None
+
+
+def single_levers(
+    space: TuningSpace, rank: Mapping[Deployment, float] | None = None
+) -> list[Deployment]:
+    """Each setting of each lever by itself, the others being today's.
+
+    Args:
+        space: of all deployments.
+        rank: of deployments that a model predicts, the least first; others keep their order, in
+            which the first setting of every lever comes before the second of any.
+    """
+    singles = [
+        space.deployment({lever.name: place})
+        for place in range(1, max((len(lever.settings) for lever in space.levers), default=1))
+        for lever in space.levers
+        if place < len(lever.settings)
+    ]
+    # A lever that has no effect with today's settings of the others is today's deployment.
+    found = [deployment for deployment in dict.fromkeys(singles) if deployment.choices]
+    known = rank or {}
+    return sorted(found, key=lambda deployment: known.get(deployment, 0.0))

@@ -1,0 +1,417 @@
+"""The search for the deployment that meets the objectives at the least cost, and its proof.
+
+Four stages, in a budget of time that holds:
+
+1. *Trials*: `Proposals` says what to try, a start measures it.
+2. *Race*: the best of the trials were lucky, too. A few of them are started again, one after the
+   other in rounds, and whoever is shown to be worse than the best one is left out. What the trials
+   saw of them does not count: it chose them.
+3. *Levers*: each lever of the winner is compared with today's setting of it, in interleaved pairs.
+   One that gives nothing, and without which the limits hold, is dropped.
+4. *Proof*: what is left is compared with today's deployment in interleaved pairs, each run a new
+   start. The claim is what these pairs say, and none of them was seen before.
+
+So a search that believed noise ends with a claim that is not shown, and not with a wrong one: the
+chance that the proof shows a gain where there is none is that of the pairs, 5 %
+(`r2bspec.judge.statistics.t_interval`).
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable, Iterator, Sequence
+from operator import attrgetter
+from typing import Final
+
+import msgspec
+
+from r2bspec.diagnostics.quote import pluralize
+from r2bspec.plan.tuning_space import Deployment, TuningSpace
+from r2bspec.tune.machine import Machine, Measurement, Start
+from r2bspec.tune.proposals import Proposals, single_levers
+from r2bspec.tune.race import FIRST_DROP, Finalist, excess_of, finalists_of, is_worse
+from r2bspec.tune.tuning_result import Gain, Trial, TrialState, TuningOutcome, TuningResult
+from r2bspec.tune.tuning_wording import claim_text, plan_line, trial_line, unproven_text
+
+_SINGLES_SHARE: Final = 0.6
+"""Of the trials: the most that levers get by themselves. In simulated graphs 91 of 100 searches end
+within 5 % of the best deployment; with a third of the trials 83 do
+(`tests/simulation/test_tuning_worlds.py`)."""
+
+_FINALISTS: Final = 4
+_RACE_ROUNDS: Final = 5
+_LEVER_PAIRS: Final = 5
+_FEWEST_PAIRS: Final = 3
+"""Pairs that can show anything: the first look is at three."""
+
+_PROOF_SHARE: Final = 0.5
+"""Of the budget: the most that race, levers and proof are given."""
+
+_REASONS_SHOWN: Final = 100
+
+
+class SearchSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """How long a search may take.
+
+    Attributes:
+        trials: the most deployments that are tried, today's among them.
+        budget_s: the time of the whole search, proof included.
+        pairs: the most pairs of the proof.
+        seed: of proposals and orders.
+    """
+
+    trials: int
+    budget_s: float
+    pairs: int
+    seed: int = 0
+
+
+class Forecast(msgspec.Struct, frozen=True, kw_only=True):
+    """What a model says of a deployment before it is tried.
+
+    Attributes:
+        rank: deployments with less of it are tried first.
+        ruled_out: why it cannot meet the objectives, in a sentence; empty where it may.
+    """
+
+    rank: float = 0.0
+    ruled_out: str = ""
+
+
+Predict = Callable[[Deployment], Forecast | None]
+"""Says what is known of a deployment before it is tried; None where nothing is."""
+
+
+class SearchListener:
+    """Is told how a search goes, and may know what comes of it; this one does neither."""
+
+    def found(self, result: TuningResult) -> None:
+        """What the search has found so far."""
+
+    def line(self, text: str) -> None:
+        """A line for the user."""
+
+    def predictor(self, today: Trial) -> Predict | None:
+        """What predicts other deployments, from the run of today's; None if nothing does."""
+        del today
+        return None
+
+
+class Search:
+    """A search, from its first trial or from those of an earlier one that was interrupted.
+
+    Args:
+        blank: the result of a search without a trial: the names, the space, the goal.
+        machine: where deployments are tried.
+        settings: how long it may take.
+        listener: is told how it goes.
+        trials: of an earlier search with the same space.
+    """
+
+    def __init__(
+        self,
+        blank: TuningResult,
+        machine: Machine,
+        settings: SearchSettings,
+        listener: SearchListener | None = None,
+        trials: Sequence[Trial] = (),
+    ) -> None:
+        self._machine, self._settings = machine, settings
+        self._listener = listener or SearchListener()
+        self._space: TuningSpace = blank.space
+        self._trials = list(trials)
+        self._notes: list[str] = []
+        self._predicted: list[str] = []
+        self._began_s = machine.now() - blank.duration_s
+        self._result = msgspec.structs.replace(
+            blank, seed=settings.seed, budget_s=settings.budget_s, trials=tuple(trials)
+        )
+
+    def run(self) -> TuningResult:
+        """Search, race and prove; the result is stored, too."""
+        self._listener.line(plan_line(self._result, self._settings.trials))
+        if self._trials:
+            self._listener.line(f"going on after {pluralize(len(self._trials), 'trial')}")
+        today = self._today()
+        self._try_others(today)
+        if len(self._trials) == 1 and not self._predicted:
+            return self._keep(
+                "incomplete",
+                "Only today's deployment was tried: give a larger --budget or more --trials.",
+            )
+        racing = self._race()
+        meeting = [finalist for finalist in racing if finalist.order[0] == 0.0]
+        if not meeting:
+            return self._end_unmet(racing)
+        return self._prove(meeting[0].deployment, today)
+
+    # 1: trials
+
+    def _today(self) -> Trial:
+        if not self._trials:
+            self._try([self._space.today()])
+        return self._trials[0]
+
+    def _try_others(self, today: Trial) -> None:
+        predict = self._listener.predictor(today) or _know_nothing
+        singles = single_levers(self._space)
+        forecasts = {each: found for each in singles if (found := predict(each)) is not None}
+        singles = single_levers(
+            self._space, {each: known.rank for each, known in forecasts.items()}
+        )
+        first = singles[: math.ceil(_SINGLES_SHARE * self._settings.trials)]
+        proposals = Proposals(self._space, self._settings.seed, first)
+        for trial in self._trials:
+            _tell(proposals, trial)
+        while len(self._trials) < self._settings.trials:
+            if self._left_s() < self._longest_trial_s() + self._proof_s():
+                self._notes.append(
+                    f"The time allowed {len(self._trials)} of {self._settings.trials} trials."
+                )
+                return
+            width = min(self._machine.width, self._settings.trials - len(self._trials))
+            if not (batch := list(self._proposed(proposals, predict, width))):
+                return
+            for trial in self._try(batch):
+                _tell(proposals, trial)
+
+    def _proposed(self, proposals: Proposals, predict: Predict, most: int) -> Iterator[Deployment]:
+        """The next deployments to try, at most so many; those that a model rules out are noted."""
+        found = 0
+        while found < most and (deployment := proposals.next()) is not None:
+            known = predict(deployment)
+            if known is not None and known.ruled_out:
+                self._predicted.append(f"{deployment.text}: {known.ruled_out}")
+                proposals.skip(deployment)
+                continue
+            found += 1
+            yield deployment
+
+    def _try(self, deployments: Sequence[Deployment]) -> list[Trial]:
+        began_s = self._machine.now()
+        first = len(self._trials)
+        starts = [
+            Start(deployment, f"{number:03d}")
+            for number, deployment in enumerate(deployments, first)
+        ]
+        measured = self._machine.measure(starts)
+        duration_s = self._machine.now() - began_s
+        for start, seen in zip(starts, measured, strict=True):
+            trial = Trial(
+                number=len(self._trials),
+                deployment=start.deployment,
+                state=_state(seen),
+                cost=seen.cost,
+                margins=seen.margins,
+                starts=int(seen.state == "played"),
+                duration_s=duration_s,
+                reason=seen.reason,
+                run=seen.run,
+            )
+            self._trials.append(trial)
+            self._listener.line(trial_line(trial, self._result))
+        self._keep("incomplete", "The search has not ended.")
+        return self._trials[first:]
+
+    # 2: race
+
+    def _race(self) -> list[Finalist]:
+        """The deployments that may be the best, the best first."""
+        racing = finalists_of(self._trials, _FINALISTS)
+        chance = random.Random(self._settings.seed)  # noqa: S311 - chance, not a secret
+        played = 0
+        while played < _RACE_ROUNDS and len(racing) > 1:
+            if self._left_s() < self._round_s(len(racing)) + self._proof_s(race=False):
+                self._notes.append(
+                    f"The time allowed {played} of {_RACE_ROUNDS} rounds of the race."
+                )
+                break
+            names = ", ".join(str(each.trial.number) for each in racing)
+            self._listener.line(f"race of trials {names}, from round {played + 1}")
+            last = min(_RACE_ROUNDS, played + self._machine.width)
+            starts = {
+                Start(racing[place].deployment, f"race-{number}-{place}", round=number): place
+                for number in range(played + 1, last + 1)
+                for place in chance.sample(range(len(racing)), len(racing))
+            }
+            seen = dict(zip(starts, self._machine.measure(list(starts)), strict=True))
+            # What the machine could not play says nothing of one, so the others have no pair.
+            lost = {start.round for start, one in seen.items() if one.state == "invalid"}
+            for start, one in seen.items():
+                if start.round not in lost:
+                    racing[starts[start]].add(one)
+            played = last
+            best = min(racing, key=attrgetter("order"))
+            racing = [finalist for finalist in racing if not is_worse(finalist, best)]
+        return sorted(racing, key=attrgetter("order"))
+
+    def _end_unmet(self, racing: Sequence[Finalist]) -> TuningResult:
+        """No deployment keeps every limit: which one is the nearest, and what takes its time."""
+        count = pluralize(len(self._trials), "deployment")
+        tried = f"None of {count} meets the objectives"
+        measured = [Finalist(trial) for trial in self._trials if trial.margins]
+        if not measured:
+            why = self._trials[0].reason
+            return self._keep("not met", f"{tried}: none of them works; today's: {why}")
+        nearest = min(racing or measured, key=attrgetter("order"))
+        anatomy = ""
+        if self._left_s() > 2 * self._longest_trial_s():
+            anatomy = self._machine.slowest_part(nearest.deployment, "nearest")
+        number = nearest.trial.number
+        self._trials[number] = msgspec.structs.replace(nearest.trial, anatomy=anatomy)
+        reason = f"{tried}; the nearest, {nearest.deployment.text}, misses {nearest.missed}"
+        return self._keep("not met", f"{reason}; {anatomy}." if anatomy else f"{reason}.")
+
+    # 3 and 4: levers and proof
+
+    def _prove(self, winner: Deployment, today: Trial) -> TuningResult:
+        meets_today = today.state == "meets"
+        if not winner.choices and today.state == "meets":
+            return self._keep("met today", "No deployment was found that costs less than today's.")
+        if not winner.choices:
+            return self._keep(
+                "not shown",
+                "No deployment was found that costs less than today's, of which a start does not "
+                "show that it meets the objectives: 'r2bspec run' does.",
+            )
+        unproven = next(trial.cost for trial in self._trials if trial.deployment == winner)
+        self._result = msgspec.structs.replace(self._result, unproven=unproven)
+        winner, kept, dropped = self._without_idle_levers(winner)
+        self._result = msgspec.structs.replace(
+            self._result,
+            winner=winner,
+            levers=tuple(kept),
+            dropped=tuple(dropped),
+            for_others=tuple(dict.fromkeys(winner.for_others())),
+        )
+        if not winner.choices:
+            return self._keep(
+                "not shown", "No lever of the best deployment gives anything that pairs show."
+            )
+        pairs = self._affordable_pairs(self._settings.pairs, comparisons=1)
+        if pairs < _FEWEST_PAIRS:
+            return self._keep("incomplete", "The time was over before the proof.")
+        seen = self._machine.compare(self._space.today(), winner, pairs, "proof")
+        self._result = msgspec.structs.replace(
+            self._result, proof=seen.gain, requirements=seen.margins
+        )
+        self._listener.line(f"proof: {seen.gain.metric} {claim_text(seen.gain)}")
+        if not seen.head_meets:
+            return self._keep("not shown", unproven_text(seen))
+        if not meets_today:
+            return self._keep("meets", "The deployment meets the objectives, and today's does not.")
+        if seen.gain.is_shown:
+            return self._keep(
+                "improved",
+                f"The deployment meets the objectives: {seen.gain.metric} {claim_text(seen.gain)}.",
+            )
+        return self._keep(
+            "not shown",
+            f"The pairs do not show a gain: {seen.gain.metric} {claim_text(seen.gain)}; --resume "
+            "with more --pairs and --budget goes on.",
+        )
+
+    def _without_idle_levers(self, winner: Deployment) -> tuple[Deployment, list[Gain], list[Gain]]:
+        """The winner without the levers that give nothing, with what each of them gives."""
+        kept: list[Gain] = []
+        dropped: list[Gain] = []
+        for choice in winner.choices if len(winner.choices) > 1 else ():
+            if choice not in winner.choices:
+                continue  # It has no effect without one that was dropped.
+            left = len(winner.choices) - len(kept)
+            pairs = self._affordable_pairs(_LEVER_PAIRS, comparisons=left + 1)
+            if pairs < _FEWEST_PAIRS:
+                self._notes.append(f"The time did not allow pairs for {choice.lever}.")
+                continue
+            places = {each.lever: each.place for each in winner.choices}
+            without = self._space.deployment(places | {choice.lever: 0})
+            seen = self._machine.compare(
+                winner, without, pairs, f"lever-{len(kept) + len(dropped)}", choice.lever
+            )
+            gain = _of_lever(seen.gain, f"{choice.lever}: {choice.setting.text}")
+            if seen.costs_more or seen.head_fails or seen.reason:
+                kept.append(gain)
+            else:
+                dropped.append(gain)
+                winner = without
+            self._listener.line(f"{gain.change}: {claim_text(gain)}")
+        return winner, kept, dropped
+
+    # The budget.
+
+    def _left_s(self) -> float:
+        return self._settings.budget_s - (self._machine.now() - self._began_s)
+
+    def _longest_trial_s(self) -> float:
+        """Of the trials but today's, which is observed from inside, too."""
+        others = self._trials[1:] or self._trials
+        return max(trial.duration_s for trial in others)
+
+    def _round_s(self, finalists: int) -> float:
+        return finalists * self._longest_trial_s()
+
+    def _proof_s(self, *, race: bool = True) -> float:
+        """What is kept for the rest: the race, pairs for two levers, and the proof."""
+        runs = 2 * (self._settings.pairs + 2 * _LEVER_PAIRS)
+        needed = runs * self._longest_trial_s()
+        if race:
+            rounds = math.ceil(FIRST_DROP / self._machine.width)
+            needed += rounds * self._round_s(_FINALISTS)
+        return min(_PROOF_SHARE * self._settings.budget_s, needed)
+
+    def _affordable_pairs(self, most: int, *, comparisons: int) -> int:
+        """The pairs that the rest of the time allows, shared by some comparisons."""
+        each_s = max(0.0, self._left_s()) / comparisons
+        return min(most, int(each_s / (2 * self._longest_trial_s())))
+
+    # The result.
+
+    def _keep(self, outcome: TuningOutcome, reason: str) -> TuningResult:
+        self._result = msgspec.structs.replace(
+            self._result,
+            outcome=outcome,
+            reason=reason,
+            trials=tuple(self._trials),
+            predicted=tuple(self._predicted[:_REASONS_SHOWN]),
+            notes=tuple(self._notes),
+            duration_s=self._machine.now() - self._began_s,
+        )
+        self._listener.found(self._result)
+        return self._result
+
+
+def _know_nothing(deployment: Deployment) -> None:
+    del deployment
+
+
+def _state(seen: Measurement) -> TrialState:
+    if seen.state != "played":
+        return seen.state
+    if excess_of(seen) > 0:
+        return "misses"
+    return "meets" if all(margin.outcome == "pass" for margin in seen.margins) else "open"
+
+
+def _tell(proposals: Proposals, trial: Trial) -> None:
+    if trial.state == "invalid":
+        proposals.skip(trial.deployment)
+    else:
+        proposals.tell(trial.deployment, trial.cost, trial.excess)
+
+
+def _of_lever(reverse: Gain, change: str) -> Gain:
+    """The gain by a lever, from pairs of the winner and of the winner without it."""
+
+    def inverse(ratio: float | None) -> float | None:
+        return 1 / ratio if ratio else None
+
+    return msgspec.structs.replace(
+        reverse,
+        change=change,
+        before=reverse.after,
+        after=reverse.before,
+        ratio=inverse(reverse.ratio),
+        lower=inverse(reverse.upper),
+        upper=inverse(reverse.lower),
+    )

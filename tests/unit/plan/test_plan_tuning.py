@@ -1,0 +1,257 @@
+"""The deployments that can be tried: what is a lever, what is not, and that each is valid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from r2bspec.check.check_context import DocumentFiles
+from r2bspec.check.engine import check, context_of
+from r2bspec.check.usable_settings import without_refused
+from r2bspec.diagnostics import Severity
+from r2bspec.language.load_spec import load_spec
+from r2bspec.plan.derive_space import PLACEMENT, derive_space
+from r2bspec.plan.this_machine import SchedulingFacts
+from r2bspec.plan.tuning_space import Lever, Setting, TuningSpace, assignment
+
+SPECS = Path(__file__).parents[3] / "specs"
+FOUR_CPUS = SchedulingFacts(cpus=(0, 1, 2, 3), realtime_priority=99, lowest_nice=-20)
+NO_PERMISSION = SchedulingFacts(cpus=(0, 1))
+GROUPS = (
+    *("placement", "containers", "executor", "threads", "cpus", "nice", "scheduling", "qos"),
+    *("transport", "intra_process", "environment"),
+)
+
+CHAIN = """\
+r2bspec: 1
+name: chain
+data_loader:
+  bag: r2b_storage
+  topics: {/d455_1_rgb_image: loaded, /d455_1_rgb_camera_info: info}
+playback:
+  inputs:
+    image: {from: loaded, format: sensor_msgs/msg/Image}
+    camera_info: {from: info, format: sensor_msgs/msg/CameraInfo}
+graph:
+  nodes:
+    small:
+      python: r2bspec.nodes.RelayNode
+      parameters: {format: sensor_msgs/msg/CameraInfo}
+      remappings: {input: camera_info, output: small_out}
+    first:
+      python: r2bspec.nodes.RelayNode
+      parameters: {format: sensor_msgs/msg/Image}
+      remappings: {input: image, output: between}
+    second:
+      python: r2bspec.nodes.RelayNode
+      parameters: {format: sensor_msgs/msg/Image}
+      remappings: {input: between, output: seen}
+monitors:
+  seen: {topic: seen, format: sensor_msgs/msg/Image}
+  small: {topic: small_out, format: sensor_msgs/msg/CameraInfo}
+benchmark: {rates: [30 Hz]}
+"""
+
+
+def space_of(
+    text: str | Path, *sets: str, facts: SchedulingFacts = NO_PERMISSION, largest: int = 0
+) -> TuningSpace:
+    context = context_of(load_spec(text, sets=sets))
+    assert context is not None, [each.message for each in load_spec(text, sets=sets).diagnostics]
+    return derive_space(context.spec, context.wiring, facts, largest_message_bytes=largest)
+
+
+def lever(space: TuningSpace, name: str) -> list[str]:
+    return [each.text for one in space.levers if one.name == name for each in one.settings]
+
+
+def errors(text: str | Path, sets: Sequence[str], files: DocumentFiles | None = None) -> list[str]:
+    loaded = load_spec(text, sets=sets)
+    found = check(loaded, context=context_of(loaded, files=files))
+    return [f"{each.code} {each.message}" for each in found if each.severity is Severity.ERROR]
+
+
+def with_placement(space: TuningSpace, one: Lever) -> tuple[str, ...]:
+    """What makes a lever apply."""
+    places = one.only_with.get(PLACEMENT, (0,))
+    return next(
+        (each.settings[places[0]].sets for each in space.levers if each.name == PLACEMENT), ()
+    )
+
+
+@pytest.mark.parametrize("levers", [(), GROUPS], ids=["default", "everything"])
+@pytest.mark.parametrize(
+    "spec",
+    [
+        "relay.r2b.yaml",
+        "suite/disparity_graph.r2b.yaml",
+        "suite/live_graph.r2b.yaml",
+        "reference/apriltag_graph.r2b.yaml",
+        "reference/live_graph.r2b.yaml",
+        "templates/components.r2b.yaml",
+        "templates/executable.r2b.yaml",
+        "templates/timeline.r2b.yaml",
+    ],
+)
+def test_the_spec_is_valid_with_every_setting(spec: str, levers: tuple[str, ...]) -> None:
+    asked = (f"tune.levers=[{', '.join(levers)}]",) if levers else ()
+    space = space_of(SPECS / spec, *asked, facts=FOUR_CPUS, largest=7_000_000)
+    assert space.levers
+    files = DocumentFiles((SPECS / spec).parent)
+    for one in space.levers:
+        for setting in one.settings[1:]:
+            sets = (*asked, *with_placement(space, one), *setting.sets)
+            assert errors(SPECS / spec, sets, files) == [], setting
+
+
+def test_without_a_word_nothing_is_varied_that_others_notice() -> None:
+    space = space_of(CHAIN, facts=FOUR_CPUS)
+    assert not [each for one in space.levers for each in one.settings if each.for_others]
+    assert not [one.name for one in space.levers if one.name.endswith((".cpus", ".scheduling"))]
+    assert any(why.startswith("scheduling: ") for why in space.left_out)
+    asked = space_of(CHAIN, "tune.levers=[cpus, nice, scheduling]", facts=FOUR_CPUS)
+    assert lever(asked, "graph.nodes.first.nice") == ["0", "10", "-10"]
+    assert lever(asked, "graph.nodes.first.cpus") == ["all CPUs", "CPUs 0, 1", "CPUs 2, 3"]
+    assert "fifo, priority 40" in lever(asked, "graph.nodes.first.scheduling")
+    choice = {"graph.nodes.first.nice": 2}
+    assert [*asked.deployment(choice).for_others()] != []
+
+
+def test_what_is_not_permitted_is_left_out_with_how_to_permit_it() -> None:
+    space = space_of(CHAIN, "tune.levers=[nice, scheduling]")
+    assert lever(space, "graph.nodes.first.nice") == ["0", "10"]
+    assert lever(space, "graph.nodes.first.scheduling") == ["other", "batch"]
+    assert any("rtprio" in why for why in space.left_out)
+
+
+def test_nodes_that_exchange_the_most_bytes_share_a_container_first() -> None:
+    assert lever(space_of(CHAIN), PLACEMENT) == [
+        "separate",
+        "shared",
+        "first and second in one container",
+        "small, first and second in one container",
+    ]
+
+
+def test_a_setting_has_an_effect_only_where_its_process_is_there() -> None:
+    space = space_of(CHAIN, "tune.levers=[placement, containers, threads]")
+    moved = {PLACEMENT: 2, "graph.nodes.first.threads": 1, "containers.first_group.threads": 1}
+    assert [each.lever for each in space.deployment(moved).choices] == [
+        PLACEMENT,
+        "containers.first_group.threads",
+    ]
+    # 2 threads or one, of 3 nodes; of none; of one node and a container; of one container.
+    assert space.size == 2**3 + 1 + 2**2 + 2
+    assert errors(CHAIN, space.deployment(moved).sets) == []
+
+
+@pytest.mark.parametrize(
+    ("sets", "left"),
+    [
+        (["tune.keep=[second]"], ["separate", "small and first in one container"]),
+        (["tune.limits.processes=2"], ["separate", "shared", "first and second in one container"]),
+        (
+            ["slos={fits: {at: 30 Hz, require: [cpu.small.mean < 50 %]}}"],
+            ["separate", "first and second in one container"],
+        ),
+        (
+            ["graph.nodes.first.env={A: 1}"],
+            ["separate", "shared", "small and second in one container"],
+        ),
+        (["graph.nodes.first.nice=5"], ["separate", "small and second in one container"]),
+        (["graph.placement=shared"], ["shared", "separate"]),
+    ],
+    ids=["kept", "few processes", "process in a requirement", "environment", "setting", "shared"],
+)
+def test_nodes_stay_where_the_spec_needs_them(sets: list[str], left: list[str]) -> None:
+    space = space_of(CHAIN, *sets)
+    assert lever(space, PLACEMENT)[: len(left)] == left
+    for one in space.levers:
+        for setting in one.settings:
+            sets_of_all = (*sets, *with_placement(space, one), *setting.sets)
+            assert errors(CHAIN, sets_of_all) == []
+
+
+def test_own_levers_replace_those_that_are_derived() -> None:
+    space = space_of(
+        CHAIN,
+        "tune.values={graph.nodes.first.threads: [3], graph.nodes.first.parameters.depth: [1, 2],"
+        " transport.kind: [udp, shared_memory]}",
+    )
+    assert lever(space, "graph.nodes.first.threads") == ["0", "3"]
+    assert lever(space, "graph.nodes.first.parameters.depth") == ["as it is", "1", "2"]
+    assert lever(space, "transport.kind") == ["shared_memory", "udp"]
+
+
+def test_a_depth_that_the_spec_overrides_is_varied() -> None:
+    name = "qos_overrides./between.subscription.depth"
+    space = space_of(CHAIN, f"graph.nodes.second.parameters={{'{name}': 10, {name}x: 1}}")
+    assert lever(space, f"graph.nodes.second.parameters['{name}']") == ["10", "1", "100"]
+
+
+def test_of_many_nodes_few_have_levers() -> None:
+    node = "{{python: r2bspec.nodes.RelayNode, remappings: {{input: t{}, output: t{}}}}}"
+    nodes = "".join(f"    n{i}: {node.format(i, i + 1)}\n" for i in range(100))
+    text = CHAIN[: CHAIN.index("    small:")] + nodes + CHAIN[CHAIN.index("monitors:") :]
+    space = space_of(
+        text.replace("    image: {from", "    t0: {from").replace("topic: seen", "topic: t100")
+    )
+    assert len(lever(space, PLACEMENT)) <= 6
+    assert len(space.levers) < 40
+    assert any("processes have no levers of their own" in why for why in space.left_out)
+
+
+def test_what_is_refused_is_left_out() -> None:
+    def setting(name: str) -> Setting:
+        return Setting(text=name, sets=(name,))
+
+    space = TuningSpace(
+        levers=(
+            Lever(name=PLACEMENT, settings=(Setting(text="now"), setting("bad"), setting("good"))),
+            Lever(
+                name="a", settings=(Setting(text="now"), setting("a1")), only_with={PLACEMENT: (1,)}
+            ),
+            Lever(
+                name="b", settings=(Setting(text="now"), setting("b1")), only_with={PLACEMENT: (2,)}
+            ),
+            Lever(name="c", settings=(Setting(text="now"), setting("worse"), setting("c2"))),
+        )
+    )
+    tried: list[Sequence[str]] = []
+
+    def refusal(sets: Sequence[str]) -> str:
+        tried.append(sets)
+        return "R2B000: no" if {"bad", "worse"} & {*sets} else ""
+
+    usable = without_refused(space, refusal)
+    assert [(one.name, len(one.settings)) for one in usable.levers] == [
+        (PLACEMENT, 2),
+        ("b", 2),
+        ("c", 2),
+    ]
+    assert usable.levers[1].only_with == {PLACEMENT: (1,)}
+    assert usable.left_out == (f"{PLACEMENT} = bad and 1 more: R2B000: no",)
+
+
+def test_nothing_depends_on_a_lever_of_which_one_setting_is_left() -> None:
+    other = (Setting(text="now"), Setting(text="b", sets=("b",)))
+    placement = Lever(name=PLACEMENT, settings=(other[0], Setting(text="bad", sets=("bad",))))
+    levers = [
+        Lever(name=name, settings=other, only_with={PLACEMENT: (at,)})
+        for name, at in (("a", 0), ("b", 1))
+    ]
+    space = TuningSpace(levers=(placement, *levers))
+    usable = without_refused(space, lambda sets: "no" if "bad" in sets else "")
+    assert [(one.name, one.only_with) for one in usable.levers] == [("a", {})]
+
+
+@pytest.mark.parametrize(
+    "value", ["udp", "1", "true", "[x", "a b", "", 1, True, 0.5, [0, 1], "é'\""]
+)
+def test_an_assignment_means_its_value(value: object) -> None:
+    written = assignment(("graph", "nodes", "first", "parameters", "p"), value)
+    spec = load_spec(CHAIN, sets=[written]).spec
+    assert spec is not None
+    assert spec.graph.nodes["first"].parameters["p"] == value

@@ -1,0 +1,122 @@
+"""What a search makes of a fleet: hosts of one class, rounds on one host, and hosts that fail."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+pytest.importorskip("rosbags")
+
+from direct_hosts import FACTS
+from r2bspec import api
+from r2bspec.errors import R2bspecError
+from r2bspec.execute.errors import RunError
+from r2bspec.fleet.errors import BundleTooLargeError, HostLostError, NoHostError, NotAllowedError
+from r2bspec.fleet.fleet_runs import EndedRun, FleetRun
+from r2bspec.fleet.hosts import ANY, HostFacts
+from r2bspec.language.selected_spec import SpecSelection
+from r2bspec.plan.tuning_space import Choice, Deployment, Setting
+from r2bspec.tune.errors import TuningError
+from r2bspec.tune.fleet_machine import FleetHosts, FleetMachine, hosts_of_one_class
+from r2bspec.tune.machine import Start, goal_of
+from ros_runs import Bench, relay_spec
+
+OTHER = Deployment(
+    (Choice(lever="graph.placement", place=1, setting=Setting(text="x", sets=("title=x",))),)
+)
+
+
+def host(name: str, **facts: Any) -> HostFacts:
+    return msgspec.structs.replace(FACTS, name=name, cpu="A78", cores=4, **facts)
+
+
+class Client:
+    """A connection whose hosts are given."""
+
+    def __init__(self, *names: str) -> None:
+        self.hosts = dict.fromkeys(names)
+
+
+class GivenFleet(FleetMachine):
+    """A fleet on which every run ends with an error, or none is left."""
+
+    error: R2bspecError
+    made: list[FleetRun]
+
+    def _made(self, runs: Sequence[FleetRun]) -> list[EndedRun]:
+        self.made = [*runs]
+        return [EndedRun(run, "a", self.error) for run in runs]
+
+
+@pytest.fixture
+def fleet(tmp_path: Path) -> GivenFleet:
+    spec = relay_spec()
+    spec["slos"] = {"all": {"at": "20 Hz", "require": ["received > 0"]}}
+    selection = SpecSelection(Bench(tmp_path).write(spec))
+    plan = api.prepare(selection).plan
+    hosts: Any = FleetHosts(Client("a", "b", "c"), ("a", "b", "c", "d"), host("a"))  # type: ignore[arg-type]
+    journal: Any = None
+    goal = goal_of(plan, "cpu.graph.mean")
+    return GivenFleet(selection, tmp_path / "runs", goal, hosts, journal, tmp_path, print)
+
+
+def test_starts_are_made_on_any_host_and_those_of_a_round_on_one(fleet: GivenFleet) -> None:
+    fleet.error = R2bspecError("the graph did not start", code="R2B640")
+    assert fleet.width == 3
+    rounds = {"1": 0, "2": 1, "3": 1, "4": 2}
+    seen = fleet.measure([Start(OTHER, name, round=number) for name, number in rounds.items()])
+    assert [one.state for one in seen] == ["broken"] * 4
+    free, first, second, other = (run.hosts for run in fleet.made)
+    assert free == {"a", "b", "c"}
+    assert len(first) == 1
+    assert first == second != other
+
+
+def test_a_lost_host_says_nothing_of_a_deployment(fleet: GivenFleet) -> None:
+    fleet.error = HostLostError("the host a left the fleet")
+    (seen,) = fleet.measure([Start(OTHER, "1")])
+    assert (seen.state, seen.reason) == ("invalid", "R2B688: the host a left the fleet")
+    fleet.error = BundleTooLargeError("the files that the spec names have more than 512 MiB")
+    with pytest.raises(BundleTooLargeError):
+        fleet.measure([Start(OTHER, "1")])
+    fleet.error = HostLostError("the host a left the fleet")
+    fleet.fleet.client.hosts = {}
+    with pytest.raises(HostLostError):
+        fleet.measure([Start(OTHER, "1")])
+
+
+def test_what_a_host_refuses_is_a_result_unless_it_is_the_spec_itself(fleet: GivenFleet) -> None:
+    fleet.error = NotAllowedError("the host a does not allow Python")
+    (seen,) = fleet.measure([Start(OTHER, "1")])
+    assert (seen.state, seen.reason) == ("refused", "R2B685: the host a does not allow Python")
+    fleet.error = RunError("the policy fifo is not permitted", code="R2B637")
+    (seen,) = fleet.measure([Start(OTHER, "2")])
+    assert (seen.state, seen.reason) == ("refused", "R2B637: the policy fifo is not permitted")
+    with pytest.raises(TuningError, match="refused as it is: R2B637: the policy"):
+        fleet.measure([Start(Deployment(), "1")])
+
+
+def test_pairs_go_to_a_host_as_a_comparison(fleet: GivenFleet) -> None:
+    fleet.error = HostLostError("the host a left the fleet")
+    seen = fleet.compare(Deployment(), OTHER, 3, "proof")
+    assert seen.reason == "R2B688: the host a left the fleet"
+    (run,) = fleet.made
+    assert run.options == {"compares": True, "force": True, "against": "today's", "pairs": 3}
+    assert [side.plan.title for side in run.sides] == ["x", ""]
+
+
+def test_hosts_of_several_classes_are_refused_with_a_way_out(fleet: GivenFleet) -> None:
+    plan = fleet.prepare(Deployment()).plan
+    facts = {name: host(name) for name in "abc"} | {"d": host("d", ros_distro="rolling")}
+    with pytest.raises(TuningError) as raised:
+        hosts_of_one_class(plan, facts, (ANY,))
+    assert "of 2 classes" in str(raised.value)
+    assert "a, b, c (A78, 4 CPUs); d (A78, 4 CPUs, rolling)" in str(raised.value)
+    assert raised.value.hint.endswith("--hosts a,b,c")
+    assert hosts_of_one_class(plan, facts, ("b", "a")) == ("a", "b")
+    with pytest.raises(NoHostError, match="no host 'e'"):
+        hosts_of_one_class(plan, facts, ("e",))

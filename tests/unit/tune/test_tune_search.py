@@ -1,0 +1,304 @@
+"""The stages of a search, on a machine whose every answer is given."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import pytest
+
+from r2bspec.plan.tuning_space import Deployment, Lever, Setting, TuningSpace
+from r2bspec.tune.machine import Measurement, Pairs, Start
+from r2bspec.tune.search import Forecast, Predict, Search, SearchListener, SearchSettings
+from r2bspec.tune.tuning_result import Gain, RequirementMargin, Trial, TuningResult
+
+SPACE = TuningSpace(
+    levers=tuple(
+        Lever(
+            name=name,
+            settings=(Setting(text="today"), Setting(text="other", sets=(f"{name}=other",))),
+        )
+        for name in ("placement", "threads", "qos")
+    )
+)
+SETTINGS = SearchSettings(trials=8, budget_s=10_000.0, pairs=5)
+BLANK = TuningResult(
+    name="relay",
+    title="",
+    goal="cpu.graph.mean",
+    goal_unit="share",
+    outcome="incomplete",
+    reason="",
+    space=SPACE,
+    trials=(),
+)
+
+
+def changed(deployment: Deployment) -> set[str]:
+    return {choice.lever for choice in deployment.choices}
+
+
+def margin(excess: float) -> RequirementMargin:
+    return RequirementMargin(
+        text="latency.p99 < 50 ms",
+        outcome="pass" if excess <= 0 else "fail",
+        estimate=0.05,
+        limit=0.05,
+        unit="s",
+        excess=excess,
+    )
+
+
+def played(cost: float, excess: float = -0.5) -> Measurement:
+    return Measurement(state="played", cost=cost, margins=(margin(excess),))
+
+
+@dataclass
+class GivenMachine:
+    """A machine whose starts take ten seconds, and measure what `answer` says."""
+
+    answer: Callable[[Deployment], Measurement]
+    width: int = 1
+    seconds: float = 0.0
+    starts: list[str] = field(default_factory=list)
+    batches: list[Sequence[Start]] = field(default_factory=list)
+    compared: list[tuple[set[str], set[str]]] = field(default_factory=list)
+
+    def now(self) -> float:
+        return self.seconds
+
+    def measure(self, starts: Sequence[Start]) -> list[Measurement]:
+        self.seconds += 10.0 * math.ceil(len(starts) / self.width)
+        self.starts += [start.name for start in starts]
+        self.batches.append(starts)
+        return [self.answer(start.deployment) for start in starts]
+
+    def slowest_part(self, deployment: Deployment, name: str) -> str:
+        """What takes most of the latency."""
+        del deployment, name
+        return "first: callback takes 41 ms of 58 ms in the mean"
+
+    def compare(
+        self, base: Deployment, head: Deployment, pairs: int, name: str, lever: str = ""
+    ) -> Pairs:
+        self.compared.append((changed(base), changed(head)))
+        before, after = self.measure([Start(base, name), Start(head, name)])
+        self.seconds += pairs * 20.0 - 20.0 / self.width
+        ratio = after.cost / before.cost if after.cost and before.cost else None
+        gain = Gain(
+            change=head.text,
+            lever=lever,
+            metric="cpu.graph.mean",
+            unit="share",
+            before=before.cost,
+            after=after.cost,
+            ratio=ratio,
+            lower=None if ratio is None else 0.98 * ratio,
+            upper=None if ratio is None else 1.02 * ratio,
+            pairs=pairs,
+        )
+        return Pairs(
+            gain=gain,
+            costs_more=ratio is not None and 0.98 * ratio > 1,
+            margins=after.margins,
+            reason="" if ratio is not None else "R2B631: a process died",
+        )
+
+
+def search(
+    answer: Callable[[Deployment], Measurement],
+    settings: SearchSettings = SETTINGS,
+    listener: SearchListener | None = None,
+    trials: tuple[Trial, ...] = (),
+) -> tuple[TuningResult, GivenMachine]:
+    machine = GivenMachine(answer)
+    return Search(BLANK, machine, settings, listener=listener, trials=trials).run(), machine
+
+
+def test_the_cheapest_deployment_that_meets_the_limits_is_proved() -> None:
+    def answer(deployment: Deployment) -> Measurement:
+        levers = changed(deployment)
+        # Threads save most, and break the limit.
+        return played(
+            1.0 - 0.2 * ("placement" in levers) - 0.5 * ("threads" in levers),
+            0.5 if "threads" in levers else -0.5,
+        )
+
+    found, machine = search(answer)
+    assert found.outcome == "improved"
+    assert found.winner is not None
+    assert changed(found.winner) == {"placement"}
+    assert found.proof is not None
+    assert found.proof.ratio == pytest.approx(0.8)
+    assert [each.text for each in found.requirements] == ["latency.p99 < 50 ms"]
+    assert machine.compared[-1] == (set(), {"placement"})
+
+
+def test_a_lever_that_gives_nothing_is_dropped_from_the_winner() -> None:
+    costs = {"placement": -0.2, "threads": -0.1, "qos": -1e-6}
+    found, _ = search(
+        lambda deployment: played(1.0 + sum(costs[lever] for lever in changed(deployment)))
+    )
+    assert found.winner is not None
+    assert changed(found.winner) == {"placement", "threads"}
+    assert [gain.lever for gain in found.dropped] == ["qos"]
+    assert {gain.lever for gain in found.levers} == {"placement", "threads"}
+    assert all(gain.is_shown for gain in found.levers)
+
+
+def test_a_lever_without_which_a_limit_breaks_is_kept() -> None:
+    def answer(deployment: Deployment) -> Measurement:
+        levers = changed(deployment)
+        return played(1.0 - 0.2 * ("placement" in levers), -0.5 if "qos" in levers else 0.5)
+
+    found, _ = search(answer)
+    assert found.outcome == "meets"
+    assert found.winner is not None
+    assert changed(found.winner) == {"placement", "qos"}
+
+
+def test_no_deployment_meets_the_objectives_and_the_nearest_is_named() -> None:
+    found, machine = search(lambda deployment: played(1.0, 0.5 - 0.1 * len(changed(deployment))))
+    assert found.outcome == "not met"
+    assert found.reason == (
+        "None of 8 deployments meets the objectives; the nearest, placement: other, threads: other,"
+        " qos: other, misses latency.p99 < 50 ms by 22.1 %; first: callback takes 41 ms of 58 ms in"
+        " the mean."
+    )
+    assert found.winner is None
+    assert not machine.compared
+
+
+def test_deployments_that_break_the_graph_are_results() -> None:
+    def answer(deployment: Deployment) -> Measurement:
+        if "threads" in changed(deployment):
+            return Measurement(state="broken", reason="R2B640: not ready")
+        if "qos" in changed(deployment):
+            return Measurement(state="refused", reason="R2B301: no such profile")
+        return played(0.5 if changed(deployment) else 1.0)
+
+    found, _ = search(answer)
+    assert found.outcome == "improved"
+    assert {trial.state for trial in found.trials} == {"meets", "broken", "refused"}
+    assert len(found.trials) == SPACE.size
+
+
+def test_a_start_that_the_machine_cannot_play_says_nothing_of_a_deployment() -> None:
+    starts: dict[Deployment, int] = {}
+
+    def answer(deployment: Deployment) -> Measurement:
+        starts[deployment] = starts.get(deployment, 0) + 1
+        if "qos" in changed(deployment) or starts[deployment] == 2:
+            return Measurement(state="invalid", reason="The playback was late.")
+        return played(1.0 - 0.1 * len(changed(deployment)))
+
+    found, _ = search(answer)
+    assert found.outcome == "improved"
+    assert found.winner is not None
+    assert changed(found.winner) == {"placement", "threads"}
+    assert sum(trial.state == "invalid" for trial in found.trials) == SPACE.size // 2
+
+
+def test_where_nothing_works_that_is_said() -> None:
+    found, _ = search(lambda _: Measurement(state="broken", reason="R2B640: not ready"))
+    assert found.outcome == "not met"
+    assert found.reason.endswith("none of them works; today's: R2B640: not ready")
+
+
+def test_todays_deployment_may_be_the_best() -> None:
+    found, machine = search(lambda deployment: played(1.0 + 0.2 * len(changed(deployment))))
+    assert found.outcome == "met today"
+    assert not machine.compared
+
+
+def test_a_gain_that_pairs_do_not_show_is_not_claimed() -> None:
+    class Lucky(GivenMachine):
+        def compare(
+            self, base: Deployment, head: Deployment, pairs: int, name: str, lever: str = ""
+        ) -> Pairs:
+            seen = super().compare(base, base, pairs, name, lever)
+            self.compared[-1] = (changed(base), changed(head))
+            return seen
+
+    machine = Lucky(lambda deployment: played(0.9 if "qos" in changed(deployment) else 1.0))
+    found = Search(BLANK, machine, SETTINGS).run()
+    assert found.outcome == "not shown"
+
+
+def test_the_budget_holds_and_leaves_time_for_the_proof() -> None:
+    settings = SearchSettings(trials=8, budget_s=150.0, pairs=5)
+    found, machine = search(
+        lambda deployment: played(1.0 / (1 + len(changed(deployment)))), settings
+    )
+    assert machine.seconds <= 150.0
+    assert len(found.trials) < 8
+    assert any("of 8 trials" in note for note in found.notes)
+
+
+def test_a_search_without_time_for_a_second_trial_claims_nothing() -> None:
+    for settings in (
+        SearchSettings(trials=8, budget_s=5.0, pairs=5),
+        SearchSettings(trials=1, budget_s=10_000.0, pairs=5),
+    ):
+        found, _ = search(lambda _: played(1.0), settings)
+        assert found.outcome == "incomplete"
+        assert "--budget" in found.reason
+        assert len(found.trials) == 1
+
+
+def test_an_interrupted_search_goes_on_with_its_trials() -> None:
+    def answer(deployment: Deployment) -> Measurement:
+        return played(1.0 - 0.1 * len(changed(deployment)))
+
+    class Interrupted(SearchListener):
+        last: TuningResult
+
+        def found(self, result: TuningResult) -> None:
+            self.last = result
+            if len(result.trials) == 3:
+                raise KeyboardInterrupt
+
+    listener = Interrupted()
+    with pytest.raises(KeyboardInterrupt):
+        search(answer, listener=listener)
+    found, machine = search(answer, trials=listener.last.trials)
+    assert len(found.trials) == SPACE.size
+    assert found.trials[:3] == listener.last.trials
+    assert [name for name in machine.starts if name.isdigit()] == [
+        "003",
+        "004",
+        "005",
+        "006",
+        "007",
+    ]
+
+
+def test_what_a_model_rules_out_is_not_tried() -> None:
+    class Model(SearchListener):
+        def predictor(self, today: Trial) -> Predict:
+            assert not today.deployment.choices
+
+            def predict(deployment: Deployment) -> Forecast:
+                cannot = "threads" in changed(deployment)
+                return Forecast(ruled_out="p99 is at least 60 ms" if cannot else "")
+
+            return predict
+
+    found, _ = search(lambda _: played(1.0), listener=Model())
+    assert all("threads" not in changed(trial.deployment) for trial in found.trials)
+    assert len(found.predicted) == SPACE.size // 2
+    assert found.predicted[0].endswith("p99 is at least 60 ms")
+
+
+def test_several_deployments_are_tried_at_once_where_there_are_several_hosts() -> None:
+    machine = GivenMachine(lambda one: played(1.0 - 0.1 * len(changed(one))), width=4)
+    found = Search(BLANK, machine, SETTINGS).run()
+    assert found.outcome == "improved"
+    assert len(found.trials) == SPACE.size
+    assert machine.starts[1:5] == ["001", "002", "003", "004"]
+    # A round is a comparison, and stays on one host; several rounds are made at once.
+    rounds = [start.round for batch in machine.batches for start in batch if start.round]
+    assert Counter(rounds[:16]) == {1: 4, 2: 4, 3: 4, 4: 4}
+    assert [{start.round for start in batch} for batch in machine.batches[3:4]] == [{1, 2, 3, 4}]

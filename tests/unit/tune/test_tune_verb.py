@@ -1,0 +1,83 @@
+"""What the verb does with a search: writes what is proved only, and says how to go on."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from r2bspec.cli.main import main
+from r2bspec.errors import ExitStatus
+from r2bspec.execute.errors import InterruptedRunError
+from r2bspec.plan.tuning_space import Choice, Deployment, Setting
+from ros_runs import Bench, relay_spec
+from tuning_results import improved
+
+SHARED = Deployment(
+    (
+        Choice(
+            lever="graph.placement",
+            place=1,
+            setting=Setting(text="shared", sets=("graph.placement=shared",)),
+        ),
+    )
+)
+
+
+@pytest.fixture
+def spec(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr("r2bspec.cli.tune.locked_host", lambda *_, **__: contextlib.nullcontext())
+    slos = {"all": {"at": "20 Hz", "require": ["received > 0"]}}
+    return Bench(tmp_path).write(relay_spec(slos=slos))
+
+
+def found(monkeypatch: pytest.MonkeyPatch, outcome: str) -> None:
+    """Every search ends with an outcome, or is interrupted."""
+
+    def tune(*_: Any, **__: Any) -> Any:
+        if outcome == "interrupted":
+            raise InterruptedRunError("interrupted by SIGINT")
+        return improved(outcome=outcome, winner=SHARED)
+
+    monkeypatch.setattr("r2bspec.tune.tuning.tune", tune)
+
+
+@pytest.mark.parametrize(
+    ("outcome", "status", "changed"), [("improved", 0, True), ("not shown", 3, False)]
+)
+def test_only_what_is_proved_is_written(
+    spec: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    outcome: str,
+    status: int,
+    *,
+    changed: bool,
+) -> None:
+    found(monkeypatch, outcome)
+    words = ["tune", str(spec), "--quiet", "--format", "json", "--output", str(spec.parent)]
+    assert main(words) == status
+    out, err = capsys.readouterr()
+    assert json.loads(out)["outcome"] == outcome
+    assert ("+  placement: shared" in err) is changed
+    patch = spec.with_name("deployment.patch")
+    assert patch.exists() is changed
+    assert "placement: shared" not in spec.read_text()
+    assert main([*words, "--write"]) == status
+    assert ("placement: shared" in spec.read_text()) is changed
+
+
+def test_a_search_that_is_interrupted_says_how_it_goes_on(
+    spec: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found(monkeypatch, "interrupted")
+    assert main(["tune", str(spec), "--output", "here"]) == ExitStatus.INTERRUPTED
+    assert "--output here --resume" in capsys.readouterr().err
+
+
+def test_hosts_are_those_of_a_fleet(spec: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["tune", str(spec), "--hosts", "a"]) == ExitStatus.USAGE
+    assert "need --on" in capsys.readouterr().err

@@ -1,0 +1,46 @@
+"""What a report of a search says, and that nothing in a result does harm where it is shown."""
+
+from __future__ import annotations
+
+import math
+
+import tuning_results
+from r2bspec.tune import tuning_wording as wording
+from tuning_results import gain, improved, not_met, to_text
+
+
+def test_the_outcome_comes_first() -> None:
+    for result in (improved(), not_met()):
+        said = f"robot: {result.reason}"
+        assert to_text(result, 400).startswith(f"{said}\n")
+        assert wording.headline(result) == said
+
+
+def test_the_claim_is_of_the_pairs_and_not_of_the_search() -> None:
+    result = improved(unproven=0.1)
+    assert wording.seen_and_proven(result) == (
+        "The search saw 10 % for it and 120 % for today's (-92 %), once each and chosen for being "
+        "low; the pairs say -28 % (-31 to -25 %), 8 pairs."
+    )
+    assert wording.seen_and_proven(improved(proof=None)) == ""
+
+
+def test_the_best_trials_are_first() -> None:
+    assert [row.number for row in wording.trial_rows(improved())] == list("4102536")
+
+
+def test_gains_that_were_not_measured() -> None:
+    missing = gain("", None)
+    assert wording.claim_text(missing) == "not measured, 8 pairs"
+    assert wording.gain_rows([missing])[0][2:5] == ("-", "-", "no interval")
+    endless = gain("", 1.5, lower=1.1, upper=math.inf, pairs=1)
+    assert wording.claim_text(endless) == "+50 % (+10 to ∞ %), 1 pair"
+
+
+def test_hostile_texts_are_shown_and_do_nothing() -> None:
+    result = tuning_results.hostile()
+    text = to_text(result)
+    assert not any(line.startswith("::") for line in text.splitlines())
+    assert "\x1b" not in text
+    assert "\u202e" not in text
+    assert "[bold]" in text
