@@ -17,7 +17,9 @@ slowed down by them.
 
 From w follows, for n messages offered at a rate r, of which c come out per second:
 
-    lost        at most w n + 1 messages: those for whose service there was time otherwise
+    lost        at most w n + 2 v sqrt(w n) + 1 messages: those for whose service there was time
+                otherwise. Where services differ by a share v of their mean, so does their number in
+                a time: by v sqrt(w n), its standard deviation
     throughput  at most w r more
     latency     A second of waiting delays the messages that are in the graph then, and those that
                 come before the graph is idle again. So messages were delayed by at most w T m in
@@ -112,6 +114,12 @@ MAX_SHARE = 0.75
 
 _SHARED_PROCESSOR_LOSS = 0.5
 
+_DEVIATIONS = 2.0
+"""How many more messages may have been lost than on average, in standard deviations."""
+
+_NORMAL_DECILE = 1.2816
+"""Standard deviations from the median of a normal distribution to its first decile."""
+
 
 def taken_share(known: HostInterference | None) -> float | None:
     """The largest share of the time that others can have taken from the run: w above.
@@ -186,7 +194,9 @@ def shortest_latencies(
                 _level(own, (taken - shared) * seconds * 1e9) * _SHARED_PROCESSOR_LOSS,
             )
         )
-    explained = min(lost, int(np.ceil(taken * steps.answered.size)) + 1)
+    mean = taken * steps.answered.size
+    more = _DEVIATIONS * _relative_spread(_own_times(seen)) * math.sqrt(mean)
+    explained = min(lost, math.ceil(mean + more) + 1)
     return np.concatenate((np.zeros(explained), latency, np.full(lost - explained, np.inf)))
 
 
@@ -202,6 +212,15 @@ def _own_times(seen: MonitorSamples) -> NDArray[np.float64]:
     own = np.maximum(0, received - np.maximum(published, before)).astype(np.float64)
     own[np.diff(np.flatnonzero(answered), prepend=-1) > 1] = 0.0
     return np.sort(own)
+
+
+def _relative_spread(own: NDArray[np.float64]) -> float:
+    """The standard deviation of own times by their median, from the lower half: waits lengthen."""
+    known = own[own > 0]
+    if not known.size:
+        return 0.0
+    decile, median = np.percentile(known, (10, 50))
+    return float((median - decile) / median) / _NORMAL_DECILE
 
 
 def _level(ascending: NDArray[np.float64], budget: float) -> NDArray[np.float64]:

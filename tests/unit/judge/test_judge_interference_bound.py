@@ -34,13 +34,23 @@ def some_stalls(draw: st.DrawFn) -> Stalls:
     """Few long ones or many short ones: up to a third of ten seconds."""
     length = draw(st.sampled_from([0.002, 0.02, 0.3, 1.5]))
     number = draw(st.integers(0, max(1, int(3 / length))))
-    starts = np.sort(np.random.default_rng(draw(st.integers(0, 99))).uniform(0, 8, number))
-    # One after the other where they would overlap.
+    return stalls_of(length, number, draw(st.integers(0, 99)))
+
+
+def stalls_of(length: float, number: int, seed: int) -> Stalls:
+    """Stalls at random, one after the other where they would overlap."""
+    starts = np.sort(np.random.default_rng(seed).uniform(0, 8, number))
     gaps = np.maximum.accumulate(starts - np.arange(number) * length)
     return [(float(gap), length) for gap in gaps + np.arange(number) * length]
 
 
-@settings(deadline=None, max_examples=size(60, 300), suppress_health_check=[HealthCheck.too_slow])
+# The same examples each time: the bound on lost messages allows for two standard deviations.
+@settings(
+    deadline=None,
+    max_examples=size(60, 300),
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow],
+)
 @given(
     load=st.sampled_from([0.1, 0.5, 0.9, 0.97, 1.05, 1.5, 2.0]),
     depth=st.sampled_from([1, 2, 5, 100]),
@@ -57,6 +67,20 @@ def test_no_more_is_blamed_on_the_graph_than_it_does_alone(
     shortest = bound(found)[ranks]
     finite = np.isfinite(shortest)
     assert np.all(shortest[finite] <= found.latency[ranks][finite] * 1.01 + 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("depth", "length", "number", "seed"),
+    [(2, 0.02, 81, 1261), (2, 0.02, 66, 8885), (1, 0.02, 64, 6304), (2, 0.002, 133, 3170)],
+)
+def test_losses_of_services_that_differ_are_explained(
+    depth: int, length: float, number: int, seed: int
+) -> None:
+    # So near to its capacity that a few services shorter than the mean decide what is lost: with
+    # w n + 1 messages explained, four to five more than alone were blamed on the graph.
+    stalls = stalls_of(length, number, seed)
+    found = disturbed(1.05, depth=depth, stalls=stalls, spread=0.3)
+    assert np.isinf(bound(found)).sum() <= np.isinf(found.latency).sum() + 2
 
 
 @pytest.mark.parametrize("depth", [2, 5, 100])
