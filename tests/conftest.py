@@ -14,15 +14,17 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import settings
 
+from nightly import NIGHTLY
+
 if TYPE_CHECKING:
     from r2bspec.bags.recording import SyntheticDataset
 
 pytest_plugins = ["command_line", "family_trees", "reported_runs"]
 
-# A first example that imports or compiles something, on a busy machine, is no failure. The rest is
-# as Hypothesis has it, which in a CI job draws the same examples each time.
-settings.register_profile("without deadline", settings(), deadline=None)
-settings.load_profile("without deadline")
+# A first example that imports or compiles something, on a busy machine, is no failure. Others than
+# the same examples are drawn by `make nightly`: a search may find an old defect in any change.
+settings.register_profile("r2bspec", settings(), deadline=None, derandomize=not NIGHTLY)
+settings.load_profile("r2bspec")
 
 
 # Tests are compiled once, and r2bspec before a thousand programs import it; what they import

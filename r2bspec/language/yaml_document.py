@@ -39,7 +39,7 @@ from r2bspec.language.located_tree import (
     TreeNode,
     UnknownNode,
 )
-from r2bspec.language.yaml_syntax_errors import explain_syntax_error
+from r2bspec.language.yaml_syntax_errors import TOO_DEEP, TOO_DEEP_HELP, explain_syntax_error
 from r2bspec.safe_io import limits
 
 _CONSTANTS: dict[str, ScalarValue] = {
@@ -376,12 +376,7 @@ class _Composer:
         if event.tag is not None:
             self._reject_tag(event, span)
         if len(self._open) >= limits.MAX_YAML_DEPTH:
-            self.problems.stop(
-                "R2B025",
-                f"values are nested more than {limits.MAX_YAML_DEPTH} levels deep",
-                span,
-                "look for an unclosed bracket or brace",
-            )
+            self.problems.stop("R2B025", TOO_DEEP, span, TOO_DEEP_HELP)
         self._open.append(CollectionBuilder(span, event.anchor, is_map, self.problems))
 
     def _alias(self, event: Any) -> None:

@@ -17,6 +17,11 @@ import yaml
 from r2bspec.diagnostics import Diagnostic, Edit, Related, Span
 from r2bspec.diagnostics.diagnostic import DiagnosticParts
 from r2bspec.language.document import Source
+from r2bspec.safe_io.limits import MAX_YAML_DEPTH
+from r2bspec.safe_io.safe_yaml import SCANNER_TOO_DEEP
+
+TOO_DEEP = f"values are nested more than {MAX_YAML_DEPTH} levels deep"
+TOO_DEEP_HELP = "look for an unclosed bracket or brace"
 
 
 class ScannerReport(msgspec.Struct, frozen=True):
@@ -355,7 +360,15 @@ def document_marker(report: ScannerReport) -> Diagnostic | None:
     return None
 
 
+def nested_too_deep(report: ScannerReport) -> Diagnostic | None:
+    """More levels than the scanner reads, before they are counted."""
+    if report.problem != SCANNER_TOO_DEEP:
+        return None
+    return report.error("R2B025", TOO_DEEP, TOO_DEEP_HELP)
+
+
 _EXPLAINERS: tuple[Callable[[ScannerReport], Diagnostic | None], ...] = (
+    nested_too_deep,
     tab_indentation,
     reserved_character,
     unclosed_quote,

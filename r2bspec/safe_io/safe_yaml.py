@@ -7,6 +7,7 @@ the document with limits. Aliases and merge keys (``<<``) count with everything 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from typing import Any, Final
 
 import msgspec
@@ -18,6 +19,9 @@ from r2bspec.safe_io.limits import (
     MAX_YAML_EXPANDED_VALUES,
     MAX_YAML_VALUES,
 )
+
+SCANNER_TOO_DEEP: Final = "exceeded maximum nesting depth"
+"""What libyaml says from 0.2.6 on at 1,000 levels, some of them before their events."""
 
 _NUMBER: Final = re.compile(r"[-+]?[0-9][0-9a-fA-FxobeE_:.+-]*")
 _SCALAR_TAGS: Final = frozenset(
@@ -111,7 +115,7 @@ def _check(text: str, loader: Any, limits: _Limits) -> None:
     anchors: dict[str, int] = {}
     values = expanded = 0
     event: Any
-    for event in yaml.parse(text, Loader=loader):
+    for event in _events(text, loader, limits):
         line = event.start_mark.line + 1
         if isinstance(event, yaml.AliasEvent):
             size = _alias_size(event, anchors, open_sizes, line)
@@ -132,8 +136,7 @@ def _check(text: str, loader: Any, limits: _Limits) -> None:
             values += 1
             open_sizes.append((event.anchor, 1))
             if len(open_sizes) > limits.max_depth:
-                reason = f"values are nested more than {limits.max_depth} levels deep"
-                raise RefusedYamlError(reason, line)
+                raise _too_deep(limits, line)
         elif isinstance(event, yaml.CollectionEndEvent):
             anchor, size = open_sizes.pop()
             if anchor:
@@ -141,6 +144,20 @@ def _check(text: str, loader: Any, limits: _Limits) -> None:
             _grow(open_sizes, size)
         if values > limits.max_values:
             raise RefusedYamlError(f"there are more than {limits.max_values:,} values", line)
+
+
+def _events(text: str, loader: Any, limits: _Limits) -> Iterator[Any]:
+    """The events of the parser, whose own limit of nesting is refused as ours is."""
+    try:
+        yield from yaml.parse(text, Loader=loader)
+    except yaml.scanner.ScannerError as error:
+        if error.problem != SCANNER_TOO_DEEP or error.problem_mark is None:
+            raise
+        raise _too_deep(limits, error.problem_mark.line + 1) from None
+
+
+def _too_deep(limits: _Limits, line: int) -> RefusedYamlError:
+    return RefusedYamlError(f"values are nested more than {limits.max_depth} levels deep", line)
 
 
 def _alias_size(

@@ -29,6 +29,10 @@ VALUES = {
 }
 
 
+INSIDE = {"env": {"LANG"}, "scheduling": {"policy", "priority"}}
+"""Keys that a value has in block style, whose lines go with it."""
+
+
 @st.composite
 def written(draw: st.DrawFn, node: object, indent: int, step: int, *, flow: bool = False) -> str:
     """A value as people write it: in block or flow style, with comments, spaces and empty lines."""
@@ -121,6 +125,8 @@ def test_a_patched_spec_says_what_the_assignments_say(text: str, sets: list[str]
         # A file may end without a line break; with a key added below, it does not.
         newline = "\r\n" if "\r\n" in text else "\n"
         touched = {key for each in sets for key in each.partition("=")[0].split(".")}
+        for key in [*touched]:
+            touched |= INSIDE.get(key, set())
         for line in difflib.ndiff(text.split(newline), patch.after.split(newline)):
             if line.startswith("- "):
                 assert any(f"{key}:" in line for key in (*touched, "extends")), line

@@ -199,4 +199,4 @@ class TestBuilds:
             text=True,
             check=False,
         ).stdout
-        assert state.strip() in {"", "Z"}
+        assert state.strip()[:1] in {"", "Z"}

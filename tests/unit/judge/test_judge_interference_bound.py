@@ -44,13 +44,7 @@ def stalls_of(length: float, number: int, seed: int) -> Stalls:
     return [(float(gap), length) for gap in gaps + np.arange(number) * length]
 
 
-# The same examples each time: the bound on lost messages allows for two standard deviations.
-@settings(
-    deadline=None,
-    max_examples=size(60, 300),
-    derandomize=True,
-    suppress_health_check=[HealthCheck.too_slow],
-)
+@settings(deadline=None, max_examples=size(60, 300), suppress_health_check=[HealthCheck.too_slow])
 @given(
     load=st.sampled_from([0.1, 0.5, 0.9, 0.97, 1.05, 1.5, 2.0]),
     depth=st.sampled_from([1, 2, 5, 100]),
