@@ -13,8 +13,13 @@ from typing import Any, Final
 import msgspec
 
 from r2bspec.execute.processes.resources import ResourceSampler
-from r2bspec.judge.affected_iterations import interference_reasons, largest_taken_share
-from r2bspec.judge.measure.host_usage import HostInterference, ProcessSamples, host_interference
+from r2bspec.judge.affected_iterations import largest_taken_share
+from r2bspec.judge.measure.host_usage import (
+    HostInterference,
+    ProcessSamples,
+    host_interference,
+    interference_reasons,
+)
 from r2bspec.record.sample_arrays import Rows
 
 _SAMPLE_TIMEOUT_S = 1.0

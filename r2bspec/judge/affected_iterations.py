@@ -15,21 +15,8 @@ counts. It can only have changed where processes and their memory lie, which dif
 start anyway: starts are the highest level of the sample, and a FAIL is confirmed in fresh ones. So
 it is stated, and changes no FAIL.
 
-On a shared machine other programs take the processor, the hypervisor takes it away (steal), and
-it is throttled because of heat. What is measured then is the machine. An iteration is affected if
-one of these is known of it:
-
-    steal          over 1 % of the time of all cores was given to other virtual machines
-    foreign load   processes outside the benchmark used more than a tenth of all cores, and
-                   more than half a core
-    pressure       tasks waited for a processor for over 10 % of the time, and more than twice as
-                   long as in the median iteration: a graph with more threads than cores makes
-                   pressure of its own, but the same in each iteration
-    throttling     the kernel reports that a processor was throttled, or the control group ran
-                   out of its quota, for over 1 % of the time
-    calibration    the harness alone, with no graph between player and monitor, took over 1.5
-                   times as long as it usually does
-
+On a shared machine other programs take the processor, and what is measured then is the machine.
+`r2bspec.judge.measure.host_usage.interference_reasons` says when an iteration is affected.
 Unknown values affect nothing. The verdict is the one on all iterations as they were first played:
 selection must not help a graph. Only a FAIL is judged again, without the affected iterations and
 in their best case:
@@ -52,8 +39,7 @@ were affected, too, the machine counts as always busy, and no more are played.
 
 from __future__ import annotations
 
-import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Final
 
 from r2bspec.judge.interference_bound import (
@@ -63,7 +49,7 @@ from r2bspec.judge.interference_bound import (
     waiting_share,
     worst_case_iteration,
 )
-from r2bspec.judge.measure.host_usage import HostInterference
+from r2bspec.judge.measure.host_usage import HostInterference, interference_reasons, median_pressure
 from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
@@ -132,15 +118,6 @@ def _probes_of(one: RequirementVerdict, record: RunRecord) -> list[Probe]:
     return list({probe.rate_hz: probe for probe in probes}.values())
 
 
-_MAX_STEAL_SHARE = 0.01
-_MAX_FOREIGN_SHARE = 0.1
-_MAX_FOREIGN_CORES = 0.5
-_MAX_PRESSURE = 0.1
-_MAX_PRESSURE_RATIO = 2.0
-_MAX_THROTTLED_SHARE = 0.01
-_MAX_SLOWDOWN = 1.5
-
-
 def find_affected_iterations(samples: RunSamples) -> dict[str, DisturbedIteration]:
     """The affected iterations of a run, by the id of their segment, in the order of playing.
 
@@ -174,57 +151,6 @@ def largest_taken_share(known: HostInterference | None) -> float:
     """The largest share of the time that others can have taken from the run."""
     taken = taken_share(known)
     return waiting_share(known) if taken is None else taken
-
-
-def median_pressure(interference: Sequence[HostInterference | None]) -> float:
-    """The pressure in the median iteration, to which the others are compared."""
-    pressures = [
-        sample.pressure for sample in interference if sample and sample.pressure is not None
-    ]
-    return statistics.median(pressures) if pressures else 0.0
-
-
-def interference_reasons(one: HostInterference | None, usual: float) -> tuple[str, ...]:
-    """Which host interference affected an iteration, in words; empty for none.
-
-    Args:
-        one: its host interference.
-        usual: the `median_pressure` at its rate.
-    """
-    if one is None:
-        return ()
-    reasons: list[str] = []
-    if one.steal is not None and one.steal > _MAX_STEAL_SHARE:
-        reasons.append(
-            f"{show(one.steal, 'share')} of the processor time was stolen by other virtual machines"
-            f" (limit {show(_MAX_STEAL_SHARE, 'share')})"
-        )
-    if one.foreign_cores is not None:
-        least = max(_MAX_FOREIGN_CORES, _MAX_FOREIGN_SHARE * (one.cores or 0))
-        if one.foreign_cores > least:
-            used = (
-                f"{one.foreign_cores:.2g} of {one.cores}"
-                if one.cores
-                else f"{one.foreign_cores:.2g}"
-            )
-            reasons.append(f"other processes used {used} cores (limit {least:.2g})")
-    most = max(_MAX_PRESSURE, _MAX_PRESSURE_RATIO * usual)
-    if one.pressure is not None and one.pressure > most:
-        reasons.append(
-            f"tasks waited for a processor {show(one.pressure, 'share')} of the time "
-            f"(limit {show(most, 'share')})"
-        )
-    if one.throttled_s is not None and one.throttled_s > _MAX_THROTTLED_SHARE * one.seconds:
-        reasons.append(
-            f"processors were throttled for {show(one.throttled_s, 's')} "
-            f"(limit {show(_MAX_THROTTLED_SHARE * one.seconds, 's')})"
-        )
-    if one.calibration is not None and one.calibration > _MAX_SLOWDOWN:
-        reasons.append(
-            f"the harness alone took {one.calibration:.2g} times as long as before "
-            f"(limit {_MAX_SLOWDOWN:g})"
-        )
-    return tuple(reasons)
 
 
 def without_affected(

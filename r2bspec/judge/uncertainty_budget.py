@@ -51,7 +51,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.affected_iterations import interference_reasons, median_pressure
+from r2bspec.judge.measure.host_usage import interference_reasons, median_pressure
 from r2bspec.judge.measure.metric_catalogue import MetricInfo
 from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, SegmentSamples
 from r2bspec.judge.measure.units import show

@@ -7,6 +7,7 @@ host interference.
 from __future__ import annotations
 
 import math
+import statistics
 from bisect import bisect_left, bisect_right
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.judge.measure.units import show
 from r2bspec.record.run_record import HarnessOverheadRecord
 from r2bspec.record.sample_arrays import RESOURCE_DTYPE, Rows
 
@@ -375,3 +377,77 @@ def harness_slowdown(
         if overhead.latency_p50_ns and (known := before.get((overhead.topic, overhead.rate_hz)))
     ]
     return max(ratios, default=None)
+
+
+_MAX_STEAL_SHARE = 0.01
+_MAX_FOREIGN_SHARE = 0.1
+_MAX_FOREIGN_CORES = 0.5
+_MAX_PRESSURE = 0.1
+_MAX_PRESSURE_RATIO = 2.0
+_MAX_THROTTLED_SHARE = 0.01
+_MAX_SLOWDOWN = 1.5
+
+
+def median_pressure(interference: Sequence[HostInterference | None]) -> float:
+    """The pressure in the median iteration, to which the others are compared."""
+    pressures = [
+        sample.pressure for sample in interference if sample and sample.pressure is not None
+    ]
+    return statistics.median(pressures) if pressures else 0.0
+
+
+def interference_reasons(one: HostInterference | None, usual: float) -> tuple[str, ...]:
+    """Which host interference affected an iteration, in words; empty for none.
+
+    On a shared machine other programs take the processor, the hypervisor takes it away (steal), and
+    it is throttled because of heat. An iteration is affected if one of these is known of it:
+
+        steal          over 1 % of the time of all cores was given to other virtual machines
+        foreign load   processes outside the benchmark used more than a tenth of all cores, and
+                       more than half a core
+        pressure       tasks waited for a processor for over 10 % of the time, and more than twice
+                       as long as in the median iteration: a graph with more threads than cores
+                       makes pressure of its own, but the same in each iteration
+        throttling     the kernel reports that a processor was throttled, or the control group ran
+                       out of its quota, for over 1 % of the time
+        calibration    the harness alone, with no graph between player and monitor, took over 1.5
+                       times as long as it usually does
+
+    Args:
+        one: its host interference.
+        usual: the `median_pressure` at its rate.
+    """
+    if one is None:
+        return ()
+    reasons: list[str] = []
+    if one.steal is not None and one.steal > _MAX_STEAL_SHARE:
+        reasons.append(
+            f"{show(one.steal, 'share')} of the processor time was stolen by other virtual machines"
+            f" (limit {show(_MAX_STEAL_SHARE, 'share')})"
+        )
+    if one.foreign_cores is not None:
+        least = max(_MAX_FOREIGN_CORES, _MAX_FOREIGN_SHARE * (one.cores or 0))
+        if one.foreign_cores > least:
+            used = (
+                f"{one.foreign_cores:.2g} of {one.cores}"
+                if one.cores
+                else f"{one.foreign_cores:.2g}"
+            )
+            reasons.append(f"other processes used {used} cores (limit {least:.2g})")
+    most = max(_MAX_PRESSURE, _MAX_PRESSURE_RATIO * usual)
+    if one.pressure is not None and one.pressure > most:
+        reasons.append(
+            f"tasks waited for a processor {show(one.pressure, 'share')} of the time "
+            f"(limit {show(most, 'share')})"
+        )
+    if one.throttled_s is not None and one.throttled_s > _MAX_THROTTLED_SHARE * one.seconds:
+        reasons.append(
+            f"processors were throttled for {show(one.throttled_s, 's')} "
+            f"(limit {show(_MAX_THROTTLED_SHARE * one.seconds, 's')})"
+        )
+    if one.calibration is not None and one.calibration > _MAX_SLOWDOWN:
+        reasons.append(
+            f"the harness alone took {one.calibration:.2g} times as long as before "
+            f"(limit {_MAX_SLOWDOWN:g})"
+        )
+    return tuple(reasons)

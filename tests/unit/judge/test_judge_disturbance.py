@@ -13,10 +13,10 @@ import pytest
 
 from r2bspec import api
 from r2bspec.execute.measurement.measurement import iterations_to_rerun
-from r2bspec.judge.affected_iterations import find_affected_iterations, interference_reasons
+from r2bspec.judge.affected_iterations import find_affected_iterations
 from r2bspec.judge.decision_policy import DecisionPolicy, decision_policy
 from r2bspec.judge.interference_bound import best_case_iteration, waiting_share
-from r2bspec.judge.measure.host_usage import HostInterference
+from r2bspec.judge.measure.host_usage import HostInterference, interference_reasons
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import InterferencePolicy, Outcome, RequirementVerdict, Verdict
