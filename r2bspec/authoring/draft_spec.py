@@ -239,17 +239,20 @@ def _select_inputs(draft: _Draft, measured: PhaseWiring | None) -> None:
 
 
 def _match_by_type(draft: _Draft, topic: str, kind: str, recorded: list[TopicInfo]) -> None:
+    """Take the recorded topic of this type whose name has most words of a subscription.
+
+    Of several, it is that whose name is most like those taken before, as of the same camera.
+    """
     used = {input_.name for input_ in draft.inputs.values()}
+    taken = {word for name in used for word in _words(name)}
+    words = _words(topic.removeprefix(draft.namespace))
     same = [
         candidate for candidate in recorded if candidate.type == kind and candidate.name not in used
     ]
-    words = set(topic.split("/"))
-    common = [len(words.intersection(candidate.name.split("/"))) for candidate in same]
+    common = [len(words & _words(candidate.name)) for candidate in same]
     most = max(common, default=0)
-    close = [each for each, number in zip(same, common, strict=True) if number == most] or same
-    if not most:
-        last = topic.rpartition("/")[2]
-        close = [candidate for candidate in same if last in candidate.name] or same
+    close = [each for each, number in zip(same, common, strict=True) if number == most]
+    close.sort(key=lambda candidate: -len(taken & _words(candidate.name)))
     if not close:
         draft.unknown.append(f"what {topic} gets: the recording has no {kind or 'such topic'}")
         return
@@ -257,6 +260,11 @@ def _match_by_type(draft: _Draft, topic: str, kind: str, recorded: list[TopicInf
     if len(close) > 1:
         others = ", ".join(candidate.name for candidate in close[1:5])
         draft.unknown.append(f"whether {topic} is {close[0].name}; as well possible: {others}")
+
+
+def _words(topic: str) -> set[str]:
+    """The words of a topic's name: of ``left/image_rect`` left, image and rect."""
+    return set(re.split(r"[/_]", topic.lower())) - {""}
 
 
 def _open_subscriptions(measured: PhaseWiring | None) -> dict[str, str]:

@@ -130,7 +130,7 @@ def find_node(wanted: str, folder: Path) -> str:
 def _add_node(draft: DraftNodes, target: str, parameter_file: str, folder: Path) -> None:
     """Add a node, with what its source says of its executor and its state.
 
-    Its name is its own: in the root namespace, if the file has parameters of it there.
+    Its name is its own, in the namespace in which the file has parameters of it.
     """
     interface, start = read_source(target, folder)
     entry = Block.of({"python": target})
@@ -149,9 +149,11 @@ def _add_node(draft: DraftNodes, target: str, parameter_file: str, folder: Path)
             what = content.problem or "does not exist"
             hint = "It is a file as for 'ros2 run ... --ros-args --params-file FILE'."
             raise UsageError(f"{parameter_file} {what}", hint=hint)
-        draft.is_absolute = not content.matching(f"/r2b/{key}") and bool(
-            content.matching(f"/{key}")
-        )
+        if not content.matching(f"/r2b/{key}"):
+            names = [name for name, _ in content.nodes if name.endswith(f"/{key}")]
+            draft.is_absolute = bool(names)
+            if names and (namespace := names[0].removesuffix(f"/{key}")):
+                entry.add("namespace", namespace)
     draft.nodes.add(key, entry)
 
 

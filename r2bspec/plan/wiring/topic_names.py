@@ -44,16 +44,20 @@ class TopicNames:
         return None
 
     def number(self, node: ast.expr | None, method: ast.AST) -> float | None:
-        """The number that an expression in a method means, also as a quotient of two literals."""
+        """The number that an expression in a method means, also as a quotient of two of them."""
         match self._followed(node, method):
             case ast.Constant(value=int() | float() as number):
                 return float(number)
-            case ast.BinOp(
-                left=ast.Constant(value=int() | float() as above),
-                op=ast.Div(),
-                right=ast.Constant(value=int() | float() as below),
-            ) if below:
-                return float(above / below)
+            case ast.BinOp(left=left, op=ast.Div(), right=right):
+                above, below = (self._literal(side, method) for side in (left, right))
+                return above / below if above is not None and below else None
+        return None
+
+    def _literal(self, node: ast.expr, method: ast.AST) -> float | None:
+        """The number that an expression is, or to which its name is bound."""
+        match self._followed(node, method):
+            case ast.Constant(value=int() | float() as number):
+                return float(number)
         return None
 
     def stored(self, attribute: str) -> ast.expr | None:

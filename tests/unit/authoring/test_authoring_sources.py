@@ -97,6 +97,26 @@ def test_a_node_and_a_bag() -> None:
     assert spec().monitors["bright"].format == "sensor_msgs/msg/Image"
 
 
+def test_the_words_of_a_topic_find_its_recorded_one() -> None:
+    """Left is left, and of two cameras all topics come from one."""
+    topics = ["hawk_0_left_rgb_image", "left/image_rect"], ["camera_info", "left/camera_info"]
+    more = '        self.create_subscription(Image, "right/image_rect", print, 10)\n'
+    source = NODE
+    for written, wanted in topics:
+        source = source.replace(f'"{written}"', f'"{wanted}"')
+    Path("node.py").write_text(source + more)
+    text = made("--from-bag", "r2b_storage", "--node", "./node.py:Bright")
+    assert {name: input_.source for name, input_ in spec().playback.inputs.items()} == {
+        "left/image_rect": "recorded/d455_1_left_ir_image",
+        "right/image_rect": "recorded/d455_1_right_ir_image",
+        "left/camera_info": "recorded/d455_1_left_ir_camera_info",
+    }
+    assert (
+        "whether /r2b/left/image_rect is /d455_1_left_ir_image; as well possible: "
+        "/hawk_0_left_rgb_image\n" in text
+    )
+
+
 def test_a_node_alone() -> None:
     """Its own topics, and not those of a template; what it subscribes to comes from outside."""
     Path("node.py").write_text(NODE)
@@ -112,7 +132,12 @@ def test_a_node_alone() -> None:
 
 @pytest.mark.parametrize(
     ("limit", "period"),
-    [("throughput.mean >= 9.5 Hz", "0.1"), (None, "0.5"), (None, "float(kwargs['period'])")],
+    [
+        ("throughput.mean >= 9.5 Hz", "0.1"),
+        ("throughput.mean >= 9.5 Hz", "1 / RATE"),
+        (None, "0.5"),
+        (None, "float(kwargs['period'])"),
+    ],
 )
 def test_what_a_timer_publishes_is_no_answer(limit: str | None, period: str) -> None:
     timed = NODE.replace(
@@ -120,7 +145,7 @@ def test_what_a_timer_publishes_is_no_answer(limit: str | None, period: str) -> 
     )
     tick = "    def tick(self):\n        self.publisher.publish(Image())\n"
     made_timer = f"        self.create_timer({period}, self.tick)\n"
-    Path("node.py").write_text(f"{timed}{made_timer}\n{tick}")
+    Path("node.py").write_text(f"RATE = 10.0\n{timed}{made_timer}\n{tick}")
     made("--from-bag", "r2b_storage", "--node", "./node.py:Bright")
     assert spec().monitors["bright"].match == "own_pace"
     required = [each.text for slo in spec().slos.values() for each in slo.require]
@@ -170,15 +195,21 @@ def test_a_node_whose_topics_come_from_parameters() -> None:
 
 
 @pytest.mark.parametrize(
-    ("key", "namespace"), [("talker", "/"), ("/r2b/talker", "r2b"), ("/**", "r2b")]
+    ("key", "namespace", "topic"),
+    [
+        ("talker", "/", "said"),
+        ("/front/left/talker", "/", "front/left/said"),
+        ("/r2b/talker", "r2b", "said"),
+        ("/**", "r2b", "said"),
+    ],
 )
-def test_a_node_with_a_file_of_its_parameters(key: str, namespace: str) -> None:
+def test_a_node_with_a_file_of_its_parameters(key: str, namespace: str, topic: str) -> None:
     """It has the name that the file has, and the topics that the file names."""
     Path("node.py").write_text(COMPUTED)
     Path("own.yaml").write_text(f"{key}: {{ros__parameters: {{topic: said}}}}\n")
     made("--node", "./node.py:main", "--params-file", "own.yaml")
     assert spec().graph.nodes["talker"].parameter_files == ("./own.yaml",)
-    assert [monitor.topic for monitor in spec().monitors.values()] == ["said"]
+    assert [monitor.topic for monitor in spec().monitors.values()] == [topic]
     assert spec().namespace == namespace
 
 
