@@ -349,3 +349,15 @@ def test_a_graph() -> None:
     assert list(spec().graph.nodes) == ["camera", "detector", "detector_2"]
     assert spec().graph.nodes["camera"].qos["/image"].reliability == "best_effort"
     assert spec().monitors["cell_found"].match == "order"
+
+
+def test_a_file_that_other_launch_files_use(call: Call) -> None:
+    """It starts nothing by itself; one whose function comes from elsewhere is launched whole."""
+    Path("core.launch.py").write_text("class Core:\n    pass\n")
+    error = call("init", "made", "--from-launch", "core.launch.py", status=2).err
+    assert "core.launch.py:1:1: the file has no generate_launch_description" in error
+    assert "give the launch file that starts what this file has" in error
+    Path("core.launch.py").write_text("from cell.bringup import generate_launch_description\n")
+    text = made("--from-launch", "core.launch.py")
+    assert "its generate_launch_description is no function of the file" in text
+    assert spec().graph.nodes["core"].launch.path.endswith("/core.launch.py")
