@@ -17,6 +17,7 @@ from r2bspec.api import compile_plan, load, validate
 from r2bspec.authoring.draft_spec import DraftNodes, draft_text
 from r2bspec.authoring.sources import add_graph_nodes
 from r2bspec.cli.main import main
+from transform_bags import write_transform_bag
 
 NODE = """
 from rclpy.node import Node
@@ -30,6 +31,7 @@ class Bright(Node):
         self.create_subscription(Image, "hawk_0_left_rgb_image", self.publisher.publish, 10)
         self.create_subscription(CameraInfo, "camera_info", print, 10)
 """
+LISTENER = "from tf2_ros import Buffer, TransformListener"
 COMPUTED = """
 import rclpy
 from rclpy.node import Node
@@ -115,6 +117,29 @@ def test_the_words_of_a_topic_find_its_recorded_one() -> None:
         "whether /r2b/left/image_rect is /d455_1_left_ir_image; as well possible: "
         "/hawk_0_left_rgb_image\n" in text
     )
+
+
+@pytest.mark.parametrize("tf_ms", [[0, 50], []])
+def test_a_node_that_reads_transforms_gets_the_recorded_ones(tf_ms: list[int]) -> None:
+    listening = NODE.replace(
+        "class Bright", "from tf2_ros import Buffer, TransformListener\n\nclass Bright"
+    )
+    made_listener = "        self.listener = TransformListener(Buffer(), self)\n"
+    Path("node.py").write_text(listening + made_listener)
+    write_transform_bag(Path("moving"), [0, 100, 200], tf_ms, [("base", "lidar")])
+    text = made("--from-bag", "./moving", "--node", "./node.py:Bright")
+    assert spec().data_loader.publish_tf == bool(tf_ms)
+    assert spec().data_loader.publish_tf_static
+    assert "/tf_static" not in text.partition("Also recorded")[2].partition("topics:")[0]
+
+
+def test_transforms_that_no_recording_has_are_said_to_be_missing() -> None:
+    source = NODE.replace(
+        "class Bright", "from tf2_ros import Buffer, TransformListener\n\nclass Bright"
+    )
+    Path("node.py").write_text(f"{source}        TransformListener(Buffer(), self)\n")
+    text = made("--from-bag", "r2b_storage", "--node", "./node.py:Bright")
+    assert "# - what publishes /tf and /tf_static, which a node reads\n" in text
 
 
 def test_a_node_alone() -> None:
