@@ -92,6 +92,11 @@ def spec_from_sources(name: str, folder: Path, sources: InitSources) -> FirstSpe
         launch = find_launch_file(sources.launch)
         launch = replace(launch, arguments=sources.launch_arguments)
         findings = add_launch_nodes(draft, launch, folder)
+        draft.unknown += [
+            f"the environment variable {variable}: set it as where the file is launched"
+            for variable in draft.environment
+            if variable not in os.environ
+        ]
         shown.append(f"the launch file {launch.file.name}")
     if sources.graph:
         add_graph_nodes(draft, inspect_graph(sources.timeout_s))

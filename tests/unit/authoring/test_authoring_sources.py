@@ -290,6 +290,18 @@ def test_an_included_file_is_expanded() -> None:
     assert spec().graph.nodes["rectify"].remappings == {"image": "/hawk_0_right_rgb_image"}
 
 
+def test_an_environment_variable_that_is_not_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The spec needs it as the launch file does."""
+    node = "<node pkg='cell' exec='one' args='$(env CELL_MODEL)'/>"
+    Path("a.launch.xml").write_text(f"<launch>{node}</launch>")
+    assert main(["init", "made", "--from-launch", "a.launch.xml"]) == 0
+    said = "# - the environment variable CELL_MODEL: set it as where the file is launched\n"
+    assert said in Path("made.r2b.yaml").read_text()
+    Path("made.r2b.yaml").unlink()
+    monkeypatch.setenv("CELL_MODEL", "small")
+    assert said not in made("--from-launch", "a.launch.xml")
+
+
 def test_a_package(monkeypatch: pytest.MonkeyPatch) -> None:
     prefix = install_package(Path("prefix").absolute(), "cell", {"launch/one.launch.xml": XML})
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(prefix))
