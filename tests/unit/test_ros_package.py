@@ -98,11 +98,16 @@ def test_the_launch_test_of_the_page_starts_a_run(monkeypatch: pytest.MonkeyPatc
     started: list[str] = []
     actions = {"ExecuteProcess": lambda cmd: started.extend(map("".join, cmd))}
     kept_alive: list[Any] = []
+
+    def keep_alive(described: Any) -> Any:
+        kept_alive.append(described)
+        return described
+
     testing: dict[str, dict[str, Any]] = {
         "actions": {"ReadyToTest": object},
         "asserts": {},
         # Without it, launch ends with the run, and the test with "Launch stopped".
-        "markers": {"keep_alive": lambda described: kept_alive.append(described) or described},
+        "markers": {"keep_alive": keep_alive},
     }
     modules: dict[str, dict[str, Any]] = {
         "launch": {"LaunchDescription": list},
