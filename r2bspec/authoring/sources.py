@@ -155,10 +155,14 @@ def _add_node(draft: DraftNodes, target: str, parameter_file: str, folder: Path)
             hint = "It is a file as for 'ros2 run ... --ros-args --params-file FILE'."
             raise UsageError(f"{parameter_file} {what}", hint=hint)
         if not content.matching(f"/r2b/{key}"):
-            names = [name for name, _ in content.nodes if name.endswith(f"/{key}")]
+            names = [
+                name for name, _ in content.nodes if name.endswith(f"/{key}") and "*" not in name
+            ]
             draft.is_absolute = bool(names)
             if names and (namespace := names[0].removesuffix(f"/{key}")):
                 entry.add("namespace", namespace)
+            if names[1:]:
+                draft.unknown.append(f"which of {', '.join(names)} it is: the file names them all")
     draft.nodes.add(key, entry)
 
 
