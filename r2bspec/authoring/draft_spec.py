@@ -25,6 +25,8 @@ from r2bspec.plan.wiring.companion_files import read_companion_files
 from r2bspec.plan.wiring.wiring import PhaseWiring
 
 _COMMON = frozenset({"/rosout", "/parameter_events", "/tf", "/tf_static", "/clock"})
+_TRANSFORMS = {"/tf": "publish_tf", "/tf_static": "publish_tf_static"}
+"""The keys with which recorded transforms are published."""
 _LONGEST_WINDOW_S = 10
 _MOST_MONITORS = 10
 _MOST_FIELDS = 8
@@ -90,6 +92,7 @@ class _Draft:
         inputs: topics of the graph that are played, with the recorded topic of each.
         outputs: topics to monitor, with their types.
         timed: those of them that are published by a timer, with its period in seconds, if known.
+        transforms: recorded topics of transforms that are published.
         calls: entries of ``playback.calls``: the services and actions of nodes without outputs.
     """
 
@@ -101,6 +104,7 @@ class _Draft:
     inputs: dict[str, TopicInfo] = field(default_factory=dict)
     outputs: dict[str, str] = field(default_factory=dict)
     timed: dict[str, float | None] = field(default_factory=dict)
+    transforms: list[str] = field(default_factory=list)
     calls: Block = field(default_factory=Block)
     unknown: list[str] = field(default_factory=list)
 
@@ -129,6 +133,7 @@ def draft_text(
     draft.unknown += _doubts(measured)
     if recording is not None:
         _select_inputs(draft, measured)
+    _select_transforms(draft, measured)
     _select_outputs(draft, measured)
     if draft.calls and recording is not None and not draft.inputs:
         draft.recording = None
@@ -239,17 +244,20 @@ def _select_inputs(draft: _Draft, measured: PhaseWiring | None) -> None:
 
 
 def _match_by_type(draft: _Draft, topic: str, kind: str, recorded: list[TopicInfo]) -> None:
+    """Take the recorded topic of this type whose name has most words of a subscription.
+
+    Of several, it is that whose name is most like those taken before, as of the same camera.
+    """
     used = {input_.name for input_ in draft.inputs.values()}
+    taken = {word for name in used for word in _words(name)}
+    words = _words(topic.removeprefix(draft.namespace))
     same = [
         candidate for candidate in recorded if candidate.type == kind and candidate.name not in used
     ]
-    words = set(topic.split("/"))
-    common = [len(words.intersection(candidate.name.split("/"))) for candidate in same]
+    common = [len(words & _words(candidate.name)) for candidate in same]
     most = max(common, default=0)
-    close = [each for each, number in zip(same, common, strict=True) if number == most] or same
-    if not most:
-        last = topic.rpartition("/")[2]
-        close = [candidate for candidate in same if last in candidate.name] or same
+    close = [each for each, number in zip(same, common, strict=True) if number == most]
+    close.sort(key=lambda candidate: -len(taken & _words(candidate.name)))
     if not close:
         draft.unknown.append(f"what {topic} gets: the recording has no {kind or 'such topic'}")
         return
@@ -259,11 +267,32 @@ def _match_by_type(draft: _Draft, topic: str, kind: str, recorded: list[TopicInf
         draft.unknown.append(f"whether {topic} is {close[0].name}; as well possible: {others}")
 
 
+def _words(topic: str) -> set[str]:
+    """The words of a topic's name: of ``left/image_rect`` left, image and rect."""
+    return set(re.split(r"[/_]", topic.lower())) - {""}
+
+
 def _open_subscriptions(measured: PhaseWiring | None) -> dict[str, str]:
     """Topics that nodes subscribe to and no node publishes, with their types."""
     published = _publishers(measured)
     subscribed = _topics_of_nodes(measured, is_publisher=False)
     return {topic: kind for topic, kind in subscribed.items() if topic not in published}
+
+
+def _select_transforms(draft: _Draft, measured: PhaseWiring | None) -> None:
+    """Publish the recorded transforms that nodes read and no node publishes."""
+    endpoints = [each for each in measured.endpoints if each.is_node] if measured else []
+    published = {endpoint.topic for endpoint in endpoints if endpoint.is_publisher}
+    needed = _TRANSFORMS.keys() & {endpoint.topic for endpoint in endpoints} - published
+    recorded = draft.recording.index.topics.values() if draft.recording else ()
+    there = {f"/{topic.name.lstrip('/')}" for topic in recorded if topic.count}
+    draft.transforms = sorted(needed & there)
+    if needed and not needed & there:
+        draft.unknown.append(f"what publishes {' and '.join(sorted(needed))}, which a node reads")
+    possible = sorted(_TRANSFORMS.keys() & there - needed - published)
+    if possible and measured is not None and measured.possible_subscribers:
+        keys = " and ".join(f"'{_TRANSFORMS[topic]}: true'" for topic in possible)
+        draft.unknown.append(f"whether the nodes need the recorded transforms: {keys}")
 
 
 def _publishers(measured: PhaseWiring | None) -> dict[str, str]:
@@ -394,9 +423,12 @@ def _data_loader(draft: _Draft, recording: DraftRecording) -> Block:
             f"/{data_topic.name.lstrip('/')}", _loaded(data_topic), after=_described(data_topic)
         )
     used = {input_.name for input_ in draft.inputs.values()}
+    used |= {name for topic in draft.transforms for name in (topic, topic.lstrip("/"))}
     others = [topic for topic in recording.index.topics.values() if topic.name not in used]
     above = ["Also recorded:", *(f"  {other.name} ({other.type})" for other in others)]
     block.add("topics", topics, above if others else [])
+    for topic in draft.transforms:
+        block.add(_TRANSFORMS[topic], True, after="a node reads them")
     return block
 
 

@@ -92,6 +92,11 @@ def spec_from_sources(name: str, folder: Path, sources: InitSources) -> FirstSpe
         launch = find_launch_file(sources.launch)
         launch = replace(launch, arguments=sources.launch_arguments)
         findings = add_launch_nodes(draft, launch, folder)
+        draft.unknown += [
+            f"the environment variable {variable}: set it as where the file is launched"
+            for variable in draft.environment
+            if variable not in os.environ
+        ]
         shown.append(f"the launch file {launch.file.name}")
     if sources.graph:
         add_graph_nodes(draft, inspect_graph(sources.timeout_s))
@@ -130,7 +135,7 @@ def find_node(wanted: str, folder: Path) -> str:
 def _add_node(draft: DraftNodes, target: str, parameter_file: str, folder: Path) -> None:
     """Add a node, with what its source says of its executor and its state.
 
-    Its name is its own: in the root namespace, if the file has parameters of it there.
+    Its name is its own, in the namespace in which the file has parameters of it.
     """
     interface, start = read_source(target, folder)
     entry = Block.of({"python": target})
@@ -149,9 +154,15 @@ def _add_node(draft: DraftNodes, target: str, parameter_file: str, folder: Path)
             what = content.problem or "does not exist"
             hint = "It is a file as for 'ros2 run ... --ros-args --params-file FILE'."
             raise UsageError(f"{parameter_file} {what}", hint=hint)
-        draft.is_absolute = not content.matching(f"/r2b/{key}") and bool(
-            content.matching(f"/{key}")
-        )
+        if not content.matching(f"/r2b/{key}"):
+            names = [
+                name for name, _ in content.nodes if name.endswith(f"/{key}") and "*" not in name
+            ]
+            draft.is_absolute = bool(names)
+            if names and (namespace := names[0].removesuffix(f"/{key}")):
+                entry.add("namespace", namespace)
+            if names[1:]:
+                draft.unknown.append(f"which of {', '.join(names)} it is: the file names them all")
     draft.nodes.add(key, entry)
 
 

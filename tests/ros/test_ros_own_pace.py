@@ -7,6 +7,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from c_nodes import c_node_spec
 from plans import process_plan
 from r2bspec.execute.errors import RunError
 from r2bspec.execute.processes.scheduling import require_permitted
@@ -117,3 +118,13 @@ def test_the_memory_of_the_node_is_locked(done: Finished) -> None:
     locked = {process.name: process.locked_bytes for process in done.run().record.processes}
     assert locked["ticks"] > 10_000_000
     assert locked["monitor"] == 0
+
+
+@pytest.mark.skipif(not MAY_LOCK, reason="a memory lock is not permitted")
+def test_the_memory_of_a_program_with_the_harness_in_it_is_locked(bench: Bench) -> None:
+    relay = c_node_spec("relay", scheduling={"memory_lock": True})
+    spec = relay_spec(graph={"nodes": {"relay": relay}}, harness={"placement": "graph"})
+    done = bench.run(spec)
+    done.assert_counts(20)
+    locked = {process.name: process.locked_bytes for process in done.run().record.processes}
+    assert locked["relay"] > 10_000_000

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -97,18 +97,36 @@ def test_what_colcon_installs_is_the_whole_package(tmp_path: Path) -> None:
 def test_the_launch_test_of_the_page_starts_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[str] = []
     actions = {"ExecuteProcess": lambda cmd: started.extend(map("".join, cmd))}
-    testing = SimpleNamespace(ReadyToTest=object)
+    kept_alive: list[Any] = []
+
+    def keep_alive(described: Any) -> Any:
+        kept_alive.append(described)
+        return described
+
+    testing: dict[str, dict[str, Any]] = {
+        "actions": {"ReadyToTest": object},
+        "asserts": {},
+        # Without it, launch ends with the run, and the test with "Launch stopped".
+        "markers": {"keep_alive": keep_alive},
+    }
     modules: dict[str, dict[str, Any]] = {
         "launch": {"LaunchDescription": list},
         "launch.actions": actions,
         "launch.substitutions": {"LaunchConfiguration": str},
-        "launch_testing": {"actions": testing, "post_shutdown_test": lambda: lambda found: found},
+        "launch_testing": {"post_shutdown_test": lambda: lambda found: found, "__path__": []},
+        **{f"launch_testing.{name}": values for name, values in testing.items()},
     }
     for name, values in modules.items():
-        monkeypatch.setitem(sys.modules, name, SimpleNamespace(**values))
+        module = ModuleType(name)
+        vars(module).update(values)
+        monkeypatch.setitem(sys.modules, name, module)
+        parent, _, child = name.rpartition(".")
+        if parent:
+            setattr(sys.modules[parent], child, module)
     namespace: dict[str, Any] = {}
     exec(page_file("ci.md", "camera_launch_test.py"), namespace)  # noqa: S102 - of the page
     namespace["generate_test_description"]()
+    assert kept_alive == [namespace["generate_test_description"]]
     assert started[:2] == ["r2bspec", "run"]
     context = run_command.make_context("run", started[2:])
     assert "bench/camera.r2b.yaml" in str(context.params["specs"])

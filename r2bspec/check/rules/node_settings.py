@@ -153,6 +153,7 @@ def parameter_file_unusable(context: Context) -> Findings:
                 if file.missing
                 else "the layout is the node name, 'ros__parameters', then the parameters",
                 suppresses={value_key(path)},
+                suppressed_by={value_key(path)},
             )
 
 

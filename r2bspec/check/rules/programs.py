@@ -16,6 +16,7 @@ from msgspec.structs import replace
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.rule import Finding, Findings, Pointer, rule, value_key
+from r2bspec.check.rules.node_settings import parameter_files
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, pluralize, quote, quoted_list, suggestion
 from r2bspec.language.node_kinds import EXECUTABLE, PLUGIN
@@ -25,7 +26,7 @@ from r2bspec.plan.wiring import node_interface
 from r2bspec.plan.wiring.companion_files import source_folder
 from r2bspec.plan.wiring.console_scripts import source_script
 from r2bspec.plan.wiring.wiring import NodeWiring
-from r2bspec.safe_io.safe_file import is_regular, names_if_any
+from r2bspec.safe_io.safe_file import is_folder, is_regular, names_if_any
 
 
 @rule("R2B613")
@@ -100,7 +101,7 @@ _MAX_RELATED = 5
 """How many further places of a package a finding shows."""
 
 
-@rule("R2B622")
+@rule("R2B622", early=True)
 def package_not_found(context: Context) -> Findings:
     """ROS packages that are not installed on this machine."""
     requested: dict[str, list[Path]] = {}
@@ -152,7 +153,20 @@ def _requested_packages(context: Context) -> Iterator[tuple[Path, str]]:
             yield (*node.path, "package"), node.node.package
         elif node.node.launch is not None and node.node.launch.package:
             yield (*node.path, "launch", "package"), node.node.launch.package
+        yield from (
+            (path, package)
+            for path, name, file in parameter_files(context, node)
+            if file.missing and (package := _missing_share(name))
+        )
     yield from ((path, package) for path, package, _ in _ros2_runs(context))
+
+
+def _missing_share(file: str) -> str:
+    """The package in whose share folder an absolute path is, if there is no such folder."""
+    before, _, after = file.partition("/share/")
+    package, slash, _ = after.partition("/")
+    is_missing = slash and not is_folder(FilePath(before, "share", package))
+    return package if before.startswith("/") and is_missing else ""
 
 
 def _ros2_runs(context: Context) -> Iterator[tuple[Path, str, str]]:

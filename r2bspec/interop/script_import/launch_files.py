@@ -131,9 +131,14 @@ class _Evaluation:
     def launch_file(self, given: Mapping[str, Any]) -> LaunchFile:
         self.evaluator.run_module(self.module)
         function = self.module.scope.names.get("generate_launch_description")
+        if function is None:
+            message = "the file has no generate_launch_description, so it is no launch file"
+            advice = "give the launch file that starts what this file has"
+            raise source_files.unusable(message, self.module, 1, advice=advice)
         if not isinstance(function, ScriptFunction):
-            message = "the launch file has no generate_launch_description"
-            raise source_files.unusable(message, self.module, 1)
+            reason = "its generate_launch_description is no function of the file"
+            self.launch.notes.append(ImportNote(reason, self.module.scope.place(self.module.tree)))
+            return self.launch
         place = self.module.scope.place(function.node)
         made = self.evaluator.call(function, place=place)
         is_description = isinstance(made, Construct) and made.short_name == "LaunchDescription"

@@ -51,17 +51,18 @@ _HELP: Final = {
 class UnusableScriptError(Exception):
     """A script that cannot be evaluated at all; `finding` says why."""
 
-    def __init__(self, code: str, message: str, span: Span) -> None:
+    def __init__(self, code: str, message: str, span: Span, advice: str = "") -> None:
         super().__init__(message)
-        self.finding = Diagnostic(code, Severity.ERROR, message, span, help=_HELP[code])
+        self.finding = Diagnostic(code, Severity.ERROR, message, span, help=advice or _HELP[code])
 
 
 def unusable(
-    message: str, module: ScriptModule, line: int, code: str = NOT_A_BENCHMARK
+    message: str, module: ScriptModule, line: int, code: str = NOT_A_BENCHMARK, advice: str = ""
 ) -> UnusableScriptError:
-    """The error for a script, at one of its lines."""
+    """The error for a script, at one of its lines; by default with the advice of its code."""
     length = len(module.text.splitlines()[line - 1]) if module.text else 0
-    return UnusableScriptError(code, message, Span(str(module.file), line, 1, line, length + 1))
+    span = Span(str(module.file), line, 1, line, length + 1)
+    return UnusableScriptError(code, message, span, advice)
 
 
 class ScriptReader:

@@ -63,7 +63,7 @@ class _PartialInterface:
         parameters: None as soon as they are not all known.
         services: the types of services and actions by name; empty for one that it only calls.
         name: that its constructor gives it; empty if the text does not say it.
-        timed: the topics that it publishes by a timer, with its period in seconds.
+        timed: the topics that it publishes by a timer, with its period as text.
     """
 
     names: SourceNames
@@ -75,7 +75,7 @@ class _PartialInterface:
     qos: dict[str, QoS] = field(default_factory=dict)
     services: dict[str, str] = field(default_factory=dict)
     name: str = ""
-    timed: dict[str, float | None] = field(default_factory=dict)
+    timed: dict[str, str | None] = field(default_factory=dict)
 
     def forget(self, method: str, why: str) -> None:
         """Note that a method of `Node` may be called elsewhere."""

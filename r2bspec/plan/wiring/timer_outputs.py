@@ -21,8 +21,8 @@ _REPEATED = (
 """What may evaluate the expressions in it several times, or later."""
 
 
-def timer_outputs(found: ast.ClassDef, topics: TopicNames) -> Iterator[tuple[str, float | None]]:
-    """Each such topic of a class, and the period of its timer in seconds; None if it is unknown."""
+def timer_outputs(found: ast.ClassDef, topics: TopicNames) -> Iterator[tuple[str, str | None]]:
+    """Each such topic of a class, and the period of its timer as `TopicNames.number` has it."""
     mentioned = attributes_of_self(found)
     methods = {part.name: part for part in found.body if isinstance(part, ast.FunctionDef)}
     for method in methods.values():

@@ -13,6 +13,7 @@ from r2bspec.plan.wiring.python_source import SourceNames
 from r2bspec.plan.wiring.self_references import is_name, is_self, method_of_self
 
 _PARAMETER_VALUES = frozenset({"value", "string_value"})
+_NUMBER_VALUES = frozenset({"value", "double_value", "integer_value"})
 _PARAMETER_SOURCES = frozenset({"declare_parameter", "get_parameter"})
 _MAX_STEPS = 10
 
@@ -43,17 +44,24 @@ class TopicNames:
                 return self._parameter(inner, method)
         return None
 
-    def number(self, node: ast.expr | None, method: ast.AST) -> float | None:
-        """The number that an expression in a method means, also as a quotient of two literals."""
+    def number(self, node: ast.expr | None, method: ast.AST) -> str | None:
+        """The number that an expression in a method means, or the quotient of two; as text.
+
+        The value of a parameter is ``$(parameter NAME)``.
+        """
+        match self._followed(node, method):
+            case ast.BinOp(left=left, op=ast.Div(), right=right):
+                sides = [self._simple_number(side, method) for side in (left, right)]
+                return " / ".join(side for side in sides if side) if all(sides) else None
+            case found:
+                return self._simple_number(found, method)
+
+    def _simple_number(self, node: ast.expr | None, method: ast.AST) -> str | None:
         match self._followed(node, method):
             case ast.Constant(value=int() | float() as number):
-                return float(number)
-            case ast.BinOp(
-                left=ast.Constant(value=int() | float() as above),
-                op=ast.Div(),
-                right=ast.Constant(value=int() | float() as below),
-            ) if below:
-                return float(above / below)
+                return f"{number}"
+            case ast.Attribute(value=inner, attr=name) if name in _NUMBER_VALUES:
+                return self._parameter(inner, method)
         return None
 
     def stored(self, attribute: str) -> ast.expr | None:

@@ -17,6 +17,7 @@ from r2bspec.api import compile_plan, load, validate
 from r2bspec.authoring.draft_spec import DraftNodes, draft_text
 from r2bspec.authoring.sources import add_graph_nodes
 from r2bspec.cli.main import main
+from transform_bags import write_transform_bag
 
 NODE = """
 from rclpy.node import Node
@@ -30,6 +31,7 @@ class Bright(Node):
         self.create_subscription(Image, "hawk_0_left_rgb_image", self.publisher.publish, 10)
         self.create_subscription(CameraInfo, "camera_info", print, 10)
 """
+LISTENER = "from tf2_ros import Buffer, TransformListener"
 COMPUTED = """
 import rclpy
 from rclpy.node import Node
@@ -97,6 +99,49 @@ def test_a_node_and_a_bag() -> None:
     assert spec().monitors["bright"].format == "sensor_msgs/msg/Image"
 
 
+def test_the_words_of_a_topic_find_its_recorded_one() -> None:
+    """Left is left, and of two cameras all topics come from one."""
+    topics = ["hawk_0_left_rgb_image", "left/image_rect"], ["camera_info", "left/camera_info"]
+    more = '        self.create_subscription(Image, "right/image_rect", print, 10)\n'
+    source = NODE
+    for written, wanted in topics:
+        source = source.replace(f'"{written}"', f'"{wanted}"')
+    Path("node.py").write_text(source + more)
+    text = made("--from-bag", "r2b_storage", "--node", "./node.py:Bright")
+    assert {name: input_.source for name, input_ in spec().playback.inputs.items()} == {
+        "left/image_rect": "recorded/d455_1_left_ir_image",
+        "right/image_rect": "recorded/d455_1_right_ir_image",
+        "left/camera_info": "recorded/d455_1_left_ir_camera_info",
+    }
+    assert (
+        "whether /r2b/left/image_rect is /d455_1_left_ir_image; as well possible: "
+        "/hawk_0_left_rgb_image\n" in text
+    )
+
+
+@pytest.mark.parametrize("tf_ms", [[0, 50], []])
+def test_a_node_that_reads_transforms_gets_the_recorded_ones(tf_ms: list[int]) -> None:
+    listening = NODE.replace(
+        "class Bright", "from tf2_ros import Buffer, TransformListener\n\nclass Bright"
+    )
+    made_listener = "        self.listener = TransformListener(Buffer(), self)\n"
+    Path("node.py").write_text(listening + made_listener)
+    write_transform_bag(Path("moving"), [0, 100, 200], tf_ms, [("base", "lidar")])
+    text = made("--from-bag", "./moving", "--node", "./node.py:Bright")
+    assert spec().data_loader.publish_tf == bool(tf_ms)
+    assert spec().data_loader.publish_tf_static
+    assert "/tf_static" not in text.partition("Also recorded")[2].partition("topics:")[0]
+
+
+def test_transforms_that_no_recording_has_are_said_to_be_missing() -> None:
+    source = NODE.replace(
+        "class Bright", "from tf2_ros import Buffer, TransformListener\n\nclass Bright"
+    )
+    Path("node.py").write_text(f"{source}        TransformListener(Buffer(), self)\n")
+    text = made("--from-bag", "r2b_storage", "--node", "./node.py:Bright")
+    assert "# - what publishes /tf and /tf_static, which a node reads\n" in text
+
+
 def test_a_node_alone() -> None:
     """Its own topics, and not those of a template; what it subscribes to comes from outside."""
     Path("node.py").write_text(NODE)
@@ -112,15 +157,23 @@ def test_a_node_alone() -> None:
 
 @pytest.mark.parametrize(
     ("limit", "period"),
-    [("throughput.mean >= 9.5 Hz", "0.1"), (None, "0.5"), (None, "float(kwargs['period'])")],
+    [
+        ("throughput.mean >= 9.5 Hz", "0.1"),
+        ("throughput.mean >= 9.5 Hz", "1 / RATE"),
+        ("throughput.mean >= 9.5 Hz", "1.0 / self.get_parameter('rate').value"),
+        (None, "0.1 / self.get_parameter('unknown').value"),
+        (None, "0.5"),
+        (None, "float(kwargs['period'])"),
+    ],
 )
 def test_what_a_timer_publishes_is_no_answer(limit: str | None, period: str) -> None:
     timed = NODE.replace(
         '"hawk_0_left_rgb_image", self.publisher.publish', '"hawk_0_left_rgb_image", print'
     )
     tick = "    def tick(self):\n        self.publisher.publish(Image())\n"
-    made_timer = f"        self.create_timer({period}, self.tick)\n"
-    Path("node.py").write_text(f"{timed}{made_timer}\n{tick}")
+    declared = "        self.declare_parameter('rate', 10.0)\n"
+    made_timer = f"{declared}        self.create_timer({period}, self.tick)\n"
+    Path("node.py").write_text(f"RATE = 10.0\n{timed}{made_timer}\n{tick}")
     made("--from-bag", "r2b_storage", "--node", "./node.py:Bright")
     assert spec().monitors["bright"].match == "own_pace"
     required = [each.text for slo in spec().slos.values() for each in slo.require]
@@ -170,16 +223,36 @@ def test_a_node_whose_topics_come_from_parameters() -> None:
 
 
 @pytest.mark.parametrize(
-    ("key", "namespace"), [("talker", "/"), ("/r2b/talker", "r2b"), ("/**", "r2b")]
+    ("key", "namespace", "topic"),
+    [
+        ("talker", "/", "said"),
+        ("/front/left/talker", "/", "front/left/said"),
+        ("/r2b/talker", "r2b", "said"),
+        ("/**", "r2b", "said"),
+    ],
 )
-def test_a_node_with_a_file_of_its_parameters(key: str, namespace: str) -> None:
+def test_a_node_with_a_file_of_its_parameters(key: str, namespace: str, topic: str) -> None:
     """It has the name that the file has, and the topics that the file names."""
     Path("node.py").write_text(COMPUTED)
     Path("own.yaml").write_text(f"{key}: {{ros__parameters: {{topic: said}}}}\n")
     made("--node", "./node.py:main", "--params-file", "own.yaml")
     assert spec().graph.nodes["talker"].parameter_files == ("./own.yaml",)
-    assert [monitor.topic for monitor in spec().monitors.values()] == ["said"]
+    assert [monitor.topic for monitor in spec().monitors.values()] == [topic]
     assert spec().namespace == namespace
+
+
+def test_a_file_with_parameters_of_several_such_nodes(call: Call) -> None:
+    Path("node.py").write_text(COMPUTED)
+    keys = "{ros__parameters: {topic: said}}"
+    Path("own.yaml").write_text(f"/front/talker: {keys}\nrear: {{talker: {keys}}}\n")
+    text = made("--node", "./node.py:main", "--params-file", "own.yaml")
+    assert "# - which of /front/talker, /rear/talker it is: the file names them all\n" in text
+    assert spec().graph.nodes["talker"].namespace == "/front"
+    Path("made.r2b.yaml").unlink()
+    # A pattern that does not match names no namespace.
+    Path("own.yaml").write_text(f"/*/left/talker: {keys}\n")
+    call("init", "made", "--node", "./node.py:main", "--params-file", "own.yaml", status=0)
+    assert spec().namespace == "r2b"
 
 
 def test_a_node_whose_topics_are_computed() -> None:
@@ -232,6 +305,18 @@ def test_an_included_file_is_expanded() -> None:
     )
     made("--from-launch", "outer.launch.xml")
     assert spec().graph.nodes["rectify"].remappings == {"image": "/hawk_0_right_rgb_image"}
+
+
+def test_an_environment_variable_that_is_not_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The spec needs it as the launch file does."""
+    node = "<node pkg='cell' exec='one' args='$(env CELL_MODEL)'/>"
+    Path("a.launch.xml").write_text(f"<launch>{node}</launch>")
+    assert main(["init", "made", "--from-launch", "a.launch.xml"]) == 0
+    said = "# - the environment variable CELL_MODEL: set it as where the file is launched\n"
+    assert said in Path("made.r2b.yaml").read_text()
+    Path("made.r2b.yaml").unlink()
+    monkeypatch.setenv("CELL_MODEL", "small")
+    assert said not in made("--from-launch", "a.launch.xml")
 
 
 def test_a_package(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -318,3 +403,15 @@ def test_a_graph() -> None:
     assert list(spec().graph.nodes) == ["camera", "detector", "detector_2"]
     assert spec().graph.nodes["camera"].qos["/image"].reliability == "best_effort"
     assert spec().monitors["cell_found"].match == "order"
+
+
+def test_a_file_that_other_launch_files_use(call: Call) -> None:
+    """It starts nothing by itself; one whose function comes from elsewhere is launched whole."""
+    Path("core.launch.py").write_text("class Core:\n    pass\n")
+    error = call("init", "made", "--from-launch", "core.launch.py", status=2).err
+    assert "core.launch.py:1:1: the file has no generate_launch_description" in error
+    assert "give the launch file that starts what this file has" in error
+    Path("core.launch.py").write_text("from cell.bringup import generate_launch_description\n")
+    text = made("--from-launch", "core.launch.py")
+    assert "its generate_launch_description is no function of the file" in text
+    assert spec().graph.nodes["core"].launch.path.endswith("/core.launch.py")

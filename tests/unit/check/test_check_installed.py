@@ -158,6 +158,19 @@ def test_programs(kind: str, expected: list[str]) -> None:
 
 
 @pytest.mark.parametrize(
+    ("folder", "expected"), [("detector", ["R2B622"]), ("detectors", ["R2B614"])]
+)
+def test_a_parameter_file_of_a_package_that_is_missing(
+    workspace: Path, folder: str, expected: list[str]
+) -> None:
+    """What is missing is the package: another machine may have it, as with its executables."""
+    file = workspace / "ros" / "share" / folder / "config" / "one.yaml"
+    found = findings(node(f"package: detectors, executable: detector_node, parameters: {file}"))
+    assert [each.code for each in found] == expected
+    assert [each.certainty is Certainty.ENVIRONMENT for each in found] == [folder == "detector"]
+
+
+@pytest.mark.parametrize(
     ("words", "expected"),
     [
         ("detectors, detector_node", []),

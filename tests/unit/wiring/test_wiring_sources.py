@@ -159,14 +159,19 @@ def test_literal_topics_are_known_and_what_may_be_missing_has_a_reason(
 @pytest.mark.parametrize(
     ("body", "tick", "timed"),
     [
-        ("self.create_timer(0.02, self.tick)", "self.pub.publish(1)", {"out": 0.02}),
+        ("self.create_timer(0.02, self.tick)", "self.pub.publish(1)", {"out": "0.02"}),
         (
             "period = 1 / 50\nself.create_timer(period, self.tick)",
             "self.pub.publish(1)",
-            {"out": 0.02},
+            {"out": "1 / 50"},
+        ),
+        (
+            "self.create_timer(1 / self.get_parameter('hz').value, self.tick)",
+            "self.pub.publish(1)",
+            {"out": "1 / $(parameter hz)"},
         ),
         ("self.create_timer(kwargs['p'], self.tick)", "self.pub.publish(1)", {"out": None}),
-        ("self.create_timer(1, self.tick)", "if self.x: self.pub.publish(1)", {"out": 1.0}),
+        ("self.create_timer(1, self.tick)", "if self.x: self.pub.publish(1)", {"out": "1"}),
         ("self.create_timer(1, self.tick)", "while self.x: self.pub.publish(self.x.pop())", {}),
         ("self.create_timer(1, self.tick)\nself.tick()", "self.pub.publish(1)", {}),
         ("self.create_timer(1, self.tick)\nself.pub.publish(1)", "self.pub.publish(1)", {}),
