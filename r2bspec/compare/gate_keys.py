@@ -36,6 +36,7 @@ from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.benchmark_defaults import default_starts
 from r2bspec.language.quantities import Duration, Share, Size
 from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.language.spec import Pacing
 from r2bspec.plan.comparability import diff_plans
 from r2bspec.plan.plan import CallPlan, GatePlan, MonitorPlan, Plan, PlayPlan
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark
@@ -447,9 +448,7 @@ GATE_FIELDS: Final[Mapping[str, _Rule | GateKey]] = {
     "play_at_peak": _plays,
     "starts": _starts,
     "search": _search,
-    "warm_up": _benchmark_key("warm_up", _longer_is_weaker, str),
-    "start_timeout": _benchmark_key("start_timeout", _longer_is_weaker, str),
-    "drain_timeout": _benchmark_key("drain_timeout", _longer_is_weaker, str),
+    **{name: _benchmark_key(name, _longer_is_weaker, str) for name in Pacing.__struct_fields__},
     "anatomy": GateKey("anatomy", ("benchmark", "anatomy")),
     "gate": _gate,
     "transport": GateKey("transport", ("transport",)),

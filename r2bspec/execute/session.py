@@ -185,7 +185,7 @@ class Session:
         self._enter(RunState.GRAPH, "starting the graph")
         # While nodes start, and before anything is played; a later start finds it imported.
         scipy = load_scipy() if _is_judged(self._plan) else None
-        deadline = readiness.StartDeadline(self._plan.start_timeout_ns)
+        deadline = readiness.StartDeadline(self._plan.start_timeout.ns)
         # Not before the harness overhead was measured, which its start would disturb.
         observer = self._observer = self._launcher.start_observer(self._observer_settings())
         with self._creating_nodes():
@@ -547,7 +547,7 @@ class Session:
             segment_player.play_for(
                 SegmentHeading("warm_up", f"{later}warm_up-{attempt:03d}", title, attempt),
                 rate_hz,
-                max(plan.warm_up_ns, 0 if attempt == 1 else _WARM_UP_RETRY_NS),
+                max(plan.warm_up.ns, 0 if attempt == 1 else _WARM_UP_RETRY_NS),
                 min_steps=_WARM_UP_STEPS,
             )
             silent = [name for name, count in segment_player.received().items() if not count]
@@ -556,7 +556,7 @@ class Session:
             waited_s = time.monotonic() - began_s
             final = deadline.over or (
                 attempt > _DIAGNOSED_ATTEMPT
-                and waited_s > readiness.patience_s(plan.start_timeout_ns / 1e9)
+                and waited_s > readiness.patience_s(plan.start_timeout.seconds)
                 and self._is_idle()
             )
             if final or attempt == _DIAGNOSED_ATTEMPT:
