@@ -48,7 +48,7 @@ from r2bspec.execute.measurement.segments import (
     SegmentHeading,
     SegmentPlayer,
 )
-from r2bspec.execute.processes.scheduling import has_memory_lock, locked_bytes, schedule_threads
+from r2bspec.execute.processes.scheduling import apply_when_ready
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.run_context import MEASURE_PHASE, RunContext
 from r2bspec.execute.silent_outputs import SilentOutputs
@@ -504,10 +504,7 @@ class Session:
         plans = {process.name: process for process in self._plan.processes}
         for child in self._supervisor:
             if child.name in plans:
-                plan = plans[child.name]
-                child.scheduling = schedule_threads(plan, child.pid, final=final)
-                if final and has_memory_lock(plan):
-                    child.locked_bytes = locked_bytes(plan, child.pid)
+                child.applied = apply_when_ready(plans[child.name], child.pid, final=final)
 
     def _wait_until_ready(self, observer: ManagedProcess) -> None:
         """Wait for the readiness probes, run the `after_ready` steps, and check parameters."""
