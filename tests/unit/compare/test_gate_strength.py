@@ -12,6 +12,7 @@ import pytest
 
 from compared_gates import DOCUMENT, GONE, IMAGE, side, with_value
 from r2bspec.compare import gate_keys
+from r2bspec.compare.gate_change import GateKey
 from r2bspec.compare.gate_strength import (
     MissingObjectivesError,
     WeakerGateError,
@@ -325,7 +326,7 @@ class TestNoFieldIsForgotten:
         self,
         struct: type[msgspec.Struct],
         path: tuple[str, ...],
-        keys: Mapping[str, str | gate_keys.GateKey],
+        keys: Mapping[str, str | GateKey],
         unchanged: tuple[str, ...],
     ) -> None:
         for field in set(struct.__struct_fields__) - set(unchanged):
