@@ -25,6 +25,7 @@ from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.judge.rate_decision import Criterion, estimate_probe, judge_final, plan_interim_looks
+from r2bspec.language.quantities import Duration
 from r2bspec.language.spec import QoS
 from r2bspec.native.build import harness_program
 from r2bspec.plan.plan import InputPlan, MonitorPlan, Plan
@@ -163,7 +164,7 @@ def floor(
         _wait_for_match(children, player)
         # All of a plan that playing looks at.
         plan = SimpleNamespace(
-            monitors=plans, inputs=(), step_sources=(), called=(), drain_timeout_ns=5 * 10**9
+            monitors=plans, inputs=(), step_sources=(), called=(), drain_timeout=Duration(5 * 10**9)
         )
         context = SimpleNamespace(
             supervisor=children,

@@ -36,6 +36,7 @@ from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.benchmark_defaults import default_starts
 from r2bspec.language.quantities import Duration, Share, Size
 from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.language.spec import Pacing
 from r2bspec.plan.comparability import diff_plans
 from r2bspec.plan.plan import CallPlan, GatePlan, MonitorPlan, Plan, PlayPlan
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark
@@ -51,40 +52,28 @@ DATA_KEYS: Final[Mapping[str, str | GateKey]] = {
     "sha256": "bag",
     "start_ns": GateKey("data", ("data_loader", "window"), text=_window_text),
     "end_ns": GateKey("data", ("data_loader", "window"), text=_window_text),
-    "topics": "topics",
-    "publish_tf": "publish_tf",
-    "publish_tf_static": "publish_tf_static",
-    "real_time": "real_time",
 }
-"""Fields of `DatasetPlan`, with the key that sets each."""
+"""Fields of `DatasetPlan` that have not the name of the key that sets them, with that key."""
 
 
-INPUT_KEYS: Final[Mapping[str, str]] = {
-    "topic": "topic",
-    "type": "format",
-    "source": "from",
-    "bag_topic": "from",
-    "qos": "qos",
-    "timestamp": "timestamp",
-    "later_ns": "translations",
-    "slop_ns": "pairing",
-    "recorded_rate": "rate",
-}
-"""Fields of `InputPlan`, with the key that sets each."""
+def input_keys(name: str) -> dict[str, str | GateKey]:
+    """Fields of `InputPlan`, likewise, of an input with this name."""
+    return {
+        "type": "format",
+        "source": "from",
+        "bag_topic": "from",
+        "later_ns": GateKey(f"input {name}", ("playback", "timeline", "translations", name)),
+        "slop_ns": "pairing",
+        "recorded_rate": "rate",
+    }
 
 
 MONITOR_KEYS: Final[Mapping[str, str]] = {
-    "topic": "topic",
     "type": "format",
-    "match": "match",
-    "qos": "qos",
     "ratio_inputs": "ratio",
     "ratio_outputs": "ratio",
-    "answers": "answers",
-    "truth": "truth",
-    "reaction": "reaction",
 }
-"""Fields of `MonitorPlan`, with the key that sets each."""
+"""Fields of `MonitorPlan`, likewise."""
 
 
 FREE_MONITOR_FIELDS: Final[Mapping[str, Any]] = {
@@ -163,22 +152,18 @@ def _inputs(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateCh
             texts = ("" if input_ is None else input_.source for input_ in (was, now))
             yield GateChange.between(name, path, texts)
             continue
-        later = GateKey(name, ("playback", "timeline", "translations", names[topic]))
-        yield from field_changes(was, now, name, path, {**INPUT_KEYS, "later_ns": later})
+        yield from field_changes(was, now, name, path, input_keys(names[topic]))
 
 
 def call_keys(call: CallPlan) -> dict[str, str]:
-    """Fields of `CallPlan`, with the key that sets each."""
+    """Fields of `CallPlan`, as in `DATA_KEYS`."""
     kind, request = ("action", "goal") if call.accepted else ("service", "request")
     return {
         "name": kind,
         "target": f"{kind}.name",
         "type": f"{kind}.type",
         "request": f"{kind}.{request}",
-        "each": "each",
-        "every": "every",
         "source": "from",
-        "success": "success",
         "accepted": kind,
         "feedback": "feedback",
     }
@@ -447,9 +432,7 @@ GATE_FIELDS: Final[Mapping[str, _Rule | GateKey]] = {
     "play_at_peak": _plays,
     "starts": _starts,
     "search": _search,
-    "warm_up": _benchmark_key("warm_up", _longer_is_weaker, str),
-    "start_timeout": _benchmark_key("start_timeout", _longer_is_weaker, str),
-    "drain_timeout": _benchmark_key("drain_timeout", _longer_is_weaker, str),
+    **{name: _benchmark_key(name, _longer_is_weaker, str) for name in Pacing.__struct_fields__},
     "anatomy": GateKey("anatomy", ("benchmark", "anatomy")),
     "gate": _gate,
     "transport": GateKey("transport", ("transport",)),

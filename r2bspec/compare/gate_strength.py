@@ -29,6 +29,7 @@ from r2bspec.diagnostics.quote import first_words, quote
 from r2bspec.diagnostics.waivers import Waiver, effective_waivers
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError
 from r2bspec.language.located_tree import ListNode, MapNode, TreeNode
+from r2bspec.language.spec import Pacing
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ MISSING_OBJECTIVES: Final = "R2B693"
 
 KEY_NAMES: Final = (
     *("data", "playback", "preprocessors", "rates", "duration", "iterations", "max_iterations"),
-    *("starts", "warm_up", "start_timeout", "drain_timeout", "search", "confidence"),
+    *("starts", *Pacing.__struct_fields__, "search", "confidence"),
     *("gate.inconclusive", "gate.confirm", "gate.time_budget", "gate.interference", "gate.base"),
     *("transport", "harness", "requires", "base"),
 )

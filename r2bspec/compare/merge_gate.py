@@ -42,7 +42,7 @@ from r2bspec.execute.processes.environment import applied_environment
 from r2bspec.execute.progress import Progress
 from r2bspec.language.load_spec import LoadedSpec
 from r2bspec.language.selected_spec import SpecSelection
-from r2bspec.language.spec import GateBase, Objective
+from r2bspec.language.spec import GateBase, Objective, Pacing
 from r2bspec.plan.comparability import difference_lines, graph_differences, load_differences
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark
@@ -55,8 +55,8 @@ ALLOW_BASE = "base"
 
 _SPEC_SUFFIX = ".r2b.yaml"
 _PLAYED_FIELDS = (
-    *("play", "play_at_peak", "search", "sustained_hz", "starts", "warm_up", "phases"),
-    *("drain_timeout", "objectives", "gate"),
+    *("play", "play_at_peak", "search", "sustained_hz", "starts", "phases"),
+    *(*Pacing.__struct_fields__, "objectives", "gate"),
 )
 """The fields of a plan that say how long and at which rates is played, and what is asked of it."""
 

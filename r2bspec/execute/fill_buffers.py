@@ -250,7 +250,7 @@ def preprocess(plan: Plan, context: RunContext, launcher: Launcher) -> None:
         ),
     )
     others = [process for process in processes if process.role != "loader"]
-    deadline = StartDeadline(plan.start_timeout_ns)
+    deadline = StartDeadline(plan.start_timeout.ns)
     nodes = launcher.start_nodes(others, deadline)
     graph.lifecycle.bring_up(deadline)
     if plan.states_in(_PHASE):
@@ -267,7 +267,7 @@ def preprocess(plan: Plan, context: RunContext, launcher: Launcher) -> None:
     graph.wait_until_matched({loader: topics} | between, deadline)
     graph.check_parameters(loader)
     load = protocol.Load(
-        max_output_gap_ns=plan.drain_timeout_ns,
+        max_output_gap_ns=plan.drain_timeout.ns,
         real_time=any(dataset.real_time for dataset in datasets),
     )
     loaded = supervisor.request(loader, load, protocol.Loaded, _LOAD_TIMEOUT_S)

@@ -193,7 +193,7 @@ class ProfiledIteration:
                 else process
                 for process in self.plan.processes
             ),
-            start_timeout=Duration(_SLOWER * self.plan.start_timeout_ns),
+            start_timeout=Duration(_SLOWER * self.plan.start_timeout.ns),
         )
         self._play(self.starts.begin_uncounted(plan), rate_hz, duration_ns)
         children = [process for process in self.supervisor if process.name in names]

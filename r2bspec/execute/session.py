@@ -48,7 +48,7 @@ from r2bspec.execute.measurement.segments import (
     SegmentHeading,
     SegmentPlayer,
 )
-from r2bspec.execute.processes.scheduling import has_memory_lock, locked_bytes, schedule_threads
+from r2bspec.execute.processes.scheduling import apply_when_ready
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.run_context import MEASURE_PHASE, RunContext
 from r2bspec.execute.silent_outputs import SilentOutputs
@@ -185,7 +185,7 @@ class Session:
         self._enter(RunState.GRAPH, "starting the graph")
         # While nodes start, and before anything is played; a later start finds it imported.
         scipy = load_scipy() if _is_judged(self._plan) else None
-        deadline = readiness.StartDeadline(self._plan.start_timeout_ns)
+        deadline = readiness.StartDeadline(self._plan.start_timeout.ns)
         # Not before the harness overhead was measured, which its start would disturb.
         observer = self._observer = self._launcher.start_observer(self._observer_settings())
         with self._creating_nodes():
@@ -504,10 +504,7 @@ class Session:
         plans = {process.name: process for process in self._plan.processes}
         for child in self._supervisor:
             if child.name in plans:
-                plan = plans[child.name]
-                child.scheduling = schedule_threads(plan, child.pid, final=final)
-                if final and has_memory_lock(plan):
-                    child.locked_bytes = locked_bytes(plan, child.pid)
+                child.applied = apply_when_ready(plans[child.name], child.pid, final=final)
 
     def _wait_until_ready(self, observer: ManagedProcess) -> None:
         """Wait for the readiness probes, run the `after_ready` steps, and check parameters."""
@@ -547,7 +544,7 @@ class Session:
             segment_player.play_for(
                 SegmentHeading("warm_up", f"{later}warm_up-{attempt:03d}", title, attempt),
                 rate_hz,
-                max(plan.warm_up_ns, 0 if attempt == 1 else _WARM_UP_RETRY_NS),
+                max(plan.warm_up.ns, 0 if attempt == 1 else _WARM_UP_RETRY_NS),
                 min_steps=_WARM_UP_STEPS,
             )
             silent = [name for name, count in segment_player.received().items() if not count]
@@ -556,7 +553,7 @@ class Session:
             waited_s = time.monotonic() - began_s
             final = deadline.over or (
                 attempt > _DIAGNOSED_ATTEMPT
-                and waited_s > readiness.patience_s(plan.start_timeout_ns / 1e9)
+                and waited_s > readiness.patience_s(plan.start_timeout.seconds)
                 and self._is_idle()
             )
             if final or attempt == _DIAGNOSED_ATTEMPT:

@@ -14,10 +14,12 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import functools
 import os
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+import traceback
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -30,12 +32,16 @@ from rclpy.executors import (
 )
 from rclpy.node import Node
 
-from r2bspec.harness import lifecycle_callbacks, node_main, rclpy_tools
+from r2bspec.harness import node_main, rclpy_tools
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.harness.function_host import FunctionHost
 from r2bspec.ipc import protocol
+from r2bspec.ipc.protocol import callback_failure
 from r2bspec.plan.plan import NodePlan
 from r2bspec.plan.wiring.name_resolution import NODE_TOPICS, expand
+
+_REGISTER = "_LifecycleNodeMixin__register_callback"
+"""What rclpy calls for each callback of a transition."""
 
 
 def describe_nodes(nodes: Sequence[tuple[NodePlan, Node]]) -> protocol.Ready:
@@ -57,9 +63,7 @@ def describe_nodes(nodes: Sequence[tuple[NodePlan, Node]]) -> protocol.Ready:
         ),
         parameters={name: tuple(sorted(names)) for name, names in declared.items()},
         unmatched=tuple(rule for plan, node in nodes for rule in _unmatched(plan, node)),
-        lifecycle=tuple(
-            plan.name for plan, node in nodes if lifecycle_callbacks.is_lifecycle_node(node)
-        ),
+        lifecycle=tuple(plan.name for plan, node in nodes if _is_lifecycle_node(node)),
     )
 
 
@@ -100,7 +104,7 @@ def make_host(channel: Channel, settings: protocol.ConfigureHost) -> NodeHost | 
     if len(plans) == 1:
         node_main.set_command_line(plans[0])
     factories = [node_main.find_factory(each.target, Path(settings.base_dir)) for each in plans]
-    lifecycle_callbacks.report_failures()
+    _report_failed_transitions()
     without_keywords = [
         (plan, factory)
         for plan, factory in zip(plans, factories, strict=True)
@@ -219,3 +223,61 @@ class InProcessHarness:
                     return
         finally:
             self._library.r2bspec_harness_join()
+
+
+def _is_lifecycle_node(node: Node) -> bool:
+    """Whether a node has states."""
+    mixin = _lifecycle_mixin()
+    return mixin is not None and isinstance(node, mixin)
+
+
+def _report_failed_transitions() -> None:
+    """Let the lifecycle nodes of this process, of all imported classes, say why they failed.
+
+    rclpy takes an exception in the callback of a transition for its result, and says nothing of it;
+    of a callback that returns nothing, the whole process ends. Both are said here.
+    """
+    mixin = _lifecycle_mixin()
+    register = getattr(mixin, _REGISTER, None)
+    if register is None or hasattr(register, "__wrapped__"):
+        return
+
+    @functools.wraps(register)
+    def register_reporting(node: Any, state: int, callback: Callable[[Any], Any]) -> Any:
+        return register(node, state, _reporting(node, callback))
+
+    setattr(mixin, _REGISTER, register_reporting)
+
+
+def _lifecycle_mixin() -> Any:
+    """The class with the states; None as long as nobody has imported it."""
+    return getattr(sys.modules.get("rclpy.lifecycle"), "LifecycleNodeMixin", None)
+
+
+def _reporting(node: Node, callback: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    from rclpy.lifecycle import TransitionCallbackReturn
+
+    name = getattr(callback, "__name__", "a callback")
+
+    @functools.wraps(callback)
+    def call(state: Any) -> Any:
+        begin = callback_failure(node.get_fully_qualified_name(), name)
+        try:
+            result = callback(state)
+        except Exception as error:
+            traceback.print_exc()
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            where = f"{Path(place.filename).name}, line {place.lineno}"
+            _say(f"{begin}raised {type(error).__name__}: {error} ({where})")
+            raise
+        if not isinstance(result, TransitionCallbackReturn):
+            _say(f"{begin}returned {result!r}, which is no TransitionCallbackReturn")
+            return TransitionCallbackReturn.ERROR
+        return result
+
+    return call
+
+
+def _say(line: str) -> None:
+    sys.stderr.write(f"{line}\n")
+    sys.stderr.flush()

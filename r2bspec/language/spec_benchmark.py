@@ -619,43 +619,39 @@ class RateRange(Record, frozen=True, kw_only=True):
 _Played = Annotated[Rate, key("30 Hz", positive=True, description="A rate of playing.")]
 
 
-class Pacing(Record, frozen=True, kw_only=True):
-    """How long a run waits: keys of `benchmark` that the plan has as they are.
+class StartWaits(Record, frozen=True, kw_only=True):
+    """How long every start waits before anything is counted.
 
-    A key that only the executor reads is one of these: what is declared here is a key of the
-    language and a field of `r2bspec.plan.plan.Plan` at once.
+    All of it is a part of the time of a run, and a smoke run shortens it.
 
     Attributes:
         warm_up: How long is played after each start of the processes, before anything is counted;
             at least until every monitor has received a message.
+    """
+
+    warm_up: Annotated[Duration, key("1 s", "0 s")] = Duration(10**9)
+
+
+class Pacing(StartWaits, frozen=True, kw_only=True):
+    """How long a run waits, at least or at most: keys of `benchmark` that the plan has as they are.
+
+    A key that only the executor reads is one of these, or of `StartWaits`: what is declared here is
+    a key of the language and a field of `r2bspec.plan.plan.Plan` at once. More of it makes a gate
+    weaker.
+
+    Attributes:
         start_timeout: How long the graph may take from the start of its first process to its first
             output. Readiness probes and 'after_ready' steps have timeouts of their own.
         drain_timeout: How long the graph may publish nothing, after the last input of an iteration,
             until the outputs that are still missing count as lost.
     """
 
-    warm_up: Annotated[Duration, key("1 s", "0 s")] = Duration(10**9)
     start_timeout: Annotated[Duration, key("30 s", "2 min", positive=True, changes="graph")] = (
         Duration(30 * 10**9)
     )
     drain_timeout: Annotated[Duration, key("5 s", positive=True, changes="graph")] = Duration(
         5 * 10**9
     )
-
-    @property
-    def warm_up_ns(self) -> int:
-        """`warm_up` in nanoseconds."""
-        return self.warm_up.ns
-
-    @property
-    def start_timeout_ns(self) -> int:
-        """`start_timeout` in nanoseconds."""
-        return self.start_timeout.ns
-
-    @property
-    def drain_timeout_ns(self) -> int:
-        """`drain_timeout` in nanoseconds."""
-        return self.drain_timeout.ns
 
 
 class Benchmark(Pacing, frozen=True, kw_only=True):

@@ -7,10 +7,11 @@ from typing import Final
 import msgspec
 
 from r2bspec.language.quantities import Duration
+from r2bspec.language.spec import StartWaits
 from r2bspec.plan.plan import Plan, PlayPlan
 
 _ITERATION_NS: Final = 2_000_000_000
-_WARM_UP: Final = Duration(500_000_000)
+_WAIT: Final = Duration(500_000_000)
 _LEFT_OUT: Final = frozenset({"harness_overhead", "search", "sustained", "play"})
 """Phases of a run to be judged; ``play`` comes back, and may come where there was only a search."""
 
@@ -43,8 +44,8 @@ def smoke_plan(plan: Plan) -> Plan:
         },
         starts=1,
         phases=tuple(phases),
-        warm_up=min(plan.warm_up, _WARM_UP),
         gate=msgspec.structs.replace(plan.gate, confirm=False),
+        **{name: min(wait, _WAIT) for name, wait in StartWaits.fields_of(plan).items()},
     )
 
 

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from r2bspec.language.benchmark_defaults import PROBE, SEARCH_CONFIRMATIONS, SEARCH_PROBES
+from r2bspec.language.spec import StartWaits
 from r2bspec.plan.comparability import pair_count, single_run_plan
 from r2bspec.plan.plan import Plan, PlayPlan
 
@@ -69,9 +70,10 @@ def estimate_time(plan: Plan) -> TimeEstimate:
     """The time that a run of the plan will take."""
     play_s = sum(_play_s(play, play.iterations) for play in plan.plays)
     probe_s = plan.search.probe_ns / 1e9 if plan.search is not None else PROBE.seconds
+    start_waits_s = sum(wait.seconds for wait in StartWaits.fields_of(plan).values())
     # Data and schedule are ready, and the harness overhead is known.
     later_starts_s = (plan.starts - 1) * (
-        _LATER_START_S + _PROCESS_START_S * len(plan.processes) + plan.warm_up_ns / 1e9
+        _LATER_START_S + _PROCESS_START_S * len(plan.processes) + start_waits_s
     )
     # Rates up to the peak are unknown before the search, but their number is not.
     phases = {
@@ -80,7 +82,7 @@ def estimate_time(plan: Plan) -> TimeEstimate:
         "start": _HARNESS_START_S,
         "harness_overhead": _HARNESS_OVERHEAD_S if "harness_overhead" in plan.phases else 0.0,
         "graph": _GRAPH_START_S + _PROCESS_START_S * len(plan.processes),
-        "warm_up": plan.warm_up_ns / 1e9,
+        "warm_up": start_waits_s,
         "search": _TYPICAL_SEARCH * _most_search_s(plan),
         # Only a play of its whole length shows that a rate is sustained.
         "sustained": len(plan.sustained_hz) * probe_s,

@@ -262,15 +262,29 @@ class ThreadSchedulingRecord(msgspec.Struct, frozen=True, kw_only=True):
     count: int = 1
 
 
-class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
+class AppliedSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """What the kernel says after the warm-up of a process whose plan asks for something.
+
+    What is declared here is read back by `r2bspec.execute.processes.scheduling`, and a field of
+    `ProcessRecord` at once.
+
+    Attributes:
+        scheduling: of its threads.
+        locked_bytes: of its memory and that of its descendants.
+    """
+
+    scheduling: tuple[ThreadSchedulingRecord, ...] = ()
+    locked_bytes: int = 0
+
+
+class ProcessRecord(AppliedSettings, frozen=True):
     """A process of the run.
 
     Attributes:
         exit_code: negative for a signal, None if it is unknown.
         signals: those that the run has sent to it, in order.
         parts: of the harness, if it is a process of the graph that contains some.
-        scheduling: what its threads had after the warm-up, if the plan asks for something.
-        locked_bytes: of its memory and that of its descendants, which was locked then.
+        scheduling, locked_bytes: see `AppliedSettings`.
     """
 
     name: str
@@ -279,8 +293,6 @@ class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
     exit_code: int | None
     signals: tuple[int, ...] = ()
     parts: tuple[str, ...] = ()
-    scheduling: tuple[ThreadSchedulingRecord, ...] = ()
-    locked_bytes: int = 0
 
     @property
     def ended_as_told(self) -> bool:

@@ -190,7 +190,7 @@ class PhaseGraph:
         """
         facts = self.observer().observe()
         self.add_unmatched_remappings(facts, missing)
-        state = f"was not ready after {self.plan.start_timeout_ns / 1e9:g} s"
+        state = f"was not ready after {self.plan.start_timeout.seconds:g} s"
         if certain:
             state = "will not be ready"
         elif stalled_s:
@@ -482,7 +482,7 @@ class EarlyDiagnosis:
     _last: GraphFacts | None = None
 
     def __post_init__(self) -> None:
-        self._patience_s = patience_s(self.plan.start_timeout_ns / 1e9)
+        self._patience_s = patience_s(self.plan.start_timeout.seconds)
         self._unchanged_since = self._next = self.clock() + _LOOK_S
 
     def certain(self, missing: Collection[str]) -> frozenset[str]:

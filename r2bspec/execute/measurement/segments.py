@@ -378,7 +378,7 @@ class SegmentPlayer:
         self._supervisor.pump_for(max(waits, default=0.0))
 
     def _await_answers(self, kind: SegmentKind, first: dict[str, int]) -> None:
-        timer = DrainTimer(self._plan.drain_timeout_ns / 1e9, time.monotonic())
+        timer = DrainTimer(self._plan.drain_timeout.seconds, time.monotonic())
         last_counts: dict[str, int] = {}
         while not timer.is_over(now_s := time.monotonic()):
             counts = self._counts()

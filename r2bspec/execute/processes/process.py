@@ -26,7 +26,7 @@ import msgspec
 from r2bspec.ipc import protocol
 from r2bspec.ipc.native_protocol import NativeCodec
 from r2bspec.ipc.process_cleanup import ProcessSession, SessionLeader, kill_process_groups
-from r2bspec.record.run_record import ThreadSchedulingRecord
+from r2bspec.record.run_record import AppliedSettings
 
 MAX_LOG_BYTES = 32 << 20
 """Larger logs are truncated."""
@@ -238,8 +238,7 @@ class ManagedProcess:
         self.log_start = 0
         self.parts: dict[str, ManagedProcess] = {}
         self.signals: list[int] = []
-        self.scheduling: tuple[ThreadSchedulingRecord, ...] = ()
-        self.locked_bytes = 0
+        self.applied = AppliedSettings()
         codec = NativeCodec()
         self._encode: Callable[[Any], bytes] = codec.encode if native else protocol.encode
         self._decode: Callable[[bytes], Any] = codec.decode if native else protocol.decode_reply

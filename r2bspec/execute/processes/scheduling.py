@@ -30,7 +30,7 @@ from r2bspec.execute.errors import RunError
 from r2bspec.language.spec import ThreadScheduling
 from r2bspec.plan.plan import ProcessPlan
 from r2bspec.plan.this_machine import CAP_IPC_LOCK, CAP_SYS_NICE, has_capability
-from r2bspec.record.run_record import ThreadSchedulingRecord
+from r2bspec.record.run_record import AppliedSettings, ThreadSchedulingRecord
 
 _POLICIES: Final = {
     "other": os.SCHED_OTHER,
@@ -197,6 +197,23 @@ def _locked_bytes_of(process: psutil.Process) -> int:
         return 0
     found = re.search(r"^VmLck:\s+(\d+) kB", status, re.MULTILINE)
     return 1024 * int(found[1]) if found else 0
+
+
+def apply_when_ready(plan: ProcessPlan, pid: int, *, final: bool) -> AppliedSettings:
+    """What can be done when the process runs, and what the kernel then says of all settings.
+
+    Args:
+        plan: of the process.
+        pid: its id.
+        final: whether the warm-up is over, so that everything must be there.
+
+    Raises:
+        RunError: something is not, or is not permitted.
+    """
+    return AppliedSettings(
+        scheduling=schedule_threads(plan, pid, final=final),
+        locked_bytes=locked_bytes(plan, pid) if final and has_memory_lock(plan) else 0,
+    )
 
 
 def schedule_threads(

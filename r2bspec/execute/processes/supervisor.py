@@ -17,6 +17,8 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
+import msgspec
+
 from r2bspec.execute.errors import NotInstalledError, ProcessDiedError, ProcessFailedError, RunError
 from r2bspec.execute.processes.prerequisites import SharedMemoryModes, limit_error, with_limits
 from r2bspec.execute.processes.process import (
@@ -385,8 +387,7 @@ class ProcessSupervisor:
                 exit_code=child.process.poll(),
                 signals=tuple(child.signals),
                 parts=tuple(child.parts) if child.has_joined_parts else (),
-                scheduling=child.scheduling,
-                locked_bytes=child.locked_bytes,
+                **msgspec.structs.asdict(child.applied),
             )
             for child in self._all
         )

@@ -32,7 +32,6 @@ from r2bspec.plan.command_lines import THREADED_CONTAINER, flow_yaml
 _CONTAINER_EXECUTABLES: Final = frozenset(
     {"component_container", "component_container_mt", "component_container_isolated"}
 )
-_CONTAINER_PACKAGE: Final = "rclcpp_components"
 _ROS_ARGUMENTS: Final = "--ros-args"
 _THREADS: Final = "thread_num"
 

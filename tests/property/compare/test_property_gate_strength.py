@@ -89,7 +89,7 @@ def _content(gate_side: PreparedBenchmark) -> tuple[Any, ...]:
     return (
         *parts,
         plan.monitors,
-        plan.warm_up_ns,
+        plan.warm_up,
         texts,
         _of_gate(conditions, plan.gate.confidence),
     )

@@ -226,7 +226,7 @@ class TestStored:
         forced = baseline_from_stored_run(base, other, machine, force=True)
         assert forced.differences == ("plan, buffer: 0 -> 7",)
         # The graph may differ, as it does where one looks for an effect: the record says how.
-        patient = msgspec.structs.replace(plan, start_timeout=Duration(plan.start_timeout_ns + 1))
+        patient = msgspec.structs.replace(plan, start_timeout=Duration(plan.start_timeout.ns + 1))
         [said] = baseline_from_stored_run(base, patient, machine, force=False).differences
         assert said.startswith("plan, start_timeout: ")
         # What is judged, and how, may differ.
