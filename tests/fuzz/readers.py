@@ -443,7 +443,7 @@ def _anatomy(data: bytes, folder: Path) -> None:
     answered(("judge", "run"), ("report", "run", "--report", "trace=trace.json"))
     with contextlib.suppress(RecordError):
         whole = open_run(run)
-        found = predict_deployment(whole, whole.plan)
+        found = predict_deployment(whole, whole.plan, rates_hz=(20.0,))
         assert found.reason or found.latencies
 
 
