@@ -117,5 +117,5 @@ def remove_folder(folder: Path) -> None:
                 Path(below).chmod(0o700)
             shutil.rmtree(folder, ignore_errors=True)
     except RecursionError:
-        words = [shutil.which("rm") or "/bin/rm", "-rf", "--", folder]
+        words = [shutil.which("rm") or "/bin/rm", "-rf", "--", str(folder)]
         subprocess.run(words, check=False, stderr=subprocess.DEVNULL)
