@@ -39,7 +39,7 @@ from r2bspec.datasets.catalogue import index as index_location
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.judge.measure.metric_catalogue import MetricError, MetricInfo, Subjects, resolve
 from r2bspec.language.benchmark_defaults import CONFIDENCE
-from r2bspec.language.located_tree import ListNode, MapNode, TreeNode, child, lookup
+from r2bspec.language.located_tree import ListNode, MapNode, TreeNode, child, count_values, lookup
 from r2bspec.language.quantities import Rate
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Spec
@@ -52,7 +52,7 @@ from r2bspec.private_files import private_files
 from r2bspec.record.calibration_file import CalibrationFile, calibration_path, read_calibration_file
 from r2bspec.record.files import RecordError
 from r2bspec.safe_io.cache_folder import cache_folder
-from r2bspec.safe_io.limits import MAX_BAG_INDEX_BYTES, MAX_STAMPS_BYTES
+from r2bspec.safe_io.limits import MAX_BAG_INDEX_BYTES, MAX_STAMPS_BYTES, MAX_TRIED_VALUES
 from r2bspec.safe_io.looked_up_files import note_folder
 from r2bspec.safe_io.safe_json import read_json
 
@@ -150,11 +150,19 @@ class DocumentFiles:
 
     Args:
         base_dir: the folder of the document.
+        tried_values: the most values of specs that are checked again with other settings.
     """
 
-    def __init__(self, base_dir: FilePath) -> None:
+    def __init__(self, base_dir: FilePath, tried_values: int = MAX_TRIED_VALUES) -> None:
         self._base_dir = base_dir
         self._bags: dict[str, Recording] = {}
+        self._untried_values = tried_values
+
+    def may_try(self, loaded: LoadedSpec) -> bool:
+        """Whether a case of the document may be checked once more, with another setting."""
+        if loaded.tree is not None:
+            self._untried_values -= count_values(loaded.tree)
+        return self._untried_values >= 0
 
     @cached_property
     def companions(self) -> CompanionReader:
@@ -185,6 +193,7 @@ class Context:
         loaded: the document.
         spec: its typed value.
         offline: whether to skip recorded data.
+        files: of its document.
     """
 
     def __init__(
@@ -198,12 +207,12 @@ class Context:
         self.loaded = loaded
         self.spec = spec
         self.offline = offline
-        self._files = DocumentFiles(loaded.base_dir) if files is None else files
+        self.files = DocumentFiles(loaded.base_dir) if files is None else files
 
     @cached_property
     def companion_files(self) -> CompanionFiles:
         """The companion files of the spec: interfaces, parameter files, Python files."""
-        return self._files.companions.read(self.spec)
+        return self.files.companions.read(self.spec)
 
     @cached_property
     def noise(self) -> tuple[CalibrationFile | None, str]:
@@ -247,7 +256,7 @@ class Context:
             place: Path = ("data_loader", "bags", position) if several else ("data_loader", "bag")
             # A path without a '/' is still a path if the spec gives it as one.
             path = source.path if "/" in source.path or not source.path else f"./{source.path}"
-            recordings.append(self._files.recording(path or source.dataset, self._name_path(place)))
+            recordings.append(self.files.recording(path or source.dataset, self._name_path(place)))
         return tuple(recordings)
 
     def require_bags(self) -> list[BagIndex]:

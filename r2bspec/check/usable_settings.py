@@ -19,6 +19,7 @@ from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.plan.derive_space import PLACEMENT, derive_space
 from r2bspec.plan.this_machine import SchedulingFacts
 from r2bspec.plan.tuning_space import Lever, TuningSpace
+from r2bspec.safe_io.limits import MAX_VARIED_VALUES
 
 Refusal = Callable[[Sequence[str]], str]
 """Why a spec is not valid with further assignments; empty if it is."""
@@ -45,9 +46,11 @@ def usable_space(
     space = derive_space(
         context.spec, context.wiring, facts, largest_message_bytes=largest_message_bytes
     )
-    files = DocumentFiles(context.loaded.base_dir)
+    files = DocumentFiles(context.loaded.base_dir, MAX_VARIED_VALUES)
 
     def refusal(sets: Sequence[str]) -> str:
+        if not files.may_try(context.loaded):
+            return "not checked, because the spec is large; name fewer in 'tune'"
         # Values of levers are tried here, and not once more by the rule that tries them.
         loaded = replace(selection, sets=(*selection.sets, *sets, "tune.values={}")).load()
         found = check(loaded, context=context_of(loaded, offline=context.offline, files=files))

@@ -11,7 +11,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import shutil
 import time
 from collections.abc import Iterator, Set
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.judge.measure.units import show
 from r2bspec.middleware.middleware import known_middlewares
 from r2bspec.safe_io.cache_folder import cache_path
+from r2bspec.safe_io.temporary_folder import remove_folder
 
 _WATCHDOG = "r2bspec.harness.watchdog"
 _START_FIELD = 19
@@ -260,8 +260,8 @@ def clean(system: System, cache: Path | None = None) -> list[str]:
         removed += [f"process {process.pid} ({process.name}) of run {run_id}" for process in of_run]
     for folder in leftovers.folders:
         with contextlib.suppress(OSError):
-            shutil.rmtree(folder)
-            removed.append(f"folder {folder}")
+            remove_folder(folder)
+            removed += [f"folder {folder}"] * (not folder.exists())
     # Last: the segments of processes that were just ended are dead only now.
     removed += [f"segment {name}" for name in remove_dead_shm_files(system)]
     return removed

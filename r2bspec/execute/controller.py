@@ -12,7 +12,6 @@ import contextlib
 import datetime
 import errno
 import os
-import shutil
 import tempfile
 import time
 from collections.abc import Callable
@@ -75,6 +74,7 @@ from r2bspec.record.run_record import (
     ProfileRecord,
     RunRecord,
 )
+from r2bspec.safe_io.temporary_folder import remove_folder
 
 
 @dataclass(frozen=True)
@@ -450,7 +450,7 @@ class _Run:
         loaded = context.loaded_files.by_process(processes, complete=failure is None)
         record = self._record(failure)
         # If the disk is full, this frees the space for the record.
-        shutil.rmtree(context.buffer_dir, ignore_errors=True)
+        remove_folder(context.buffer_dir)
         # If there are several failures, the first one is reported.
         with contextlib.suppress(RecordError) if failure else contextlib.nullcontext():
             context.resources.stop()

@@ -20,6 +20,7 @@ import contextlib
 import datetime
 import ipaddress
 import os
+import re
 import socket
 import ssl
 from dataclasses import dataclass
@@ -30,6 +31,7 @@ from urllib.parse import urlsplit
 import msgspec
 
 from r2bspec.diagnostics.quote import quote
+from r2bspec.errors import UsageError
 from r2bspec.fleet.errors import FleetNotInstalledError, InsecureFleetError
 from r2bspec.safe_io.limits import MAX_FLEET_FILE_BYTES
 from r2bspec.safe_io.safe_file import is_there, read_text
@@ -49,6 +51,7 @@ _USES: Final = (
 )
 _YEARS: Final = 2
 _REFUSAL_S: Final = 2.0
+_HOST_NAME: Final = re.compile(r"(\*\.)?[A-Za-z0-9_-]{1,63}(\.[A-Za-z0-9_-]{1,63}){0,10}\.?")
 _DAY: Final = datetime.timedelta(days=1)
 
 
@@ -373,7 +376,24 @@ def make_certificates(folder: Path, names: tuple[str, ...] = ()) -> list[Path]:
     Raises:
         FleetNotInstalledError: the package `cryptography` is missing.
         InsecureFleetError: the folder has files, whose keys may be in use.
+        UsageError: the folder cannot be written, or a name is none.
     """
+    for each in names:
+        if not _is_address(each) and not _HOST_NAME.fullmatch(each):
+            raise UsageError(
+                f"--host {quote(each)} is neither the name of a host nor an address",
+                hint="Give one such as robot.local, *.lab.example or 10.0.0.5.",
+            )
+    try:
+        return _make_certificates(folder, names)
+    except OSError as error:
+        raise UsageError(
+            f"{folder} cannot have certificates: {error.strerror}",
+            hint="Name a new folder where you may write.",
+        ) from error
+
+
+def _make_certificates(folder: Path, names: tuple[str, ...]) -> list[Path]:
     try:
         from cryptography.hazmat.primitives.asymmetric import ec
     except ImportError as error:
@@ -395,6 +415,14 @@ def make_certificates(folder: Path, names: tuple[str, ...] = ()) -> list[Path]:
     return files
 
 
+def _is_address(text: str) -> bool:
+    try:
+        ipaddress.ip_address(text)
+    except ValueError:
+        return False
+    return True
+
+
 def _certificate(part: str, key: Any, authority_key: Any, names: tuple[str, ...]) -> Any:
     """The certificate of a part, or that of the authority, which is ``ca``."""
     from cryptography import x509
@@ -405,10 +433,8 @@ def _certificate(part: str, key: Any, authority_key: Any, names: tuple[str, ...]
         return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
 
     def alternative(text: str) -> x509.GeneralName:
-        try:
-            return x509.IPAddress(ipaddress.ip_address(text))
-        except ValueError:
-            return x509.DNSName(text)
+        is_address = _is_address(text)
+        return x509.IPAddress(ipaddress.ip_address(text)) if is_address else x509.DNSName(text)
 
     is_authority = part == "ca"
     uses = dict.fromkeys(_USES, False)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import shutil
 import signal
 import sys
 import time
@@ -22,6 +21,7 @@ from pathlib import Path
 from r2bspec.errors import ExitStatus
 from r2bspec.ipc.process_cleanup import ProcessSession, clean_up, now_ticks
 from r2bspec.record.files import LOCK_FILE
+from r2bspec.safe_io.temporary_folder import remove_folder
 
 _GRACE_S = 1.0
 
@@ -51,7 +51,7 @@ def main() -> int:
         if pid != os.getpid()
     }
     clean_up(run_id, sessions.values(), grace_s=_GRACE_S, since_s=since_s)
-    shutil.rmtree(scratch, ignore_errors=True)
+    remove_folder(scratch)
     # The kernel has freed the lock; no run takes a folder with files in it.
     with contextlib.suppress(OSError):
         (scratch.parent / LOCK_FILE).unlink()

@@ -127,6 +127,22 @@ def size_of(root: TreeNode) -> int:
     return count(root)
 
 
+def count_values(root: TreeNode) -> int:
+    """How many values a tree has, those that an alias repeats each time."""
+    counts: dict[int, int] = {}
+
+    def count(node: TreeNode) -> int:
+        if isinstance(node, MapNode):
+            below = [entry.value for entry in node.entries.values()]
+        else:
+            below = [*node.items] if isinstance(node, ListNode) else []
+        if below and id(node) not in counts:
+            counts[id(node)] = 1 + sum(map(count, below))
+        return counts.get(id(node), 1)
+
+    return count(root)
+
+
 def scalars_with_paths(root: TreeNode) -> Iterator[tuple[Path, ScalarNode]]:
     """The single values of a tree with their paths, those that an alias repeats once."""
     visited: set[int] = set()

@@ -298,7 +298,8 @@ def decoded(value: msgspec.Raw, kind: type[T]) -> T:
 _MAX_SHOWN: Final = 300
 """Characters of what is said about an error: parts of a message may be in it."""
 
-_NAME: Final = b"content-length"
+_NAME: Final = re.compile(rb"Content-Length", re.IGNORECASE)
+_NAME_BYTES: Final = len(b"Content-Length")
 _LENGTH: Final = re.compile(
     rb"Content-Length[ \t]*:[ \t]*(?:0*([0-9]{1,9})|[^\r\n]*?)[ \t]*\r?\n\Z", re.IGNORECASE
 )
@@ -334,7 +335,7 @@ class MessageInput:
             RequestError: what arrives is no message; once, until the next message.
         """
         size, header_bytes, beginning = -1, 0, b""
-        while line := self._next_line(is_searched=self._is_lost and size < 0):
+        while line := self._next_line(size < 0, is_first=not header_bytes):
             length = _LENGTH.search((beginning + line)[-_MAX_FIELD_BYTES:])
             beginning = b"" if line.endswith(b"\n") else line[-_MAX_FIELD_BYTES:]
             if length is not None:
@@ -363,13 +364,19 @@ class MessageInput:
                     )
         return None
 
-    def _next_line(self, is_searched: bool) -> bytes:
-        """The next line, or, where one is searched, one that may have a length."""
-        while is_searched:
+    def _next_line(self, needs_length: bool, *, is_first: bool) -> bytes:
+        """The next line; after what was no message, one that may have the length it needs."""
+        while needs_length and (self._is_lost or is_first):
             waiting = self._stream.peek()
-            found = waiting.lower().find(_NAME)
+            if not self._is_lost:
+                # Empty lines between two messages: each by itself would take a microsecond.
+                if empty := len(waiting) - len(waiting.lstrip(b"\r\n")):
+                    self._stream.read(empty)
+                    continue
+                break
+            found = _NAME.search(waiting)
             # The name may have arrived in part.
-            passed = found if found >= 0 else len(waiting) - len(_NAME)
+            passed = found.start() if found is not None else len(waiting) - _NAME_BYTES
             if passed <= 0:
                 break
             self._stream.read(passed)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import msgspec
 
@@ -101,6 +101,7 @@ def plan_monitors(spec: Spec, wiring: Wiring) -> tuple[MonitorPlan, ...]:
         for monitor in spec.outputs.values()
         if spec.live and monitor.reaction is not None
     }
+    inputs = _event_inputs(spec, wiring)
     return tuple(
         MonitorPlan(
             name=name,
@@ -111,7 +112,7 @@ def plan_monitors(spec: Spec, wiring: Wiring) -> tuple[MonitorPlan, ...]:
             ratio_outputs=monitor.ratio.outputs,
             answers=_answers(monitor, spec, wiring, calls.get(name, "")),
             taps=_taps(monitor, wiring) if monitor.taps else (),
-            reaction=_reaction(monitor.reaction, spec, wiring)
+            reaction=_reaction(monitor.reaction, inputs, wiring)
             if monitor.reaction is not None
             else msgspec.UNSET,
             begins_events=topic in events or msgspec.UNSET,
@@ -120,15 +121,18 @@ def plan_monitors(spec: Spec, wiring: Wiring) -> tuple[MonitorPlan, ...]:
     )
 
 
-def _reaction(reaction: Reaction, spec: Spec, wiring: Wiring) -> ReactionPlan:
-    """What a monitor measures in place of the latency; without a name, events of the first input.
-
-    Without a condition on it, it does not matter which input it is. The inputs of a live graph are
-    the topics of monitors.
-    """
+def _event_inputs(spec: Spec, wiring: Wiring) -> dict[str, str]:
+    """The types of the topics in which events may begin; in a live graph those of monitors."""
     played = [(name, each.format) for name, each in spec.playback.inputs.items()]
     seen = [(each.topic, each.format) for each in spec.outputs.values()]
-    inputs = {wiring.topic(name): format_ for name, format_ in (seen if spec.live else played)}
+    return {wiring.topic(name): format_ for name, format_ in (seen if spec.live else played)}
+
+
+def _reaction(reaction: Reaction, inputs: Mapping[str, str], wiring: Wiring) -> ReactionPlan:
+    """What a monitor measures in place of the latency; without a name, events of the first input.
+
+    Without a condition on it, it does not matter which input it is.
+    """
     wanted = wiring.topic(reaction.input) if reaction.input else ""
     topic = wanted if wanted in inputs else next(iter(inputs), "")
     return ReactionPlan(

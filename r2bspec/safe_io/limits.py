@@ -53,6 +53,10 @@ MAX_CASE_VALUES: Final = 100_000
 """Of all cases together: each is a document of its own."""
 MAX_CASE_NAME_CHARACTERS: Final = 200
 """A part of the names of files."""
+MAX_TRIED_VALUES: Final = 7_500
+"""Values of specs that are checked again with one of `tune.values`: each takes 0.15 ms."""
+MAX_VARIED_VALUES: Final = 25_000
+"""Likewise, where the deployments of a graph are asked for."""
 MAX_WAIVERS: Final = 25_000
 """Of one document; one of several codes counts as often."""
 MAX_PARAMETER_SOURCES: Final = 100

@@ -13,6 +13,7 @@ import fcntl
 import functools
 import os
 import shutil
+import subprocess
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -39,7 +40,7 @@ def temporary_folder(kind: str, parent: Path | None = None) -> Iterator[Path]:
     try:
         yield folder
     finally:
-        _remove(folder)
+        remove_folder(folder)
         os.close(held)
 
 
@@ -70,7 +71,7 @@ def _made(kind: str, parent: Path) -> tuple[Path, int]:
         except FileNotFoundError:
             continue
         except OSError:
-            _remove(folder)
+            remove_folder(folder)
             raise
 
 
@@ -99,14 +100,22 @@ def _remove_abandoned(parent: Path) -> None:
     for folder in parent.glob(f"r2bspec-*{_SUFFIX}"):
         with contextlib.suppress(OSError):
             held = _locked(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            _remove(folder)
+            remove_folder(folder)
             os.close(held)
 
 
-def _remove(folder: Path) -> None:
-    """Remove a folder; a build may have left folders that are not writable."""
-    shutil.rmtree(folder, ignore_errors=True)
-    if folder.exists():
-        for below, _, _ in os.walk(folder):
-            Path(below).chmod(0o700)
+def remove_folder(folder: Path) -> None:
+    """Remove a folder as far as that is possible.
+
+    A build may have left folders that are not writable, and a node folders inside each other, of
+    which `shutil.rmtree` takes no more than Python calls functions.
+    """
+    try:
         shutil.rmtree(folder, ignore_errors=True)
+        if folder.exists():
+            for below, _, _ in os.walk(folder):
+                Path(below).chmod(0o700)
+            shutil.rmtree(folder, ignore_errors=True)
+    except RecursionError:
+        words = [shutil.which("rm") or "/bin/rm", "-rf", "--", str(folder)]
+        subprocess.run(words, check=False, stderr=subprocess.DEVNULL)

@@ -193,6 +193,9 @@ class DeployedModel:
                         f"no callback of {node.node} was seen: its program has no anatomy, or its "
                         "nodes have other names"
                     )
+        for name, home in self._homes["old"].items():
+            if not all(home in segment.processes for segment in segments):
+                raise NotKnownError(f"no callback of {name} was seen in its process, {home}")
         for process in graph_processes(after):
             self._check_executor(process)
         for segment in segments:

@@ -203,7 +203,11 @@ class _Segment:
         Raises:
             NotKnownError: a message has no cause that is known.
         """
+        if not self._starts.size:
+            raise NotKnownError(f"no callback of the graph was observed in {self._segment.id}")
         self._wall.divide(self._waited()[1], waits_for)
+        self._began = self._wall.work_before(self._events.began_ns)
+        self._ended = self._wall.work_before(self._events.callback_ended_ns)
         outputs = self._outputs()
         return ObservedSegment(
             name=self._segment.id,
@@ -298,13 +302,15 @@ class _Segment:
 
     def _callback(self, start: int, outputs: Mapping[int, list[int]]) -> Callback:
         events = self._events
-        began, ended = int(events.began_ns[start]), int(events.callback_ended_ns[start])
-        work_s = self._wall.work_s(began, ended)
+        ended = int(events.callback_ended_ns[start])
+        began_work, ended_work = float(self._began[start]), float(self._ended[start])
         published = []
         for send in outputs.get(start, ()):
             at = int(events.began_ns[send])
-            after_s = self._wall.work_s(began, min(at, ended)) + max(0, at - ended) / 1e9
+            work = min(float(self._began[send]), ended_work) - began_work
+            after_s = work / 1e9 + max(0, at - ended) / 1e9
             published.append((events.names.topics[events.topic[send]], after_s))
+        work_s = (ended_work - began_work) / 1e9
         return Callback(work_s, tuple(sorted(published, key=lambda output: output[1])))
 
     def _joins(self) -> Iterator[tuple[str, frozenset[str]]]:

@@ -34,7 +34,7 @@ class ProcessorTime:
         times = np.concatenate((began, ended))
         change = np.concatenate((np.ones(began.size), -np.ones(ended.size)))
         order = np.argsort(times, kind="stable")
-        self._times = times[order]
+        self._times = times[order].astype(np.float64)
         self._running = np.cumsum(change[order])
         process = np.concatenate((events.process[starts],) * 2)[order]
         self._of_process = {
@@ -73,10 +73,9 @@ class ProcessorTime:
         speed: Seconds = np.minimum(1.0, self.cores / wanted)
         return speed
 
-    def work_s(self, began_ns: int, ended_ns: int) -> float:
-        """The work of a thread between two times."""
-        done = np.interp((began_ns, ended_ns), self._times, self._integral)
-        return float(done[1] - done[0]) / 1e9
+    def work_before(self, times_ns: Ints) -> Seconds:
+        """The work, in ns, that a thread would have done up to each of some times."""
+        return np.interp(times_ns, self._times, self._integral)
 
     def busy_s(self, processes: list[int]) -> float:
         """The time that callbacks of processes take, alone on a processor."""

@@ -8,6 +8,7 @@ other exception is a failure, too. `read` adds what must hold of every reader.
 from __future__ import annotations
 
 import asyncio
+import atexit
 import contextlib
 import functools
 import hashlib
@@ -22,7 +23,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import CodeType
 from typing import Any
@@ -48,11 +49,14 @@ from r2bspec.language.json_schema import published_schema
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.record.anatomy_files import AnatomyReader
 from r2bspec.record.files import RecordError
+from r2bspec.record.run_folder import open_run
 from r2bspec.report.finding_formats import FORMATS, render
+from r2bspec.tune.predict import predict_deployment
 from r2bspec.tune.tuning_file import TUNING_FILE, read_tuning, to_json
 from r2bspec.tune.tuning_page import to_html
 from r2bspec.tune.tuning_report import print_tuning
 from run_simulation import renew_digests
+from simulated_anatomies import CHAIN, ObservedSimulation
 
 TESTS = Path(__file__).parents[1]
 CORPUS = Path(__file__).parent / "corpus"
@@ -420,6 +424,33 @@ def _arrays_seeds() -> Iterator[bytes]:
         yield bytes([number]) + file.read_bytes()
 
 
+@functools.cache
+def _observed_run() -> Path:
+    """A run that was observed from inside."""
+    folder = tempfile.mkdtemp(prefix="r2bspec-fuzz-observed-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    graph = replace(CHAIN, rate_hz=40.0, steps=60)
+    return ObservedSimulation.of(graph).write(Path(folder, "run")).folder
+
+
+def _anatomy(data: bytes, folder: Path) -> None:
+    """The events of an iteration: judged, shown, and a prediction from them."""
+    run = folder / "run"
+    shutil.copytree(_observed_run(), run)
+    for file in run.rglob("anatomy.npy"):
+        file.write_bytes(data)
+    renew_digests(run)
+    answered(("judge", "run"), ("report", "run", "--report", "trace=trace.json"))
+    with contextlib.suppress(RecordError):
+        whole = open_run(run)
+        found = predict_deployment(whole, whole.plan, rates_hz=(20.0,))
+        assert found.reason or found.latencies
+
+
+def _anatomy_seeds() -> Iterator[bytes]:
+    return (file.read_bytes() for file in _observed_run().rglob("anatomy.npy"))
+
+
 def _events(data: bytes, folder: Path) -> None:
     """A header, the first of 2,048 objects, and rows."""
     table = data[4096 : 4096 + 516].ljust(2048 * 516, b"\0")
@@ -608,7 +639,6 @@ def _fleet_seeds() -> Iterator[bytes]:
     from r2bspec.fleet.host_store import pack_run
     from r2bspec.fleet.messages import Call, FleetRunState, Problem, RunEnded, answer_of, request_of
     from r2bspec.plan.prepared_benchmark import PreparedBenchmark
-    from r2bspec.record.run_folder import open_run
 
     with tempfile.TemporaryDirectory() as folder:
         pack_run(_prototypes().run, Path(folder, "run.tar.gz"))
@@ -707,6 +737,7 @@ READERS = {
     "record": Reader(_record, _json, _record_seeds),
     "tuning": Reader(_tuning, _json, _tuning_seeds, _fonts),
     "arrays": Reader(_arrays, mutations.numbers, _arrays_seeds),
+    "anatomy": Reader(_anatomy, mutations.numbers, _anatomy_seeds, _observed_run),
     "events": Reader(_events, mutations.numbers, _events_seeds),
     "control": Reader(_control, mutations.text(_control_words), _control_seeds),
     "join": Reader(

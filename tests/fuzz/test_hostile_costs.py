@@ -147,6 +147,15 @@ COSTS: dict[str, tuple[Callable[[Path], str], list[tuple[str, ...]]]] = {
         TEXT,
     ),
     "open references": (spec(lambda: f"title: '{'$(' * 4_900_000}'\n"), TEXT),
+    "values of a search": (
+        spec(
+            lambda: (
+                f"labels: {{{', '.join(f'k{n}: 1' for n in range(5_000))}}}\n"
+                f"tune: {{values: {{graph.nodes.n.nice: [{', '.join(map(str, range(64)))}]}}}}\n"
+            )
+        ),
+        TEXT,
+    ),
     "unknown keys": (spec(lambda: "".join(f"k{n}: 1\n" for n in range(190_000))), TEXT),
 }
 
@@ -193,6 +202,8 @@ def edits(text: str, number: int) -> tuple[object, ...]:
 
 CONVERSATIONS: dict[str, Callable[[], tuple[object, ...]]] = {
     "lines of a header": lambda: (b"X: y\r\n" * 2_000_000,),
+    "lengths that cannot be": lambda: (b"Content-Length: -5\r\n\r\n" * 300_000,),
+    "empty lines": lambda: (b"\r\n" * 5_000_000,),
     "a line of a header": lambda: (b"X: " + b"y" * 50_000_000 + b"\r\n",),
     "cancelled requests": lambda: tuple(asked("$/cancelRequest", id=n) for n in range(30_000)),
     "unknown requests": lambda: tuple(asked("x", n + 5) for n in range(20_000)),

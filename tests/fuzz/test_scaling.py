@@ -36,7 +36,9 @@ from r2bspec.record.sample_arrays import RESOURCE_DTYPE
 from r2bspec.report.pipelines import render_junit
 from r2bspec.safe_io.safe_json import decode_json
 from r2bspec.safe_io.safe_yaml import check_document
+from r2bspec.tune.observed_graph import observe
 from run_simulation import Played, Simulation, objective
+from simulated_anatomies import CHAIN, ObservedSimulation
 
 MAX_RATIO = 2.8
 REPETITIONS = 3
@@ -235,6 +237,12 @@ def write_junit(number: int, folder: Path) -> Work:
     return lambda: render_junit(many_input)
 
 
+def observe_callbacks(number: int, folder: Path) -> Work:
+    """What a prediction needs of the callbacks of an iteration."""
+    run = ObservedSimulation.of(replace(CHAIN, steps=number)).write(folder / f"observed-{number}")
+    return lambda: observe(run, 2, "nobody")
+
+
 READERS: dict[str, tuple[Callable[[int, Path], Work], int]] = {
     "rates of a report": (read_report(lambda n: {f"{i}.5fps": {} for i in range(n)}), 1500),
     "monitors of a report": (read_report(lambda n: {f"m{i}": {} for i in range(n)}), 1500),
@@ -245,6 +253,7 @@ READERS: dict[str, tuple[Callable[[int, Path], Work], int]] = {
     "values of JSON": (read_json, 4000),
     "nodes of a launch file": (read_launch, 150),
     "requirements in JUnit": (write_junit, 800),
+    "callbacks of an iteration": (observe_callbacks, 2000),
 }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import islice
 from typing import Final
 
 from msgspec.structs import replace
@@ -26,8 +25,6 @@ from r2bspec.plan.this_machine import scheduling_facts
 from r2bspec.plan.tuning_space import TuningSpace, assignment, value_text
 
 _SECTIONS: Final = ("graph", "containers", "transport")
-_MAX_VALUES: Final = 64
-"""Values that are tried out while a spec is checked; each takes as long as the spec itself."""
 
 
 def _is_written(context: Context) -> bool:
@@ -255,26 +252,30 @@ def _tried(context: Context) -> Iterator[tuple[Path, str, _Tried]]:
         for index, value in enumerate(each)
     )
     files = DocumentFiles(context.loaded.base_dir)
+    text = ""
     base: tuple[set[tuple[str, str]], Plan | None] | None = None
-    for path, name, value in islice(values, _MAX_VALUES):
+    for path, name, value in values:
+        # Each takes as long as the spec itself; the others are checked when the search begins.
+        if not context.files.may_try(context.loaded):
+            return
         if base is None:
-            findings, plan = _with(context, files, ())
+            tree = context.loaded.tree
+            text = to_yaml(to_plain(without(tree, "tune"))) if isinstance(tree, MapNode) else ""
+            findings, plan = _with(context, files, text, ())
             base = {(each.code, each.message) for each in findings}, plan
         known, today = base
-        findings, plan = _with(context, files, (assignment(parse_path(name), value),))
+        findings, plan = _with(context, files, text, (assignment(parse_path(name), value),))
         new = [each for each in findings if (each.code, each.message) not in known]
         same = plan is not None and today is not None and not diff_plans(today, plan)
         yield path, value_text(value), _Tried(new, same_plan=same)
 
 
 def _with(
-    context: Context, files: DocumentFiles, sets: tuple[str, ...]
+    context: Context, files: DocumentFiles, text: str, sets: tuple[str, ...]
 ) -> tuple[list[Diagnostic], Plan | None]:
-    """The findings and the plan of the spec, without its `tune`, with further assignments."""
+    """The findings and the plan of a spec, its text, with further assignments."""
     from r2bspec.plan.compile_plan import compile_plan
 
-    tree = context.loaded.tree
-    text = to_yaml(to_plain(without(tree, "tune"))) if isinstance(tree, MapNode) else ""
     loaded: LoadedSpec = load_spec(text, file=context.loaded.file, sets=sets)
     other = engine.context_of(loaded, offline=context.offline, files=files)
     if other is None:

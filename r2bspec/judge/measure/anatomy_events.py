@@ -18,6 +18,7 @@ Rows that cannot be are left out and counted. Times are CLOCK_MONOTONIC nanoseco
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -174,17 +175,17 @@ class Events:
     within: Ints
     left_out: int
 
-    @property
+    @cached_property
     def node(self) -> Ints:
         """The number of the node of each row."""
         return self.names.node_of[self.object]
 
-    @property
+    @cached_property
     def topic(self) -> Ints:
         """The number of the topic or service of each row."""
         return self.names.topic_of[self.object]
 
-    @property
+    @cached_property
     def end(self) -> Ints:
         """A number for node and topic (or service, and which way), the same for the same ones."""
         way = np.isin(self.kind, (AnatomyKind.SEND_RESPONSE, AnatomyKind.TAKE_RESPONSE))

@@ -282,15 +282,26 @@ def marker(number: int) -> str:
 
 @cache
 def _load_matplotlib() -> None:
-    """Import it so that its list of fonts is in the cache of r2bspec, and nothing in the home."""
+    """Import it with its own settings; its list of fonts is in the cache of r2bspec.
+
+    It takes the settings of the working directory, which may be a stranger's: they can have texts
+    set by LaTeX, with commands of their own. So it is imported in a folder with empty ones.
+    """
     from r2bspec.safe_io.cache_folder import cache_or_temporary_folder
+    from r2bspec.safe_io.temporary_folder import temporary_folder
 
     name = "MPLCONFIGDIR"
     before = os.environ.get(name)
     os.environ[name] = str(cache_or_temporary_folder("matplotlib"))
+    here = os.open(".", os.O_PATH)
     try:
-        import matplotlib.figure  # noqa: F401
+        with temporary_folder("settings") as folder:
+            (folder / "matplotlibrc").touch()
+            os.chdir(folder)
+            import matplotlib.figure  # noqa: F401
     finally:
+        os.fchdir(here)
+        os.close(here)
         del os.environ[name]
         if before is not None:
             os.environ[name] = before

@@ -2,8 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from check_specs import findings
+
+from r2bspec.check.engine import check_cases, context_of
+from r2bspec.check.usable_settings import usable_space
+from r2bspec.language.load_spec import load_cases
+from r2bspec.language.located_tree import count_values
+from r2bspec.language.selected_spec import SpecSelection
+from r2bspec.plan.this_machine import scheduling_facts
+from r2bspec.safe_io.limits import MAX_TRIED_VALUES, MAX_VARIED_VALUES
 
 SPEC = """\
 r2bspec: 1
@@ -81,6 +91,37 @@ def test_each_value_is_placed_where_it_is_written() -> None:
         ("R2B803", 15, 48),
     ]
     assert "R2B107" in found[1].message
+
+
+@pytest.mark.parametrize("cases", [1, 9])
+def test_a_document_is_not_checked_again_for_any_number_of_values(cases: int) -> None:
+    axes = f"matrix: {{axes: {{rate: [{', '.join(f'{n + 1} Hz' for n in range(cases))}]}}}}\n"
+    values = ", ".join(str(n) for n in range(20, 1_020))
+    text = SPEC.replace("[30 Hz]", "[$(var rate)]") + "variables: {rate: 30 Hz}\n" + axes
+    text += f"tune: {{values: {{graph.nodes.relay.nice: [{values}]}}}}\n"
+    loaded = load_cases(text, file="a.r2b.yaml", environ={})
+    assert len(loaded) == cases
+    assert loaded[0].tree is not None
+    most = MAX_TRIED_VALUES // count_values(loaded[0].tree)
+    refused = [each for each in check_cases(loaded, offline=True) if each.code == "R2B803"]
+    assert 0 < len(refused) <= most < 1_000
+
+
+def test_settings_of_a_large_spec_are_left_out_unchecked(tmp_path: Path) -> None:
+    labels = ", ".join(f"k{n}: {'x' * 9}" for n in range(MAX_VARIED_VALUES // 2))
+    file = tmp_path / "a.r2b.yaml"
+    values = ", ".join(map(str, range(1, 20)))
+    tune = f"tune: {{values: {{graph.nodes.relay.nice: [{values}]}}}}\n"
+    file.write_text(f"{SPEC}labels: {{{labels}}}\n{tune}")
+    selection = SpecSelection(file)
+    context = context_of(selection.load(), offline=True)
+    assert context is not None
+    (left_out,) = (
+        each
+        for each in usable_space(selection, context, scheduling_facts()).left_out
+        if "not checked" in each
+    )
+    assert "graph.nodes.relay.nice" in left_out
 
 
 def test_a_group_without_settings_says_why() -> None:

@@ -108,6 +108,27 @@ def test_a_cluster_file_names_scheduler_and_certificates(tmp_path: Path) -> None
         make_certificates(tmp_path / "certificates")
 
 
+@pytest.mark.parametrize("name", ["", "büro", "a b", "x" * 64, "\x1b]0;x", "-.-..", "*"])
+def test_a_certificate_is_for_names_of_hosts(name: str, tmp_path: Path) -> None:
+    from r2bspec.fleet.security import make_certificates
+
+    with pytest.raises(UsageError, match="neither the name of a host nor an address") as refused:
+        make_certificates(tmp_path / "certificates", (name,))
+    assert refused.value.hint
+    assert not (tmp_path / "certificates").exists()
+
+
+def test_certificates_are_not_written_where_no_folder_can_be(tmp_path: Path) -> None:
+    pytest.importorskip("cryptography")
+    from r2bspec.fleet.security import make_certificates
+
+    (tmp_path / "file").touch()
+    for folder in (tmp_path / "file", tmp_path / "file" / "below", Path("/proc/x")):
+        with pytest.raises(UsageError, match="cannot have certificates") as refused:
+            make_certificates(folder)
+        assert refused.value.hint
+
+
 @pytest.fixture
 def certificates(tmp_path: Path) -> Path:
     pytest.importorskip("cryptography")

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import itertools
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -194,3 +197,25 @@ def test_probes_that_others_disturbed_are_marked(
     assert b"probe: host interference" not in html_page("usual")
     assert "probe: host interference" in marked.text
     assert "host interference: other processes used 1.7 of 2 cores" in marked.text
+
+
+@pytest.mark.parametrize("kind", ["latex", "pipe"])
+def test_settings_of_the_working_directory_have_no_effect(kind: str, tmp_path: Path) -> None:
+    """In a process of its own, which has not imported matplotlib."""
+    run = Simulation(segments=[Played(10, [0.01, 0.02])]).write(tmp_path / "run")
+    settings = tmp_path / "matplotlibrc"
+    if kind == "pipe":
+        os.mkfifo(settings)
+    else:
+        settings.write_text("text.usetex: True\ntext.latex.preamble: \\input{/etc/passwd}\n")
+    words = [sys.executable, "-P", "-m", "r2bspec", "report", str(run.folder)]
+    done = subprocess.run(
+        [*words, "--report", "html=page.html"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert Page((tmp_path / "page.html").read_bytes()).of("svg")

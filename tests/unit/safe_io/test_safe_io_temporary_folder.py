@@ -77,3 +77,16 @@ def test_what_is_no_abandoned_folder_stays(place: Path) -> None:
     with temporary_folder("x"):
         pass
     assert sorted(place.iterdir()) == before
+
+
+def test_folders_inside_each_other_are_removed_whatever_their_depth(tmp_path: Path) -> None:
+    for _ in range(2):
+        with temporary_folder("deep", tmp_path) as folder:
+            descriptor = os.open(folder, os.O_RDONLY)
+            for _ in range(2_000):
+                os.mkdir("d", dir_fd=descriptor)
+                below = os.open("d", os.O_RDONLY, dir_fd=descriptor)
+                os.close(descriptor)
+                descriptor = below
+            os.close(descriptor)
+        assert list(tmp_path.iterdir()) == []

@@ -15,10 +15,10 @@ from plans import node_plan
 from r2bspec.cli.main import main
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import ExternalPlan, Plan
-from r2bspec.record.run_folder import Run, write_loaded_files
+from r2bspec.record.run_folder import Run, open_run, write_loaded_files
 from r2bspec.tune.predict import Predictor, predict_deployment
 from r2bspec.tune.prediction import Prediction
-from run_simulation import Played, Simulation, objective
+from run_simulation import Played, Simulation, objective, renew_digests
 from simulated_anatomies import CHAIN, FORK, TIMER, Graph, ObservedSimulation, observed
 from simulated_anatomies import plan_of as plan_of_graph
 
@@ -133,6 +133,29 @@ def test_a_rate_above_the_peak_is_ruled_out_and_one_near_it_is_not_known(
     for each in near.latencies:
         assert each.estimate.value is None
         assert each.estimate.reason.startswith("it is near the peak, ")
+
+
+@pytest.mark.parametrize("most", [1, 2, 10**9])
+@pytest.mark.parametrize("field", ["object", "process", "thread", "kind", "began_ns", "ended_ns"])
+def test_an_anatomy_that_no_run_has_says_nothing(field: str, most: int, tmp_path: Path) -> None:
+    run = ObservedSimulation.of(replace(CHAIN_GRAPH, steps=20)).write(tmp_path / "run")
+    rng = np.random.default_rng(1)
+    for file in run.folder.rglob("anatomy.npy"):
+        rows = np.load(file)
+        most = min(most, np.iinfo(rows.dtype[field]).max)
+        rows[field] = rng.integers(0, most, rows.size, rows.dtype[field])
+        np.save(file, rows)
+    renew_digests(run.folder)
+    assert predict_deployment(open_run(run.folder), run.plan).reason
+
+
+@pytest.mark.parametrize("rows", [0, 1, 5])
+def test_a_few_events_say_nothing(rows: int, tmp_path: Path) -> None:
+    run = ObservedSimulation.of(replace(CHAIN_GRAPH, steps=20)).write(tmp_path / "run")
+    for file in run.folder.rglob("anatomy.npy"):
+        np.save(file, np.load(file)[:rows])
+    renew_digests(run.folder)
+    assert predict_deployment(open_run(run.folder), run.plan).reason
 
 
 def test_fewer_cores_make_a_graph_slower_and_more_do_not(
