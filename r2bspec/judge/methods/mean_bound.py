@@ -117,10 +117,15 @@ def _messages(case: RequirementCase) -> list[Seconds]:
 
 def _without_lost(case: RequirementCase, decision: Decision) -> Decision:
     """The answer with regard to outputs that were lost, which a mean of latencies leaves out."""
-    if case.monitor is None or case.info.family not in LOSS_SENSITIVE_FAMILIES:
+    if case.info.family == "path":
+        lost = case.lost_on_paths
+        expected = lost + sum(times.size for times in case.observed_times)
+    elif case.monitor is not None and case.info.family in LOSS_SENSITIVE_FAMILIES:
+        seen = case.monitor_samples
+        lost = sum(sample.missed for sample in seen)
+        expected = sum(sample.expected for sample in seen)
+    else:
         return decision
-    seen = case.monitor_samples
-    lost, expected = sum(sample.missed for sample in seen), sum(sample.expected for sample in seen)
     if not lost:
         return decision
     share = show(lost / expected, "share")
