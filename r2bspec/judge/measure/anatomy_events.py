@@ -344,7 +344,8 @@ def _hanging(
     last &= np.bincount(thread[says], minlength=int(thread.max(initial=0)) + 1)[thread[starts]] > 0
     earlier, others = starts[whole], starts[~whole & ~last]
     last &= np.isin(of[starts], of[earlier]) & ~np.isin(of[starts], of[others])
-    return starts[last]
+    hanging: Ints = starts[last]
+    return hanging
 
 
 def _messages(

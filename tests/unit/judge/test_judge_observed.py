@@ -147,7 +147,8 @@ class Reacting(Simulation):
         outputs["taken_ns"] = outputs["received_ns"] + 1
         meets = (steps >= self.late + self.since) & ((steps - self.late - self.since) % 10 < 4)
         if self.dropped is not None:
-            outputs, meets = (np.delete(each, self.dropped) for each in (outputs, meets))
+            outputs = np.delete(outputs, self.dropped)
+            meets = np.delete(meets, self.dropped)
         marks = [marks_of(EVENT, steps[self.since :: 10]), marks_of(MET, np.flatnonzero(meets))]
         return replace(
             rows,
@@ -180,6 +181,19 @@ def test_events_that_find_the_condition_met_decide_nothing() -> None:
     assert always.outcome == "inconclusive"
     assert always.reason.startswith("500 of 500 events do not count")
     assert "stamp" in always.remedy
+
+
+def test_an_iteration_without_an_event_is_no_failure() -> None:
+    found = reaction(Reacting(since=999), "reaction.mean < 50 ms")
+    assert found.outcome == "fail"  # the only event is the last step, and has no reaction
+    found = reaction(Reacting(since=1000), "reaction.mean < 50 ms")
+    assert (found.outcome, found.reason[:14]) == ("inconclusive", "No event began")
+    some = replace(Reacting(since=400), segments=[Played(100.0, [0.001] * n) for n in (900, 300)])
+    (found,) = judge(
+        {"slo": objective("reaction.mean < 50 ms", at="100 Hz")}, some.samples()
+    ).requirements
+    assert found.outcome == "inconclusive"
+    assert found.reason == "No event that counts began in iteration 2 for monitor 'detections'."
 
 
 @pytest.mark.parametrize("requirement", ["reaction.p90 < 50 ms", "missed == 0", "drop_rate < 1 %"])
