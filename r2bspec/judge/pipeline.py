@@ -269,6 +269,8 @@ class JudgedRequirement:
             return verdict
         if _losses_may_hide(case):
             verdict = verdict.noted(_HIDDEN_LOSSES)
+        if case.iterations and (aside := _aside_text(case)) and aside != decision.reason:
+            verdict = verdict.noted(aside)
         validity = self.run.playback_validity
         if missed := validity.problem(self.info.statistic, self.at_hz):
             return msgspec.structs.replace(
@@ -433,6 +435,14 @@ def _without_event(case: RequirementCase, _: RunSamples) -> Decision | None:
     if not seen or not seen[0].of_events:
         return None
     events, unreadable = sum(one.sent for one in seen), sum(one.unreadable for one in seen)
+    if any(one.unpaired for one in seen):
+        return None
+    if not events and (aside := _aside_text(case)):
+        return undecided(
+            aside,
+            "Copy the stamp of the newest input in the node, or play events that are further "
+            "apart, and begin while the output does not meet 'when'.",
+        )
     if not events:
         return undecided(
             f"No event began for monitor '{case.monitor}': no message of its input meets 'from' "
@@ -452,10 +462,24 @@ def _without_event(case: RequirementCase, _: RunSamples) -> Decision | None:
     return Decision(outcome="fail", method="none", reason=reason, n=events)
 
 
+def _aside_text(case: RequirementCase) -> str:
+    """That events do not count to which outputs belong by time alone; empty if there are none."""
+    aside = sum(one.aside for one in case.monitor_samples)
+    if not aside:
+        return ""
+    events = aside + sum(one.sent for one in case.monitor_samples)
+    return (
+        f"{show(aside, 'count')} of {show(events, 'count')} events do not count: the output met "
+        "'when' before them, or had not reacted to an earlier one of the iteration. Without the "
+        "stamp of a step, a later reaction to that would look like one to them."
+    )
+
+
 def _without_output(case: RequirementCase, _: RunSamples) -> Decision | None:
     """A failure if the monitor received no output at all."""
     seen = case.monitor_samples
-    if case.monitor is None or any(sample.answered for sample in seen):
+    known = any(sample.answered or sample.unpaired for sample in seen)
+    if case.monitor is None or known:
         return None
     if seen[0].own_pace:
         count = len(seen)
@@ -507,6 +531,19 @@ def _without_latency(case: RequirementCase, _: RunSamples) -> Decision | None:
     )
 
 
+def _without_events(case: RequirementCase, _: RunSamples) -> Decision | None:
+    """Undecided where what was observed from inside is not whole."""
+    observed = [one.summary for one in case.iterations if one.summary is not None]
+    lost = max((one.lost for one in observed), default=0)
+    if case.info.scope != "anatomy" or not lost:
+        return None
+    return undecided(
+        f"There was no room for {show(lost, 'count')} events of the graph: what was observed of "
+        f"{case.info.subject} is not whole.",
+        "Observe iterations that are shorter or fewer in a start, or 'anatomy: [NODE]' alone.",
+    )
+
+
 def _by_iterations(case: RequirementCase, samples: RunSamples) -> Decision | None:
     return method_of(case).decide(case, samples.record)
 
@@ -522,6 +559,7 @@ DECISIONS: Final[tuple[Callable[[RequirementCase, RunSamples], Decision | None],
     _without_event,
     _without_output,
     _without_latency,
+    _without_events,
     _by_iterations,
 )
 
@@ -530,10 +568,12 @@ def latency_unknown_by_order(
     info: MetricInfo, monitor: str | None, iterations: Sequence[SegmentSamples]
 ) -> tuple[str, str] | None:
     """Why a latency is unknown where outputs are matched by order, and what to do; else None."""
-    if monitor is None or info.family not in LOSS_SENSITIVE_FAMILIES:
+    if monitor is None:
         return None
     seen = [iteration.monitors[monitor] for iteration in iterations]
-    if not any(sample.unknown_latency for sample in seen):
+    # Which of the events had a reaction is unknown, too.
+    of_pairs = info.family in LOSS_SENSITIVE_FAMILIES or any(sample.unpaired for sample in seen)
+    if not of_pairs or not any(sample.unknown_latency for sample in seen):
         return None
     reason = (
         f"The latency at monitor '{monitor}' is unknown: {pool_monitor(seen).unknown_latency}. "

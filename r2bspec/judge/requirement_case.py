@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from r2bspec.judge.measure.metric_catalogue import MetricInfo
+from r2bspec.judge.measure.metric_values import lost_on_paths
 from r2bspec.judge.measure.samples import MonitorSamples, SegmentSamples, starts_of
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import show
@@ -71,6 +72,11 @@ class RequirementCase:
         """What was observed from inside in each iteration, for a metric of a node or topic."""
         name = self.info.series
         return [iteration.anatomy.get(name, np.empty(0)) for iteration in self.iterations]
+
+    @property
+    def lost_on_paths(self) -> int:
+        """The expected outputs that never came, of a metric of paths; else 0."""
+        return sum(lost_on_paths(self.info, iteration) for iteration in self.iterations)
 
     @property
     def is_upper_bound(self) -> bool:

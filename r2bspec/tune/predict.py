@@ -9,8 +9,15 @@ logarithm of measured over simulated percentile of the run itself, the 90 % inte
 
     exp(m + r / 2 ± (sqrt((1.645 s)^2 + f^2) + |r| / 2))
 
-with a constant f for what changes from one start to the next. That of the peak has the smallest and
-the largest of the simulations in it.
+with a constant f for what changes from one start to the next. It is at least as wide, to either
+side, as what the n messages of the run leave open of the percentile q: the ranks
+n q ± 1.645 sqrt(n q (1 - q)), and, where these are beyond the slowest message, further by
+
+    a ln((1 - 0.05^(1/n)) / (1 - q))
+
+with the mean a of the logarithms of the slowest fifth, over that of the fastest of it (Hill,
+Annals of Statistics 3, 1975): the slowest of n is beyond the quantile 0.05^(1/n) in 95 of 100 runs.
+The interval of the peak has the smallest and the largest of the simulations in it.
 """
 
 from __future__ import annotations
@@ -23,7 +30,7 @@ from typing import Final
 import numpy as np
 
 from r2bspec.judge.measure.run_samples import read_samples
-from r2bspec.judge.measure.times import percentile
+from r2bspec.judge.measure.times import percentile, rank
 from r2bspec.judge.measure.units import show
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_folder import Run
@@ -55,6 +62,10 @@ _STEPS: Final = (300, 900)
 _TOLERANCE: Final = {"p50": 0.25, "p99": 0.45}
 """By how much the model may be off for the run itself, as a logarithm."""
 
+_ONE_SIDED: Final = 1.645
+"""The quantile of the normal distribution for either end of a 90 % interval."""
+
+_FEWEST_IN_TAIL: Final = 5
 _FLOOR: Final = {"p50": 0.12, "p99": 0.3}
 _PEAK_ERROR: Final = 0.06
 
@@ -79,6 +90,33 @@ _RATE_DEPENDENT: Final = 0.15
 _MAX_LOST: Final = 0.01
 _SLOWEST_HZ, _FASTEST_HZ = 0.01, 20_000.0
 _SEED: Final = 20
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What the run itself says of a percentile, as logarithms.
+
+    Attributes:
+        off: measured over simulated.
+        below: how far the true one may be below the measured one.
+        above: likewise above.
+    """
+
+    off: float
+    below: float
+    above: float
+
+    @classmethod
+    def of(cls, off: float, times: Seconds, q: float) -> Measured:
+        """From the latencies of the run, at least one."""
+        logs = np.log(np.sort(times))
+        n, at = logs.size, logs[rank(q, logs.size) - 1]
+        middle, half = n * q, _ONE_SIDED * math.sqrt(n * q * (1 - q))
+        lower, upper = max(1, math.floor(middle - half)), min(n, math.ceil(middle + half))
+        tail = logs[-max(_FEWEST_IN_TAIL, n // 5) :]
+        beyond = math.log((1 - 0.05 ** (1 / n)) / (1 - q)) if upper == n else 0.0
+        above = logs[upper - 1] - at + max(0.0, beyond) * float(tail[1:].mean() - tail[0])
+        return cls(off, float(at - logs[lower - 1]), float(above))
 
 
 @dataclass(frozen=True)
@@ -178,8 +216,8 @@ class Predictor:
             for view in self._views
         ]
 
-    def _calibrate(self, run: Run) -> dict[float, dict[tuple[str, str], float]]:
-        """By rate, monitor and percentile the logarithm of measured over simulated.
+    def _calibrate(self, run: Run) -> dict[float, dict[tuple[str, str], Measured]]:
+        """By rate, monitor and percentile, what was measured.
 
         Raises:
             NotKnownError: the model does not reproduce the run.
@@ -189,7 +227,7 @@ class Predictor:
         used = {segment.name for segment in self._segments}
         # An iteration that is observed after everything that counts has no samples of its own.
         own = {one.segment.id for each in samples.iterations.values() for one in each} & used
-        residuals: dict[float, dict[tuple[str, str], float]] = {}
+        residuals: dict[float, dict[tuple[str, str], Measured]] = {}
         for rate_hz in sorted({segment.rate_hz for segment in self._segments}):
             simulated = self._simulate(models, run.plan, rate_hz)
             played = [
@@ -216,7 +254,7 @@ class Predictor:
                         f"{rate_hz:g} Hz {monitor}.latency.{name} is {_ms(measured)}, and "
                         f"{_ms(middle)} in the model"
                     )
-                residuals[rate_hz][monitor, name] = off
+                residuals[rate_hz][monitor, name] = Measured.of(off, times, int(name[1:]) / 100)
         return residuals
 
     def _estimate(
@@ -241,13 +279,14 @@ class Predictor:
         residuals = self._residuals[_nearest(rate_hz, self._residuals)]
         if (monitor, name) not in residuals:
             return Estimate(reason="in the run it is that of a step without a message")
-        off = residuals[monitor, name]
+        of_run = residuals[monitor, name]
         if not all(map(math.isfinite, values)):
             return Estimate(reason="too many messages are lost in a part of the simulations")
         logs = np.log(values)
-        spread = math.hypot(1.645 * float(logs.std(ddof=1)), _FLOOR[name])
-        middle, half = float(logs.mean()) + off / 2, spread + abs(off) / 2
-        value, low, high = (math.exp(middle + side * half) for side in (0, -1, 1))
+        spread = math.hypot(_ONE_SIDED * float(logs.std(ddof=1)), _FLOOR[name])
+        middle, half = float(logs.mean()) + of_run.off / 2, spread + abs(of_run.off) / 2
+        below, above = max(half, of_run.below), max(half, of_run.above)
+        value, low, high = (math.exp(middle + by) for by in (0, -below, above))
         if high > _WIDEST * low:
             return Estimate(reason=f"all that is known is {_ms(low)} to {_ms(high)}")
         return Estimate(value=value, low=low, high=high)

@@ -419,7 +419,8 @@ def stored() -> None:
         "Two stored runs, A against A: 'worse' by iterations / as compared, in %",
         "world",
         chosen(START_WORLDS, *names),
-        {f"{number} starts": Shape(number, 2) for number in (2, 3, 5, 10)},
+        {"1 start x 10": Shape(1, 10)}
+        | {f"{number} starts": Shape(number, 2) for number in (2, 3, 5, 10)},
         lambda world, shape: " / ".join(
             f"{100 * stored_errors(world, shape, by_starts=by, runs=1000).failed:.1f}"
             for by in (False, True)

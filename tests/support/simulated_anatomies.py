@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal
 
@@ -415,9 +416,16 @@ def plan_of(graph: Graph) -> Plan:
 
 @dataclass(frozen=True)
 class ObservedSimulation(Simulation):
-    """A run of a graph of one iteration, which was observed from inside."""
+    """A run of a graph of one iteration, which was observed from inside.
+
+    Attributes:
+        lost: events of each process for which there was no room.
+        left: the events that were written, of those that happened.
+    """
 
     graph: Graph = Graph(stages=())
+    lost: int = 0
+    left: Callable[[Observed], Rows] = attrgetter("rows")
 
     @classmethod
     def of(cls, graph: Graph, **fields: Any) -> ObservedSimulation:
@@ -430,15 +438,19 @@ class ObservedSimulation(Simulation):
     def plan(self) -> Plan:
         """See `Simulation.plan`."""
         plan = plan_of(self.graph)
-        return msgspec.structs.replace(plan, objectives=dict(self.objectives))
+        return msgspec.structs.replace(plan, objectives=dict(self.objectives), anatomy=True)
 
     def write(self, path: Path) -> Run:
         """See `Simulation.write`."""
         run = super().write(path)
         found = observed(self.graph)
         folder = RunFolder(path)
-        folder.write_anatomy(run.record.segments[0].id, found.rows)
-        folder.write_record(msgspec.structs.replace(run.record, anatomies=(found.record,)))
+        folder.write_anatomy(run.record.segments[0].id, self.left(found))
+        processes = tuple(
+            msgspec.structs.replace(each, lost=self.lost) for each in found.record.processes
+        )
+        record = msgspec.structs.replace(found.record, processes=processes)
+        folder.write_record(msgspec.structs.replace(run.record, anatomies=(record,)))
         return open_run(path)
 
 

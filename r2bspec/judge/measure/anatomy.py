@@ -68,8 +68,8 @@ class NodeAnatomy:
             the length of the part: above 1 where several threads call it at once.
         taken: how many messages it took, by topic.
         published: how many it published, by topic.
-        overtaken: how many were sent to it and never taken, although later ones were: lost, or
-            overwritten in its queue, by topic.
+        overtaken: how many were sent to it and never taken, by topic: lost, overwritten in its
+            queue, or still in it at the end.
         timers: how often its timers were called.
     """
 
@@ -368,12 +368,17 @@ def _clipped_sum(times: Seconds, limits: Seconds) -> Seconds:
     return sums + (times.size - count) * limits
 
 
-def _overtaken(events: Events, window: tuple[int, int]) -> dict[int, dict[str, int]]:
-    """By node and topic: the publications that a subscription never took, before its last one.
+_ON_ITS_WAY_NS: Final = 1_000_000_000
 
-    A message that was sent after the last one that was taken may be still on its way. What a node
-    gets within its process is not sent to it by the middleware as well.
+
+def _overtaken(events: Events, window: tuple[int, int]) -> dict[int, dict[str, int]]:
+    """By node and topic: the publications that a subscription never took.
+
+    A message that was sent after the last one that was taken may be still on its way, until it is
+    older than `_ON_ITS_WAY_NS`. What a node gets within its process is not sent to it by the
+    middleware as well.
     """
+    old_ns = int(events.ended_ns.max(initial=0)) - _ON_ITS_WAY_NS
     found: dict[int, dict[str, int]] = {}
     names, topic = events.names, events.topic
     taken = np.flatnonzero(
@@ -400,7 +405,7 @@ def _overtaken(events: Events, window: tuple[int, int]) -> dict[int, dict[str, i
         else:
             sent = sent[~intra & ~(local & ((process, number) in buffered))]
         got = events.send[of_object]
-        before = events.began_ns[sent] < events.began_ns[got].max()
+        before = events.began_ns[sent] < max(int(events.began_ns[got].max()), old_ns)
         missed = int(np.count_nonzero(before & ~np.isin(sent, got)))
         own = found.setdefault(int(names.node_of[events.object[row]]), {})
         own[names.topics[number]] = own.get(names.topics[number], 0) + missed

@@ -216,6 +216,12 @@ def join_events(record: AnatomyRecord, rows: Rows, plan: Plan) -> Events:
     callback_began, callback_ended, until = _callbacks(
         kind, thread, began, ended, column["ended_ns"], is_start
     )
+    hangs = _hanging(kind, thread, column["object"], is_start, callback_began, callback_ended)
+    callback_began[hangs] = np.where(
+        callback_began[hangs] == UNKNOWN_NS, ended[hangs], callback_began[hangs]
+    )
+    # It lasts for longer: as long as there are events.
+    callback_ended[hangs] = ended.max(initial=0)
     intra = (kind == AnatomyKind.PUBLISH) & ((column["flags"] & _INTRA_FLAG) != 0)
     send, sent, received = _messages(names, column, thread, ended, is_take, intra)
     is_send = np.isin(kind, _SENDS) & (kind != AnatomyKind.ENQUEUE)
@@ -321,6 +327,26 @@ def _callbacks(
     limit = np.full(size, UNKNOWN_NS, np.int64)
     limit[starts] = until
     return callback_began, callback_ended, limit
+
+
+def _hanging(
+    kind: Ints, thread: Ints, of: Ints, is_start: Mask, began_ns: Ints, ended_ns: Ints
+) -> Ints:
+    """The starts in whose callbacks a thread was when the last event was written.
+
+    They are the last ones of threads that say when callbacks end, which those of C on rcl do not,
+    and every earlier message of the same subscription, or call of the timer, had a whole callback.
+    """
+    says = np.isin(kind, (AnatomyKind.CALLBACK, AnatomyKind.TRIGGER))
+    breaks = is_start | (kind == AnatomyKind.WAIT) | np.isin(kind, _TAKES)
+    starts = np.flatnonzero(is_start)
+    whole = (began_ns[starts] != UNKNOWN_NS) & (ended_ns[starts] != UNKNOWN_NS)
+    last = (_next(breaks, thread)[starts] == NONE) & ~whole
+    last &= np.bincount(thread[says], minlength=int(thread.max(initial=0)) + 1)[thread[starts]] > 0
+    earlier, others = starts[whole], starts[~whole & ~last]
+    last &= np.isin(of[starts], of[earlier]) & ~np.isin(of[starts], of[others])
+    hanging: Ints = starts[last]
+    return hanging
 
 
 def _messages(

@@ -15,6 +15,12 @@ else follows here. With h(s) whether the message of step s meets ``from``:
 
 In a live graph, the messages that a monitor received of the input are the steps.
 
+Time alone does not tell to which event an output belongs that has no stamp of a step: a reaction
+that comes after the next event has begun looks like a fast one to that. So two kinds of events are
+set aside then: those that follow, in their iteration, one without a reaction, which may only have
+been late; and those that begin when the last output meets ``when`` already. The latter are not
+where each output is a reaction: all of them meet ``when``, and there are at most three an event.
+
 In place of steps such a monitor has events, so that whatever is known of steps and latencies is
 known of events and reaction times: losses, windows, confidence.
 """
@@ -84,12 +90,50 @@ def match_reactions(playback: Rows, matched: MatchedMonitor, marks: Rows) -> Mat
     reacted, first = np.unique(event[belongs][order], return_index=True)
     first_row = np.full(events.size, NO_MATCH, np.int64)
     first_row[reacted] = met[belongs][order][first]
+    counts = _shown(matched, published, first_row != NO_MATCH, met)
+    events, first_row = events[counts], first_row[counts]
+    reacted = np.flatnonzero(first_row != NO_MATCH)
     rows = matched.rows[np.sort(first_row[reacted])]
     first_row[reacted] = np.argsort(np.argsort(first_row[reacted]))
     step = np.full(rows.size, NO_MATCH, np.int64)
     step[first_row[reacted]] = events[reacted]
-    matching = Matching(step=step, trigger_steps=events, first_row=first_row)
+    aside = int(np.count_nonzero(~counts))
+    matching = Matching(step=step, trigger_steps=events, first_row=first_row, aside=aside)
     return replace(matched, steps=playback, rows=rows, matching=matching, own_pace=False)
+
+
+_OUTPUTS_OF_EVENT: Final = 3
+"""More outputs than this an event are not all reactions."""
+
+
+def _shown(
+    matched: MatchedMonitor,
+    published_ns: NDArray[np.int64],
+    reacted: NDArray[np.bool_],
+    met: NDArray[np.int64],
+) -> NDArray[np.bool_]:
+    """Which events show whether and when there was a reaction; the others are set aside.
+
+    Args:
+        matched: the outputs.
+        published_ns: when each event began, ascending.
+        reacted: which of them have a reaction.
+        met: the outputs that meet ``when``.
+    """
+    by_time = matched.matching.step == NO_MATCH
+    shown = np.ones(published_ns.size, np.bool_)
+    if not matched.own_pace or not by_time.any():
+        return shown
+    shown[np.cumsum(~reacted) - ~reacted > 0] = False
+    meets = np.zeros(by_time.size, np.bool_)
+    meets[met] = True
+    order = np.argsort(matched.rows["received_ns"], kind="stable")
+    received_ns, meets = matched.rows["received_ns"][order], meets[order]
+    if meets.all() and meets.size <= _OUTPUTS_OF_EVENT * (published_ns.size + 1):
+        return shown
+    last = np.searchsorted(received_ns, published_ns, side="right") - 1
+    shown &= (last < 0) | ~meets[last]
+    return shown
 
 
 def live_source(plan: Plan, monitor: MonitorPlan) -> MonitorPlan | None:

@@ -179,6 +179,7 @@ class MonitorSamples:
             is unknown, whatever the counts say (`r2bspec.judge.measure.matching`).
         pace: see `r2bspec.judge.measure.own_pace`; of each segment.
         unreadable: of a monitor of reactions, outputs whose field could not be read.
+        aside: of such a monitor, input events that show no reaction.
         unpaired: of such a monitor, why it is unknown which step an output answers.
     """
 
@@ -201,6 +202,7 @@ class MonitorSamples:
     own_pace: bool = False
     pace: tuple[PaceEvidence, ...] = ()
     unreadable: int = 0
+    aside: int = 0
     unpaired: str = ""
 
     @property
@@ -478,6 +480,7 @@ def reaction_samples(
         late=int(np.count_nonzero(outputs.arrived_ns > segment.ended_ns)),
         untimed=_untimed(matched.rows),
         unreadable=unreadable,
+        aside=matched.matching.aside,
         unpaired=unpaired,
     )
 
@@ -577,7 +580,7 @@ SENT_COUNTS = (
 )
 """Counts of `MonitorSamples` that depend on what was sent."""
 
-_COUNTS = (*SENT_COUNTS, "received", "untimed", "unreadable")
+_COUNTS = (*SENT_COUNTS, "received", "untimed", "unreadable", "aside")
 
 
 def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:

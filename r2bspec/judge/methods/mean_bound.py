@@ -117,10 +117,15 @@ def _messages(case: RequirementCase) -> list[Seconds]:
 
 def _without_lost(case: RequirementCase, decision: Decision) -> Decision:
     """The answer with regard to outputs that were lost, which a mean of latencies leaves out."""
-    if case.monitor is None or case.info.family not in LOSS_SENSITIVE_FAMILIES:
+    if case.info.family == "path":
+        lost = case.lost_on_paths
+        expected = lost + sum(times.size for times in case.observed_times)
+    elif case.monitor is not None and case.info.family in LOSS_SENSITIVE_FAMILIES:
+        seen = case.monitor_samples
+        lost = sum(sample.missed for sample in seen)
+        expected = sum(sample.expected for sample in seen)
+    else:
         return decision
-    seen = case.monitor_samples
-    lost, expected = sum(sample.missed for sample in seen), sum(sample.expected for sample in seen)
     if not lost:
         return decision
     share = show(lost / expected, "share")
@@ -144,6 +149,12 @@ def _without_lost(case: RequirementCase, decision: Decision) -> Decision:
 def _no_value(case: RequirementCase, iteration: SegmentSamples) -> Decision:
     """An iteration without a value: too few outputs fail, too few samples are inconclusive."""
     where = f"iteration {iteration.segment.index}"
+    seen = iteration.monitors[case.monitor] if case.monitor is not None else None
+    if seen is not None and seen.of_events and not seen.expected:
+        return undecided(
+            f"No event that counts began in {where} for monitor '{case.monitor}'.",
+            "Make the iterations longer, so that each has one.",
+        )
     if case.monitor is not None:
         return Decision(
             outcome="fail",

@@ -101,7 +101,7 @@ def _pooled_percentile(case: RequirementCase, quantile: float) -> float | None:
         lateness = np.concatenate([iteration.playback.lateness for iteration in case.iterations])
         return percentile(lateness, quantile)
     if case.info.scope == "anatomy":
-        return percentile(np.concatenate(case.observed_times), quantile)
+        return percentile(np.concatenate(case.observed_times), quantile, case.lost_on_paths)
     pooled = pool_monitor(case.monitor_samples)
     lost = pooled.missed if family in LOSS_SENSITIVE_FAMILIES else 0
     return percentile(pooled.times[family], quantile, lost)
@@ -118,7 +118,7 @@ def _count_messages(case: RequirementCase) -> int:
     if info.scope == "playback":
         return sum(iteration.playback.sent for iteration in case.iterations)
     if info.scope == "anatomy":
-        return sum(times.size for times in case.observed_times)
+        return sum(times.size for times in case.observed_times) + case.lost_on_paths
     return len(case.iterations)
 
 

@@ -21,6 +21,7 @@ _COUNTED_NOUNS = {
     "latency_from_due": "outputs",
     "reaction": "events",
     "age": "outputs",
+    "path": "outputs",
     "interval": "intervals",
     "jitter": "changes of the interval",
     "playback": "publications",

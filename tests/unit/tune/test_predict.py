@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
+from statistics import NormalDist
 from typing import Any
 
 import msgspec
@@ -13,11 +15,12 @@ import pytest
 
 from plans import node_plan
 from r2bspec.cli.main import main
-from r2bspec.language.spec import QoS
+from r2bspec.judge.measure.times import percentile
+from r2bspec.language.spec import Objective, QoS
 from r2bspec.plan.plan import ExternalPlan, Plan
 from r2bspec.record.run_folder import Run, open_run, write_loaded_files
-from r2bspec.tune.predict import Predictor, predict_deployment
-from r2bspec.tune.prediction import Prediction
+from r2bspec.tune.predict import Measured, Predictor, predict_deployment
+from r2bspec.tune.prediction import Estimate, LatencyPrediction, Prediction, requirement_answers
 from run_simulation import Played, Simulation, objective, renew_digests
 from simulated_anatomies import CHAIN, FORK, TIMER, Graph, ObservedSimulation, observed
 from simulated_anatomies import plan_of as plan_of_graph
@@ -107,6 +110,50 @@ def test_the_peak_is_that_of_the_busiest_thread(chain_run: Run, predictor: Predi
         assert peak.low is not None
         assert peak.high is not None
         assert peak.low < 1 / (busiest_s * grown) < peak.high < 1.6 * peak.low
+
+
+def test_a_short_queue_may_keep_the_median_where_the_graph_does_not_keep_up() -> None:
+    required = {"one": objective("latency.p50 < 40 ms", "latency.p99 < 40 ms", at="120 Hz")}
+    plan = msgspec.structs.replace(Simulation().plan(), objectives=required)
+    unknown = [
+        LatencyPrediction(
+            monitor="detections", metric=f"latency.{name}", rate_hz=rate_hz, estimate=Estimate()
+        )
+        for name in ("p50", "p99")
+        for rate_hz in (120.0, 300.0)
+    ]
+
+    def answers(rate_hz: float) -> list[str]:
+        at = {"one": replace_at(required["one"], rate_hz)}
+        asked = msgspec.structs.replace(plan, objectives=at)
+        peak = Estimate(value=100.0, low=94.0, high=106.0)
+        return [each.answer for each in requirement_answers(asked, [rate_hz], unknown, peak)]
+
+    # Of 120 Hz, 12 % are lost or late at least, and of 300 Hz 65 %.
+    assert answers(120.0) == ["not known", "would not"]
+    assert answers(300.0) == ["would not", "would not"]
+
+
+def replace_at(one: Objective, rate_hz: float) -> Objective:
+    return objective(*(each.text for each in one.require), at=f"{rate_hz:g} Hz")
+
+
+@pytest.mark.parametrize("messages", [60, 200, 400, 2000])
+@pytest.mark.parametrize("q", [0.5, 0.99])
+@pytest.mark.parametrize("spread", [0.1, 1.0])
+def test_what_a_run_leaves_open_of_a_percentile_has_the_true_one(
+    messages: int, q: float, spread: float
+) -> None:
+    random, inside = np.random.default_rng(3), []
+    truth = math.exp(spread * NormalDist().inv_cdf(q))
+    for _ in range(400):
+        times = np.exp(spread * random.standard_normal(messages))
+        found, seen = Measured.of(0.0, times, q), percentile(times, q)
+        assert seen is not None
+        off = math.log(truth / seen)
+        inside.append(-found.below <= off <= found.above)
+    # The tail of a normal distribution is lighter than the assumed one; 90 % are promised.
+    assert sum(inside) >= 0.86 * len(inside)
 
 
 def test_a_rate_above_the_peak_is_ruled_out_and_one_near_it_is_not_known(
