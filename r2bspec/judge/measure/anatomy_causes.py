@@ -4,6 +4,9 @@ The causes of a send, be it a publication, a request or a response, are
 
 * for each subscription of the node, the newest take with its header stamp, if there is one; and
   the take in whose callback it lies;
+* where it lies in no callback, but a take with its header stamp has sent a request: the newest
+  response before it to such a request. What awaits a response in rclpy is called outside of
+  callbacks;
 * without any of these, because a timer or a thread of the node's own sends it: for each
   subscription of the node, the newest take.
 """
@@ -16,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from r2bspec.judge.measure.anatomy_events import NONE, Events, Ints, Mask, grouped, newest_before
+from r2bspec.record.run_record import AnatomyKind
 
 
 @dataclass(frozen=True)
@@ -43,10 +47,8 @@ def find_causes(events: Events) -> Causes:
     harness = events.names.is_harness[events.object]
     sends = np.flatnonzero(events.is_send & ~harness)
     takes = np.flatnonzero(events.is_take & ~harness)
-    pairs = [
-        _by_header(events, sends, takes),
-        _within(events, sends),
-    ]
+    by_header = _by_header(events, sends, takes)
+    pairs = [by_header, _within(events, sends), _answered(events, by_header, takes)]
     send, take = _unique_ends(events, pairs)
     alone = sends[~np.isin(sends, send)]
     newest = _joined([*_newest(events, alone, takes)])
@@ -115,6 +117,21 @@ def _within(events: Events, sends: Ints) -> Pairs:
     start = events.within[sends]
     known = (start != NONE) & events.is_take[start]
     return sends[known], start[known]
+
+
+def _answered(events: Events, pairs: Pairs, takes: Ints) -> Pairs:
+    """For each send outside of callbacks the newest response to a request of one of its causes."""
+    responses = takes[events.kind[takes] == AnatomyKind.TAKE_RESPONSE]
+    asking = responses
+    # From a response back to the take in whose callback its request was sent.
+    for way in (events.send, events.within, events.send, events.within):
+        asking = np.where(asking == NONE, NONE, way[asking])
+    responses, asking = responses[asking != NONE], asking[asking != NONE]
+    send, take = pairs
+    outside = events.within[send] == NONE
+    send, take = send[outside], take[outside]
+    place = newest_before((asking,), events.ended_ns[responses], (take,), events.began_ns[send])
+    return send[place != NONE], responses[place[place != NONE]]
 
 
 def _unique_ends(events: Events, pairs: list[Pairs]) -> Pairs:

@@ -40,6 +40,12 @@ def step_latencies(seen: MonitorSamples) -> StepLatencies:
     return seen.in_order("latency", np.nan)
 
 
+def has_latencies(samples: RunSamples, monitor: str) -> bool:
+    """Whether outputs with a latency were expected of a monitor; those of a timer have none."""
+    segments = (segment for played in samples.iterations.values() for segment in played)
+    return any(step_latencies(segment.monitors[monitor]).size for segment in segments)
+
+
 def thin_indices(values: StepLatencies, max_points: int) -> NDArray[np.int64]:
     """Which of many values to draw: the extremes of each interval, at most `max_points` in all.
 

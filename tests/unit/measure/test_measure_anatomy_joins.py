@@ -144,6 +144,41 @@ def test_a_path_leads_through_a_service() -> None:
     assert "not seen" not in " ".join(got)
 
 
+@pytest.mark.parametrize("header", [0, 11])
+def test_a_path_leads_through_a_service_whose_response_is_awaited_outside_of_callbacks(
+    header: int,
+) -> None:
+    script = Script()
+    client, service = ("client", "/add", "/r2b/ask"), ("service", "/add", "/r2b/answer")
+    for number in range(3):
+        at, stamp = 1000 * number, header and header + number
+        script.publish("player", "/in", at, "/r2bspec/player", header=stamp)
+        script.take("ask", "/in", at + 20, at, header=stamp)
+        script.callback("ask", at + 25, at + 60)
+        script.add("ask", AnatomyKind.SEND_REQUEST, at + 40, at + 44, client, source=number)
+        script.add(
+            *("answer", AnatomyKind.TAKE_REQUEST, at + 60, at + 62, service),
+            source=number,
+            received=at + 50,
+        )
+        script.callback("answer", at + 65, at + 100)
+        script.add("answer", AnatomyKind.SEND_RESPONSE, at + 90, at + 94, service, source=number)
+        script.add("ask", AnatomyKind.TAKE_RESPONSE, at + 110, at + 112, client, source=number)
+        script.callback("ask", at + 115, at + 120)
+        script.publish("ask", "/out", at + 140, header=stamp)
+        end(script, at + 140)
+    found = script.joined()
+    path = found.paths["out"][0]
+    assert path.hops == (
+        *("player", "/in", "/r2b/ask", "/add", "/r2b/answer", "/add", "/r2b/ask", "/out"),
+    )
+    assert path.last.tolist() == [True] * 3
+    assert path.by_timer.any() == (not header)
+    got = parts(found)
+    assert got["/r2b/answer callback"] == 90 - 65
+    assert got["/r2b/ask held"] == 140 - 120
+
+
 def test_acceptance_feedback_and_result_of_an_action_have_a_path_each() -> None:
     script = Script()
     at = 0
@@ -249,14 +284,17 @@ def test_monitors_of_one_topic_have_a_path_each() -> None:
     ]
 
 
-def test_in_a_live_graph_a_path_begins_with_its_own_source() -> None:
+@pytest.mark.parametrize("stamped_us", [None, 4, 15, -(10**8)])
+def test_in_a_live_graph_a_path_begins_with_its_own_source(stamped_us: int | None) -> None:
     script = Script()
     for number in range(3):
         at = 1000 * number
+        # A stamp after the publication, or of another day, is none of this clock.
+        stamp = 0 if stamped_us is None else CLOCK_NS + START_NS + (at + stamped_us) * US
         script.add("camera", AnatomyKind.TIMER, at, at + 1, ("timer", "", "/r2b/camera"))
         script.callback("camera", at + 2, at + 20)
-        script.publish("camera", "/image", at + 10)
-        script.take("blur", "/image", at + 30, at + 10)
+        script.publish("camera", "/image", at + 10, header=stamp)
+        script.take("blur", "/image", at + 30, at + 10, header=stamp)
         script.callback("blur", at + 35, at + 60)
         script.publish("blur", "/out", at + 50)
         end(script, at + 50)
@@ -264,6 +302,7 @@ def test_in_a_live_graph_a_path_begins_with_its_own_source() -> None:
     (path,) = script.joined(live).paths["out"]
     assert path.hops == ("/r2b/camera", "/image", "blur", "/out")
     assert path.seconds.size == 3
+    assert parts(script.joined(live))["/r2b/camera earlier"] == (6 if stamped_us == 4 else 0)
     assert script.joined().paths["out"] == ()
 
 
