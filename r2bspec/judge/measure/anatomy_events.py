@@ -140,6 +140,7 @@ class Events:
         thread: the number of the thread, from 0 on.
         began_ns: the begin.
         ended_ns: the end.
+        source: the stamp of the middleware; the number of requests and responses.
         header_ns: the header stamp, or 0.
         stamped_ns: the header stamp as a time; `UNKNOWN_NS` where there is none.
         send: of a take, the row of its publication, request or response; else `NONE`.
@@ -162,6 +163,7 @@ class Events:
     thread: Ints
     began_ns: Ints
     ended_ns: Ints
+    source: Ints
     header_ns: Ints
     stamped_ns: Ints
     send: Ints
@@ -231,6 +233,7 @@ def join_events(record: AnatomyRecord, rows: Rows, plan: Plan) -> Events:
         thread=thread,
         began_ns=began,
         ended_ns=ended,
+        source=column["source_ns"],
         header_ns=header,
         stamped_ns=np.where(header == 0, UNKNOWN_NS, header - column["clock_ns"]),
         send=send,

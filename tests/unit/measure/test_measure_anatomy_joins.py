@@ -179,6 +179,17 @@ def test_a_path_leads_through_a_service_whose_response_is_awaited_outside_of_cal
     assert got["/r2b/ask held"] == 140 - 120
 
 
+def calls_action() -> Plan:
+    """A plan whose monitors have the result, the acceptance and the feedback of an action."""
+    names = ("it", "it_accepted", "it_feedback")
+    call = CallPlan(
+        name="it", target="/plan", type="x/action/X", request={},
+        accepted="it_accepted", feedback="it_feedback",
+    )  # fmt: skip
+    monitors = (MonitorPlan(name=name, topic="/plan", type="", match="stamp") for name in names)
+    return msgspec.structs.replace(plan_of(CHAIN), monitors=tuple(monitors), calls=(call,))
+
+
 def test_acceptance_feedback_and_result_of_an_action_have_a_path_each() -> None:
     script = Script()
     at = 0
@@ -194,24 +205,40 @@ def test_acceptance_feedback_and_result_of_an_action_have_a_path_each() -> None:
         script.add("server", AnatomyKind.SEND_RESPONSE, at + 50, at + 54, service, source=number)
         script.add("player", AnatomyKind.TAKE_RESPONSE, at + 70, at + 72, client, source=number)
         at += 100
-    names = ("it", "it_accepted", "it_feedback")
-    call = CallPlan(
-        name="it", target="/plan", type="x/action/X", request={},
-        accepted="it_accepted", feedback="it_feedback",
-    )  # fmt: skip
-    plan = msgspec.structs.replace(
-        plan_of(CHAIN),
-        monitors=tuple(
-            MonitorPlan(name=name, topic="/plan", type="", match="stamp") for name in names
-        ),
-        calls=(call,),
-    )
-    found = script.joined(plan)
-    ends = {name: [path.hops[-1] for path in found.paths[name]] for name in names}
+    found = script.joined(calls_action())
+    ends = {name: [path.hops[-1] for path in paths] for name, paths in found.paths.items()}
     assert ends == {
         "it": ["/plan/_action/get_result"],
         "it_accepted": ["/plan/_action/send_goal"],
         "it_feedback": ["/plan/_action/feedback"],
+    }
+
+
+def test_requests_that_were_taken_together_cause_their_own_responses_and_no_feedback() -> None:
+    script = Script()
+    of_action = "/plan/_action"
+    ends = {
+        what: (("client", name, "/r2bspec/player"), ("service", name, "/r2b/server"))
+        for what in ("send_goal", "get_result")
+        for name in (f"{of_action}/{what}",)
+    }
+    for what, at in (("send_goal", 0), ("get_result", 10)):
+        script.add("player", AnatomyKind.SEND_REQUEST, at, at + 4, ends[what][0], source=2)
+    for what, at in (("send_goal", 50), ("get_result", 54)):
+        script.add("server", AnatomyKind.TAKE_REQUEST, at, at + 2, ends[what][1], source=2)
+    script.callback("server", 60, 100)
+    script.add("server", AnatomyKind.SEND_RESPONSE, 70, 74, ends["send_goal"][1], source=2)
+    script.publish("server", f"{of_action}/feedback", 80, "/r2b/server")
+    script.add("server", AnatomyKind.SEND_RESPONSE, 90, 94, ends["get_result"][1], source=2)
+    script.take("player", f"{of_action}/feedback", 110, 80, "/r2bspec/player")
+    for what, at in (("send_goal", 120), ("get_result", 130)):
+        script.add("player", AnatomyKind.TAKE_RESPONSE, at, at + 2, ends[what][0], source=2)
+    found = script.joined(calls_action())
+    first = {name: [path.hops[1] for path in paths] for name, paths in found.paths.items()}
+    assert first == {
+        "it": [f"{of_action}/get_result"],
+        "it_accepted": [f"{of_action}/send_goal"],
+        "it_feedback": [f"{of_action}/send_goal"],
     }
 
 
