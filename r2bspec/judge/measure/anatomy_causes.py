@@ -88,8 +88,9 @@ def _asks_for_result(events: Events, takes: Ints) -> Mask:
         for number, name in enumerate(events.names.topics)
         if name.endswith("/_action/get_result")
     ]
-    asks: Mask = np.isin(events.topic[takes], numbers)
-    return asks & (events.kind[takes] == AnatomyKind.TAKE_REQUEST)
+    is_request = events.kind[takes] == AnatomyKind.TAKE_REQUEST
+    asks: Mask = np.isin(events.topic[takes], numbers) & is_request
+    return asks
 
 
 def _by_header(events: Events, sends: Ints, takes: Ints) -> Pairs:
