@@ -140,9 +140,7 @@ class RunArguments:
             raise click.UsageError(
                 "--timings is of one run on this host; 'phases' in each record.json has the times"
             )
-        if self.profile is not None:
-            self.refuse("cannot be combined with --profile: run them in turn", "--anatomy")
-        else:
+        if self.profile is None:
             self.refuse("needs --profile", "--profile-node")
         of_gate = self.given("--allow", "--base-build", "--base-setup")
         if of_gate and not self.has_base_tree:

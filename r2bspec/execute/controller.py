@@ -246,8 +246,9 @@ class _Run:
             except errors.RunError as error:
                 self._starts.name_start(error)
                 raise
-            self._observe_from_inside()
+            # A profiler attaches to what was measured; then everything is started once more.
             self._play_with_profiler()
+            self._observe_from_inside()
             self._collect()
 
     def _prepare(self) -> None:
@@ -408,7 +409,7 @@ class _Run:
         self._starts.find_foreign_publishers()
 
     def _observe_from_inside(self) -> None:
-        if not self._options.anatomy or self._plan.anatomy:
+        if not self._options.anatomy or self._plan.anatomy is True:
             return
         wait_for_last_sample(self._starts)
         self._states.enter(RunState.ANATOMY, "observing one more iteration from inside")

@@ -157,7 +157,8 @@ class Session:
         Raises:
             RunError: the observer does not answer.
         """
-        if self._observer is None:
+        # An iteration with a profiler ends all processes.
+        if self._observer is None or not self._observer.is_running:
             return ()
         return foreign_publishers(self._supervisor, self._observer)
 

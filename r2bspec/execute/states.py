@@ -83,11 +83,11 @@ class RunState(StrEnum):
     CONFIRM = "confirm"
     """The run fails: it is repeated in new processes, as far as the failure depends on it."""
 
-    ANATOMY = "anatomy"
-    """One more iteration, in processes that are observed from inside; these are started anew."""
-
     PROFILE = "profile"
     """One more iteration, with a profiler; one that wraps its processes starts them anew."""
+
+    ANATOMY = "anatomy"
+    """One more iteration, in processes that are observed from inside; these are started anew."""
 
     COLLECT = "collect"
     """All processes end."""
@@ -98,11 +98,14 @@ _AFTERWARDS = frozenset(
         RunState.RECORD,
         RunState.TRUTH,
         RunState.CONFIRM,
-        RunState.ANATOMY,
         RunState.PROFILE,
+        RunState.ANATOMY,
         RunState.COLLECT,
     }
 )
+
+_FAILED_LATER: Final = frozenset({RunState.ANATOMY, RunState.COLLECT})
+"""A start with a profiler, or observed from inside, that fails costs no verdict."""
 
 NEXT: Final[Mapping[RunState, frozenset[RunState]]] = MappingProxyType(
     {
@@ -110,17 +113,17 @@ NEXT: Final[Mapping[RunState, frozenset[RunState]]] = MappingProxyType(
         RunState.SETUP: frozenset({RunState.LOAD, RunState.START}),
         RunState.LOAD: frozenset({RunState.PREPROCESS, RunState.START}),
         RunState.PREPROCESS: frozenset({RunState.START}),
-        # A start with a profiler that fails costs no verdict: the run is collected.
-        RunState.START: frozenset({RunState.OVERHEAD, RunState.GRAPH, RunState.COLLECT}),
+        RunState.START: frozenset({RunState.OVERHEAD, RunState.GRAPH}) | _FAILED_LATER,
         RunState.OVERHEAD: frozenset({RunState.GRAPH}),
         RunState.GRAPH: frozenset(
             {RunState.CONFIGURE, RunState.ACTIVATE, RunState.READY, RunState.AFTER_READY}
-            | {RunState.WARM_UP, RunState.COLLECT}
-        ),
-        RunState.CONFIGURE: frozenset({RunState.ACTIVATE, RunState.GRAPH, RunState.COLLECT}),
-        RunState.ACTIVATE: frozenset({RunState.GRAPH, RunState.COLLECT}),
-        RunState.READY: frozenset({RunState.AFTER_READY, RunState.WARM_UP, RunState.COLLECT}),
-        RunState.AFTER_READY: frozenset({RunState.WARM_UP, RunState.COLLECT}),
+            | {RunState.WARM_UP}
+        )
+        | _FAILED_LATER,
+        RunState.CONFIGURE: frozenset({RunState.ACTIVATE, RunState.GRAPH}) | _FAILED_LATER,
+        RunState.ACTIVATE: frozenset({RunState.GRAPH}) | _FAILED_LATER,
+        RunState.READY: frozenset({RunState.AFTER_READY, RunState.WARM_UP}) | _FAILED_LATER,
+        RunState.AFTER_READY: frozenset({RunState.WARM_UP}) | _FAILED_LATER,
         # A start with a profiler has none of these three, nor one with nothing left to measure.
         RunState.WARM_UP: frozenset({RunState.SEARCH, RunState.SUSTAINED, RunState.PLAY})
         | _AFTERWARDS,
@@ -130,8 +133,8 @@ NEXT: Final[Mapping[RunState, frozenset[RunState]]] = MappingProxyType(
         RunState.RECORD: _AFTERWARDS - {RunState.RECORD},
         RunState.TRUTH: _AFTERWARDS - {RunState.RECORD, RunState.TRUTH},
         RunState.CONFIRM: frozenset({RunState.START}),
+        RunState.PROFILE: frozenset({RunState.START}) | _FAILED_LATER,
         RunState.ANATOMY: frozenset({RunState.START, RunState.COLLECT}),
-        RunState.PROFILE: frozenset({RunState.START, RunState.COLLECT}),
         RunState.COLLECT: frozenset(),
     }
 )

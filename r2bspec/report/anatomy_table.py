@@ -93,7 +93,9 @@ def anatomy_notes(anatomy: AnatomySummary) -> Iterator[str]:
     for monitor, received in anatomy.received.items():
         known = sum(path.last for path in anatomy.paths if path.monitor == monitor)
         if known < received:
-            yield (
-                f"{received - known:,} of {received:,} messages of {monitor} have no path to an "
-                "input that is known"
-            )
+            what = f"{received - known:,} of {received:,} messages of {monitor} have no"
+            if anatomy.only:
+                names = ", ".join(anatomy.only)
+                yield f"{what} known path, because only {names} was to be observed"
+            else:
+                yield f"{what} path to an input that is known"

@@ -187,7 +187,8 @@ def anatomy_sections(result: Result, *, verbose: bool) -> Iterator[RenderableTyp
         grid = table(anatomy_table.NODE_COLUMNS)
         for row in anatomy_table.node_rows(anatomy):
             grid.add_row(*row)
-        about = "in the same iteration; a load of 100 % is one thread in callbacks"
+        same = "the same" if first else "one"
+        about = f"in {same} iteration; a load of 100 % is one thread in callbacks"
         if grid.rows:
             yield Group(heading("nodes", about), grid)
         if lines:

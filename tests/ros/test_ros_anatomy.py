@@ -150,6 +150,45 @@ def test_a_node_s_part_is_required(bench: Bench, placement: str) -> None:
     assert (done.folder / "result.json").read_bytes() == before
 
 
+ASKING = """
+from rcl_interfaces.srv import ListParameters
+
+
+class Asks(Node):
+    def __init__(self, **kwargs):
+        super().__init__("asks", **kwargs)
+        self.output = self.create_publisher(Image, "output", 10)
+        self.client = self.create_client(ListParameters, "answer")
+        self.create_subscription(Image, "input", self.ask, 10)
+
+    def ask(self, image):
+        if self.client.service_is_ready():
+            answer = self.client.call_async(ListParameters.Request())
+            answer.add_done_callback(lambda _: self.output.publish(image))
+
+
+class Answers(Node):
+    def __init__(self, **kwargs):
+        super().__init__("answers", **kwargs)
+        self.create_service(ListParameters, "answer", lambda _, response: response)
+"""
+
+
+def test_a_path_leads_through_a_service_that_a_node_awaits(bench: Bench) -> None:
+    bench.write_node("asking.py", ASKING)
+    names = {"asks": "Asks", "answers": "Answers"}
+    nodes = {name: {"python": f"./asking.py:{kind}"} for name, kind in names.items()}
+    done = bench.run(relay_spec(graph={"nodes": nodes}), "--anatomy")
+    done.assert_complete()
+    (seen,) = done.segments("anatomy")
+    path = anatomy_of(done, seen).paths["out"][0]
+    assert path.hops == (
+        *("player", "/r2b/input", "asks", "/r2b/answer", "answers"),
+        *("/r2b/answer", "asks", "/r2b/output"),
+    )
+    assert np.count_nonzero(path.last) == path.seconds.size == STEPS
+
+
 def test_without_a_compiler_nothing_is_started(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -9,6 +9,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from r2bspec.judge.measure.observed_runs import join_segment
+from r2bspec.judge.measure.run_samples import match_segment, read_samples
 from ros_runs import IMAGE, STRING, Bench, Finished, relay_node
 from ros_runs import bench as bench
 
@@ -58,6 +60,7 @@ SPEC: dict[str, Any] = {
     "benchmark": {
         "duration": "700 ms",
         "iterations": 2,
+        "anatomy": True,
         "warm_up": "100 ms",
         "start_timeout": "60 s",
     },
@@ -154,6 +157,31 @@ def test_what_is_unknown_never_passes(done: Finished) -> None:
     assert {
         outcome for (text, _), outcome in outcomes.items() if text != "old.latency.p50 < 100 s"
     } == {"pass"}
+
+
+def test_the_parts_of_a_path_are_the_latency_from_the_stamp_of_the_source(done: Finished) -> None:
+    run = done.run()
+    (record,) = run.record.anatomies
+    for segment in done.segments():
+        seen = join_segment(run, segment, record)
+        (path,) = seen.paths["out"]
+        assert path.hops == ("source", "/r2b/image", "relay", "/r2b/output")
+        assert path.parts[0].name == "earlier"
+        steps, rows, matching = match_segment(run, segment, run.plan.monitors[1])
+        stamped, received = steps["published_ns"], rows["received_ns"][matching.first_row]
+        # What was on its way when the iteration began has no path in it.
+        began = stamped > segment.began_ns
+        latencies = (received - stamped)[began] / 1e9
+        assert path.seconds.size >= latencies.size > 0
+        nearest = np.abs(path.seconds[:, None] - latencies).min(axis=0)
+        assert (nearest <= 0.02 * latencies).all()
+        reactions = [each for each in seen.paths["reacts"] if each.hops == path.hops]
+        (answered,) = (
+            each.monitors["reacts"].expected - each.monitors["reacts"].missed
+            for each in read_samples(run).iterations[0.0]
+            if each.segment == segment
+        )
+        assert 0 < sum(each.seconds.size for each in reactions) <= answered
 
 
 def test_the_report_says_live_and_what_nobody_knows(done: Finished) -> None:

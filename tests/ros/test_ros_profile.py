@@ -66,7 +66,7 @@ def assert_measured_before(done: Finished) -> None:
     counting = [
         segment
         for segment in run.record.segments
-        if segment.kind != "warm_up" or segment.start == 1
+        if segment.kind != "anatomy" and (segment.kind != "warm_up" or segment.start == 1)
     ]
     assert max(each.ended_ns for each in counting) <= profile.began_ns < profile.ended_ns
     (phase_ns,) = [at for at, text in run.record.events if text == "phase profile"]
@@ -91,6 +91,26 @@ def test_py_spy_shows_the_functions_of_a_python_node(bench: Bench) -> None:
     assert len(done.run().record.starts) == 1
     # The profile is no segment, and no part of the judgement.
     assert {segment.kind for segment in done.run().record.segments} == {"warm_up", "iteration"}
+
+
+@pytest.mark.parametrize("profiler", ["py-spy", "env SEEN=1"])
+def test_parts_that_are_observed_from_inside_lead_to_flame_graphs(
+    bench: Bench, profiler: str
+) -> None:
+    attaches = profiler == "py-spy"
+    if attaches:
+        require(profiler)
+    page = bench.folder / "report.html"
+    words = ("--anatomy", "--profile", profiler, "--report", f"html={page}")
+    done = bench.run(graph(relay_node(10.0)), *words)
+    assert_measured_before(done)
+    (seen,) = done.segments("anatomy")
+    (record,) = done.run().record.anatomies
+    assert (record.start, record.error) == (seen.start, "")
+    assert record.start == (2 if attaches else 3)
+    assert done.run().has_anatomy(seen)
+    assert (the_profile(done).error == "") == attaches
+    assert ('<a href="#profile-0-figure"' in page.read_text()) == attaches
 
 
 @pytest.mark.parametrize("placement", ["separate", pytest.param("graph", marks=only_nightly())])

@@ -26,7 +26,7 @@ from r2bspec.judge.measure.anatomy_events import (
     grouped,
     join_events,
 )
-from r2bspec.judge.measure.anatomy_paths import Path, PathSearch, paths_of_reactions
+from r2bspec.judge.measure.anatomy_paths import Path, PathSearch, from_events, takes_of_reactions
 from r2bspec.judge.measure.matching import MatchedMonitor
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.plan.plan import MonitorPlan, Plan
@@ -207,15 +207,18 @@ def anatomy(
             # Of its outputs, those count that arrive while inputs are played.
             of_it = takes[monitor.name]
             takes[monitor.name] = of_it[_within(events.ended_ns[of_it], window_ns)]
+    paths = {}
+    for name, places in takes.items():
+        if name not in reactions:
+            paths[name] = search.paths_to(name, places)
+            continue
+        reacting, began_ns = takes_of_reactions(places, events.ended_ns, reactions[name])
+        paths[name] = search.paths_to(name, reacting)
+        # The events of a live graph begin when the monitor of the input has received them.
+        if not live:
+            paths[name] = from_events(paths[name], reacting, began_ns)
     return Anatomy(
-        paths={
-            name: paths_of_reactions(
-                search.paths_to(name, places), places, events.ended_ns, reactions[name]
-            )
-            if name in reactions
-            else search.paths_to(name, places)
-            for name, places in takes.items()
-        },
+        paths=paths,
         nodes={node.name: node for node in _nodes(events, record, window_ns, within)},
         transports=_transports(events, within),
         monitored={

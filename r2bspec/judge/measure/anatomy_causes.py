@@ -2,8 +2,12 @@
 
 The causes of a send, be it a publication, a request or a response, are
 
+* of a response, the request that it answers;
 * for each subscription of the node, the newest take with its header stamp, if there is one; and
   the take in whose callback it lies;
+* where it lies in no callback, but a take with its header stamp has sent a request: the newest
+  response before it to such a request. What awaits a response in rclpy is called outside of
+  callbacks;
 * without any of these, because a timer or a thread of the node's own sends it: for each
   subscription of the node, the newest take.
 """
@@ -16,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from r2bspec.judge.measure.anatomy_events import NONE, Events, Ints, Mask, grouped, newest_before
+from r2bspec.record.run_record import AnatomyKind
 
 
 @dataclass(frozen=True)
@@ -43,10 +48,11 @@ def find_causes(events: Events) -> Causes:
     harness = events.names.is_harness[events.object]
     sends = np.flatnonzero(events.is_send & ~harness)
     takes = np.flatnonzero(events.is_take & ~harness)
-    pairs = [
-        _by_header(events, sends, takes),
-        _within(events, sends),
-    ]
+    asked = _asked(events, sends, takes)
+    # A client library answers requests for the result of an action itself: no callback is theirs.
+    takes = takes[~_asks_for_result(events, takes)]
+    known = _joined([asked, _by_header(events, sends, takes)])
+    pairs = [known, _within(events, sends, asked[0]), _answered(events, known, takes)]
     send, take = _unique_ends(events, pairs)
     alone = sends[~np.isin(sends, send)]
     newest = _joined([*_newest(events, alone, takes)])
@@ -61,6 +67,30 @@ def find_causes(events: Events) -> Causes:
 
 Pairs = tuple[Ints, Ints]
 """Rows of sends, and of the takes that caused them."""
+
+
+def _asked(events: Events, sends: Ints, takes: Ints) -> Pairs:
+    """For each response the newest take of the request with its number."""
+    responses = sends[events.kind[sends] == AnatomyKind.SEND_RESPONSE]
+    requests = takes[events.kind[takes] == AnatomyKind.TAKE_REQUEST]
+    place = newest_before(
+        (events.object[requests], events.source[requests]),
+        events.ended_ns[requests],
+        (events.object[responses], events.source[responses]),
+        events.began_ns[responses],
+    )
+    return responses[place != NONE], requests[place[place != NONE]]
+
+
+def _asks_for_result(events: Events, takes: Ints) -> Mask:
+    numbers = [
+        number
+        for number, name in enumerate(events.names.topics)
+        if name.endswith("/_action/get_result")
+    ]
+    is_request = events.kind[takes] == AnatomyKind.TAKE_REQUEST
+    asks: Mask = np.isin(events.topic[takes], numbers) & is_request
+    return asks
 
 
 def _by_header(events: Events, sends: Ints, takes: Ints) -> Pairs:
@@ -111,10 +141,37 @@ def _ends_of_nodes(events: Events, sends: Ints, takes: Ints) -> Iterator[Pairs]:
             yield of_node, of_end
 
 
-def _within(events: Events, sends: Ints) -> Pairs:
+def _within(events: Events, sends: Ints, asked: Ints) -> Pairs:
+    """The take in whose callback each send lies.
+
+    An action server of rclpy takes several requests before it answers the first: the last of these
+    is no cause of responses whose request is known.
+
+    Args:
+        events: joined.
+        sends: the rows of the sends.
+        asked: those of them that answer a known request.
+    """
     start = events.within[sends]
     known = (start != NONE) & events.is_take[start]
+    other = np.isin(sends, asked) & (events.kind[start] == AnatomyKind.TAKE_REQUEST)
+    known &= ~other & ~_asks_for_result(events, start)
     return sends[known], start[known]
+
+
+def _answered(events: Events, pairs: Pairs, takes: Ints) -> Pairs:
+    """For each send outside of callbacks the newest response to a request of one of its causes."""
+    responses = takes[events.kind[takes] == AnatomyKind.TAKE_RESPONSE]
+    asking = responses
+    # From a response back to the take in whose callback its request was sent.
+    for way in (events.send, events.within, events.send, events.within):
+        asking = np.where(asking == NONE, NONE, way[asking])
+    responses, asking = responses[asking != NONE], asking[asking != NONE]
+    send, take = pairs
+    outside = events.within[send] == NONE
+    send, take = send[outside], take[outside]
+    place = newest_before((asking,), events.ended_ns[responses], (take,), events.began_ns[send])
+    return send[place != NONE], responses[place[place != NONE]]
 
 
 def _unique_ends(events: Events, pairs: list[Pairs]) -> Pairs:

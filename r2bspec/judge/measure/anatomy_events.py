@@ -141,7 +141,9 @@ class Events:
         thread: the number of the thread, from 0 on.
         began_ns: the begin.
         ended_ns: the end.
+        source: the stamp of the middleware; the number of requests and responses.
         header_ns: the header stamp, or 0.
+        stamped_ns: the header stamp as a time; `UNKNOWN_NS` where there is none.
         send: of a take, the row of its publication, request or response; else `NONE`.
         sent_ns: of a take, when the middleware had its message; `UNKNOWN_NS` where not known.
         received_ns: of a take, when the middleware had received it; likewise.
@@ -162,7 +164,9 @@ class Events:
     thread: Ints
     began_ns: Ints
     ended_ns: Ints
+    source: Ints
     header_ns: Ints
+    stamped_ns: Ints
     send: Ints
     sent_ns: Ints
     received_ns: Ints
@@ -226,6 +230,7 @@ def join_events(record: AnatomyRecord, rows: Rows, plan: Plan) -> Events:
     send, sent, received = _messages(names, column, thread, ended, is_take, intra)
     is_send = np.isin(kind, _SENDS) & (kind != AnatomyKind.ENQUEUE)
     start = _previous(is_start, thread)
+    header = column["header_ns"]
     inside = is_send & (start != NONE) & (began <= until[start])
     return Events(
         names=names,
@@ -235,7 +240,9 @@ def join_events(record: AnatomyRecord, rows: Rows, plan: Plan) -> Events:
         thread=thread,
         began_ns=began,
         ended_ns=ended,
-        header_ns=column["header_ns"],
+        source=column["source_ns"],
+        header_ns=header,
+        stamped_ns=np.where(header == 0, UNKNOWN_NS, header - column["clock_ns"]),
         send=send,
         sent_ns=sent,
         received_ns=received,

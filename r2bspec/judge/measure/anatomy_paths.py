@@ -18,13 +18,14 @@ or not between those that are, leaves what lies between its neighbours ``not see
 to the end of the take, of the node after it. So the parts always add up to the end-to-end latency,
 to the nanosecond.
 
-A reaction to an input event may need further inputs. Its path is that of the last one, and begins
-with the time that passed until that was published, ``earlier`` of the player.
+A path may begin ``earlier`` than with a publication. A reaction to an input event may need further
+inputs: its path is that of the last one, and begins with the time that passed until that was
+published. In a live graph, a path begins with the header stamp of its source, as the latency does.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Final, Literal
@@ -52,6 +53,9 @@ NOT_SEEN: Final = "not seen"
 
 MAX_PATHS: Final = 32
 """Of one monitor; those that most messages took are kept."""
+
+_OLDEST_STAMP_NS = 60 * 10**9
+"""Older header stamps are of another clock, or of what was recorded."""
 
 _MAX_STEPS = 1024
 _MAX_FOUND = 4 * MAX_PATHS
@@ -102,6 +106,19 @@ class Path:
     held: tuple[Mask, ...]
     places: tuple[tuple[Ints, Ints], ...]
 
+    def only(self, which: Ints) -> Path:
+        """Some of the messages."""
+        return replace(
+            self,
+            parts=tuple(replace(part, seconds=part.seconds[which]) for part in self.parts),
+            began_ns=self.began_ns[which],
+            ended_ns=self.ended_ns[which],
+            last=self.last[which],
+            by_timer=self.by_timer[which],
+            held=tuple(held[which] for held in self.held),
+            places=tuple((send[which], take[which]) for send, take in self.places),
+        )
+
     @property
     def seconds(self) -> Seconds:
         """The end-to-end latency of each message."""
@@ -145,7 +162,7 @@ class PathSearch:
         events: joined.
         causes: of their sends.
         live: whether the graph has its own source: then a path also begins with what no message
-            has caused.
+            has caused, at its header stamp.
         window: from when to when a path may begin.
     """
 
@@ -249,7 +266,7 @@ class PathSearch:
             if send.size:
                 of = events.object[send[0]]
                 named += (names.nodes[names.node_of[of]], names.topics[names.topic_of[of]])
-        return Path(
+        path = Path(
             monitor=monitor,
             hops=tuple(named),
             parts=times.parts(named, order) if order.size else (),
@@ -260,18 +277,22 @@ class PathSearch:
             held=tuple(held[order] for held in chain.held[::-1]),
             places=tuple((send[order], take[order]) for send, take in hops),
         )
+        return self._from_stamp(path) if self._live and order.size else path
+
+    def _from_stamp(self, path: Path) -> Path:
+        """The path from the header stamp of its first message on, where that may be its begin."""
+        stamped = self._events.stamped_ns[path.places[0][0]]
+        possible = (stamped <= path.began_ns) & (stamped > path.began_ns - _OLDEST_STAMP_NS)
+        return _begun_earlier(path, np.where(possible, stamped, path.began_ns))
 
 
-def paths_of_reactions(
-    paths: tuple[Path, ...], takes: Ints, ended_ns: Ints, reactions: MatchedMonitor
-) -> tuple[Path, ...]:
-    """The paths of the messages that are reactions, from their events on.
+def takes_of_reactions(takes: Ints, ended_ns: Ints, reactions: MatchedMonitor) -> tuple[Ints, Ints]:
+    """The takes that are reactions, by row, and when the events of these were published.
 
     Args:
-        paths: of all messages of the monitor.
-        takes: the rows of its takes.
+        takes: the rows of the takes of the monitor.
         ended_ns: of each row, when it ended.
-        reactions: as `match_reactions` finds them.
+        reactions: see `r2bspec.judge.measure.reactions.find_reactions`.
     """
     matching = reactions.matching
     rows = matching.first_row[matching.answered]
@@ -279,8 +300,24 @@ def paths_of_reactions(
     # The monitor reads the clock when a take has returned.
     ordered = takes[np.argsort(ended_ns[takes], kind="stable")]
     taken = np.searchsorted(ended_ns[ordered], reactions.rows["taken_ns"][rows], side="right") - 1
-    event_ns = dict(zip(ordered[taken[taken >= 0]].tolist(), began_ns[taken >= 0], strict=True))
-    return _most_used([_of_reactions(path, event_ns) for path in paths])
+    reacting, first = np.unique(ordered[taken[taken >= 0]], return_index=True)
+    return reacting, began_ns[taken >= 0][first]
+
+
+def from_events(paths: tuple[Path, ...], reacting: Ints, began_ns: Ints) -> tuple[Path, ...]:
+    """The paths of reactions from their events on; without those that began before these.
+
+    Args:
+        paths: of these takes.
+        reacting: the takes that are reactions, by row.
+        began_ns: when the event of each was published.
+    """
+    found = []
+    for path in paths:
+        events_ns = began_ns[np.searchsorted(reacting, path.places[-1][1])]
+        kept = np.flatnonzero(events_ns <= path.began_ns)
+        found.append(_begun_earlier(path.only(kept), events_ns[kept]))
+    return _most_used(found)
 
 
 def _most_used(paths: list[Path]) -> tuple[Path, ...]:
@@ -290,22 +327,11 @@ def _most_used(paths: list[Path]) -> tuple[Path, ...]:
     return tuple(full)
 
 
-def _of_reactions(path: Path, event_ns: Mapping[int, int]) -> Path:
-    begins = np.array([event_ns.get(take, UNKNOWN_NS) for take in path.places[-1][1].tolist()])
-    kept = np.flatnonzero((begins != UNKNOWN_NS) & (begins <= path.began_ns))
-    begins = begins[kept].astype(np.int64)
-    seconds = (path.began_ns[kept] - begins) / 1e9
+def _begun_earlier(path: Path, began_ns: Ints) -> Path:
+    """The path with times before those at which it began, and the part up to these."""
+    seconds = (path.began_ns - began_ns) / 1e9
     earlier = Part(owner=path.hops[0], of="node", name="earlier", seconds=seconds)
-    return replace(
-        path,
-        parts=(earlier, *(replace(part, seconds=part.seconds[kept]) for part in path.parts)),
-        began_ns=begins,
-        ended_ns=path.ended_ns[kept],
-        last=path.last[kept],
-        by_timer=path.by_timer[kept],
-        held=tuple(held[kept] for held in path.held),
-        places=tuple((send[kept], take[kept]) for send, take in path.places),
-    )
+    return replace(path, parts=(earlier, *path.parts), began_ns=began_ns)
 
 
 def _by_count(values: Ints) -> list[int]:

@@ -14,6 +14,7 @@ import numpy as np
 from r2bspec.judge.measure.anatomy import Anatomy, NodeAnatomy
 from r2bspec.judge.measure.anatomy_paths import Part, PartName, Path
 from r2bspec.judge.measure.times import Seconds, percentiles
+from r2bspec.plan.plan import Plan
 from r2bspec.record.run_record import AnatomyRecord, Segment
 
 
@@ -102,6 +103,8 @@ class AnatomySummary(msgspec.Struct, frozen=True, kw_only=True):
         received: how many messages the monitors received, by name; those whose path is not known
             are in none of the paths.
         lost: events for which there was no room.
+        only: the nodes that the spec names, where it has these alone observed: a path is known if
+            it leads through no others.
         error: why something is missing; empty if nothing is.
     """
 
@@ -111,10 +114,13 @@ class AnatomySummary(msgspec.Struct, frozen=True, kw_only=True):
     nodes: tuple[NodeSummary, ...]
     received: dict[str, int] = {}
     lost: int = 0
+    only: tuple[str, ...] = ()
     error: str = ""
 
 
-def summarised(found: Anatomy, segment: Segment, record: AnatomyRecord) -> AnatomySummary:
+def summarised(
+    found: Anatomy, segment: Segment, record: AnatomyRecord, plan: Plan
+) -> AnatomySummary:
     """The anatomy of a segment in few numbers."""
     paths = [path for paths in found.paths.values() for path in paths]
     on_paths = dict.fromkeys(owner for path in paths for owner in path.hops)
@@ -127,6 +133,8 @@ def summarised(found: Anatomy, segment: Segment, record: AnatomyRecord) -> Anato
         nodes=tuple(_node(found.nodes[name]) for name in names),
         received=dict(found.monitored),
         lost=found.lost,
+        # One more iteration, of '--anatomy', observes all of them.
+        only=plan.anatomy if isinstance(plan.anatomy, tuple) and segment.kind != "anatomy" else (),
         error=record.error,
     )
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from r2bspec.judge.measure.anatomy import Anatomy, anatomy
 from r2bspec.judge.measure.anatomy_summary import AnatomySummary, summarised
 from r2bspec.judge.measure.matching import MatchedMonitor, match_monitor
-from r2bspec.judge.measure.reactions import match_reactions
+from r2bspec.judge.measure.reactions import find_reactions
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.plan.plan import Plan
 from r2bspec.record.comparison_folder import MergedRun
@@ -39,7 +39,7 @@ def observed_anatomy(
         plan: of the run.
         segment: that was observed.
         observed: in it.
-        reactions: of each monitor of reactions, by name, as `match_reactions` finds them.
+        reactions: of each monitor of reactions, by name, as `find_reactions` finds them.
     """
     window_ns = segment.began_ns, segment.ended_ns
     return anatomy(observed.record, observed.rows, plan, window_ns, reactions)
@@ -70,7 +70,8 @@ def anatomy_summaries(
     """
     run, known = last_run(run), known or {}
     found = [
-        known.get(segment.id) or summarised(join_segment(run, segment, record), segment, record)
+        known.get(segment.id)
+        or summarised(join_segment(run, segment, record), segment, record, run.plan)
         for segment, record in observed_segments(run)
     ]
     starts = {segment.start for segment in run.record.segments if run.has_anatomy(segment)}
@@ -106,12 +107,19 @@ def join_segment(run: Run, segment: Segment, record: AnatomyRecord) -> Anatomy:
     Raises:
         RecordError: a file of it is missing or damaged.
     """
-    reactions = {}
-    for monitor in run.plan.monitors:
-        if monitor.reaction and not segment.live:
-            playback, rows = run.playback(segment), run.monitor(segment, monitor.name)
-            matched = match_monitor(playback, rows, monitor, run.plan.inputs, segment.played_before)
-            marks = run.marks(segment, monitor.name)
-            reactions[monitor.name] = match_reactions(playback, matched, marks)
+    plan = run.plan
+    reactions: dict[str, MatchedMonitor] = {}
+    reacting = [monitor for monitor in plan.monitors if monitor.reaction]
+    if reacting:
+        playback = run.playback(segment)
+        rows = {monitor.name: run.monitor(segment, monitor.name) for monitor in plan.monitors}
+        marks = {monitor.name: run.marks(segment, monitor.name) for monitor in reacting}
+        matched = {
+            each.name: match_monitor(
+                playback, rows[each.name], each, plan.step_sources, segment.played_before
+            )
+            for each in (() if segment.live else reacting)
+        }
+        reactions = find_reactions(plan, segment, playback, rows, marks, matched)
     observed = ObservedRows(run.anatomy(segment), record)
-    return observed_anatomy(run.plan, segment, observed, reactions)
+    return observed_anatomy(plan, segment, observed, reactions)

@@ -27,6 +27,7 @@ known of events and reaction times: losses, windows, confidence.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -42,6 +43,7 @@ from r2bspec.judge.measure.matching import (
     match,
 )
 from r2bspec.plan.plan import MonitorPlan, Plan
+from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import MARK_DTYPE, PLAYBACK_DTYPE, Rows
 
 EVENT: Final = 0
@@ -162,6 +164,36 @@ def match_live_reactions(events: Rows, rows: Rows, marks: Rows) -> MatchedMonito
     matching = match(steps, rows, "own_pace")
     matched = MatchedMonitor(steps, rows, ONE_TO_ONE, matching, own_pace=True)
     return match_reactions(steps, matched, marks)
+
+
+def find_reactions(
+    plan: Plan,
+    segment: Segment,
+    playback: Rows,
+    received: Mapping[str, Rows],
+    marks: Mapping[str, Rows],
+    matched: Mapping[str, MatchedMonitor],
+) -> dict[str, MatchedMonitor]:
+    """The events and reactions of each monitor of reactions of a segment, by its name.
+
+    Args:
+        plan: of the run.
+        segment: one of its segments.
+        playback: see `match_reactions`.
+        received: the rows of each monitor, by name.
+        marks: those of each monitor of reactions, by name.
+        matched: of each of them, how its outputs match the steps; nothing where the graph is live.
+    """
+    found = {}
+    for monitor in plan.monitors:
+        name = monitor.name
+        if name not in marks:
+            continue
+        if not segment.live:
+            found[name] = match_reactions(playback, matched[name], marks[name])
+        elif (source := live_source(plan, monitor)) is not None:
+            found[name] = match_live_reactions(received[source.name], received[name], marks[name])
+    return found
 
 
 def _rows(marks: Rows, what: int, limit: int) -> NDArray[np.int64]:

@@ -40,12 +40,7 @@ from r2bspec.judge.measure.matching import (
 )
 from r2bspec.judge.measure.metric_catalogue import Subjects
 from r2bspec.judge.measure.observed_runs import ObservedRows, observed_anatomy, observed_values
-from r2bspec.judge.measure.reactions import (
-    UNREADABLE,
-    live_source,
-    match_live_reactions,
-    match_reactions,
-)
+from r2bspec.judge.measure.reactions import UNREADABLE, find_reactions
 from r2bspec.judge.measure.samples import (
     HopSamples,
     MonitorSamples,
@@ -300,15 +295,8 @@ def segment_samples(
         rows: what the harness wrote in it.
         matched: the match of each monitor, where the caller has it already.
     """
-    reactions: dict[str, MatchedMonitor] = {}
     if segment.live:
-        monitors = {name: live_samples(segment, row) for name, row in rows.monitors.items()}
-        for monitor in plan.monitors:
-            if monitor.name in rows.marks and (source := live_source(plan, monitor)) is not None:
-                marks = rows.marks[monitor.name]
-                events, outputs = rows.monitors[source.name], rows.monitors[monitor.name]
-                found = match_live_reactions(events, outputs, marks)
-                monitors[monitor.name] = _reactions(segment, marks, found)
+        matched = {}
     else:
         matched = matched or {
             monitor.name: match_monitor(
@@ -320,21 +308,24 @@ def segment_samples(
             )
             for monitor in plan.monitors
         }
-        reactions = {
-            name: match_reactions(rows.playback, matched[name], marks)
-            for name, marks in rows.marks.items()
-        }
-        monitors = {
-            monitor.name: _reactions(
-                segment,
-                rows.marks[monitor.name],
-                reactions[monitor.name],
-                monitor_samples(segment, matched[monitor.name]).unknown_latency,
+    reactions = find_reactions(plan, segment, rows.playback, rows.monitors, rows.marks, matched)
+    monitors = {}
+    for monitor in plan.monitors:
+        name = monitor.name
+        if name in reactions:
+            unpaired = (
+                "" if segment.live else monitor_samples(segment, matched[name]).unknown_latency
             )
-            if monitor.name in reactions
-            else _monitor(plan, segment, rows, monitor, matched[monitor.name])
-            for monitor in plan.monitors
-        }
+            monitors[name] = reaction_samples(
+                segment,
+                reactions[name],
+                unpaired=unpaired,
+                unreadable=int(np.count_nonzero(rows.marks[name]["what"] == UNREADABLE)),
+            )
+        elif segment.live:
+            monitors[name] = live_samples(segment, rows.monitors[name])
+        else:
+            monitors[name] = _monitor(plan, segment, rows, monitor, matched[name])
     observed, joined = rows.anatomy, None
     if observed is not None:
         joined = observed_anatomy(plan, segment, observed, reactions)
@@ -343,21 +334,9 @@ def segment_samples(
         playback=replace(playback_samples(rows.playback), live=segment.live),
         monitors=monitors,
         anatomy=observed_values(joined) if joined else {},
-        summary=summarised(joined, segment, observed.record) if joined and observed else None,
+        summary=summarised(joined, segment, observed.record, plan) if joined and observed else None,
         processes={},
         machine=None,
-    )
-
-
-def _reactions(
-    segment: Segment, marks: Rows, reactions: MatchedMonitor, unpaired: str = ""
-) -> MonitorSamples:
-    """The reactions that one monitor received."""
-    return reaction_samples(
-        segment,
-        reactions,
-        unpaired=unpaired,
-        unreadable=int(np.count_nonzero(marks["what"] == UNREADABLE)),
     )
 
 

@@ -201,7 +201,8 @@ def lay_out(plan: Plan, annotations: Mapping[str, Sequence[str]]) -> Drawing:
 
     Args:
         plan: the plan to draw.
-        annotations: lines to add below the name of a box, by that name.
+        annotations: lines to add below the name of a box, by that name; those of a topic by
+            ``topic NAME``, because a node may have the same name.
     """
     sketch = figure(plan)
     y, widest = 2.0, 0.0
@@ -254,7 +255,7 @@ def _layers(
     for number in range(max(layer.values()) + 1):
         column = [box for box in boxes if layer[box.id] == number]
         column.sort(key=lambda box: _mean_predecessor_y(box.id, feeds, placed))
-        shown = [_lines(box, annotations.get(box.lines[0], ())) for box in column]
+        shown = [_lines(box, annotations.get(_key(box), ())) for box in column]
         width = (
             max(len(text) for lines in shown for text in lines) * _CHARACTER_WIDTH + 2 * _PADDING
         )
@@ -288,6 +289,11 @@ def _mean_predecessor_y(
 ) -> float:
     heights = [placed[tail].y for tail, head in feeds if head == name and tail in placed]
     return sum(heights) / len(heights) if heights else 0.0
+
+
+def _key(box: FigureBox) -> str:
+    name = box.lines[0]
+    return f"topic {name}" if box.kind == "topic" else name
 
 
 def _lines(box: FigureBox, annotations: Sequence[str]) -> list[str]:

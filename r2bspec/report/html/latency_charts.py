@@ -40,6 +40,12 @@ def step_latencies(seen: MonitorSamples) -> StepLatencies:
     return seen.in_order("latency", np.nan)
 
 
+def has_latencies(samples: RunSamples, monitor: str) -> bool:
+    """Whether outputs with a latency were expected of a monitor; those of a timer have none."""
+    segments = (segment for played in samples.iterations.values() for segment in played)
+    return any(step_latencies(segment.monitors[monitor]).size for segment in segments)
+
+
 def thin_indices(values: StepLatencies, max_points: int) -> NDArray[np.int64]:
     """Which of many values to draw: the extremes of each interval, at most `max_points` in all.
 
@@ -79,16 +85,26 @@ MIN_LOG_RATIO = 20.0
 """From this ratio of the largest latency to the median on, the latency axis is logarithmic."""
 
 
-def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdict) -> chart.Chart:
-    """One curve for each offered rate, with the limits and bounds of its requirements."""
+def percentile_chart(
+    name: str, monitor: str, what: str, samples: RunSamples, verdict: Verdict
+) -> chart.Chart:
+    """One curve for each offered rate, with the limits and bounds of its requirements.
+
+    Args:
+        name: of the chart, unique in its page.
+        monitor: its name.
+        what: its times are, such as ``Latency``.
+        samples: of the run.
+        verdict: of the run.
+    """
     all_rates = sorted(samples.iterations)
     rates = all_rates[-_MAX_CURVES:]
     description = (
-        f"Latency of {monitor} by percentile, one curve for each of "
+        f"{what} of {monitor} by percentile, one curve for each of "
         f"{', '.join(show_rate(rate, pace_of(samples.mode)) for rate in rates)}. The horizontal "
-        "axis is logarithmic in the share of messages with a longer latency."
+        "axis is logarithmic in the share of messages that took longer."
     )
-    title = f"Latency by percentile: {monitor}"
+    title = f"{what} by percentile: {monitor}"
     if len(all_rates) > len(rates):
         title += f", the highest {len(rates)} of {len(all_rates)} rates"
 
@@ -112,7 +128,7 @@ def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verd
         ]
         for limit in limits:
             _bar(axes, limit, rates.index(limit.at_hz or 0.0))
-        percentile_axes(axes, total)
+        percentile_axes(axes, total, what)
         is_wide = bool(median) and largest > MIN_LOG_RATIO * min(median)
         chart.scale_values(axes, logarithmic=is_wide)
         for limit in limits:
@@ -177,7 +193,8 @@ def _is_drawn(one: RequirementVerdict) -> bool:
     if one.compared is not None:
         return False
     family, _, part = one.metric.rpartition(".")
-    return family.endswith("latency") and quantile(part) is not None and one.limit is not None
+    drawn = family.endswith(("latency", "reaction"))
+    return drawn and quantile(part) is not None and one.limit is not None
 
 
 def _place(one: RequirementVerdict) -> tuple[float, float]:
@@ -209,8 +226,8 @@ def _label(axes: Axes, one: RequirementVerdict) -> None:
     chart.inside_label(axes, x, y, text, _ink(one), above=above)
 
 
-def percentile_axes(axes: Axes, total: int) -> None:
-    """An axis of shares up to one of `total` messages, which expands the tail; latency in ms."""
+def percentile_axes(axes: Axes, total: int, what: str = "Latency") -> None:
+    """An axis of shares up to one of `total` messages, which expands the tail; times in ms."""
     axes.set_xscale("log")
     axes.set_xlim(1, max(total * 1.8, 20))
     shown = {1: "0 %", 2: "50 %", 10: "90 %", 20: "95 %", 100: "99 %", 1000: "99.9 %"}
@@ -219,7 +236,7 @@ def percentile_axes(axes: Axes, total: int) -> None:
     axes.set_xticks([*ticks], labels=[*ticks.values()])
     axes.set_xticks([], minor=True)
     axes.set_xlabel("share of messages at or below")
-    axes.set_ylabel("latency, ms")
+    axes.set_ylabel(f"{what.lower()}, ms")
 
 
 _MAX_POINTS = 1_200
@@ -233,13 +250,18 @@ _MESSAGE_RATES = 6
 _WORST_FIRST = ("fail", "inconclusive", "pass")
 
 
-def messages_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdict) -> chart.Chart:
-    """A row for each offered rate; iterations follow each other from left to right."""
+def messages_chart(
+    name: str, monitor: str, what: str, samples: RunSamples, verdict: Verdict
+) -> chart.Chart:
+    """A row for each offered rate; iterations follow each other from left to right.
+
+    See `percentile_chart`.
+    """
     rates = sorted(samples.iterations)
     shown = rates[-_MESSAGE_RATES:]
     apart = max((len(samples.iterations[rate]) for rate in shown), default=0) <= _MAX_SEPARATORS
     description = (
-        f"Latency of each message at {monitor}, in the order of playing, a row for each offered "
+        f"{what} of each message at {monitor}, in the order of playing, a row for each offered "
         "rate. Bars at the top of a row are missed messages"
         + ("; vertical lines separate the iterations." if apart else ".")
     )
@@ -255,7 +277,7 @@ def messages_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdic
                 for requirement in verdict.requirements
                 if requirement.monitor == monitor
                 and requirement.at_hz == rate
-                and "latency." in requirement.metric
+                and ("latency." in requirement.metric or "reaction." in requirement.metric)
                 # The limit of a ratio is no time.
                 and requirement.compared is None
             ]
@@ -273,7 +295,7 @@ def messages_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdic
         sketch.note = " ".join(notes)
 
     height = 0.5 + 1.5 * len(shown)
-    return chart.draw(name, f"Latency by message: {monitor}", description, height, paint)
+    return chart.draw(name, f"{what} by message: {monitor}", description, height, paint)
 
 
 def _row(

@@ -30,7 +30,12 @@ from r2bspec.report.headline import headline, reason_after
 from r2bspec.report.html.chart import Chart
 from r2bspec.report.html.flame_graph import flame_graph
 from r2bspec.report.html.graph_drawing import lay_out
-from r2bspec.report.html.latency_charts import ecdf_chart, messages_chart, percentile_chart
+from r2bspec.report.html.latency_charts import (
+    ecdf_chart,
+    has_latencies,
+    messages_chart,
+    percentile_chart,
+)
 from r2bspec.report.html.load_charts import load_curve_chart, loads_chart
 from r2bspec.report.html.templates import own_text, render_template
 from r2bspec.report.html.waterfall import waterfalls
@@ -243,8 +248,11 @@ def _latency_charts(report_input: ReportInput, monitors: list[str]) -> Iterator[
     if samples is None or not samples.iterations:
         return
     for number, monitor in enumerate(monitors):
-        yield percentile_chart(f"percentiles-{number}", monitor, samples, verdict)
-        yield messages_chart(f"messages-{number}", monitor, samples, verdict)
+        if not has_latencies(samples, monitor):
+            continue
+        what = report_input.result.times_title(monitor)
+        yield percentile_chart(f"percentiles-{number}", monitor, what, samples, verdict)
+        yield messages_chart(f"messages-{number}", monitor, what, samples, verdict)
 
 
 def _baseline_charts(report_input: ReportInput, monitors: list[str]) -> Iterator[Chart]:
@@ -272,9 +280,11 @@ def _annotations(result: Result, plan: Plan) -> dict[str, list[str]]:
     full = {node.node: node.name for process in plan.processes for node in process.nodes}
     for anatomy in anatomies_of(result)[-1:]:
         parts = [part for path in anatomy.paths for part in path.parts]
+        # Of several paths through a topic, the one that most messages took comes first.
         for part in parts:
             if part.name == "transport":
-                texts[part.owner] = [f"transport {show(part.p50, 's')}, p99 {show(part.p99, 's')}"]
+                text = f"transport {show(part.p50, 's')}, p99 {show(part.p99, 's')}"
+                texts.setdefault(f"topic {part.owner}", [text])
         for node in anatomy.nodes:
             texts[full.get(node.name, node.name)] = [
                 f"callback {show(node.callback_p50, 's')}, p99 {show(node.callback_p99, 's')}",

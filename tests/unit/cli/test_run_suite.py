@@ -388,7 +388,6 @@ def test_json_of_a_failed_run_is_that_of_what_was_measured(played: list[str], ca
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("--anatomy --profile perf", "--anatomy cannot be combined with --profile"),
         ("--anatomy --on cluster.json", "--anatomy cannot be combined with --on"),
         ("--profile perf --on cluster.json", "--profile cannot be combined with --on"),
         ("--anatomy --against main", "--anatomy cannot be combined with --against"),

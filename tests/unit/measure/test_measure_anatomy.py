@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from r2bspec.judge.measure.anatomy import Anatomy, anatomy
-from r2bspec.judge.measure.anatomy_paths import MAX_PATHS, NOT_SEEN, Path, paths_of_reactions
+from r2bspec.judge.measure.anatomy_paths import MAX_PATHS, NOT_SEEN, Path
 from r2bspec.judge.measure.matching import ONE_TO_ONE, MatchedMonitor, Matching
 from r2bspec.record.run_record import AnatomyKind
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE
@@ -154,7 +154,8 @@ def test_a_clock_that_steps_leaves_times_unseen_and_no_sum_wrong() -> None:
 
 
 def test_of_reactions_the_path_comes_first_that_most_of_them_took() -> None:
-    found = joined(observed(FORK.with_stage("right", service_s=0.0028)))
+    seen = observed(FORK.with_stage("right", service_s=0.0028))
+    found = joined(seen)
     left, right = found.paths["out"]
     assert np.count_nonzero(left.last) > np.count_nonzero(right.last) > 0
     # Only messages that came over the other path last are reactions.
@@ -167,7 +168,8 @@ def test_of_reactions_the_path_comes_first_that_most_of_them_took() -> None:
         step=number, trigger_steps=number, first_row=number, duplicates=0, reordered=0, unmatched=0
     )
     reactions = MatchedMonitor(steps, rows, ONE_TO_ONE, matching)
-    first, *_ = paths_of_reactions((left, right), takes, found.events.ended_ns, reactions)
+    again = anatomy(seen.record, seen.rows, seen.plan, seen.window_ns, {"out": reactions})
+    first, *_ = again.paths["out"]
     assert first.hops == right.hops
     assert first.seconds.size == number.size
 

@@ -144,6 +144,52 @@ def test_a_path_leads_through_a_service() -> None:
     assert "not seen" not in " ".join(got)
 
 
+@pytest.mark.parametrize("header", [0, 11])
+def test_a_path_leads_through_a_service_whose_response_is_awaited_outside_of_callbacks(
+    header: int,
+) -> None:
+    script = Script()
+    client, service = ("client", "/add", "/r2b/ask"), ("service", "/add", "/r2b/answer")
+    for number in range(3):
+        at, stamp = 1000 * number, header and header + number
+        script.publish("player", "/in", at, "/r2bspec/player", header=stamp)
+        script.take("ask", "/in", at + 20, at, header=stamp)
+        script.callback("ask", at + 25, at + 60)
+        script.add("ask", AnatomyKind.SEND_REQUEST, at + 40, at + 44, client, source=number)
+        script.add(
+            *("answer", AnatomyKind.TAKE_REQUEST, at + 60, at + 62, service),
+            source=number,
+            received=at + 50,
+        )
+        script.callback("answer", at + 65, at + 100)
+        script.add("answer", AnatomyKind.SEND_RESPONSE, at + 90, at + 94, service, source=number)
+        script.add("ask", AnatomyKind.TAKE_RESPONSE, at + 110, at + 112, client, source=number)
+        script.callback("ask", at + 115, at + 120)
+        script.publish("ask", "/out", at + 140, header=stamp)
+        end(script, at + 140)
+    found = script.joined()
+    path = found.paths["out"][0]
+    assert path.hops == (
+        *("player", "/in", "/r2b/ask", "/add", "/r2b/answer", "/add", "/r2b/ask", "/out"),
+    )
+    assert path.last.tolist() == [True] * 3
+    assert path.by_timer.any() == (not header)
+    got = parts(found)
+    assert got["/r2b/answer callback"] == 90 - 65
+    assert got["/r2b/ask held"] == 140 - 120
+
+
+def calls_action() -> Plan:
+    """A plan whose monitors have the result, the acceptance and the feedback of an action."""
+    names = ("it", "it_accepted", "it_feedback")
+    call = CallPlan(
+        name="it", target="/plan", type="x/action/X", request={},
+        accepted="it_accepted", feedback="it_feedback",
+    )  # fmt: skip
+    monitors = (MonitorPlan(name=name, topic="/plan", type="", match="stamp") for name in names)
+    return msgspec.structs.replace(plan_of(CHAIN), monitors=tuple(monitors), calls=(call,))
+
+
 def test_acceptance_feedback_and_result_of_an_action_have_a_path_each() -> None:
     script = Script()
     at = 0
@@ -159,24 +205,40 @@ def test_acceptance_feedback_and_result_of_an_action_have_a_path_each() -> None:
         script.add("server", AnatomyKind.SEND_RESPONSE, at + 50, at + 54, service, source=number)
         script.add("player", AnatomyKind.TAKE_RESPONSE, at + 70, at + 72, client, source=number)
         at += 100
-    names = ("it", "it_accepted", "it_feedback")
-    call = CallPlan(
-        name="it", target="/plan", type="x/action/X", request={},
-        accepted="it_accepted", feedback="it_feedback",
-    )  # fmt: skip
-    plan = msgspec.structs.replace(
-        plan_of(CHAIN),
-        monitors=tuple(
-            MonitorPlan(name=name, topic="/plan", type="", match="stamp") for name in names
-        ),
-        calls=(call,),
-    )
-    found = script.joined(plan)
-    ends = {name: [path.hops[-1] for path in found.paths[name]] for name in names}
+    found = script.joined(calls_action())
+    ends = {name: [path.hops[-1] for path in paths] for name, paths in found.paths.items()}
     assert ends == {
         "it": ["/plan/_action/get_result"],
         "it_accepted": ["/plan/_action/send_goal"],
         "it_feedback": ["/plan/_action/feedback"],
+    }
+
+
+def test_requests_that_were_taken_together_cause_their_own_responses_and_no_feedback() -> None:
+    script = Script()
+    of_action = "/plan/_action"
+    ends = {
+        what: (("client", name, "/r2bspec/player"), ("service", name, "/r2b/server"))
+        for what in ("send_goal", "get_result")
+        for name in (f"{of_action}/{what}",)
+    }
+    for what, at in (("send_goal", 0), ("get_result", 10)):
+        script.add("player", AnatomyKind.SEND_REQUEST, at, at + 4, ends[what][0], source=2)
+    for what, at in (("send_goal", 50), ("get_result", 54)):
+        script.add("server", AnatomyKind.TAKE_REQUEST, at, at + 2, ends[what][1], source=2)
+    script.callback("server", 60, 100)
+    script.add("server", AnatomyKind.SEND_RESPONSE, 70, 74, ends["send_goal"][1], source=2)
+    script.publish("server", f"{of_action}/feedback", 80, "/r2b/server")
+    script.add("server", AnatomyKind.SEND_RESPONSE, 90, 94, ends["get_result"][1], source=2)
+    script.take("player", f"{of_action}/feedback", 110, 80, "/r2bspec/player")
+    for what, at in (("send_goal", 120), ("get_result", 130)):
+        script.add("player", AnatomyKind.TAKE_RESPONSE, at, at + 2, ends[what][0], source=2)
+    found = script.joined(calls_action())
+    first = {name: [path.hops[1] for path in paths] for name, paths in found.paths.items()}
+    assert first == {
+        "it": [f"{of_action}/get_result"],
+        "it_accepted": [f"{of_action}/send_goal"],
+        "it_feedback": [f"{of_action}/send_goal"],
     }
 
 
@@ -249,14 +311,17 @@ def test_monitors_of_one_topic_have_a_path_each() -> None:
     ]
 
 
-def test_in_a_live_graph_a_path_begins_with_its_own_source() -> None:
+@pytest.mark.parametrize("stamped_us", [None, 4, 15, -(10**8)])
+def test_in_a_live_graph_a_path_begins_with_its_own_source(stamped_us: int | None) -> None:
     script = Script()
     for number in range(3):
         at = 1000 * number
+        # A stamp after the publication, or of another day, is none of this clock.
+        stamp = 0 if stamped_us is None else CLOCK_NS + START_NS + (at + stamped_us) * US
         script.add("camera", AnatomyKind.TIMER, at, at + 1, ("timer", "", "/r2b/camera"))
         script.callback("camera", at + 2, at + 20)
-        script.publish("camera", "/image", at + 10)
-        script.take("blur", "/image", at + 30, at + 10)
+        script.publish("camera", "/image", at + 10, header=stamp)
+        script.take("blur", "/image", at + 30, at + 10, header=stamp)
         script.callback("blur", at + 35, at + 60)
         script.publish("blur", "/out", at + 50)
         end(script, at + 50)
@@ -264,6 +329,7 @@ def test_in_a_live_graph_a_path_begins_with_its_own_source() -> None:
     (path,) = script.joined(live).paths["out"]
     assert path.hops == ("/r2b/camera", "/image", "blur", "/out")
     assert path.seconds.size == 3
+    assert parts(script.joined(live))["/r2b/camera earlier"] == (6 if stamped_us == 4 else 0)
     assert script.joined().paths["out"] == ()
 
 

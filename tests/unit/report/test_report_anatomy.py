@@ -96,6 +96,30 @@ def test_the_graph_of_the_page_has_the_times(fork: ReportInput) -> None:
     assert "transport 99.9 µs, p99 110 µs" in page.text
 
 
+def test_a_topic_of_the_graph_has_no_times_of_the_node_of_its_name(tmp_path: Path) -> None:
+    graph = replace(
+        CHAIN, stages=(Stage("a", ("/in",), "/b"), Stage("b", ("/b",), "/out")), steps=50
+    )
+    drawn = shown(reported(tmp_path / "run", graph), "html")
+    drawn = drawn.partition('<h2 id="graph">')[2].partition("</section>")[0]
+    assert drawn.count("callback ") == len(graph.stages)
+    assert drawn.count("transport ") == len({"/in", "/b", "/out"})
+
+
+def test_the_reason_is_said_for_which_no_path_is_known(fork: ReportInput) -> None:
+    assert fork.run is not None
+    plan = msgspec.structs.replace(fork.run.plan, anatomy=("left",))
+    (seen,) = result_of(replace(fork.run, plan=plan)).anatomies or ()
+    assert seen.only == ("left",)
+    for only, reason in (((), "path to an input that is known"), (seen.only, "only left was to")):
+        bare = msgspec.structs.replace(seen, paths=(), only=only)
+        result = msgspec.structs.replace(fork.result, anatomies=(bare,))
+        text = " ".join(shown(replace(fork, result=result), "text").split())
+        assert "200 of 200 messages of out have no" in text
+        assert reason in text
+        assert "in one iteration;" in text
+
+
 def of_phase(events: Iterable[dict[str, Any]], phase: str) -> list[dict[str, Any]]:
     return [event for event in events if event["ph"] == phase]
 
