@@ -49,9 +49,9 @@ from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.record.anatomy_files import AnatomyReader
 from r2bspec.record.files import RecordError
 from r2bspec.report.finding_formats import FORMATS, render
-from r2bspec.tune.tuning_file import TUNING_FILE, read_tuning, to_json
 from r2bspec.tune.tuning_page import to_html
 from r2bspec.tune.tuning_report import print_tuning
+from r2bspec.tune.tuning_result import TUNING_FILE, read_tuning, to_json
 from run_simulation import renew_digests
 
 TESTS = Path(__file__).parents[1]
