@@ -28,7 +28,7 @@ def main() -> None:
     seeds = range(parser.parse_args().graphs)
     counts = Counter[str]()
     for seed in seeds:
-        counts += _searched(SimulatedGraph.drawn(seed))
+        counts.update(_searched(SimulatedGraph.drawn(seed)))
     needed = [each for seed in seeds if (each := trials_needed(seed))]
     lines = [f"| {len(seeds)} searches | |", "| --- | --- |"]
     lines += [f"| {name} | {count} |" for name, count in counts.items()]
