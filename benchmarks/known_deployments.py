@@ -60,13 +60,12 @@ def main() -> None:
 def _row(graph: TunableGraph, folder: Path, settings: SearchSettings) -> list[str]:
     selection = SpecSelection(write_graph(graph, folder / "graph"))
     prepared = api.prepare(selection)
+
+    def tell(line: str) -> None:
+        sys.stderr.write(f"{graph.name}: {line}\n")
+
     result = tune(
-        selection,
-        prepared,
-        folder / "search",
-        settings,
-        minimize="cpu.graph.mean",
-        tell=lambda line: sys.stderr.write(f"{graph.name}: {line}\n"),
+        selection, prepared, folder / "search", settings, minimize="cpu.graph.mean", tell=tell
     )
     again = ""
     if result.is_proved and result.winner is not None:

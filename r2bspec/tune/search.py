@@ -13,7 +13,8 @@ Four stages, in a budget of time that holds:
 
 So a search that believed noise ends with a claim that is not shown, and not with a wrong one: the
 chance that the proof shows a gain where there is none is that of the pairs, 5 %
-(`r2bspec.judge.statistics.t_interval`).
+(`r2bspec.judge.statistics.t_interval`); at most twice that where the first proof refutes a limit,
+so that another deployment is compared, too.
 """
 
 from __future__ import annotations
@@ -165,7 +166,7 @@ class Search:
         return self._prove(other, today)
 
     def _best_without(self, refuted: Deployment, racing: Sequence[Deployment]) -> Deployment | None:
-        """The best deployment that seemed to meet the objectives and is no variant of another."""
+        """The best one that seemed to meet the objectives and has not all levers of another."""
         meeting = sorted(
             (trial for trial in self._trials if trial.state == "meets"),
             key=lambda trial: math.inf if trial.cost is None else trial.cost,
