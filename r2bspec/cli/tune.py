@@ -111,8 +111,8 @@ def command(
     from r2bspec.tune.fleet_machine import fleet_hosts
     from r2bspec.tune.search import SearchSettings
     from r2bspec.tune.tuning import tune
-    from r2bspec.tune.tuning_file import to_json
     from r2bspec.tune.tuning_report import print_tuning
+    from r2bspec.tune.tuning_result import to_json
 
     declared = prepared.loaded.spec.tune if prepared.loaded and prepared.loaded.spec else None
     if declared is None:

@@ -24,7 +24,7 @@ from r2bspec.fleet.security import FleetAddress
 from r2bspec.judge.result import Result
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.this_machine import SchedulingFacts
-from r2bspec.tune.errors import TuningError
+from r2bspec.tune.machine import TuningError
 from r2bspec.tune.trials import Comparing, Playing, RealMachine
 
 _LIMITS: Final = FleetLimits(retry_invalid=0)

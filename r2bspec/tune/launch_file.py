@@ -352,14 +352,6 @@ def _left_out(plan: Plan) -> Iterator[str]:
         *((step.name, "when the graph was ready") for step in plan.after_ready),
     ]:
         yield f"Not done here: the step {name}, which the run did {kind}."
-    for topic in plan.topics:
-        if topic.phase == "measure":
-            for node, qos in topic.qos.items():
-                if node in {*topic.writers, *topic.readers} and node.startswith("/"):
-                    yield (
-                        f"The QoS of {node} on {topic.name} is set in its code: {qos.reliability}, "
-                        f"{qos.durability}, {qos.history} {qos.depth}."
-                    )
 
 
 def _parameters(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple, Protocol
 
 import msgspec
 
-from r2bspec.judge.measure.metric_catalogue import MetricError, Subjects, resolve
+from r2bspec.check.rules.tuning import goal_problem
+from r2bspec.errors import UsageError
+from r2bspec.judge.measure.metric_catalogue import Subjects, resolve
+from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.language.quantities import Rate
+from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.language.spec import Objective
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.tuning_space import Deployment
-from r2bspec.tune.errors import TuningError
-from r2bspec.tune.tuning_result import Gain, RequirementMargin
+from r2bspec.tune.tuning_result import MAX_EXCESS, Gain, RequirementMargin
+
+
+class TuningError(UsageError):
+    """The spec, its objectives or this installation leave nothing to search for."""
+
+    code = "R2B808"
 
 
 class Goal(msgspec.Struct, frozen=True, kw_only=True):
@@ -38,20 +50,20 @@ def goal_of(plan: Plan, metric: str) -> Goal:
     """The goal of a search: a metric at the highest rate that an objective of the plan demands.
 
     Raises:
-        TuningError: there is no such metric, it belongs to no single monitor, or nothing is played
-            at a rate of which it could be measured.
+        TuningError: there is no such metric, it cannot be minimized, it belongs to no single
+            monitor, or nothing is played at a rate of which it could be measured.
     """
     monitors = [monitor.name for monitor in plan.monitors]
-    try:
-        monitor, info = resolve(metric, monitors, Subjects.of_plan(plan))
-    except MetricError as error:
+    subjects = Subjects.of_plan(plan)
+    problem = goal_problem(metric, monitors, subjects, is_observed=bool(plan.anatomy))
+    if problem is not None:
+        message, way_out = problem
+        end = "" if way_out.endswith("?") else "."
         raise TuningError(
-            f"{metric} cannot be minimized: {error}", hint="'r2bspec metrics' lists all metrics."
-        ) from error
-    if info.scope == "monitor" and monitor is None:
-        raise TuningError(
-            f"{metric} is not of one monitor", hint=f"Name it: {monitors[0]}.{metric}, for example."
+            f"{metric} cannot be minimized: {message}",
+            hint=f"{way_out[0].upper()}{way_out[1:]}{end}",
         )
+    _, info = resolve(metric, monitors, subjects)
     if plan.playback_mode in {"timeline", "live"}:
         return Goal(metric=metric, at=None, unit=info.unit)
     played = {play.rate_hz for play in plan.play}
@@ -78,6 +90,60 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
     margins: tuple[RequirementMargin, ...] = ()
     reason: str = ""
     run: str = ""
+
+
+def margins_of(
+    requirements: Sequence[RequirementVerdict], objectives: Mapping[str, Objective]
+) -> tuple[RequirementMargin, ...]:
+    """How far each requirement that counts is from its limit; those of a baseline are left out."""
+    written = {
+        (name, requirement.text): requirement
+        for name, objective in objectives.items()
+        for requirement in objective.require
+    }
+    several = len({one.at_hz for one in requirements}) > 1
+    times = Counter((one.text, one.at_hz) for one in requirements)
+    found = []
+    for one in requirements:
+        requirement = written.get((one.objective, one.text))
+        of_baseline = (
+            requirement is not None
+            and requirement.bound is not None
+            and requirement.bound.of_baseline
+        )
+        if one.level != "error" or requirement is None or of_baseline:
+            continue
+        text = f"{one.text} at {one.at_hz:g} Hz" if several and one.at_hz else one.text
+        if one.monitor and times[one.text, one.at_hz] > 1:
+            text = f"{one.monitor}.{text}"
+        found.append(
+            RequirementMargin(
+                text=text,
+                outcome=one.outcome,
+                estimate=one.estimate,
+                limit=one.limit,
+                unit=one.unit,
+                excess=_excess(one, requirement),
+            )
+        )
+    return tuple(found)
+
+
+def _excess(one: RequirementVerdict, requirement: Requirement) -> float:
+    """By how much a requirement is missed; see `RequirementMargin`."""
+    missed = MAX_EXCESS if one.outcome == "fail" else 0.0
+    if one.lost:
+        return MAX_EXCESS
+    if one.estimate is None or one.limit is None or requirement.op in {None, "==", "!="}:
+        return missed
+    over = (one.estimate, one.limit)
+    above, below = over if requirement.op in {"<", "<="} else over[::-1]
+    if above <= 0 < below:
+        return -MAX_EXCESS
+    if below <= 0:
+        # No ratio to nothing: of a share that must be 0 each percent counts as such.
+        return min(MAX_EXCESS, max(0.0, above - below))
+    return max(-MAX_EXCESS, min(MAX_EXCESS, math.log(above / below)))
 
 
 class Pairs(msgspec.Struct, frozen=True, kw_only=True):

@@ -13,7 +13,8 @@ Four stages, in a budget of time that holds:
 
 So a search that believed noise ends with a claim that is not shown, and not with a wrong one: the
 chance that the proof shows a gain where there is none is that of the pairs, 5 %
-(`r2bspec.judge.statistics.t_interval`).
+(`r2bspec.judge.statistics.t_interval`); at most twice that where the first proof refutes a limit,
+so that another deployment is compared, too.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from typing import Final
 import msgspec
 
 from r2bspec.diagnostics.quote import pluralize
+from r2bspec.plan.time_estimate import time_text
 from r2bspec.plan.tuning_space import Deployment, TuningSpace
 from r2bspec.tune.machine import Machine, Measurement, Start
 from r2bspec.tune.proposals import Proposals, single_levers
@@ -131,6 +133,8 @@ class Search:
     def run(self) -> TuningResult:
         """Search, race and prove; the result is stored, too."""
         self._listener.line(plan_line(self._result, self._settings.trials))
+        # From now on there is a search that can be resumed.
+        self._keep("incomplete", "The search has not ended.")
         if self._trials:
             self._listener.line(f"going on after {pluralize(len(self._trials), 'trial')}")
         today = self._today()
@@ -138,13 +142,39 @@ class Search:
         if len(self._trials) == 1 and not self._predicted:
             return self._keep(
                 "incomplete",
-                "Only today's deployment was tried: give a larger --budget or more --trials.",
+                "Only today's deployment was tried: give more --trials or a larger --budget; a "
+                f"trial takes {time_text(self._longest_trial_s())}.",
             )
         racing = self._race()
         meeting = [finalist for finalist in racing if finalist.order[0] == 0.0]
         if not meeting:
             return self._end_unmet(racing)
-        return self._prove(meeting[0].deployment, today)
+        result = self._prove(meeting[0].deployment, today)
+        misses = [each.text for each in result.requirements if each.outcome != "pass"]
+        if not misses or result.winner is None:
+            return result
+        # The cheapest one may just miss a limit that another one keeps. Only once: each proof has
+        # its own chance to be wrong.
+        other = self._best_without(result.winner, [finalist.deployment for finalist in meeting])
+        pairs = self._affordable_pairs(self._settings.pairs, comparisons=1)
+        if other is None or pairs < _FEWEST_PAIRS:
+            return result
+        self._notes.append(
+            f"Pairs do not show that {result.winner.text} meets {', '.join(misses)}, so the next "
+            "best deployment was compared, too."
+        )
+        return self._prove(other, today)
+
+    def _best_without(self, refuted: Deployment, racing: Sequence[Deployment]) -> Deployment | None:
+        """The best one that seemed to meet the objectives and has not all levers of another."""
+        meeting = sorted(
+            (trial for trial in self._trials if trial.state == "meets"),
+            key=lambda trial: math.inf if trial.cost is None else trial.cost,
+        )
+        candidates = [*racing, *(trial.deployment for trial in meeting)]
+        return next(
+            (each for each in candidates if not set(refuted.choices) <= set(each.choices)), None
+        )
 
     # 1: trials
 
@@ -165,7 +195,7 @@ class Search:
         for trial in self._trials:
             _tell(proposals, trial)
         while len(self._trials) < self._settings.trials:
-            if self._left_s() < self._longest_trial_s() + self._proof_s():
+            if self._left_s() < self._longest_trial_s() + self._kept_s():
                 self._notes.append(
                     f"The time allowed {len(self._trials)} of {self._settings.trials} trials."
                 )
@@ -266,7 +296,16 @@ class Search:
     # 3 and 4: levers and proof
 
     def _prove(self, winner: Deployment, today: Trial) -> TuningResult:
-        meets_today = today.state == "meets"
+        self._result = msgspec.structs.replace(
+            self._result,
+            winner=None,
+            proof=None,
+            requirements=(),
+            levers=(),
+            dropped=(),
+            unproven=None,
+            for_others=(),
+        )
         if not winner.choices and today.state == "meets":
             return self._keep("met today", "No deployment was found that costs less than today's.")
         if not winner.choices:
@@ -299,13 +338,18 @@ class Search:
         self._listener.line(f"proof: {seen.gain.metric} {claim_text(seen.gain)}")
         if not seen.head_meets:
             return self._keep("not shown", unproven_text(seen))
-        if not meets_today:
-            return self._keep("meets", "The deployment meets the objectives, and today's does not.")
-        if seen.gain.is_shown:
+        if seen.gain.is_shown and today.state in {"meets", "open"}:
             return self._keep(
                 "improved",
                 f"The deployment meets the objectives: {seen.gain.metric} {claim_text(seen.gain)}.",
             )
+        if today.state != "meets":
+            tried = (
+                "of today's, one start does not decide"
+                if today.state == "open"
+                else ("today's did not when it was tried")
+            )
+            return self._keep("meets", f"The deployment meets the objectives; {tried}.")
         return self._keep(
             "not shown",
             f"The pairs do not show a gain: {seen.gain.metric} {claim_text(seen.gain)}; --resume "
@@ -359,6 +403,18 @@ class Search:
             rounds = math.ceil(FIRST_DROP / self._machine.width)
             needed += rounds * self._round_s(_FINALISTS)
         return min(_PROOF_SHARE * self._settings.budget_s, needed)
+
+    def _kept_s(self) -> float:
+        """What is kept for the rest while trials go on; little before something can be proved."""
+        today, *others = self._trials
+        if any(
+            trial.excess <= 0
+            and trial.cost is not None
+            and (today.state != "meets" or trial.cost < (today.cost or math.inf))
+            for trial in others
+        ):
+            return self._proof_s()
+        return min(self._proof_s(), 2 * _FEWEST_PAIRS * self._longest_trial_s())
 
     def _affordable_pairs(self, most: int, *, comparisons: int) -> int:
         """The pairs that the rest of the time allows, shared by some comparisons."""

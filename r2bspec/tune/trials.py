@@ -38,9 +38,7 @@ from r2bspec.plan.time_estimate import estimate_time
 from r2bspec.plan.tuning_space import Deployment
 from r2bspec.record.run_folder import open_run
 from r2bspec.report.anatomy_table import anatomies_of
-from r2bspec.tune.errors import TuningError
-from r2bspec.tune.machine import Goal, Measurement, Pairs, Start
-from r2bspec.tune.requirement_margins import margins_of
+from r2bspec.tune.machine import Goal, Measurement, Pairs, Start, TuningError, margins_of
 from r2bspec.tune.tuning_result import Gain
 
 _SMOKE_FACTOR: Final = 3.0
@@ -140,11 +138,7 @@ class RealMachine(ABC):
             )
         found |= self._broken_by_smoke(runs)
         found |= self._played({start: run for start, run in runs.items() if start not in found})
-        again = {
-            start: runs[start]._replace(anatomy=False)
-            for start, seen in found.items()
-            if seen.state == "invalid"
-        }
+        again = {start: runs[start] for start, seen in found.items() if seen.state == "invalid"}
         found |= self._played(again)
         for start, seen in found.items():
             if seen.state == "refused" and not start.deployment.choices:

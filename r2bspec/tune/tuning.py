@@ -6,12 +6,14 @@ import contextlib
 import datetime
 from collections.abc import Callable
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
 import msgspec
 
 from r2bspec import api
+from r2bspec.diagnostics.quote import quoted_list
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.execute.processes.machine import describe_machine
 from r2bspec.execute.progress import Progress
@@ -21,16 +23,14 @@ from r2bspec.plan.tuning_space import Deployment
 from r2bspec.private_files import private_files
 from r2bspec.record.files import FolderTakenError, write_atomically
 from r2bspec.record.run_folder import open_run
-from r2bspec.tune.errors import TuningError, require_extra
 from r2bspec.tune.fleet_machine import FleetHosts, FleetMachine
 from r2bspec.tune.launch_file import launch_files
-from r2bspec.tune.machine import goal_of
+from r2bspec.tune.machine import TuningError, goal_of
 from r2bspec.tune.predict import Predictor
 from r2bspec.tune.search import Forecast, Predict, Search, SearchListener, SearchSettings
 from r2bspec.tune.trials import RealMachine, ThisMachine
-from r2bspec.tune.tuning_file import read_tuning, write_tuning
 from r2bspec.tune.tuning_page import to_html
-from r2bspec.tune.tuning_result import Trial, TuningResult
+from r2bspec.tune.tuning_result import Trial, TuningResult, read_tuning, write_tuning
 
 TRIALS_FOLDER: Final = "trials"
 PAGE_FILE: Final = "tuning.html"
@@ -107,7 +107,7 @@ def tune(
         FolderTakenError: the folder has files, and no search is resumed.
         InterruptedRunError: a signal ended a run; the search can be resumed.
     """
-    require_extra()
+    _require_extra()
     facts = fleet.scheduling if fleet is not None else None
     space = api.tuning_space(prepared, selection, facts=facts)
     if not any(objective.level == "error" for objective in prepared.plan.objectives.values()):
@@ -162,6 +162,20 @@ def tune(
             _write_launch_files(folder, machine, result)
         write_atomically(folder / PAGE_FILE, to_html(result))
     return result
+
+
+def _require_extra() -> None:
+    """See that the extra `tune` is installed, before anything is played.
+
+    Raises:
+        TuningError: a part of it is missing.
+    """
+    missing = [name for name in ("jinja2", "matplotlib", "optuna") if find_spec(name) is None]
+    if missing:
+        raise TuningError(
+            f"the search needs {quoted_list(missing)}, which this installation does not have",
+            hint="Install it: pip install 'r2bspec[tune]'.",
+        )
 
 
 def _write_launch_files(folder: Path, machine: RealMachine, result: TuningResult) -> None:

@@ -106,7 +106,8 @@ def _trade_off(result: TuningResult, measured: Sequence[Trial]) -> chart.Chart:
         axes.margins(x=0.12, y=0.15)
         axes.set_xlabel("furthest requirement, % of its limit")
         axes.set_ylabel(printable(clip(f"{result.goal}, {unit}", _MAX_NAME)))
-        axes.legend(loc="lower right")
+        # Above: deployments may be anywhere, and those that lose messages are at the right end.
+        axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=len(_MARKS))
         _mark(axes, result, measured, points, set(front))
         sketch.note = " ".join(_notes(result, measured))
 

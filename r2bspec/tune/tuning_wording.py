@@ -1,4 +1,4 @@
-"""What is said of a search, the same in the terminal, in Markdown and on the page.
+"""What is said of a space and of a search, the same in the terminal, in Markdown and on the page.
 
 What the winner gives is claimed from the interleaved pairs alone: the cheapest of many trials is
 cheap by luck, too, so that what the search saw of it is shown beside, and never as the result.
@@ -7,12 +7,14 @@ cheap by luck, too, so that what the search saw of it is shown beside, and never
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
 from r2bspec.diagnostics.quote import pluralize
 from r2bspec.judge.measure.units import show
 from r2bspec.plan.time_estimate import time_text
+from r2bspec.plan.tuning_space import Lever, Setting, TuningSpace
 from r2bspec.tune.machine import Pairs
 from r2bspec.tune.tuning_result import (
     MAX_EXCESS,
@@ -47,7 +49,8 @@ def _worst(trial: Trial) -> RequirementMargin:
 
 def margin_text(margin: RequirementMargin) -> str:
     """A requirement, its metric, and how far that is from the limit."""
-    text = f"{margin.text}: {show(margin.estimate, margin.unit)}"
+    is_lost = margin.estimate is None and margin.outcome == "fail"
+    text = f"{margin.text}: {'lost' if is_lost else show(margin.estimate, margin.unit)}"
     if not margin.estimate or abs(margin.excess) >= MAX_EXCESS:
         return text
     off = _percent(abs(math.expm1(margin.excess))).lstrip("+")
@@ -164,7 +167,7 @@ def _rank(trial: Trial) -> tuple[int, float, float, int]:
     return _ORDER.index(trial.state), excess, cost, trial.number
 
 
-GAIN_HEADER: Final = ("change", "before", "after", "gain", "95 % interval", "pairs")
+GAIN_HEADER: Final = ("lever", "before", "after", "change", "95 % interval", "pairs")
 
 
 class GainTable(NamedTuple):
@@ -256,3 +259,43 @@ def remarks(result: TuningResult) -> Iterator[tuple[str, Sequence[str]]]:
     ):
         if sentences:
             yield title, sentences
+
+
+_WIDTH: Final = 100
+
+
+def space_text(space: TuningSpace) -> str:
+    """The levers, each with its settings, today's first; then what is left out and why."""
+    return "".join(f"{line}\n" for line in _space_lines(space))
+
+
+def _space_lines(space: TuningSpace) -> Iterator[str]:
+    yield (
+        f"{pluralize(space.size, 'deployment')}, today's among them, of "
+        f"{pluralize(len(space.levers), 'lever')}; today's setting comes first"
+    )
+    yield ""
+    deciding = {name for lever in space.levers for name in lever.only_with}
+    for lever in space.levers:
+        texts = [_setting_text(each) for each in lever.settings]
+        if lever.name in deciding:
+            yield lever.name
+            yield from (f"  {place}: {text}" for place, text in enumerate(texts))
+            continue
+        line = f"{lever.name}: {' | '.join(texts)}{_condition_text(lever)}"
+        yield from textwrap.wrap(line, _WIDTH, subsequent_indent="    ", break_on_hyphens=False)
+    if space.left_out:
+        yield ""
+        yield "Left out:"
+        for reason in space.left_out:
+            yield from textwrap.wrap(reason, _WIDTH, initial_indent="  ", subsequent_indent="    ")
+
+
+def _setting_text(setting: Setting) -> str:
+    return f"{setting.text} ({setting.for_others})" if setting.for_others else setting.text
+
+
+def _condition_text(lever: Lever) -> str:
+    """The settings of other levers with which it has an effect, by their numbers."""
+    conditions = (f"{name} {', '.join(map(str, at))}" for name, at in lever.only_with.items())
+    return "".join(f"; with {condition} only" for condition in conditions)

@@ -52,9 +52,9 @@ from r2bspec.record.files import RecordError
 from r2bspec.record.run_folder import open_run
 from r2bspec.report.finding_formats import FORMATS, render
 from r2bspec.tune.predict import predict_deployment
-from r2bspec.tune.tuning_file import TUNING_FILE, read_tuning, to_json
 from r2bspec.tune.tuning_page import to_html
 from r2bspec.tune.tuning_report import print_tuning
+from r2bspec.tune.tuning_result import TUNING_FILE, read_tuning, to_json
 from run_simulation import renew_digests
 from simulated_anatomies import CHAIN, ObservedSimulation
 

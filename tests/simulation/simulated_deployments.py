@@ -226,7 +226,7 @@ class _Watch(SearchListener):
 
     def found(self, result: TuningResult) -> None:
         self.trials = len(result.trials)
-        if self._graph.is_near(result.trials[-1].deployment, self._best):
+        if result.trials and self._graph.is_near(result.trials[-1].deployment, self._best):
             raise _NearBestError
 
 

@@ -52,13 +52,14 @@ def _types() -> Any:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-def image(number: int, stamp_ns: int) -> bytes:
+def image(number: int, stamp_ns: int, size: tuple[int, int] = (WIDTH, HEIGHT)) -> bytes:
     """A serialised Image, filled with its number."""
+    width, height = size
     types = _types().types
     stamp = types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 10**9))
     header = types["std_msgs/msg/Header"](stamp, "camera")
-    pixels = np.full(WIDTH * HEIGHT * 3, number % 256, np.uint8)
-    message = types[IMAGE](header, HEIGHT, WIDTH, "rgb8", 0, WIDTH * 3, pixels)
+    pixels = np.full(width * height * 3, number % 256, np.uint8)
+    message = types[IMAGE](header, height, width, "rgb8", 0, width * 3, pixels)
     return bytes(_types().serialize_cdr(message, IMAGE))
 
 
@@ -67,7 +68,9 @@ def text(words: str) -> bytes:
     return bytes(_types().serialize_cdr(_types().types[STRING](data=words), STRING))
 
 
-def write_bag(folder: Path, topics: Mapping[str, Sequence[int]]) -> Path:
+def write_bag(
+    folder: Path, topics: Mapping[str, Sequence[int]], size: tuple[int, int] = (WIDTH, HEIGHT)
+) -> Path:
     """Write a bag of images, one for each stamp in milliseconds; of strings for ``/text``."""
     with Writer(folder, version=9) as writer:
         rows = []
@@ -76,7 +79,7 @@ def write_bag(folder: Path, topics: Mapping[str, Sequence[int]]) -> Path:
             connection = writer.add_connection(topic, kind, typestore=_types())
             for number, stamp_ms in enumerate(stamps_ms):
                 stamp_ns = START_NS + stamp_ms * 1_000_000
-                data = text(f"{number}") if kind == STRING else image(number, stamp_ns)
+                data = text(f"{number}") if kind == STRING else image(number, stamp_ns, size)
                 rows.append((stamp_ns, connection, data))
         for stamp_ns, connection, data in sorted(rows, key=lambda row: row[0]):
             writer.write(connection, stamp_ns, data)
@@ -211,10 +214,15 @@ class Finished:
 class Bench:
     """A folder with a bag and specs, and the runs that are made of them."""
 
-    def __init__(self, folder: Path, topics: Mapping[str, Sequence[int]] | None = None) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        topics: Mapping[str, Sequence[int]] | None = None,
+        size: tuple[int, int] = (WIDTH, HEIGHT),
+    ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
-        self.bag = write_bag(folder / "bag", topics or {"/camera": range(0, 330, 33)})
+        self.bag = write_bag(folder / "bag", topics or {"/camera": range(0, 330, 33)}, size)
         self.run_ids: set[str] = set()
         self._numbers = iter(range(1, 1_000))
         _benches.append(self)

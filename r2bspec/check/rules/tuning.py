@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from msgspec.structs import replace
@@ -12,7 +12,7 @@ from r2bspec.check.check_context import Context, DocumentFiles
 from r2bspec.check.rule import Finding, Findings, rule
 from r2bspec.diagnostics.diagnostic import Certainty, Diagnostic, Path, Severity, format_path
 from r2bspec.diagnostics.quote import pluralize, quote, quoted_list, suggestion
-from r2bspec.judge.measure.metric_catalogue import MetricError, resolve
+from r2bspec.judge.measure.metric_catalogue import MetricError, Subjects, resolve
 from r2bspec.language.declaration import ValueRule, rule_at
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import MapNode, to_plain, without
@@ -174,16 +174,31 @@ def tune_metric_unknown(context: Context) -> Findings:
     """Metrics to minimize that do not exist, are better when larger, or are of no one monitor."""
     if not _is_written(context):
         return
-    problem = _metric_problem(context)
+    spec = context.spec
+    problem = goal_problem(
+        spec.tune.minimize,
+        list(spec.outputs),
+        context.subjects,
+        is_observed=bool(spec.benchmark.anatomy),
+    )
     if problem is not None:
         message, help_text = problem
         yield Finding(message=message, path=("tune", "minimize"), help=help_text)
 
 
-def _metric_problem(context: Context) -> tuple[str, str] | None:
-    spec = context.spec
+def goal_problem(
+    metric: str, monitors: Sequence[str], subjects: Subjects, *, is_observed: bool
+) -> tuple[str, str] | None:
+    """Why a search cannot minimize a metric, and what to do; None if it can.
+
+    Args:
+        metric: as a requirement names it.
+        monitors: of the spec.
+        subjects: that metrics can be of.
+        is_observed: whether every start is observed from inside.
+    """
     try:
-        monitor, info = resolve(spec.tune.minimize, spec.outputs, context.subjects)
+        monitor, info = resolve(metric, monitors, subjects)
     except MetricError as error:
         help_text = f"did you mean {quote(error.suggestion)}?" if error.suggestion else ""
         return str(error), help_text or f"known are {quoted_list(error.known)}"
@@ -192,16 +207,15 @@ def _metric_problem(context: Context) -> tuple[str, str] | None:
             f"{quote(info.name)} is better when it is larger",
             "require it in 'slos', and minimize cpu.graph.mean or latency.p99",
         )
-    if info.scope == "anatomy" and not spec.benchmark.anatomy:
+    if info.scope == "anatomy" and not is_observed:
         return (
             f"{quote(info.name)} is not observed",
             "write 'benchmark: {anatomy: true}', or use a metric of a monitor",
         )
     if info.scope == "monitor" and monitor is None:
-        first = next(iter(spec.outputs))
         return (
-            f"{quote(info.name)} is of every monitor: {quoted_list(spec.outputs)}",
-            f"select one, for example {quote(f'{first}.{info.name}')}",
+            f"{quote(info.name)} is of every monitor: {quoted_list(monitors)}",
+            f"select one, for example {quote(f'{monitors[0]}.{info.name}')}",
         )
     return None
 

@@ -20,9 +20,8 @@ from r2bspec.fleet.fleet_runs import EndedRun, FleetRun
 from r2bspec.fleet.hosts import ANY, HostFacts
 from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.plan.tuning_space import Choice, Deployment, Setting
-from r2bspec.tune.errors import TuningError
 from r2bspec.tune.fleet_machine import FleetHosts, FleetMachine, hosts_of_one_class
-from r2bspec.tune.machine import Start, goal_of
+from r2bspec.tune.machine import Start, TuningError, goal_of
 from ros_runs import Bench, relay_spec
 
 OTHER = Deployment(
@@ -98,6 +97,15 @@ def test_what_a_host_refuses_is_a_result_unless_it_is_the_spec_itself(fleet: Giv
     assert (seen.state, seen.reason) == ("refused", "R2B637: the policy fifo is not permitted")
     with pytest.raises(TuningError, match="refused as it is: R2B637: the policy"):
         fleet.measure([Start(Deployment(), "1")])
+
+
+def test_todays_deployment_is_observed_from_inside_when_it_is_started_again(
+    fleet: GivenFleet,
+) -> None:
+    fleet.error = HostLostError("the host a left the fleet")
+    fleet.measure([Start(Deployment(), "1"), Start(OTHER, "2")])
+    assert [run.folder.name for run in fleet.made] == ["1", "2"]
+    assert [run.options for run in fleet.made] == [{"anatomy": True}, {"anatomy": False}]
 
 
 def test_pairs_go_to_a_host_as_a_comparison(fleet: GivenFleet) -> None:

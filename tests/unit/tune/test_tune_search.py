@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import pytest
+from msgspec.structs import replace
 
 from r2bspec.plan.tuning_space import Deployment, Lever, Setting, TuningSpace
 from r2bspec.tune.machine import Measurement, Pairs, Start
@@ -225,6 +226,89 @@ def test_a_gain_that_pairs_do_not_show_is_not_claimed() -> None:
     machine = Lucky(lambda deployment: played(0.9 if "qos" in changed(deployment) else 1.0))
     found = Search(BLANK, machine, SETTINGS).run()
     assert found.outcome == "not shown"
+
+
+class Borderline(GivenMachine):
+    """A machine on which the threads keep the limit in single starts, and not in pairs."""
+
+    def compare(
+        self, base: Deployment, head: Deployment, pairs: int, name: str, lever: str = ""
+    ) -> Pairs:
+        seen = super().compare(base, head, pairs, name, lever)
+        missed = replace(margin(0.01), outcome="inconclusive")
+        return replace(seen, margins=(missed,)) if "threads" in changed(head) else seen
+
+
+def borderline(deployment: Deployment) -> Measurement:
+    """Today's misses the limit; two levers help alone, of which threads are the cheaper one."""
+    levers = changed(deployment)
+    cost = 2.0 if "placement" in levers else 1.5 if "threads" in levers else 1.0
+    return played(cost + 0.1 * ("qos" in levers), -0.5 if levers & {"placement", "threads"} else 1)
+
+
+def test_the_next_best_deployment_is_compared_where_pairs_refute_the_best() -> None:
+    machine = Borderline(borderline)
+    found = Search(BLANK, machine, SETTINGS).run()
+    assert found.outcome == "meets"
+    assert found.winner is not None
+    assert changed(found.winner) == {"placement"}
+    assert [each.outcome for each in found.requirements] == ["pass"]
+    assert any("threads: other meets latency.p99 < 50 ms" in note for note in found.notes)
+
+
+def test_no_other_deployment_is_compared_without_the_time_for_it() -> None:
+    machine = Borderline(borderline)
+    settings = SearchSettings(trials=8, budget_s=250.0, pairs=5)
+    found = Search(BLANK, machine, settings).run()
+    assert machine.seconds <= settings.budget_s
+    assert found.outcome == "not shown"
+    assert found.proof is not None
+    assert "do not show that it meets" in found.reason
+
+
+def test_a_start_that_does_not_decide_is_not_said_to_miss() -> None:
+    def answer(deployment: Deployment) -> Measurement:
+        near = replace(margin(-0.01), outcome="inconclusive")
+        seen = played(1.0)
+        return seen if changed(deployment) else replace(seen, margins=(near,))
+
+    found, _ = search(lambda one: replace(answer(one), cost=0.5 if changed(one) else 1.0))
+    assert found.outcome == "improved"
+    found, _ = search(lambda one: replace(answer(one), cost=0.99 if changed(one) else 1.0))
+    assert (found.outcome, found.reason) == (
+        "meets",
+        "The deployment meets the objectives; of today's, one start does not decide.",
+    )
+
+
+def test_time_is_kept_for_a_proof_only_once_there_is_something_to_prove() -> None:
+    settings = SearchSettings(trials=8, budget_s=150.0, pairs=5)
+    nothing, machine = search(lambda _: played(1.0, 0.5), settings)
+    something, _ = search(
+        lambda deployment: played(1.0, -0.5 if changed(deployment) else 0.5), settings
+    )
+    assert len(nothing.trials) == 8 > len(something.trials)
+    assert nothing.outcome == "not met"
+    assert machine.seconds <= settings.budget_s
+
+
+def test_a_search_that_is_interrupted_in_its_first_trial_can_be_resumed() -> None:
+    class Kept(SearchListener):
+        first: TuningResult | None = None
+
+        def found(self, result: TuningResult) -> None:
+            self.first = self.first or result
+
+    def interrupted(_: Deployment) -> Measurement:
+        raise KeyboardInterrupt
+
+    listener = Kept()
+    with pytest.raises(KeyboardInterrupt):
+        search(interrupted, listener=listener)
+    assert listener.first is not None
+    assert listener.first.outcome == "incomplete"
+    found, _ = search(lambda _: played(1.0), trials=listener.first.trials)
+    assert len(found.trials) == SPACE.size
 
 
 def test_the_budget_holds_and_leaves_time_for_the_proof() -> None:

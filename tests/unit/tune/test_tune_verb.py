@@ -81,3 +81,24 @@ def test_a_search_that_is_interrupted_says_how_it_goes_on(
 def test_hosts_are_those_of_a_fleet(spec: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["tune", str(spec), "--hosts", "a"]) == ExitStatus.USAGE
     assert "need --on" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("metric", "way_out"),
+    [
+        ("throughput.mean", "is better when it is larger"),
+        ("relay.callback.p99", "is not observed"),
+        ("cpu.nobody.mean", "there is no metric"),
+    ],
+)
+def test_what_cannot_be_minimized_is_refused_before_anything_is_played(
+    spec: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], metric: str, way_out: str
+) -> None:
+    folder = tmp_path / "search"
+    words = ["tune", str(spec), "--quiet", "--output", str(folder), "--minimize", metric]
+    assert main(words) == ExitStatus.USAGE
+    shown = capsys.readouterr().err
+    assert f"{metric} cannot be minimized" in shown
+    assert way_out in shown
+    assert "help:" in shown
+    assert not folder.exists()

@@ -11,8 +11,7 @@ import pytest
 
 import tuning_results
 from r2bspec.record.files import RecordError
-from r2bspec.tune.tuning_file import TUNING_FILE, read_tuning, to_json, write_tuning
-from r2bspec.tune.tuning_result import TuningResult
+from r2bspec.tune.tuning_result import TUNING_FILE, TuningResult, read_tuning, to_json, write_tuning
 
 
 @pytest.mark.parametrize("made", [tuning_results.improved, tuning_results.not_met,
