@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from r2bspec.language.spec import ProcessSettings
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
 from r2bspec.tune.observed_graph import NotKnownError, ObservedProcess, ObservedSegment
 from r2bspec.tune.queue_model import ExecutorModel, GraphModel, Observed, Reaction, Seconds
@@ -20,8 +21,15 @@ _SAME_FIELDS: Final = (
 )
 """Of a plan: what the model does not know the effect of."""
 
-_SAME_SETTINGS: Final = ("env", "nice", "scheduling", "join")
-"""Of a process: likewise."""
+_KNOWN_SETTINGS: Final = frozenset({"cpus", "executor", "threads"})
+"""Of a process: what the model knows the effect of."""
+
+_SAME_SETTINGS: Final = (
+    *(name for name in ProcessSettings.__struct_fields__ if name not in _KNOWN_SETTINGS),
+    "env",
+    "join",
+)
+"""Of a process: the rest."""
 
 _FURTHER_NODE: Final = 0.15
 """By how much each further node makes the executor's own work longer: its entities are waited for,

@@ -6,11 +6,11 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.measure.anatomy_summary import AnatomySummary
 from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse
 from r2bspec.judge.measure.matching import (
     NO_MATCH,
@@ -32,6 +32,9 @@ from r2bspec.judge.measure.times import (
 )
 from r2bspec.record.run_record import RunRecord, Segment
 from r2bspec.record.sample_arrays import Rows
+
+if TYPE_CHECKING:
+    from r2bspec.judge.measure.anatomy_summary import AnatomySummary
 
 
 @dataclass(frozen=True)

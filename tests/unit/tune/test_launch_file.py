@@ -14,6 +14,7 @@ import pytest
 from launch_stand_in import described
 from plans import node_plan, process_plan
 from r2bspec import api
+from r2bspec.language.spec import ProcessSettings
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
 from r2bspec.tune.launch_file import LAUNCH_FILE, NODES_FILE, launch_files
 
@@ -128,6 +129,12 @@ def test_what_a_launch_file_cannot_say_is_in_comments(plan: Plan, tmp_path: Path
 
 
 HOSTILE = '\'"""\n\\ {x} %s\r\u2028\x00\u202e#'
+
+
+def test_no_setting_of_a_process_is_lost() -> None:
+    """A new one belongs into `_scheduling_words`, the program of Python nodes, or `_not_here`."""
+    launched = {"cpus", "nice", "scheduling", "executor", "threads"}
+    assert set(ProcessSettings.__struct_fields__) == launched
 
 
 def test_everything_from_a_plan_is_data(plan: Plan, tmp_path: Path) -> None:
