@@ -28,11 +28,12 @@ class Source(Node):
         self.create_timer(0.05, self.tick)
 
     def tick(self):
-        message = Image()
+        is_event = self.ticks % 4 == 0
+        message = Image(height=int(is_event))
         self.old.publish(message)
         message.header.stamp = self.get_clock().now().to_msg()
         self.image.publish(message)
-        self.text.publish(String(data="y" if self.ticks % 4 == 0 else "x"))
+        self.text.publish(String(data="y" if is_event else "x"))
         self.ticks += 1
 """
 
@@ -54,7 +55,7 @@ SPEC: dict[str, Any] = {
         "reacts": {
             "topic": "output",
             "format": IMAGE,
-            "reaction": {"when": "header.stamp > 0", "from": "data == 'y'", "input": "text"},
+            "reaction": {"when": "height > 0", "from": "data == 'y'", "input": "text"},
         },
     },
     "benchmark": {
