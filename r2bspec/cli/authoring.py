@@ -22,6 +22,7 @@ from r2bspec.safe_io.limits import MAX_IGNORE_FILE_BYTES
 
 _SCHEMA = "r2bspec-v1.schema.json"
 _DEFAULT_NAME = "my_benchmark"
+_SLOS = re.compile("^slos:", re.MULTILINE)
 
 
 class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
@@ -175,7 +176,8 @@ def init_command(
         echo(f"  {why_no_topics}")
     echo(f"created {spec_file}, and {schema} for editors. Next:")
     echo(f"  r2bspec validate {spec_file}    checks it")
-    echo(f"  r2bspec run {spec_file}         runs it and judges it by its 'slos:'")
+    judges = "judges it by its 'slos:'" if _SLOS.search(text) else "judges nothing: add 'slos:'"
+    echo(f"  r2bspec run {spec_file}         runs it and {judges}")
     if _git_would_add_runs():
         echo("Runs are stored below runs/, which git does not ignore yet:")
         echo("  echo runs/ >> .gitignore")

@@ -110,10 +110,11 @@ def command(
     from r2bspec.report.terminal import standard_output
     from r2bspec.tune.fleet_machine import fleet_hosts
     from r2bspec.tune.search import SearchSettings
-    from r2bspec.tune.tuning import tune
+    from r2bspec.tune.tuning import require_extra, tune
     from r2bspec.tune.tuning_report import print_tuning
     from r2bspec.tune.tuning_result import to_json
 
+    require_extra()
     declared = prepared.loaded.spec.tune if prepared.loaded and prepared.loaded.spec else None
     if declared is None:
         raise click.UsageError(f"{spec} is a plan, whose deployment is fixed: give the spec")

@@ -88,7 +88,8 @@ def tune(
 ) -> TuningResult:
     """Search for the deployment that meets the objectives of a spec at the least cost.
 
-    The caller has the lock of the host, unless a fleet makes the runs.
+    The caller has seen that the extra is there (`require_extra`), and has the lock of the host,
+    unless a fleet makes the runs.
 
     Args:
         selection: of the spec.
@@ -102,12 +103,10 @@ def tune(
         resume: go on with the search whose trials the folder has.
 
     Raises:
-        TuningError: the spec has no objective, or nothing that can be deployed in another way, or
-            the extra `tune` is not installed.
+        TuningError: the spec has no objective, or nothing that can be deployed in another way.
         FolderTakenError: the folder has files, and no search is resumed.
         InterruptedRunError: a signal ended a run; the search can be resumed.
     """
-    _require_extra()
     facts = fleet.scheduling if fleet is not None else None
     space = api.tuning_space(prepared, selection, facts=facts)
     if not any(objective.level == "error" for objective in prepared.plan.objectives.values()):
@@ -164,8 +163,8 @@ def tune(
     return result
 
 
-def _require_extra() -> None:
-    """See that the extra `tune` is installed, before anything is played.
+def require_extra() -> None:
+    """See that the extra `tune` is installed, before anything is waited for.
 
     Raises:
         TuningError: a part of it is missing.

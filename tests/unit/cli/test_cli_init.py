@@ -145,3 +145,29 @@ def test_the_node_under_test_can_be_named() -> None:
     text = Path("camera.r2b.yaml").read_text(encoding="utf-8")
     assert '    brightness:\n      python: "./brightness.py:Brightness"\n' in text
     assert {one.severity for one in validate(Path("camera.r2b.yaml"))} <= {"warning"}
+
+
+NODE = """
+from rclpy.node import Node
+from std_msgs.msg import String
+
+
+class Talks(Node):
+    def __init__(self, **kwargs):
+        super().__init__("talks", **kwargs)
+        self.out = self.create_publisher(String, "out", 10)
+        self.create_subscription(String, "in", self.out.publish, 10)
+"""
+
+
+@pytest.mark.parametrize(
+    ("words", "judged"),
+    [(("--node", "./talks.py:Talks"), "judges nothing: add 'slos:'"), ((), "by its 'slos:'")],
+)
+def test_a_spec_without_objectives_is_not_said_to_judge(
+    words: tuple[str, ...], judged: str, call: Call
+) -> None:
+    Path("talks.py").write_text(NODE)
+    said = call("init", "talks", *words, status=0).out
+    assert judged in said
+    assert ("\nslos:" in Path("talks.r2b.yaml").read_text()) == (not words)
