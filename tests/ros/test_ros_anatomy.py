@@ -93,6 +93,29 @@ def test_one_more_iteration_shows_where_the_time_goes(bench: Bench) -> None:
     assert_the_graph_is_known(done)
 
 
+def test_one_more_iteration_observes_all_nodes_where_the_others_observe_one(bench: Bench) -> None:
+    spec = chain()
+    spec["benchmark"]["anatomy"] = ["second"]
+    done = bench.run(spec, "--anatomy")
+    done.assert_complete()
+    (counted,), (observed,) = done.segments(), done.segments("anatomy")
+    names = {
+        record.start: {process.name for process in record.processes}
+        for record in done.run().record.anatomies
+    }
+    assert names == {
+        counted.start: {"second", "player", "monitor"},
+        observed.start: {"first", "second", "player", "monitor"},
+    }
+    alone = anatomy_of(done, counted)
+    assert set(alone.nodes) == {"second"}
+    assert alone.paths["out"] == ()
+    assert_parts_are_the_latency(done, observed)
+    (shown,) = done.result()["anatomies"]
+    assert shown["segment"] == observed.id
+    assert [node["name"] for node in shown["nodes"]] == ["first", "second"]
+
+
 def assert_the_graph_is_known(done: Finished) -> None:
     """See that predictions know each node's work, and whom it leads to."""
     # On many cores nothing that the nodes do is taken for waiting for a core.
