@@ -83,7 +83,7 @@ def _asked(events: Events, sends: Ints, takes: Ints) -> Pairs:
     responses, asked = responses[place != NONE], requests[place[place != NONE]]
     # A goal and the request for its result begin with its id, whose number is in their rows.
     place = newest_before(
-        (events.header_ns[requests], _asks_for_result(events, requests)),
+        (events.header_ns[requests], _asks_for_result(events, requests).astype(np.int64)),
         events.ended_ns[requests],
         (events.header_ns[asked], np.zeros(asked.size, np.int64)),
         events.began_ns[responses],
