@@ -285,12 +285,20 @@ def _candidates(
             if not _has_requirement(spec, rate, monitor, family):
                 margin = _margin(calibrations, rate.offered_hz if at else None, monitor)
                 texts = tuple(_latency_texts(rate, monitor, f"{prefix}{family}", margin))
-                if not texts:
-                    notes.append(
-                        f"{where}: it takes {MIN_ITERATIONS} iterations with a latency to see "
-                        "their scatter"
-                    )
-                yield _Candidate(name, at, where, texts)
+                if family == "latency" and spec.outputs[monitor].own_pace:
+                    # What it has instead, its path, is proposed with the parts.
+                    if not rate.pooled.anatomy:
+                        notes.append(
+                            f"{where}: outputs of a pace of their own have none; with 'benchmark: "
+                            f"{{anatomy: true}}', {monitor}.path is proposed"
+                        )
+                else:
+                    if not texts:
+                        notes.append(
+                            f"{where}: it takes {MIN_ITERATIONS} iterations with a {family} to "
+                            "see their scatter"
+                        )
+                    yield _Candidate(name, at, where, texts)
             pooled = rate.pooled.monitors[monitor]
             lost = pooled.drop_rate
             if lost is None or _has_requirement(spec, rate, monitor, "drop_rate"):

@@ -76,6 +76,15 @@ const char *node_name(const void *node)
   return next == NULL ? NULL : next(node);
 }
 
+/* Of an action: what begins with the id of a goal. Status and responses do not. */
+static bool begins_with_goal(const char *name)
+{
+  const char *of_action = name == NULL ? NULL : strstr(name, "/_action/");
+  return of_action != NULL && (strcmp(of_action, "/_action/send_goal") == 0 ||
+                               strcmp(of_action, "/_action/get_result") == 0 ||
+                               strcmp(of_action, "/_action/feedback") == 0);
+}
+
 #define OBJECT(what, kind, name_function, type_of_messages)                                    \
   EXPORTED int rcl_##what##_init(                                                              \
     void *handle, const void *node, const type_support_t *type, const char *name,              \
@@ -87,8 +96,11 @@ const char *node_name(const void *node)
     if (status == 0 && rows_are_open()) {                                                      \
       NEXT(name_t, RCL, name_function);                                                        \
       const uint32_t object = object_add(kind, key_of(handle));                                \
-      object_name(object, next == NULL ? name : next(handle), node_name(node));                \
-      if (object != 0 && (type_of_messages) && begins_with_header(type)) {                     \
+      const char *full_name = next == NULL ? name : next(handle);                              \
+      object_name(object, full_name, node_name(node));                                         \
+      if (object != 0 && begins_with_goal(full_name)) {                                        \
+        object_set(key_of(handle), object | HAS_GOAL);                                         \
+      } else if (object != 0 && (type_of_messages) && begins_with_header(type)) {              \
         object_set(key_of(handle), object | HAS_HEADER);                                       \
       }                                                                                        \
     }                                                                                          \
@@ -148,17 +160,23 @@ int64_t read_stamp(const void *handle, const void *message, enum form form)
 {
   uint32_t words[2] = {0, 0};
   const serialized_t *serialized = (const serialized_t *)message;
-  if (message == NULL || (object_find(key_of(handle)) & HAS_HEADER) == 0) {
+  const uint32_t object = message == NULL ? 0 : object_find(key_of(handle));
+  const bool is_goal = (object & HAS_GOAL) != 0;
+  if (!is_goal && (object & HAS_HEADER) == 0) {
     return 0;
   }
   if (form != SERIALIZED) {
     memcpy(words, form == LOANED ? key_of(message) : message, sizeof(words));
   } else if (serialized->length >= 4 + sizeof(words)) {
     memcpy(words, serialized->buffer + 4, sizeof(words));
-    if ((serialized->buffer[1] & 1) == 0) {
+    if (!is_goal && (serialized->buffer[1] & 1) == 0) {
       words[0] = __builtin_bswap32(words[0]);
       words[1] = __builtin_bswap32(words[1]);
     }
+  }
+  if (is_goal) {
+    /* Half of a random UUID, and no longer than times are. */
+    return (int64_t)(words[1] & UINT32_C(0x3fffffff)) << 32 | words[0];
   }
   return words[1] < NS_PER_S ? (int32_t)words[0] * NS_PER_S + words[1] : 0;
 }
@@ -238,6 +256,7 @@ typedef struct {
     thread_now.taken_from = event.object;                                                      \
     event.source_ns = info->request.number;                                                    \
     event.received_ns = info->received_ns;                                                     \
+    event.header_ns = kind == TAKE_REQUEST ? read_stamp(from, message, STRUCTURE) : 0;         \
     return end_event(kind, &event, status);                                                    \
   }
 
@@ -249,6 +268,7 @@ EXPORTED int rcl_send_request(const void *client, const void *request, int64_t *
   typedef int send_t(const void *, const void *, int64_t *);
   NEXT(send_t, RCL, rcl_send_request);
   row_t event = begin_event(client);
+  event.header_ns = read_stamp(client, request, STRUCTURE);
   const int status = next == NULL ? NOT_FOUND : next(client, request, number);
   event.source_ns = status == 0 ? *number : 0;
   return end_event(SEND_REQUEST, &event, status);

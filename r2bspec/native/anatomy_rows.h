@@ -38,7 +38,8 @@ void rows_add(uint16_t kind, const row_t *event);
 /* What events belong to has a number, from 1 on, and is found by an address. */
 enum { PUBLISHER = 1, SUBSCRIPTION, TIMER_OBJECT, CLIENT, SERVICE, BUFFER };
 #define HAS_HEADER (UINT32_C(1) << 31)
-#define NUMBER(object) ((object) & ~HAS_HEADER)
+#define HAS_GOAL (UINT32_C(1) << 30)
+#define NUMBER(object) ((object) & ~(HAS_HEADER | HAS_GOAL))
 
 /* Adds an object without names; returns its number, or 0 if there is no room or no file. */
 uint32_t object_add(uint32_t kind, const void *key);
@@ -49,7 +50,8 @@ void object_name(uint32_t object, const char *name, const char *node);
 /* Gives one object the names of another. */
 void object_name_like(uint32_t object, uint32_t other);
 
-/* The object of an address, with HAS_HEADER if its messages begin with one; 0 if none is known. */
+/* The object of an address, with what its messages or requests begin with: HAS_HEADER, or HAS_GOAL
+ * for the id of one; 0 if none is known. */
 uint32_t object_find(const void *key);
 
 /* Makes an address lead to an object; 0 makes it lead nowhere. */
@@ -82,7 +84,7 @@ static inline int end_event(uint16_t kind, row_t *event, int status)
 
 enum form { STRUCTURE, LOANED, SERIALIZED };
 
-/* The header stamp of a message in ns, or 0. */
+/* The header stamp of a message in ns, a number of the goal of an action that it is about, or 0. */
 int64_t read_stamp(const void *handle, const void *message, enum form form);
 
 /* The full name of a node, or NULL. */

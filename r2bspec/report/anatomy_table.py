@@ -16,6 +16,10 @@ NODE_COLUMNS: Final = (
     *("node", "load", "threads", "taken", "never taken"),
     *("callback p50", "callback p99", "wait p50", "wait p99"),
 )
+NODES_CAPTION: Final = (
+    "callbacks are whole here, and in paths end with the publication; a load of 100 % is one "
+    "thread in callbacks"
+)
 CALLBACK_COLUMN: Final = NODE_COLUMNS.index("callback p50")
 
 _SMALL: Final = 0.01

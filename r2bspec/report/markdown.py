@@ -159,7 +159,10 @@ def _anatomy(result: Result) -> Iterator[str]:
             rows = [[*map(escaped, row)] for row in anatomy_table.part_rows(path)]
             yield from table(anatomy_table.PART_COLUMNS, rows)
         rows = [[*map(escaped, row)] for row in anatomy_table.node_rows(anatomy)]
-        yield from table(anatomy_table.NODE_COLUMNS, rows) if rows else ()
+        if rows:
+            yield f"Nodes: {escaped(anatomy_table.NODES_CAPTION)}"
+            yield ""
+            yield from table(anatomy_table.NODE_COLUMNS, rows)
         yield from (f"{escaped(note)}  " for note in anatomy_table.anatomy_notes(anatomy))
         yield ""
 

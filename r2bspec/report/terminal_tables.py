@@ -188,7 +188,7 @@ def anatomy_sections(result: Result, *, verbose: bool) -> Iterator[RenderableTyp
         for row in anatomy_table.node_rows(anatomy):
             grid.add_row(*row)
         same = "the same" if first else "one"
-        about = f"in {same} iteration; a load of 100 % is one thread in callbacks"
+        about = f"in {same} iteration; {anatomy_table.NODES_CAPTION}"
         if grid.rows:
             yield Group(heading("nodes", about), grid)
         if lines:

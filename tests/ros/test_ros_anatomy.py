@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from c_nodes import c_node_spec
+from c_nodes import c_node, c_node_spec
 from r2bspec.judge.measure.anatomy import Anatomy
 from r2bspec.judge.measure.observed_runs import join_segment
 from r2bspec.judge.measure.run_samples import match_segment, read_samples
@@ -91,6 +91,29 @@ def test_one_more_iteration_shows_where_the_time_goes(bench: Bench) -> None:
     names = {process.name for process in done.run().record.anatomies[0].processes}
     assert names == {"first", "second", "player", "monitor"}
     assert_the_graph_is_known(done)
+
+
+def test_one_more_iteration_observes_all_nodes_where_the_others_observe_one(bench: Bench) -> None:
+    spec = chain()
+    spec["benchmark"]["anatomy"] = ["second"]
+    done = bench.run(spec, "--anatomy")
+    done.assert_complete()
+    (counted,), (observed,) = done.segments(), done.segments("anatomy")
+    names = {
+        record.start: {process.name for process in record.processes}
+        for record in done.run().record.anatomies
+    }
+    assert names == {
+        counted.start: {"second", "player", "monitor"},
+        observed.start: {"first", "second", "player", "monitor"},
+    }
+    alone = anatomy_of(done, counted)
+    assert set(alone.nodes) == {"second"}
+    assert alone.paths["out"] == ()
+    assert_parts_are_the_latency(done, observed)
+    (shown,) = done.result()["anatomies"]
+    assert shown["segment"] == observed.id
+    assert [node["name"] for node in shown["nodes"]] == ["first", "second"]
 
 
 def assert_the_graph_is_known(done: Finished) -> None:
@@ -187,6 +210,76 @@ def test_a_path_leads_through_a_service_that_a_node_awaits(bench: Bench) -> None
         *("/r2b/answer", "asks", "/r2b/output"),
     )
     assert np.count_nonzero(path.last) == path.seconds.size == STEPS
+
+
+PLANNER = """
+import time
+
+from rclpy.action import ActionServer
+from test_msgs.action import Fibonacci
+
+
+class Planner(Node):
+    def __init__(self, **kwargs):
+        super().__init__("planner", **kwargs)
+        self.server = ActionServer(self, Fibonacci, "/plan", self.plan)
+
+    def plan(self, goal):
+        time.sleep(0.06)
+        goal.publish_feedback(Fibonacci.Feedback())
+        goal.succeed()
+        return Fibonacci.Result()
+"""
+EXECUTION_S = 0.06
+"""Of a goal, here and in nodes_c/planner.c."""
+
+
+@pytest.mark.parametrize(("library", "threads"), [("rclpy", 1), ("rclpy", 3), ("rcl", 1)])
+def test_the_parts_of_a_result_begin_with_its_goal(
+    bench: Bench, library: str, threads: int
+) -> None:
+    pytest.importorskip("test_msgs")
+    bench.write_node("planning.py", PLANNER)
+    server: dict[str, Any] = {"python": "./planning.py:Planner"}
+    if threads > 1:
+        server |= {"executor": "multi_threaded", "threads": threads}
+    if library == "rcl":
+        headers = ("rcl_action", "action_msgs", "unique_identifier_msgs")
+        server = {"command": [str(c_node("planner", "test_msgs", *headers))]}
+    call = {"name": "/plan", "type": "test_msgs/action/Fibonacci"}
+    done = bench.run(
+        {
+            "r2bspec": 1,
+            "name": "actions",
+            "playback": {"calls": {"it": {"action": call}}},
+            "graph": {"nodes": {"server": server}},
+            "benchmark": {"duration": "2 s", "iterations": 1, "starts": 1, "rates": ["10 Hz"]},
+        },
+        "--anatomy",
+    )
+    (observed,) = done.segments("anatomy")
+    (path,) = anatomy_of(done, observed).paths["it"]
+    of_action = "/plan/_action"
+    assert path.hops == ("player", f"{of_action}/send_goal", "server", f"{of_action}/get_result")
+    (monitor,) = (each for each in done.run().plan.monitors if each.name == "it")
+    steps, rows, matching = match_segment(done.run(), observed, monitor)
+    assert path.seconds.size > STEPS // 2
+    # Every goal was sent in its step.
+    place = np.searchsorted(steps["published_ns"], path.began_ns, side="right") - 1
+    assert np.unique(place).size == place.size
+    assert (path.began_ns <= steps["done_ns"][place]).all()
+    answered = matching.answered[place]
+    assert answered.sum() == matching.answered.sum()
+    measured = (rows["received_ns"][matching.first_row] - steps["published_ns"])[place] / 1e9
+    parts = np.sum([np.nan_to_num(part.seconds) for part in path.parts], axis=0)
+    np.testing.assert_allclose(parts, path.seconds, rtol=0, atol=1e-9)
+    assert np.median(parts[answered] / measured[answered]) == pytest.approx(1, rel=0.02)
+    inside = [part for part in path.parts if part.name in {"callback", "held"}]
+    assert {part.owner for part in inside} == {"server"}
+    if threads == 1:
+        inside = [part for part in inside if part.name == "callback"]
+    spent = np.sum([np.nan_to_num(part.seconds) for part in inside], axis=0)
+    assert np.median(spent) >= EXECUTION_S
 
 
 def test_without_a_compiler_nothing_is_started(

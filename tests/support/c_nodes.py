@@ -19,10 +19,11 @@ _LIBRARIES = ("-lrcl", "-lrcutils", "-lrcl_yaml_param_parser", "-pthread")
 
 
 @cache
-def c_node(name: str, messages: str = "sensor_msgs") -> Path:
+def c_node(name: str, messages: str = "sensor_msgs", *packages: str) -> Path:
     """The program of a node, built once; skips the test where no C can be compiled.
 
-    With messages of another package it is no node of images, and has one file.
+    With messages of another package it is no node of images, and has one file. Of further packages
+    it has the headers, and the library of the first.
     """
     try:
         compiler, ros = find_compiler(), find_ros()
@@ -34,9 +35,10 @@ def c_node(name: str, messages: str = "sensor_msgs") -> Path:
         ros,
         kind="program",
         compiler=compiler,
-        packages=(messages, "std_msgs"),
+        packages=(messages, "std_msgs", *packages),
         libraries=(
             *_LIBRARIES,
+            *(f"-l{package}" for package in packages[:1]),
             *(f"-l{messages}__rosidl_{each}_c" for each in ("typesupport", "generator")),
         ),
     )

@@ -2,7 +2,8 @@
 
 The causes of a send, be it a publication, a request or a response, are
 
-* of a response, the request that it answers;
+* of a response, the request that it answers; of the result of an action, the request that brought
+  its goal, because the goal is executed whether or not the result has been asked for;
 * for each subscription of the node, the newest take with its header stamp, if there is one; and
   the take in whose callback it lies;
 * where it lies in no callback, but a take with its header stamp has sent a request: the newest
@@ -70,7 +71,7 @@ Pairs = tuple[Ints, Ints]
 
 
 def _asked(events: Events, sends: Ints, takes: Ints) -> Pairs:
-    """For each response the newest take of the request with its number."""
+    """For each response the newest take of the request with its number, or of its goal."""
     responses = sends[events.kind[sends] == AnatomyKind.SEND_RESPONSE]
     requests = takes[events.kind[takes] == AnatomyKind.TAKE_REQUEST]
     place = newest_before(
@@ -79,7 +80,16 @@ def _asked(events: Events, sends: Ints, takes: Ints) -> Pairs:
         (events.object[responses], events.source[responses]),
         events.began_ns[responses],
     )
-    return responses[place != NONE], requests[place[place != NONE]]
+    responses, asked = responses[place != NONE], requests[place[place != NONE]]
+    # A goal and the request for its result begin with its id, whose number is in their rows.
+    place = newest_before(
+        (events.header_ns[requests], _asks_for_result(events, requests).astype(np.int64)),
+        events.ended_ns[requests],
+        (events.header_ns[asked], np.zeros(asked.size, np.int64)),
+        events.began_ns[responses],
+    )
+    has_goal = _asks_for_result(events, asked) & (events.header_ns[asked] != 0) & (place != NONE)
+    return responses, np.where(has_goal, np.append(requests, NONE)[place], asked)
 
 
 def _asks_for_result(events: Events, takes: Ints) -> Mask:

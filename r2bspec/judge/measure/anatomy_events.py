@@ -142,7 +142,7 @@ class Events:
         began_ns: the begin.
         ended_ns: the end.
         source: the stamp of the middleware; the number of requests and responses.
-        header_ns: the header stamp, or 0.
+        header_ns: the header stamp, a number of the goal of an action, or 0.
         stamped_ns: the header stamp as a time; `UNKNOWN_NS` where there is none.
         send: of a take, the row of its publication, request or response; else `NONE`.
         sent_ns: of a take, when the middleware had its message; `UNKNOWN_NS` where not known.
@@ -401,6 +401,10 @@ def _messages(
     )
     stamped = is_take & (column["received_ns"] != 0)
     received[stamped] = column["received_ns"][stamped] - column["clock_ns"][stamped]
+    # A request, or a response, may arrive before the call that sends it returns.
+    early = matched[~by_stamp[matched] & ~in_buffer[matched] & stamped[matched]]
+    arrived = _believed(received[early], began[send[early]], sent[early])
+    sent[early] = np.where(arrived == UNKNOWN_NS, sent[early], arrived)
     # On one clock with what came before: a message is received after it was sent, and before it
     # is taken, but for the inaccuracy of the clocks.
     floor = np.maximum(sent, np.where(send == NONE, UNKNOWN_NS, began[send]))

@@ -51,7 +51,7 @@ _QUANTILE: Final = 3.6
 _LEAST_SHARE: Final = 0.03
 """Two starts of the same program differ by as much."""
 
-_LEAST_BESIDE: Final = 0.05
+LEAST_BESIDE: Final = 0.05
 """A part that grew by a smaller share of the one that grew most is not said."""
 
 _MOST_PAIRS: Final = 5
@@ -184,7 +184,7 @@ def _in_most(grown: Sequence[Sequence[GrownPart]]) -> Iterator[GrownPart]:
     often.sort(key=lambda named: sum(place for place, _ in named) / len(named))
     middle = [sorted((part for _, part in named), key=_seconds)[len(named) // 2] for named in often]
     largest = max(map(_seconds, middle), default=0.0)
-    return (part for part in middle if part.seconds >= _LEAST_BESIDE * largest)
+    return (part for part in middle if part.seconds >= LEAST_BESIDE * largest)
 
 
 def _seconds(part: GrownPart) -> float:

@@ -5,7 +5,8 @@ predecessors, which keeps most arrows from crossing.
 
 Arrows go around boxes, never through them. A direct curve is taken where it is free. Otherwise an
 arrow leaves its box to the right, goes along a lane between rows of boxes, and enters the next box
-from the left. The gaps between columns have room for the vertical parts.
+from the left. The gaps between columns have room for the vertical parts. Layers that have no room
+beside the others begin a new row; an arrow that passes by a whole row does so on the left of it.
 
 It is a part of the report of a run, and a page of its own: one file, without scripts.
 """
@@ -13,6 +14,7 @@ It is a part of the report of a run, and a page of its own: one file, without sc
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -24,6 +26,9 @@ from r2bspec.report.html.templates import own_style, render_template
 
 _SAMPLES = 40
 _CLEARANCE = 3.0
+
+_NEAR_LANES = 4
+"""Of each end of an arrow, tried for a way along the left side."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +92,13 @@ def route(
         for lane in _lanes((tail, head, *others), (start[1] + end[1]) / 2, row_gap)
     ]
     obstacles = [*others, tail, head]
+    left = min(box.x for box in obstacles) - gap / 2
+    by_tail, by_head = (_lanes(obstacles, y, row_gap)[:_NEAR_LANES] for _, y in (start, end))
+    candidates += [
+        [start, (out_x, start[1]), (out_x, first), (left, first), (left, last), (in_x, last),
+         (in_x, end[1]), end]
+        for first, last in itertools.product(by_tail, by_head)
+    ]  # fmt: skip
     free = (candidate for candidate in candidates if _is_free(_along(candidate[1:-1]), obstacles))
     chosen = next(free, candidates[0])
     return _moves(start) + "".join(f"L{x:.0f} {y:.0f}" for x, y in chosen[1:])
@@ -138,6 +150,8 @@ _PADDING = 8
 _COLUMN_GAP = 34
 _ROW_GAP = 14
 _TITLE_HEIGHT = 26
+_MARGIN = _COLUMN_GAP / 2 + _PADDING
+"""On both sides of all boxes, for arrows that come from another frame, or another row."""
 
 TITLE_X = 28
 """Where the title of a frame begins: to the right of arrows that come from another frame."""
@@ -196,13 +210,16 @@ class Drawing:
     description: str
 
 
-def lay_out(plan: Plan, annotations: Mapping[str, Sequence[str]]) -> Drawing:
+def lay_out(
+    plan: Plan, annotations: Mapping[str, Sequence[str]], width: float = math.inf
+) -> Drawing:
     """Place everything.
 
     Args:
         plan: the plan to draw.
         annotations: lines to add below the name of a box, by that name; those of a topic by
             ``topic NAME``, because a node may have the same name.
+        width: in pixels, within which layers are placed beside each other, if one has room.
     """
     sketch = figure(plan)
     y, widest = 2.0, 0.0
@@ -213,10 +230,9 @@ def lay_out(plan: Plan, annotations: Mapping[str, Sequence[str]]) -> Drawing:
         if not boxes:
             continue
         top = y + (_TITLE_HEIGHT if title else 0)
-        # Room on the left for arrows that come from another frame.
-        layers = _layers(boxes, sketch.arrows, annotations, _COLUMN_GAP / 2 + _PADDING, top)
+        layers = _layers(boxes, sketch.arrows, annotations, (_MARGIN, width - _MARGIN - 2), top)
         placed |= layers
-        right = max(box.right for box in layers.values()) + _COLUMN_GAP / 2 + _PADDING
+        right = max(box.right for box in layers.values()) + _MARGIN
         bottom = max(box.bottom for box in layers.values()) + _PADDING
         if title:
             frames.append(PhaseFrame(0, y, right, bottom - y, title))
@@ -244,14 +260,14 @@ def _layers(
     boxes: Sequence[FigureBox],
     arrows: Sequence[Arrow],
     annotations: Mapping[str, Sequence[str]],
-    left: float,
+    sides: tuple[float, float],
     top: float,
 ) -> dict[str, PlacedBox]:
     boxes_by_id = {box.id: box for box in boxes}
     feeds = [(a.tail, a.head) for a in arrows if a.tail in boxes_by_id and a.head in boxes_by_id]
     layer = _layer_indices([*boxes_by_id], feeds)
     placed: dict[str, PlacedBox] = {}
-    x = left
+    x = sides[0]
     for number in range(max(layer.values()) + 1):
         column = [box for box in boxes if layer[box.id] == number]
         column.sort(key=lambda box: _mean_predecessor_y(box.id, feeds, placed))
@@ -259,6 +275,8 @@ def _layers(
         width = (
             max(len(text) for lines in shown for text in lines) * _CHARACTER_WIDTH + 2 * _PADDING
         )
+        if x > sides[0] and x + width > sides[1]:
+            x, top = sides[0], max(box.bottom for box in placed.values()) + 2 * _ROW_GAP
         y = top
         for box, lines in zip(column, shown, strict=True):
             placed[box.id] = _place_box(box, lines, x, y, width)

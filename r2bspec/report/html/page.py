@@ -47,6 +47,10 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 
+_GRAPH_WIDTH = 990
+"""Pixels: what a figure of the page is wide, where the window has the room."""
+
+
 class Numbers:
     """Writes a value of the result as ``<data value="0.0123" data-path="…">12.3 ms</data>``.
 
@@ -153,7 +157,9 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         ),
         "monitors": monitors,
         "processes": processes,
-        "graph": lay_out(report_input.run.plan, _annotations(result, report_input.run.plan))
+        "graph": lay_out(
+            report_input.run.plan, _annotations(result, report_input.run.plan), _GRAPH_WIDTH
+        )
         if report_input.run
         else None,
         "charts": {

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 
 from pair_simulation import latencies
@@ -19,6 +20,7 @@ from r2bspec.compare.history_gate import (
     grown_since,
     history_entry,
     run_with_baseline,
+    unnamed_growth,
     write_baseline,
 )
 from r2bspec.compare.report_input import ReportInput
@@ -27,7 +29,7 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import InconclusivePolicy
 from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import GatePlan, Plan
-from r2bspec.record.baseline_file import BaselineRecord
+from r2bspec.record.baseline_file import BaselineRecord, BaselineSeries
 from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.report.format_registry import renderer
 from r2bspec.report.terminal import to_text
@@ -284,3 +286,68 @@ def test_the_part_that_grew_since_a_history_is_named(tmp_path: Path) -> None:
     assert grown[0].startswith("blur: callback +7")
     same = observed_run(tmp_path / "same", 0.004, 6)
     assert grown_since(baseline_from_history(history, same), same) == ()
+
+
+def scattered(run: Run, deviation: float, seed: int, runs: int = 5) -> BaselineRecord:
+    """A history of runs like one, which differ by so much: the deviation of their logarithms."""
+    random = np.random.default_rng(seed)
+    return BaselineRecord(
+        kind="history",
+        source="history.sqlite",
+        run_ids=tuple(f"run-{number}" for number in range(runs)),
+        series=tuple(
+            BaselineSeries(
+                at_hz=stored.at_hz,
+                monitor=stored.monitor,
+                metric=stored.metric,
+                values=tuple(stored.value * np.exp(random.normal(0, deviation, runs))),
+            )
+            for stored in history_entry(run, result_of(run)).metrics
+            if stored.value
+        ),
+    )
+
+
+def test_a_clear_growth_is_named_where_runs_differ_and_said_not_to_be_where_they_differ_more(
+    tmp_path: Path,
+) -> None:
+    base = observed_run(tmp_path / "base", 0.004, 1)
+    slow = observed_run(tmp_path / "slow", 0.008, 2)
+    for deviation, named in ((0.03, True), (0.5, False)):
+        for seed in range(20):
+            history = scattered(base, deviation, seed)
+            grown = grown_since(history, slow)
+            assert [text.startswith("blur: callback +") for text in grown[:1]] == [True] * named
+            if not named:
+                (said,) = unnamed_growth(history, slow)
+                assert said.startswith("no part grew beyond the scatter of 5 earlier runs (blur")
+
+
+def test_the_median_of_a_part_is_named_where_its_means_scatter(tmp_path: Path) -> None:
+    """As on a busy machine, where single messages take many times as long."""
+    base = observed_run(tmp_path / "base", 0.004, 1)
+    slow = observed_run(tmp_path / "slow", 0.006, 2)
+    history = scattered(base, 0.01, 3)
+    means = {
+        each.metric: each
+        for each in scattered(base, 0.5, 3).series
+        if each.metric.endswith(".mean")
+    }
+    mixed = [means.get(each.metric, each) for each in history.series]
+    grown = grown_since(msgspec.structs.replace(history, series=tuple(mixed)), slow)
+    assert grown[0].startswith("blur: callback +2.1 ms")
+
+
+def test_a_failed_verdict_says_that_no_part_is_known_to_have_grown(machine: Machine) -> None:
+    def made(service_s: float, seed: int) -> Simulation:
+        graph = replace(CHAIN.with_stage("blur", service_s=service_s), seed=seed)
+        no_regression = {"slo": objective("latency.p50 <= 110 % of baseline", at="100 Hz")}
+        return replace(ObservedInEveryIteration.of(graph), objectives=no_regression)
+
+    for number, service_s in enumerate((0.004, 0.0046, 0.0042, 0.0039, 0.0043)):
+        assert machine.run(made(service_s, number)).grown is msgspec.UNSET
+    result = machine.run(made(0.008, 9), made(0.008, 10))
+    assert result.verdict.outcome == "fail"
+    assert result.grown is not msgspec.UNSET
+    (said,) = result.grown
+    assert said.startswith("no part grew beyond the scatter of 5 earlier runs (blur: callback +")

@@ -90,6 +90,15 @@ def test_one_iteration_shows_no_scatter(tmp_path: Path) -> None:
     assert all("latency" not in text for texts in found.added.values() for text in texts)
 
 
+def test_of_a_pace_of_its_own_no_latency_is_proposed(tmp_path: Path) -> None:
+    """However many iterations it is given, it has none."""
+    text = SPEC.replace("detections: {", "detections: {match: own_pace, ")
+    found = proposed(run_of(tmp_path), text)
+    assert not any("iterations" in note for note in found.notes)
+    assert any("detections.path is proposed" in note for note in found.notes)
+    assert not any("latency" in each for texts in found.added.values() for each in texts)
+
+
 def test_losses(tmp_path: Path) -> None:
     (texts,) = proposed(run_of(tmp_path / "few", lost=3), SPEC).added.values()
     assert "drop_rate <= 2 %" in texts

@@ -242,6 +242,76 @@ def test_requests_that_were_taken_together_cause_their_own_responses_and_no_feed
     }
 
 
+def test_results_begin_with_their_own_goals_however_they_are_asked_for() -> None:
+    script = Script()
+    of_action = "/plan/_action"
+    ends = {
+        what: (("client", name, "/r2bspec/player"), ("service", name, "/r2b/server"))
+        for what in ("send_goal", "get_result")
+        for name in (f"{of_action}/{what}",)
+    }
+    # The second goal is executed first, and its result is asked for under the number of the first.
+    goals = {1: (71, 0), 2: (72, 5)}
+    for number, (goal, at) in goals.items():
+        client, service = ends["send_goal"]
+        script.add(
+            "player", AnatomyKind.SEND_REQUEST, at, at + 2, client, source=number, header=goal
+        )
+        script.add(
+            *("server", AnatomyKind.TAKE_REQUEST, at + 20, at + 22, service),
+            source=number,
+            received=at + 1,
+            header=goal,
+        )
+        script.callback("server", at + 23, at + 24)
+    for number, (goal, at) in enumerate((goals[2], goals[1]), start=1):
+        client, service = ends["get_result"]
+        script.add(
+            *("player", AnatomyKind.SEND_REQUEST, 100 + at, 102 + at, client),
+            source=number,
+            header=goal,
+        )
+        script.add(
+            *("server", AnatomyKind.TAKE_REQUEST, 120 + at, 122 + at, service),
+            source=number,
+            header=goal,
+        )
+        feedback = f"{of_action}/feedback"
+        script.publish("server", feedback, 200 + 100 * number, "/r2b/server", thread=9, header=goal)
+        script.take(
+            *("player", feedback, 220 + 100 * number, 200 + 100 * number, "/r2bspec/player"),
+            header=goal,
+        )
+        sent = 250 + 100 * number
+        script.add(
+            "server", AnatomyKind.SEND_RESPONSE, sent, sent + 4, service, source=number, thread=9
+        )
+        script.add(
+            *("player", AnatomyKind.TAKE_RESPONSE, sent + 20, sent + 22, client),
+            source=number,
+            received=sent + 2,
+        )
+    found = script.joined(calls_action())
+    for monitor, last in (("it", "get_result"), ("it_feedback", "feedback")):
+        (path,) = found.paths[monitor]
+        assert path.hops == (
+            *("player", f"{of_action}/send_goal", "/r2b/server", f"{of_action}/{last}"),
+        )
+        # That of the second goal came first.
+        first, second = (path.ended_ns - path.began_ns).tolist()
+        assert path.began_ns[1] - path.began_ns[0] == 5 * US
+        assert first - second == 105 * US
+        np.testing.assert_allclose(
+            sum(np.nan_to_num(part.seconds) for part in path.parts), path.seconds
+        )
+    # What arrived before the call that sent it returned has a publication, and no transport.
+    (path,) = found.paths["it"]
+    by_name = {(part.owner, part.name): part.seconds for part in path.parts}
+    assert by_name["player", "publish"] == pytest.approx([1e-6, 1e-6])
+    assert by_name[f"{of_action}/send_goal", "transport"] == pytest.approx([0, 0])
+    assert by_name["/r2b/server", "wait"] == pytest.approx([19e-6, 19e-6])
+
+
 def test_a_path_leads_through_a_buffer_within_a_process() -> None:
     script = Script()
     script.publish("player", "/in", 0, "/r2bspec/player")

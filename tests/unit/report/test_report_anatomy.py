@@ -76,6 +76,18 @@ def test_the_terminal_has_the_path_of_most_messages(fork: ReportInput) -> None:
     assert "more paths" not in verbose
 
 
+def test_callbacks_of_nodes_are_told_from_those_of_paths(fork: ReportInput) -> None:
+    """Those of paths do not contain the publication, and may be of fewer messages."""
+    (seen,) = fork.result.anatomies or ()
+    (left,) = (node for node in seen.nodes if node.name == "left")
+    (part,) = (
+        part for part in seen.paths[0].parts if (part.owner, part.name) == ("left", "callback")
+    )
+    assert (part.p50 or 0) < (left.callback_p50 or 0)
+    for form in ("text", "markdown", "html"):
+        assert "callbacks are whole here" in " ".join(shown(fork, form).split())
+
+
 def test_markdown_has_every_path_and_node(fork: ReportInput) -> None:
     text = shown(fork, "markdown")
     assert "| left | callback | 2.69 ms | 3.55 ms | 52 % | 3.7 ms |" in text

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import itertools
+import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -53,10 +54,13 @@ def is_inside(box: PlacedBox | Rectangle, x: float, y: float) -> bool:
     return box.x + 1 < x < box.x + box.width - 1 and box.y + 1 < y < box.y + box.height - 1
 
 
+@pytest.mark.parametrize("width", [math.inf, 990.0, 500.0])
 @pytest.mark.parametrize("spec", SPECS, ids=lambda spec: f"{spec.parent.name}-{spec.name}")
-def test_no_arrow_passes_through_a_box(spec: Path) -> None:
-    drawing = lay_out(api.compile_plan(spec), {})
+def test_no_arrow_passes_through_a_box(spec: Path, width: float) -> None:
+    drawing = lay_out(api.compile_plan(spec), {}, width)
     assert drawing.edges
+    widest = max(box.width for box in drawing.boxes)
+    assert drawing.width <= max(width, widest + 2 * min(box.x for box in drawing.boxes) + 2)
     for edge in drawing.edges:
         way = list(points(edge.path))
         crossed = {box.title for box in drawing.boxes for at in way if is_inside(box, *at)}
