@@ -34,6 +34,7 @@ from r2bspec.judge.measure.times import percentile, rank
 from r2bspec.judge.measure.units import show
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_folder import Run
+from r2bspec.safe_io.limits import MAX_PREDICTED_RATES
 from r2bspec.tune.deployed_model import DeployedModel, draw
 from r2bspec.tune.observed_graph import (
     MIN_STEPS,
@@ -186,10 +187,14 @@ class Predictor:
             return nothing_known(plan, cores, str(unknown))
         wanted = [each.at.si for each in plan.objectives.values() if each.at is not None]
         own = sorted({*wanted, *(play.rate_hz for play in plan.play)} - {0.0})
+        rates = rates_hz or own
+        if len(rates) > MAX_PREDICTED_RATES:
+            most = f"choose up to {MAX_PREDICTED_RATES} with --rate"
+            return nothing_known(plan, cores, f"{len(rates):,} rates take too long; {most}")
         latencies: list[LatencyPrediction] = []
         loads = []
         peak = self._peak(models)
-        for rate_hz in rates_hz or own:
+        for rate_hz in rates:
             found = self._simulate(models, plan, rate_hz)
             loads.append((rate_hz, found.busiest, found.load))
             latencies += [
@@ -207,7 +212,7 @@ class Predictor:
             latencies=tuple(latencies),
             peak=peak,
             loads=tuple(loads),
-            requirements=tuple(requirement_answers(plan, rates_hz or own, latencies, peak)),
+            requirements=tuple(requirement_answers(plan, rates, latencies, peak)),
         )
 
     def _models(self, plan: Plan, cores: int) -> list[DeployedModel]:
