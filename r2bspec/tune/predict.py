@@ -29,6 +29,7 @@ from typing import Final
 
 import numpy as np
 
+from r2bspec.judge.measure.anatomy import Anatomy
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.times import percentile, rank
 from r2bspec.judge.measure.units import show
@@ -160,13 +161,14 @@ class Predictor:
         self._plan = run.plan
         self._cores = int(run.record.machine.get("cores") or 1)
         self._refused = ""
+        joined: dict[str, Anatomy] = {}
         try:
-            self._views = [undisturbed(observe(run, self._cores, "nobody"))]
+            self._views = [undisturbed(observe(run, self._cores, "nobody", joined))]
             self._segments = self._views[0]
             if max(segment.taken for segment in self._segments) > _UNDISTURBED:
                 # What threads wait for is not seen; simulations assume each cause in turn.
                 self._views += [
-                    undisturbed(observe(run, self._cores, cause)) for cause in CAUSES[:-1]
+                    undisturbed(observe(run, self._cores, cause, joined)) for cause in CAUSES[:-1]
                 ]
             _check_rates(self._segments)
             self._scatter = _scatter(self._segments)
