@@ -14,6 +14,7 @@ from r2bspec.bags import recording
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.storage.storage import storage_errors, storage_paths
+from r2bspec.safe_io.file_search import regular_files
 from r2bspec.safe_io.safe_file import open_regular
 
 _BLOCK_BYTES = 1 << 20
@@ -56,11 +57,7 @@ def hash_files(path: Path) -> str:
         DataError: the bag does not exist (R2B301) or a file cannot be read (R2B304).
     """
     path = Path(path)
-    paths = (
-        sorted(path_in_root for path_in_root in path.rglob("*") if path_in_root.is_file())
-        if path.is_dir()
-        else storage_paths(path, ())
-    )
+    paths = sorted(regular_files(path)) if path.is_dir() else storage_paths(path, ())
     whole = hashlib.sha256()
     for root in paths:
         name = root.relative_to(path if path.is_dir() else path.parent).as_posix().encode()

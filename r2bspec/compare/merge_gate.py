@@ -48,6 +48,7 @@ from r2bspec.plan.plan import Plan
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 from r2bspec.record.graph_identity import GraphIdentity, identity_differences
 from r2bspec.record.run_folder import read_loaded_files
+from r2bspec.safe_io.file_search import walk
 from r2bspec.safe_io.safe_file import is_regular
 
 ALLOW_BASE = "base"
@@ -380,9 +381,9 @@ class MergeGate:
 def _specs_below(folder: Path) -> list[Path]:
     """The specs of a work tree, sorted; hidden folders are left out."""
     specs: list[Path] = []
-    for parent, folders, files in os.walk(folder):
+    for parent, folders, files in walk(folder):
         folders[:] = [name for name in folders if not name.startswith(".")]
-        specs += (Path(parent, name) for name in files if name.endswith(_SPEC_SUFFIX))
+        specs += (parent / name for name in files if name.endswith(_SPEC_SUFFIX))
     return sorted(specs)
 
 

@@ -21,6 +21,7 @@ from r2bspec.doctor.checkup import CheckResult, Status, System, advised, read_in
 from r2bspec.judge.measure.units import show
 from r2bspec.middleware.middleware import MessageTransport, Middleware, middleware_of
 from r2bspec.safe_io.cache_folder import cache_path, distrust
+from r2bspec.safe_io.file_search import walk
 
 _PROCESSOR = "processor"
 
@@ -248,8 +249,8 @@ def _files(path: Path) -> Iterator[Path]:
     """A file, or everything below a folder; what a link leads to is not."""
     yield path
     if path.is_dir() and not path.is_symlink():
-        for parent, folders, names in os.walk(path):
-            yield from (Path(parent, name) for name in (*folders, *names))
+        for parent, folders, names in walk(path):
+            yield from (parent / name for name in (*folders, *names))
 
 
 def _file_size(file: Path) -> int:

@@ -13,7 +13,6 @@ from __future__ import annotations
 import contextlib
 import os
 import resource
-import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +23,7 @@ from r2bspec.judge.measure.observed_runs import ObservedRows
 from r2bspec.native.build import anatomy_environment, anatomy_object
 from r2bspec.record.anatomy_files import AnatomyReader, file_bytes
 from r2bspec.record.run_record import AnatomyProcess, AnatomyRecord
-from r2bspec.safe_io.temporary_folder import temporary_folder
+from r2bspec.safe_io.temporary_folder import remove_folder, temporary_folder
 
 if TYPE_CHECKING:
     from r2bspec.plan.plan import Plan, ProcessPlan
@@ -116,7 +115,7 @@ class AnatomyObservation:
         """
         # Earlier starts have ended: their files would fill the memory.
         for earlier in folder.glob(f"{_FILES}*"):
-            shutil.rmtree(earlier, ignore_errors=True)
+            remove_folder(earlier)
         files = folder / f"{_FILES}{start}"
         files.mkdir()
         record = AnatomyRecord(start=start)

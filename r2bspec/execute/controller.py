@@ -14,7 +14,7 @@ import errno
 import os
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -132,15 +132,23 @@ def run_plan(
     # In the run folder, because the user chose a disk with space for it; removed after the run.
     with (
         Interrupts() as interrupts,
-        tempfile.TemporaryDirectory(prefix=".scratch-", dir=folder.path) as scratch,
-        events_folder(plan, Path(scratch))
+        _scratch_folder(folder.path) as scratch,
+        events_folder(plan, scratch)
         if options.anatomy or plan.anatomy
-        else contextlib.nullcontext(Path(scratch)) as events,
+        else contextlib.nullcontext(scratch) as events,
     ):
-        run = _Run(
-            plan, options, base_dir, folder, run_id, Path(scratch), events, progress, interrupts
-        )
+        run = _Run(plan, options, base_dir, folder, run_id, scratch, events, progress, interrupts)
         return run.execute()
+
+
+@contextlib.contextmanager
+def _scratch_folder(parent: Path) -> Iterator[Path]:
+    """A folder that is removed with all that nodes have left in it."""
+    scratch = Path(tempfile.mkdtemp(prefix=".scratch-", dir=parent))
+    try:
+        yield scratch
+    finally:
+        remove_folder(scratch)
 
 
 class _Run:
@@ -182,6 +190,7 @@ class _Run:
             lambda child: resources.add(child.pid),
             run_environment.make_redactor(plan.environment, os.environ),
             states.clock,
+            events,
         )
         self._states = states
         self._context = RunContext(

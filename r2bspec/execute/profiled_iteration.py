@@ -29,6 +29,8 @@ from r2bspec.execute.run_context import MEASURE_PHASE
 from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import Plan, ProcessPlan
 from r2bspec.record.run_record import AnatomyRecord, ProfileRecord
+from r2bspec.safe_io.file_search import regular_files
+from r2bspec.safe_io.temporary_folder import remove_folder
 
 if TYPE_CHECKING:
     from r2bspec.execute.session import StartSequence
@@ -233,7 +235,7 @@ class ProfiledIteration:
     def _keep_room(self) -> None:
         if shutil.disk_usage(self.folder.path).free < _SPARE_BYTES:
             for process in self.processes:
-                shutil.rmtree(self.folder.profile_folder(process.name), ignore_errors=True)
+                remove_folder(self.folder.profile_folder(process.name))
                 self.errors[process.name] = "the profile was removed, because the disk is full"
 
     def _records(
@@ -260,7 +262,7 @@ class ProfiledIteration:
 
     def _files(self, process: str) -> tuple[str, ...]:
         folder = self.folder.path / "profile" / process
-        files = sorted(self._relative(path) for path in folder.rglob("*") if path.is_file())
+        files = sorted(self._relative(path) for path in regular_files(folder))
         return tuple(files[:_MAX_FILES])
 
     def _relative(self, path: Path) -> str:

@@ -27,6 +27,7 @@ from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 from r2bspec.safe_io import limits
+from r2bspec.safe_io.file_search import regular_files, walk
 
 Sha256 = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
 Identity = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{32}(-confirm)?\Z")]
@@ -223,7 +224,7 @@ class _Recording:
     def files(self) -> list[Path]:
         if not self.source.is_dir():
             return [self.source]
-        return sorted(file for file in self.source.rglob("*") if file.is_file())
+        return sorted(regular_files(self.source))
 
 
 def _recordings(side: PreparedBenchmark) -> Iterator[_Recording]:
@@ -310,9 +311,9 @@ def _files_at(base_dir: Path, word: str) -> Iterator[Path]:
 
 
 def _files_below(folder: Path) -> Iterator[Path]:
-    for parent, folders, files in os.walk(folder):
+    for parent, folders, files in walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith((".", "__pycache__")))
-        yield from (Path(parent, name) for name in sorted(files))
+        yield from (parent / name for name in sorted(files))
 
 
 def _imported(file: Path) -> Iterator[Path]:

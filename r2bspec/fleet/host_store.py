@@ -30,7 +30,14 @@ from r2bspec.bags.integrity import hash_files
 from r2bspec.diagnostics.quote import quote
 from r2bspec.fleet.bundle import Job, SentFile, bundle_digest, digest_of
 from r2bspec.fleet.errors import TransferError
-from r2bspec.safe_io.limits import MAX_BUNDLE_BYTES, MAX_BUNDLE_FILES, MAX_FLEET_RUN_BYTES
+from r2bspec.safe_io.file_search import walk
+from r2bspec.safe_io.limits import (
+    MAX_BUNDLE_BYTES,
+    MAX_BUNDLE_FILES,
+    MAX_FLEET_RUN_BYTES,
+    MAX_RUN_FOLDER_LEVELS,
+)
+from r2bspec.safe_io.temporary_folder import remove_folder
 
 JOB_FILE: Final = "job.json"
 ENDED_FILE: Final = "ended.json"
@@ -247,7 +254,7 @@ class HostStore:
 def remove(place: Path) -> None:
     """Remove a file or a folder, whatever is left of it."""
     if place.is_dir() and not place.is_symlink():
-        shutil.rmtree(place, ignore_errors=True)
+        remove_folder(place)
     else:
         place.unlink(missing_ok=True)
 
@@ -263,7 +270,9 @@ def _size(place: Path) -> int:
     if place.is_file():
         return place.stat().st_size
     total = 0
-    for file in place.rglob("*"):
+    names = ((parent, name) for parent, folders, files in walk(place) for name in folders + files)
+    for parent, name in names:
+        file = parent / name
         with contextlib.suppress(OSError):
             status = file.lstat()
             total += status.st_size if status.st_nlink == 1 or file.is_dir() else 0
@@ -277,7 +286,12 @@ def pack_run(folder: Path, archive: Path) -> None:
 
 
 def _plain(entry: tarfile.TarInfo) -> tarfile.TarInfo | None:
-    """Files and folders, without the names and numbers of users."""
+    """Files and folders, without the names and numbers of users.
+
+    A folder that a node has left may be deeper than functions are called.
+    """
+    if entry.name.count("/") > MAX_RUN_FOLDER_LEVELS:
+        return None
     entry.uid = entry.gid = 0
     entry.uname = entry.gname = ""
     return entry if entry.isfile() or entry.isdir() else None

@@ -24,7 +24,9 @@ from r2bspec.plan.canonical_json import parse_plan, plan_hash
 from r2bspec.record.comparison_folder import PairedComparison, open_comparison
 from r2bspec.record.files import RecordError
 from r2bspec.record.run_folder import Run, open_run
+from r2bspec.safe_io.file_search import regular_files
 from r2bspec.safe_io.limits import MAX_FLEET_RUN_BYTES
+from r2bspec.safe_io.temporary_folder import remove_folder
 
 PIECE_BYTES: Final = 4 << 20
 """Small enough to pass through a scheduler, and to be repeated over a slow link."""
@@ -108,19 +110,19 @@ def fetch(
         archive.unlink()
         raise TransferError(f"the run did not arrive as the host {host.name} sent it")
     unpacked = incoming / job.identity
-    shutil.rmtree(unpacked, ignore_errors=True)
+    remove_folder(unpacked)
     try:
         unpack_run(archive, unpacked)
         run_id = _check_run(host, job, played, unpacked)
         if run_id and counted.setdefault(run_id, folder) != folder:
             raise FalseAnswerError(host.name, f"its run is that in {counted[run_id]}")
     except R2bspecError:
-        shutil.rmtree(unpacked, ignore_errors=True)
+        remove_folder(unpacked)
         archive.unlink()
         raise
     folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     if folder.exists():
-        shutil.rmtree(folder)
+        remove_folder(folder)
     unpacked.rename(folder)
     archive.unlink()
     with contextlib.suppress(OSError):
@@ -147,7 +149,9 @@ def _check_run(host: Host, job: Job, played: RunEnded, folder: Path) -> str:
 def run_folders(root: Path) -> dict[str, Path]:
     """The folders of the runs of a suite, by the identities of the runs."""
     folders = {}
-    for place in (*root.rglob("record.json"), *root.rglob("pairs.json")):
+    for place in regular_files(root):
+        if place.name not in ("record.json", "pairs.json"):
+            continue
         with contextlib.suppress(R2bspecError):
             opened = open_run if place.name == "record.json" else open_comparison
             folders[opened(place.parent).record.run_id] = place.parent

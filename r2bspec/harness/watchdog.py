@@ -4,8 +4,8 @@ It reads lines from standard input: ``session N STARTED`` for every session that
 opens, ``collected N HELD`` when it has collected the first process of one
 (`r2bspec.ipc.process_cleanup`), and ``done`` when the controller has cleaned up. If the input ends
 without ``done``, the controller was killed: the watchdog then ends every process of the run, and
-removes their shared memory and the scratch folder of the run. It runs in its own session, so that
-it does not receive signals to the terminal or process group of the controller.
+removes their shared memory and the folders of the run, its scratch folder first. It runs in its own
+session, so that it does not receive signals to the terminal or process group of the controller.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def main() -> int:
     """Read until the input ends; returns the exit status."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    run_id, scratch = sys.argv[1], Path(sys.argv[2])
+    run_id, scratch, *others = sys.argv[1], *map(Path, sys.argv[2:])
     # Shared memory may be as old as the run; the second allows for coarse time stamps.
     since_s = time.time() - 1.0
     sessions: dict[int, ProcessSession] = {}
@@ -51,7 +51,8 @@ def main() -> int:
         if pid != os.getpid()
     }
     clean_up(run_id, sessions.values(), grace_s=_GRACE_S, since_s=since_s)
-    remove_folder(scratch)
+    for folder in (scratch, *others):
+        remove_folder(folder)
     # The kernel has freed the lock; no run takes a folder with files in it.
     with contextlib.suppress(OSError):
         (scratch.parent / LOCK_FILE).unlink()

@@ -8,6 +8,7 @@ import glob
 import os
 import re
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Final
 
 from r2bspec.errors import UsageError
@@ -56,6 +57,34 @@ def files_below(folder: str, parts: Sequence[str], searched: str) -> list[str]:
             seen.add((place, depth))
             pending += search.step(place, depth, device)
     return sorted(found)
+
+
+def walk(folder: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
+    """As `os.walk`, which calls itself for each folder in another: of folders of any depth."""
+    waiting = [folder]
+    while waiting:
+        parent = waiting.pop()
+        folders: list[str] = []
+        files: list[str] = []
+        with contextlib.suppress(OSError), os.scandir(parent) as entries:
+            for entry in entries:
+                (folders if _is_folder(entry) else files).append(entry.name)
+        yield parent, folders, files
+        below = (parent / name for name in reversed(folders))
+        waiting += (place for place in below if not os.path.islink(place))  # noqa: PTH114 - may be too long
+
+
+def _is_folder(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_dir()
+    except OSError:
+        return False
+
+
+def regular_files(folder: Path) -> Iterator[Path]:
+    """The regular files of a folder of any depth, and what links to such."""
+    paths = (parent / name for parent, _, files in walk(folder) for name in files)
+    return (path for path in paths if os.path.isfile(path))  # noqa: PTH113 - may be too long
 
 
 class _Search:

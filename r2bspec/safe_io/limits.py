@@ -47,6 +47,8 @@ MAX_REQUIREMENTS: Final = 10_000
 """Of all objectives together."""
 MAX_RANGE_RATES: Final = 1_000
 """Of a range of rates."""
+MAX_PREDICTED_RATES: Final = 32
+"""Of one prediction: each is simulated for about 0.1 s."""
 MAX_CASES: Final = 1_000
 """Of the matrix of a document."""
 MAX_CASE_VALUES: Final = 100_000
@@ -253,6 +255,8 @@ MAX_EDITOR_CURSORS: Final = 1_000
 """Places whose selections are asked for."""
 MAX_BUNDLE_BYTES: Final = 512 << 20
 """A folder that a command names may be a whole workspace."""
+MAX_RUN_FOLDER_LEVELS: Final = 100
+"""Folders inside each other in a run folder; what is deeper was left there by a node."""
 MAX_BUNDLE_FILES: Final = 20_000
 """Likewise."""
 MAX_BUNDLE_PATH_CHARACTERS: Final = 4_000

@@ -18,6 +18,8 @@ from typing import Any, Final, ParamSpec, TypeVar
 
 import msgspec
 
+from r2bspec.safe_io.file_search import walk
+
 Stamp = tuple[int, int, int, int] | None
 """Modification time in nanoseconds, size in bytes, inode and change time in nanoseconds of a file
 or a folder; None if there is none. No program can set the change time."""
@@ -127,9 +129,7 @@ def note_folder(folder: Path, max_files: int = 10_000) -> None:
         return
     note_lookup(folder)
     below = (
-        Path(parent, name)
-        for parent, folders, files in os.walk(folder)
-        for name in (*folders, *files)
+        parent / name for parent, folders, files in walk(folder) for name in (*folders, *files)
     )
     for path in islice(below, max_files):
         note_lookup(path)

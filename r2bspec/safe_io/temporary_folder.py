@@ -13,8 +13,8 @@ import fcntl
 import functools
 import os
 import shutil
-import subprocess
 import tempfile
+import uuid
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -107,15 +107,26 @@ def _remove_abandoned(parent: Path) -> None:
 def remove_folder(folder: Path) -> None:
     """Remove a folder as far as that is possible.
 
-    A build may have left folders that are not writable, and a node folders inside each other, of
-    which `shutil.rmtree` takes no more than Python calls functions.
+    A build or a node may have left folders that can be neither read nor written, and folders inside
+    each other, deeper than a path may be long and than Python calls functions.
     """
-    try:
+    with contextlib.suppress(RecursionError):
         shutil.rmtree(folder, ignore_errors=True)
-        if folder.exists():
-            for below, _, _ in os.walk(folder):
-                Path(below).chmod(0o700)
-            shutil.rmtree(folder, ignore_errors=True)
-    except RecursionError:
-        words = [shutil.which("rm") or "/bin/rm", "-rf", "--", str(folder)]
-        subprocess.run(words, check=False, stderr=subprocess.DEVNULL)
+    if folder.is_symlink() or not folder.is_dir():
+        return
+    waiting = [folder]
+    while waiting:
+        here = waiting.pop()
+        with contextlib.suppress(OSError):
+            here.chmod(0o700)
+            for below in list(here.iterdir()):
+                with contextlib.suppress(OSError):
+                    if below.is_symlink() or not below.is_dir():
+                        below.unlink()
+                        continue
+                    # A folder that may not be written cannot be moved.
+                    below.chmod(0o700)
+                    waiting.append(below.rename(folder / uuid.uuid4().hex))
+            here.rmdir()
+    with contextlib.suppress(OSError):
+        folder.rmdir()

@@ -114,13 +114,16 @@ class ObservedSegment:
     taken: float
 
 
-def observe(run: Run, cores: int, waits_for: WaitsFor) -> tuple[ObservedSegment, ...]:
+def observe(
+    run: Run, cores: int, waits_for: WaitsFor, joined: dict[str, Anatomy]
+) -> tuple[ObservedSegment, ...]:
     """The observed iterations of a run.
 
     Args:
         run: the run.
         cores: of its machine.
         waits_for: what threads of the graph that waited for a processor are taken to wait for.
+        joined: the events of the segments, which the first call joins and later ones find here.
 
     Raises:
         NotKnownError: they do not say what each node does with a message.
@@ -149,10 +152,11 @@ def observe(run: Run, cores: int, waits_for: WaitsFor) -> tuple[ObservedSegment,
     samples = ProcessSamples(run.resources())
     found = []
     for segment in segments:
-        joined = join_segment(run, segment, records[segment.start])
-        if joined.lost:
-            raise NotKnownError(f"{joined.lost:,} events of the anatomy were lost")
-        found.append(_Segment(run, segment, joined, samples, cores).observed(waits_for))
+        if (events := joined.get(segment.id)) is None:
+            events = joined[segment.id] = join_segment(run, segment, records[segment.start])
+        if events.lost:
+            raise NotKnownError(f"{events.lost:,} events of the anatomy were lost")
+        found.append(_Segment(run, segment, events, samples, cores).observed(waits_for))
     return tuple(found)
 
 

@@ -29,11 +29,13 @@ from typing import Final
 
 import numpy as np
 
+from r2bspec.judge.measure.anatomy import Anatomy
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.times import percentile, rank
 from r2bspec.judge.measure.units import show
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_folder import Run
+from r2bspec.safe_io.limits import MAX_PREDICTED_RATES
 from r2bspec.tune.deployed_model import DeployedModel, draw
 from r2bspec.tune.observed_graph import (
     MIN_STEPS,
@@ -159,13 +161,14 @@ class Predictor:
         self._plan = run.plan
         self._cores = int(run.record.machine.get("cores") or 1)
         self._refused = ""
+        joined: dict[str, Anatomy] = {}
         try:
-            self._views = [undisturbed(observe(run, self._cores, "nobody"))]
+            self._views = [undisturbed(observe(run, self._cores, "nobody", joined))]
             self._segments = self._views[0]
             if max(segment.taken for segment in self._segments) > _UNDISTURBED:
                 # What threads wait for is not seen; simulations assume each cause in turn.
                 self._views += [
-                    undisturbed(observe(run, self._cores, cause)) for cause in CAUSES[:-1]
+                    undisturbed(observe(run, self._cores, cause, joined)) for cause in CAUSES[:-1]
                 ]
             _check_rates(self._segments)
             self._scatter = _scatter(self._segments)
@@ -186,10 +189,14 @@ class Predictor:
             return nothing_known(plan, cores, str(unknown))
         wanted = [each.at.si for each in plan.objectives.values() if each.at is not None]
         own = sorted({*wanted, *(play.rate_hz for play in plan.play)} - {0.0})
+        rates = rates_hz or own
+        if len(rates) > MAX_PREDICTED_RATES:
+            most = f"choose up to {MAX_PREDICTED_RATES} with --rate"
+            return nothing_known(plan, cores, f"{len(rates):,} rates take too long; {most}")
         latencies: list[LatencyPrediction] = []
         loads = []
         peak = self._peak(models)
-        for rate_hz in rates_hz or own:
+        for rate_hz in rates:
             found = self._simulate(models, plan, rate_hz)
             loads.append((rate_hz, found.busiest, found.load))
             latencies += [
@@ -207,7 +214,7 @@ class Predictor:
             latencies=tuple(latencies),
             peak=peak,
             loads=tuple(loads),
-            requirements=tuple(requirement_answers(plan, rates_hz or own, latencies, peak)),
+            requirements=tuple(requirement_answers(plan, rates, latencies, peak)),
         )
 
     def _models(self, plan: Plan, cores: int) -> list[DeployedModel]:

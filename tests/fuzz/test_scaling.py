@@ -240,7 +240,7 @@ def write_junit(number: int, folder: Path) -> Work:
 def observe_callbacks(number: int, folder: Path) -> Work:
     """What a prediction needs of the callbacks of an iteration."""
     run = ObservedSimulation.of(replace(CHAIN, steps=number)).write(folder / f"observed-{number}")
-    return lambda: observe(run, 2, "nobody")
+    return lambda: observe(run, 2, "nobody", {})
 
 
 READERS: dict[str, tuple[Callable[[int, Path], Work], int]] = {

@@ -119,7 +119,7 @@ def test_one_more_iteration_observes_all_nodes_where_the_others_observe_one(benc
 def assert_the_graph_is_known(done: Finished) -> None:
     """See that predictions know each node's work, and whom it leads to."""
     # On many cores nothing that the nodes do is taken for waiting for a core.
-    (seen,) = observe(done.run(), 64, "nobody")
+    (seen,) = observe(done.run(), 64, "nobody", {})
     assert (seen.rate_hz, seen.steps) == (20.0, STEPS)
     for node, topic, least_ms, output in (
         ("first", "/r2b/input", FIRST_MS, "/r2b/middle"),

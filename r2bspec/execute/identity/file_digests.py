@@ -22,6 +22,7 @@ from typing import Final
 
 from r2bspec.execute.processes.elf import DAMAGED, ELF, ElfFile, read_elf
 from r2bspec.record.graph_identity import FileDigest
+from r2bspec.safe_io.file_search import walk
 from r2bspec.safe_io.limits import MAX_DIGEST_BYTES, MAX_MANIFEST_BYTES
 from r2bspec.safe_io.safe_file import is_regular, open_regular, read_bytes
 
@@ -215,13 +216,13 @@ def _manifest(folder: str | Path) -> bytes:
 
 def _files_of(folder: Path) -> Iterator[Path]:
     count = 0
-    for parent, folders, files in os.walk(folder):
+    for parent, folders, files in walk(folder):
         folders[:] = sorted(
             name for name in folders if name not in _NOT_RUN and not name.startswith(".")
         )
         for name in sorted(files):
             if _NOT_RUN_FILES.fullmatch(name) is None:
-                yield Path(parent, name)
+                yield parent / name
                 count += 1
                 if count >= _MAX_FILES:
                     return

@@ -31,6 +31,7 @@ from r2bspec.execute.errors import OtherMachineError
 from r2bspec.middleware.middleware import middleware_of, selected_rmw
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.this_machine import LABELS_VARIABLE, this_machine, unmet
+from r2bspec.safe_io.file_search import regular_files
 
 _NEEDED_BYTES = 64 << 10
 """What a disk that is not full has room for; a node prints less at once."""
@@ -151,7 +152,7 @@ def unwritable_log(folder: Path) -> Path | None:
     """
     if _has_room(folder):
         return None
-    logs = [path for path in (folder / "logs").rglob("*") if path.is_file()]
+    logs = regular_files(folder / "logs")
     return max(logs, key=lambda each: each.lstat().st_size, default=None)
 
 

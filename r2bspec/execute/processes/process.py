@@ -27,6 +27,7 @@ from r2bspec.ipc import protocol
 from r2bspec.ipc.native_protocol import NativeCodec
 from r2bspec.ipc.process_cleanup import ProcessSession, SessionLeader, kill_process_groups
 from r2bspec.record.run_record import AppliedSettings
+from r2bspec.safe_io.limits import MAX_RUN_FOLDER_LEVELS
 
 MAX_LOG_BYTES = 32 << 20
 """Larger logs are truncated."""
@@ -71,7 +72,10 @@ class LogLimiter:
         for folder in self._folders:
             # A folder may not be there yet.
             with contextlib.suppress(OSError):
-                for where, _, names, descriptor in os.fwalk(folder):
+                for where, below, names, descriptor in os.fwalk(folder):
+                    # A node may write there, too, deeper than functions are called.
+                    if len(Path(where).relative_to(folder).parts) == MAX_RUN_FOLDER_LEVELS:
+                        below.clear()
                     for name in names:
                         with contextlib.suppress(OSError):
                             self._keep_small(Path(where, name), descriptor)

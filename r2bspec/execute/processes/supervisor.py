@@ -74,6 +74,7 @@ class ProcessSupervisor:
         on_start: Callable[[ManagedProcess], None] | None = None,
         redact: Callable[[str], str] = str,
         clock: PhaseClock | None = None,
+        events: Path | None = None,
     ) -> None:
         self._redact = redact
         self._clock = clock or PhaseClock()
@@ -89,7 +90,10 @@ class ProcessSupervisor:
         self._began_s = time.time()
         # It inherits the environment of the controller: the watchdog is not part of the run.
         self._watchdog = subprocess.Popen(
-            [sys.executable, "-P", "-m", "r2bspec.harness.watchdog", run_id, str(scratch)],
+            [
+                *(sys.executable, "-P", "-m", "r2bspec.harness.watchdog", run_id),
+                *map(str, (scratch, events or scratch)),
+            ],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

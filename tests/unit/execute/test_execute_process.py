@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import stat
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -192,3 +193,18 @@ def test_a_real_time_policy_stays(sleeper: subprocess.Popen[bytes]) -> None:
         pytest.skip("this machine has no real-time policy")
     assert not shorten_slice(sleeper.pid)
     assert os.sched_getscheduler(sleeper.pid) == os.SCHED_FIFO
+
+
+def test_folders_that_a_node_has_left_beside_logs_end_no_run(tmp_path: Path) -> None:
+    log = tmp_path / "z" / "node.log"
+    log.parent.mkdir()
+    log.write_bytes(lines(0, 2000))
+    Path(tmp_path, *400 * ["d"]).mkdir(parents=True)
+    kept = limited(tmp_path)
+    whole = sys.getrecursionlimit()
+    sys.setrecursionlimit(300)
+    try:
+        kept.truncate_large(now=True)
+    finally:
+        sys.setrecursionlimit(whole)
+    assert kept.truncated == [log]

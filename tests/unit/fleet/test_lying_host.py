@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import gzip
 import hashlib
+import sys
 import tarfile
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -39,6 +40,7 @@ from r2bspec.fleet.messages import (
     request_of,
 )
 from r2bspec.plan.canonical_json import canonical_json
+from r2bspec.safe_io.limits import MAX_RUN_FOLDER_LEVELS
 
 Answering = Callable[[bytes], Any]
 """What a host makes of a request."""
@@ -322,6 +324,22 @@ def test_a_bomb_writes_no_more_than_the_half_of_the_disk(
     with pytest.raises(TransferError, match="too large"):
         unpack_run(tmp_path / "bomb.tar.gz", tmp_path / "target")
     assert sum(file.stat().st_size for file in (tmp_path / "target").iterdir()) < 1 << 20
+
+
+def test_folders_that_a_node_has_left_do_not_keep_a_run_on_its_host(tmp_path: Path) -> None:
+    run, archive, arrived = tmp_path / "run", tmp_path / "run.tar.gz", tmp_path / "arrived"
+    Path(run, *400 * ["d"]).mkdir(parents=True)
+    (run / "record.json").touch()
+    whole = sys.getrecursionlimit()
+    sys.setrecursionlimit(300)
+    try:
+        pack_run(run, archive)
+        unpack_run(archive, arrived)
+    finally:
+        sys.setrecursionlimit(whole)
+    assert (arrived / "record.json").is_file()
+    assert Path(arrived, *MAX_RUN_FOLDER_LEVELS * ["d"]).is_dir()
+    assert not Path(arrived, *(MAX_RUN_FOLDER_LEVELS + 1) * ["d"]).exists()
 
 
 def forged(plan: str, run_id: str = "1") -> Packing:

@@ -24,9 +24,18 @@ def scratch(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def watchdog(run_id: str, scratch: Path) -> Iterator[subprocess.Popen[str]]:
+def events(tmp_path: Path) -> Path:
+    """What the processes of a run write of their callbacks, in memory."""
+    folder = tmp_path / "events"
+    folder.mkdir()
+    (folder / "rows").write_bytes(b"rows")
+    return folder
+
+
+@pytest.fixture
+def watchdog(run_id: str, scratch: Path, events: Path) -> Iterator[subprocess.Popen[str]]:
     with subprocess.Popen(
-        [sys.executable, "-m", "r2bspec.harness.watchdog", run_id, str(scratch)],
+        [sys.executable, "-m", "r2bspec.harness.watchdog", run_id, str(scratch), str(events)],
         stdin=subprocess.PIPE,
         text=True,
         start_new_session=True,
@@ -49,8 +58,8 @@ def hang_up(watchdog: subprocess.Popen[str]) -> int:
     return watchdog.wait(60)
 
 
-def test_the_end_of_the_controller_ends_the_run_and_its_scratch(
-    watchdog: subprocess.Popen[str], people: Family, scratch: Path
+def test_the_end_of_the_controller_ends_the_run_and_its_folders(
+    watchdog: subprocess.Popen[str], people: Family, scratch: Path, events: Path
 ) -> None:
     people.start("plain")
     people.start("parent-of-stubborn-stranger", 2)
@@ -59,6 +68,7 @@ def test_the_end_of_the_controller_ends_the_run_and_its_scratch(
     assert hang_up(watchdog) == 0
     assert people.living() == []
     assert not scratch.exists()
+    assert not events.exists()
 
 
 def test_a_process_whose_session_it_was_never_told_is_found_by_its_id(

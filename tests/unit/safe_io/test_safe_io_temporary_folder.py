@@ -79,14 +79,43 @@ def test_what_is_no_abandoned_folder_stays(place: Path) -> None:
     assert sorted(place.iterdir()) == before
 
 
-def test_folders_inside_each_other_are_removed_whatever_their_depth(tmp_path: Path) -> None:
-    for _ in range(2):
-        with temporary_folder("deep", tmp_path) as folder:
-            descriptor = os.open(folder, os.O_RDONLY)
-            for _ in range(2_000):
-                os.mkdir("d", dir_fd=descriptor)
-                below = os.open("d", os.O_RDONLY, dir_fd=descriptor)
-                os.close(descriptor)
-                descriptor = below
-            os.close(descriptor)
-        assert list(tmp_path.iterdir()) == []
+@pytest.mark.parametrize(
+    ("name", "depth", "mode"),
+    [("d", 1_100, 0o700), ("d", 1_100, 0o500), (250 * "d", 20, 0)],
+    ids=["deeper than functions are called", "and not writable", "longer than a path, closed"],
+)
+def test_folders_of_any_depth_and_mode_are_removed(
+    name: str, depth: int, mode: int, tmp_path: Path
+) -> None:
+    """Not by the superuser, whom no mode stops."""
+    words = """if True:
+        import os, sys
+        from pathlib import Path
+        from r2bspec.safe_io.temporary_folder import remove_folder
+        if os.geteuid() == 0:
+            os.setgid(65534)
+            os.setuid(65534)
+        folder, name, depth, mode = Path("left"), sys.argv[1], *map(int, sys.argv[2:])
+        folder.mkdir()
+        here = os.open(folder, os.O_RDONLY)
+        for _ in range(depth):
+            os.mkdir(name, dir_fd=here)
+            os.close(os.open("file", os.O_CREAT, 0o400, dir_fd=here))
+            os.symlink(os.getcwd(), "link", dir_fd=here)
+            below = os.open(name, os.O_RDONLY, dir_fd=here)
+            os.chmod(here, mode)
+            os.close(here)
+            here = below
+        remove_folder(folder)
+        Path("link").symlink_to("kept")
+        remove_folder(Path("link"))
+    """
+    (tmp_path / "place" / "kept").mkdir(parents=True)
+    (tmp_path / "place").chmod(0o777)
+    # Pytest's folders are private: another user gets no further than where it stands.
+    subprocess.run(
+        [sys.executable, "-P", "-c", words, name, str(depth), str(mode)],
+        cwd=tmp_path / "place",
+        check=True,
+    )
+    assert sorted(path.name for path in (tmp_path / "place").iterdir()) == ["kept", "link"]

@@ -19,6 +19,7 @@ from r2bspec.judge.measure.times import percentile
 from r2bspec.language.spec import Objective, QoS
 from r2bspec.plan.plan import ExternalPlan, Plan
 from r2bspec.record.run_folder import Run, open_run, write_loaded_files
+from r2bspec.safe_io.limits import MAX_PREDICTED_RATES
 from r2bspec.tune.predict import Measured, Predictor, predict_deployment
 from r2bspec.tune.prediction import Estimate, LatencyPrediction, Prediction, requirement_answers
 from run_simulation import Played, Simulation, objective, renew_digests
@@ -262,6 +263,13 @@ def test_what_the_model_does_not_know_it_does_not_say(chain_run: Run, predictor:
 def test_a_run_without_an_anatomy_says_nothing(tmp_path: Path) -> None:
     run = Simulation(segments=[Played(30.0, [0.01] * 300)]).write(tmp_path / "run")
     assert "--anatomy" in refused(Predictor(run), run.plan)
+
+
+def test_more_rates_than_take_a_few_seconds_are_not_known(chain_run: Run) -> None:
+    rates = [1.0 + at for at in range(MAX_PREDICTED_RATES + 1)]
+    found = predict_deployment(chain_run, chain_run.plan, rates_hz=rates)
+    assert found.reason == "33 rates take too long; choose up to 32 with --rate"
+    assert not found.latencies
 
 
 def test_a_node_that_takes_what_nobody_plays_is_not_known(tmp_path: Path) -> None:
