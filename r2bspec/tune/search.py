@@ -343,17 +343,18 @@ class Search:
                 "improved",
                 f"The deployment meets the objectives: {seen.gain.metric} {claim_text(seen.gain)}.",
             )
-        if today.state != "meets":
-            tried = (
-                "of today's, one start does not decide"
-                if today.state == "open"
-                else ("today's did not when it was tried")
+        if today.state not in {"meets", "open"}:
+            return self._keep(
+                "meets", "The deployment meets the objectives; today's did not when it was tried."
             )
-            return self._keep("meets", f"The deployment meets the objectives; {tried}.")
         return self._keep(
             "not shown",
-            f"The pairs do not show a gain: {seen.gain.metric} {claim_text(seen.gain)}; --resume "
-            "with more --pairs and --budget goes on.",
+            f"The pairs do not show a gain: {seen.gain.metric} {claim_text(seen.gain)}; "
+            + (
+                "of today's deployment, a start does not decide: 'r2bspec run' does."
+                if today.state == "open"
+                else "--resume with more --pairs and --budget goes on."
+            ),
         )
 
     def _without_idle_levers(self, winner: Deployment) -> tuple[Deployment, list[Gain], list[Gain]]:
