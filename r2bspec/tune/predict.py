@@ -68,6 +68,8 @@ _ONE_SIDED: Final = 1.645
 """The quantile of the normal distribution for either end of a 90 % interval."""
 
 _FEWEST_IN_TAIL: Final = 5
+"""Messages from which the openness of the tail is estimated, where a fifth of all are fewer."""
+
 _FLOOR: Final = {"p50": 0.12, "p99": 0.3}
 _PEAK_ERROR: Final = 0.06
 

@@ -100,7 +100,7 @@ _ITERATION_COLUMNS = (
 
 _MAX_SHOWN_ITERATIONS = 200
 _MAX_SHOWN_REQUIREMENTS = 2_000
-"""Rows of tables that nobody reads to their ends; the worst requirements are the first."""
+"""The most rows of a table; the worst requirements come first."""
 
 _MAX_SHOWN_RATES = 4
 """Rates whose numbers are written into the drawing of the graph."""
