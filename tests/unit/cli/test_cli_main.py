@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import shlex
@@ -93,10 +94,12 @@ def test_the_command_does_not_look_into_the_current_folder(
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_verb_has_help(verb: str, monkeypatch: pytest.MonkeyPatch, call: Call) -> None:
     # click keeps the help option of the first call; one that another test made without the group
-    # has other names. So the verb is imported anew, and the one that others use is put back.
+    # has other names. So the verb is imported anew, and the one that others use is put back: in the
+    # table of modules and in the package, which both must have it before.
     name = cli._PLACES.get(verb, verb).partition(":")[0]
-    monkeypatch.delitem(sys.modules, f"r2bspec.cli.{name}", raising=False)
-    monkeypatch.setattr(verbs_package, name, None, raising=False)
+    importlib.import_module(f"r2bspec.cli.{name}")
+    monkeypatch.delitem(sys.modules, f"r2bspec.cli.{name}")
+    monkeypatch.delattr(verbs_package, name)
     shown = call(verb, "--help", status=0).out
     assert shown.startswith(f"Usage: r2bspec {verb}")
     assert "-h, --help" in shown
