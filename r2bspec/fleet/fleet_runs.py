@@ -436,6 +436,8 @@ class FleetRuns:
             self.on_note(f"{host.name}: {error}")
             entry.status = ("", "waiting for a host")
             self._waiting.insert(0, entry)
+            # Another host may have nothing to do, and is asked at once.
+            self._looked = 0.0
         elif len(entry.refused) == 1:
             self._end(entry, host.name, error)
         else:
