@@ -29,16 +29,22 @@ class ServiceCallError(Exception):
     code = "R2B647"
 
 
+class ServiceTypeError(ServiceCallError):
+    """The type of a service is not installed; another attempt would end in the same way."""
+
+    code = "R2B681"
+
+
 def service_class(type_name: str) -> Any:
     """The class of a service type such as ``std_srvs/srv/Trigger``.
 
     Raises:
-        ServiceCallError: the package is not installed or has no such service.
+        ServiceTypeError: the package is not installed or has no such service.
     """
     try:
         return rclpy_tools.interface_class(type_name)
     except rclpy_tools.TypeNotFoundError as error:
-        raise ServiceCallError(f"service type {type_name} is not installed") from error
+        raise ServiceTypeError(f"service type {type_name} is not installed") from error
 
 
 def fill_message(message: Any, values: dict[str, Any]) -> Any:

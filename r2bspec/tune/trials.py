@@ -19,7 +19,7 @@ import msgspec
 from r2bspec import api
 from r2bspec.compare.interleaved_comparison import ComparisonSide, prepare_comparison
 from r2bspec.compare.interleaved_runs import compare
-from r2bspec.errors import R2bspecError, without_output
+from r2bspec.errors import ExitStatus, R2bspecError, without_output
 from r2bspec.execute.errors import InterruptedRunError, RunError, UnwritableRunError
 from r2bspec.execute.progress import Progress
 from r2bspec.fleet.errors import FleetError, HostRefusesError
@@ -270,7 +270,12 @@ class RealMachine(ABC):
         if isinstance(result, FleetError):
             return Measurement(state="invalid", reason=_reason(result))
         if isinstance(result, R2bspecError):
-            refused = isinstance(result, HostRefusesError) or result.code in _NOT_PERMITTED
+            # What is wrong with a spec or not installed, no other deployment cures.
+            refused = (
+                isinstance(result, HostRefusesError)
+                or result.exit_code is ExitStatus.USAGE
+                or result.code in _NOT_PERMITTED
+            )
             return Measurement(state="refused" if refused else "broken", reason=_reason(result))
         folder, plan = run.folder, run.benchmark.plan
         if not result.verdict.is_judged:

@@ -15,6 +15,8 @@ from rclpy.serialization import serialize_message
 from test_msgs.srv import BasicTypes
 
 from c_nodes import c_node
+from r2bspec.errors import ExitStatus
+from r2bspec.execute.errors import RunError
 from r2bspec.harness.service_client import ServiceCallError, fill_message, service_class
 from ros_runs import Bench, quick_input, relay_spec
 from ros_runs import bench as bench
@@ -113,8 +115,9 @@ def test_a_field_that_is_wrong_is_named(values: dict[str, object], said: str) ->
 def test_a_service_type_that_is_not_installed() -> None:
     assert service_class("rcl_interfaces/srv/GetParameters") is GetParameters
     for wrong in ("nowhere/srv/Nothing", "rcl_interfaces/srv/Nothing", "nonsense"):
-        with pytest.raises(ServiceCallError, match="is not installed"):
+        with pytest.raises(ServiceCallError, match="is not installed") as refused:
             service_class(wrong)
+        assert RunError(str(refused.value), code=refused.value.code).exit_code == ExitStatus.USAGE
 
 
 def test_recorded_requests_are_sent_whether_or_not_earlier_ones_are_answered(bench: Bench) -> None:
