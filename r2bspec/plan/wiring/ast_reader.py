@@ -22,7 +22,7 @@ from r2bspec.language.spec import QoS
 from r2bspec.plan.wiring import literal_calls, self_references, source_files
 from r2bspec.plan.wiring.node_helpers import NodeHelper
 from r2bspec.plan.wiring.node_interface import InterfaceEntry, ParameterInfo
-from r2bspec.plan.wiring.python_source import SourceNames, own_nodes, program_class
+from r2bspec.plan.wiring.python_source import SourceNames, nodes_below, own_nodes, program_class
 from r2bspec.plan.wiring.timer_outputs import attributes_of_self, timer_outputs
 from r2bspec.plan.wiring.topic_names import TopicNames
 from r2bspec.safe_io.limits import MAX_BASE_CLASSES, MAX_PYTHON_BYTES
@@ -229,9 +229,10 @@ def read_node_class(
     result = _PartialInterface(found.file.names)
     if more:
         result.forget_all(more)
-    lifecycle = _is_lifecycle(found)
+    bases = list(_bases(found))
+    lifecycle = any(_is_lifecycle(each) for each in (found, *bases))
     _add_class(result, found.file, found.node, lifecycle=lifecycle)
-    for base in _bases(found):
+    for base in bases:
         _add_inherited(result, base, lifecycle=lifecycle)
     return result.entry(lifecycle=lifecycle)
 
@@ -257,10 +258,9 @@ def _bases(found: source_files.Definition) -> Iterator[source_files.Definition]:
 
 
 def _is_lifecycle(found: source_files.Definition) -> bool:
-    return any(
-        isinstance(each.node, ast.ClassDef)
-        and _base_name(each.node, each.file.names) in _LIFECYCLE_NODES
-        for each in (found, *_bases(found))
+    return (
+        isinstance(found.node, ast.ClassDef)
+        and _base_name(found.node, found.file.names) in _LIFECYCLE_NODES
     )
 
 
@@ -397,7 +397,7 @@ def _passes_keywords_unchanged(found: ast.ClassDef) -> bool:
         if not isinstance(method, ast.FunctionDef) or method.name != "__init__":
             continue
         own = method.args.kwarg.arg if method.args.kwarg else ""
-        nodes = list(ast.walk(method))
+        nodes = nodes_below(method)
         if sum(self_references.is_name(node, own) for node in nodes) != sum(
             _harmless_uses(node, own) for node in nodes
         ):

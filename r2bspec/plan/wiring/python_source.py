@@ -12,11 +12,21 @@ from __future__ import annotations
 import ast
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator
+from functools import lru_cache
 from typing import Literal
 
 import msgspec
 
 from r2bspec.safe_io.limits import MAX_BASE_CLASSES
+
+
+@lru_cache(maxsize=32)
+def nodes_below(top: ast.AST) -> tuple[ast.AST, ...]:
+    """A node of a tree and everything below it, as `ast.walk` gives it; kept for the next walk.
+
+    A class is walked for a dozen questions, which was most of the time of reading it.
+    """
+    return tuple(ast.walk(top))
 
 
 class SourceNames:
@@ -31,7 +41,7 @@ class SourceNames:
         self._bound: dict[str, list[ast.AST]] = defaultdict(list)
         self._has_star_import = False
         self._origins: dict[str, set[tuple[int, str, str]]] = defaultdict(set)
-        for node in ast.walk(tree):
+        for node in nodes_below(tree):
             for name in _bound_names(node):
                 self._bound[name].append(node)
             if isinstance(node, ast.Import | ast.ImportFrom):
@@ -163,7 +173,7 @@ def _threads_of_main(tree: ast.Module, names: SourceNames, name: str) -> int | N
     for function in tree.body:
         if not isinstance(function, ast.FunctionDef) or not _is_program(function):
             continue
-        calls = [node for node in ast.walk(function) if isinstance(node, ast.Call)]
+        calls = [node for node in nodes_below(function) if isinstance(node, ast.Call)]
         if not any(isinstance(each.func, ast.Name) and each.func.id == name for each in calls):
             continue
         for call in calls:
@@ -309,14 +319,14 @@ def _created_locals(function: ast.FunctionDef) -> frozenset[str]:
     """The variables of a function to which nothing else than results of calls is assigned."""
     called = {
         target.id
-        for node in ast.walk(function)
+        for node in nodes_below(function)
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call)
         for target in node.targets
         if isinstance(target, ast.Name)
     }
     stored = Counter(
         node.id
-        for node in ast.walk(function)
+        for node in nodes_below(function)
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
     )
     return frozenset(name for name in called if stored[name] == 1)

@@ -12,7 +12,7 @@ import ast
 from collections.abc import Iterator
 
 from r2bspec.plan.wiring import node_helpers
-from r2bspec.plan.wiring.python_source import SourceNames
+from r2bspec.plan.wiring.python_source import SourceNames, nodes_below
 
 PUBLISHER_METHODS = frozenset({"create_publisher", "create_lifecycle_publisher"})
 PARAMETER_METHODS = frozenset({"declare_parameter", "declare_parameters", "undeclare_parameter"})
@@ -73,7 +73,7 @@ def replaces_methods(tree: ast.Module, found: ast.ClassDef) -> bool:
             isinstance(node, ast.Name) and node.id in _CREATING for node in ast.walk(part)
         ):
             return True
-    for node in ast.walk(tree):
+    for node in nodes_below(tree):
         match node:
             case ast.Attribute(attr=name, ctx=ast.Store() | ast.Del()) if name in _CREATING:
                 return True
@@ -84,8 +84,8 @@ def replaces_methods(tree: ast.Module, found: ast.ClassDef) -> bool:
 
 def _changing_line(tree: ast.Module, found: ast.ClassDef) -> int:
     """A line of the file that may replace attributes of the class; 0 if there is none."""
-    inside = {id(node) for node in ast.walk(found)}
-    for node in ast.walk(tree):
+    inside = {id(node) for node in nodes_below(found)}
+    for node in nodes_below(tree):
         match node:
             case ast.Attribute(value=ast.Name(id=name), ctx=ast.Store() | ast.Del()) if (
                 name == found.name
@@ -154,7 +154,7 @@ class SelfReferences:
         self._methods = {part.name for part in found.body if isinstance(part, METHOD)}
         self._data = {
             node.attr
-            for node in ast.walk(found)
+            for node in nodes_below(found)
             if isinstance(node, ast.Attribute)
             and is_self(node.value)
             and isinstance(node.ctx, ast.Store)

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 
 from r2bspec.plan.wiring import self_references
 from r2bspec.plan.wiring.literal_calls import argument
+from r2bspec.plan.wiring.python_source import nodes_below
 from r2bspec.plan.wiring.topic_names import TopicNames
 
 _REPEATED = (
@@ -26,7 +27,7 @@ def timer_outputs(found: ast.ClassDef, topics: TopicNames) -> Iterator[tuple[str
     mentioned = attributes_of_self(found)
     methods = {part.name: part for part in found.body if isinstance(part, ast.FunctionDef)}
     for method in methods.values():
-        for call in ast.walk(method):
+        for call in nodes_below(method):
             if not isinstance(call, ast.Call) or (
                 self_references.method_of_self(call) != "create_timer"
             ):
@@ -48,7 +49,7 @@ def timer_outputs(found: ast.ClassDef, topics: TopicNames) -> Iterator[tuple[str
 
 def attributes_of_self(found: ast.ClassDef) -> Counter[str]:
     """How often a class mentions each attribute of its node."""
-    return Counter(name for node in ast.walk(found) if (name := _attribute(node)))
+    return Counter(name for node in nodes_below(found) if (name := _attribute(node)))
 
 
 def _attribute(node: ast.AST | None) -> str:

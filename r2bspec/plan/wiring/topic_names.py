@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 from collections import defaultdict
 
-from r2bspec.plan.wiring.python_source import SourceNames
+from r2bspec.plan.wiring.python_source import SourceNames, nodes_below
 from r2bspec.plan.wiring.self_references import is_name, is_self, method_of_self
 
 _PARAMETER_VALUES = frozenset({"value", "string_value"})
@@ -101,7 +101,7 @@ class TopicNames:
 def _single_values(top: ast.AST, *, attributes: bool) -> dict[str, ast.expr | None]:
     """The only value that each variable gets, or attribute of `self`; None if there are others."""
     values: dict[str, list[ast.expr | None]] = defaultdict(list)
-    for node in ast.walk(top):
+    for node in nodes_below(top):
         match node:
             case ast.Assign(targets=[target], value=value):
                 _add(values, target, value, attributes=attributes)
@@ -109,7 +109,7 @@ def _single_values(top: ast.AST, *, attributes: bool) -> dict[str, ast.expr | No
                 _add(values, target, value, attributes=attributes)
             case ast.arg(arg=name) if not attributes:
                 values[name] += [None, None]
-    for node in ast.walk(top):
+    for node in nodes_below(top):
         # What is bound by a loop, `with` or the like has no value here.
         if isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store):
             name = _bound(node, attributes=attributes)
