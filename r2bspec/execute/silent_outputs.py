@@ -66,7 +66,9 @@ class SilentOutputs:
                 self.context.note(f"{said} so far")
                 return
             target = plan.called[unanswered[0]].target
-            hint = f"{target} was called, and no call was answered with success; see player.log."
+            callers = (process.name for process in plan.processes if process.role == "caller")
+            log = f"{next(callers, 'player')}.log"
+            hint = f"{target} was called, and no call was answered with success; see {log}."
             raise NoOutputError(said, hint=hint)
         topics = [monitor.topic for monitor in plan.monitors if monitor.name in silent]
         facts = self._trace()

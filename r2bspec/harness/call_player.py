@@ -291,6 +291,7 @@ class _ActionCall(_Call):
 
     def _on_accepted(self, goal_id: bytes, received_ns: int, response: Any) -> None:
         if not response.accepted:
+            del self._goal_steps[goal_id]
             self._say_failed(response)
             return
         request = self._kind.Impl.GetResultService.Request()

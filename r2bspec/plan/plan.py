@@ -121,6 +121,7 @@ class ProcessPlan(ProcessSettings, frozen=True, kw_only=True):
 
     Roles:
         loader, player, monitor: processes of the harness, configured over the control channel.
+        caller: the same; it calls services and actions while the player plays topics.
         harness: player and monitor in one process, with the Python nodes in `nodes`.
         host: a process of Python nodes, which it spins with `executor` and `threads`.
         container: a C++ component container, into which the `nodes` are loaded in order with its
@@ -145,6 +146,9 @@ class ProcessPlan(ProcessSettings, frozen=True, kw_only=True):
     memory_limit_bytes: int = 0
     join: JoinPlan | None = None
 
+
+HARNESS_ROLES: Final = frozenset({"loader", "player", "caller", "monitor", "harness"})
+"""Roles of the processes of r2bspec."""
 
 GRAPH_ROLES: Final = frozenset({"host", "container", "command"})
 """Roles of the processes of the graph; with ``placement: harness`` its nodes are in that one."""

@@ -29,7 +29,7 @@ from r2bspec.execute.processes.scheduling import apply_to_process, has_memory_lo
 from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import NATIVE_ARGV, container_node_name
-from r2bspec.plan.plan import AfterReadyPlan, NodePlan, Plan, ProcessPlan
+from r2bspec.plan.plan import HARNESS_ROLES, AfterReadyPlan, NodePlan, Plan, ProcessPlan
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import Difference
 
@@ -111,7 +111,7 @@ class Launcher:
         """
         if plan.name in self._early:
             return self._early.pop(plan.name)
-        harness = plan.role in {"loader", "player", "caller", "monitor", "harness"}
+        harness = plan.role in HARNESS_ROLES
         environment = self._environment
         variables = environment.for_harness(plan.env) if harness else environment.for_node(plan.env)
         if prerequisites.hosts_library(plan):

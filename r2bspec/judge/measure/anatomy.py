@@ -242,7 +242,7 @@ def _takes_of_monitors(events: Events, record: AnatomyRecord, plan: Plan) -> dic
         monitor.name: frozenset(
             process.name
             for process in plan.processes
-            if process.role in {"monitor", "harness", "player"}
+            if process.role in {"monitor", "harness", "player", "caller"}
             or (process.join is not None and monitor.name in process.join.monitors)
         )
         for monitor in plan.monitors

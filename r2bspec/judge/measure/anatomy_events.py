@@ -24,7 +24,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.plan.plan import Plan
+from r2bspec.plan.plan import HARNESS_ROLES, Plan
 from r2bspec.record.run_record import AnatomyKind, AnatomyObject, AnatomyRecord
 from r2bspec.record.sample_arrays import Rows
 
@@ -39,8 +39,6 @@ UNKNOWN_NS: Final = -(1 << 62)
 
 HARNESS: Final = "/r2bspec/"
 """The namespace of the nodes of player and monitor."""
-
-_HARNESS_ROLES = frozenset({"loader", "player", "monitor", "harness"})
 
 _EMPTY_FLAG, _INTRA_FLAG = 1, 2
 
@@ -86,7 +84,7 @@ class Names:
             for process in plan.processes
             if len(process.nodes) == 1
         }
-        harness = {each.name for each in plan.processes if each.role in _HARNESS_ROLES}
+        harness = {each.name for each in plan.processes if each.role in HARNESS_ROLES}
         processes = [process.name for process in record.processes]
         # A program may name its node otherwise than the spec; a launch file has several.
         ros_names: dict[str, set[str]] = {}

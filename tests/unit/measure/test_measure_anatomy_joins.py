@@ -190,22 +190,28 @@ def calls_action() -> Plan:
     return msgspec.structs.replace(plan_of(CHAIN), monitors=tuple(monitors), calls=(call,))
 
 
-def test_acceptance_feedback_and_result_of_an_action_have_a_path_each() -> None:
+@pytest.mark.parametrize("role", ["player", "caller"])
+def test_acceptance_feedback_and_result_of_an_action_have_a_path_each(
+    role: str,
+) -> None:
     script = Script()
     at = 0
     for what, number in (("send_goal", 1), ("get_result", 2)):
         name = f"/plan/_action/{what}"
-        client, service = ("client", name, "/r2bspec/player"), ("service", name, "/r2b/server")
-        script.add("player", AnatomyKind.SEND_REQUEST, at, at + 4, client, source=number)
+        client, service = ("client", name, f"/r2bspec/{role}"), ("service", name, "/r2b/server")
+        script.add(role, AnatomyKind.SEND_REQUEST, at, at + 4, client, source=number)
         script.add("server", AnatomyKind.TAKE_REQUEST, at + 20, at + 22, service, source=number)
         script.callback("server", at + 25, at + 60)
         if what == "get_result":
             script.publish("server", "/plan/_action/feedback", at + 30, "/r2b/server")
-            script.take("player", "/plan/_action/feedback", at + 45, at + 30, "/r2bspec/player")
+            script.take(role, "/plan/_action/feedback", at + 45, at + 30, f"/r2bspec/{role}")
         script.add("server", AnatomyKind.SEND_RESPONSE, at + 50, at + 54, service, source=number)
-        script.add("player", AnatomyKind.TAKE_RESPONSE, at + 70, at + 72, client, source=number)
+        script.add(role, AnatomyKind.TAKE_RESPONSE, at + 70, at + 72, client, source=number)
         at += 100
-    found = script.joined(calls_action())
+    plan = calls_action()
+    others = (process for process in plan.processes if process.name != role)
+    plan = msgspec.structs.replace(plan, processes=(*others, process_plan(role, role)))
+    found = script.joined(plan)
     ends = {name: [path.hops[-1] for path in paths] for name, paths in found.paths.items()}
     assert ends == {
         "it": ["/plan/_action/get_result"],
