@@ -34,8 +34,8 @@ from r2bspec.compare.gate_change import (
 from r2bspec.compare.objective_strength import implies, objective_changes, subjects
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.benchmark_defaults import default_starts
+from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.quantities import Duration, Share, Size
-from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Pacing
 from r2bspec.plan.comparability import diff_plans
 from r2bspec.plan.plan import CallPlan, GatePlan, MonitorPlan, Plan, PlayPlan

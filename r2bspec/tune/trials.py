@@ -28,7 +28,7 @@ from r2bspec.judge.measure.metric_catalogue import resolve
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.result import Result
-from r2bspec.language.requirement_grammar import parse_requirement
+from r2bspec.language.comparison_grammar import parse_requirement
 from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.language.spec import Objective
 from r2bspec.plan.comparability import single_run_plan

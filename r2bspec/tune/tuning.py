@@ -20,9 +20,9 @@ from r2bspec.execute.progress import Progress
 from r2bspec.fleet.journal import Journal
 from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.plan.tuning_space import Deployment
-from r2bspec.private_files import private_files
 from r2bspec.record.files import FolderTakenError, write_atomically
 from r2bspec.record.run_folder import open_run
+from r2bspec.safe_io.private_files import private_files
 from r2bspec.tune.fleet_machine import FleetHosts, FleetMachine
 from r2bspec.tune.launch_file import launch_files
 from r2bspec.tune.machine import TuningError, goal_of

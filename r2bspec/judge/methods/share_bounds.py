@@ -38,12 +38,7 @@ import msgspec
 import numpy as np
 
 from r2bspec.judge.caveats import correlation_notes, share_notes, uneven_start_notes
-from r2bspec.judge.measure.metric_values import (
-    WindowValues,
-    has_windows,
-    lost_on_paths,
-    window_values,
-)
+from r2bspec.judge.measure.metric_values import WindowValues, has_windows, window_values
 from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, MonitorSamples, starts_of
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import show
@@ -234,7 +229,7 @@ def judge_percentile(case: RequirementCase, record: RunRecord) -> Decision:
     quantile = case.info.quantile
     if quantile is None:
         raise ValueError(f"{case.info.name} is no percentile")
-    pieces, lost = values_by_iteration(case)
+    pieces, lost = case.values_by_iteration()
     ranked = RankedMessages(pieces, case.design(allowed_share(quantile)))
     if not ranked.n:
         return undecided("There is no message to judge.")
@@ -295,35 +290,6 @@ def percentile_decision(
             else 0.0,
         ),
     )
-
-
-def values_by_iteration(case: RequirementCase) -> tuple[list[Seconds], int]:
-    """The messages of each iteration, in order, and how many are lost (infinitely off)."""
-    family, worst = case.info.family, math.inf if case.is_upper_bound else -math.inf
-    if case.info.scope == "playback":
-        return [iteration.playback.lateness for iteration in case.iterations], 0
-    if case.info.scope == "anatomy":
-        return _with_lost(case, worst), case.lost_on_paths
-    seen = case.monitor_samples
-    lost = sum(one.missed for one in seen) if family in LOSS_SENSITIVE_FAMILIES else 0
-    return [one.in_order(family, worst) for one in seen], lost
-
-
-def _with_lost(case: RequirementCase, worst: float) -> list[Seconds]:
-    """What was observed in each iteration, with the outputs that never came in their places.
-
-    Where these are not known, they are the last ones.
-    """
-    found = []
-    for times, iteration in zip(case.observed_times, case.iterations, strict=True):
-        lost = lost_on_paths(case.info, iteration)
-        came = np.arange(times.size + lost) < times.size
-        if lost and np.count_nonzero(known := iteration.monitors[case.info.subject].steps.answered):
-            came = known if np.count_nonzero(known) == times.size else came
-        values = np.full(came.size, worst)
-        values[came] = times
-        found.append(values)
-    return found
 
 
 def _share_test(

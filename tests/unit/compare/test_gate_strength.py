@@ -27,9 +27,9 @@ from r2bspec.compare.merge_gate import SpecName, missing_specs, spec_name
 from r2bspec.compare.objective_strength import implies
 from r2bspec.errors import UsageError
 from r2bspec.language import spec as language
+from r2bspec.language.comparison_grammar import parse_requirement
 from r2bspec.language.declaration import rule_at
 from r2bspec.language.load_spec import load_cases
-from r2bspec.language.requirement_grammar import parse_requirement
 from r2bspec.language.yaml_document import to_yaml
 from r2bspec.plan import plan as plans
 from r2bspec.plan.comparability import change_of

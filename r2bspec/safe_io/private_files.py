@@ -1,7 +1,8 @@
-"""Folders for as long as a process needs them, of which not even a killed process leaves one.
+"""Files and folders that no other user of the machine may read.
 
-Each is locked by the process that has made it, and the lock ends with the process, however that
-ends. The next process that needs a folder removes those of this user that nobody holds.
+Temporary folders are locked by the process that has made them, and the lock ends with the process,
+however that ends. The next process that needs a folder removes those of this user that nobody
+holds: not even a killed process leaves one.
 """
 
 from __future__ import annotations
@@ -19,8 +20,31 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+PRIVATE_UMASK = 0o077
+"""New files get the mode 0600, and new folders 0700."""
+
+_replaced: list[int] = []
+"""The umasks that `private_files` has put aside; the first is the user's."""
+
 _SUFFIX: Final = ".held"
 """Of no folder of others, and of none that is removed in another way."""
+
+
+@contextlib.contextmanager
+def private_files() -> Iterator[None]:
+    """Make what this process creates unreadable to other users, for as long as the block lasts."""
+    before = os.umask(PRIVATE_UMASK)
+    _replaced.append(before)
+    try:
+        yield
+    finally:
+        _replaced.pop()
+        os.umask(before)
+
+
+def user_umask() -> int:
+    """The umask that the user has chosen, for programs that make files of theirs; -1: the same."""
+    return _replaced[0] if _replaced else -1
 
 
 @contextlib.contextmanager
