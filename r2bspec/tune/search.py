@@ -27,8 +27,7 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.diagnostics.quote import pluralize
-from r2bspec.plan.time_estimate import time_text
+from r2bspec.diagnostics.quote import pluralize, time_text
 from r2bspec.plan.tuning_space import Deployment, TuningSpace
 from r2bspec.tune.machine import Machine, Measurement, Start
 from r2bspec.tune.proposals import Proposals, single_levers
