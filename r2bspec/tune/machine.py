@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple, Protocol
 
 import msgspec
 
-from r2bspec.check.rules.tuning import goal_problem
+from r2bspec.check.rules.tune_settings import goal_problem
 from r2bspec.errors import UsageError
 from r2bspec.judge.measure.metric_catalogue import Subjects, resolve
 from r2bspec.judge.verdict import RequirementVerdict
