@@ -19,9 +19,9 @@ from typing import Literal
 
 from r2bspec.language.spec import QoS
 from r2bspec.plan.wiring import literal_calls, python_files, self_references
+from r2bspec.plan.wiring.literal_calls import TopicNames
 from r2bspec.plan.wiring.node_interface import InterfaceEntry, ParameterInfo
 from r2bspec.plan.wiring.python_source import SourceNames, own_nodes, program_class
-from r2bspec.plan.wiring.topic_names import TopicNames
 from r2bspec.safe_io.limits import MAX_BASE_CLASSES
 
 _SIMPLE_STATEMENTS = (ast.Expr, ast.Assign, ast.AnnAssign)
