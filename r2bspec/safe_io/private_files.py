@@ -13,8 +13,6 @@ import errno
 import fcntl
 import functools
 import os
-import shutil
-import tempfile
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -58,6 +56,8 @@ def temporary_folder(kind: str, parent: Path | None = None) -> Iterator[Path]:
     Raises:
         OSError: it cannot be made.
     """
+    import tempfile
+
     parent = parent or Path(tempfile.gettempdir())
     _remove_abandoned(parent)
     folder, held = _made(kind, parent)
@@ -88,6 +88,8 @@ def _made(kind: str, parent: Path) -> tuple[Path, int]:
 
     Another process may remove it before it is locked: then the next one is made.
     """
+    import tempfile
+
     while True:
         folder = Path(tempfile.mkdtemp(prefix=f"r2bspec-{kind}-", suffix=_SUFFIX, dir=parent))
         try:
@@ -134,6 +136,8 @@ def remove_folder(folder: Path) -> None:
     A build or a node may have left folders that can be neither read nor written, and folders inside
     each other, deeper than a path may be long and than Python calls functions.
     """
+    import shutil
+
     with contextlib.suppress(RecursionError):
         shutil.rmtree(folder, ignore_errors=True)
     if folder.is_symlink() or not folder.is_dir():
