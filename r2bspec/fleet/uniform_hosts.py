@@ -151,14 +151,14 @@ class UniformHosts:
         return "refused" if isinstance(error, HostRefusesError) else "broken"
 
     def play(self, runs: Sequence[PlannedRun]) -> Iterator[Result | R2bspecError]:
-        """A run whose hosts are lost has a `FleetError`.
+        """Make runs; one whose hosts are lost has a `FleetError`.
 
         Raises:
             FleetError: no host is left.
             UsageError: the files of the spec cannot be sent.
         """
         hosts = self._present
-        made = [
+        placed = [
             FleetRun(
                 name=run.folder.name,
                 folder=run.folder,
@@ -168,7 +168,7 @@ class UniformHosts:
             )
             for run in runs
         ]
-        ended = {each.run.folder: each for each in self._made(made)}
+        ended = {each.run.folder: each for each in self._made(placed)}
         for run in runs:
             error = ended[run.folder].error
             is_lost = isinstance(error, FleetError) and not self.client.hosts

@@ -26,6 +26,7 @@ from r2bspec.judge.measure.units import show
 _MIN_INTERVALS = 4
 MIN_UNASKED = 2
 """Messages that answer nothing; by order, 1 is enough."""
+
 _STEADY_WITHIN = 0.25
 _MAX_LATE_SHARE = 0.1
 _LATE_PERIODS = 2.5
