@@ -18,11 +18,11 @@ from pathlib import Path
 from r2bspec import api
 from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.tune.machine import goal_of
+from r2bspec.tune.run_search import tune
 from r2bspec.tune.search import SearchSettings
-from r2bspec.tune.trials import ThisMachine
-from r2bspec.tune.tuning import tune
+from r2bspec.tune.trials import RealMachine, ThisHost
 from r2bspec.tune.tuning_result import TuningResult
-from r2bspec.tune.tuning_wording import claim_text
+from r2bspec.tune.tuning_texts import claim_text
 from tunable_graphs import TunableGraph, tunable_graphs, write_graph
 
 _COLUMNS = (
@@ -65,11 +65,18 @@ def _row(graph: TunableGraph, folder: Path, settings: SearchSettings) -> list[st
         sys.stderr.write(f"{graph.name}: {line}\n")
 
     result = tune(
-        selection, prepared, folder / "search", settings, minimize="cpu.graph.mean", tell=tell
+        selection,
+        prepared,
+        folder / "search",
+        settings,
+        minimize="cpu.graph.mean",
+        player=ThisHost(),
+        tell=tell,
     )
     again = ""
     if result.is_proved and result.winner is not None:
-        machine = ThisMachine(selection, folder, goal_of(prepared.plan, "cpu.graph.mean"))
+        goal = goal_of(prepared.plan, "cpu.graph.mean")
+        machine = RealMachine(selection, folder, goal, ThisHost())
         seen = machine.compare(result.space.today(), result.winner, settings.pairs, "again")
         again = f"{claim_text(seen.gain)}; {'meets' if seen.head_meets else 'not shown to meet'}"
     return [

@@ -287,8 +287,8 @@ def run(
     from r2bspec.execute.controller import RunOptions
     from r2bspec.execute.processes.machine import check_machine
     from r2bspec.execute.progress import Progress
-    from r2bspec.private_files import private_files
     from r2bspec.record.run_folder import RunFolder
+    from r2bspec.safe_io.private_files import private_files
 
     check_machine(prepared.plan)
     listener = progress or Progress()

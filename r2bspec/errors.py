@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from enum import IntEnum
 from typing import ClassVar
 
@@ -74,3 +75,24 @@ class UsageError(R2bspecError):
 
     code = "R2B601"
     exit_code = ExitStatus.USAGE
+
+
+_REFUSALS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS})
+
+
+def is_refusal(error: OSError) -> bool:
+    """Whether it says that the disk, or a limit of the user, has no room for what is written."""
+    return error.errno in _REFUSALS
+
+
+def refusal_hint(error: OSError) -> str:
+    """The way out of it."""
+    if error.errno == errno.EFBIG:
+        return "Raise the limit on the size of a file: ulimit -f unlimited."
+    return "Free space on this disk, or choose another folder with --output."
+
+
+def refusal_text(error: OSError) -> str:
+    """The error with its file, where that is known."""
+    what = error.filename or "a file of the run"
+    return f"{what} cannot be written: {error.strerror or error}"

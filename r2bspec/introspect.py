@@ -33,7 +33,7 @@ from r2bspec.plan.wiring.build_wiring import build_wiring
 from r2bspec.plan.wiring.companion_files import read_companion_files
 from r2bspec.plan.wiring.node_interface import RecordOrigin, files_digest, node_target
 from r2bspec.plan.wiring.wiring import NodeWiring
-from r2bspec.safe_io.temporary_folder import temporary_folder
+from r2bspec.safe_io.private_files import temporary_folder
 
 NAMESPACE = "/r2bspec_interfaces"
 

@@ -26,12 +26,12 @@ from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.interop.script_import.spec_text import Block, flow, identifier, unique_name
 from r2bspec.language.templates import node_key
 from r2bspec.plan.installed_packages import python_target, top_level_names
-from r2bspec.plan.wiring.ast_reader import read_python_file
-from r2bspec.plan.wiring.companion_files import read_source, source_folder
+from r2bspec.plan.wiring.companion_files import read_source
 from r2bspec.plan.wiring.console_scripts import installed_script, source_script
 from r2bspec.plan.wiring.parameter_files import read_parameter_file
+from r2bspec.plan.wiring.python_files import read_python_file, source_folder
+from r2bspec.safe_io.private_files import temporary_folder
 from r2bspec.safe_io.safe_file import is_regular
-from r2bspec.safe_io.temporary_folder import temporary_folder
 
 _SLACK_S = 60.0
 _MAX_SHOWN = 20

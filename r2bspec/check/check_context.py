@@ -39,21 +39,21 @@ from r2bspec.datasets.catalogue import index as index_location
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.judge.measure.metric_catalogue import MetricError, MetricInfo, Subjects, resolve
 from r2bspec.language.benchmark_defaults import CONFIDENCE
+from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.located_tree import ListNode, MapNode, TreeNode, child, count_values, lookup
 from r2bspec.language.quantities import Rate
-from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Spec
 from r2bspec.plan.installed_packages import package_version
 from r2bspec.plan.process_plans import process_names
 from r2bspec.plan.wiring.build_wiring import build_wiring
 from r2bspec.plan.wiring.companion_files import CompanionFiles, CompanionReader
 from r2bspec.plan.wiring.wiring import NodeWiring, Wiring
-from r2bspec.private_files import private_files
 from r2bspec.record.calibration_file import CalibrationFile, calibration_path, read_calibration_file
 from r2bspec.record.files import RecordError
 from r2bspec.safe_io.cache_folder import cache_folder
+from r2bspec.safe_io.file_search import note_folder
 from r2bspec.safe_io.limits import MAX_BAG_INDEX_BYTES, MAX_STAMPS_BYTES, MAX_TRIED_VALUES
-from r2bspec.safe_io.looked_up_files import note_folder
+from r2bspec.safe_io.private_files import private_files
 from r2bspec.safe_io.safe_json import read_json
 
 if TYPE_CHECKING:

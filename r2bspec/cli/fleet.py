@@ -97,8 +97,8 @@ def worker(
     from r2bspec.fleet.hosts import HostName, describe_host
     from r2bspec.fleet.permissions import COMMANDS, PYTHON
     from r2bspec.fleet.worker import WorkerSettings, run_worker
-    from r2bspec.private_files import private_files
     from r2bspec.safe_io.cache_folder import believed_folder, cache_or_temporary_folder
+    from r2bspec.safe_io.private_files import private_files
 
     _check_installation()
     address = fleet_address(scheduler, **connection)

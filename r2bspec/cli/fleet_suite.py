@@ -20,14 +20,13 @@ from r2bspec.cli.spec_selection import Playing, SuiteEntry, base_selection, prep
 from r2bspec.compare.base_tree import parse_base_reference
 from r2bspec.compare.report_input import read_folder
 from r2bspec.diagnostics.plain_text import plain
-from r2bspec.diagnostics.quote import first_words, pluralize
+from r2bspec.diagnostics.quote import first_words, pluralize, time_text
 from r2bspec.errors import R2bspecError
 from r2bspec.fleet import fleet_runs
 from r2bspec.fleet.client import FleetClient
 from r2bspec.fleet.hosts import ALL, ANY, Host, place
 from r2bspec.fleet.journal import Journal
 from r2bspec.fleet.security import fleet_address
-from r2bspec.plan.time_estimate import time_text
 from r2bspec.report.output import console, echo
 from r2bspec.report.terminal_tables import table
 

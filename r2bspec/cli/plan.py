@@ -87,7 +87,7 @@ def command(
     plan = prepared.plan
     if tune:
         from r2bspec import api
-        from r2bspec.tune.tuning_wording import space_text
+        from r2bspec.tune.tuning_texts import space_text
 
         space = api.tuning_space(prepared, spec, **values)
         _write(space_text(space).encode(), output)

@@ -28,13 +28,11 @@ from r2bspec.cli.spec_selection import (
 from r2bspec.cli.text_output import locked_host
 from r2bspec.compare.gate_strength import allowable_names, check_allowed
 from r2bspec.compare.report_input import read_folder
-from r2bspec.diagnostics.quote import pluralize
+from r2bspec.diagnostics.quote import pluralize, time_text
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.plan.canonical_json import plan_hash
-from r2bspec.plan.time_estimate import time_text
-from r2bspec.private_files import private_files
 from r2bspec.record.files import FolderTakenError, write_atomically
 from r2bspec.record.graph_identity import GraphIdentity, identity_differences, source_differences
 from r2bspec.report import suite as suites
@@ -43,6 +41,7 @@ from r2bspec.report.notes import notes_of_an_open_run
 from r2bspec.report.output import echo, echo_document
 from r2bspec.report.progress import RemainingTime
 from r2bspec.report.write_reports import STDOUT, ReportRequest, takes_stdout, write_report
+from r2bspec.safe_io.private_files import private_files
 from r2bspec.safe_io.safe_file import is_regular
 
 if TYPE_CHECKING:

@@ -106,11 +106,12 @@ def command(
     from r2bspec import api
     from r2bspec.execute.progress import Progress
     from r2bspec.fleet.security import fleet_address
+    from r2bspec.fleet.uniform_hosts import uniform_hosts
     from r2bspec.report.progress import shown_progress
     from r2bspec.report.terminal import standard_output
-    from r2bspec.tune.fleet_machine import fleet_hosts
+    from r2bspec.tune.run_search import require_extra, tune
     from r2bspec.tune.search import SearchSettings
-    from r2bspec.tune.tuning import require_extra, tune
+    from r2bspec.tune.trials import Player, ThisHost
     from r2bspec.tune.tuning_report import print_tuning
     from r2bspec.tune.tuning_result import to_json
 
@@ -126,10 +127,11 @@ def command(
     )
     folder = output or api.default_run_folder(f"{prepared.plan.name}-tune")
     with contextlib.ExitStack() as opened:
-        fleet = None
+        player: Player = ThisHost(Progress())
         if on is not None:
             address = fleet_address(on, **connection)
-            fleet = opened.enter_context(fleet_hosts(address, prepared.plan, hosts.split(",")))
+            fitting = uniform_hosts(address, prepared.plan, hosts.split(","))
+            player = opened.enter_context(fitting)
         else:
             opened.enter_context(locked_host(f"{prepared.plan.name} tune", wait=not no_wait))
         opened.enter_context(_resumable(folder))
@@ -140,8 +142,7 @@ def command(
             folder,
             settings,
             minimize=minimize or declared.minimize,
-            fleet=fleet,
-            progress=Progress(),
+            player=player,
             tell=progress.note,
             resume=resume,
         )

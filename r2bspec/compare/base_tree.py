@@ -43,8 +43,8 @@ from r2bspec.language.secrets import shown_value
 from r2bspec.record.graph_identity import Revision, revision_text
 from r2bspec.safe_io import git
 from r2bspec.safe_io.limits import MAX_TREE_BYTES, MAX_TREE_FILES
+from r2bspec.safe_io.private_files import temporary_folder
 from r2bspec.safe_io.safe_file import is_folder, is_regular, is_there
-from r2bspec.safe_io.temporary_folder import temporary_folder
 
 HINT = (
     "Give a revision of git such as origin/main, another work tree, a spec, var:NAME=VALUE, "

@@ -1,7 +1,7 @@
 """The gate of a plan, key by key: what a verdict depends on, and which change of it is weaker.
 
-`GATE_FIELDS` and `FREE_FIELDS` together have every field of a plan. A field that is in neither is
-reported as a weaker gate under its own name, until somebody decides where it belongs.
+A field of a plan that is neither in `GATE_FIELDS` nor free (`is_free`) is reported as a weaker gate
+under its own name, until somebody decides where it belongs.
 
 Numbers and ranks have an order: less is weaker (`float`), or more is (`neg`). Of anything else no
 change is known to be harmless, so each one counts as weaker. Objectives are compared in
@@ -34,10 +34,10 @@ from r2bspec.compare.gate_change import (
 from r2bspec.compare.objective_strength import implies, objective_changes, subjects
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.benchmark_defaults import default_starts
+from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.quantities import Duration, Share, Size
-from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Pacing
-from r2bspec.plan.comparability import diff_plans
+from r2bspec.plan.comparability import change_of, diff_plans
 from r2bspec.plan.plan import CallPlan, GatePlan, MonitorPlan, Plan, PlayPlan
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 
@@ -284,11 +284,12 @@ def plan_changes(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[G
         elif rule not in compared:
             compared.add(rule)
             yield from rule(base, head)
-    unknown: set[str | int] = set(GATE_FIELDS.keys() | FREE_FIELDS.keys())
+    named: set[str] = set(GATE_FIELDS)
     for difference in diff_plans(base.plan, head.plan):
-        if difference.path[0] not in unknown:
-            unknown.add(difference.path[0])
-            yield difference_change(difference, str(difference.path[0]), difference.path)
+        field = str(difference.path[0])
+        if field not in named and not is_free(field):
+            named.add(field)
+            yield difference_change(difference, field, difference.path)
 
 
 def _plays(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChange]:
@@ -446,22 +447,14 @@ GATE_FIELDS: Final[Mapping[str, _Rule | GateKey]] = {
 }
 """The fields of a plan that a verdict depends on, with the key of each, or what compares it."""
 
-FREE_FIELDS: Final[Mapping[str, str]] = {
-    "r2bspec_plan": "the version of the format",
-    "generator": "the version of the compiler",
-    "name": "a text; specs are matched by path or name",
-    "title": "a text",
-    "description": "a text",
-    "labels": "texts; they select specs",
-    "namespace": "of the graph; the topics of inputs and monitors are compared",
-    "environment": "of the graph",
-    "topics": "of the graph",
-    "setup": "of the graph",
-    "ready": "of the graph",
-    "after_ready": "of the graph",
-    "lifecycle": "of the graph",
-    "largest_message_bytes": "follows from the data",
-    "phases": "follows from the other fields",
-    "sustained_hz": "follows from the objectives",
-}
-"""The fields of a plan that may change, and why."""
+FREE_FIELDS: Final = frozenset({"generator", "name", "title", "description", "labels"})
+"""Texts, which may change, and the version of the compiler; specs are matched by path or name."""
+
+
+def is_free(field: str) -> bool:
+    """Whether a field of a plan may change without a word: a text, or one that shows the graph.
+
+    Raises:
+        KeyError: nobody has said which key it shows.
+    """
+    return field not in GATE_FIELDS and (field in FREE_FIELDS or change_of(field) == "graph")

@@ -16,7 +16,7 @@ from typing import Any, Final, Literal, TypeVar
 import msgspec
 
 from r2bspec.errors import ExitStatus, R2bspecError
-from r2bspec.private_files import private_files
+from r2bspec.safe_io.private_files import private_files
 from r2bspec.safe_io.safe_file import RefusedDataError, is_there
 from r2bspec.safe_io.safe_sqlite import check_schema, end_deadline, restrict
 

@@ -41,7 +41,6 @@ from r2bspec.language.spec import Objective
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.comparability import single_run_plan
 from r2bspec.plan.plan import Plan
-from r2bspec.private_files import private_files
 from r2bspec.record.comparison_folder import (
     ComparisonFolder,
     PairRecord,
@@ -50,6 +49,7 @@ from r2bspec.record.comparison_folder import (
     open_comparison,
 )
 from r2bspec.record.run_folder import Run, RunFolder, open_run
+from r2bspec.safe_io.private_files import private_files
 
 _MAX_AFFECTED_RERUNS = 2
 """Reruns that are affected again. After that the machine counts as always busy."""

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 from r2bspec.compare.gate_change import GateChange, spec_of
 from r2bspec.judge.measure.metric_catalogue import MetricError, Subjects, resolve
-from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.spec import Objective
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 

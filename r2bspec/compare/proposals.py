@@ -38,10 +38,10 @@ from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.t_interval import noise_floor, predicted_ratio, smallest_detectable
 from r2bspec.language.benchmark_defaults import CONFIDENCE
+from r2bspec.language.comparison_grammar import Requirement, parse_requirement
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, lookup
 from r2bspec.language.quantities import Rate
-from r2bspec.language.requirement_grammar import Requirement, parse_requirement
 from r2bspec.language.spec import Objective, Spec
 from r2bspec.plan.comparability import measured_hash, pair_count
 from r2bspec.record import calibration_file

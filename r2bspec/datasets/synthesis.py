@@ -29,8 +29,8 @@ from r2bspec.datasets.cameras import camera_pose
 from r2bspec.datasets.rig import TopicSource, message_bytes
 from r2bspec.datasets.scenes import Scene, find_scene
 from r2bspec.datasets.sensors import render_depth, render_message
-from r2bspec.private_files import private_files
 from r2bspec.safe_io.cache_folder import cache_or_temporary_folder
+from r2bspec.safe_io.private_files import private_files
 
 if TYPE_CHECKING:
     import numpy as np

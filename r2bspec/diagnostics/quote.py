@@ -1,4 +1,4 @@
-"""Names and values of a document in messages.
+"""Names, values and times in messages.
 
 Values are quoted: short, on one line, without control characters. For an unknown name the known one
 that is most similar is proposed.
@@ -6,6 +6,7 @@ that is most similar is proposed.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from itertools import islice
@@ -114,3 +115,15 @@ def suggestion(wrong: str, known: Iterable[str], what: str) -> str:
 def pluralize(number: int, noun: str) -> str:
     """``1 message``, ``3,000 messages``."""
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
+
+
+def time_text(seconds: float) -> str:
+    """A time for people: ``40 s``, ``3 min``, ``1 h 20 min``."""
+    if seconds < 10:
+        return f"{math.ceil(seconds)} s"
+    if seconds < 90:
+        return f"{math.ceil(seconds / 5) * 5} s"
+    minutes = math.ceil(seconds / 60)
+    if minutes < 60:
+        return f"{minutes} min"
+    return f"{minutes // 60} h {minutes % 60} min" if minutes % 60 else f"{minutes // 60} h"

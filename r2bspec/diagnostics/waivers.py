@@ -20,7 +20,6 @@ from msgspec.structs import replace
 
 from r2bspec.diagnostics.diagnostic import Diagnostic, Severity, Span, split_lines
 from r2bspec.diagnostics.quote import did_you_mean, quote
-from r2bspec.safe_io.limits import MAX_WAIVERS
 
 TOO_LARGE = "R2B002"
 WAIVER_WITHOUT_REASON = "R2B040"
@@ -28,6 +27,8 @@ UNKNOWN_CODE = "R2B041"
 UNUSED_WAIVER = "R2B042"
 NOT_WAIVABLE = "R2B043"
 
+MAX_WAIVERS = 25_000
+"""Of one document; one of several codes counts as often."""
 MAX_FINDINGS = 1000
 """Findings beyond which no findings about waivers are added: more would not help."""
 

@@ -24,7 +24,7 @@ from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.judge.measure.units import show
 from r2bspec.middleware.middleware import known_middlewares
 from r2bspec.safe_io.cache_folder import cache_path
-from r2bspec.safe_io.temporary_folder import remove_folder
+from r2bspec.safe_io.private_files import remove_folder
 
 _WATCHDOG = "r2bspec.harness.watchdog"
 _START_FIELD = 19

@@ -23,7 +23,7 @@ from r2bspec.judge.measure.observed_runs import ObservedRows
 from r2bspec.native.build import anatomy_environment, anatomy_object
 from r2bspec.record.anatomy_files import AnatomyReader, file_bytes
 from r2bspec.record.run_record import AnatomyProcess, AnatomyRecord
-from r2bspec.safe_io.temporary_folder import remove_folder, temporary_folder
+from r2bspec.safe_io.private_files import remove_folder, temporary_folder
 
 if TYPE_CHECKING:
     from r2bspec.plan.plan import Plan, ProcessPlan

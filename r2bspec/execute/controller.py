@@ -20,7 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from r2bspec.errors import R2bspecError
+from r2bspec.errors import R2bspecError, refusal_hint
 from r2bspec.execute import errors
 from r2bspec.execute.anatomy import build_preload, events_folder
 from r2bspec.execute.bringup.harness_processes import build_join_files
@@ -51,7 +51,6 @@ from r2bspec.execute.session import StartSequence
 from r2bspec.execute.states import Interrupts, RunState, RunStates
 from r2bspec.ipc.arrivals import ClockOffsetTracker
 from r2bspec.ipc.buffers import largest_message_bytes
-from r2bspec.ipc.sample_files import refusal_hint
 from r2bspec.judge.confirmation import needs_confirmation
 from r2bspec.judge.decision_policy import certain_failures, decision_policy
 from r2bspec.judge.judge_run import judge_confirmation
@@ -74,7 +73,7 @@ from r2bspec.record.run_record import (
     ProfileRecord,
     RunRecord,
 )
-from r2bspec.safe_io.temporary_folder import remove_folder
+from r2bspec.safe_io.private_files import remove_folder
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import Plan, ProcessPlan
 from r2bspec.record.run_record import AnatomyRecord, ProfileRecord
 from r2bspec.safe_io.file_search import regular_files
-from r2bspec.safe_io.temporary_folder import remove_folder
+from r2bspec.safe_io.private_files import remove_folder
 
 if TYPE_CHECKING:
     from r2bspec.execute.session import StartSequence

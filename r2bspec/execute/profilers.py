@@ -36,7 +36,7 @@ from r2bspec.execute.processes.process import describe_exit
 from r2bspec.execute.processes.resources import family
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.record.run_folder import Stacks, write_stacks
-from r2bspec.safe_io.temporary_folder import temporary_folder
+from r2bspec.safe_io.private_files import temporary_folder
 
 OUTPUT = "$(profile)"
 """In the words of a prefix: the path, without a suffix, of the file that it should write."""

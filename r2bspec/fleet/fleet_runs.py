@@ -29,6 +29,7 @@ import msgspec
 
 from r2bspec.compare.history import open_history
 from r2bspec.compare.history_gate import add_to_history, baseline_from_history, write_baseline
+from r2bspec.diagnostics.quote import time_text
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.fleet import errors
@@ -44,7 +45,7 @@ from r2bspec.judge.result import Result
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark
-from r2bspec.plan.time_estimate import estimate_pairs, estimate_time, time_text
+from r2bspec.plan.time_estimate import estimate_pairs, estimate_time
 from r2bspec.record.baseline_file import CONFIRMATION_FOLDER
 from r2bspec.record.run_folder import RunFolder, open_run
 

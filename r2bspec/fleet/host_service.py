@@ -25,8 +25,8 @@ from r2bspec.fleet.messages import PLUGIN, FleetRunState, Problem, RunEnded, ans
 from r2bspec.fleet.permissions import check_allowed
 from r2bspec.plan.canonical_json import parse_plan
 from r2bspec.plan.this_machine import LABELS_VARIABLE, unmet
-from r2bspec.private_files import user_umask
 from r2bspec.record.files import write_atomically
+from r2bspec.safe_io.private_files import user_umask
 
 _PLAYED_FILE: Final = "played.json"
 _ARCHIVE: Final = "run.tar.gz"

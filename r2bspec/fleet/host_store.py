@@ -37,7 +37,7 @@ from r2bspec.safe_io.limits import (
     MAX_FLEET_RUN_BYTES,
     MAX_RUN_FOLDER_LEVELS,
 )
-from r2bspec.safe_io.temporary_folder import remove_folder
+from r2bspec.safe_io.private_files import remove_folder
 
 JOB_FILE: Final = "job.json"
 ENDED_FILE: Final = "ended.json"

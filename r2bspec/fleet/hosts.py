@@ -10,13 +10,13 @@ from typing import Annotated, Final, NamedTuple
 import msgspec
 
 from r2bspec._version import __version__
+from r2bspec.diagnostics.quote import time_text
 from r2bspec.errors import R2bspecError
 from r2bspec.fleet.errors import NoHostError, VersionDiffersError
 from r2bspec.fleet.messages import HostState
 from r2bspec.judge.measure.units import show
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.this_machine import MachineFacts, gpus, ros_distro, unmet
-from r2bspec.plan.time_estimate import time_text
 
 ALL: Final = "all"
 ANY: Final = "any"

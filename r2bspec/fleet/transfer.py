@@ -26,7 +26,7 @@ from r2bspec.record.files import RecordError
 from r2bspec.record.run_folder import Run, open_run
 from r2bspec.safe_io.file_search import regular_files
 from r2bspec.safe_io.limits import MAX_FLEET_RUN_BYTES
-from r2bspec.safe_io.temporary_folder import remove_folder
+from r2bspec.safe_io.private_files import remove_folder
 
 PIECE_BYTES: Final = 4 << 20
 """Small enough to pass through a scheduler, and to be repeated over a slow link."""

@@ -22,10 +22,9 @@ import traceback
 from collections.abc import Callable
 from typing import Final, Protocol
 
-from r2bspec.errors import ExitStatus
+from r2bspec.errors import ExitStatus, is_refusal, refusal_hint, refusal_text
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.ipc import protocol
-from r2bspec.ipc.sample_files import is_refusal, refusal_hint, refusal_text
 from r2bspec.middleware.middleware import middleware_of
 from r2bspec.record.files import RUN_UNWRITABLE
 

@@ -24,7 +24,7 @@ from rclpy.parameter import Parameter
 
 from r2bspec.plan.command_lines import flow_yaml
 from r2bspec.plan.plan import NodePlan
-from r2bspec.plan.wiring.python_package import module_of
+from r2bspec.plan.wiring.python_files import module_of
 from r2bspec.plan.wiring.python_source import KEYWORD_ARGUMENTS
 
 

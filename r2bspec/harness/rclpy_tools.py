@@ -26,7 +26,7 @@ from rclpy.utilities import get_rmw_implementation_identifier, ok, try_shutdown
 
 from r2bspec.ipc.protocol import Endpoint, weakest_offer
 from r2bspec.language.spec import QoS
-from r2bspec.plan.installed_packages import ros_package_advice
+from r2bspec.plan.package_advice import ros_package_advice
 
 _to_destroy: list[Node] = []
 _init_lock = threading.Lock()

@@ -21,7 +21,7 @@ from pathlib import Path
 from r2bspec.errors import ExitStatus
 from r2bspec.ipc.process_cleanup import ProcessSession, clean_up, now_ticks
 from r2bspec.record.files import LOCK_FILE
-from r2bspec.safe_io.temporary_folder import remove_folder
+from r2bspec.safe_io.private_files import remove_folder
 
 _GRACE_S = 1.0
 

@@ -39,7 +39,7 @@ from r2bspec.judge.requirement_case import (
 )
 from r2bspec.judge.statistics.effective_sample_size import EffectiveSample
 from r2bspec.judge.verdict import EXIT_CODES, RequirementVerdict, Verdict, outcome_of
-from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.spec import Objective
 from r2bspec.plan.plan import GatePlan
 

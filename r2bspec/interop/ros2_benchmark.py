@@ -24,13 +24,15 @@ from r2bspec.compare.comparison import ComparedResult, ComparedSource, MetricSer
 from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import ExitStatus, R2bspecError
-from r2bspec.report.ros2_benchmark import BASIC_PREFIX, METADATA_PREFIX, RESOURCE_PREFIX
 from r2bspec.safe_io.limits import MAX_NAME_CHARACTERS, MAX_REPORT_BYTES, MAX_REPORT_FIGURES
 from r2bspec.safe_io.safe_file import read_bytes
 from r2bspec.safe_io.safe_json import decode_python_json
 
+_BASIC: Final = "BasicPerformanceMetrics"
+_RESOURCE: Final = "ResourceMetrics"
+_METADATA: Final = "BenchmarkMetadata"
 _RATE_KEY = re.compile(r"(\d+(?:\.\d+)?)fps")
-_KNOWN_PREFIXES = (BASIC_PREFIX, RESOURCE_PREFIX, "CPUProfilingMetrics")
+_KNOWN_PREFIXES = (_BASIC, _RESOURCE, "CPUProfilingMetrics")
 
 
 class NotAReportError(R2bspecError):
@@ -136,11 +138,11 @@ def parse_report(content: bytes, file: str = "<report>") -> ReferenceReport:
         except msgspec.ValidationError as error:
             raise NotAReportError(f"{file} is damaged: {error}") from error
     if not isinstance(report, dict) or not any(map(_has_figures, [report, *report.values()])):
-        raise NotAReportError(f"{file} is not a report of ros2_benchmark: it has no {BASIC_PREFIX}")
+        raise NotAReportError(f"{file} is not a report of ros2_benchmark: it has no {_BASIC}")
     _check_size(report, file)
     metadata = report.get("metadata")
     plain = {
-        key.removeprefix(f"{METADATA_PREFIX}."): value
+        key.removeprefix(f"{_METADATA}."): value
         for key, value in (metadata.items() if isinstance(metadata, dict) else ())
     }
     # r2bspec writes these reports, too, and divides by the number of intervals.
@@ -221,7 +223,7 @@ def _compared_values(figures: MonitorFigures) -> Iterator[tuple[str, str, float]
 
 
 def _has_figures(level: object) -> bool:
-    return isinstance(level, dict) and any(str(key).startswith(f"{BASIC_PREFIX}.") for key in level)
+    return isinstance(level, dict) and any(str(key).startswith(f"{_BASIC}.") for key in level)
 
 
 def _by_monitor(level: dict[str, Any], *, exact: bool) -> dict[str, MonitorFigures]:
@@ -258,11 +260,11 @@ _BASIC_FIGURES: Final = {
 
 def _figures(level: Mapping[str, Any], *, exact: bool) -> MonitorFigures:
     values = {
-        name: _number(level.get(f"{BASIC_PREFIX}.{key}"), units)
+        name: _number(level.get(f"{_BASIC}.{key}"), units)
         for name, (key, units) in _BASIC_FIGURES.items()
     }
     for part in ("mean", "max"):
-        share = _number(level.get(f"{RESOURCE_PREFIX}.{part.upper()}_OVERALL_CPU_UTILIZATION"), 100)
+        share = _number(level.get(f"{_RESOURCE}.{part.upper()}_OVERALL_CPU_UTILIZATION"), 100)
         if share is None:  # reports before version 3 of the tool
             share = _number(level.get(f"CPUProfilingMetrics.{part.upper()}_CPU_UTIL"), 100)
         values[f"cpu_{part}"] = share

@@ -42,12 +42,13 @@ from typing import Any
 
 import msgspec
 
+from r2bspec.errors import is_refusal, refusal_text
 from r2bspec.ipc import buffers, playback_file, protocol
 from r2bspec.ipc.buffers import TF, TF_QOS, TF_TYPE
-from r2bspec.ipc.sample_files import HEAD_BYTES, STALL_FILE, heads_path, is_refusal, refusal_text
+from r2bspec.ipc.sample_files import HEAD_BYTES, STALL_FILE, heads_path
 from r2bspec.ipc.schedule import Schedule
 from r2bspec.language.spec import QoS
-from r2bspec.plan.installed_packages import ros_package_advice
+from r2bspec.plan.package_advice import ros_package_advice
 from r2bspec.plan.plan import MonitorPlan
 
 _SIMPLE: dict[type, str] = {

@@ -1,4 +1,4 @@
-"""Files that one process of a run appends to while another reads them; full disks.
+"""Files that one process of a run appends to while another reads them.
 
 A sample file is nothing but rows of int64, little-endian and of a fixed size. Each is appended in
 one write; a reader ignores an incomplete row at the end, which a killed process may leave.
@@ -14,7 +14,6 @@ A file of whole messages has for each its size (little-endian int64) and its ser
 from __future__ import annotations
 
 import contextlib
-import errno
 import struct
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -23,9 +22,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-
-_REFUSALS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS})
 
 
 @contextlib.contextmanager
@@ -37,24 +33,6 @@ def named_errors(path: Path) -> Iterator[None]:
         if error.filename is None:
             error.filename = str(path)
         raise
-
-
-def is_refusal(error: OSError) -> bool:
-    """Whether it says that the disk, or a limit of the user, has no room for what is written."""
-    return error.errno in _REFUSALS
-
-
-def refusal_hint(error: OSError) -> str:
-    """The way out of it."""
-    if error.errno == errno.EFBIG:
-        return "Raise the limit on the size of a file: ulimit -f unlimited."
-    return "Free space on this disk, or choose another folder with --output."
-
-
-def refusal_text(error: OSError) -> str:
-    """The error with its file, where that is known."""
-    what = error.filename or "a file of the run"
-    return f"{what} cannot be written: {error.strerror or error}"
 
 
 class RowWriter:

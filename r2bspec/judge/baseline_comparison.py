@@ -42,7 +42,7 @@ from r2bspec.judge.pipeline import judge, latency_unknown_by_order
 from r2bspec.judge.uncertainty_budget import resolution
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.language.benchmark_defaults import CONFIDENCE
-from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.spec import Objective
 from r2bspec.plan.plan import GRAPH_ROLES, Plan
 from r2bspec.record.baseline_file import BaselineRecord

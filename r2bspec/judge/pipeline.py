@@ -87,7 +87,7 @@ from r2bspec.judge.verdict import (
     outcome_of,
 )
 from r2bspec.language.benchmark_defaults import CONFIDENCE
-from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.spec import Objective
 
 DECISION_METHODS: Final[tuple[DecisionMethod, ...]] = (

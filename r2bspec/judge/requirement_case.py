@@ -10,15 +10,19 @@ from typing import Final
 import numpy as np
 
 from r2bspec.judge.measure.metric_catalogue import MetricInfo
-from r2bspec.judge.measure.metric_values import lost_on_paths
-from r2bspec.judge.measure.samples import MonitorSamples, SegmentSamples, starts_of
+from r2bspec.judge.measure.samples import (
+    LOSS_SENSITIVE_FAMILIES,
+    MonitorSamples,
+    SegmentSamples,
+    starts_of,
+)
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import Method
 from r2bspec.judge.statistics.effective_sample_size import SampleDesign
 from r2bspec.judge.verdict import Outcome, RequirementVerdict, ShareTest, UncertaintyBudget
 from r2bspec.language.benchmark_defaults import CONFIDENCE
-from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.record.run_record import RunRecord
 
 MAX_LOST_SHARE: Final = 0.01
@@ -76,7 +80,35 @@ class RequirementCase:
     @property
     def lost_on_paths(self) -> int:
         """The expected outputs that never came, of a metric of paths; else 0."""
-        return sum(lost_on_paths(self.info, iteration) for iteration in self.iterations)
+        return sum(iteration.lost_on_paths(self.info) for iteration in self.iterations)
+
+    def values_by_iteration(self) -> tuple[list[Seconds], int]:
+        """The messages of each iteration, in order, and how many are lost (infinitely off)."""
+        family, worst = self.info.family, math.inf if self.is_upper_bound else -math.inf
+        if self.info.scope == "playback":
+            return [iteration.playback.lateness for iteration in self.iterations], 0
+        if self.info.scope == "anatomy":
+            return self._with_lost(worst), self.lost_on_paths
+        seen = self.monitor_samples
+        lost = sum(one.missed for one in seen) if family in LOSS_SENSITIVE_FAMILIES else 0
+        return [one.in_order(family, worst) for one in seen], lost
+
+    def _with_lost(self, worst: float) -> list[Seconds]:
+        """What was observed in each iteration, with the outputs that never came in their places.
+
+        Where these are not known, they are the last ones.
+        """
+        pieces = []
+        for times, iteration in zip(self.observed_times, self.iterations, strict=True):
+            lost = iteration.lost_on_paths(self.info)
+            came = np.arange(times.size + lost) < times.size
+            if lost:
+                known = iteration.monitors[self.info.subject].steps.answered
+                came = known if np.count_nonzero(known) == times.size > 0 else came
+            values = np.full(came.size, worst)
+            values[came] = times
+            pieces.append(values)
+        return pieces
 
     @property
     def is_upper_bound(self) -> bool:

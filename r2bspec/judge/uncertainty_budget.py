@@ -46,16 +46,16 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.diagnostics.quote import time_text
 from r2bspec.judge.measure.host_usage import interference_reasons, median_pressure
 from r2bspec.judge.measure.metric_catalogue import MetricInfo
 from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, SegmentSamples
 from r2bspec.judge.measure.units import show
-from r2bspec.judge.requirement_case import RequirementCase
 from r2bspec.judge.statistics.t_interval import t_quantile
 from r2bspec.judge.statistics.variance_components import (
     ASSURANCE,
@@ -65,8 +65,11 @@ from r2bspec.judge.statistics.variance_components import (
     sampling_variance,
 )
 from r2bspec.judge.verdict import UncertaintyBudget, VariancePart, VarianceSource
-from r2bspec.plan.time_estimate import time_text
 from r2bspec.record.run_record import RunRecord
+
+if TYPE_CHECKING:
+    from r2bspec.judge.requirement_case import RequirementCase
+
 
 _HALVED: Final = 4.0
 _MAX_LONGER: Final = 10.0

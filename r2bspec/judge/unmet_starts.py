@@ -45,7 +45,6 @@ from r2bspec.judge.caveats import LONG_BURST
 from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, starts_of
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import show
-from r2bspec.judge.methods.share_bounds import values_by_iteration
 from r2bspec.judge.requirement_case import RequirementCase
 from r2bspec.judge.statistics.binomial import burst_tolerance
 from r2bspec.judge.statistics.percentile_interval import allowed_share
@@ -211,7 +210,7 @@ def _room(case: RequirementCase, passed: RequirementVerdict) -> float:
     if test is not None:
         if case.windows is not None or not case.is_upper_bound:
             return no_rule
-        return room_of_percentile(values_by_iteration(case)[0], case.limit, test.allowed)
+        return room_of_percentile(case.values_by_iteration()[0], case.limit, test.allowed)
     bound = passed.upper if case.is_upper_bound else passed.lower
     if bound is None:
         return no_rule

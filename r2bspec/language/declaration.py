@@ -37,9 +37,8 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Union, get_args, ge
 import msgspec
 
 from r2bspec.diagnostics import Path
-from r2bspec.language.condition_grammar import Condition
+from r2bspec.language.comparison_grammar import Condition, Requirement
 from r2bspec.language.quantities import Quantity
-from r2bspec.language.requirement_grammar import Requirement
 
 Change = Literal["load", "graph", "neither"]
 """What a key changes: the load on the graph and its monitoring, the graph, or neither of them."""
@@ -487,7 +486,7 @@ def decode_text(kind: type, value: object) -> Any:
 
     Raises:
         QuantityError: the text is not a quantity of that kind.
-        RequirementError: the text is not a requirement, or not a condition.
+        ComparisonError: the text is not a requirement, or not a condition.
     """
     if isinstance(value, kind):
         return value

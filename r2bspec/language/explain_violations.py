@@ -20,13 +20,12 @@ from msgspec.structs import replace
 from r2bspec.diagnostics import Diagnostic, Edit, Path, Related, did_you_mean, format_path
 from r2bspec.diagnostics.quote import clip, first_words, join_words, quote
 from r2bspec.language import names
-from r2bspec.language.condition_grammar import Condition
+from r2bspec.language.comparison_grammar import ComparisonError, Condition, Requirement
 from r2bspec.language.declaration import NamePattern, ValueRule, language, rule_at
 from r2bspec.language.document import MAX_PROBLEMS, inner_span
 from r2bspec.language.located_tree import MapNode, ScalarNode, lookup, span_at, to_plain
 from r2bspec.language.quantities import Quantity, QuantityError, Share
 from r2bspec.language.read_spec import Violation
-from r2bspec.language.requirement_grammar import Requirement, RequirementError
 from r2bspec.language.yaml_document import ScalarError, resolve
 
 
@@ -544,7 +543,7 @@ def _invalid_sentence(
 ) -> Diagnostic:
     try:
         kind.parse(text)
-    except RequirementError as error:
+    except ComparisonError as error:
         node, span = violation.node, None
         if isinstance(node, ScalarNode) and node.origin is None:
             source = violation.sources.get(node.span.file)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from r2bspec.language.condition_grammar import Condition
+from r2bspec.language.comparison_grammar import Condition
 from r2bspec.language.declaration import NamePattern, ValueRule, language
 from r2bspec.language.quantities import Quantity
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path as FilePath
-from typing import Unpack
+from typing import TYPE_CHECKING, Unpack
 
 from r2bspec.diagnostics import Diagnostic, Path, Severity, Span
 from r2bspec.diagnostics.quote import quote, unknown_name_help
@@ -35,12 +35,14 @@ from r2bspec.language.key_constraints import key_constraint_errors
 from r2bspec.language.matrix import KEY as MATRIX
 from r2bspec.language.matrix import MatrixCase, MatrixCases, matrix_of
 from r2bspec.language.read_spec import read_spec
-from r2bspec.language.selected_spec import LoadOptions
 from r2bspec.language.spec import Spec
 from r2bspec.language.substitution import substitute
 from r2bspec.language.variables import OPENING, apply_overrides, with_variables
 from r2bspec.language.yaml_document import compose, to_yaml
 from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
+
+if TYPE_CHECKING:
+    from r2bspec.language.selected_spec import LoadOptions
 
 
 @contextmanager

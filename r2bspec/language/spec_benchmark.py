@@ -10,10 +10,9 @@ import msgspec
 
 from r2bspec.language import names
 from r2bspec.language.benchmark_defaults import CONFIDENCE, CONFIRM, MAX_STARTS, PROBE
-from r2bspec.language.condition_grammar import Condition
+from r2bspec.language.comparison_grammar import Condition, Requirement
 from r2bspec.language.declaration import Record, Written, key
 from r2bspec.language.quantities import Duration, Rate, Share, Size
-from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec_graph import (
     ActionCall,
     QoS,

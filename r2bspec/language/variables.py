@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import msgspec
 from msgspec.structs import replace
@@ -41,8 +41,11 @@ from r2bspec.language.located_tree import (
 )
 from r2bspec.language.names import INSTANCE, VARIABLE
 from r2bspec.language.quantities import QUANTITIES, QuantityError
-from r2bspec.language.selected_spec import Variables
 from r2bspec.language.yaml_document import compose, parse_unquoted
+
+if TYPE_CHECKING:
+    from r2bspec.language.selected_spec import Variables
+
 
 OPENING = "$("
 

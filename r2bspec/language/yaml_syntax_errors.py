@@ -18,9 +18,9 @@ from r2bspec.diagnostics import Diagnostic, Edit, Related, Span
 from r2bspec.diagnostics.diagnostic import DiagnosticParts
 from r2bspec.language.document import Source
 from r2bspec.safe_io.limits import MAX_YAML_DEPTH
-from r2bspec.safe_io.safe_yaml import SCANNER_TOO_DEEP
+from r2bspec.safe_io.safe_yaml import SCANNER_TOO_DEEP, too_deep
 
-TOO_DEEP = f"values are nested more than {MAX_YAML_DEPTH} levels deep"
+TOO_DEEP = too_deep(MAX_YAML_DEPTH)
 TOO_DEEP_HELP = "look for an unclosed bracket or brace"
 
 

@@ -17,10 +17,10 @@ from r2bspec.bags.message_types import common_types
 from r2bspec.check.check_context import Context
 from r2bspec.diagnostics import Path
 from r2bspec.diagnostics.diagnostic import format_path
+from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.declaration import ValueRule, rule_at
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, lookup
 from r2bspec.language.names import MESSAGE_TYPE
-from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.variables import parse_path
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.positions import CompletionProposal, CursorContext

@@ -31,12 +31,12 @@ from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.positions import CompletionProposal, CursorContext
 from r2bspec.language_server.symbols import names_of
 from r2bspec.plan import installed_packages
-from r2bspec.plan.wiring.ast_reader import read_python_file
 from r2bspec.plan.wiring.node_interface import (
     catalogue_nodes,
     catalogue_packages,
     reference_node_interfaces,
 )
+from r2bspec.plan.wiring.python_files import read_python_file
 
 _MAX_FILES: Final = 200
 

@@ -32,8 +32,8 @@ from r2bspec.language_server.positions import ENCODINGS, TextPositions, edited
 from r2bspec.language_server.protocol import Connection, RequestError, decoded, invalid_params
 from r2bspec.language_server.symbols import definitions, references_at, renamable, rename
 from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
+from r2bspec.safe_io.private_files import process_folder
 from r2bspec.safe_io.safe_file import RefusedFileError, read_text
-from r2bspec.safe_io.temporary_folder import process_folder
 
 DEBOUNCE_S: Final = 0.005
 """Time without a change after which a text is analysed: editors may send what belongs together in

@@ -22,8 +22,8 @@ from r2bspec.language.variables import Reference, references
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.positions import place_at, walk
 from r2bspec.plan.installed_packages import python_target
-from r2bspec.plan.wiring.ast_reader import read_python_file
 from r2bspec.plan.wiring.name_resolution import expand
+from r2bspec.plan.wiring.python_files import read_python_file
 from r2bspec.plan.wiring.wiring import WiredEndpoint
 
 SymbolKind = Literal["variable", "topic", "node", "container", "monitor"]

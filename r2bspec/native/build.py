@@ -32,7 +32,6 @@ from pathlib import Path
 from typing import Literal
 
 from r2bspec.errors import ExitStatus, R2bspecError
-from r2bspec.private_files import private_files
 from r2bspec.safe_io.cache_folder import (
     UnusableCacheError,
     cache_folder,
@@ -41,8 +40,8 @@ from r2bspec.safe_io.cache_folder import (
     pass_over,
 )
 from r2bspec.safe_io.limits import MAX_FILE_STATE_BYTES
+from r2bspec.safe_io.private_files import private_files, temporary_folder
 from r2bspec.safe_io.safe_file import read_text
-from r2bspec.safe_io.temporary_folder import temporary_folder
 
 NOT_BUILT = "R2B668"
 

@@ -18,9 +18,9 @@ import msgspec
 from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.language.benchmark_defaults import MAX_STARTS, MIN_CONFIDENCE
+from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.declaration import decode_text, encode_text
 from r2bspec.language.quantities import Quantity
-from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.plan.plan import Plan
 from r2bspec.safe_io.limits import MAX_JSON_BYTES, MAX_PROCESSES
 from r2bspec.safe_io.safe_file import read_bytes

@@ -17,8 +17,7 @@ import msgspec
 
 from r2bspec.diagnostics.diagnostic import Path, format_path
 from r2bspec.diagnostics.quote import clip
-from r2bspec.language.declaration import Change, change_at, encode_text
-from r2bspec.language.spec import Pacing
+from r2bspec.language.declaration import Change, change_at, encode_text, rule_at
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.plan import GatePlan, Plan, PlayPlan
 
@@ -97,33 +96,23 @@ def _json_text(value: Any) -> str:
     return "(absent)" if value is ABSENT else json.dumps(value, ensure_ascii=False)
 
 
-_SHOWN_KEYS: Final[Mapping[str, str]] = {
-    **{name: name for name in ("name", "title", "description", "labels", "namespace")},
-    **{name: name for name in ("environment", "transport", "harness", "setup", "ready")},
-    **{name: name for name in ("after_ready", "monitors", "requires")},
-    "dataset": "data_loader",
-    "datasets": "data_loader",
-    "playback_mode": "playback.mode",
-    "buffer": "playback.buffer",
-    "inputs": "playback.inputs",
-    "calls": "playback.calls",
-    "timeline": "playback.timeline",
-    "unpaired": "playback.unpaired",
-    "clock": "playback.clock",
-    "segment_bytes": "transport.segment",
-    "external": "graph.nodes",
-    "lifecycle": "graph.nodes",
-    "processes": "graph",
-    "topics": "graph",
-    "objectives": "slos",
-    "play": "benchmark.rates",
-    "play_at_peak": "benchmark.duration",
-    "search": "benchmark.search",
-    "starts": "benchmark.starts",
-    "anatomy": "benchmark.anatomy",
-    "gate": "benchmark.gate",
+_SECTIONS: Final[tuple[Path, ...]] = ((), ("benchmark",), ("playback",))
+"""Where the key is that has the name of a field of a plan, which shows it."""
+
+_SHOWN_KEYS: Final[Mapping[str, Path]] = {
+    "dataset": ("data_loader",),
+    "datasets": ("data_loader",),
+    "playback_mode": ("playback", "mode"),
+    "segment_bytes": ("transport", "segment"),
+    "external": ("graph", "nodes"),
+    "lifecycle": ("graph", "nodes"),
+    "processes": ("graph",),
+    "topics": ("graph",),
+    "objectives": ("slos",),
+    "play": ("benchmark", "rates"),
+    "play_at_peak": ("benchmark", "duration"),
 }
-"""The key of the language that a field of a plan shows; those of `Pacing` are keys themselves."""
+"""The key of the language that a field of another name shows."""
 
 _OTHER_FIELDS: Final[Mapping[str, Change]] = {
     "r2bspec_plan": "graph",
@@ -145,11 +134,10 @@ def change_of(field: str) -> Change:
     Raises:
         KeyError: nobody has said which key that is.
     """
-    if field in Pacing.__struct_fields__:
-        return change_at(("benchmark", field))
     if field in _OTHER_FIELDS:
         return _OTHER_FIELDS[field]
-    return change_at(tuple(_SHOWN_KEYS[field].split(".")))
+    named_alike = ((*section, field) for section in _SECTIONS if rule_at((*section, field)))
+    return change_at(_SHOWN_KEYS.get(field) or next(named_alike, (field,)))
 
 
 _MAX_PATH, _MAX_VALUE = 60, 24

@@ -13,7 +13,7 @@ from typing import Any
 from r2bspec.plan.installed_packages import top_level_names
 from r2bspec.plan.request_fields import FieldTypes
 from r2bspec.plan.this_machine import find_module, module_file
-from r2bspec.plan.wiring.ast_reader import read_python_file
+from r2bspec.plan.wiring.python_files import read_python_file
 from r2bspec.safe_io.looked_up_files import shared_lookup
 
 _FIELDS = "_fields_and_field_types"

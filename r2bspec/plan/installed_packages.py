@@ -1,7 +1,4 @@
-"""Installed packages, programs and Python sources, without importing or starting anything.
-
-What is missing can be installed: how, is said as texts for the user.
-"""
+"""Installed packages, programs and Python sources, without importing or starting anything."""
 
 from __future__ import annotations
 
@@ -16,10 +13,7 @@ from typing import NamedTuple
 import msgspec
 
 from r2bspec.plan.this_machine import AMENT_INDEX, PACKAGE_INDEX, ament_prefixes, find_module
-from r2bspec.plan.wiring.ast_reader import read_python_file
-from r2bspec.plan.wiring.companion_files import source_folder
-from r2bspec.plan.wiring.node_interface import catalogue_packages
-from r2bspec.plan.wiring.python_package import module_of
+from r2bspec.plan.wiring.python_files import module_of, read_python_file, source_folder
 from r2bspec.safe_io import safe_file
 from r2bspec.safe_io.limits import MAX_MANIFEST_BYTES
 from r2bspec.safe_io.looked_up_files import shared_lookup
@@ -191,90 +185,3 @@ def _is_found(module: str, folders: Iterable[Path]) -> bool:
         for folder in folders
     )
     return beside or find_module(module) is not None
-
-
-_DEFAULT_DISTRIBUTION = "jazzy"
-
-_PYTHON_PACKAGES = {
-    "PIL": ("python3-pil", "pillow"),
-    "cv2": ("python3-opencv", "opencv-python-headless"),
-    "matplotlib": ("python3-matplotlib", "matplotlib"),
-    "message_filters": ("ros-{}-message-filters", ""),
-    "numpy": ("python3-numpy", "numpy"),
-    "pandas": ("python3-pandas", "pandas"),
-    "psutil": ("python3-psutil", "psutil"),
-    "scipy": ("python3-scipy", "scipy"),
-    "serial": ("python3-serial", "pyserial"),
-    "skimage": ("python3-skimage", "scikit-image"),
-    "sklearn": ("python3-sklearn", "scikit-learn"),
-    "tf_transformations": ("ros-{}-tf-transformations", ""),
-    "torch": ("", "torch"),
-    "yaml": ("python3-yaml", "pyyaml"),
-}
-"""The packages of Ubuntu and of PyPI with modules that nodes often import."""
-
-_ROS_MODULES = frozenset(
-    [
-        "action_tutorials_interfaces",
-        "ament_index_python",
-        "cv_bridge",
-        "example_interfaces",
-        "image_geometry",
-        "laser_geometry",
-        "launch",
-        "launch_ros",
-        "message_filters",
-        "pcl_ros",
-        "rclpy",
-        "ros2_numpy",
-        "rosbag2_py",
-        "rosidl_runtime_py",
-        "rqt_gui_py",
-        "sensor_msgs_py",
-        "tf2_geometry_msgs",
-        "tf2_kdl",
-        "tf2_py",
-        "tf2_ros",
-        "tf2_sensor_msgs",
-        "tf_transformations",
-        "vision_opencv",
-    ]
-)
-_INTERFACE_PACKAGE = re.compile(r"_(msgs|interfaces|msg|srvs)$")
-
-
-def ros_distribution() -> str:
-    """The distribution whose packages a user installs: that of the environment, or Jazzy."""
-    distribution = os.environ.get("ROS_DISTRO") or ""
-    return distribution if re.fullmatch(r"[a-z]+", distribution) else _DEFAULT_DISTRIBUTION
-
-
-def apt_package(ros_package: str) -> str:
-    """The package of Ubuntu for a released ROS package, such as ``ros-jazzy-image-proc``."""
-    return f"ros-{ros_distribution()}-{ros_package.replace('_', '-')}"
-
-
-def ros_package_advice(package: str) -> str:
-    """How to get a ROS package: from Ubuntu, or from a workspace."""
-    install = f"sudo apt install {apt_package(package)}"
-    workspace = "source the workspace that contains it"
-    if package in catalogue_packages() or is_ros_module(package):
-        return f"{install}, or {workspace}"
-    return f"{workspace}; if it is a released package: {install}"
-
-
-def is_ros_module(module: str) -> bool:
-    """Whether a Python module is that of a ROS package, by its name."""
-    return module in _ROS_MODULES or _INTERFACE_PACKAGE.search(module) is not None
-
-
-def python_module_advice(module: str) -> str:
-    """How to get a top-level Python module."""
-    if module in _PYTHON_PACKAGES:
-        apt, pypi = _PYTHON_PACKAGES[module]
-        commands = [f"sudo apt install {apt.format(ros_distribution())}"] if apt else []
-        commands += [f"pip install {pypi}"] if pypi else []
-        return ", or ".join(commands)
-    if is_ros_module(module):
-        return ros_package_advice(module)
-    return "install it with pip, or source the workspace that contains it"

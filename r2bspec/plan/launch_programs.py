@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from r2bspec.plan.wiring.ast_reader import read_python_file
+from r2bspec.plan.wiring.python_files import read_python_file
 from r2bspec.plan.wiring.python_source import SourceNames
 from r2bspec.safe_io.limits import MAX_SCRIPT_BYTES
 from r2bspec.safe_io.safe_file import read_text

@@ -18,8 +18,7 @@ from functools import cache
 from typing import Any, Final, NamedTuple
 
 from r2bspec.diagnostics.quote import quote, suggestion
-from r2bspec.language.condition_grammar import Condition, Constant, Step
-from r2bspec.language.requirement_grammar import COMPARISONS
+from r2bspec.language.comparison_grammar import COMPARISONS, Condition, Constant, Step
 from r2bspec.plan.installed_interfaces import fields_of_message, installed_constants
 from r2bspec.plan.request_fields import FieldTypes
 

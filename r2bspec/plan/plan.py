@@ -13,7 +13,7 @@ from typing import Annotated, Any, Final, Literal
 import msgspec
 
 from r2bspec.language.benchmark_defaults import CONFIDENCE
-from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.spec import (
     LifecycleState,
     MonitorSettings,

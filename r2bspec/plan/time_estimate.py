@@ -7,10 +7,10 @@ numbers.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from r2bspec.diagnostics.quote import time_text
 from r2bspec.language.benchmark_defaults import PROBE, SEARCH_CONFIRMATIONS, SEARCH_PROBES
 from r2bspec.language.spec import StartWaits
 from r2bspec.plan.comparability import pair_count, single_run_plan
@@ -145,15 +145,3 @@ def _most_search_s(plan: Plan) -> float:
         return 0.0
     played_ns = SEARCH_PROBES * search.probe_ns + SEARCH_CONFIRMATIONS * search.confirm_ns
     return played_ns / 1e9
-
-
-def time_text(seconds: float) -> str:
-    """A time for people: ``40 s``, ``3 min``, ``1 h 20 min``."""
-    if seconds < 10:
-        return f"{math.ceil(seconds)} s"
-    if seconds < 90:
-        return f"{math.ceil(seconds / 5) * 5} s"
-    minutes = math.ceil(seconds / 60)
-    if minutes < 60:
-        return f"{minutes} min"
-    return f"{minutes // 60} h {minutes % 60} min" if minutes % 60 else f"{minutes // 60} h"

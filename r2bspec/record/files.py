@@ -17,8 +17,7 @@ from typing import Any, BinaryIO, Final, TypeVar
 
 import msgspec
 
-from r2bspec.errors import ExitStatus, R2bspecError
-from r2bspec.ipc.sample_files import refusal_hint
+from r2bspec.errors import ExitStatus, R2bspecError, refusal_hint
 from r2bspec.safe_io.limits import MAX_JSON_BYTES
 from r2bspec.safe_io.safe_file import is_regular, is_there, read_bytes
 from r2bspec.safe_io.safe_json import decode_json, read_json

@@ -18,7 +18,7 @@ from r2bspec.diagnostics.quote import first_words, pluralize
 from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
-from r2bspec.language.requirement_grammar import Requirement, RequirementError, parse_requirement
+from r2bspec.language.comparison_grammar import ComparisonError, Requirement, parse_requirement
 from r2bspec.record.graph_identity import revision_text
 from r2bspec.report import report_wording as wording
 
@@ -198,7 +198,7 @@ def _parsed(verdict: RequirementVerdict) -> Requirement | None:
     """The requirement; None for ``sustained``, and for a text that is none."""
     try:
         requirement = parse_requirement(verdict.text)
-    except RequirementError:
+    except ComparisonError:
         return None
     return requirement if requirement.bound is not None else None
 

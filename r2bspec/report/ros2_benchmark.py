@@ -27,9 +27,9 @@ from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import Segment
 from r2bspec.report.report_wording import peak_text
 
-BASIC_PREFIX: Final = "BasicPerformanceMetrics"
-RESOURCE_PREFIX: Final = "ResourceMetrics"
-METADATA_PREFIX: Final = "BenchmarkMetadata"
+_BASIC: Final = "BasicPerformanceMetrics"
+_RESOURCE: Final = "ResourceMetrics"
+_METADATA: Final = "BenchmarkMetadata"
 
 PLAYBACK_MODES: Final = {"timeline": 0, "looping": 1, "sweeping": 2}
 """The numbers that a report writes for the modes of playback."""
@@ -56,7 +56,7 @@ def render(report_input: ReportInput) -> bytes:
         content[f"{float(rate_hz)}fps"] = _rate_figures(run, loads, segments)
     content["custom"] = dict(report_input.result.labels)
     content["metadata"] = {
-        f"{METADATA_PREFIX}.{key}": value for key, value in _metadata(report_input, run).items()
+        f"{_METADATA}.{key}": value for key, value in _metadata(report_input, run).items()
     }
     return escaped_json((json.dumps(content, indent=4, ensure_ascii=False) + "\n").encode())
 
@@ -80,14 +80,12 @@ def _rate_figures(run: Run, loads: _MachineLoad, segments: Sequence[Segment]) ->
     found: dict[str, Any] = {}
     for monitor in run.plan.monitors:
         seen = [_MonitorFigures.of(run, segment, monitor) for segment in segments]
-        figures = {f"{BASIC_PREFIX}.{key}": value for key, value in _figures(seen).items()}
+        figures = {f"{_BASIC}.{key}": value for key, value in _figures(seen).items()}
         if len(run.plan.monitors) == 1:
             found |= figures
         else:
             found[monitor.name] = figures
-    return found | {
-        f"{RESOURCE_PREFIX}.{key}": value for key, value in loads.during(segments).items()
-    }
+    return found | {f"{_RESOURCE}.{key}": value for key, value in loads.during(segments).items()}
 
 
 def _figures(seen: Sequence[_MonitorFigures]) -> dict[str, float]:

@@ -17,7 +17,7 @@ import stat
 from pathlib import Path
 from typing import Final
 
-from r2bspec.private_files import private_files
+from r2bspec.safe_io.private_files import private_files
 
 FileState = tuple[int, int, int, int]
 """Inode, size, and when content (mtime) and file (ctime) last changed, in nanoseconds.
@@ -94,7 +94,7 @@ def cache_or_temporary_folder(kind: str) -> Path:
         return cache_folder(kind)
     except OSError as error:
         pass_over(kind, error)
-        from r2bspec.safe_io.temporary_folder import process_folder
+        from r2bspec.safe_io.private_files import process_folder
 
         return process_folder(kind)
 

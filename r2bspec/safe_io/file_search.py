@@ -8,11 +8,13 @@ import glob
 import os
 import re
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Final
 
 from r2bspec.errors import UsageError
 from r2bspec.safe_io.limits import MAX_SEARCHED_ENTRIES, MAX_SEARCHED_FOLDERS
+from r2bspec.safe_io.looked_up_files import is_noting, note_lookup
 
 _ANY_FOLDERS: Final = "**"
 
@@ -85,6 +87,18 @@ def regular_files(folder: Path) -> Iterator[Path]:
     """The regular files of a folder of any depth, and what links to such."""
     paths = (parent / name for parent, _, files in walk(folder) for name in files)
     return (path for path in paths if os.path.isfile(path))  # noqa: PTH113 - may be too long
+
+
+def note_folder(folder: Path, max_files: int = 10_000) -> None:
+    """Take notice of a bag: of everything below a folder up to a number, or of a file."""
+    if not is_noting():
+        return
+    note_lookup(folder)
+    below = (
+        parent / name for parent, folders, files in walk(folder) for name in (*folders, *files)
+    )
+    for path in islice(below, max_files):
+        note_lookup(path)
 
 
 class _Search:

@@ -59,8 +59,6 @@ MAX_TRIED_VALUES: Final = 7_500
 """Values of specs that are checked again with one of `tune.values`: each takes 0.15 ms."""
 MAX_VARIED_VALUES: Final = 25_000
 """Likewise, where the deployments of a graph are asked for."""
-MAX_WAIVERS: Final = 25_000
-"""Of one document; one of several codes counts as often."""
 MAX_PARAMETER_SOURCES: Final = 100
 """Parameter files and maps that one node lists."""
 MAX_COMPANION_BYTES: Final = 1_000_000

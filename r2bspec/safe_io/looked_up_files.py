@@ -12,13 +12,10 @@ import os
 from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 from functools import wraps
-from itertools import islice
 from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar
 
 import msgspec
-
-from r2bspec.safe_io.file_search import walk
 
 Stamp = tuple[int, int, int, int] | None
 """Modification time in nanoseconds, size in bytes, inode and change time in nanoseconds of a file
@@ -107,6 +104,11 @@ def _noted(ask: Callable[[], R]) -> tuple[R, Lookups]:
         noting.add(lookups)
 
 
+def is_noting() -> bool:
+    """Whether somebody takes notice."""
+    return _LOOKED_UP.get() is not None
+
+
 def note_lookup(path: Path) -> None:
     """Take notice of a file or a folder before it is opened or looked for."""
     noting = _LOOKED_UP.get()
@@ -121,18 +123,6 @@ def note_read(path: Path) -> None:
     noting = _LOOKED_UP.get()
     if noting is not None:
         noting.read.add(str(path.absolute()))
-
-
-def note_folder(folder: Path, max_files: int = 10_000) -> None:
-    """Take notice of a bag: of everything below a folder up to a number, or of a file."""
-    if _LOOKED_UP.get() is None:
-        return
-    note_lookup(folder)
-    below = (
-        parent / name for parent, folders, files in walk(folder) for name in (*folders, *files)
-    )
-    for path in islice(below, max_files):
-        note_lookup(path)
 
 
 def stamp(path: str | Path) -> Stamp:

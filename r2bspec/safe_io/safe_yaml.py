@@ -23,6 +23,12 @@ from r2bspec.safe_io.limits import (
 SCANNER_TOO_DEEP: Final = "exceeded maximum nesting depth"
 """What libyaml says from 0.2.6 on at 1,000 levels, some of them before their events."""
 
+
+def too_deep(max_depth: int) -> str:
+    """That a document has more levels than this."""
+    return f"values are nested more than {max_depth} levels deep"
+
+
 _NUMBER: Final = re.compile(r"[-+]?[0-9][0-9a-fA-FxobeE_:.+-]*")
 _SCALAR_TAGS: Final = frozenset(
     f"tag:yaml.org,2002:{name}" for name in ("str", "int", "float", "bool", "null")
@@ -157,7 +163,7 @@ def _events(text: str, loader: Any, limits: _Limits) -> Iterator[Any]:
 
 
 def _too_deep(limits: _Limits, line: int) -> RefusedYamlError:
-    return RefusedYamlError(f"values are nested more than {limits.max_depth} levels deep", line)
+    return RefusedYamlError(too_deep(limits.max_depth), line)
 
 
 def _alias_size(

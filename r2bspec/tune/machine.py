@@ -9,12 +9,12 @@ from typing import Literal, NamedTuple, Protocol
 
 import msgspec
 
-from r2bspec.check.rules.tuning import goal_problem
+from r2bspec.check.rules.tune_settings import goal_problem
 from r2bspec.errors import UsageError
 from r2bspec.judge.measure.metric_catalogue import Subjects, resolve
 from r2bspec.judge.verdict import RequirementVerdict
+from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.quantities import Rate
-from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.tuning_space import Deployment

@@ -11,7 +11,7 @@ import msgspec
 from r2bspec.judge.measure.distribution import quantile as quantile_of
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.statistics.percentile_interval import allowed_share
-from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.plan.plan import Plan
 
 Answer = Literal["would hold", "would not", "not known"]

@@ -27,14 +27,13 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.diagnostics.quote import pluralize
-from r2bspec.plan.time_estimate import time_text
+from r2bspec.diagnostics.quote import pluralize, time_text
 from r2bspec.plan.tuning_space import Deployment, TuningSpace
 from r2bspec.tune.machine import Machine, Measurement, Start
 from r2bspec.tune.proposals import Proposals, single_levers
 from r2bspec.tune.race import FIRST_DROP, Finalist, excess_of, finalists_of, is_worse
 from r2bspec.tune.tuning_result import Gain, Trial, TrialState, TuningOutcome, TuningResult
-from r2bspec.tune.tuning_wording import claim_text, plan_line, trial_line, unproven_text
+from r2bspec.tune.tuning_texts import claim_text, plan_line, trial_line, unproven_text
 
 _SINGLES_SHARE: Final = 0.6
 """Of the trials: the most that levers get by themselves. In simulated graphs 91 of 100 searches end

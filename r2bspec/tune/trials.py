@@ -1,18 +1,19 @@
 """Deployments on real ROS 2: one start of each, and two of them in interleaved pairs.
 
-`RealMachine` says what is played, and what it means; `ThisMachine` plays it here. A trial is one
+`RealMachine` says what is played, and what it means; a `Player` plays it: `ThisHost`, here, or the
+hosts of a fleet, of which this package knows nothing. A trial is one
 start of all processes with one iteration at each rate: starts differ by more than what is measured
 in one, so they are the unit that a search spends. Where a start is long, a smoke run comes first.
 """
 
 from __future__ import annotations
 
+import contextlib
 import time
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final, Literal, Protocol
 
 import msgspec
 
@@ -21,19 +22,21 @@ from r2bspec.compare.interleaved_comparison import ComparisonSide, prepare_compa
 from r2bspec.compare.interleaved_runs import compare
 from r2bspec.errors import ExitStatus, R2bspecError, without_output
 from r2bspec.execute.errors import InterruptedRunError, RunError, UnwritableRunError
+from r2bspec.execute.processes.machine import describe_machine
 from r2bspec.execute.progress import Progress
-from r2bspec.fleet.errors import FleetError, HostRefusesError
 from r2bspec.judge.baseline_comparison import run_value
 from r2bspec.judge.measure.metric_catalogue import resolve
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.result import Result
-from r2bspec.language.requirement_grammar import parse_requirement
+from r2bspec.language.comparison_grammar import parse_requirement
 from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.language.spec import Objective
 from r2bspec.plan.comparability import single_run_plan
 from r2bspec.plan.plan import Plan
+from r2bspec.plan.prepared_benchmark import PlannedPairs, PlannedRun
 from r2bspec.plan.smoke_plan import smoke_plan
+from r2bspec.plan.this_machine import SchedulingFacts
 from r2bspec.plan.time_estimate import estimate_time
 from r2bspec.plan.tuning_space import Deployment
 from r2bspec.record.run_folder import open_run
@@ -54,60 +57,70 @@ _COST: Final = "cost of the deployment"
 """The objective by which pairs are judged, beside those of the spec."""
 
 
-class Playing(NamedTuple):
-    """A run to be made: a plan with the files of its spec, and where its folder will be.
+class Player(Protocol):
+    """Who makes the runs of a search."""
 
-    Attributes:
-        round: as of `Start`.
-        anatomy: whether it is observed from inside, too.
-    """
+    @property
+    def width(self) -> int:
+        """How many runs are made at once."""
 
-    benchmark: api.PreparedBenchmark
-    folder: Path
-    round: int = 0
-    anatomy: bool = False
+    @property
+    def scheduling(self) -> SchedulingFacts | None:
+        """What processes may ask for where the runs are made; None for this machine."""
 
+    @property
+    def description(self) -> Mapping[str, object]:
+        """What a result says of the machine."""
 
-class Comparing(NamedTuple):
-    """Two benchmarks to be played in interleaved pairs, at most so many."""
+    def keep_journal(
+        self, folder: Path, tell: Callable[[str], None]
+    ) -> contextlib.AbstractContextManager[None]:
+        """Make runs below a folder, for as long as the context lasts.
 
-    base: api.PreparedBenchmark
-    head: api.PreparedBenchmark
-    against: str
-    pairs: int
-    folder: Path
+        Args:
+            folder: of the search.
+            tell: is called with a line where something happens to a run.
+        """
 
-
-@dataclass
-class RealMachine(ABC):
-    """Deployments of a spec on real ROS 2, wherever runs are made.
-
-    Attributes:
-        selection: of the spec.
-        folder: receives the run folders.
-        goal: the metric that is to be least.
-    """
-
-    selection: SpecSelection
-    folder: Path
-    goal: Goal
-    _prepared: dict[Deployment, api.PreparedBenchmark] = field(default_factory=dict, init=False)
-
-    @abstractmethod
-    def play(self, runs: Sequence[Playing]) -> Iterable[Result | R2bspecError]:
+    def play(self, runs: Sequence[PlannedRun]) -> Iterable[Result | R2bspecError]:
         """Make runs; each is judged, or has the error that ended it.
 
         Raises:
             R2bspecError: no run can be made any more.
         """
 
-    @abstractmethod
-    def play_pairs(self, comparing: Comparing) -> Result:
+    def play_pairs(self, planned: PlannedPairs) -> Result:
         """Make a comparison.
 
         Raises:
             R2bspecError: it ended with an error.
         """
+
+    def state_of(self, error: R2bspecError) -> Literal["broken", "refused", "invalid"]:
+        """What an error that ended a run says of its deployment; see `Measurement`."""
+
+
+@dataclass
+class RealMachine:
+    """Deployments of a spec on real ROS 2, wherever runs are made.
+
+    Attributes:
+        selection: of the spec.
+        folder: receives the run folders.
+        goal: the metric that is to be least.
+        player: makes the runs.
+    """
+
+    selection: SpecSelection
+    folder: Path
+    goal: Goal
+    player: Player
+    _prepared: dict[Deployment, api.PreparedBenchmark] = field(default_factory=dict, init=False)
+
+    @property
+    def width(self) -> int:
+        """How many deployments are measured at once."""
+        return self.player.width
 
     def now(self) -> float:
         """Seconds of the monotonic clock."""
@@ -122,7 +135,7 @@ class RealMachine(ABC):
             TuningError: even today's deployment is refused.
         """
         found: dict[Start, Measurement] = {}
-        runs: dict[Start, Playing] = {}
+        runs: dict[Start, PlannedRun] = {}
         for start in starts:
             try:
                 benchmark = self.prepare(start.deployment)
@@ -130,7 +143,7 @@ class RealMachine(ABC):
                 found[start] = Measurement(state="refused", reason=_reason(error))
                 continue
             plan = single_run_plan(_without_overhead(benchmark.plan))
-            runs[start] = Playing(
+            runs[start] = PlannedRun(
                 replace(benchmark, plan=plan),
                 self.folder / start.name,
                 start.round,
@@ -148,7 +161,7 @@ class RealMachine(ABC):
                 )
         return [found[start] for start in starts]
 
-    def _broken_by_smoke(self, runs: Mapping[Start, Playing]) -> dict[Start, Measurement]:
+    def _broken_by_smoke(self, runs: Mapping[Start, PlannedRun]) -> dict[Start, Measurement]:
         """The deployments that a smoke run shows not to work; it is made where a start is long."""
         smokes = {}
         for start, run in runs.items():
@@ -165,11 +178,11 @@ class RealMachine(ABC):
             if seen.state in {"broken", "refused"}
         }
 
-    def _played(self, runs: Mapping[Start, Playing]) -> dict[Start, Measurement]:
+    def _played(self, runs: Mapping[Start, PlannedRun]) -> dict[Start, Measurement]:
         unused = {
             start: run._replace(folder=unused_folder(run.folder)) for start, run in runs.items()
         }
-        results = self.play(list(unused.values())) if unused else ()
+        results = self.player.play(list(unused.values())) if unused else ()
         return {
             start: self._measured(run, result)
             for (start, run), result in zip(unused.items(), results, strict=True)
@@ -180,7 +193,9 @@ class RealMachine(ABC):
         benchmark = self.prepare(deployment)
         plan = single_run_plan(_without_overhead(benchmark.plan))
         folder = unused_folder(self.folder / name)
-        (result,) = self.play([Playing(replace(benchmark, plan=plan), folder, anatomy=True)])
+        (result,) = self.player.play(
+            [PlannedRun(replace(benchmark, plan=plan), folder, anatomy=True)]
+        )
         if isinstance(result, R2bspecError):
             return ""
         paths = [path for anatomy in anatomies_of(result) for path in anatomy.paths if path.parts]
@@ -210,7 +225,7 @@ class RealMachine(ABC):
         sides = self._side(base), self._side(head)
         folder = unused_folder(self.folder / name)
         try:
-            result = self.play_pairs(Comparing(*sides, base.text, pairs, folder))
+            result = self.player.play_pairs(PlannedPairs(*sides, base.text, pairs, folder))
         except ENDING:
             raise
         except R2bspecError as error:
@@ -266,17 +281,15 @@ class RealMachine(ABC):
         )
         return replace(prepared, plan=plan)
 
-    def _measured(self, run: Playing, result: Result | R2bspecError) -> Measurement:
-        if isinstance(result, FleetError):
-            return Measurement(state="invalid", reason=_reason(result))
+    def _measured(self, run: PlannedRun, result: Result | R2bspecError) -> Measurement:
         if isinstance(result, R2bspecError):
+            state = self.player.state_of(result)
             # What is wrong with a spec or not installed, no other deployment cures.
-            refused = (
-                isinstance(result, HostRefusesError)
-                or result.exit_code is ExitStatus.USAGE
-                or result.code in _NOT_PERMITTED
-            )
-            return Measurement(state="refused" if refused else "broken", reason=_reason(result))
+            if state == "broken" and (
+                result.exit_code is ExitStatus.USAGE or result.code in _NOT_PERMITTED
+            ):
+                state = "refused"
+            return Measurement(state=state, reason=_reason(result))
         folder, plan = run.folder, run.benchmark.plan
         if not result.verdict.is_judged:
             return Measurement(state="invalid", reason=result.verdict.reason, run=folder.name)
@@ -295,22 +308,32 @@ class RealMachine(ABC):
 
 
 @dataclass
-class ThisMachine(RealMachine):
-    """Real ROS 2 on this host; the caller has the lock of the host.
+class ThisHost:
+    """This host plays, one run at a time: a second one would disturb it. The caller has its lock.
 
     Attributes:
         progress: is notified of the progress of each run.
     """
 
     progress: Progress | None = None
+    width = 1
+    scheduling = None
 
     @property
-    def width(self) -> int:
-        """One: a second one would disturb it."""
-        return 1
+    def description(self) -> Mapping[str, object]:
+        """See `Player`."""
+        return describe_machine()
 
-    def play(self, runs: Sequence[Playing]) -> Iterator[Result | R2bspecError]:
-        """See `RealMachine`."""
+    def keep_journal(
+        self,
+        folder: Path,  # noqa: ARG002
+        tell: Callable[[str], None],  # noqa: ARG002
+    ) -> contextlib.AbstractContextManager[None]:
+        """See `Player`; the run folders say it all."""
+        return contextlib.nullcontext()
+
+    def play(self, runs: Sequence[PlannedRun]) -> Iterator[Result | R2bspecError]:
+        """See `Player`."""
         for run in runs:
             try:
                 yield api.run(
@@ -321,17 +344,21 @@ class ThisMachine(RealMachine):
             except (RunError, api.GraphMismatchError) as error:
                 yield error
 
-    def play_pairs(self, comparing: Comparing) -> Result:
-        """See `RealMachine`."""
+    def play_pairs(self, planned: PlannedPairs) -> Result:
+        """See `Player`."""
         base, head = (
             ComparisonSide(side.plan, side.base_dir, side.spec_text)
-            for side in (comparing.base, comparing.head)
+            for side in (planned.base, planned.head)
         )
         # A transport is a part of the load, and a lever.
         comparison = prepare_comparison(
-            base, head, against=comparing.against, pairs=comparing.pairs, force=True
+            base, head, against=planned.against, pairs=planned.pairs, force=True
         )
-        return compare(comparison, comparing.folder, self.progress)
+        return compare(comparison, planned.folder, self.progress)
+
+    def state_of(self, error: R2bspecError) -> Literal["broken"]:  # noqa: ARG002
+        """See `Player`."""
+        return "broken"
 
 
 def _without_overhead(plan: Plan) -> Plan:

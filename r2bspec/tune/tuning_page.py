@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 from r2bspec.diagnostics.quote import clip, printable
 from r2bspec.report.html import chart
 from r2bspec.report.html.templates import own_style, render_template
-from r2bspec.tune import tuning_wording as wording
+from r2bspec.tune import tuning_texts as wording
 from r2bspec.tune.tuning_result import Gain, Trial, TrialState, TuningResult
 
 if TYPE_CHECKING:

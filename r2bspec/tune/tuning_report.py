@@ -10,7 +10,7 @@ from rich.text import Text
 
 from r2bspec.report.output import MAX_TABLE_ROWS
 from r2bspec.report.terminal_tables import DIM_STYLE, heading
-from r2bspec.tune import tuning_wording as wording
+from r2bspec.tune import tuning_texts as wording
 from r2bspec.tune.tuning_result import TUNING_FILE, TrialState, TuningOutcome, TuningResult
 
 if TYPE_CHECKING:

@@ -24,8 +24,8 @@ from r2bspec.judge.measure.run_samples import (
     segment_samples,
 )
 from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
+from r2bspec.language.comparison_grammar import parse_requirement
 from r2bspec.language.quantities import Duration, Rate
-from r2bspec.language.requirement_grammar import parse_requirement
 from r2bspec.language.spec import Objective
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import DatasetPlan, MonitorPlan, Plan

@@ -12,9 +12,9 @@ from r2bspec.bags.recording import DataError, RecordedMessage, Selection, unread
 from r2bspec.bags.storage.storage import check_topics, decompress_ahead, no_profiles, stored_topic
 from r2bspec.safe_io.decompression_budget import DecompressionBudget
 from r2bspec.safe_io.limits import MAX_DEFINITIONS, MAX_TOPIC_TEXT_BYTES, MAX_VALUE_BYTES
+from r2bspec.safe_io.private_files import temporary_folder
 from r2bspec.safe_io.safe_file import RefusedDataError, is_regular, open_regular
 from r2bspec.safe_io.safe_sqlite import STEPS_BETWEEN_CALLS, open_read_only
-from r2bspec.safe_io.temporary_folder import temporary_folder
 
 _TABLES = ("messages", "topics", "schema", "metadata", "message_definitions")
 _MAGIC = b"SQLite format 3\x00"

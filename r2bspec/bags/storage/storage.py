@@ -21,8 +21,8 @@ from r2bspec.bags import recording
 from r2bspec.bags.metadata import check_not_lfs_pointer, normalise_type
 from r2bspec.safe_io.decompression_budget import DecompressionBudget, unpack_zstd, zstd_size
 from r2bspec.safe_io.limits import MAX_BAG_ENTRIES, MAX_NAME_CHARACTERS
+from r2bspec.safe_io.private_files import temporary_folder
 from r2bspec.safe_io.safe_file import RefusedDataError, open_regular
-from r2bspec.safe_io.temporary_folder import temporary_folder
 
 if sys.version_info >= (3, 14):
     from compression import zstd

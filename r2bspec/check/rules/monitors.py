@@ -9,7 +9,7 @@ from r2bspec.datasets.catalogue import TruthNames, truth_names
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, quote, quoted_list, suggestion
 from r2bspec.judge.measure.metric_catalogue import TRUTHS
-from r2bspec.language.condition_grammar import Condition
+from r2bspec.language.comparison_grammar import Condition
 from r2bspec.language.spec import Monitor, PlaybackInput, Reaction, Truth
 from r2bspec.plan.message_conditions import ConditionMistake, message_condition
 

@@ -19,7 +19,7 @@ from r2bspec.plan import installed_packages
 from r2bspec.plan.launch_programs import LaunchPrograms, launch_programs
 from r2bspec.plan.plan import ProcessPlan
 from r2bspec.plan.process_plans import PartPlacement, find_places, graph_processes, reserved_names
-from r2bspec.plan.wiring.companion_files import source_folder
+from r2bspec.plan.wiring.python_files import source_folder
 from r2bspec.plan.wiring.wiring import NodeWiring, PhaseWiring
 
 

@@ -20,11 +20,11 @@ from r2bspec.check.rules.node_settings import parameter_files
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, pluralize, quote, quoted_list, suggestion
 from r2bspec.language.node_kinds import EXECUTABLE, PLUGIN
-from r2bspec.plan import installed_packages
+from r2bspec.plan import installed_packages, package_advice
 from r2bspec.plan.this_machine import ament_prefixes, find_module, module_file
 from r2bspec.plan.wiring import node_interface
-from r2bspec.plan.wiring.companion_files import source_folder
 from r2bspec.plan.wiring.console_scripts import source_script
+from r2bspec.plan.wiring.python_files import source_folder
 from r2bspec.plan.wiring.wiring import NodeWiring
 from r2bspec.safe_io.safe_file import is_folder, is_regular, names_if_any
 
@@ -143,7 +143,7 @@ def _package_help(package: str, installed: frozenset[str]) -> str:
     if close:
         return f"did you mean {quote(close)}?"
     prefixes = pluralize(len(ament_prefixes()), "folder")
-    return f"{installed_packages.ros_package_advice(package)} (AMENT_PREFIX_PATH has {prefixes})"
+    return f"{package_advice.ros_package_advice(package)} (AMENT_PREFIX_PATH has {prefixes})"
 
 
 def _requested_packages(context: Context) -> Iterator[tuple[Path, str]]:
@@ -368,7 +368,7 @@ def python_import_not_found(context: Context) -> Findings:
                     f"{missing.line}, which is not found on this machine",
                     path=path,
                     part=(0, len(written)),
-                    help=installed_packages.python_module_advice(missing.module),
+                    help=package_advice.python_module_advice(missing.module),
                     machine_dependent=True,
                     suppressed_by={value_key(path)},
                 )

@@ -15,7 +15,8 @@ import msgspec
 
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.execute.errors import GraphDifferencesError, ProcessDiedError, ProcessFailedError
-from r2bspec.plan.installed_packages import ament_packages, package_plugins, ros_package_advice
+from r2bspec.plan.installed_packages import ament_packages, package_plugins
+from r2bspec.plan.package_advice import ros_package_advice
 from r2bspec.plan.plan import NodePlan
 from r2bspec.record.run_record import Difference
 

@@ -19,6 +19,7 @@ from typing import Literal
 
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.execute.bringup.observe_graph import HARNESS, GraphFacts, TopicFacts
+from r2bspec.execute.bringup.spec_mismatches import RemappedTopic
 from r2bspec.ipc.protocol import Endpoint
 from r2bspec.plan.wiring.name_resolution import SHARED_TOPICS
 
@@ -310,24 +311,6 @@ def find_faults(
     faults = [find_input_fault(facts, name) for name in inputs]
     faults += [first_fault(facts, name) for name in silent]
     return tuple({fault.topic: fault for fault in faults if fault is not None}.values())
-
-
-@dataclass(frozen=True)
-class RemappedTopic:
-    """A topic to which the plan remaps a name of a node.
-
-    Attributes:
-        node: the full name of the node in the plan.
-        before: the name before remapping, as in the spec.
-        topic: the full name after it.
-        own_node_name: whether the running node has the name of the plan; other processes may have
-            nodes of any name.
-    """
-
-    node: str
-    before: str
-    topic: str
-    own_node_name: bool
 
 
 def certain_topics(

@@ -26,6 +26,7 @@ from r2bspec.execute.bringup.lifecycle import LifecycleNodes
 from r2bspec.execute.bringup.observe_graph import HARNESS, GraphFacts, GraphObserver
 from r2bspec.execute.bringup.readiness import IdleNodes, StartDeadline, patience_s
 from r2bspec.execute.bringup.spec_mismatches import (
+    RemappedTopic,
     find_undeclared,
     find_unmatched,
     spins_nodes,
@@ -308,10 +309,10 @@ class PhaseGraph:
         ]
         self.launcher.differences += find_unmatched(rules, self.supervisor, observer)
 
-    def remapped_topics(self) -> tuple[find_fault.RemappedTopic, ...]:
+    def remapped_topics(self) -> tuple[RemappedTopic, ...]:
         """The topics to which the plan remaps the names of nodes."""
         return tuple(
-            find_fault.RemappedTopic(
+            RemappedTopic(
                 node.name,
                 before,
                 expand(after, node.node, node.namespace),
@@ -470,7 +471,7 @@ class EarlyDiagnosis:
     """
 
     plan: Plan
-    remapped: Sequence[find_fault.RemappedTopic]
+    remapped: Sequence[RemappedTopic]
     observe: Callable[[], GraphFacts]
     clock: Callable[[], float] = time.monotonic
     _: KW_ONLY

@@ -33,9 +33,9 @@ from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervis
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import INCLUDED_LAUNCH, container_node_name, has_planned_name
 from r2bspec.plan.plan import Plan, ProbePlan, ProcessPlan, SetupPlan
-from r2bspec.private_files import user_umask
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.safe_io.line_pattern import LinePattern, PatternError, compile_line_pattern
+from r2bspec.safe_io.private_files import user_umask
 
 _BUSY_SHARE: Final = 0.1
 """Of one processor: a node whose timers or discovery threads only look around takes less."""

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import msgspec
 
 from r2bspec.diagnostics import did_you_mean
-from r2bspec.execute.bringup.find_fault import RemappedTopic
 from r2bspec.execute.errors import GraphDifferencesError
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
@@ -33,6 +32,24 @@ _PATIENCE_S = 2.0
 """How long a parameter may be declared after the graph is ready."""
 
 _POLL_S = 0.2
+
+
+@dataclass(frozen=True)
+class RemappedTopic:
+    """A topic to which the plan remaps a name of a node.
+
+    Attributes:
+        node: the full name of the node in the plan.
+        before: the name before remapping, as in the spec.
+        topic: the full name after it.
+        own_node_name: whether the running node has the name of the plan; other processes may have
+            nodes of any name.
+    """
+
+    node: str
+    before: str
+    topic: str
+    own_node_name: bool
 
 
 def require_declared_parameters(ready: protocol.Ready) -> None:

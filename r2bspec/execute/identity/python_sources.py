@@ -27,7 +27,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Final
 
-from r2bspec.plan.wiring.python_package import module_of
+from r2bspec.plan.wiring.python_files import module_of
 from r2bspec.safe_io.limits import MAX_DISTRIBUTION_BYTES, MAX_IMPORTED_PYTHON_BYTES
 from r2bspec.safe_io.safe_file import is_folder, is_regular, names_in, read_bytes
 

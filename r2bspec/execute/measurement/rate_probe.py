@@ -52,7 +52,7 @@ from r2bspec.language.benchmark_defaults import (
     SEARCH_CONFIRMATIONS,
     SEARCH_PROBES,
 )
-from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.plan.plan import Plan, SearchPlan
 from r2bspec.record.run_record import Probe, Segment
 

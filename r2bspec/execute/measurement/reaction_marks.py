@@ -27,7 +27,7 @@ from r2bspec.judge.measure.reactions import (
     live_source,
     marks_of,
 )
-from r2bspec.language.condition_grammar import parse_condition
+from r2bspec.language.comparison_grammar import parse_condition
 from r2bspec.plan.message_conditions import MessageCondition, UnreadableError, message_condition
 from r2bspec.plan.plan import MonitorPlan, Plan, ReactionPlan
 from r2bspec.record.sample_arrays import Rows

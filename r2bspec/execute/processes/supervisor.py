@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from r2bspec.errors import is_refusal
 from r2bspec.execute.errors import NotInstalledError, ProcessDiedError, ProcessFailedError, RunError
 from r2bspec.execute.processes.prerequisites import SharedMemoryModes, limit_error, with_limits
 from r2bspec.execute.processes.process import (
@@ -32,11 +33,10 @@ from r2bspec.execute.processes.process import (
 from r2bspec.execute.states import PhaseClock
 from r2bspec.ipc import protocol
 from r2bspec.ipc.process_cleanup import SessionLeader, clean_up, run_processes
-from r2bspec.ipc.sample_files import is_refusal
 from r2bspec.middleware.middleware import middleware_of
 from r2bspec.native.build import descriptor_of
-from r2bspec.private_files import PRIVATE_UMASK
 from r2bspec.record.run_record import ProcessRecord
+from r2bspec.safe_io.private_files import PRIVATE_UMASK
 
 __all__ = ["ManagedProcess", "ProcessSupervisor", "describe_exit"]
 

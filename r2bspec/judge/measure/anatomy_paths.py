@@ -28,14 +28,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from r2bspec.judge.measure.anatomy_causes import Causes
 from r2bspec.judge.measure.anatomy_events import NONE, UNKNOWN_NS, Events, Ints, Mask
 from r2bspec.judge.measure.matching import MatchedMonitor
 from r2bspec.judge.measure.times import Seconds
+
+if TYPE_CHECKING:
+    from r2bspec.judge.measure.anatomy_causes import Causes
+
 
 PartName = Literal[
     "earlier",

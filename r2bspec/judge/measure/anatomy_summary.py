@@ -6,16 +6,18 @@ drawing is of messages that belong together.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import msgspec
 import numpy as np
 
-from r2bspec.judge.measure.anatomy import Anatomy, NodeAnatomy
 from r2bspec.judge.measure.anatomy_paths import Part, PartName, Path
 from r2bspec.judge.measure.times import Seconds, percentiles
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_record import AnatomyRecord, Segment
+
+if TYPE_CHECKING:
+    from r2bspec.judge.measure.anatomy import Anatomy, NodeAnatomy
 
 
 class PartSummary(msgspec.Struct, frozen=True, kw_only=True):

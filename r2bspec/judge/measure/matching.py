@@ -33,6 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.ipc.schedule import Schedule, TimelineSchedule
+from r2bspec.judge.measure.own_pace import MIN_UNASKED, PaceEvidence
 from r2bspec.plan.plan import MonitorPlan, StepSources
 from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import Rows
@@ -370,6 +371,22 @@ class MatchedMonitor:
     ratio: StepRatio
     matching: Matching
     own_pace: bool = False
+
+    def pace_evidence(self, segment: Segment) -> tuple[PaceEvidence, ...]:
+        """What a segment in which inputs were played tells of the pace; none if nobody asks.
+
+        The rows are those until the graph had drained.
+        """
+        if self.own_pace or not self.steps.size:
+            return ()
+        answering = self.matching.first_row[self.matching.first_row != NO_MATCH]
+        evidence = PaceEvidence(
+            np.diff(np.sort(self.rows["received_ns"])),
+            unasked=self.rows.size - answering.size,
+            least=1 if self.matching.by_order else MIN_UNASKED,
+            step_ns=(segment.ended_ns - segment.began_ns) / self.steps.size,
+        )
+        return (evidence,)
 
 
 def match_monitor(

@@ -29,7 +29,7 @@ from msgspec.structs import replace
 
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.judge.measure.distribution import PARTS, SHORT_PERCENTILES, quantile
-from r2bspec.language.requirement_grammar import Bound
+from r2bspec.language.comparison_grammar import Bound
 from r2bspec.language.spec import TruthKind
 from r2bspec.plan.plan import Plan
 

@@ -67,20 +67,9 @@ def metric_value(info: MetricInfo, monitor: str | None, samples: SegmentSamples)
             times = samples.anatomy.get(info.series)
             if times is None or not times.size:
                 return None
-            return _time_value(info, times, lost_on_paths(info, samples))
+            return _time_value(info, times, samples.lost_on_paths(info))
         case _:
             raise ValueError(f"{info.name} is not a metric of a segment")
-
-
-def lost_on_paths(info: MetricInfo, samples: SegmentSamples) -> int:
-    """How many expected outputs of a monitor never came, so that they have no path.
-
-    An output without the stamp of its input answers none, but it did come.
-    """
-    if info.family != "path" or info.subject not in samples.monitors:
-        return 0
-    seen = samples.monitors[info.subject]
-    return max(0, min(seen.missed, seen.expected - seen.received))
 
 
 def monitor_value(info: MetricInfo, seen: MonitorSamples) -> float | None:

@@ -21,12 +21,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.measure.matching import NO_MATCH, MatchedMonitor
 from r2bspec.judge.measure.units import show
-from r2bspec.record.run_record import Segment
 
 _MIN_INTERVALS = 4
-_MIN_UNASKED = 2
+MIN_UNASKED = 2
+"""Messages that answer nothing; by order, 1 is enough."""
+
 _STEADY_WITHIN = 0.25
 _MAX_LATE_SHARE = 0.1
 _LATE_PERIODS = 2.5
@@ -66,25 +66,6 @@ class PaceEvidence:
         if not period or not steady or late > _MAX_LATE_SHARE:
             return None
         return period / 1e9 if abs(period / self.step_ns - 1) > _OTHER_PERIOD else None
-
-
-def pace_evidence(segment: Segment, matched: MatchedMonitor) -> PaceEvidence | None:
-    """What a segment tells of the pace of a monitor's outputs; None if that is not asked for.
-
-    Args:
-        segment: in which inputs were played.
-        matched: what the monitor received in it, until the graph had drained.
-    """
-    if matched.own_pace or not matched.steps.size:
-        return None
-    rows, matching = matched.rows, matched.matching
-    answering = matching.first_row[matching.first_row != NO_MATCH]
-    return PaceEvidence(
-        np.diff(np.sort(rows["received_ns"])),
-        unasked=rows.size - answering.size,
-        least=1 if matching.by_order else _MIN_UNASKED,
-        step_ns=(segment.ended_ns - segment.began_ns) / matched.steps.size,
-    )
 
 
 def own_period_s(evidence: Sequence[PaceEvidence], overdue: int = 0) -> float | None:

@@ -19,8 +19,8 @@ from r2bspec.judge.measure.matching import (
     count_reordered,
     source_times_ns,
 )
-from r2bspec.judge.measure.metric_catalogue import NO_SUBJECTS, Subjects
-from r2bspec.judge.measure.own_pace import PaceEvidence, own_period_s, pace_evidence
+from r2bspec.judge.measure.metric_catalogue import NO_SUBJECTS, MetricInfo, Subjects
+from r2bspec.judge.measure.own_pace import PaceEvidence, own_period_s
 from r2bspec.judge.measure.times import (
     Seconds,
     edge_gaps,
@@ -313,6 +313,16 @@ class SegmentSamples:
         """Whether nothing was played."""
         return self.segment.live
 
+    def lost_on_paths(self, info: MetricInfo) -> int:
+        """How many expected outputs of a monitor never came, so that they have no path.
+
+        An output without the stamp of its input answers none, but it did come.
+        """
+        if info.family != "path" or info.subject not in self.monitors:
+            return 0
+        seen = self.monitors[info.subject]
+        return max(0, min(seen.missed, seen.expected - seen.received))
+
 
 @dataclass(frozen=True)
 class RunSamples:
@@ -453,7 +463,7 @@ def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> Monito
         by_order=matched.by_order,
         untimed=_untimed(monitor),
         per_step=matched.per_step,
-        pace=() if (pace := pace_evidence(segment, matched_monitor)) is None else (pace,),
+        pace=matched_monitor.pace_evidence(segment),
     )
 
 

@@ -38,21 +38,16 @@ import msgspec
 import numpy as np
 
 from r2bspec.judge.caveats import correlation_notes, share_notes, uneven_start_notes
-from r2bspec.judge.measure.metric_values import (
-    WindowValues,
-    has_windows,
-    lost_on_paths,
-    window_values,
-)
+from r2bspec.judge.measure.metric_values import WindowValues, has_windows, window_values
 from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, MonitorSamples, starts_of
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import Method
 from r2bspec.judge.methods.share_wording import (
+    clustering,
     counted_noun,
     counts_decide,
     level_sentence,
-    share_remedy,
     share_sentence,
 )
 from r2bspec.judge.requirement_case import (
@@ -64,7 +59,7 @@ from r2bspec.judge.requirement_case import (
     decide,
     undecided,
 )
-from r2bspec.judge.statistics.autocorrelation import serial_inflation
+from r2bspec.judge.statistics.autocorrelation import serial_degrees_of_freedom, serial_inflation
 from r2bspec.judge.statistics.binomial import burst_tolerance, lower_bound, upper_bound
 from r2bspec.judge.statistics.effective_sample_size import (
     BadFlags,
@@ -79,8 +74,19 @@ from r2bspec.judge.statistics.percentile_interval import (
     middle_half,
     percentile_interval,
 )
-from r2bspec.judge.statistics.variance_components import quantile_scale
-from r2bspec.judge.uncertainty_budget import Costs, Observations, resolution, uncertainty_budget
+from r2bspec.judge.statistics.variance_components import (
+    growth_for_mean,
+    growth_for_share,
+    quantile_scale,
+)
+from r2bspec.judge.uncertainty_budget import (
+    Costs,
+    Observations,
+    deciding_addition,
+    deciding_text,
+    resolution,
+    uncertainty_budget,
+)
 from r2bspec.judge.verdict import Outcome, ShareTest
 from r2bspec.record.run_record import RunRecord
 
@@ -101,7 +107,7 @@ def judge_share(case: RequirementCase, record: RunRecord) -> Decision:
         test,
         outcome,
         reason=share_sentence(case, test, outcome),
-        remedy=share_remedy(case, test, observed, Costs.of(case.iterations, record))
+        remedy=_remedy(case, test, observed, Costs.of(case.iterations, record))
         if outcome == "inconclusive"
         else "",
         notes=_notes(case, seen, outcome),
@@ -234,7 +240,7 @@ def judge_percentile(case: RequirementCase, record: RunRecord) -> Decision:
     quantile = case.info.quantile
     if quantile is None:
         raise ValueError(f"{case.info.name} is no percentile")
-    pieces, lost = values_by_iteration(case)
+    pieces, lost = case.values_by_iteration()
     ranked = RankedMessages(pieces, case.design(allowed_share(quantile)))
     if not ranked.n:
         return undecided("There is no message to judge.")
@@ -272,7 +278,7 @@ def percentile_decision(
         if levels is not None and counts_decide(test):
             reason = level_sentence(case, interval, levels)
         costs = Costs.of(case.iterations, record)
-        remedy = share_remedy(case, test, observed, costs, interval, things)
+        remedy = _remedy(case, test, observed, costs, interval, things)
     elif levels is not None:
         notes += correlation_notes(levels.pieces, levels.number, levels.inflation)
     return decision_by_share(
@@ -297,33 +303,72 @@ def percentile_decision(
     )
 
 
-def values_by_iteration(case: RequirementCase) -> tuple[list[Seconds], int]:
-    """The messages of each iteration, in order, and how many are lost (infinitely off)."""
-    family, worst = case.info.family, math.inf if case.is_upper_bound else -math.inf
-    if case.info.scope == "playback":
-        return [iteration.playback.lateness for iteration in case.iterations], 0
-    if case.info.scope == "anatomy":
-        return _with_lost(case, worst), case.lost_on_paths
-    seen = case.monitor_samples
-    lost = sum(one.missed for one in seen) if family in LOSS_SENSITIVE_FAMILIES else 0
-    return [one.in_order(family, worst) for one in seen], lost
+def _remedy(
+    case: RequirementCase,
+    test: ShareTest,
+    observed: Observations,
+    costs: Costs,
+    interval: PercentileInterval | None = None,
+    things: str = "messages",
+) -> str:
+    """What would decide a test that is undecided, by its counts or by levels that differ.
 
-
-def _with_lost(case: RequirementCase, worst: float) -> list[Seconds]:
-    """What was observed in each iteration, with the outputs that never came in their places.
-
-    Where these are not known, they are the last ones.
+    Args:
+        case: that is undecided.
+        test: of the counts.
+        observed: the same messages by iterations and starts.
+        costs: of more of them.
+        interval: of the percentile, where it is one.
+        things: what was counted, in the plural.
     """
-    found = []
-    for times, iteration in zip(case.observed_times, case.iterations, strict=True):
-        lost = lost_on_paths(case.info, iteration)
-        came = np.arange(times.size + lost) < times.size
-        if lost and np.count_nonzero(known := iteration.monitors[case.info.subject].steps.answered):
-            came = known if np.count_nonzero(known) == times.size else came
-        values = np.full(came.size, worst)
-        values[came] = times
-        found.append(values)
-    return found
+    if test.allowed <= 0:
+        return (
+            "No number of messages can prove that none is ever lost. Require an observed count "
+            "(missed == 0), or allow a small share."
+        )
+    growth, note, levels = 1.0, "", interval.levels if interval is not None else None
+    if not counts_decide(test):
+        k, n = test.share * test.effective_n, test.effective_n
+        growth = growth_for_share(k, n, test.allowed, case.confidence)
+        note = _clustering_note(case, test, things)
+    if interval is not None and levels is not None:
+        distance = abs(interval.estimate - case.limit)
+        would_pass = (case.limit > interval.estimate) == case.is_upper_bound
+        half = levels.tail if would_pass else levels.half
+        if distance <= half:
+            freedom = serial_degrees_of_freedom(levels.number, levels.inflation)
+            by_levels = growth_for_mean(distance, half, freedom, case.confidence)
+            growth = max(growth, by_levels)
+    addition = deciding_addition(observed, growth, case.confidence, costs)
+    if addition is not None:
+        more = addition.iterations / len(case.iterations)
+        more *= addition.number if addition.what == "length" else 1
+        counted = f"{show(math.ceil(test.n * more), 'count')} {things}"
+        return f"{note}{deciding_text(addition, len(set(observed.starts)), counted)}"
+    if levels is not None and counts_decide(test):
+        return (
+            f"The percentile is too close to {case.limit_text} for {levels.pieces} that differ "
+            f"by {show(levels.deviation, case.info.unit)}: change the limit, or use a quieter "
+            "machine."
+        )
+    return (
+        f"The observed share ({show(test.share, 'share')}) is too close to the allowed one "
+        f"({show(test.allowed, 'share')}) for a longer run to decide. Change the limit or the "
+        "graph."
+    )
+
+
+def _clustering_note(case: RequirementCase, test: ShareTest, things: str) -> str:
+    """That clustering leaves the test undecided, where it does."""
+    counts = test.over, test.n, case.confidence
+    if test.effective_n >= test.n:
+        return ""
+    if upper_bound(*counts) <= test.allowed or lower_bound(*counts) > test.allowed:
+        return (
+            f"As many independent {things} would have decided it, but those over the limit come "
+            f"{clustering(test)}. "
+        )
+    return ""
 
 
 def _share_test(
@@ -463,7 +508,7 @@ def _judge_equality(
     if outcome == "inconclusive":
         costs = Costs.of(case.iterations, record)
         observed = _observations(case, bad, test)
-        remedy = share_remedy(case, test, observed, costs, things=counted_noun(case))
+        remedy = _remedy(case, test, observed, costs, things=counted_noun(case))
     return decision_by_share(
         test,
         outcome,

@@ -1,16 +1,11 @@
-"""The sentences in which a verdict gives its reason, and says what would decide an open one."""
+"""The sentences in which a verdict about a share or a percentile gives its reason."""
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 from r2bspec.judge.measure.units import show
-from r2bspec.judge.statistics.autocorrelation import serial_degrees_of_freedom
-from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
 from r2bspec.judge.statistics.percentile_interval import LevelMargin, PercentileInterval
-from r2bspec.judge.statistics.variance_components import growth_for_mean, growth_for_share
-from r2bspec.judge.uncertainty_budget import Costs, Observations, deciding_addition, deciding_text
 from r2bspec.judge.verdict import Outcome, ShareTest
 
 if TYPE_CHECKING:
@@ -114,74 +109,6 @@ def _percent(share: float) -> str:
     return text if text != "100 %" or share == 1 else show(min(share, 0.999), "share")
 
 
-def share_remedy(
-    case: RequirementCase,
-    test: ShareTest,
-    observed: Observations,
-    costs: Costs,
-    interval: PercentileInterval | None = None,
-    things: str = "messages",
-) -> str:
-    """What would decide a test that is undecided, by its counts or by levels that differ.
-
-    Args:
-        case: that is undecided.
-        test: of the counts.
-        observed: the same messages by iterations and starts.
-        costs: of more of them.
-        interval: of the percentile, where it is one.
-        things: what was counted, in the plural.
-    """
-    if test.allowed <= 0:
-        return (
-            "No number of messages can prove that none is ever lost. Require an observed count "
-            "(missed == 0), or allow a small share."
-        )
-    growth, note, levels = 1.0, "", interval.levels if interval is not None else None
-    if not counts_decide(test):
-        k, n = test.share * test.effective_n, test.effective_n
-        growth = growth_for_share(k, n, test.allowed, case.confidence)
-        note = _clustering_note(case, test, things)
-    if interval is not None and levels is not None:
-        distance = abs(interval.estimate - case.limit)
-        would_pass = (case.limit > interval.estimate) == case.is_upper_bound
-        half = levels.tail if would_pass else levels.half
-        if distance <= half:
-            freedom = serial_degrees_of_freedom(levels.number, levels.inflation)
-            by_levels = growth_for_mean(distance, half, freedom, case.confidence)
-            growth = max(growth, by_levels)
-    addition = deciding_addition(observed, growth, case.confidence, costs)
-    if addition is not None:
-        more = addition.iterations / len(case.iterations)
-        more *= addition.number if addition.what == "length" else 1
-        counted = f"{show(math.ceil(test.n * more), 'count')} {things}"
-        return f"{note}{deciding_text(addition, len(set(observed.starts)), counted)}"
-    if levels is not None and counts_decide(test):
-        return (
-            f"The percentile is too close to {case.limit_text} for {levels.pieces} that differ "
-            f"by {show(levels.deviation, case.info.unit)}: change the limit, or use a quieter "
-            "machine."
-        )
-    return (
-        f"The observed share ({show(test.share, 'share')}) is too close to the allowed one "
-        f"({show(test.allowed, 'share')}) for a longer run to decide. Change the limit or the "
-        "graph."
-    )
-
-
 def counts_decide(test: ShareTest) -> bool:
     """Whether the counts alone decide."""
     return test.upper <= test.allowed or test.lower > test.allowed
-
-
-def _clustering_note(case: RequirementCase, test: ShareTest, things: str) -> str:
-    """That clustering leaves the test undecided, where it does."""
-    counts = test.over, test.n, case.confidence
-    if test.effective_n >= test.n:
-        return ""
-    if upper_bound(*counts) <= test.allowed or lower_bound(*counts) > test.allowed:
-        return (
-            f"As many independent {things} would have decided it, but those over the limit come "
-            f"{clustering(test)}. "
-        )
-    return ""

@@ -14,21 +14,16 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
 from r2bspec.language.spec import QoS
-from r2bspec.plan.wiring import literal_calls, self_references, source_files
-from r2bspec.plan.wiring.node_helpers import NodeHelper
+from r2bspec.plan.wiring import literal_calls, python_files, self_references
+from r2bspec.plan.wiring.literal_calls import TopicNames
 from r2bspec.plan.wiring.node_interface import InterfaceEntry, ParameterInfo
 from r2bspec.plan.wiring.python_source import SourceNames, nodes_below, own_nodes, program_class
-from r2bspec.plan.wiring.timer_outputs import attributes_of_self, timer_outputs
-from r2bspec.plan.wiring.topic_names import TopicNames
-from r2bspec.safe_io.limits import MAX_BASE_CLASSES, MAX_PYTHON_BYTES
-from r2bspec.safe_io.safe_file import ByteBudget, read_bytes
+from r2bspec.safe_io.limits import MAX_BASE_CLASSES
 
-_MAX_KEPT_BYTES = 10_000
 _SIMPLE_STATEMENTS = (ast.Expr, ast.Assign, ast.AnnAssign)
 """Statements of a constructor that are executed exactly once."""
 
@@ -169,30 +164,6 @@ class _PartialInterface:
         )
 
 
-def read_python_file(
-    source: Path, folder: Path | None = None, budget: ByteBudget | None = None
-) -> ast.Module | None:
-    """The syntax tree of a Python file, or None if it cannot be read.
-
-    Args:
-        source: the file.
-        folder: where the file must be; by default anywhere.
-        budget: what this file and others may have together.
-    """
-    folders = None if folder is None else (folder,)
-    try:
-        content = read_bytes(source, max_bytes=MAX_PYTHON_BYTES, folders=folders, budget=budget)
-        return _parsed(content) if len(content) <= _MAX_KEPT_BYTES else ast.parse(content)
-    except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
-        return None
-
-
-@lru_cache(maxsize=8)
-def _parsed(content: bytes) -> ast.Module:
-    """The tree of a text that many specs name, or that an editor reads again and again."""
-    return ast.parse(content)
-
-
 def unknown_interface(why: str) -> InterfaceEntry:
     """The interface of a node of which nothing is known, and why."""
     return InterfaceEntry(
@@ -204,7 +175,7 @@ def read_node_class(
     tree: ast.Module,
     name: str,
     path: Path | None = None,
-    read: source_files.ReadSource = lambda _: None,
+    read: python_files.ReadSource = lambda _: None,
 ) -> InterfaceEntry:
     """The interface of a class of a file, or of the function that runs one.
 
@@ -214,7 +185,7 @@ def read_node_class(
         path: of the file, absolute; without one, its imports are not followed.
         read: reads other files of its package.
     """
-    found = source_files.find_definition(source_files.source_file(tree, path, read), name)
+    found = python_files.find_definition(python_files.source_file(tree, path, read), name)
     more = ""
     if found is not None and isinstance(found.node, ast.FunctionDef):
         file = found.file
@@ -237,12 +208,12 @@ def read_node_class(
     return result.entry(lifecycle=lifecycle)
 
 
-def _class_named(file: source_files.SourceFile, name: str) -> source_files.Definition | None:
-    found = source_files.find_definition(file, name)
+def _class_named(file: python_files.SourceFile, name: str) -> python_files.Definition | None:
+    found = python_files.find_definition(file, name)
     return found if found is not None and isinstance(found.node, ast.ClassDef) else None
 
 
-def _bases(found: source_files.Definition) -> Iterator[source_files.Definition]:
+def _bases(found: python_files.Definition) -> Iterator[python_files.Definition]:
     """The base classes that can be read, the nearest first."""
     for _ in range(MAX_BASE_CLASSES):
         bases = found.node.bases if isinstance(found.node, ast.ClassDef) else []
@@ -257,7 +228,7 @@ def _bases(found: source_files.Definition) -> Iterator[source_files.Definition]:
         found = above
 
 
-def _is_lifecycle(found: source_files.Definition) -> bool:
+def _is_lifecycle(found: python_files.Definition) -> bool:
     return (
         isinstance(found.node, ast.ClassDef)
         and _base_name(found.node, found.file.names) in _LIFECYCLE_NODES
@@ -265,7 +236,7 @@ def _is_lifecycle(found: source_files.Definition) -> bool:
 
 
 def _add_inherited(
-    result: _PartialInterface, base: source_files.Definition, *, lifecycle: bool
+    result: _PartialInterface, base: python_files.Definition, *, lifecycle: bool
 ) -> None:
     """The literal topics of a base class; that there may be others has been noted."""
     if not isinstance(base.node, ast.ClassDef) or self_references.replaces_methods(
@@ -283,7 +254,7 @@ def _add_inherited(
 
 def _add_class(
     result: _PartialInterface,
-    file: source_files.SourceFile,
+    file: python_files.SourceFile,
     node_class: ast.ClassDef,
     *,
     lifecycle: bool,
@@ -299,7 +270,7 @@ def _add_class(
     topics = TopicNames(node_class, names)
     for call, inside, certain in _calls(node_class, names, lifecycle=lifecycle):
         _add_call(result, call, topics, inside, certain=certain)
-    result.timed.update(timer_outputs(node_class, topics))
+    result.timed.update(literal_calls.timer_outputs(node_class, topics))
     if not _passes_keywords_unchanged(node_class):
         result.forget_all("its constructor changes the arguments that it passes to Node")
 
@@ -348,7 +319,7 @@ def _add_call(
 def _add_helper(
     result: _PartialInterface,
     call: ast.Call,
-    helper: NodeHelper,
+    helper: self_references.NodeHelper,
     topics: TopicNames,
     inside: ast.AST,
     *,
@@ -440,7 +411,7 @@ def _calls(
     methods = {part.name: part for part in found.body if isinstance(part, ast.FunctionDef)}
     first = [methods[name] for name in _first_methods(lifecycle=lifecycle) if name in methods]
     waiting, once = list(first), {each.name for each in first}
-    mentioned = attributes_of_self(found)
+    mentioned = literal_calls.attributes_of_self(found)
     while waiting:
         for call, certain in _calls_in(waiting.pop(), names):
             called = methods.get(self_references.method_of_self(call)) if certain else None

@@ -10,7 +10,6 @@ all cases of a spec.
 
 from __future__ import annotations
 
-import itertools
 from collections import Counter
 from collections.abc import Mapping
 from functools import cache, partial
@@ -20,7 +19,7 @@ import msgspec
 
 from r2bspec.language.spec import Node, Spec
 from r2bspec.plan.this_machine import find_module
-from r2bspec.plan.wiring.ast_reader import read_node_class, read_python_file, unknown_interface
+from r2bspec.plan.wiring.ast_reader import read_node_class, unknown_interface
 from r2bspec.plan.wiring.console_scripts import installed_script
 from r2bspec.plan.wiring.node_interface import (
     InterfaceEntry,
@@ -29,18 +28,13 @@ from r2bspec.plan.wiring.node_interface import (
     parse_interface_entry,
 )
 from r2bspec.plan.wiring.parameter_files import ParameterEffort, ParameterFile, read_parameter_file
-from r2bspec.plan.wiring.python_package import module_of
+from r2bspec.plan.wiring.python_files import module_of, read_python_file, source_folder
 from r2bspec.plan.wiring.python_source import NodeStart, read_node_start
 from r2bspec.safe_io import limits, safe_file
-from r2bspec.safe_io.git import find_work_tree
-from r2bspec.safe_io.looked_up_files import shared_lookup
 from r2bspec.safe_io.safe_yaml import load_values
 
 INTERFACES_FOLDER = "interfaces"
 """The folder next to a spec with recorded interfaces, one file for each node."""
-
-_MAX_FOLDERS = 500
-"""How many folders below ``src`` are looked at for a package."""
 
 
 class CompanionFiles(msgspec.Struct, frozen=True):
@@ -67,26 +61,6 @@ NO_COMPANION_FILES = CompanionFiles()
 def interface_file(base_dir: Path, node: str) -> Path:
     """The path of the recorded interface of a node."""
     return base_dir / INTERFACES_FOLDER / f"{node}.yaml"
-
-
-@shared_lookup
-def source_folder(base_dir: Path) -> Path:
-    """Where sources of nodes may be read: the work tree or workspace of a spec, or its folder."""
-    return find_work_tree(base_dir) or _find_workspace(base_dir) or base_dir
-
-
-def _find_workspace(base_dir: Path) -> Path | None:
-    """The innermost folder around a spec whose ``src`` has a package; None without one."""
-    start = safe_file.real_path(base_dir)
-    return next((top for top in (start, *start.parents) if _has_packages(top / "src")), None)
-
-
-def _has_packages(folder: Path) -> bool:
-    """Whether a folder of a folder is a package, or a repository of packages."""
-    places = [folder / name for name in safe_file.names_if_any(folder)[:_MAX_FOLDERS]]
-    inner = (place / name for place in places for name in safe_file.names_if_any(place))
-    deeper = itertools.islice(inner, _MAX_FOLDERS)
-    return any(safe_file.is_regular(each / "package.xml") for each in (*places, *deeper))
 
 
 def read_companion_files(spec: Spec, base_dir: Path) -> CompanionFiles:

@@ -9,9 +9,11 @@ one of them is passed to other code, stored or renamed, that code may make topic
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Final
 
-from r2bspec.plan.wiring import node_helpers
+import msgspec
+
 from r2bspec.plan.wiring.python_source import SourceNames, nodes_below
 
 PUBLISHER_METHODS = frozenset({"create_publisher", "create_lifecycle_publisher"})
@@ -31,6 +33,58 @@ _NAMES_WITH_ACCESS = frozenset({"locals", "globals", "vars", "eval", "exec", "__
 
 _SPECIAL_METHODS = frozenset({"__init__", "__del__", "__repr__", "__str__"})
 """Special methods that do not change what an attribute or a constructor is."""
+
+_TRANSFORMS: Final = "tf2_msgs/msg/TFMessage"
+
+
+class NodeHelper(msgspec.Struct, frozen=True):
+    """A class whose constructor gets the node.
+
+    Attributes:
+        node: the position of the node among the arguments; it may also be called ``node``.
+        publishes: the types of the topics that it publishes for the node, by their names.
+        subscribes: likewise.
+        makes_subscription: whether its arguments after the node are those of a subscription.
+        names_action: whether its third argument is the name of an action; the type comes first.
+        answers: whether it is the server of this action.
+    """
+
+    node: int = 0
+    publishes: Mapping[str, str] = msgspec.field(default_factory=dict)
+    subscribes: Mapping[str, str] = msgspec.field(default_factory=dict)
+    makes_subscription: bool = False
+    names_action: bool = False
+    answers: bool = False
+
+
+_LISTENER = NodeHelper(1, subscribes={"/tf": _TRANSFORMS, "/tf_static": _TRANSFORMS})
+_BROADCASTER = NodeHelper(publishes={"/tf": _TRANSFORMS})
+_STATIC_BROADCASTER = NodeHelper(publishes={"/tf_static": _TRANSFORMS})
+_ACTION_CLIENT = NodeHelper(names_action=True)
+_ACTION_SERVER = NodeHelper(names_action=True, answers=True)
+
+NODE_HELPERS: Final[Mapping[str, NodeHelper]] = {
+    "message_filters.Subscriber": NodeHelper(makes_subscription=True),
+    "rclpy.action.ActionClient": _ACTION_CLIENT,
+    "rclpy.action.ActionServer": _ACTION_SERVER,
+    "rclpy.action.client.ActionClient": _ACTION_CLIENT,
+    "rclpy.action.server.ActionServer": _ACTION_SERVER,
+    "tf2_ros.Buffer": NodeHelper(1),
+    "tf2_ros.StaticTransformBroadcaster": _STATIC_BROADCASTER,
+    "tf2_ros.TransformBroadcaster": _BROADCASTER,
+    "tf2_ros.TransformListener": _LISTENER,
+    "tf2_ros.buffer.Buffer": NodeHelper(1),
+    "tf2_ros.static_transform_broadcaster.StaticTransformBroadcaster": _STATIC_BROADCASTER,
+    "tf2_ros.transform_broadcaster.TransformBroadcaster": _BROADCASTER,
+    "tf2_ros.transform_listener.TransformListener": _LISTENER,
+}
+"""Helpers by their full names."""
+
+CALLBACK_TAKERS: Final = frozenset({"functools.partial", "threading.Thread", "threading.Timer"})
+"""Functions that get a method of a node only to call it."""
+
+CALLBACK_METHODS: Final = frozenset({"add_done_callback", "registerCallback"})
+"""Methods of other objects that do."""
 
 METHOD = (ast.FunctionDef, ast.AsyncFunctionDef)
 
@@ -53,9 +107,9 @@ def is_name(node: ast.AST, name: str) -> bool:
     return isinstance(node, ast.Name) and node.id == name
 
 
-def helper_of(call: ast.Call, names: SourceNames) -> node_helpers.NodeHelper | None:
+def helper_of(call: ast.Call, names: SourceNames) -> NodeHelper | None:
     """What a call makes that passes the node to a class of which that is known."""
-    helper = node_helpers.NODE_HELPERS.get(names.full_name(call.func))
+    helper = NODE_HELPERS.get(names.full_name(call.func))
     if helper is None:
         return None
     given = next((keyword.value for keyword in call.keywords if keyword.arg == "node"), None)
@@ -198,8 +252,8 @@ class SelfReferences:
             self._attribute(called, called=True, harmless_target=False)
             callbacks = called.attr not in self._methods | self._data
         else:
-            callbacks = self._names.full_name(called) in node_helpers.CALLBACK_TAKERS or (
-                isinstance(called, ast.Attribute) and called.attr in node_helpers.CALLBACK_METHODS
+            callbacks = self._names.full_name(called) in CALLBACK_TAKERS or (
+                isinstance(called, ast.Attribute) and called.attr in CALLBACK_METHODS
             )
             yield called
         for argument in arguments:

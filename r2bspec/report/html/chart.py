@@ -288,7 +288,7 @@ def _load_matplotlib() -> None:
     set by LaTeX, with commands of their own. So it is imported in a folder with empty ones.
     """
     from r2bspec.safe_io.cache_folder import cache_or_temporary_folder
-    from r2bspec.safe_io.temporary_folder import temporary_folder
+    from r2bspec.safe_io.private_files import temporary_folder
 
     name = "MPLCONFIGDIR"
     before = os.environ.get(name)

@@ -12,7 +12,7 @@ from compared_gates import DOCUMENT, GONE, side, with_value
 from nightly import size
 from r2bspec.compare.gate_strength import compare_gates
 from r2bspec.compare.objective_strength import implies
-from r2bspec.language.requirement_grammar import parse_requirement
+from r2bspec.language.comparison_grammar import parse_requirement
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 
 GATE_VALUES: dict[tuple[str | int, ...], list[Any]] = {

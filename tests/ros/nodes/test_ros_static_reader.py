@@ -30,9 +30,10 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from r2bspec.plan.wiring.ast_reader import read_node_class, read_python_file
+from r2bspec.plan.wiring.ast_reader import read_node_class
 from r2bspec.plan.wiring.name_resolution import expand
 from r2bspec.plan.wiring.node_interface import InterfaceEntry
+from r2bspec.plan.wiring.python_files import read_python_file
 
 _WAYS = yaml.safe_load(
     Path(__file__).with_name("ways_to_write_nodes.yaml").read_text(encoding="utf-8")

@@ -16,8 +16,9 @@ from example_spec import example
 from r2bspec.check import check
 from r2bspec.diagnostics import Certainty, Diagnostic
 from r2bspec.language.load_spec import load_spec
-from r2bspec.plan import installed_packages as advice
-from r2bspec.plan.installed_packages import missing_imports, ros_package_advice, top_level_names
+from r2bspec.plan import package_advice
+from r2bspec.plan.installed_packages import missing_imports, top_level_names
+from r2bspec.plan.package_advice import ros_package_advice
 from r2bspec.plan.this_machine import find_module
 
 # What this machine has is looked up without importing or starting anything.
@@ -320,7 +321,7 @@ def test_the_way_to_install_a_module(
     module: str, help_text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("ROS_DISTRO", raising=False)
-    assert advice.python_module_advice(module).startswith(help_text)
+    assert package_advice.python_module_advice(module).startswith(help_text)
 
 
 @pytest.mark.parametrize(

@@ -22,10 +22,11 @@ from pair_simulation import Comparison
 from r2bspec import api
 from r2bspec.compare.merge_gate import GateSettings, MergeGate
 from r2bspec.compare.report_input import read_folder
+from r2bspec.diagnostics.quote import time_text
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.judge.result import Result
 from r2bspec.language.selected_spec import SpecSelection
-from r2bspec.plan.time_estimate import estimate_pairs, estimate_time, time_text
+from r2bspec.plan.time_estimate import estimate_pairs, estimate_time
 from r2bspec.report.notes import notes
 from r2bspec.report.suite import SUITE_FORMATS, SuiteSummary
 from r2bspec.safe_io.git import commit_of

@@ -9,7 +9,6 @@ import pytest
 
 from r2bspec.execute.bringup.find_fault import (
     Fault,
-    RemappedTopic,
     certain_topics,
     find_input_fault,
     first_fault,
@@ -20,6 +19,7 @@ from r2bspec.execute.bringup.find_fault import (
 )
 from r2bspec.execute.bringup.graph_matching import EarlyDiagnosis
 from r2bspec.execute.bringup.observe_graph import GraphFacts, TopicFacts, gather_facts
+from r2bspec.execute.bringup.spec_mismatches import RemappedTopic
 from r2bspec.ipc.protocol import Discovered, Endpoint, QosMismatch
 from r2bspec.plan.plan import TopicPlan
 from run_simulation import Simulation

@@ -8,10 +8,11 @@ from typing import Any
 import pytest
 
 from r2bspec.execute.bringup import spec_mismatches
-from r2bspec.execute.bringup.find_fault import Fault, RemappedTopic
+from r2bspec.execute.bringup.find_fault import Fault
 from r2bspec.execute.bringup.graph_matching import graph_mismatches, related_differences
 from r2bspec.execute.bringup.spec_mismatches import (
     ExpectedParameters,
+    RemappedTopic,
     find_unmatched,
     is_typing_error,
     require_declared_parameters,

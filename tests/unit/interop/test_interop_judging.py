@@ -13,8 +13,8 @@ from r2bspec.cli.main import main
 from r2bspec.interop.imported_verdicts import judge_report
 from r2bspec.interop.ros2_benchmark import parse_report
 from r2bspec.judge.verdict import RequirementVerdict
+from r2bspec.language.comparison_grammar import parse_requirement
 from r2bspec.language.quantities import Rate
-from r2bspec.language.requirement_grammar import parse_requirement
 from r2bspec.language.spec import Objective
 
 

@@ -14,11 +14,12 @@ import msgspec
 import numpy as np
 import pytest
 
+from r2bspec.errors import is_refusal
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import TF, TF_STATIC, TF_TYPE, BufferWriter
 from r2bspec.ipc.native_protocol import NativeCodec
 from r2bspec.ipc.playback_file import ENTRY_DTYPE, HEADER_BYTES, PlaybackReader
-from r2bspec.ipc.sample_files import HEAD_BYTES, is_refusal
+from r2bspec.ipc.sample_files import HEAD_BYTES
 from r2bspec.ipc.schedule import BetweenMessage, CyclicSchedule
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import InputPlan, MonitorPlan, ReactionPlan

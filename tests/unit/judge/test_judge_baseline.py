@@ -27,7 +27,7 @@ from r2bspec.judge.statistics.t_interval import (
     smallest_detectable,
     welch_ratio,
 )
-from r2bspec.language.requirement_grammar import parse_requirement
+from r2bspec.language.comparison_grammar import parse_requirement
 
 BASE = [100.0, 101.5, 98.7, 100.4, 99.1, 102.2]
 HEAD = [95.2, 97.1, 93.0, 96.3, 94.4, 96.0]

@@ -18,7 +18,7 @@ from r2bspec.judge.methods import Method
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.requirement_case import Decision, RequirementCase, requirement_verdict
 from r2bspec.judge.verdict import Outcome, RequirementVerdict
-from r2bspec.language.requirement_grammar import parse_requirement
+from r2bspec.language.comparison_grammar import parse_requirement
 from r2bspec.plan.interim_looks import MAX_LOOKS, InterimLooks
 from r2bspec.plan.plan import PlayPlan
 from run_simulation import Played, Simulation, objective

@@ -15,7 +15,7 @@ from r2bspec.judge.methods.recorded_value import OBSERVATION, SEQUENTIAL_PROBE
 from r2bspec.judge.methods.share_bounds import PERCENTILE_BOUND, SHARE_BOUND, WINDOW_SHARE
 from r2bspec.judge.pipeline import method_of
 from r2bspec.judge.requirement_case import DecisionMethod, RequirementCase
-from r2bspec.language.requirement_grammar import parse_requirement
+from r2bspec.language.comparison_grammar import parse_requirement
 
 
 def case(text: str) -> RequirementCase:

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from r2bspec.diagnostics import Severity
+from r2bspec.language.comparison_grammar import parse_requirement
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.quantities import Duration, Rate
-from r2bspec.language.requirement_grammar import parse_requirement
 from r2bspec.language.spec import BagSource
 
 # What `load_spec` gives.

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from r2bspec.language.comparison_grammar import Bound, ComparisonError, parse_requirement
 from r2bspec.language.quantities import Duration, Quantity, QuantityError, Rate, Share, Size
-from r2bspec.language.requirement_grammar import Bound, RequirementError, parse_requirement
 
 NS = st.integers(0, 10**18)
 
@@ -113,7 +113,7 @@ def test_requirements(text: str, metric: str, op: str, value: float, dimension: 
     ],
 )
 def test_where_a_sentence_breaks(text: str, column: int, suggestion: str) -> None:
-    with pytest.raises(RequirementError) as caught:
+    with pytest.raises(ComparisonError) as caught:
         parse_requirement(text)
     assert (caught.value.column, caught.value.suggestion) == (column, suggestion)
 
@@ -123,7 +123,7 @@ def test_any_text_is_a_requirement_or_says_where_not(text: str) -> None:
     broken_at = None
     try:
         parse_requirement(text)
-    except RequirementError as error:
+    except ComparisonError as error:
         broken_at = error.column
     assert broken_at is None or 0 <= broken_at <= len(text)
 

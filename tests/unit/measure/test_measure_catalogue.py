@@ -6,7 +6,7 @@ import pytest
 
 from r2bspec.judge.measure.distribution import quantile
 from r2bspec.judge.measure.metric_catalogue import METRICS, MetricError, Subjects, names, resolve
-from r2bspec.language.requirement_grammar import parse_requirement
+from r2bspec.language.comparison_grammar import parse_requirement
 
 SUBJECTS = Subjects(
     processes=("apriltag",),

@@ -11,8 +11,8 @@ from r2bspec.check import check
 from r2bspec.cli.main import main
 from r2bspec.judge.measure import metric_catalogue as reference
 from r2bspec.judge.measure.metric_catalogue import METRICS, MONITOR, NODE, PROCESS, TOPIC
+from r2bspec.language.comparison_grammar import ComparisonError, parse_requirement
 from r2bspec.language.load_spec import load_spec
-from r2bspec.language.requirement_grammar import RequirementError, parse_requirement
 
 
 def filled(name: str) -> str:
@@ -99,7 +99,7 @@ def test_an_unknown_metric_is_answered_with_the_meant_one(
 def test_a_percentile_with_a_point_is_answered_with_an_underscore(
     text: str, suggestion: str
 ) -> None:
-    with pytest.raises(RequirementError) as caught:
+    with pytest.raises(ComparisonError) as caught:
         parse_requirement(text)
     assert caught.value.suggestion == suggestion
     assert parse_requirement(suggestion).metric == suggestion.split()[0]

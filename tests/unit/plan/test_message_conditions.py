@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from r2bspec.bags.message_types import typestore
-from r2bspec.language.condition_grammar import ConditionError, parse_condition
+from r2bspec.language.comparison_grammar import ComparisonError, parse_condition
 from r2bspec.plan import message_conditions
 from r2bspec.plan.message_conditions import (
     ConditionMistake,
@@ -163,7 +163,7 @@ def test_what_is_cut_off_or_damaged_is_unreadable() -> None:
     ],
 )
 def test_what_is_no_condition_is_refused_at_its_place(text: str, column: int) -> None:
-    with pytest.raises(ConditionError) as refused:
+    with pytest.raises(ComparisonError) as refused:
         parse_condition(text)
     assert refused.value.column == column
 

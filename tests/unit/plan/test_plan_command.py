@@ -12,9 +12,10 @@ import pytest
 from plan_specs import plan
 
 from command_line import Call
+from r2bspec.diagnostics.quote import time_text
 from r2bspec.plan.canonical_json import read_plan
 from r2bspec.plan.plan import GatePlan, PlayPlan, SearchPlan
-from r2bspec.plan.time_estimate import estimate_time, time_text
+from r2bspec.plan.time_estimate import estimate_time
 from r2bspec.report.findings_text import code_with_slug
 
 # ``r2bspec plan``: what a run will do.

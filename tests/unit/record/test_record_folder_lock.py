@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from nightly import size
-from r2bspec.private_files import private_files, user_umask
 from r2bspec.record.comparison_folder import ComparisonFolder
 from r2bspec.record.files import LOCK_FILE, RUN_UNWRITABLE, FolderTakenError, RecordError
 from r2bspec.record.run_folder import RunFolder
+from r2bspec.safe_io.private_files import private_files, user_umask
 
 HOLDER = """
 import sys, time

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from r2bspec.safe_io.file_search import matching_files, regular_files, walk
-from r2bspec.safe_io.temporary_folder import remove_folder
+from r2bspec.safe_io.private_files import remove_folder
 
 FILES = ["a.yaml", "x/a.yaml", "x/y/a.yaml", "x/y/b.txt", ".h/a.yaml", "x/.h/a.yaml", "[q]/a.yaml"]
 PATTERNS = [

@@ -42,7 +42,7 @@ def found(monkeypatch: pytest.MonkeyPatch, outcome: str) -> None:
             raise InterruptedRunError("interrupted by SIGINT")
         return improved(outcome=outcome, winner=SHARED)
 
-    monkeypatch.setattr("r2bspec.tune.tuning.tune", tune)
+    monkeypatch.setattr("r2bspec.tune.run_search.tune", tune)
 
 
 @pytest.mark.parametrize(

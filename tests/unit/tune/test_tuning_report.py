@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import tuning_results
-from r2bspec.tune import tuning_wording as wording
+from r2bspec.tune import tuning_texts as wording
 from tuning_results import gain, improved, not_met, to_text
 
 

@@ -9,7 +9,7 @@ import pytest
 from wiring_specs import IMAGE, INFO, node, spec
 
 from r2bspec.language.spec import Node, ParameterSource
-from r2bspec.plan.wiring.ast_reader import read_node_class, read_python_file
+from r2bspec.plan.wiring.ast_reader import read_node_class
 from r2bspec.plan.wiring.build_wiring import build_wiring
 from r2bspec.plan.wiring.companion_files import (
     NO_COMPANION_FILES,
@@ -23,6 +23,7 @@ from r2bspec.plan.wiring.node_interface import (
     catalogue_packages,
 )
 from r2bspec.plan.wiring.parameter_files import merged_parameters, read_parameter_file
+from r2bspec.plan.wiring.python_files import read_python_file
 from r2bspec.plan.wiring.wiring import NodeWiring
 
 

@@ -1,16 +1,21 @@
-"""The grammar of a requirement, and of the conditions that a probe of the search must meet.
+"""The comparisons in a spec: of a metric (a requirement), or of a field of a message (a condition).
 
 Grammar (white space between tokens is free)::
 
     requirement = "sustained" | metric op bound [ windows ]
     metric      = [monitor "."] name ["." part]
-    op          = "<" | "<=" | ">" | ">="  | "==" | "!="
     bound       = quantity | integer | share " of " ( "offered" | "baseline" )
     windows     = "in " share " of " duration " windows"
-    name, part, monitor = letter { letter | digit | "_" }
+    condition   = ( path | "len(" path ")" ) op literal
+    path        = field { "." field | "[" ( digits | "*" ) "]" }
+    literal     = number | "true" | "false" | "'" text "'" | constant
+    constant    = an upper-case name that the message type of the field declares
+    op          = "<" | "<=" | ">" | ">=" | "==" | "!="
+    name, part, monitor, field = letter { letter | digit | "_" }
 
-The metrics and their dimensions are defined in `r2bspec.judge.measure.metric_catalogue`; this
-module only parses the text.
+An item ``[*]`` is any item: the condition holds if it holds for one of them. A time or a duration
+is compared as seconds. Which metrics there are, and what fields a message has, this module does not
+know (`r2bspec.judge.measure.metric_catalogue`, `r2bspec.plan.message_conditions`).
 """
 
 from __future__ import annotations
@@ -20,7 +25,7 @@ import operator
 import re
 from collections.abc import Callable, Mapping
 from functools import lru_cache
-from typing import Any, ClassVar, Literal, TypeVar
+from typing import Any, ClassVar, Final, Literal, TypeVar
 
 import msgspec
 
@@ -30,6 +35,9 @@ from r2bspec.safe_io.limits import MAX_REQUIREMENT_CHARACTERS
 
 _Q = TypeVar("_Q", bound=Quantity)
 Operator = Literal["<", "<=", ">", ">=", "==", "!="]
+
+Step = str | int
+"""Of a path: a field, the number of an item, or ``*`` for any item."""
 
 _WORD = "[A-Za-z][A-Za-z0-9_]*"
 # The first word may be a topic, without the slash that it begins with.
@@ -49,10 +57,17 @@ COMPARISONS: Mapping[Operator, Callable[[Any, Any], bool]] = {
 }
 _WINDOWS_START = re.compile(r"\sin(?:\s+|$)")
 _WINDOWS_EXAMPLE = "in 99 % of 1 s windows"
+_CONDITION_EXAMPLE: Final = "len(detections) > 0"
+_PATH: Final = rf"{_WORD}(?:\s*\.\s*{_WORD}|\s*\[\s*(?:\d{{1,9}}|\*)\s*\])*"
+_SUBJECT: Final = re.compile(rf"\s*(?:len\s*\(\s*(?P<listed>{_PATH})\s*\)|(?P<path>{_PATH}))\s*")
+_STEP: Final = re.compile(rf"{_WORD}|\d+|\*")
+_NUMBER: Final = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?")
+_TEXT: Final = re.compile(r"'(?P<single>[^']*)'|\"(?P<double>[^\"]*)\"")
+_CONSTANT: Final = re.compile(r"[A-Z][A-Z0-9_]*")
 
 
-class RequirementError(ValueError):
-    """A text that is not a requirement.
+class ComparisonError(ValueError):
+    """A text that is no such comparison.
 
     Attributes:
         column: offset into the text, counted from 0, at which the problem begins.
@@ -165,20 +180,66 @@ class Requirement(ParsedText):
         return COMPARISONS[self.op](value, limit)
 
 
+class Constant(str):
+    """The name of a constant, in place of its value."""
+
+    __slots__ = ()
+
+
+class Condition(ParsedText):
+    """One parsed condition.
+
+    Attributes:
+        text: as the user wrote it.
+        path: to the field.
+        of_length: whether the number of items, or of characters, is compared.
+        op: the comparison.
+        literal: what the value is compared with.
+        path_column: offset of the path into `text`.
+        literal_column: offset of the literal into `text`.
+    """
+
+    __slots__ = ("literal", "literal_column", "of_length", "op", "path", "path_column")
+
+    kind: ClassVar[str] = "condition on a message"
+    example: ClassVar[str] = _CONDITION_EXAMPLE
+
+    def __init__(
+        self,
+        *,
+        text: str,
+        path: tuple[Step, ...],
+        of_length: bool,
+        op: Operator,
+        literal: float | bool | str,
+        path_column: int = 0,
+        literal_column: int = 0,
+    ) -> None:
+        super().__init__(text)
+        self.path = path
+        self.of_length = of_length
+        self.op: Operator = op
+        self.literal = literal
+        self.path_column = path_column
+        self.literal_column = literal_column
+
+    @classmethod
+    def parse(cls, text: str) -> Condition:
+        """Parse one condition, as `parse_condition` does."""
+        return parse_condition(text)
+
+
 @lru_cache(maxsize=4096)
 def parse_requirement(text: str) -> Requirement:
     """Parse one requirement.
 
     Raises:
-        RequirementError: the text is not a requirement; with the offset of the first error.
+        ComparisonError: the text is not a requirement; with the offset of the first error.
     """
-    if len(text) > MAX_REQUIREMENT_CHARACTERS:
-        raise RequirementError(
-            f"the requirement has more than {MAX_REQUIREMENT_CHARACTERS} characters", 0
-        )
+    _check_length(text, "requirement")
     matched = _METRIC.match(text)
     if matched is None:
-        raise RequirementError(
+        raise ComparisonError(
             "expected a metric, such as latency.p99",
             _next_token_column(text),
             "latency.p99 < 50 ms",
@@ -188,7 +249,7 @@ def parse_requirement(text: str) -> Requirement:
     if metric == "sustained":
         if text[matched.end() :].strip():
             column = _next_token_column(text, matched.end())
-            raise RequirementError("unexpected text after 'sustained'", column)
+            raise ComparisonError("unexpected text after 'sustained'", column)
         return Requirement(text=text, metric=metric, metric_column=metric_column)
     compared = _OPERATOR.match(text, matched.end())
     if compared is None:
@@ -197,11 +258,7 @@ def parse_requirement(text: str) -> Requirement:
         meant = next(
             (op for other, op in _OPERATOR_TYPOS.items() if text.startswith(other, column)), "<"
         )
-        raise RequirementError(
-            f"expected one of < <= > >= == != after {quote(metric)}",
-            column,
-            f"{metric} {meant} ...",
-        )
+        raise _operator_expected(metric, column, f"{metric} {meant} ...")
     column = _next_token_column(text, compared.end())
     windows = _WINDOWS_START.search(text, compared.end())
     end = windows.start() if windows is not None else len(text)
@@ -210,7 +267,7 @@ def parse_requirement(text: str) -> Requirement:
     return Requirement(
         text=text,
         metric=metric,
-        op=compared["op"],  # type: ignore[arg-type]  # the pattern admits only operators
+        op=_operator(compared),
         bound=bound,
         metric_column=metric_column,
         bound_column=column,
@@ -224,14 +281,14 @@ def _check_decimal_percentile(text: str, metric: str, found: re.Match[str]) -> N
     """Point out how a percentile with decimals is written.
 
     Raises:
-        RequirementError: the metric goes on with a decimal point, as in ``latency.p99.9``.
+        ComparisonError: the metric goes on with a decimal point, as in ``latency.p99.9``.
     """
     decimals = _DECIMALS.match(text, found.end())
     name = metric.rpartition(".")[2]
     if decimals is None or not re.fullmatch(r"p\d{1,2}", name):
         return
     meant = f"{metric}_{decimals[1]}"
-    raise RequirementError(
+    raise ComparisonError(
         f"a percentile with decimals is written with an underscore: {name}_{decimals[1]}",
         found.end() - len(name),
         meant + text[decimals.end() :],
@@ -243,24 +300,24 @@ def _parse_windows(text: str, column: int) -> tuple[float, int]:
     matched = re.match(r"(?P<share>[^%]*%)\s*", text[column:])
     if matched is None:
         message = "expected a share of windows after 'in', such as 99 %"
-        raise RequirementError(message, _next_token_column(text, column), _WINDOWS_EXAMPLE)
+        raise ComparisonError(message, _next_token_column(text, column), _WINDOWS_EXAMPLE)
     share = _parse_quantity(Share, matched["share"], column)
     if not 0 < share.fraction <= 1:
         message = "the share of windows must be more than 0 % and at most 100 %"
-        raise RequirementError(message, column, _WINDOWS_EXAMPLE)
+        raise ComparisonError(message, column, _WINDOWS_EXAMPLE)
     at = column + matched.end()
     of = re.match(r"of\s+(?P<duration>.*?)\s*(?P<word>[A-Za-z_]*)\s*\Z", text[at:], re.DOTALL)
     if of is None:
         message = "expected 'of' and the length of a window after the share"
-        raise RequirementError(message, _next_token_column(text, at), _WINDOWS_EXAMPLE)
+        raise ComparisonError(message, _next_token_column(text, at), _WINDOWS_EXAMPLE)
     start = at + of.start("duration")
     if of["word"] not in ("window", "windows"):
         duration = text[start:].rstrip()
         message = "expected 'windows' at the end"
-        raise RequirementError(message, start + len(duration), f"of {duration or '1 s'} windows")
+        raise ComparisonError(message, start + len(duration), f"of {duration or '1 s'} windows")
     length = _parse_quantity(Duration, of["duration"], start)
     if length.ns <= 0:
-        raise RequirementError(
+        raise ComparisonError(
             "the length of a window must be more than zero", start, _WINDOWS_EXAMPLE
         )
     return share.fraction, length.ns
@@ -270,12 +327,12 @@ def _parse_quantity(kind: type[_Q], text: str, column: int) -> _Q:
     try:
         return kind.parse(text)
     except QuantityError as error:
-        raise RequirementError(str(error), column, error.suggestion or kind.example) from None
+        raise ComparisonError(str(error), column, error.suggestion or kind.example) from None
 
 
 def _parse_bound(text: str, column: int) -> Bound:
     if not text:
-        raise RequirementError("missing bound", column, "50 ms")
+        raise ComparisonError("missing bound", column, "50 ms")
     relative = _RELATIVE_BOUND.fullmatch(text)
     if relative is not None:
         return _relative_bound(relative, column)
@@ -287,17 +344,17 @@ def _parse_bound(text: str, column: int) -> Bound:
     raise _bound_error(text, column)
 
 
-def _bound_error(text: str, column: int) -> RequirementError:
+def _bound_error(text: str, column: int) -> ComparisonError:
     unit = re.fullmatch(r"([0-9.]+)\s*([^\s0-9.]\S*)", text)
     units = [name for kind in QUANTITIES.values() for name in kind.units]
     if unit is not None and unit[2] not in units:
         close = did_you_mean(unit[2], units)
-        return RequirementError(
+        return ComparisonError(
             f"unknown unit {quote(unit[2])}; known units: {', '.join(units)}",
             column + unit.start(2),
             f"{unit[1]} {close}" if close else "",
         )
-    return RequirementError(
+    return ComparisonError(
         f"{quote(text)} is not a bound; write a number with a unit, such as 50 ms, 30 Hz, 2 % "
         "or 64 MiB, or an integer for a count",
         column,
@@ -308,11 +365,11 @@ def _relative_bound(found: re.Match[str], column: int) -> Bound:
     try:
         share = Share.parse(found["share"])
     except QuantityError as error:
-        raise RequirementError(str(error), column, error.suggestion) from None
+        raise ComparisonError(str(error), column, error.suggestion) from None
     reference = found["reference"]
     if reference not in _REFERENCES:
         meant = did_you_mean(reference, _REFERENCES) or "offered"
-        raise RequirementError(
+        raise ComparisonError(
             f"unknown reference {quote(reference)}; a bound is relative to 'offered' (the offered "
             "rate) or to 'baseline' (an earlier run)",
             column + found.start("reference"),
@@ -324,6 +381,71 @@ def _relative_bound(found: re.Match[str], column: int) -> Bound:
         of_offered=reference == "offered",
         of_baseline=reference == "baseline",
     )
+
+
+@lru_cache(maxsize=1024)
+def parse_condition(text: str) -> Condition:
+    """Parse one condition.
+
+    Raises:
+        ComparisonError: the text is not a condition; with the offset of the first error.
+    """
+    _check_length(text, "condition")
+    subject = _SUBJECT.match(text)
+    if subject is None:
+        column = _next_token_column(text)
+        raise ComparisonError("expected the path of a field", column, _CONDITION_EXAMPLE)
+    part: Literal["listed", "path"] = "path" if subject["path"] else "listed"
+    path = subject[part]
+    compared = _OPERATOR.match(text, subject.end())
+    if compared is None and text[subject.end() :].lstrip().startswith("["):
+        at = text.index("[", subject.end())
+        raise ComparisonError("expected an index from 0 to 999999999, or *", at, f"{path}[0] > 1")
+    if compared is None:
+        meant = f"len({path})" if part == "listed" else path
+        example = f"{meant} == true" if part == "path" else f"{meant} > 0"
+        raise _operator_expected(meant, subject.end(), example)
+    column = _next_token_column(text, compared.end())
+    return Condition(
+        text=text,
+        path=tuple(int(step) if step.isdecimal() else step for step in _STEP.findall(path)),
+        of_length=part == "listed",
+        op=_operator(compared),
+        literal=_literal(text[column:].rstrip(), column),
+        path_column=subject.start(part),
+        literal_column=column,
+    )
+
+
+def _literal(text: str, column: int) -> float | bool | str:
+    if text in {"true", "false"}:
+        return text == "true"
+    if _NUMBER.fullmatch(text):
+        return int(text) if re.fullmatch(r"[+-]?\d{1,19}", text) else float(text)
+    if (quoted := _TEXT.fullmatch(text)) is not None:
+        return quoted["double"] if quoted["single"] is None else quoted["single"]
+    if _CONSTANT.fullmatch(text):
+        return Constant(text)
+    raise ComparisonError(
+        "expected a number, true, false, a text in quotes, or a constant of the message type",
+        column,
+        f"'{text}'" if text and "'" not in text else "0",
+    )
+
+
+def _check_length(text: str, kind: str) -> None:
+    if len(text) > MAX_REQUIREMENT_CHARACTERS:
+        message = f"the {kind} has more than {MAX_REQUIREMENT_CHARACTERS} characters"
+        raise ComparisonError(message, 0)
+
+
+def _operator(compared: re.Match[str]) -> Operator:
+    return compared["op"]  # type: ignore[return-value]  # the pattern admits only operators
+
+
+def _operator_expected(subject: str, column: int, example: str) -> ComparisonError:
+    message = f"expected one of < <= > >= == != after {quote(subject)}"
+    return ComparisonError(message, column, example)
 
 
 def _next_token_column(text: str, start: int = 0) -> int:

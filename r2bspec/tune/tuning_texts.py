@@ -11,9 +11,8 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
-from r2bspec.diagnostics.quote import pluralize
+from r2bspec.diagnostics.quote import pluralize, time_text
 from r2bspec.judge.measure.units import show
-from r2bspec.plan.time_estimate import time_text
 from r2bspec.plan.tuning_space import Lever, Setting, TuningSpace
 from r2bspec.tune.machine import Pairs
 from r2bspec.tune.tuning_result import (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import datetime
 from collections.abc import Callable
 from functools import cache
@@ -15,20 +14,16 @@ import msgspec
 from r2bspec import api
 from r2bspec.diagnostics.quote import quoted_list
 from r2bspec.errors import R2bspecError, UsageError
-from r2bspec.execute.processes.machine import describe_machine
-from r2bspec.execute.progress import Progress
-from r2bspec.fleet.journal import Journal
 from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.plan.tuning_space import Deployment
-from r2bspec.private_files import private_files
 from r2bspec.record.files import FolderTakenError, write_atomically
 from r2bspec.record.run_folder import open_run
-from r2bspec.tune.fleet_machine import FleetHosts, FleetMachine
+from r2bspec.safe_io.private_files import private_files
 from r2bspec.tune.launch_file import launch_files
 from r2bspec.tune.machine import TuningError, goal_of
 from r2bspec.tune.predict import Predictor
 from r2bspec.tune.search import Forecast, Predict, Search, SearchListener, SearchSettings
-from r2bspec.tune.trials import RealMachine, ThisMachine
+from r2bspec.tune.trials import Player, RealMachine
 from r2bspec.tune.tuning_page import to_html
 from r2bspec.tune.tuning_result import Trial, TuningResult, read_tuning, write_tuning
 
@@ -81,15 +76,14 @@ def tune(
     settings: SearchSettings,
     *,
     minimize: str,
-    fleet: FleetHosts | None = None,
-    progress: Progress | None = None,
+    player: Player,
     tell: Callable[[str], None] = lambda _: None,
     resume: bool = False,
 ) -> TuningResult:
     """Search for the deployment that meets the objectives of a spec at the least cost.
 
-    The caller has seen that the extra is there (`require_extra`), and has the lock of the host,
-    unless a fleet makes the runs.
+    The caller has seen that the extra is there (`require_extra`), and has the lock of the host if
+    it makes the runs.
 
     Args:
         selection: of the spec.
@@ -97,8 +91,7 @@ def tune(
         folder: receives the result and all runs; new or empty, unless a search is resumed.
         settings: how long the search may take.
         minimize: the metric that is to be least.
-        fleet: the hosts that make the runs; None for this machine.
-        progress: is notified of the progress of each run.
+        player: makes the runs.
         tell: is called with a line after each trial.
         resume: go on with the search whose trials the folder has.
 
@@ -107,8 +100,7 @@ def tune(
         FolderTakenError: the folder has files, and no search is resumed.
         InterruptedRunError: a signal ended a run; the search can be resumed.
     """
-    facts = fleet.scheduling if fleet is not None else None
-    space = api.tuning_space(prepared, selection, facts=facts)
+    space = api.tuning_space(prepared, selection, facts=player.scheduling)
     if not any(objective.level == "error" for objective in prepared.plan.objectives.values()):
         raise TuningError(
             f"{selection.spec} has no objective that a deployment would have to meet",
@@ -130,7 +122,7 @@ def tune(
         space=space,
         trials=(),
         started_at=datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
-        machine=fleet.description if fleet is not None else describe_machine(),
+        machine=dict(player.description),
     )
     trials: tuple[Trial, ...] = ()
     if resume:
@@ -147,16 +139,12 @@ def tune(
     elif folder.exists() and any(folder.iterdir()):
         raise FolderTakenError(f"{folder} is not empty", hint="Add --resume, or name a new folder.")
     runs = folder / TRIALS_FOLDER
-    with private_files(), contextlib.ExitStack() as opened:
+    with private_files():
         runs.mkdir(parents=True, exist_ok=True)
-        machine: RealMachine
-        if fleet is None:
-            machine = ThisMachine(selection, runs, goal, progress)
-        else:
-            journal = opened.enter_context(contextlib.closing(Journal(folder)))
-            machine = FleetMachine(selection, runs, goal, fleet, journal, folder, tell)
+        machine = RealMachine(selection, runs, goal, player)
         follower = _Follower(folder, machine, tell)
-        result = Search(blank, machine, settings, listener=follower, trials=trials).run()
+        with player.keep_journal(folder, tell):
+            result = Search(blank, machine, settings, listener=follower, trials=trials).run()
         if result.is_proved:
             _write_launch_files(folder, machine, result)
         write_atomically(folder / PAGE_FILE, to_html(result))

@@ -15,13 +15,20 @@ from direct_hosts import FACTS
 from r2bspec import api
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.errors import RunError
-from r2bspec.fleet.errors import BundleTooLargeError, HostLostError, NoHostError, NotAllowedError
+from r2bspec.fleet.errors import (
+    BundleTooLargeError,
+    HostLostError,
+    HostsDifferError,
+    NoHostError,
+    NotAllowedError,
+)
 from r2bspec.fleet.fleet_runs import EndedRun, FleetRun
 from r2bspec.fleet.hosts import ANY, HostFacts
+from r2bspec.fleet.uniform_hosts import UniformHosts, hosts_of_one_class
 from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.plan.tuning_space import Choice, Deployment, Setting
-from r2bspec.tune.fleet_machine import FleetHosts, FleetMachine, hosts_of_one_class
 from r2bspec.tune.machine import Start, TuningError, goal_of
+from r2bspec.tune.trials import RealMachine
 from ros_runs import Bench, relay_spec
 
 OTHER = Deployment(
@@ -40,7 +47,7 @@ class Client:
         self.hosts = dict.fromkeys(names)
 
 
-class GivenFleet(FleetMachine):
+class GivenHosts(UniformHosts):
     """A fleet on which every run ends with an error, or none is left."""
 
     error: R2bspecError
@@ -52,47 +59,54 @@ class GivenFleet(FleetMachine):
 
 
 @pytest.fixture
-def fleet(tmp_path: Path) -> GivenFleet:
+def hosts() -> GivenHosts:
+    client: Any = Client("a", "b", "c")
+    return GivenHosts(client, ("a", "b", "c", "d"), host("a"))
+
+
+@pytest.fixture
+def fleet(tmp_path: Path, hosts: GivenHosts) -> RealMachine:
     spec = relay_spec()
     spec["slos"] = {"all": {"at": "20 Hz", "require": ["received > 0"]}}
     selection = SpecSelection(Bench(tmp_path).write(spec))
     plan = api.prepare(selection).plan
-    hosts: Any = FleetHosts(Client("a", "b", "c"), ("a", "b", "c", "d"), host("a"))  # type: ignore[arg-type]
-    journal: Any = None
-    goal = goal_of(plan, "cpu.graph.mean")
-    return GivenFleet(selection, tmp_path / "runs", goal, hosts, journal, tmp_path, print)
+    return RealMachine(selection, tmp_path / "runs", goal_of(plan, "cpu.graph.mean"), hosts)
 
 
-def test_starts_are_made_on_any_host_and_those_of_a_round_on_one(fleet: GivenFleet) -> None:
-    fleet.error = R2bspecError("the graph did not start", code="R2B640")
+def test_starts_are_made_on_any_host_and_those_of_a_round_on_one(
+    fleet: RealMachine, hosts: GivenHosts
+) -> None:
+    hosts.error = R2bspecError("the graph did not start", code="R2B640")
     assert fleet.width == 3
     rounds = {"1": 0, "2": 1, "3": 1, "4": 2}
     seen = fleet.measure([Start(OTHER, name, round=number) for name, number in rounds.items()])
     assert [one.state for one in seen] == ["broken"] * 4
-    free, first, second, other = (run.hosts for run in fleet.made)
+    free, first, second, other = (run.hosts for run in hosts.made)
     assert free == {"a", "b", "c"}
     assert len(first) == 1
     assert first == second != other
 
 
-def test_a_lost_host_says_nothing_of_a_deployment(fleet: GivenFleet) -> None:
-    fleet.error = HostLostError("the host a left the fleet")
+def test_a_lost_host_says_nothing_of_a_deployment(fleet: RealMachine, hosts: GivenHosts) -> None:
+    hosts.error = HostLostError("the host a left the fleet")
     (seen,) = fleet.measure([Start(OTHER, "1")])
     assert (seen.state, seen.reason) == ("invalid", "R2B688: the host a left the fleet")
-    fleet.error = BundleTooLargeError("the files that the spec names have more than 512 MiB")
+    hosts.error = BundleTooLargeError("the files that the spec names have more than 512 MiB")
     with pytest.raises(BundleTooLargeError):
         fleet.measure([Start(OTHER, "1")])
-    fleet.error = HostLostError("the host a left the fleet")
-    fleet.fleet.client.hosts = {}
+    hosts.error = HostLostError("the host a left the fleet")
+    hosts.client.hosts = {}
     with pytest.raises(HostLostError):
         fleet.measure([Start(OTHER, "1")])
 
 
-def test_what_a_host_refuses_is_a_result_unless_it_is_the_spec_itself(fleet: GivenFleet) -> None:
-    fleet.error = NotAllowedError("the host a does not allow Python")
+def test_what_a_host_refuses_is_a_result_unless_it_is_the_spec_itself(
+    fleet: RealMachine, hosts: GivenHosts
+) -> None:
+    hosts.error = NotAllowedError("the host a does not allow Python")
     (seen,) = fleet.measure([Start(OTHER, "1")])
     assert (seen.state, seen.reason) == ("refused", "R2B685: the host a does not allow Python")
-    fleet.error = RunError("the policy fifo is not permitted", code="R2B637")
+    hosts.error = RunError("the policy fifo is not permitted", code="R2B637")
     (seen,) = fleet.measure([Start(OTHER, "2")])
     assert (seen.state, seen.reason) == ("refused", "R2B637: the policy fifo is not permitted")
     with pytest.raises(TuningError, match="refused as it is: R2B637: the policy"):
@@ -104,27 +118,28 @@ def test_what_a_host_refuses_is_a_result_unless_it_is_the_spec_itself(fleet: Giv
 
 
 def test_todays_deployment_is_observed_from_inside_when_it_is_started_again(
-    fleet: GivenFleet,
+    fleet: RealMachine,
+    hosts: GivenHosts,
 ) -> None:
-    fleet.error = HostLostError("the host a left the fleet")
+    hosts.error = HostLostError("the host a left the fleet")
     fleet.measure([Start(Deployment(), "1"), Start(OTHER, "2")])
-    assert [run.folder.name for run in fleet.made] == ["1", "2"]
-    assert [run.options for run in fleet.made] == [{"anatomy": True}, {"anatomy": False}]
+    assert [run.folder.name for run in hosts.made] == ["1", "2"]
+    assert [run.options for run in hosts.made] == [{"anatomy": True}, {"anatomy": False}]
 
 
-def test_pairs_go_to_a_host_as_a_comparison(fleet: GivenFleet) -> None:
-    fleet.error = HostLostError("the host a left the fleet")
+def test_pairs_go_to_a_host_as_a_comparison(fleet: RealMachine, hosts: GivenHosts) -> None:
+    hosts.error = HostLostError("the host a left the fleet")
     seen = fleet.compare(Deployment(), OTHER, 3, "proof")
     assert seen.reason == "R2B688: the host a left the fleet"
-    (run,) = fleet.made
+    (run,) = hosts.made
     assert run.options == {"compares": True, "force": True, "against": "today's", "pairs": 3}
     assert [side.plan.title for side in run.sides] == ["x", ""]
 
 
-def test_hosts_of_several_classes_are_refused_with_a_way_out(fleet: GivenFleet) -> None:
+def test_hosts_of_several_classes_are_refused_with_a_way_out(fleet: RealMachine) -> None:
     plan = fleet.prepare(Deployment()).plan
     facts = {name: host(name) for name in "abc"} | {"d": host("d", ros_distro="rolling")}
-    with pytest.raises(TuningError) as raised:
+    with pytest.raises(HostsDifferError) as raised:
         hosts_of_one_class(plan, facts, (ANY,))
     assert "of 2 classes" in str(raised.value)
     assert "a, b, c (A78, 4 CPUs); d (A78, 4 CPUs, rolling)" in str(raised.value)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.safe_io.temporary_folder import temporary_folder
+from r2bspec.safe_io.private_files import temporary_folder
 
 
 @pytest.fixture(autouse=True)
@@ -23,7 +23,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def holder(place: Path, function: str = "process_folder") -> tuple[subprocess.Popen[str], Path]:
     """A process that has a folder, and that folder."""
     words = (
-        f"from r2bspec.safe_io.temporary_folder import *; it = {function}('x'); "
+        f"from r2bspec.safe_io.private_files import *; it = {function}('x'); "
         "print(it if isinstance(it, Path) else it.__enter__(), flush=True); input()"
     )
     process = subprocess.Popen(
@@ -91,7 +91,7 @@ def test_folders_of_any_depth_and_mode_are_removed(
     words = """if True:
         import os, sys
         from pathlib import Path
-        from r2bspec.safe_io.temporary_folder import remove_folder
+        from r2bspec.safe_io.private_files import remove_folder
         if os.geteuid() == 0:
             os.setgid(65534)
             os.setuid(65534)

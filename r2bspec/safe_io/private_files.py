@@ -1,7 +1,8 @@
-"""Folders for as long as a process needs them, of which not even a killed process leaves one.
+"""Files and folders that no other user of the machine may read.
 
-Each is locked by the process that has made it, and the lock ends with the process, however that
-ends. The next process that needs a folder removes those of this user that nobody holds.
+Temporary folders are locked by the process that has made them, and the lock ends with the process,
+however that ends. The next process that needs a folder removes those of this user that nobody
+holds: not even a killed process leaves one.
 """
 
 from __future__ import annotations
@@ -12,15 +13,36 @@ import errno
 import fcntl
 import functools
 import os
-import shutil
-import tempfile
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+PRIVATE_UMASK = 0o077
+"""New files get the mode 0600, and new folders 0700."""
+
+_replaced: list[int] = []
+"""The umasks that `private_files` has put aside; the first is the user's."""
+
 _SUFFIX: Final = ".held"
 """Of no folder of others, and of none that is removed in another way."""
+
+
+@contextlib.contextmanager
+def private_files() -> Iterator[None]:
+    """Make what this process creates unreadable to other users, for as long as the block lasts."""
+    before = os.umask(PRIVATE_UMASK)
+    _replaced.append(before)
+    try:
+        yield
+    finally:
+        _replaced.pop()
+        os.umask(before)
+
+
+def user_umask() -> int:
+    """The umask that the user has chosen, for programs that make files of theirs; -1: the same."""
+    return _replaced[0] if _replaced else -1
 
 
 @contextlib.contextmanager
@@ -34,6 +56,8 @@ def temporary_folder(kind: str, parent: Path | None = None) -> Iterator[Path]:
     Raises:
         OSError: it cannot be made.
     """
+    import tempfile
+
     parent = parent or Path(tempfile.gettempdir())
     _remove_abandoned(parent)
     folder, held = _made(kind, parent)
@@ -64,6 +88,8 @@ def _made(kind: str, parent: Path) -> tuple[Path, int]:
 
     Another process may remove it before it is locked: then the next one is made.
     """
+    import tempfile
+
     while True:
         folder = Path(tempfile.mkdtemp(prefix=f"r2bspec-{kind}-", suffix=_SUFFIX, dir=parent))
         try:
@@ -110,6 +136,8 @@ def remove_folder(folder: Path) -> None:
     A build or a node may have left folders that can be neither read nor written, and folders inside
     each other, deeper than a path may be long and than Python calls functions.
     """
+    import shutil
+
     with contextlib.suppress(RecursionError):
         shutil.rmtree(folder, ignore_errors=True)
     if folder.is_symlink() or not folder.is_dir():
