@@ -273,9 +273,7 @@ def _openings(played: Sequence[IterationTimes]) -> Iterator[UnsteadyPart]:
         )
         # One window that does not differ is enough: most runs need no other.
         differing = list(takewhile(partial(_differs, error=_OPENING_ERROR), differences))
-        if len(differing) == windows - 1 and _agree(
-            np.mean(differing, axis=1), _LEAST_WITHIN
-        ):
+        if len(differing) == windows - 1 and _agree(np.mean(differing, axis=1), _LEAST_WITHIN):
             yield _part("opening", first, rest, opening_s=length_s)
 
 
