@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.measure.matching import NO_MATCH, MatchedMonitor
+from r2bspec.judge.measure.matching import MatchedMonitor
 from r2bspec.judge.measure.units import show
 from r2bspec.record.run_record import Segment
 
@@ -78,10 +78,10 @@ def pace_evidence(segment: Segment, matched: MatchedMonitor) -> PaceEvidence | N
     if matched.own_pace or not matched.steps.size:
         return None
     rows, matching = matched.rows, matched.matching
-    answering = matching.first_row[matching.first_row != NO_MATCH]
+    received = np.sort(rows["received_ns"])
     return PaceEvidence(
-        np.diff(np.sort(rows["received_ns"])),
-        unasked=rows.size - answering.size,
+        received[1:] - received[:-1],
+        unasked=rows.size - (matching.first_row.size - matching.missed),
         least=1 if matching.by_order else _MIN_UNASKED,
         step_ns=(segment.ended_ns - segment.began_ns) / matched.steps.size,
     )

@@ -341,7 +341,7 @@ def segment_samples(
         joined = observed_anatomy(plan, segment, observed, reactions)
     return SegmentSamples(
         segment=segment,
-        playback=replace(playback_samples(rows.playback), live=segment.live),
+        playback=playback_samples(rows.playback, live=segment.live),
         monitors=monitors,
         anatomy=observed_values(joined) if joined else {},
         summary=summarised(joined, segment, observed.record, plan) if joined and observed else None,
