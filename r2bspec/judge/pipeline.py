@@ -741,7 +741,9 @@ def _run_verdict(run: JudgedRun, requirements: tuple[RequirementVerdict, ...]) -
     judged = outcome not in {"invalid", "incomplete"}
     return Verdict(
         outcome=outcome,
-        exit_code=EXIT_CODES[outcome],
+        # The same mistake has the same status in the result as in the process that made it.
+        exit_code=(samples.record.exit_status if samples.record.status != "complete" else 0)
+        or EXIT_CODES[outcome],
         reason=reason,
         requirements=with_caveats(requirements) if judged else requirements,
         unusable=unusable,
