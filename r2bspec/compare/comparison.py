@@ -29,7 +29,7 @@ from typing import Any, Final, Literal
 import msgspec
 
 from r2bspec.compare.errors import IncomparableError, UnreadableResultError
-from r2bspec.compare.report_input import read_content, read_folder
+from r2bspec.compare.report_input import measure, open_folder, read_content
 from r2bspec.errors import R2bspecError
 from r2bspec.judge.judge_run import from_json
 from r2bspec.judge.measure.anatomy_growth import grown_texts
@@ -40,9 +40,11 @@ from r2bspec.judge.measure.distribution import (
     quantile,
 )
 from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH
-from r2bspec.judge.measure.metrics import MonitorMetrics, RateMetrics
+from r2bspec.judge.measure.metrics import MonitorMetrics, RateMetrics, RunMetrics, summarise
+from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.measure.times import rank
 from r2bspec.judge.measure.units import show
+from r2bspec.judge.methods.peak_bracket import with_refuted_peak
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.t_interval import RunValues, welch_ratio_of_runs
 from r2bspec.language.benchmark_defaults import CONFIDENCE
@@ -50,6 +52,7 @@ from r2bspec.plan.comparability import brief_difference, graph_differences, load
 from r2bspec.plan.plan import GRAPH_ROLES, Plan
 from r2bspec.record.graph_identity import MACHINE_FACTS, GraphIdentity, identity_differences
 from r2bspec.record.run_folder import Run
+from r2bspec.record.run_record import RunRecord
 from r2bspec.safe_io.safe_file import is_folder
 
 Outcome = Literal["improved", "worse", "same", "can't tell"]
@@ -143,7 +146,11 @@ class MetricSeries:
 
 @dataclass(frozen=True)
 class ComparedResult:
-    """One side of a comparison; None is unknown, or, of `run`, not there any more."""
+    """One side of a comparison; None is unknown, or, of `run`, not there any more.
+
+    Attributes:
+        samples: of `run`.
+    """
 
     side: ComparedSource
     series: dict[SeriesKey, MetricSeries]
@@ -154,6 +161,7 @@ class ComparedResult:
     tool: str = "r2bspec"
     identity: GraphIdentity | None = None
     run: Run | None = None
+    samples: RunSamples | None = None
 
 
 def read_compared_result(path: Path) -> ComparedResult:
@@ -166,13 +174,16 @@ def read_compared_result(path: Path) -> ComparedResult:
         UnreadableResultError: a file is none of these.
     """
     if is_folder(path):
-        folder_result = read_folder(path)
-        run = folder_result.run
-        side = _of_result(str(path), folder_result.result, run.plan if run else None)
-        return replace(side, run=run)
+        # Verdicts are not compared, and take as long as the metrics.
+        run = open_folder(path)
+        samples = measure(run)
+        metrics = summarise(with_refuted_peak(samples))
+        side = _compared(str(path), run.plan.name, run.record, metrics)
+        return replace(side, plan=run.plan, run=run, samples=samples)
     content = read_content(path)
     try:
-        return _of_result(str(path), from_json(content), None)
+        result = from_json(content)
+        return _compared(str(path), result.name, result, result.metrics)
     except ValueError as not_a_result:  # msgspec's errors are such
         reasons = []
         for name in READERS:
@@ -189,24 +200,25 @@ def read_compared_result(path: Path) -> ComparedResult:
         ) from not_a_result
 
 
-def _of_result(source: str, result: Result, plan: Plan | None) -> ComparedResult:
+def _compared(
+    source: str, name: str, played: Result | RunRecord, metrics: RunMetrics
+) -> ComparedResult:
     series: dict[SeriesKey, MetricSeries] = {}
-    graph = {process.name for process in result.processes if process.role in GRAPH_ROLES}
-    for rate in result.metrics.rates:
+    graph = {process.name for process in played.processes if process.role in GRAPH_ROLES}
+    for rate in metrics.rates:
         series |= _of_rate(rate, graph)
-    if (search := result.metrics.search) is not None:
+    if (search := metrics.search) is not None:
         bracket = search.holds_hz, search.upper_hz
         series[None, "", "peak.rate"] = MetricSeries(bracket[:1], "Hz", bracket=bracket)
     return ComparedResult(
         side=ComparedSource(
-            source=source, name=result.name, run_id=result.run_id, started_at=result.started_at
+            source=source, name=name, run_id=played.run_id, started_at=played.started_at
         ),
         series=series,
-        plan=plan,
-        plan_hash=result.plan_hash,
-        dataset=str(result.dataset.get("sha256") or result.dataset.get("source") or "") or None,
-        machine=result.machine,
-        identity=result.identity,
+        plan_hash=played.plan_hash,
+        dataset=str(played.dataset.get("sha256") or played.dataset.get("source") or "") or None,
+        machine=played.machine,
+        identity=played.identity,
     )
 
 

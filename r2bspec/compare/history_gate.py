@@ -17,12 +17,12 @@ from r2bspec.compare import comparison
 from r2bspec.compare.errors import IncomparableError
 from r2bspec.compare.history import HistoryEntry, HistoryMetric, open_history
 from r2bspec.compare.proposals import prediction_bound
-from r2bspec.compare.report_input import read_folder
+from r2bspec.compare.report_input import open_folder
 from r2bspec.judge import baseline_comparison, judge_run
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.measure.anatomy_growth import LEAST_BESIDE, grown_texts
 from r2bspec.judge.measure.run_samples import read_samples
-from r2bspec.judge.measure.samples import starts_of
+from r2bspec.judge.measure.samples import RunSamples, starts_of
 from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.t_interval import MAX_HISTORY_RUNS
@@ -133,8 +133,8 @@ def baseline_from_stored_run(
             hint="Use --force to compare them anyway.",
         )
     series = {key: (values.values, values.starts) for key, values in stored.series.items()}
-    if is_folder(path) and (run := read_folder(path).run) is not None:
-        series |= _required_values(run, plan)
+    if stored.samples is not None:
+        series |= _required_values(stored.samples, plan)
     return baseline_file.BaselineRecord(
         kind="stored",
         source=str(path),
@@ -151,13 +151,12 @@ def baseline_from_stored_run(
 
 
 def _required_values(
-    run: Run, plan: Plan
+    samples: RunSamples, plan: Plan
 ) -> dict[comparison.SeriesKey, tuple[tuple[float | None, ...], tuple[int, ...]]]:
     """The metrics that the requirements of a plan name, in the iterations of a stored run.
 
     With each, the starts of the iterations.
     """
-    samples = read_samples(run)
     return {
         (at_hz, monitor or "", info.name): (
             tuple(
@@ -223,7 +222,7 @@ def grown_since(baseline: baseline_file.BaselineRecord, run: Run) -> tuple[str, 
         return tuple(_grown_since_history(baseline, run))
     try:
         path = Path(baseline.source)
-        earlier = read_folder(path).run if is_folder(path) else None
+        earlier = open_folder(path) if is_folder(path) else None
     except RecordError:
         return ()
     return grown_texts(earlier, run) if earlier is not None else ()

@@ -150,7 +150,7 @@ class _PairRunner:
 
     def play_all(self) -> None:
         """Play pairs until they decide, and write the record in any case."""
-        reason = ""
+        reason, exit_status = "", 0
         self._write_record("R2B671: the comparison was killed")
         try:
             verdict = self._play_pairs(confirms=False)
@@ -159,13 +159,13 @@ class _PairRunner:
                 self._failed = verdict.failed_keys
                 self._play_pairs(confirms=True)
         except R2bspecError as error:
-            reason = f"{error.code}: {error}"
+            reason, exit_status = f"{error.code}: {error}", error.exit_code
             raise
         except BaseException as error:
             reason = f"{type(error).__name__}: {error}"
             raise
         finally:
-            self._write_record(reason)
+            self._write_record(reason, exit_status)
 
     def _play_pairs(self, *, confirms: bool) -> Verdict:
         """Play the pairs of a session, and again the affected ones that the outcome depends on."""
@@ -324,7 +324,7 @@ class _PairRunner:
         self._notes.append(text)
         self._progress.note(text)
 
-    def _write_record(self, reason: str) -> None:
+    def _write_record(self, reason: str, exit_status: int = 0) -> None:
         comparison = self._comparison
         record = PairsRecord(
             run_id=self._run_id,
@@ -338,6 +338,7 @@ class _PairRunner:
             ended_at=_now(),
             status="incomplete" if reason else "complete",
             reason=reason,
+            exit_status=exit_status,
             pairs=tuple(self._pairs),
             differences=comparison.differences,
             gate=comparison.gate,

@@ -149,6 +149,29 @@ def read_folder(
     )
 
 
+def open_folder(path: Path) -> Run:
+    """The run in a folder; of a comparison, the head's runs of the pairs that count, as one.
+
+    Raises:
+        RecordError: as `read_folder`.
+    """
+    if comparison_folder.is_comparison(path):
+        pairs = comparison_folder.open_comparison(path)
+        return pairs.merged(pairs.usable_pairs(), "head")
+    return open_run(path)
+
+
+def measure(run: Run) -> RunSamples:
+    """The samples of such a run, which is not judged.
+
+    Raises:
+        RecordError: a file of it is missing or damaged.
+    """
+    if isinstance(run, comparison_folder.MergedRun):
+        return merged_samples(run, [read_samples(one) for one in run.runs])
+    return read_samples(run)
+
+
 @dataclass(frozen=True)
 class JudgedComparison:
     """A comparison and its result.

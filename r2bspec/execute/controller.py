@@ -664,6 +664,7 @@ class _Run:
             phases=self._states.clock.phases(),
             identity=self._identity,
             gate=self._options.gate,
+            exit_status=failure.exit_code if isinstance(failure, R2bspecError) else 0,
         )
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import msgspec
+import numpy as np
 
 from r2bspec.execute.processes.resources import ResourceSampler
 from r2bspec.judge.affected_iterations import largest_taken_share
@@ -58,14 +59,10 @@ class HostWatch:
     def between(self, began_ns: int, ended_ns: int) -> Interference:
         """The interference between two times (CLOCK_MONOTONIC), of which the second is past."""
         rows = self._rows_until(ended_ns)
-        interference = host_interference(
-            rows,
-            ProcessSamples(self.resources.rows()).used(began_ns, ended_ns),
-            range(self.process_count()),
-            self.machine,
-            began_ns,
-            ended_ns,
-        )
+        window = np.array([began_ns]), np.array([ended_ns])
+        used = ProcessSamples(self.resources.rows()).used_in(*window)
+        processes = range(self.process_count())
+        (interference,) = host_interference(rows, used, processes, self.machine, *window)
         return interference_of(interference)
 
     def _rows_until(self, time_ns: int) -> Rows:

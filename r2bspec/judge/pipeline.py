@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
 
@@ -74,7 +74,7 @@ from r2bspec.judge.requirement_case import (
     undecided,
 )
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
-from r2bspec.judge.steady_state import find_unsteady_part, iteration_times
+from r2bspec.judge.steady_state import UnsteadyPart, find_unsteady_part, iteration_times
 from r2bspec.judge.unmet_starts import early_doubt, narrow_margin_notes
 from r2bspec.judge.validity import PlaybackValidity
 from r2bspec.judge.verdict import (
@@ -146,6 +146,9 @@ class JudgedRun:
     objectives: Mapping[str, Objective]
     samples: RunSamples
     policy: DecisionPolicy
+    _unsteady_parts: dict[tuple[str | None, str, float], UnsteadyPart | None] = field(
+        default_factory=dict
+    )
 
     @cached_property
     def playback_validity(self) -> PlaybackValidity:
@@ -171,6 +174,18 @@ class JudgedRun:
     def worst_case_samples(self) -> RunSamples:
         """The run with all that interference can have spared it."""
         return worst_case_run(self.samples, self.affected)
+
+    def unsteady_part(
+        self, info: MetricInfo, monitor: str | None, at_hz: float
+    ) -> UnsteadyPart | None:
+        """What differs in one part of the iterations at a rate, by the times of a metric."""
+        key = monitor, info.name if monitor is None else info.family, at_hz
+        if key not in self._unsteady_parts:
+            iterations = self.samples.iterations_at(at_hz)
+            self._unsteady_parts[key] = find_unsteady_part(
+                iteration_times(info, monitor, iterations)
+            )
+        return self._unsteady_parts[key]
 
     def completed_looks(self, samples: RunSamples) -> int:
         """How many interim looks the iterations at all rates of the objectives allow; at least 1.
@@ -666,7 +681,7 @@ def question_unsteady(judged: JudgedRequirement, verdict: RequirementVerdict) ->
     if not METHODS[verdict.method].grows or at_hz is None:
         return verdict
     iterations = samples.iterations_at(at_hz)
-    part = find_unsteady_part(iteration_times(judged.info, judged.monitor, iterations))
+    part = judged.run.unsteady_part(judged.info, judged.monitor, at_hz)
     if part is None:
         return verdict
     found, advice = part.text(judged.info), part.advice(samples, iterations)
@@ -726,7 +741,9 @@ def _run_verdict(run: JudgedRun, requirements: tuple[RequirementVerdict, ...]) -
     judged = outcome not in {"invalid", "incomplete"}
     return Verdict(
         outcome=outcome,
-        exit_code=EXIT_CODES[outcome],
+        # The same mistake has the same status in the result as in the process that made it.
+        exit_code=(samples.record.exit_status if samples.record.status != "complete" else 0)
+        or EXIT_CODES[outcome],
         reason=reason,
         requirements=with_caveats(requirements) if judged else requirements,
         unusable=unusable,

@@ -32,6 +32,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import takewhile
 from typing import Final, Literal
 
 import numpy as np
@@ -43,6 +45,7 @@ from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, RunSamples, S
 from r2bspec.judge.measure.times import seconds
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.statistics.autocorrelation import serial_inflation
+from r2bspec.judge.statistics.effective_sample_size import pad_rows
 from r2bspec.judge.statistics.t_interval import t_quantile
 
 _FASTEST: Final = 0.9
@@ -182,12 +185,22 @@ class IterationTimes:
     values: NDArray[np.float64]
     counted: float = _FASTEST
 
-    def level(self, from_s: float = 0.0, until_s: float = math.inf) -> float:
-        """The logarithm of that mean between two times; NaN without a positive one."""
-        within = self.values[(self.at_s >= from_s) & (self.at_s < until_s)]
-        smallest = np.sort(within)[: math.ceil(self.counted * within.size)]
-        mean = float(smallest.sum()) / max(smallest.size, 1)
-        return math.log(mean) if mean > 0 else math.nan
+
+def _levels(
+    played: Sequence[IterationTimes], from_s: float = 0.0, until_s: float = math.inf
+) -> NDArray[np.float64]:
+    """The logarithm of that mean of each iteration between two times; NaN without a positive one.
+
+    A run has thousands of iterations: all are sorted at once.
+    """
+    within = [play.values[(play.at_s >= from_s) & (play.at_s < until_s)] for play in played]
+    sizes = np.array([values.size for values in within])
+    counted = np.ceil(np.array([play.counted for play in played]) * sizes)
+    ordered = np.sort(pad_rows(within, fill=math.inf), axis=1)
+    ordered[np.arange(ordered.shape[1]) >= counted[:, np.newaxis]] = 0.0
+    means = ordered.sum(axis=1) / np.maximum(counted, 1)
+    levels: NDArray[np.float64] = np.log(means, out=np.full(means.size, math.nan), where=means > 0)
+    return levels
 
 
 def iteration_times(
@@ -203,7 +216,9 @@ def iteration_times(
         for iteration in iterations
         if (times := _times_of(info, monitor, iteration)) is not None
     )
-    return known if len(known) == len(iterations) else ()
+    if len(known) < len(iterations) or not np.isfinite(_levels(known)).all():
+        return ()
+    return known
 
 
 def _times_of(info: MetricInfo, monitor: str | None, one: SegmentSamples) -> IterationTimes | None:
@@ -225,7 +240,7 @@ def _times_of(info: MetricInfo, monitor: str | None, one: SegmentSamples) -> Ite
     begun_s = one.segment.began_ns / 1e9
     times = IterationTimes(one.segment.start, begun_s, length_s, at_s, values, counted)
     # Unknown latencies have no values.
-    return times if at_s.size == values.size and math.isfinite(times.level()) else None
+    return times if at_s.size == values.size else None
 
 
 def find_unsteady_part(played: Sequence[IterationTimes]) -> UnsteadyPart | None:
@@ -234,7 +249,7 @@ def find_unsteady_part(played: Sequence[IterationTimes]) -> UnsteadyPart | None:
     Args:
         played: the iterations, in the order of time.
     """
-    levels = np.array([play.level() for play in played])
+    levels = _levels(played)
     parts = (
         *_openings(played),
         *_halves(played),
@@ -250,20 +265,15 @@ def _openings(played: Sequence[IterationTimes]) -> Iterator[UnsteadyPart]:
         windows = int(shortest_s / length_s + 1e-6)
         if windows < _MIN_WINDOWS:
             continue
-        first = np.array([play.level(0.0, length_s) for play in played])
-        rest = np.array([play.level(length_s) for play in played])
+        first, rest = _levels(played, 0.0, length_s), _levels(played, length_s)
         if not _differs(first - rest, _OPENING_ERROR, _LEAST_WITHIN):
             continue
-        later = np.array(
-            [
-                [play.level(at * length_s, (at + 1) * length_s) for play in played]
-                for at in range(1, windows)
-            ]
+        differences = (
+            first - _levels(played, at * length_s, (at + 1) * length_s) for at in range(1, windows)
         )
-        differences = first - later
-        if _agree(differences.mean(axis=1), _LEAST_WITHIN) and all(
-            _differs(difference, _OPENING_ERROR) for difference in differences
-        ):
+        # One window that does not differ is enough: most runs need no other.
+        differing = list(takewhile(partial(_differs, error=_OPENING_ERROR), differences))
+        if len(differing) == windows - 1 and _agree(np.mean(differing, axis=1), _LEAST_WITHIN):
             yield _part("opening", first, rest, opening_s=length_s)
 
 
@@ -271,8 +281,7 @@ def _halves(played: Sequence[IterationTimes]) -> Iterator[UnsteadyPart]:
     half_s = min((play.length_s for play in played), default=0.0) / 2
     if not half_s:
         return
-    first = np.array([play.level(0.0, half_s) for play in played])
-    second = np.array([play.level(half_s) for play in played])
+    first, second = _levels(played, 0.0, half_s), _levels(played, half_s)
     if _differs(first - second, _HALF_ERROR, _LEAST_WITHIN):
         yield _part("half", first, second, opening_s=half_s)
 

@@ -45,6 +45,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -162,9 +163,13 @@ class Observations:
     by_level: bool = True
     scale: float = 1.0
 
-    def sample(self, kept: Sequence[int] | None = None) -> NestedSample:
-        """The components by all iterations, or by those at some places."""
-        kept = range(len(self.values)) if kept is None else kept
+    @cached_property
+    def whole(self) -> NestedSample:
+        """The components by all iterations."""
+        return self.sample(range(len(self.values)))
+
+    def sample(self, kept: Sequence[int]) -> NestedSample:
+        """The components by the iterations at some places."""
         return NestedSample.of(
             [self.values[at] for at in kept],
             [self.starts[at] for at in kept],
@@ -183,7 +188,7 @@ def additions(
         confidence: of the bounds, by which few starts count less.
         costs: of its parts.
     """
-    sample = observed.sample()
+    sample = observed.whole
     s, n, v = len(sample.sizes), sample.number, sample.variance
     # Where nothing varies, as without a bad message, only the number of messages is known to count.
     fixed, lasting = ((part / v if v else 0.0) for part in (sample.by_starts, sample.by_iterations))
@@ -290,7 +295,7 @@ def uncertainty_budget(
     half = math.fsum(sides) / max(len(sides), 1)
     if not half > 0 or not math.isfinite(estimate):
         return None
-    sample = observed.sample()
+    sample = observed.whole
     whole = (half / t_quantile(math.inf, case.confidence)) ** 2
     square = observed.scale**2
     starts, iterations, sampling = (
@@ -400,13 +405,13 @@ def _halving(
     ]
     affected = len(observed.values) - len(kept)
     if affected and len(case.iterations) == len(observed.values) and len(kept) > 1:
-        sample, calm = observed.sample(), observed.sample(kept)
+        sample, calm = observed.whole, observed.sample(kept)
         if calm.variance * calm.number * _HALVED <= sample.variance * sample.number:
             whole = len(observed.values)
             text = f"others affected {affected} of {whole} iterations"
             return f"An idle host would more than halve it: {text}.", None
     # Where nothing bad was met, the bound on it falls with the number of messages (rule of three).
-    growth = _HALVED if observed.sample().variance else math.sqrt(_HALVED)
+    growth = _HALVED if observed.whole.variance else math.sqrt(_HALVED)
     ways = additions(observed, growth, case.confidence, Costs.of(case.iterations, record))
     best = min(ways, key=lambda one: one.seconds, default=None)
     if best is None:

@@ -1,10 +1,11 @@
-"""How a user gets a ROS package or a Python module that is missing: texts, nothing is looked up."""
+"""How a user gets a ROS package or a Python module that is missing, as a text."""
 
 from __future__ import annotations
 
 import os
 import re
 
+from r2bspec.plan.this_machine import distro_of_wheels, ros_distro
 from r2bspec.plan.wiring.node_interface import catalogue_packages
 
 _DEFAULT_DISTRIBUTION = "jazzy"
@@ -59,22 +60,40 @@ _INTERFACE_PACKAGE = re.compile(r"_(msgs|interfaces|msg|srvs)$")
 
 def ros_distribution() -> str:
     """The distribution whose packages a user installs: that of the environment, or Jazzy."""
-    distribution = os.environ.get("ROS_DISTRO") or ""
+    distribution = ros_distro()
     return distribution if re.fullmatch(r"[a-z]+", distribution) else _DEFAULT_DISTRIBUTION
 
 
-def apt_package(ros_package: str) -> str:
-    """The package of Ubuntu for a released ROS package, such as ``ros-jazzy-image-proc``."""
+def has_wheels() -> bool:
+    """Whether ROS is that of wheels: packages of Ubuntu have no effect in their environment."""
+    return not os.environ.get("ROS_DISTRO") and bool(distro_of_wheels())
+
+
+def released_package(ros_package: str) -> str:
+    """The package of Ubuntu, or the wheel, of a released ROS package: ``ros-jazzy-image-proc``."""
     return f"ros-{ros_distribution()}-{ros_package.replace('_', '-')}"
 
 
 def ros_package_advice(package: str) -> str:
-    """How to get a ROS package: from Ubuntu, or from a workspace."""
-    install = f"sudo apt install {apt_package(package)}"
-    workspace = "source the workspace that contains it"
-    if package in catalogue_packages() or is_ros_module(package):
-        return f"{install}, or {workspace}"
-    return f"{workspace}; if it is a released package: {install}"
+    """How to get a ROS package: from where ROS itself is, or from a workspace."""
+    known = package in catalogue_packages() or is_ros_module(package)
+    if has_wheels():
+        install = f"pip install {released_package(package)}"
+        return (
+            f"{install}, if there is such a wheel; or source a ROS 2 installation, or the "
+            "workspace, that contains it"
+            if known
+            else f"source the workspace that contains it; if there is a wheel of it: {install}"
+        )
+    install, workspace = (
+        f"sudo apt install {released_package(package)}",
+        "source the workspace that contains it",
+    )
+    return (
+        f"{install}, or {workspace}"
+        if known
+        else (f"{workspace}; if it is a released package: {install}")
+    )
 
 
 def is_ros_module(module: str) -> bool:
@@ -86,6 +105,8 @@ def python_module_advice(module: str) -> str:
     """How to get a top-level Python module."""
     if module in _PYTHON_PACKAGES:
         apt, pypi = _PYTHON_PACKAGES[module]
+        if has_wheels():
+            return f"pip install {pypi}" if pypi else ros_package_advice(module)
         commands = [f"sudo apt install {apt.format(ros_distribution())}"] if apt else []
         commands += [f"pip install {pypi}"] if pypi else []
         return ", or ".join(commands)

@@ -143,8 +143,11 @@ def shared_memory_bytes() -> int | None:
 
 def ros_distro() -> str:
     """The ROS distribution: a sourced one, or that of the wheels; empty if there is none."""
-    if distribution := os.environ.get("ROS_DISTRO"):
-        return distribution
+    return os.environ.get("ROS_DISTRO") or distro_of_wheels()
+
+
+def distro_of_wheels() -> str:
+    """The ROS distribution whose wheels are in this environment; empty if none is."""
     names = (name for folder in sys.path for name in names_if_any(Path(folder or ".")))
     installed = {match[1] for match in map(_RCLPY.match, names) if match}
     return next((distro for distro in ROS_DISTROS if distro in installed), "")

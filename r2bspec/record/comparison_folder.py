@@ -31,7 +31,7 @@ from r2bspec.plan.plan import Plan
 from r2bspec.record.files import FolderReader, RecordError, to_json, write_atomically
 from r2bspec.record.graph_identity import common_identity
 from r2bspec.record.run_folder import Run, RunFolder, open_run, read_spec_text, read_stored_plan
-from r2bspec.record.run_record import Limit, Number, RunRecord, SearchRecord, Segment
+from r2bspec.record.run_record import ExitNumber, Limit, Number, RunRecord, SearchRecord, Segment
 from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
 from r2bspec.safe_io.limits import MAX_SEGMENTS
 from r2bspec.safe_io.safe_file import is_regular
@@ -242,6 +242,7 @@ class PairsRecord(msgspec.Struct, frozen=True, kw_only=True):
     environment: dict[str, str] = {}
     notes: tuple[str, ...] = ()
     gate: tuple[str, ...] = ()
+    exit_status: ExitNumber = 0
 
 
 class ComparisonFolder(RunFolder):
@@ -348,6 +349,7 @@ class PairedComparison:
             ended_at=record.ended_at,
             status=record.status,
             reason=record.reason,
+            exit_status=record.exit_status,
             processes=(),
             segments=(),
             search=None,

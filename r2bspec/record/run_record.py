@@ -33,6 +33,8 @@ from r2bspec.safe_io.limits import MAX_PROCESSES, MAX_SEGMENTS
 # What is calculated with is refused where it is read; a damaged record can have any number.
 Count = Annotated[int, msgspec.Meta(ge=0)]
 Number = Annotated[int, msgspec.Meta(ge=1, le=MAX_SEGMENTS)]
+ExitNumber = Annotated[int, msgspec.Meta(ge=0, le=255)]
+"""Of an error that ended a run."""
 """Of a segment or a start."""
 Hertz = Annotated[float, msgspec.Meta(ge=0)]
 Confidence = Annotated[float, msgspec.Meta(ge=0, lt=1)]
@@ -640,7 +642,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     counts for nothing. `accuracy` has one entry for each monitor that is compared with the
     truth, unless the run ended before that. `phases` say where the time went, and are empty in
     older records. `identity` is what the graph was made of; None if that was not looked up.
-    `gate` is what reports say of the merge gate, one sentence each. `samples` has the SHA-256 of
+    `gate` is what reports say of the merge gate, one sentence each. `exit_status` is that of the
+    error that ended the run; 0 without one, and in older records. `samples` has the SHA-256 of
     every file of samples by its path in the run folder; those of the whole run are in no
     incomplete record, because they grow until the run has ended.
     """
@@ -674,6 +677,7 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     phases: tuple[PhaseTime, ...] = ()
     identity: GraphIdentity | None = None
     gate: tuple[str, ...] = ()
+    exit_status: ExitNumber = 0
     samples: dict[str, str] = {}
 
     def __post_init__(self) -> None:

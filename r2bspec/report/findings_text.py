@@ -16,14 +16,15 @@ from __future__ import annotations
 import os
 import sys
 import unicodedata
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import TextIO
 
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.diagnostics.code_pages import find_page
 from r2bspec.diagnostics.diagnostic import split_lines
-from r2bspec.diagnostics.quote import printable
+from r2bspec.diagnostics.quote import pluralize, printable
 from r2bspec.report.output import write
 
 
@@ -93,11 +94,42 @@ _QUIET = "34;1"
 _BOLD = "1"
 
 
+MAX_SHOWN = 100
+"""The most findings of one file that are shown; other formats have all of them."""
+
+
 def render_text(
     diagnostics: Iterable[Diagnostic], sources: Mapping[str, str], *, colour: bool = False
 ) -> str:
-    """The findings in their order, a block of lines each; `sources` are texts by file name."""
-    return "\n".join(_block(diagnostic, sources, colour=colour) for diagnostic in diagnostics)
+    """The findings in their order, a block of lines each; `sources` are texts by file name.
+
+    Of very many in one file, warnings are left out first, and then those further down.
+    """
+    by_file: dict[str, list[Diagnostic]] = {}
+    for diagnostic in diagnostics:
+        by_file.setdefault(diagnostic.span.file, []).append(diagnostic)
+    blocks = []
+    for file, found in by_file.items():
+        order = sorted(
+            range(len(found)), key=lambda place: _SEVERITIES.index(found[place].severity)
+        )
+        shown, hidden = sorted(order[:MAX_SHOWN]), [found[place] for place in order[MAX_SHOWN:]]
+        blocks += [_block(found[place], sources, colour=colour) for place in shown]
+        if hidden:
+            blocks.append(_hidden_text(file, hidden))
+    return "\n".join(blocks)
+
+
+_SEVERITIES = tuple(Severity)
+
+
+def _hidden_text(file: str, hidden: Sequence[Diagnostic]) -> str:
+    counts = Counter(diagnostic.severity for diagnostic in hidden)
+    nouns = ((severity, counts[severity]) for severity in _SEVERITIES if counts[severity])
+    those = " and ".join(pluralize(count, severity.value) for severity, count in nouns)
+    return (
+        f"{printable(file)}: {those} more; 'r2bspec validate --format json' lists all of a spec\n"
+    )
 
 
 def _block(found: Diagnostic, sources: Mapping[str, str], *, colour: bool) -> str:

@@ -125,7 +125,7 @@ def open_regular(path: Path, *, folders: Iterable[Path] | None = None) -> Binary
         note_read(path)
         # The very file that was examined.
         flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
-        return os.fdopen(os.open(_descriptor_path(place), flags), "rb")
+        return os.fdopen(os.open(f"{_DESCRIPTORS}/{place}", flags), "rb")
     finally:
         os.close(place)
 
@@ -241,29 +241,22 @@ def _open_place(path: Path) -> int:
 
 def _check_kind(place: int) -> None:
     mode = os.fstat(place).st_mode
-    for is_kind, reason in _KINDS:
+    for is_kind, reason in _KINDS if not stat.S_ISREG(mode) else ():
         if is_kind(mode):
             hint = "use '-' to read standard input" if stat.S_ISFIFO(mode) else ""
             raise RefusedFileError(reason, hint=hint)
 
 
-def _descriptor_path(place: int) -> str:
-    """The path by which the kernel knows what is open, whatever has its name now.
-
-    Raises:
-        RefusedFileError: there is no such path, which would look as if the file were missing.
-    """
-    path = f"{_DESCRIPTORS}/{place}"
-    if not os.path.lexists(path):
+def _check_place(place: int, folders: Iterable[Path] | None) -> None:
+    try:
+        # The path by which the kernel knows what is open, whatever has its name now.
+        real = os.readlink(f"{_DESCRIPTORS}/{place}")  # noqa: PTH115 - many files are opened
+    except FileNotFoundError:
+        # It would look as if the file were missing.
         raise RefusedFileError(
             f"there is no {_DESCRIPTORS}, by which files are opened",
             hint="Mount /proc: 'mount -t proc proc /proc', or let the container have it.",
-        )
-    return path
-
-
-def _check_place(place: int, folders: Iterable[Path] | None) -> None:
-    real = os.readlink(_descriptor_path(place))  # noqa: PTH115 - many files are opened
+        ) from None
     if real.startswith(_KERNEL_PATHS):
         raise OutsideFolderError("it is a file of the kernel, not of a disk")
     if folders is not None and not any(

@@ -109,7 +109,13 @@ class ProcessSamples:
         return int(np.maximum(begun_before_end - ended_before_begin, 0).sum())
 
     def used(self, began_ns: int, ended_ns: int) -> dict[int, ResourceUse]:
-        """What each process used between two times, by its index, ascending.
+        """What each process used between two times; see `used_in`."""
+        return self.used_in(np.array([began_ns]), np.array([ended_ns]))[0]
+
+    def used_in(
+        self, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]
+    ) -> list[dict[int, ResourceUse]]:
+        """What each process used in each of some windows, by its index, ascending.
 
         With C(t) the processor time used up to t, interpolated linearly between samples,
 
@@ -119,36 +125,53 @@ class ProcessSamples:
         cover at least half of the window; the rest is left out of both differences. A process of
         which nothing was sampled then is left out.
         """
-        # A run has thousands of windows, and the processes of all its starts.
-        sampled = (self._last_ns > began_ns) & (self._first_ns < ended_ns)
-        if ended_ns < began_ns:
-            return {}
-        return {
-            int(self._indices[place]): _process_use(self._rows[place], began_ns, ended_ns)
-            for place in np.flatnonzero(sampled)
-            if self._rows[place].size > 1
-        }
+        used: list[dict[int, ResourceUse]] = [{} for _ in range(began_ns.size)]
+        for index in self._indices.tolist():
+            windows = self._windows_of(index, began_ns, ended_ns)
+            uses = _uses(self.rows(index), began_ns[windows], ended_ns[windows])
+            for window, use in zip(windows.tolist(), uses, strict=True):
+                used[window][index] = use
+        return used
+
+    def _windows_of(
+        self, index: int, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]
+    ) -> NDArray[np.int64]:
+        """The windows in which a process was sampled."""
+        place = self._places.get(index)
+        if place is None or self._rows[place].size < 2:
+            return np.empty(0, np.int64)
+        sampled = (self._last_ns[place] > began_ns) & (self._first_ns[place] < ended_ns)
+        return np.flatnonzero(sampled & (began_ns <= ended_ns))
 
     def used_together(
-        self, indices: Iterable[int], began_ns: int, ended_ns: int
-    ) -> ResourceUse | None:
-        """What several processes used between two times, as if they were one.
+        self, indices: Sequence[int], began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]
+    ) -> list[ResourceUse | None]:
+        """What several processes used in each of some windows, as if they were one.
 
         Times of sampling differ by little from process to process: at those of the one that was
         sampled most often, the values of the others are interpolated. So the maxima are those of
         sums, which the sums of maxima are not.
 
         Returns:
-            None if nothing was sampled of any of them then.
+            None where nothing was sampled of any of them.
         """
-        found = [
-            _around(rows, began_ns, ended_ns)
-            for index in indices
-            if (rows := self.rows(index)).size > 1
-            and rows["time_ns"][0] < ended_ns
-            and rows["time_ns"][-1] > began_ns
-        ]
-        return _process_use(_summed(found), began_ns, ended_ns) if found else None
+        sampled_in: list[list[int]] = [[] for _ in range(began_ns.size)]
+        for index in indices:
+            for window in self._windows_of(index, began_ns, ended_ns).tolist():
+                sampled_in[window].append(index)
+        windows_of: dict[tuple[int, ...], list[int]] = {}
+        for window, those in enumerate(sampled_in):
+            windows_of.setdefault(tuple(those), []).append(window)
+        together: list[ResourceUse | None] = [None] * began_ns.size
+        for those_sampled, windows in windows_of.items():
+            if not those_sampled:
+                continue
+            began, ended = began_ns[windows], ended_ns[windows]
+            ends = int(began.min()), int(ended.max())
+            rows = _summed([_around(self.rows(index), *ends) for index in those_sampled])
+            for window, use in zip(windows, _uses(rows, began, ended), strict=True):
+                together[window] = use
+        return together
 
 
 def _summed(found: Sequence[Rows]) -> Rows:
@@ -179,38 +202,101 @@ def total_use(found: Sequence[ResourceUse]) -> ResourceUse:
     return ResourceUse(memory_max_bytes=sum(one.memory_max_bytes or 0 for one in found), **sums)
 
 
-def _process_use(rows: Rows, began_ns: int, ended_ns: int) -> ResourceUse:
-    """The use of one process, of which there are samples on both sides of some time in between."""
-    rows = _around(rows, began_ns, ended_ns)
-    times = rows["time_ns"]
-    memory = rows["memory_bytes"][bisect_left(times, began_ns) : bisect_right(times, ended_ns)]
-    memory_max = int(memory.max()) if memory.size else None
-    start, end = max(began_ns, int(times[0])), min(ended_ns, int(times[-1]))
-    if end <= start or 2 * (end - start) < ended_ns - began_ns:
-        return ResourceUse(None, None, memory_max)
-    within = times[bisect_right(times, start) : bisect_left(times, end)]
-    edges = np.concatenate(([start], within, [end]))
-    # Relative to the start of the window, because float64 cannot represent nanoseconds since boot.
-    times_s, edges_s, seconds = (times - start) / 1e9, (edges - start) / 1e9, (end - start) / 1e9
-    used = np.interp(edges_s, times_s, rows["cpu_s"])
-    apart = spaced_indices(edges)
-    # Not by numpy's diff: a run has thousands of windows.
-    some_used, some_edges = used[apart], edges[apart]
-    growth, between = some_used[1:] - some_used[:-1], some_edges[1:] - some_edges[:-1]
-    busiest = float((growth / (between / 1e9)).max())
-    mean = float(used[-1] - used[0]) / seconds
-    waited_s, minor_faults = (
+def _uses(
+    rows: Rows, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]
+) -> list[ResourceUse]:
+    """What one process used in some windows, in each of which it was sampled.
+
+    A run has thousands of windows: all are calculated at once.
+    """
+    if not began_ns.size:
+        return []
+    rows = _around(rows, int(began_ns.min()), int(ended_ns.max()))
+    times = np.ascontiguousarray(rows["time_ns"])
+    since, until = np.searchsorted(times, began_ns), np.searchsorted(times, ended_ns, side="right")
+    before, after = np.maximum(since - 1, 0), np.minimum(until, times.size - 1)
+    start, end = np.maximum(began_ns, times[before]), np.minimum(ended_ns, times[after])
+    covered = (end > start) & (2.0 * (end - start) >= ended_ns - began_ns)
+    seconds = np.where(covered, (end - start) / 1e9, 1.0)
+    # Relative to the first sample, because float64 cannot represent nanoseconds since boot.
+    times_s, start_s, end_s = ((each - times[0]) / 1e9 for each in (times, start, end))
+
+    def growth(field: str) -> NDArray[np.float64]:
+        values = rows[field]
+        grown = np.interp(end_s, times_s, values) - np.interp(start_s, times_s, values)
         # -1 in files of versions that did not record it.
-        _growth(times_s, rows[field], seconds) if rows[field].min() >= 0 else None
-        for field in ("waited_s", "minor_faults")
-    )
-    return ResourceUse(
+        missing = np.concatenate(([0], np.cumsum(~(values >= 0))))
+        return np.where(missing[after + 1] == missing[before], grown, math.nan)
+
+    mean = growth("cpu_s") / seconds
+    columns = (
+        covered,
         mean,
-        max(busiest, mean),
-        memory_max,
-        None if waited_s is None else waited_s / seconds,
-        minor_faults,
+        np.fmax(mean, _busiest(times, rows["cpu_s"], start, end, covered)),
+        since < until,
+        _largest(rows["memory_bytes"], since, until),
+        growth("waited_s") / seconds,
+        growth("minor_faults"),
     )
+    return [
+        ResourceUse(
+            cpu_mean=mean if complete else None,
+            cpu_max=most if complete else None,
+            memory_max_bytes=memory if sampled else None,
+            waited=waited if complete and not math.isnan(waited) else None,
+            minor_faults=faults if complete and not math.isnan(faults) else None,
+        )
+        for complete, mean, most, sampled, memory, waited, faults in zip(
+            *(column.tolist() for column in columns), strict=True
+        )
+    ]
+
+
+def _busiest(
+    times: NDArray[np.int64],
+    used: NDArray[np.float64],
+    start: NDArray[np.int64],
+    end: NDArray[np.int64],
+    covered: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """The largest growth per time in some windows; see `ResourceUse`."""
+    first, past = np.searchsorted(times, start, side="right"), np.searchsorted(times, end)
+    gaps = times[1:] - times[:-1]
+    near = np.concatenate(([0], np.cumsum(gaps < MIN_SPACING_NS)))
+    times_s = (times - times[0]) / 1e9
+    crowded = (
+        covered
+        & (past > first)
+        & (near[np.maximum(past - 1, 0)] > near[np.minimum(first, times.size - 1)])
+    )
+    # Of the others, only samples next to an end of the window are too near to it.
+    past_last = past - (end - times[np.maximum(past - 1, 0)] < MIN_SPACING_NS)
+    first = first + (times[np.minimum(first, times.size - 1)] - start < MIN_SPACING_NS)
+    some = first < past_last
+    ends = np.interp([(start - times[0]) / 1e9, (end - times[0]) / 1e9], times_s, used)
+    low, high = np.minimum(first, times.size - 1), np.maximum(past_last - 1, 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inside = _largest((used[1:] - used[:-1]) / (gaps / 1e9), low, high)
+        at_start = (used[low] - ends[0]) / ((times[low] - start) / 1e9)
+        at_end = (ends[1] - used[high]) / ((end - times[high]) / 1e9)
+        whole = (ends[1] - ends[0]) / ((end - start) / 1e9)
+    inside = np.where(low < high, inside, -math.inf)
+    largest = np.where(some, np.maximum(np.maximum(at_start, at_end), inside), whole)
+    for window in np.flatnonzero(crowded).tolist():
+        within = times[np.searchsorted(times, start[window], side="right") : past[window]]
+        edges = np.concatenate((start[window : window + 1], within, end[window : window + 1]))
+        edges = edges[spaced_indices(edges)]
+        growth = np.diff(np.interp((edges - times[0]) / 1e9, times_s, used))
+        largest[window] = (growth / (np.diff(edges) / 1e9)).max()
+    return largest
+
+
+def _largest(
+    values: NDArray[Any], first: NDArray[np.int64], past: NDArray[np.int64]
+) -> NDArray[Any]:
+    """The largest of ``values[first:past]`` for each of some parts; anything for an empty one."""
+    ends = np.column_stack((first, np.maximum(first, past))).ravel()
+    return np.maximum.reduceat(np.append(values, np.zeros(2, values.dtype)), ends)[::2]
 
 
 def _around(rows: Rows, began_ns: int, ended_ns: int) -> Rows:
@@ -219,12 +305,6 @@ def _around(rows: Rows, began_ns: int, ended_ns: int) -> Rows:
     first = bisect_left(rows["time_ns"], began_ns) - 1
     last = bisect_right(rows["time_ns"], ended_ns)
     return rows[max(first, 0) : last + 1]
-
-
-def _growth(times_s: NDArray[np.float64], values: NDArray[np.float64], seconds: float) -> float:
-    """By how much a cumulative value has grown from 0 on; NaN where it is not reported."""
-    first, last = np.interp((0.0, seconds), times_s, values)
-    return float(last - first)
 
 
 def _known(found: Iterable[ResourceUse], name: str) -> list[Any]:
@@ -286,34 +366,56 @@ class HostInterference(msgspec.Struct, frozen=True, kw_only=True):
 
 def host_interference(
     rows: Rows,
-    used: Mapping[int, ResourceUse],
+    used: Sequence[Mapping[int, ResourceUse]],
     processes: Container[int],
     machine: Mapping[str, Any],
-    began_ns: int,
-    ended_ns: int,
-) -> HostInterference | None:
-    """The interference between two times, interpolated linearly between samples.
+    began_ns: NDArray[np.int64],
+    ended_ns: NDArray[np.int64],
+) -> list[HostInterference | None]:
+    """The interference in each of some windows, interpolated linearly between samples.
 
     Args:
         rows: of type `INTERFERENCE_DTYPE`, in order of time.
-        used: see `ProcessSamples.used`.
+        used: see `ProcessSamples.used_in`.
         processes: the indices of all processes of the run.
         machine: as in `RunRecord.machine`.
-        began_ns: the beginning of the window.
-        ended_ns: its end.
+        began_ns: the beginnings of the windows.
+        ended_ns: their ends.
 
     Returns:
-        None if the samples do not cover the window.
+        None where the samples do not cover half of the window.
     """
-    seconds = (ended_ns - began_ns) / 1e9
-    if seconds <= 0 or not _covers(rows, began_ns, ended_ns):
-        return None
-    rows = _around(rows, began_ns, ended_ns)
-    # Relative to the start of the window, as for a process.
-    times_s = (rows["time_ns"] - began_ns) / 1e9
+    if rows.size < 2:
+        return [None] * began_ns.size
+    times = np.ascontiguousarray(rows["time_ns"])
+    # Relative to the first sample, as for a process.
+    times_s, began_s, ended_s = ((each - times[0]) / 1e9 for each in (times, began_ns, ended_ns))
+    inside_ns = np.minimum(ended_ns, times[-1]) - np.maximum(began_ns, times[0])
+    covered = (ended_ns > began_ns) & (2.0 * inside_ns >= ended_ns - began_ns)
+    sums = np.array(
+        [
+            np.interp(ended_s, times_s, rows[field]) - np.interp(began_s, times_s, rows[field])
+            for field in ("stolen_s", "waited_s", "busy_s", "cycles", "throttled_s")
+        ]
+    )
+    return [
+        _interference(growths, of_window, processes, machine, seconds) if known else None
+        for growths, of_window, seconds, known in zip(
+            sums.T.tolist(), used, ((ended_ns - began_ns) / 1e9).tolist(), covered, strict=True
+        )
+    ]
+
+
+def _interference(
+    growths: Sequence[float],
+    used: Mapping[int, ResourceUse],
+    processes: Container[int],
+    machine: Mapping[str, Any],
+    seconds: float,
+) -> HostInterference:
+    """The same in one window, from the growth of each sum, which is NaN where nothing counts it."""
     stolen_s, waited_s, busy_s, cycles, throttled_s = (
-        _growth_on_host(times_s, rows[field], seconds)
-        for field in ("stolen_s", "waited_s", "busy_s", "cycles", "throttled_s")
+        max(0.0, growth) if math.isfinite(growth) else None for growth in growths
     )
     of_run = [use for index, use in used.items() if index == ORPHANS_INDEX or index in processes]
     own = total_use(of_run) if of_run else None
@@ -330,22 +432,6 @@ def host_interference(
         own_cores=own.cpu_mean if own is not None else None,
         own_waited=own.waited if own is not None else None,
     )
-
-
-def _covers(rows: Rows, began_ns: int, ended_ns: int) -> bool:
-    """Whether samples cover at least half of a window."""
-    if rows.size < 2:
-        return False
-    inside = min(ended_ns, int(rows["time_ns"][-1])) - max(began_ns, int(rows["time_ns"][0]))
-    return 2 * inside >= ended_ns - began_ns
-
-
-def _growth_on_host(
-    times_s: NDArray[np.float64], values: NDArray[np.float64], seconds: float
-) -> float | None:
-    """By how much a sum grew; None if the system does not report it."""
-    grown = _growth(times_s, values, seconds)
-    return max(0.0, grown) if math.isfinite(grown) else None
 
 
 def _foreign_cores(

@@ -379,10 +379,10 @@ class MatchedMonitor:
         """
         if self.own_pace or not self.steps.size:
             return ()
-        answering = self.matching.first_row[self.matching.first_row != NO_MATCH]
+        received = np.sort(self.rows["received_ns"])
         evidence = PaceEvidence(
-            np.diff(np.sort(self.rows["received_ns"])),
-            unasked=self.rows.size - answering.size,
+            received[1:] - received[:-1],
+            unasked=self.rows.size - (self.matching.first_row.size - self.matching.missed),
             least=1 if self.matching.by_order else MIN_UNASKED,
             step_ns=(segment.ended_ns - segment.began_ns) / self.steps.size,
         )

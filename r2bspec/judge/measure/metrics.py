@@ -32,7 +32,7 @@ from r2bspec.judge.measure.samples import (
     pool_monitor,
     pool_playback,
 )
-from r2bspec.judge.measure.times import Seconds, percentiles
+from r2bspec.judge.measure.times import Seconds, rank
 from r2bspec.record.run_record import Probe, SearchRecord
 
 
@@ -219,14 +219,28 @@ def summarise(samples: RunSamples) -> RunMetrics:
     )
 
 
-def measure_segment(samples: SegmentSamples) -> SegmentMetrics:
-    """The metrics of one segment."""
+def measure_segments(samples: Sequence[SegmentSamples]) -> tuple[SegmentMetrics, ...]:
+    """The metrics of some segments with the same monitors."""
+    monitors = {
+        name: _monitors([one.monitors[name] for one in samples])
+        for name in (samples[0].monitors if samples else ())
+    }
+    playbacks = _playbacks([one.playback for one in samples])
+    return tuple(
+        _segment(one, playback, {name: seen[place] for name, seen in monitors.items()})
+        for place, (one, playback) in enumerate(zip(samples, playbacks, strict=True))
+    )
+
+
+def _segment(
+    samples: SegmentSamples, playback: PlaybackMetrics, monitors: dict[str, MonitorMetrics]
+) -> SegmentMetrics:
     sent = 0 if samples.playback.live else samples.playback.sent
     return SegmentMetrics(
         segment=samples.segment.id,
         index=samples.segment.index,
-        playback=_playback(samples.playback),
-        monitors={name: _monitor(seen) for name, seen in samples.monitors.items()},
+        playback=playback,
+        monitors=monitors,
         processes={name: _use(used, sent) for name, used in samples.processes.items()},
         machine=_use(samples.machine) if samples.machine is not None else None,
         graph=_use(samples.graph, sent) if samples.graph is not None else None,
@@ -242,17 +256,15 @@ def _measure_rate(
     reruns: Mapping[str, SegmentSamples],
     pace: Pace,
 ) -> RateMetrics:
-    iterations = tuple(measure_segment(sample) for sample in samples)
+    iterations = measure_segments(samples)
     return RateMetrics(
         offered_hz=rate_hz,
         iterations=iterations,
         pooled=_pooled(samples),
         pace=pace,
         spread={name: _spread(iterations, name) for name in samples[0].monitors},
-        reruns=tuple(
-            measure_segment(again)
-            for sample in samples
-            if (again := reruns.get(sample.segment.id)) is not None
+        reruns=measure_segments(
+            [reruns[sample.segment.id] for sample in samples if sample.segment.id in reruns]
         ),
     )
 
@@ -268,9 +280,9 @@ def _pooled(samples: Sequence[SegmentSamples]) -> SegmentMetrics:
     return SegmentMetrics(
         segment="",
         index=None,
-        playback=_playback(pool_playback([sample.playback for sample in samples])),
+        playback=_playbacks([pool_playback([sample.playback for sample in samples])])[0],
         monitors={
-            name: _monitor(pool_monitor([sample.monitors[name] for sample in samples]))
+            name: _monitors([pool_monitor([sample.monitors[name] for sample in samples])])[0]
             for name in samples[0].monitors
         },
         processes={name: _use(used, sent) for name, used in processes.items() if used is not None},
@@ -321,7 +333,18 @@ def _spread(iterations: Sequence[SegmentMetrics], monitor: str) -> dict[str, Spr
     }
 
 
-def _monitor(seen: MonitorSamples) -> MonitorMetrics:
+_FAMILIES: Final = ("latency", "latency_from_due", "interval", "jitter")
+
+
+def _monitors(seen: Sequence[MonitorSamples]) -> list[MonitorMetrics]:
+    families = [distributions([one.times[family] for one in seen]) for family in _FAMILIES]
+    return [
+        _monitor(one, dict(zip(_FAMILIES, of_one, strict=True)))
+        for one, of_one in zip(seen, zip(*families, strict=True), strict=True)
+    ]
+
+
+def _monitor(seen: MonitorSamples, families: Mapping[str, Distribution]) -> MonitorMetrics:
     counts = {
         name: None if seen.own_pace else getattr(seen, name)
         for name in (*SENT_COUNTS, "answered", "missed")
@@ -330,10 +353,6 @@ def _monitor(seen: MonitorSamples) -> MonitorMetrics:
         drop_rate=seen.missed / seen.expected if seen.expected and not seen.own_pace else None,
         received=seen.received,
         throughput_hz=seen.throughput_hz,
-        latency=distribution(seen.times["latency"]),
-        latency_from_due=distribution(seen.times["latency_from_due"]),
-        interval=distribution(seen.times["interval"]),
-        jitter=distribution(seen.times["jitter"]),
         age=distribution(seen.times["age"]) if seen.own_pace else None,
         reaction=distribution(seen.times["reaction"]) if seen.of_events else msgspec.UNSET,
         unreadable=seen.unreadable if seen.of_events else msgspec.UNSET,
@@ -341,6 +360,7 @@ def _monitor(seen: MonitorSamples) -> MonitorMetrics:
         untimed=seen.untimed,
         unknown_latency=seen.unknown_latency,
         hops=tuple(map(_hop, seen.hops)),
+        **families,
         **counts,
     )
 
@@ -355,12 +375,17 @@ def _hop(hop: HopSamples) -> HopMetrics:
     )
 
 
-def _playback(played: PlaybackSamples) -> PlaybackMetrics:
-    return PlaybackMetrics(
-        sent=None if played.live else played.sent,
-        rate_hz=None if played.live else played.rate_hz,
-        lateness=distribution(played.lateness),
-    )
+def _playbacks(played: Sequence[PlaybackSamples]) -> list[PlaybackMetrics]:
+    return [
+        PlaybackMetrics(
+            sent=None if one.live else one.sent,
+            rate_hz=None if one.live else one.rate_hz,
+            lateness=lateness,
+        )
+        for one, lateness in zip(
+            played, distributions([one.lateness for one in played]), strict=True
+        )
+    ]
 
 
 def _use(used: ResourceUse, sent: int = 0) -> UseMetrics:
@@ -374,13 +399,28 @@ def _use(used: ResourceUse, sent: int = 0) -> UseMetrics:
     )
 
 
+_NOTHING: Final = Distribution(n=0, min=None, mean=None, max=None, **dict.fromkeys(PERCENTILES))
+
+
 def distribution(times: Seconds) -> Distribution:
     """Summarise times in seconds; every part is None if there are none."""
-    low, high, *parts = percentiles(times, (0.0, 1.0, *PERCENTILES.values()))
-    return Distribution(
-        n=int(times.size),
-        min=low,
-        mean=float(times.mean()) if times.size else None,
-        max=high,
-        **dict(zip(PERCENTILES, parts, strict=True)),
-    )
+    return distributions([times])[0]
+
+
+def distributions(times: Sequence[Seconds]) -> list[Distribution]:
+    """The same of several; those of one length, as of iterations, are sorted at once."""
+    found = [_NOTHING] * len(times)
+    sizes = np.array([one.size for one in times], dtype=np.int64)
+    for size in np.unique(sizes[sizes > 0]).tolist():
+        places = np.flatnonzero(sizes == size).tolist()
+        rows = np.array([times[place] for place in places])
+        means = rows.mean(axis=1).tolist()
+        rows.sort(axis=1)
+        ranks = [rank(share, size) - 1 for share in (0.0, 1.0, *PERCENTILES.values())]
+        for place, mean, (low, high, *parts) in zip(
+            places, means, rows[:, ranks].tolist(), strict=True
+        ):
+            found[place] = Distribution(
+                n=size, min=low, mean=mean, max=high, **dict(zip(PERCENTILES, parts, strict=True))
+            )
+    return found

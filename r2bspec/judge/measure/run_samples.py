@@ -12,7 +12,7 @@ successive hops add up to the mean of the whole path, for the same steps; percen
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -102,6 +102,16 @@ class HostSamples:
 
     processes: ProcessSamples
     interference: Rows
+
+
+@dataclass(frozen=True)
+class HostUse:
+    """What was used in one segment; see `SegmentSamples`."""
+
+    processes: Mapping[str, ResourceUse]
+    machine: ResourceUse | None
+    graph: ResourceUse | None
+    interference: HostInterference | None
 
 
 def read_samples(run: Run) -> RunSamples:
@@ -331,7 +341,7 @@ def segment_samples(
         joined = observed_anatomy(plan, segment, observed, reactions)
     return SegmentSamples(
         segment=segment,
-        playback=replace(playback_samples(rows.playback), live=segment.live),
+        playback=playback_samples(rows.playback, live=segment.live),
         monitors=monitors,
         anatomy=observed_values(joined) if joined else {},
         summary=summarised(joined, segment, observed.record, plan) if joined and observed else None,
@@ -363,49 +373,52 @@ def _overdue(rows: SegmentRows, matched: MatchedMonitor) -> int:
     return int(np.count_nonzero(rows.played_earlier(stamps)))
 
 
-def with_host_samples(
-    samples: SegmentSamples,
-    record: RunRecord,
-    host: HostSamples,
-    ranks: Mapping[str, int],
-    graph: Collection[str],
-) -> SegmentSamples:
-    """The samples of a segment with resource usage and host interference.
+def host_samples(record: RunRecord, plan: Plan, host: HostSamples) -> Mapping[str, HostUse]:
+    """Resource usage and host interference in each complete segment of a run, by its id.
 
     Args:
-        samples: without them.
-        record: of the run.
+        record: of the run so far.
+        plan: of the run.
         host: what was sampled over the whole run.
-        ranks: the places of processes in tables, by their names.
-        graph: the names of the processes of the graph.
     """
-    segment = samples.segment
-    used = host.processes.used(segment.began_ns, segment.ended_ns)
+    segments = [segment for segment in record.segments if segment.complete]
+    began_ns = np.array([segment.began_ns for segment in segments], dtype=np.int64)
+    ended_ns = np.array([segment.ended_ns for segment in segments], dtype=np.int64)
+    used = host.processes.used_in(began_ns, ended_ns)
+    indices = range(len(record.processes))
+    graph_names = {
+        *(process.name for process in record.processes if process.role in GRAPH_ROLES),
+        *(process.name for process in plan.processes if process.nodes),
+    }
+    of_graph = [
+        index for index, process in enumerate(record.processes) if process.name in graph_names
+    ]
+    columns = zip(
+        used,
+        host.processes.used_together(of_graph, began_ns, ended_ns),
+        host_interference(host.interference, used, indices, record.machine, began_ns, ended_ns),
+        strict=True,
+    )
+    ranks = _ranks(record.processes)
+    return {
+        segment.id: HostUse(
+            processes=_by_name(record, of_segment, ranks),
+            machine=of_segment.get(MACHINE_INDEX),
+            graph=graph,
+            interference=interference,
+        )
+        for segment, (of_segment, graph, interference) in zip(segments, columns, strict=True)
+    }
+
+
+def _by_name(
+    record: RunRecord, used: Mapping[int, ResourceUse], ranks: Mapping[str, int]
+) -> dict[str, ResourceUse]:
     named: dict[str, list[ResourceUse]] = {}
     for index, use in used.items():
         if 0 <= index < len(record.processes):
             named.setdefault(record.processes[index].name, []).append(use)
-    of_graph = [
-        index
-        for index in used
-        if 0 <= index < len(record.processes) and record.processes[index].name in graph
-    ]
-    return replace(
-        samples,
-        processes={name: total_use(named[name]) for name in sorted(named, key=ranks.__getitem__)},
-        machine=used.get(MACHINE_INDEX),
-        graph=used[of_graph[0]]
-        if len(of_graph) == 1
-        else host.processes.used_together(of_graph, segment.began_ns, segment.ended_ns),
-        interference=host_interference(
-            host.interference,
-            used,
-            range(len(record.processes)),
-            record.machine,
-            segment.began_ns,
-            segment.ended_ns,
-        ),
-    )
+    return {name: total_use(named[name]) for name in sorted(named, key=ranks.__getitem__)}
 
 
 def _ranks(processes: tuple[ProcessRecord, ...]) -> dict[str, int]:
@@ -435,11 +448,7 @@ def run_samples(
     Raises:
         RecordError: `samples_of` reads files, and one is missing or damaged.
     """
-    ranks = _ranks(record.processes)
-    graph = {
-        *(process.name for process in record.processes if process.role in GRAPH_ROLES),
-        *(process.name for process in plan.processes if process.nodes),
-    }
+    used = host_samples(record, plan, host)
 
     def session(
         record: RunRecord, iterations: list[Segment], sustained: list[Segment]
@@ -447,7 +456,14 @@ def run_samples(
         """The samples of the complete ones among some segments, played in one session."""
 
         def of_segment(segment: Segment) -> SegmentSamples:
-            return with_host_samples(samples_of(segment), record, host, ranks, graph)
+            of_host = used[segment.id]
+            return replace(
+                samples_of(segment),
+                processes=of_host.processes,
+                machine=of_host.machine,
+                graph=of_host.graph,
+                interference=of_host.interference,
+            )
 
         first_played: dict[float, list[SegmentSamples]] = {}
         reruns: dict[str, SegmentSamples] = {}

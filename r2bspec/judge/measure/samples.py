@@ -145,9 +145,10 @@ class StepTimes:
     @property
     def age(self) -> Seconds:
         """Received - published of the newest input in each output that arrived; shape (known,)."""
-        newest = self.published_ns if self.newest_ns is None else self.newest_ns
-        known = self.answered & (newest != NO_MATCH)
-        return seconds(self.received_ns[known] - newest[known])
+        if self.newest_ns is None:
+            return self.latency
+        known = self.answered & (self.newest_ns != NO_MATCH)
+        return seconds(self.received_ns[known] - self.newest_ns[known])
 
     @property
     def reordered(self) -> int:
@@ -428,7 +429,7 @@ def output_times(
     times = {
         "latency": latency,
         "latency_from_due": steps.latency_from_due,
-        "age": steps.age,
+        "age": latency if steps.newest_ns is None else steps.age,
         "interval": between,
         "jitter": jitter(arrived),
     }
@@ -523,13 +524,14 @@ def intervals_with_edge_gaps(arrived: NDArray[np.int64], soonest_ns: int, ended_
     return np.concatenate((intervals(arrived), seconds(np.array(ends, dtype=np.int64))))
 
 
-def playback_samples(playback: Rows) -> PlaybackSamples:
+def playback_samples(playback: Rows, *, live: bool = False) -> PlaybackSamples:
     """What was played: rows of type `PLAYBACK_DTYPE`, one per step."""
     return PlaybackSamples(
         sent=int(playback.size),
         rate_hz=mean_rate(playback["published_ns"]),
         lateness=seconds(playback["published_ns"] - playback["due_ns"]),
         planned_hz=mean_rate(playback["due_ns"]),
+        live=live,
     )
 
 

@@ -24,7 +24,8 @@ def jitter(arrived_ns: NDArray[np.int64]) -> Seconds:
     """|(t[i+2] - t[i+1]) - (t[i+1] - t[i])| in seconds; shape (n - 2,)."""
     if arrived_ns.size < 3:
         return np.empty(0)
-    return seconds(np.abs(np.diff(arrived_ns, 2)))
+    between = arrived_ns[1:] - arrived_ns[:-1]
+    return seconds(np.abs(between[1:] - between[:-1]))
 
 
 def seconds(ns: NDArray[np.int64]) -> Seconds:
@@ -56,7 +57,7 @@ def edge_gaps(arrived_ns: NDArray[np.int64], soonest_ns: int, ended_ns: int) -> 
     Returns:
         0 for an ordinary one.
     """
-    longest = int(np.max(np.diff(arrived_ns))) if arrived_ns.size > 1 else 0
+    longest = int((arrived_ns[1:] - arrived_ns[:-1]).max()) if arrived_ns.size > 1 else 0
     before = int(arrived_ns[0]) - soonest_ns
     after = ended_ns - int(arrived_ns[-1])
     return before if before > longest else 0, after if after > longest else 0

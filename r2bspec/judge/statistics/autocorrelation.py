@@ -86,15 +86,17 @@ def lagged_products(rows: NDArray[np.float64], lags: int) -> NDArray[np.float64]
     padded[:, :length] = rows
     blocks = sliding_window_view(padded, size, axis=1)[:, ::step].reshape(-1, size)
     products = np.zeros(size // 2 + 1, dtype=np.complex128)
-    for first in range(0, len(blocks), _BLOCKS):
-        followed = blocks[first : first + _BLOCKS]
+    number = max(1, _VALUES // size)
+    for first in range(0, len(blocks), number):
+        followed = blocks[first : first + number]
         own = np.fft.rfft(followed[:, :step], size)
         products += (np.conj(own) * np.fft.rfft(followed)).sum(axis=0)
     return np.asarray(np.fft.irfft(products, size)[: lags + 1], dtype=np.float64)
 
 
 _BLOCK_LAGS: Final = 8
-_BLOCKS: Final = 64
+_VALUES: Final = 1 << 17
+"""Of all blocks that are transformed at once."""
 
 
 def geyer_inflation(r: NDArray[np.float64]) -> float:

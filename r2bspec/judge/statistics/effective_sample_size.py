@@ -150,7 +150,11 @@ def pad_rows(pieces: Sequence[NDArray[_Scalar]], fill: object) -> NDArray[_Scala
 
 
 def effective_sample_of_rows(
-    flags: BadFlags, sizes: NDArray[np.int64], design: SampleDesign = ONE_START
+    flags: BadFlags,
+    sizes: NDArray[np.int64],
+    design: SampleDesign = ONE_START,
+    *,
+    at_most: bool = False,
 ) -> EffectiveSample:
     """The effective sample of some iterations, which are the rows of one array.
 
@@ -158,6 +162,7 @@ def effective_sample_of_rows(
         flags: shape (iterations, longest), False behind the end of an iteration.
         sizes: the messages of each iteration, shape (iterations,).
         design: the starts of the iterations, and what is asked.
+        at_most: have an upper bound of F in its place: it takes no Fourier transform.
     """
     n = int(sizes.sum())
     counts = np.count_nonzero(flags, axis=1) if flags.size else np.zeros(0, dtype=np.int64)
@@ -168,7 +173,9 @@ def effective_sample_of_rows(
     estimates: dict[Clustering, float] = {
         "": 1.0,
         "bursts": _burst_inflation(n, bad, bursts, longest),
-        "clusters": _autocorrelation_inflation(flags, sizes, bad / n),
+        "clusters": _most_autocorrelation_inflation(sizes)
+        if at_most
+        else _autocorrelation_inflation(flags, sizes, bad / n),
         **_level_inflations(counts, sizes, design),
     }
     # Digits that the order of additions decides, which differs between processors, are cut off
@@ -202,9 +209,22 @@ def _burst_inflation(n: int, bad: int, bursts: int, longest: int) -> float:
     return (1 + r) / (1 - r)
 
 
+def _lags(sizes: NDArray[np.int64]) -> int:
+    """The largest lag of an autocorrelation within iterations, at least one of them not empty."""
+    return min(_MAX_LAG, int(sizes[sizes > 0].min()) // _LAG_DIVISOR)
+
+
+def _most_autocorrelation_inflation(sizes: NDArray[np.int64]) -> float:
+    """What F by clusters cannot exceed, whichever messages are bad.
+
+    The sum of v_i v_(i + lag) is at most that of v_i^2, and at least three quarters of the messages
+    have a pair: r_lag is at most 4 / 3, and so each sum of two at most r_0 + 4 / 3.
+    """
+    return max(1.0, -1 + 2 * (1 + 4 / 3) * ((_lags(sizes) + 1) // 2)) + 1e-6
+
+
 def _autocorrelation_inflation(flags: BadFlags, sizes: NDArray[np.int64], p: float) -> float:
-    filled = sizes[sizes > 0]
-    lags = min(_MAX_LAG, int(filled.min()) // _LAG_DIVISOR)
+    filled, lags = sizes[sizes > 0], _lags(sizes)
     if lags < 2:
         return 1.0
     deviations = flags.astype(np.float64) - p

@@ -62,6 +62,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -246,10 +247,14 @@ class RankedMessages:
     def _inflation_at(self, level: int) -> tuple[float, Clustering]:
         """F at one of the levels, and which estimate it is."""
         if level not in self._found:
-            least = self.ordered[self.n - level] if level else math.nan
-            effective = effective_sample_of_rows(self._rows >= least, self._sizes, self._design)
+            effective = self._sample_at(level)
             self._found[level] = effective.inflation, effective.cause
         return self._found[level]
+
+    def _sample_at(self, level: int, *, at_most: bool = False) -> EffectiveSample:
+        least = self.ordered[self.n - level] if level else math.nan
+        flags = self._rows >= least
+        return effective_sample_of_rows(flags, self._sizes, self._design, at_most=at_most)
 
     def level_margin(self, q: float, confidence: float) -> LevelMargin | None:
         """By how much the levels of iterations and starts leave a percentile open."""
@@ -257,35 +262,40 @@ class RankedMessages:
 
     def max_passing(self, allowed: float, confidence: float) -> int | None:
         """k_pass; None if not even 0 passes."""
+
+        def passes(k: int, f: float) -> bool:
+            return upper_bound(k / f, self.n / f, confidence) <= allowed
+
         best: int | None = None
         for below, level in self._buckets():
+            # Far from the limit, no F that there can be says otherwise.
+            if passes(level, self._sample_at(level, at_most=True).inflation):
+                best = level
+                continue
             f, _ = self._inflation_at(level)
-            n = self.n / f
-
-            def passes(k: int, f: float = f, n: float = n) -> bool:
-                return upper_bound(k / f, n, confidence) <= allowed
-
-            if not passes(below + 1):
+            if not passes(below + 1, f):
                 return best
-            best = last_true(passes, below + 1, level)
+            best = last_true(partial(passes, f=f), below + 1, level)
             if best < level:
                 return best
         return best
 
     def min_failing(self, allowed: float, confidence: float) -> int | None:
         """k_fail; None if not even n fails."""
+
+        def open_(k: int, f: float) -> bool:
+            return lower_bound(k / f, self.n / f, confidence) <= allowed
+
         best: int | None = None
         for below, level in reversed(list(self._buckets())):
+            if not open_(below + 1, self._sample_at(level, at_most=True).inflation):
+                best = below + 1
+                continue
             f, _ = self._inflation_at(level)
-            n = self.n / f
-
-            def open_(k: int, f: float = f, n: float = n) -> bool:
-                return lower_bound(k / f, n, confidence) <= allowed
-
-            if open_(level):
+            if open_(level, f):
                 return best
-            if open_(below + 1):
-                return last_true(open_, below + 1, level) + 1
+            if open_(below + 1, f):
+                return last_true(partial(open_, f=f), below + 1, level) + 1
             best = below + 1
         return best
 

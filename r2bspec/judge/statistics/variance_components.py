@@ -94,7 +94,9 @@ def sampling_variance(rows: Sequence[NDArray[np.float64]]) -> float:
         return 0.0
     sizes = np.array([row.size for row in filled])
     lags = max(1, min(_MAX_LAG, int(sizes.min()) // _LAG_DIVISOR))
-    deviations = pad_rows([row - row.mean() for row in filled], fill=0.0)
+    padded, of_row = pad_rows(filled, fill=0.0), sizes[:, np.newaxis]
+    means = padded.sum(axis=1, keepdims=True) / of_row
+    deviations = np.where(np.arange(padded.shape[1]) < of_row, padded - means, 0.0)
     pairs = sizes.sum() - sizes.size * np.arange(lags + 1)
     covariances = lagged_products(deviations, lags) / pairs
     if not covariances[0] > 0:

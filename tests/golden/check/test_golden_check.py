@@ -35,6 +35,7 @@ def somewhere_without_ros(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> No
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
     monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+    monkeypatch.setenv("ROS_DISTRO", "jazzy")
     monkeypatch.delenv("R2B_DATASETS", raising=False)
 
 

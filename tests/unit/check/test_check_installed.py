@@ -31,6 +31,11 @@ def node(text: str) -> str:
     return example(graph=f"nodes: {{detector: {{{text}, {KNOWN}}}}}")
 
 
+@pytest.fixture(autouse=True)
+def sourced(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DISTRO", "jazzy")
+
+
 @pytest.fixture
 def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with an ament package, a Python package, and programs; the current folder."""
@@ -191,7 +196,6 @@ def test_what_ros2_runs_is_looked_up(words: str, expected: list[str]) -> None:
 def test_a_package_of_the_distribution_is_named_as_ubuntu_has_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.delenv("ROS_DISTRO", raising=False)
     text = example(
         graph="""
             nodes:
@@ -257,7 +261,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     messages = "from sensor_msgs.msg._image import Image\n"
     (ros / "sensor_msgs/msg/__init__.py").write_text(messages)
     monkeypatch.syspath_prepend(str(ros))
-    monkeypatch.delenv("ROS_DISTRO", raising=False)
     return tmp_path
 
 
@@ -317,11 +320,30 @@ def test_an_import_is_named_with_its_line_and_the_way_to_install_it(folder: Path
         ("unheard_of", "install it with pip, or source the workspace"),
     ],
 )
-def test_the_way_to_install_a_module(
-    module: str, help_text: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv("ROS_DISTRO", raising=False)
+def test_the_way_to_install_a_module(module: str, help_text: str) -> None:
     assert package_advice.python_module_advice(module).startswith(help_text)
+
+
+@pytest.mark.parametrize(
+    ("module", "help_text"),
+    [
+        ("cv2", "pip install opencv-python-headless"),
+        ("message_filters", "pip install ros-kilted-message-filters, if there is such a wheel"),
+        ("nav9_msgs", "pip install ros-kilted-nav9-msgs, if there is such a wheel; or source"),
+        ("unheard_of", "install it with pip, or source the workspace"),
+    ],
+)
+def test_where_ros_is_of_wheels_no_package_of_the_system_is_advised(
+    module: str, help_text: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Environments of wheels do not see what apt installs."""
+    monkeypatch.delenv("ROS_DISTRO")
+    (tmp_path / "ros_kilted_rclpy-7.1.dist-info").mkdir()
+    monkeypatch.setattr("sys.path", [str(tmp_path)])
+    said = package_advice.python_module_advice(module)
+    assert said.startswith(help_text)
+    assert "apt" not in said
+    assert "apt" not in ros_package_advice("our_own")
 
 
 @pytest.mark.parametrize(

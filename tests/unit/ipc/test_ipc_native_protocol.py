@@ -22,6 +22,7 @@ from r2bspec.ipc.playback_file import ENTRY_DTYPE, HEADER_BYTES, PlaybackReader
 from r2bspec.ipc.sample_files import HEAD_BYTES
 from r2bspec.ipc.schedule import BetweenMessage, CyclicSchedule
 from r2bspec.language.spec import QoS
+from r2bspec.plan.package_advice import ros_package_advice
 from r2bspec.plan.plan import InputPlan, MonitorPlan, ReactionPlan
 from r2bspec.record.sample_arrays import PLAYBACK_FIELDS
 
@@ -230,7 +231,7 @@ def test_a_failure_has_its_code_a_text_and_what_to_do() -> None:
     assert isinstance(found, protocol.Failed)
     assert found.code == "R2B681"
     assert found.message == "message type a_msgs/msg/\ufffd is not installed"
-    assert "sudo apt install ros-" in found.hint
+    assert ros_package_advice("a_msgs") in found.hint
     assert "-a-msgs" in found.hint
     assert NativeCodec().decode(b"failed R2B630 x") == protocol.Failed(code="R2B630", message="x")
 

@@ -112,7 +112,7 @@ def test_what_a_host_refuses_is_a_result_unless_it_is_the_spec_itself(
     with pytest.raises(TuningError, match="refused as it is: R2B637: the policy"):
         fleet.measure([Start(Deployment(), "1")])
     # No other deployment would install it.
-    fleet.error = RunError("service type a/srv/B is not installed", code="R2B681")
+    hosts.error = RunError("service type a/srv/B is not installed", code="R2B681")
     with pytest.raises(TuningError, match="refused as it is: R2B681: service type"):
         fleet.measure([Start(Deployment(), "1")])
 
