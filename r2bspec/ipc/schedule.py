@@ -14,7 +14,8 @@ of a round, so that no stamp is repeated.
 What is published when is computed by `r2bspec.ipc.playback_file`.
 
 Transforms can be played with both, and in a cyclic schedule the messages of inputs with a rate of
-their own. They belong to no step and do not count as steps.
+their own. They belong to no step and do not count as steps; in a cyclic schedule those that are due
+with a step are published with it, and have its stamp.
 """
 
 from __future__ import annotations
