@@ -450,7 +450,9 @@ def window_message_counts(context: Context) -> dict[str, MessageCount]:
             rendered = _count_rendered(bag.name, info.name, start_ns, end_ns)
             counts[name] = MessageCount(rendered, exact=True)
         else:
-            length_s = (min(end_ns, bag.duration_ns) - start_ns) / 1e9
+            first_ns, last_ns = info.span_ns or (bag.start_ns, bag.end_ns)
+            after_ns = max(start_ns, first_ns - bag.start_ns)
+            length_s = (min(end_ns, last_ns - bag.start_ns) - after_ns) / 1e9
             counts[name] = MessageCount(round(info.rate_hz * max(length_s, 0)), exact=False)
             if counts[name].messages < _MIN_ESTIMATED_MESSAGES:
                 counts[name] = _count_by_reading(context, info.name)
