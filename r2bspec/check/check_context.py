@@ -16,7 +16,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import cache, cached_property
 from itertools import islice
@@ -44,6 +44,7 @@ from r2bspec.language.quantities import Rate
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Spec
 from r2bspec.plan.installed_packages import package_version
+from r2bspec.plan.message_conditions import UnreadableError
 from r2bspec.plan.process_plans import process_names
 from r2bspec.plan.wiring.build_wiring import build_wiring
 from r2bspec.plan.wiring.companion_files import CompanionFiles, CompanionReader
@@ -501,6 +502,17 @@ def window_stamps(context: Context, topics: set[str]) -> dict[str, list[int]] | 
         # Other rules report bags and windows that cannot be read.
         return None
     return stamps
+
+
+def window_holds(context: Context, topic: str, holds: Callable[[bytes], bool]) -> list[bool] | None:
+    """Whether each message of a bag topic in the window meets a condition; None if none is read."""
+    path = context.bag_location.path if context.bag_location is not None else None
+    if context.bag is None or path is None or _size(path) > MAX_STAMPS_BYTES:
+        return None
+    try:
+        return [holds(message.data) for message in _messages_in_window(context, path, {topic})]
+    except (DataError, UnreadableError):
+        return None
 
 
 def has_recorded_requests(context: Context, topic: str) -> bool | None:

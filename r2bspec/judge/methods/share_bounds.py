@@ -251,7 +251,7 @@ def percentile_decision(
     pieces: Sequence[Seconds],
     *,
     method: Method = "exact binomial",
-    things: str = "messages",
+    things: str = "",
 ) -> Decision:
     """A decision by an interval, and what would settle an open one.
 
@@ -262,7 +262,7 @@ def percentile_decision(
         interval: the bounds, in the metric's unit.
         pieces: the messages of each iteration.
         method: of the decision.
-        things: what was counted, in the plural.
+        things: what was counted, in the plural; by default messages or input events.
     """
     outcome = case.outcome_of_bounds(interval.lower, interval.upper)
     levels, notes = interval.levels, share_notes(case, outcome)

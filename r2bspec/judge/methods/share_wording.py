@@ -43,7 +43,12 @@ def counted_noun(case: RequirementCase) -> str:
     """What is counted for a metric, in the plural."""
     if case.windows is not None:
         return f"windows of {show(case.windows.window_ns / 1e9, 's')}"
-    return _COUNTED_NOUNS.get(case.info.family, "steps")
+    return "events" if _is_of_events(case) else _COUNTED_NOUNS.get(case.info.family, "steps")
+
+
+def _is_of_events(case: RequirementCase) -> bool:
+    """Whether input events are in the place of messages, as for reaction times."""
+    return any(each.of_events for each in case.monitor_samples)
 
 
 def share_sentence(case: RequirementCase, test: ShareTest, outcome: Outcome) -> str:
@@ -120,7 +125,7 @@ def share_remedy(
     observed: Observations,
     costs: Costs,
     interval: PercentileInterval | None = None,
-    things: str = "messages",
+    things: str = "",
 ) -> str:
     """What would decide a test that is undecided, by its counts or by levels that differ.
 
@@ -130,8 +135,9 @@ def share_remedy(
         observed: the same messages by iterations and starts.
         costs: of more of them.
         interval: of the percentile, where it is one.
-        things: what was counted, in the plural.
+        things: what was counted, in the plural; by default messages or input events.
     """
+    things = things or ("events" if _is_of_events(case) else "messages")
     if test.allowed <= 0:
         return (
             "No number of messages can prove that none is ever lost. Require an observed count "
