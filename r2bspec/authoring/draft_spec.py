@@ -45,6 +45,9 @@ _OFFERED = r"^(?!lifecycle_msgs/)\w+/(srv|action)/\w+$"
 _SAME_RATE = 1.2
 """Inputs whose rates differ by more than this factor are played at their recorded times."""
 
+UNKNOWN_OUTPUTS = "what the nodes publish"
+"""How a spec says that it does not know the outputs."""
+
 
 @dataclass(slots=True)
 class DraftNodes:
@@ -338,7 +341,7 @@ def _select_outputs(draft: _Draft, measured: PhaseWiring | None) -> None:
     if not draft.outputs and not draft.calls:
         draft.outputs = {"/rosout": "rcl_interfaces/msg/Log"}
         draft.unknown.append(
-            "what the nodes publish: the monitor is on /rosout until you name an output; "
+            f"{UNKNOWN_OUTPUTS}: the monitor is on /rosout until you name an output; "
             "'r2bspec interfaces' finds out what nodes publish. Of services and actions, the "
             "answers are measured: 'playback.calls' instead of inputs and monitors"
         )

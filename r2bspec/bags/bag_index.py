@@ -56,6 +56,7 @@ def index_bag(path: Path) -> recording.BagIndex:
 
 def _index_folder(path: Path) -> recording.BagIndex:
     metadata = read_metadata(path)
+    spans_ns: dict[str, tuple[int, int] | None] = {}
     storage = _storage_name(path, metadata)
     paths = storage_paths(path, metadata.files)
     compression = _compression(path, metadata)
@@ -67,13 +68,17 @@ def _index_folder(path: Path) -> recording.BagIndex:
             summary = _summarize(storages)
         _check_metadata(path, metadata, summary)
         start_ns, end_ns = summary.start_ns, summary.end_ns
+        spans_ns = {name: topic.span_ns for name, topic in summary.topics.items()}
         notes = (*_time_notes(metadata, summary), *summary.notes)
     if metadata.message_count == 0:
         start_ns = end_ns = 0
     index = recording.BagIndex(
         name=path.resolve().name,
         storage=storage,
-        topics=recording.merge_topics(metadata.topics, end_ns - start_ns),
+        topics=recording.merge_topics(
+            (_with_span(topic, spans_ns.get(topic.name)) for topic in metadata.topics),
+            end_ns - start_ns,
+        ),
         start_ns=start_ns,
         end_ns=end_ns,
         message_count=metadata.message_count,
@@ -83,6 +88,12 @@ def _index_folder(path: Path) -> recording.BagIndex:
     )
     record = recording.read_provenance(path)
     return index if record is None else record.complete_index(index)
+
+
+def _with_span(topic: recording.TopicInfo, span_ns: tuple[int, int] | None) -> recording.TopicInfo:
+    if span_ns is None:
+        return topic
+    return msgspec.structs.replace(topic, first_ns=span_ns[0], last_ns=span_ns[1])
 
 
 def _index_file(path: Path, bag_format: recording.BagFormat) -> recording.BagIndex:

@@ -131,12 +131,15 @@ class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
         name: as recorded, usually with a leading slash.
         type: normalised to ``package/msg/Name``.
         count: messages in the bag.
-        rate_hz: nominal for synthetic bags; the mean over the bag's length for recorded ones;
-            zero where fewer than two messages leave it unknown.
+        rate_hz: nominal for synthetic bags; for recorded ones the mean from the topic's first to
+            its last message, or over the bag's length, which is a lower bound, where these are
+            unknown; zero where fewer than two messages leave it unknown.
         serialization: usually ``cdr``.
         qos: the offered profiles as the bag's metadata writes them, or empty.
         max_message_bytes: size of the largest serialised message, encapsulation included;
             None where only reading the messages would tell.
+        first_ns: time of the first message, ns since the epoch; None if unknown.
+        last_ns: likewise of the last one.
     """
 
     name: str
@@ -146,6 +149,15 @@ class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
     serialization: str = "cdr"
     qos: str = ""
     max_message_bytes: int | None = None
+    first_ns: int | None = None
+    last_ns: int | None = None
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """The times of the first and the last message, ns since the epoch; None if unknown."""
+        if self.first_ns is None or self.last_ns is None:
+            return None
+        return self.first_ns, self.last_ns
 
 
 class BagIndex(msgspec.Struct, frozen=True, kw_only=True):
@@ -365,19 +377,27 @@ def merge_indexes(indexes: Sequence[BagIndex]) -> BagIndex | None:
 def merge_topics(infos: Iterable[TopicInfo], duration_ns: int) -> dict[str, TopicInfo]:
     """The topics by name, sorted; the message counts of several entries of one are added.
 
-    Everything else is that of the first entry. A rate that is not known is the mean over the
-    duration.
+    Everything else is that of the first entry. A rate that is not known is the mean from the first
+    to the last message or, where these are not known, over the duration.
     """
     merged: dict[str, TopicInfo] = {}
     for info in infos:
         before = merged.get(info.name)
         count = info.count + (before.count if before else 0)
         sizes = (info.max_message_bytes, before.max_message_bytes if before else 0)
-        mean_hz = (count - 1) * 1e9 / duration_ns if count > 1 and duration_ns > 0 else 0.0
+        spans = [each.span_ns for each in (before, info) if each is not None and each.count]
+        known = [span for span in spans if span is not None]
+        first_ns = last_ns = None
+        if known and len(known) == len(spans):
+            first_ns, last_ns = min(first for first, _ in known), max(last for _, last in known)
+        over_ns = duration_ns if first_ns is None or last_ns is None else last_ns - first_ns
+        mean_hz = (count - 1) * 1e9 / over_ns if count > 1 and over_ns > 0 else 0.0
         merged[info.name] = msgspec.structs.replace(
             before or info,
             count=count,
             rate_hz=mean_hz if before else info.rate_hz or mean_hz,
             max_message_bytes=None if None in sizes else max(size for size in sizes if size),
+            first_ns=first_ns,
+            last_ns=last_ns,
         )
     return dict(sorted(merged.items()))

@@ -16,7 +16,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import cache, cached_property
 from itertools import islice
@@ -44,6 +44,7 @@ from r2bspec.language.located_tree import ListNode, MapNode, TreeNode, child, co
 from r2bspec.language.quantities import Rate
 from r2bspec.language.spec import Spec
 from r2bspec.plan.installed_packages import package_version
+from r2bspec.plan.message_conditions import UnreadableError
 from r2bspec.plan.process_plans import process_names
 from r2bspec.plan.wiring.build_wiring import build_wiring
 from r2bspec.plan.wiring.companion_files import CompanionFiles, CompanionReader
@@ -450,7 +451,9 @@ def window_message_counts(context: Context) -> dict[str, MessageCount]:
             rendered = _count_rendered(bag.name, info.name, start_ns, end_ns)
             counts[name] = MessageCount(rendered, exact=True)
         else:
-            length_s = (min(end_ns, bag.duration_ns) - start_ns) / 1e9
+            first_ns, last_ns = info.span_ns or (bag.start_ns, bag.end_ns)
+            after_ns = max(start_ns, first_ns - bag.start_ns)
+            length_s = (min(end_ns, last_ns - bag.start_ns) - after_ns) / 1e9
             counts[name] = MessageCount(round(info.rate_hz * max(length_s, 0)), exact=False)
             if counts[name].messages < _MIN_ESTIMATED_MESSAGES:
                 counts[name] = _count_by_reading(context, info.name)
@@ -499,6 +502,17 @@ def window_stamps(context: Context, topics: set[str]) -> dict[str, list[int]] | 
         # Other rules report bags and windows that cannot be read.
         return None
     return stamps
+
+
+def window_holds(context: Context, topic: str, holds: Callable[[bytes], bool]) -> list[bool] | None:
+    """Whether each message of a bag topic in the window meets a condition; None if none is read."""
+    path = context.bag_location.path if context.bag_location is not None else None
+    if context.bag is None or path is None or _size(path) > MAX_STAMPS_BYTES:
+        return None
+    try:
+        return [holds(message.data) for message in _messages_in_window(context, path, {topic})]
+    except (DataError, UnreadableError):
+        return None
 
 
 def has_recorded_requests(context: Context, topic: str) -> bool | None:

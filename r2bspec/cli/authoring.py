@@ -141,6 +141,8 @@ def init_command(
         raise click.UsageError("--params-file needs --node")
     if has_sources and template != "minimal":
         raise click.UsageError("--template cannot be combined with --from-...")
+    from r2bspec.authoring.draft_spec import UNKNOWN_OUTPUTS
+
     text = why_no_topics = ""
     findings: tuple[Diagnostic, ...] = ()
     if has_sources or node:
@@ -175,6 +177,9 @@ def init_command(
         echo(f"The topics of {node} are not known, so 'input' and 'output' stand for them:")
         echo(f"  {why_no_topics}")
     echo(f"created {spec_file}, and {schema} for editors. Next:")
+    if node and (why_no_topics or f"# - {UNKNOWN_OUTPUTS}:" in text):
+        echo(f"  r2bspec interfaces {spec_file}    starts {node} to find out its topics; then")
+        echo(f"  rm {spec_file}, and this 'init' again: it knows them")
     echo(f"  r2bspec validate {spec_file}    checks it")
     judges = "judges it by its 'slos:'" if _SLOS.search(text) else "judges nothing: add 'slos:'"
     echo(f"  r2bspec run {spec_file}         runs it and {judges}")

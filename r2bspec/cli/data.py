@@ -22,7 +22,7 @@ from r2bspec.language.quantities import Duration, QuantityError
 from r2bspec.report.output import console, echo, echo_json
 
 if TYPE_CHECKING:
-    from r2bspec.bags.recording import BagIndex, BagLocation
+    from r2bspec.bags.recording import BagIndex, BagLocation, TopicInfo
     from r2bspec.datasets.synthesis import Progress
 
 
@@ -259,12 +259,20 @@ def _print_index(index: BagIndex, origin: str, sha256: str) -> None:
             printable(topic.type)
             + ("" if topic.serialization == "cdr" else f" as {printable(topic.serialization)}"),
             f"{topic.count:,}",
-            f"{topic.rate_hz:.4g} Hz" if topic.rate_hz else "",
+            _rate_text(topic, index),
             "" if topic.max_message_bytes is None else f"{topic.max_message_bytes:,} B",
         )
         for topic in index.topics.values()
     ]
     print_table(("topic", "type", "messages", "rate", "largest"), rows, right_columns=(2, 3, 4))
+
+
+def _rate_text(topic: TopicInfo, index: BagIndex) -> str:
+    if not topic.rate_hz:
+        return ""
+    # Over the length of the bag, in which the topic may have begun late or ended early.
+    least = "" if index.synthetic or topic.span_ns is not None else "≥ "
+    return f"{least}{topic.rate_hz:.4g} Hz"
 
 
 def _storage_text(index: BagIndex) -> str:

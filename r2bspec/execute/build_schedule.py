@@ -590,10 +590,11 @@ def _between_steps(
     by_time = sorted(range(len(times_ns)), key=lambda position: times_ns[position])
     ordered = [times_ns[position] for position in by_time]
     for step, from_ns, to_ns in step_intervals(steps_ns):
-        first, last = (bisect.bisect_left(ordered, end) for end in sorted((from_ns, to_ns)))
+        # What is at the beginning of the interval is in it, in either direction.
+        bisect_end = bisect.bisect_left if from_ns < to_ns else bisect.bisect_right
+        first, last = sorted((bisect_end(ordered, from_ns), bisect_end(ordered, to_ns)))
         for place in range(first, last):
-            if ordered[place] != to_ns:
-                yield step, (ordered[place] - from_ns) / (to_ns - from_ns), by_time[place]
+            yield step, (ordered[place] - from_ns) / (to_ns - from_ns), by_time[place]
 
 
 def step_intervals(times_ns: Sequence[int]) -> Iterator[tuple[int, int, int]]:

@@ -554,7 +554,10 @@ class Session:
             waited_s = time.monotonic() - began_s
             final = deadline.over or (
                 attempt > _DIAGNOSED_ATTEMPT
-                and waited_s > readiness.patience_s(plan.start_timeout.seconds)
+                and (
+                    waited_s > readiness.patience_s(plan.start_timeout.seconds)
+                    or bool(silent_outputs.unpaired)
+                )
                 and self._is_idle()
             )
             if final or attempt == _DIAGNOSED_ATTEMPT:

@@ -12,7 +12,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from r2bspec.execute.bringup.find_fault import certain_topics, find_faults, full_path, path_lines
+from r2bspec.execute.bringup.find_fault import (
+    Fault,
+    certain_topics,
+    find_faults,
+    full_path,
+    path_lines,
+)
 from r2bspec.execute.bringup.observe_graph import TRACE_RATE_HZ, TRACE_STEPS, GraphFacts
 from r2bspec.execute.errors import DeadInputError, NoOutputError
 from r2bspec.execute.processes.supervisor import ManagedProcess
@@ -34,6 +40,8 @@ class SilentOutputs:
         rows_dir: receives the rows of the player and the monitors.
         monitor: receives what is traced.
         records: outputs that have stopped.
+        unpaired: what a node lacks that only combines messages of equal stamps, in words; empty if
+            no node with such inputs is silent.
     """
 
     graph: PhaseGraph
@@ -42,6 +50,7 @@ class SilentOutputs:
     monitor: ManagedProcess
     segment_player: SegmentPlayer
     records: list[OutputGapRecord] = field(default_factory=list)
+    unpaired: str = ""
     _late: dict[str, int] = field(default_factory=dict)
 
     def explain_start(self, silent: Collection[str], *, final: bool) -> None:
@@ -77,23 +86,47 @@ class SilentOutputs:
         certain = certain_topics(facts, lacking, graph.remapped_topics())
         certain |= {fault.topic for fault in faults if fault.kind in {"types", "qos"}}
         certain |= graph.lifecycle.never_active(topics)
+        self.unpaired = next(filter(None, (self._unpaired(facts, each) for each in faults)), "")
         if not final and not certain:
             found = [each.difference.message for each in graph.lifecycle.waiting(topics)]
             found += [fault.sentence for fault in faults]
             sentences = "; ".join(found) or "no fault was found yet"
             self.context.note(f"no messages on {', '.join(topics)} so far: {sentences}")
+            if self.unpaired:
+                self.context.note(self.unpaired)
             return
         graph.add_unmatched_remappings(facts, lacking)
+        hint = "All nodes run, but the source, or a node after it, publishes nothing."
+        if plan.inputs:
+            hint = "The inputs were played, but the graph published nothing on these topics."
         raise graph.error(
             facts,
             faults,
             topics,
             f"no messages on {', '.join(topics)}",
-            "The inputs were played, but the graph published nothing on these topics."
-            if plan.inputs
-            else "All nodes run, but the source, or a node after it, publishes nothing.",
+            self.unpaired or hint,
             otherwise=NoOutputError,
             certain=certain,
+        )
+
+    def _unpaired(self, facts: GraphFacts, fault: Fault) -> str:
+        """What a silent node lacks if it combines messages of equal stamps; empty if nothing."""
+        numbers = {source.topic: number for number, source in enumerate(self.graph.plan.inputs)}
+        topics = [
+            topic
+            for topic in facts.topics_subscribed_by(fault.owner)
+            if topic in numbers and facts.topics[topic].passed
+        ]
+        wanted = sum(1 << numbers[topic] for topic in topics)
+        if fault.kind != "no output" or len(topics) < 2:
+            return ""
+        if any(group & wanted == wanted for group in self.segment_player.schedule.stamp_groups()):
+            return ""
+        return (
+            f"No messages of {' and '.join(topics)} have equal stamps. If {fault.owner} combines "
+            "messages of equal stamps only, as message_filters.TimeSynchronizer does, it gets no "
+            "pair: let it allow differences (ApproximateTimeSynchronizer), or record messages of "
+            "equal stamps."
         )
 
     def explain_stop(self, segment: Segment, plan: MonitorPlan) -> None:

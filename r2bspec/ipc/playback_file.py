@@ -31,7 +31,14 @@ from numpy.typing import NDArray
 from r2bspec.ipc import buffers
 from r2bspec.ipc.buffers import STAMP_BYTES, TF, transform_stamps
 from r2bspec.ipc.sample_files import named_errors
-from r2bspec.ipc.schedule import ALL_INPUTS, NO_STEP, CyclicSchedule, Schedule, TimelineSchedule
+from r2bspec.ipc.schedule import (
+    ALL_INPUTS,
+    NO_STEP,
+    BetweenMessage,
+    CyclicSchedule,
+    Schedule,
+    TimelineSchedule,
+)
 
 ENTRY_DTYPE = np.dtype(
     [
@@ -297,13 +304,20 @@ def _cyclic_round(entries: _Entries, schedule: CyclicSchedule) -> CyclicRound:
     extras = deque(schedule.between)
     for step, positions in enumerate(schedule.steps):
         shifts = schedule.stamp_offsets_ns[step : step + 1] or [(0,) * len(columns)]
-        of_step = list(zip(columns, positions, shifts[0], strict=True))
-        entries.add(of_step, step=step, inputs=inputs, at=float(step), complete=step + 1)
+        event = list(zip(columns, positions, shifts[0], strict=True))
+        # What was stamped as the step keeps that: nodes may combine messages of equal stamps.
+        while extras and extras[0].at == step:
+            event.append(_message(extras.popleft()))
+        entries.add(event, step=step, inputs=inputs, at=float(step), complete=step + 1)
         while extras and extras[0].at < step + 1:
-            extra = extras.popleft()
-            between = [(extra.input, extra.position, -extra.origin_ns)]
-            entries.add(between, step=NO_STEP, at=extra.at, complete=step + 1)
+            at = extras[0].at
+            between = [_message(extras.popleft())]
+            entries.add(between, step=NO_STEP, at=at, complete=step + 1)
     return CyclicRound(entries.array(), len(schedule.steps), np.array(entries.at))
+
+
+def _message(extra: BetweenMessage) -> tuple[int, int, int]:
+    return extra.input, extra.position, -extra.origin_ns
 
 
 def _timeline_round(entries: _Entries, schedule: TimelineSchedule) -> TimelineRound:

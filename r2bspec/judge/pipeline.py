@@ -456,7 +456,9 @@ def _without_event(case: RequirementCase, _: RunSamples) -> Decision | None:
         return undecided(
             aside,
             "Copy the stamp of the newest input in the node, or play events that are further "
-            "apart, and begin while the output does not meet 'when'.",
+            "apart, and begin while the output does not meet 'when'."
+            if any(one.aside for one in seen)
+            else "Increase 'benchmark.duration', so that events end in their iteration.",
         )
     if not events:
         return undecided(
@@ -478,16 +480,23 @@ def _without_event(case: RequirementCase, _: RunSamples) -> Decision | None:
 
 
 def _aside_text(case: RequirementCase) -> str:
-    """That events do not count to which outputs belong by time alone; empty if there are none."""
-    aside = sum(one.aside for one in case.monitor_samples)
-    if not aside:
-        return ""
-    events = aside + sum(one.sent for one in case.monitor_samples)
-    return (
-        f"{show(aside, 'count')} of {show(events, 'count')} events do not count: the output met "
-        "'when' before them, or had not reacted to an earlier one of the iteration. Without the "
-        "stamp of a step, a later reaction to that would look like one to them."
-    )
+    """Which events do not count, and why; empty if all do."""
+    seen = case.monitor_samples
+    aside, unfinished = sum(one.aside for one in seen), sum(one.unfinished for one in seen)
+    events = show(aside + unfinished + sum(one.sent for one in seen), "count")
+    told = []
+    if unfinished:
+        told.append(
+            f"{show(unfinished, 'count')} of {events} events do not count: 'from' held until the "
+            "end of the iteration, so that a reaction may have been cut off."
+        )
+    if aside:
+        told.append(
+            f"{show(aside, 'count')} of {events} events do not count: the output met 'when' before "
+            "them, or had not reacted to an earlier one of the iteration. Without the stamp of a "
+            "step, a later reaction to that would look like one to them."
+        )
+    return " ".join(told)
 
 
 def _without_output(case: RequirementCase, _: RunSamples) -> Decision | None:

@@ -76,6 +76,9 @@ _HALVED: Final = 4.0
 _MAX_LONGER: Final = 10.0
 """By more than this, iterations are not proposed to be longer."""
 
+_CLEAR_CLOCK: Final = 0.1
+"""With a smaller share of the variance, the resolution of the clock limits nothing."""
+
 _MAX_ITERATIONS: Final = 400
 """More are not proposed."""
 
@@ -392,8 +395,10 @@ def _halving(
     parts: Mapping[VarianceSource, float],
 ) -> tuple[str, float | None]:
     """What halves the interval, and the seconds that it adds."""
-    scatter = math.fsum(parts.values()) - parts["allowance"]
-    if parts["clock"] > scatter / 2:
+    whole = math.fsum(parts.values())
+    scatter = whole - parts["allowance"]
+    # Of few messages, which may agree by chance, the allowance is nearly the whole.
+    if parts["clock"] > max(scatter / 2, _CLEAR_CLOCK * whole):
         return "The resolution of the clock limits it.", None
     if parts["harness"] > scatter * (1 - 1 / _HALVED):
         return "Another 'harness.placement' would more than halve it.", None
@@ -407,8 +412,7 @@ def _halving(
     if affected and len(case.iterations) == len(observed.values) and len(kept) > 1:
         sample, calm = observed.whole, observed.sample(kept)
         if calm.variance * calm.number * _HALVED <= sample.variance * sample.number:
-            whole = len(observed.values)
-            text = f"others affected {affected} of {whole} iterations"
+            text = f"others affected {affected} of {len(observed.values)} iterations"
             return f"An idle host would more than halve it: {text}.", None
     # Where nothing bad was met, the bound on it falls with the number of messages (rule of three).
     growth = _HALVED if observed.whole.variance else math.sqrt(_HALVED)

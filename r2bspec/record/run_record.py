@@ -355,8 +355,9 @@ class OutputGapRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 UNPAIRED_HELP = (
     "allow differences of stamps with 'pairing: {slop: ...}', play an input between the steps with "
-    "'rate: recorded' (its stamps are then never theirs), play them with 'mode: timeline', or in "
-    "specs of their own; 'unpaired: drop' in 'playback' agrees to play the rest alone"
+    "'rate: recorded' (only what was stamped as a step has its stamp), play them with "
+    "'mode: timeline', or in specs of their own; 'unpaired: drop' in 'playback' agrees to play the "
+    "rest alone"
 )
 _UNKNOWN_TIME_HELP = (
     "let the preprocessor keep the stamps of its inputs, or play the steps of 'mode: looping', "

@@ -155,6 +155,11 @@ def _nodes(plan: Plan) -> Iterator[tuple[ProcessPlan, NodePlan]]:
             yield process, node
 
 
+def graph_nodes(plan: Plan) -> frozenset[str]:
+    """The full names of the nodes of the graph under test."""
+    return frozenset(node.name for _, node in _nodes(plan))
+
+
 def graph_processes(plan: Plan) -> Iterator[ProcessPlan]:
     """The processes of the graph under test."""
     for process in plan.processes:

@@ -23,12 +23,13 @@ The interval of the peak has the smallest and the largest of the simulations in 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
+from r2bspec.errors import UsageError
 from r2bspec.judge.measure.anatomy import Anatomy
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.times import percentile, rank
@@ -36,7 +37,7 @@ from r2bspec.judge.measure.units import show
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_folder import Run
 from r2bspec.safe_io.limits import MAX_PREDICTED_RATES
-from r2bspec.tune.deployed_model import DeployedModel, draw
+from r2bspec.tune.deployed_model import DeployedModel, draw, graph_nodes
 from r2bspec.tune.observed_graph import (
     MIN_STEPS,
     NotKnownError,
@@ -91,6 +92,7 @@ _WIDEST: Final = 6.0
 _RATE_DEPENDENT: Final = 0.15
 """A node whose mean work differs by more between observed rates has no work of its own."""
 
+_SHOWN_NODES: Final = 5
 _MAX_LOST: Final = 0.01
 _SLOWEST_HZ, _FASTEST_HZ = 0.01, 20_000.0
 _SEED: Final = 20
@@ -145,8 +147,23 @@ def predict_deployment(
 
     Raises:
         RecordError: a file of the run is missing or damaged.
+        UsageError: the run is of another graph.
     """
+    own, observed = (graph_nodes(each) for each in (plan, run.plan))
+    if own - observed and observed - own:
+        raise UsageError(
+            f"the run is of another graph: it has {_shown_nodes(observed)} ({run.plan.name}), and "
+            f"{plan.name} has {_shown_nodes(own)}",
+            hint="Name a run of this spec, from 'r2bspec run SPEC --anatomy', or the spec of this "
+            "run.",
+        )
     return Predictor(run).predict(plan, rates_hz=rates_hz, cores=cores)
+
+
+def _shown_nodes(names: Collection[str]) -> str:
+    shown = sorted(names)[:_SHOWN_NODES]
+    more = f" and {len(names) - len(shown)} more" if len(names) > len(shown) else ""
+    return ", ".join(shown) + more
 
 
 class Predictor:

@@ -12,6 +12,7 @@ from click.testing import CliRunner, Result
 
 from r2bspec.check import check
 from r2bspec.cli.authoring import interfaces_command as command
+from r2bspec.cli.main import main
 from r2bspec.language.load_spec import load_spec
 from r2bspec.plan.wiring.companion_files import read_companion_files
 
@@ -92,3 +93,20 @@ def test_what_was_recorded_is_what_rules_go_by(recorded: tuple[Path, Result]) ->
     assert check(load_spec(text, file=str(spec))) == []
     wrong = text.replace("cameras: 2", "cameras: 2, gian: 1.0").replace("camera1:", "camera3:")
     assert {each.code for each in check(load_spec(wrong, file=str(spec)))} == {"R2B204", "R2B211"}
+
+
+def test_init_says_how_to_find_out_topics_and_knows_them_then(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("merge.py").write_text(NODES, encoding="utf-8")
+    given = ["init", "first", "--node", "./merge.py:make"]
+    assert main(given) == 0
+    lines = capsys.readouterr().out.splitlines()
+    [ask] = [line.split() for line in lines if "r2bspec interfaces" in line]
+    assert main(ask[1:3]) == 0
+    Path("first.r2b.yaml").unlink()
+    assert main(given) == 0
+    assert "r2bspec interfaces" not in capsys.readouterr().out
+    assert "topic: merged" in Path("first.r2b.yaml").read_text(encoding="utf-8")
+    assert main(["validate", "first.r2b.yaml"]) == 0

@@ -382,6 +382,7 @@ def test_an_idle_program_without_the_topics_is_not_waited_for(bench: Bench) -> N
     early, late = done.stderr.split("error[", 1)
     assert "not ready so far: no subscription to /r2b/first" in early
     assert re.search(r"is not ready and has not changed for \d+ s, with all nodes idle", late)
+    assert "Remove inputs that no node is to read (/r2b/first); 'r2bspec interfaces SPEC'" in late
 
 
 FAILS = {

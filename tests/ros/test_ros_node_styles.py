@@ -67,6 +67,7 @@ def test_programs_factories_and_states(workspace: Bench, monkeypatch: pytest.Mon
             "python": "../src/drive_pkg/drive_pkg/driver_node.py:main",
             "executor": "multi_threaded",
         },
+        "smoother": {"python": "../src/drive_pkg/drive_pkg/smoother.py:main"},
         "starter": {"python": "./starter.py:Starter"},
         "module": {
             "python": "drive_pkg.driver_node.main",
@@ -85,11 +86,12 @@ def test_programs_factories_and_states(workspace: Bench, monkeypatch: pytest.Mon
         "odometry": "odom",
         "grasp_server": "grasp_view",
         "driver": "cmd",
+        "smoother": "smoothed",
         "starter": "started",
         "module": "drive",
         "threshold": "foreground",
     }
-    inputs = ["image", "scan", "imu", "camera", "goal", "target", "frame", "start"]
+    inputs = ["image", "scan", "imu", "camera", "goal", "target", "frame", "start", "raw"]
     done = assert_all_answer(workspace, spec(nodes, outputs, inputs))
     # Its source is not read, so that only its start shows that it is a program.
     [found] = done.run().record.differences

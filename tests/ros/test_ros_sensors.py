@@ -82,7 +82,12 @@ LEFT_MS = range(0, 330, 33)
 RIGHT_MS = [each + 3 for each in LEFT_MS if each != 132]
 
 
-TOPICS = {"/left": LEFT_MS, "/right": RIGHT_MS, "/fast": range(1, 330, 5)}
+TOPICS = {
+    "/left": LEFT_MS,
+    "/right": RIGHT_MS,
+    "/fast": range(1, 330, 5),
+    "/slow": LEFT_MS[::2],
+}
 
 
 def stereo_spec(pairing: Mapping[str, Any], keeps: str = "left", **playback: Any) -> dict[str, Any]:
@@ -111,6 +116,34 @@ def test_two_cameras_that_are_not_in_step_are_played_at_a_rate(bench: Bench, kee
     assert seen["unmatched"] == seen["overdue"]
     # The difference of the stamps is as recorded: the node, which allows 5 ms, has paired them.
     assert any("1 of 10 messages of /r2b/left have no partner" in event for event in done.events())
+
+
+def equal_stamps(steps: str) -> dict[str, Any]:
+    """A node that combines messages of equal stamps only; the left ones are played between."""
+    wanted = stereo_spec({"slop": "0 ms"}, keeps="right")
+    wanted["data_loader"]["topics"] = {"/left": "loaded/left", steps: "loaded/right"}
+    wanted["playback"]["inputs"]["left"]["rate"] = "recorded"
+    wanted["graph"]["nodes"]["fusion"]["parameters"]["slop_ms"] = 0.0
+    return wanted
+
+
+def test_an_input_with_its_own_rate_keeps_the_stamps_that_are_those_of_steps(bench: Bench) -> None:
+    done = bench.run(equal_stamps("/slow"))
+    done.assert_complete()
+    seen = done.monitor()
+    assert (seen["sent"], seen["answered"]) == (20, 20)
+    assert any("/r2b/left: 10 messages between the 5 steps" in event for event in done.events())
+
+
+def test_a_node_that_gets_no_equal_stamps_is_told_so_before_patience_ends(bench: Bench) -> None:
+    wanted = equal_stamps("/right")
+    wanted["benchmark"]["start_timeout"] = "100 s"
+    done = bench.run(wanted)
+    assert done.error.startswith("error[R2B641 no-output]: no messages on /r2b/output")
+    lacks = "No messages of /r2b/left and /r2b/right have equal stamps. If /r2b/fusion combines"
+    assert lacks in done.error
+    assert lacks in done.stderr.split("error[", 1)[0]
+    assert sum("warm-up" in event for event in done.events()) < 30
 
 
 @only_nightly()

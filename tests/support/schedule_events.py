@@ -76,10 +76,14 @@ def _cyclic_events(
             schedule.stamp_offsets_ns[place] if schedule.stamp_offsets_ns else [0] * len(columns)
         )
         messages = tuple(zip(columns, schedule.steps[place], shifts, strict=True))
-        yield PlayedEvent(round(step * period_ns), step, messages, inputs, 0, 0)
-        for extra in extras[
-            bisect.bisect_left(starts, place) : bisect.bisect_left(starts, place + 1)
-        ]:
+        begin, after, end = (
+            bisect.bisect_left(starts, place),
+            bisect.bisect_right(starts, place),
+            bisect.bisect_left(starts, place + 1),
+        )
+        with_it = tuple((one.input, one.position, -one.origin_ns) for one in extras[begin:after])
+        yield PlayedEvent(round(step * period_ns), step, messages + with_it, inputs, 0, 0)
+        for extra in extras[after:end]:
             offset_ns = round((step + extra.at - place) * period_ns)
             played = ((extra.input, extra.position, -extra.origin_ns),)
             yield PlayedEvent(offset_ns, NO_STEP, played, ALL_INPUTS, 0, 0)

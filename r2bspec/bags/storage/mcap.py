@@ -11,11 +11,12 @@ import heapq
 import struct
 from binascii import crc32
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from itertools import count
+from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 from r2bspec.bags.recording import DataError, RecordedMessage, Selection, unreadable
 from r2bspec.bags.storage.storage import decompress_message, no_profiles, stored_topic
@@ -33,6 +34,10 @@ _FOOTER = struct.Struct("<BQQQI8s")
 # Opcode and length, then the times of the first and the last message.
 _CHUNK = struct.Struct("<BQQQ")
 _CHUNK_RECORD = 6
+# Opcode and length, then the channel and the bytes of the entries: a time and an offset for each.
+_INDEX = struct.Struct("<BQHI")
+_INDEX_RECORD = 7
+_INDEX_ENTRY = struct.Struct("<QQ")
 _LENGTH = struct.Struct("<Q")
 _BLOCK_BYTES = 1 << 20
 
@@ -72,8 +77,13 @@ class McapStorage:
         self._file = file
         statistics = file.statistics
         self._connections: list[Connection] = reader.connections
+        spans_ns = _spans_ns(path, file.chunks) if self._indexed else {}
         self.topics = tuple(
-            stored_topic(connection, statistics.channel_message_counts.get(connection.id, 0))
+            stored_topic(
+                connection,
+                statistics.channel_message_counts.get(connection.id, 0),
+                spans_ns.get(connection.id, (None, None)),
+            )
             for connection in self._connections
         )
         self.message_count = statistics.message_count
@@ -140,6 +150,47 @@ def _is_indexed(file: Any) -> bool:
     for chunk in file.chunks:
         listed.update(chunk.channel_count)
     return +listed == +Counter(file.statistics.channel_message_counts)
+
+
+def _spans_ns(path: Path, chunks: list[Any]) -> dict[int, tuple[int, int]]:
+    """The times of the first and the last message of each channel, by its number.
+
+    The indexes of chunks have the time of each message; only those are read that may have one of
+    these times.
+
+    Raises:
+        ValueError, struct.error: an index is not where the summary says.
+    """
+    by_start = sorted(chunks, key=attrgetter("message_start_time"))
+    by_end = sorted(chunks, key=attrgetter("message_end_time"), reverse=True)
+    with open_regular(path) as stream:
+        first_ns = _first_times(stream, by_start, attrgetter("message_start_time"), 1)
+        last_ns = _first_times(stream, by_end, attrgetter("message_end_time"), -1)
+    return {channel: (first_ns[channel], last_ns[channel]) for channel in first_ns}
+
+
+def _first_times(
+    stream: BinaryIO, chunks: list[Any], bound: Callable[[Any], int], sign: Literal[1, -1]
+) -> dict[int, int]:
+    """The time of the first message of each channel, or with `sign` -1 of the last one.
+
+    The chunks are in the order of their bounds, beyond which they have no message.
+    """
+    times_ns: dict[int, int] = {}
+    for chunk in chunks:
+        for channel, offset in chunk.message_index_offsets.items():
+            found_ns = times_ns.get(channel)
+            if found_ns is not None and sign * bound(chunk) >= sign * found_ns:
+                continue
+            stream.seek(offset)
+            kind, size, of, _ = _INDEX.unpack(stream.read(_INDEX.size))
+            entries = stream.read(size - 6) if 6 <= size <= MAX_PIECE_BYTES else b""
+            if (kind, of) != (_INDEX_RECORD, channel) or len(entries) != size - 6:
+                raise ValueError("its index does not match a chunk")
+            for time_ns, _ in _INDEX_ENTRY.iter_unpack(entries):
+                known_ns = times_ns.setdefault(channel, time_ns)
+                times_ns[channel] = sign * min(sign * known_ns, sign * time_ns)
+    return times_ns
 
 
 def _check_counts(stated: Counter[int], found: Counter[int], display_path: Path) -> None:

@@ -46,10 +46,7 @@ class Ros1Storage:
         except BaseException:
             self._reader.close()
             raise
-        self.topics = tuple(
-            TopicInfo(name=connection.topic, type=_type(connection), count=connection.msgcount)
-            for connection in self._reader.connections
-        )
+        self.topics = tuple(_topic(self._reader, link) for link in self._reader.connections)
         self.message_count = sum(topic.count for topic in self.topics)
         self.start_ns = self._reader.start_time
         # rosbags gives the first instant after the last message.
@@ -119,6 +116,17 @@ def _check_index(path: Path, reader: Reader) -> None:
         {connection.id: connection.msgcount for connection in reader.connections}
     ):
         raise ValueError("the numbers of messages in its index and its chunks differ")
+
+
+def _topic(reader: Reader, connection: Connection) -> TopicInfo:
+    times_ns = [entry.time for entry in reader.indexes.get(connection.id, ())]
+    return TopicInfo(
+        name=connection.topic,
+        type=_type(connection),
+        count=connection.msgcount,
+        first_ns=min(times_ns, default=None),
+        last_ns=max(times_ns, default=None),
+    )
 
 
 def _type(connection: Connection) -> str:

@@ -45,8 +45,10 @@ class SqliteStorage:
             self._reader = stack.enter_context(Reader(_uri_safe_path(real, stack)))
             _restrict(self._reader.storage)
             self._stack = stack.pop_all()
+        spans_ns = _spans_ns(real)
         self.topics = tuple(
-            stored_topic(connection, connection.msgcount) for connection in self._reader.connections
+            stored_topic(connection, connection.msgcount, spans_ns.get(connection.id, (None, None)))
+            for connection in self._reader.connections
         )
         self.message_count = self._reader.message_count
         self.start_ns = self._reader.start_time
@@ -82,6 +84,19 @@ class SqliteStorage:
     def close(self) -> None:
         """As `Storage.close`."""
         self._stack.close()
+
+
+def _spans_ns(path: Path) -> dict[int, tuple[int, int]]:
+    """The times of the first and the last message of each topic that has some, by its number."""
+    with open_read_only(path, tables=_TABLES) as database:
+        rows = database.execute(
+            "SELECT topic_id, min(timestamp), max(timestamp) FROM messages GROUP BY topic_id"
+        )
+        spans_ns = {topic: (first_ns, last_ns) for topic, first_ns, last_ns in rows}
+    for span_ns in spans_ns.values():
+        for time_ns in span_ns:
+            _check_time(time_ns)
+    return spans_ns
 
 
 def _check_time(time_ns: object) -> None:

@@ -33,9 +33,16 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
 
 
-def stored_topic(connection: Connection, count: int) -> recording.TopicInfo:
-    """The topic of a connection, as `rosbags` has it, with the number of its messages."""
+def stored_topic(
+    connection: Connection, count: int, span_ns: tuple[int | None, int | None] = (None, None)
+) -> recording.TopicInfo:
+    """The topic of a connection, as `rosbags` has it, with the number of its messages.
+
+    `span_ns` has the times of the first and the last one, if they are known.
+    """
     return recording.TopicInfo(
+        first_ns=span_ns[0],
+        last_ns=span_ns[1],
         name=connection.topic,
         type=normalise_type(connection.msgtype),
         count=count,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from r2bspec.check.check_context import Context, KnownMetric, max_wrong_share
+from r2bspec.check.input_events import most_events
 from r2bspec.check.rule import Finding, Findings, Pointer, rule, value_key
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import pluralize, quote
@@ -290,16 +291,21 @@ def _unprovable(metric: KnownMetric) -> Finding:
 
 def _too_few(context: Context, metric: KnownMetric, at: Rate, needed: int) -> Finding | None:
     benchmark = context.spec.benchmark
-    per_iteration = round(at.hz * benchmark.duration.seconds) - _LOST_SAMPLES.get(
-        metric.info.family, 0
-    )
+    steps = round(at.hz * benchmark.duration.seconds)
+    per_iteration = steps - _LOST_SAMPLES.get(metric.info.family, 0)
+    at_most, things = "", "messages"
+    for monitor in _monitors_of(metric, context):
+        events = most_events(context, monitor, steps)
+        if events is not None:
+            per_iteration = events
+            at_most, things = "at most ", "events that end within their iteration"
     iterations = max(benchmark.iterations, benchmark.max_iterations)
-    played = max(per_iteration, 0) * iterations
-    if played >= needed:
+    counted = max(per_iteration, 0) * iterations
+    if counted >= needed:
         return None
     enough = math.ceil(needed / per_iteration) if per_iteration > 0 else 0
     return Finding(
-        message=f"{played:,} messages at {at} cannot confirm "
+        message=f"{at_most}{counted:,} {things} at {at} cannot confirm "
         f"{quote(metric.located.requirement.text)}: at least {needed:,} are needed",
         path=metric.located.path,
         help=(
@@ -307,7 +313,7 @@ def _too_few(context: Context, metric: KnownMetric, at: Rate, needed: int) -> Fi
             if enough
             else "increase 'benchmark.duration'"
         )
-        + "; if some messages violate the bound, several times as many are needed",
+        + f"; if some {things.split()[0]} violate the bound, several times as many are needed",
         suppressed_by={metric.located.subject, value_key(("slos", metric.located.objective, "at"))},
     )
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from r2bspec.bags.message_types import begins_with_header
 from r2bspec.check.check_context import Context
+from r2bspec.check.input_events import event_input
 from r2bspec.check.rule import MEASURE_FLOW, Finding, Findings, Pointer, rule, topic_key, value_key
 from r2bspec.datasets.catalogue import TruthNames, truth_names
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, quote, quoted_list, suggestion
 from r2bspec.judge.measure.metric_catalogue import TRUTHS
 from r2bspec.language.comparison_grammar import Condition
-from r2bspec.language.spec import Monitor, PlaybackInput, Reaction, Truth
+from r2bspec.language.spec import Monitor, Reaction, Truth
 from r2bspec.plan.message_conditions import ConditionMistake, message_condition
 
 
@@ -239,9 +240,10 @@ def reaction_unusable(context: Context) -> Findings:
             continue
         yield from _unfit(monitor.reaction.when, monitor.format, (*path, "when"))
         if monitor.reaction.source is not None:
-            event = _event_monitor if context.spec.live else _event_input
-            format_ = event(context, monitor.reaction).format
-            yield from _unfit(monitor.reaction.source, format_, (*path, "from"))
+            event = _event_monitor if context.spec.live else event_input
+            begins = event(context, monitor.reaction)
+            if begins is not None:
+                yield from _unfit(monitor.reaction.source, begins.format, (*path, "from"))
 
 
 def _event_monitor(context: Context, reaction: Reaction) -> Monitor:
@@ -273,14 +275,6 @@ def _wrong_input_of_a_live_graph(
     )
 
 
-def _event_input(context: Context, reaction: Reaction) -> PlaybackInput:
-    """The input of the events, which exists."""
-    inputs = context.spec.playback.inputs
-    wanted = context.harness_topic(reaction.input) if reaction.input else ""
-    named = (each for name, each in inputs.items() if context.harness_topic(name) == wanted)
-    return next(named, None) or next(iter(inputs.values()))
-
-
 def _wrong_input(context: Context, path: Path, reaction: Reaction) -> Finding | None:
     """What is wrong with the input of the events."""
     inputs = {context.harness_topic(name): name for name in context.spec.playback.inputs}
@@ -304,7 +298,8 @@ def _wrong_input(context: Context, path: Path, reaction: Reaction) -> Finding | 
             if inputs
             else "remove 'from': each step is then an event",
         )
-    if _event_input(context, reaction).rate == "recorded":
+    played = event_input(context, reaction)
+    if played is not None and played.rate == "recorded":
         return Finding(
             message="an event begins with a step, and this input is played between the steps",
             path=(*path, "input") if reaction.input else (*path, "from"),

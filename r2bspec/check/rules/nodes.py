@@ -230,7 +230,8 @@ def _is_placed_with_others(context: Context, node: NodeWiring) -> bool:
 def threads_without_effect(context: Context) -> Findings:
     """Thread counts whose executor does not use them."""
     for _, node in context.nodes:
-        if node.node.threads > 1 and node.node.executor == "single_threaded":
+        is_program = node.node.kind is PYTHON and node.start.style == "main"
+        if node.node.threads > 1 and node.node.executor == "single_threaded" and not is_program:
             yield Finding(
                 message=f"{quote(f'threads: {node.node.threads}')} of {node.key} has no effect: "
                 "its executor is single-threaded",
@@ -266,13 +267,14 @@ def executor_of_program(context: Context) -> Findings:
             continue
         host: ProcessSettings = context.spec.containers.get(node.node.container, node.node)
         if node.start.style == "main":
-            if host.executor == "multi_threaded" and host is node.node:
-                yield Finding(
-                    message=f"'executor' of {node.key} has no effect: "
-                    f"{node.node.python.rpartition(':')[2]} makes its executor itself",
-                    path=(*node.path, "executor"),
-                    help="name the class instead, or leave out 'executor'",
-                )
+            for key in ("executor", "threads"):
+                if host is node.node and context.value_at((*node.path, key)) is not None:
+                    yield Finding(
+                        message=f"{quote(key)} of {node.key} has no effect: "
+                        f"{node.node.python.rpartition(':')[2]} makes its executor itself",
+                        path=(*node.path, key),
+                        help=f"name the class instead, or leave out {quote(key)}",
+                    )
             continue
         threads = node.start.threads_of_main
         if threads is None or host.executor == "multi_threaded":

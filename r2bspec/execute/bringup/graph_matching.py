@@ -200,12 +200,19 @@ class PhaseGraph:
             f"{topic}: {have} of {want} endpoints matched"
             for topic, (have, want) in missing.items()
         )
+        hint = "Check remappings, message types and QoS of the nodes on these topics."
+        unread = [topic for topic in missing if topic in facts.inputs and not missing[topic][0]]
+        if unread:
+            hint = (
+                f"Remove inputs that no node is to read ({', '.join(unread)}); 'r2bspec interfaces "
+                f"SPEC' finds out to what nodes subscribe. {hint}"
+            )
         return self.error(
             facts,
             _faults_of(facts, missing),
             [topic for topic in missing if topic not in facts.inputs] or missing,
             f"the {self.phase} graph {state} ({counted})",
-            "Check remappings, message types and QoS of the nodes on these topics.",
+            hint,
             otherwise=NotReadyError,
             certain=certain,
             names_related=False,

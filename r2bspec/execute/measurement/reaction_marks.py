@@ -22,6 +22,7 @@ from r2bspec.judge.measure.matching import input_mask
 from r2bspec.judge.measure.reactions import (
     EVENT,
     MET,
+    UNFINISHED,
     UNREADABLE,
     begin_events,
     live_source,
@@ -79,35 +80,44 @@ class ReactionMarks:
         met = np.flatnonzero([one is True for one in found])
         unreadable = np.flatnonzero([one is None for one in found])
         if self._source is not None:
-            events = self._live_events(numbers[self._source.name])
+            events, unfinished = self._live_events(numbers[self._source.name])
         else:
-            events = self._events(playback, played_before)
+            events, unfinished = self._events(playback, played_before)
         return np.concatenate(
-            [marks_of(EVENT, events), marks_of(MET, met), marks_of(UNREADABLE, unreadable)]
+            [
+                marks_of(EVENT, events),
+                marks_of(MET, met),
+                marks_of(UNREADABLE, unreadable),
+                marks_of(UNFINISHED, unfinished),
+            ]
         )
 
-    def _live_events(self, numbers: NDArray[np.intp]) -> NDArray[np.intp]:
+    def _live_events(self, numbers: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """The messages of the monitored input that begin an event; see `_events`.
 
         What was before the first of them is not known.
         """
         reaction = self.monitor.reaction
         if not reaction or not reaction.since:
-            return np.arange(numbers.size)
+            return np.arange(numbers.size), np.arange(0)
         holds = _holds(reaction.since, reaction.input_type)
         held = np.array(
             [one is True for one in _held(self._source_heads, holds, numbers)], np.bool_
         )
         begun = np.flatnonzero(begin_events(held, held_before=True))
-        return begun[:-1] if held[-1:].any() else begun
+        whole = begun.size - int(held[-1:].any())
+        return begun[:whole], begun[whole:]
 
-    def _events(self, playback: Rows, played_before: int) -> NDArray[np.intp]:
+    def _events(
+        self, playback: Rows, played_before: int
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """The rows of the steps that begin an event; and those of which `from` holds to the end."""
         reaction = self.monitor.reaction
         topics = (reaction.input,) if reaction and reaction.since else self.monitor.answers
         mask = input_mask(self.plan.inputs, topics)
         rows = np.flatnonzero((playback["inputs"] & mask) == mask)
         if self._round is None or not rows.size:
-            return rows
+            return rows, rows[:0]
         # A timeline begins anew with each playback, a cyclic schedule goes on.
         goes_on = isinstance(self.schedule, CyclicSchedule)
         begin = played_before if goes_on else 0
@@ -116,7 +126,7 @@ class ReactionMarks:
         before = bool(held[places[0] - 1]) if goes_on else False
         begun = np.flatnonzero(begin_events(held[places], before))
         whole = begun + lengths(held)[places[begun]] <= rows.size
-        return rows[begun[whole]]
+        return rows[begun[whole]], rows[begun[~whole]]
 
     def _read_round(self, reaction: ReactionPlan, buffer_dir: Path) -> _Round:
         """What the messages of the input in one round say."""

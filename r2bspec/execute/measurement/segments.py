@@ -89,6 +89,7 @@ class SegmentPlayer:
     Attributes:
         segments: all that have been played.
         samples: of the segments that are judged, by id, without those of processes and the host.
+        schedule: of the player; without steps if there is none.
         on_output_stopped: is called once for each monitor whose output stops, after the segment.
     """
 
@@ -109,8 +110,8 @@ class SegmentPlayer:
         self._anatomy = anatomy
         self._start = start
         self._static_publisher = static_publisher
-        self._schedule = schedule or CyclicSchedule(steps=())
-        self._step_stamps = StepStamps(self._schedule)
+        self.schedule = schedule or CyclicSchedule(steps=())
+        self._step_stamps = StepStamps(self.schedule)
         self._confirms = confirms
         self._context = context
         self._supervisor = context.supervisor
@@ -181,7 +182,7 @@ class SegmentPlayer:
                     rate_hz=rate_hz,
                     steps=steps,
                     began_ns=began_ns,
-                    ended_ns=began_ns + self._schedule.span_ns(rate_hz, observation.playback.size),
+                    ended_ns=began_ns + self.schedule.span_ns(rate_hz, observation.playback.size),
                     complete=complete,
                     played_before=observation.played_before,
                     monitor_held_ns=self._stall_log.between(began_ns, time.monotonic_ns()),
@@ -198,13 +199,13 @@ class SegmentPlayer:
         if self._player is None:
             raise RunError("this run has no player")
         self._await_static()
-        timeout_s = self._schedule.span_ns(rate_hz, steps) / 1e9 * 1.5 + _PLAYER_SLACK_S
+        timeout_s = self.schedule.span_ns(rate_hz, steps) / 1e9 * 1.5 + _PLAYER_SLACK_S
         command = protocol.Play(rate_hz=rate_hz, steps=steps)
         self._supervisor.request(self._player, command, protocol.Played, timeout_s)
 
     def play_unrecorded_for(self, title: str, rate_hz: float, duration_ns: int) -> None:
         """Play for a time messages that belong to no segment; see `play_unrecorded`."""
-        steps = max(1, self._schedule.steps_within(rate_hz, duration_ns))
+        steps = max(1, self.schedule.steps_within(rate_hz, duration_ns))
         self._context.progress.segment(title, steps)
         self.play_unrecorded(rate_hz, steps)
 
@@ -243,7 +244,7 @@ class SegmentPlayer:
         self, heading: SegmentHeading, rate_hz: float, duration_ns: int, min_steps: int = 2
     ) -> SegmentObservation:
         """Play a segment of this duration, with at least `min_steps` steps; see `play`."""
-        steps = max(min_steps, self._schedule.steps_within(rate_hz, duration_ns))
+        steps = max(min_steps, self.schedule.steps_within(rate_hz, duration_ns))
         return self.play(heading, rate_hz, steps)
 
     def segment_id_for(self, name: str) -> str:
@@ -293,7 +294,7 @@ class SegmentPlayer:
             raise RunError("this run has no player")
         self._await_static()
         begin = time.monotonic()
-        deadline = begin + self._schedule.span_ns(rate_hz, steps) / 1e9 * 1.5 + _PLAYER_SLACK_S
+        deadline = begin + self.schedule.span_ns(rate_hz, steps) / 1e9 * 1.5 + _PLAYER_SLACK_S
         next_check = begin + _CHECK_INTERVAL_S
         stopping = False
         live = self._live(first)
@@ -348,7 +349,7 @@ class SegmentPlayer:
         """Schedule a resource sample at the end of the last period; the player ends before it."""
         begun = self._playback.read(first[""], first[""] + 1)
         if begun.size:
-            span_ns = self._schedule.span_ns(rate_hz, steps)
+            span_ns = self.schedule.span_ns(rate_hz, steps)
             self._context.resources.sample_at(int(begun["due_ns"][0]) + span_ns)
 
     def _drain(self, kind: SegmentKind, rate_hz: float, first: dict[str, int]) -> None:
@@ -363,7 +364,7 @@ class SegmentPlayer:
         """Wait until the period of the last step is over: of some outputs, all until then count."""
         played = self._playback.read(first[""])
         if played.size:
-            span_ns = self._schedule.span_ns(rate_hz, played.size)
+            span_ns = self.schedule.span_ns(rate_hz, played.size)
             left_ns = int(played["due_ns"][0]) + span_ns - time.monotonic_ns()
             self._supervisor.pump_for(max(0.0, left_ns / 1e9) + DRAIN_POLL_S)
 
@@ -397,7 +398,7 @@ class SegmentPlayer:
 
     def _enough(self, first: dict[str, int], counts: dict[str, int]) -> bool:
         """Whether the number of messages suffices; a cheap check before `_outstanding`."""
-        if not isinstance(self._schedule, CyclicSchedule):
+        if not isinstance(self.schedule, CyclicSchedule):
             # Of a timeline, not every step counts for every monitor.
             return True
         played = counts[""] - first[""]
@@ -481,7 +482,7 @@ class SegmentPlayer:
     def _reactions(self) -> dict[str, ReactionMarks]:
         return {
             monitor.name: ReactionMarks(
-                self._plan, monitor, self._schedule, self._context.buffer_dir, self._rows_dir
+                self._plan, monitor, self.schedule, self._context.buffer_dir, self._rows_dir
             )
             for monitor in self._plan.monitors
             if monitor.reaction

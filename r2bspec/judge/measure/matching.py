@@ -120,6 +120,7 @@ class Matching:
         per_step: expected outputs per step, on average.
         by_order: whether messages were matched by order.
         aside: input events that show no reaction (`r2bspec.judge.measure.reactions`).
+        unfinished: input events that last to the end of the iteration.
     """
 
     step: NDArray[np.int64]
@@ -133,6 +134,7 @@ class Matching:
     per_step: float = 1.0
     by_order: bool = False
     aside: int = 0
+    unfinished: int = 0
 
     @property
     def pairs_known(self) -> bool:

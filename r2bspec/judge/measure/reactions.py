@@ -49,8 +49,10 @@ from r2bspec.record.sample_arrays import MARK_DTYPE, PLAYBACK_DTYPE, Rows
 EVENT: Final = 0
 MET: Final = 1
 UNREADABLE: Final = 2
+UNFINISHED: Final = 3
 """What a mark says: that the step of this row begins an event, that the output of this row meets
-the condition, or that it could not be read."""
+the condition, or that it could not be read; or that the step begins an event which does not count,
+because the iteration ends while ``from`` holds."""
 
 
 def marks_of(what: int, rows: NDArray[np.intp]) -> Rows:
@@ -100,7 +102,13 @@ def match_reactions(playback: Rows, matched: MatchedMonitor, marks: Rows) -> Mat
     step = np.full(rows.size, NO_MATCH, np.int64)
     step[first_row[reacted]] = events[reacted]
     aside = int(np.count_nonzero(~counts))
-    matching = Matching(step=step, trigger_steps=events, first_row=first_row, aside=aside)
+    matching = Matching(
+        step=step,
+        trigger_steps=events,
+        first_row=first_row,
+        aside=aside,
+        unfinished=_rows(marks, UNFINISHED, playback.size).size,
+    )
     return replace(matched, steps=playback, rows=rows, matching=matching, own_pace=False)
 
 

@@ -184,6 +184,7 @@ class MonitorSamples:
         pace: see `r2bspec.judge.measure.own_pace`; of each segment.
         unreadable: of a monitor of reactions, outputs whose field could not be read.
         aside: of such a monitor, input events that show no reaction.
+        unfinished: likewise, that last to the end of the iteration.
         unpaired: of such a monitor, why it is unknown which step an output answers.
     """
 
@@ -207,6 +208,7 @@ class MonitorSamples:
     pace: tuple[PaceEvidence, ...] = ()
     unreadable: int = 0
     aside: int = 0
+    unfinished: int = 0
     unpaired: str = ""
 
     @property
@@ -495,6 +497,7 @@ def reaction_samples(
         untimed=_untimed(matched.rows),
         unreadable=unreadable,
         aside=matched.matching.aside,
+        unfinished=matched.matching.unfinished,
         unpaired=unpaired,
     )
 
@@ -595,7 +598,7 @@ SENT_COUNTS = (
 )
 """Counts of `MonitorSamples` that depend on what was sent."""
 
-_COUNTS = (*SENT_COUNTS, "received", "untimed", "unreadable", "aside")
+_COUNTS = (*SENT_COUNTS, "received", "untimed", "unreadable", "aside", "unfinished")
 
 
 def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:

@@ -47,6 +47,7 @@ from r2bspec.judge.methods.share_wording import (
     clustering,
     counted_noun,
     counts_decide,
+    is_of_events,
     level_sentence,
     share_sentence,
 )
@@ -257,7 +258,7 @@ def percentile_decision(
     pieces: Sequence[Seconds],
     *,
     method: Method = "exact binomial",
-    things: str = "messages",
+    things: str = "",
 ) -> Decision:
     """A decision by an interval, and what would settle an open one.
 
@@ -268,7 +269,7 @@ def percentile_decision(
         interval: the bounds, in the metric's unit.
         pieces: the messages of each iteration.
         method: of the decision.
-        things: what was counted, in the plural.
+        things: what was counted, in the plural; by default messages or input events.
     """
     outcome = case.outcome_of_bounds(interval.lower, interval.upper)
     levels, notes = interval.levels, share_notes(case, outcome)
@@ -309,7 +310,7 @@ def _remedy(
     observed: Observations,
     costs: Costs,
     interval: PercentileInterval | None = None,
-    things: str = "messages",
+    things: str = "",
 ) -> str:
     """What would decide a test that is undecided, by its counts or by levels that differ.
 
@@ -319,8 +320,9 @@ def _remedy(
         observed: the same messages by iterations and starts.
         costs: of more of them.
         interval: of the percentile, where it is one.
-        things: what was counted, in the plural.
+        things: what was counted, in the plural; by default messages or input events.
     """
+    things = things or ("events" if is_of_events(case) else "messages")
     if test.allowed <= 0:
         return (
             "No number of messages can prove that none is ever lost. Require an observed count "

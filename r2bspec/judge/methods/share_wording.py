@@ -38,7 +38,12 @@ def counted_noun(case: RequirementCase) -> str:
     """What is counted for a metric, in the plural."""
     if case.windows is not None:
         return f"windows of {show(case.windows.window_ns / 1e9, 's')}"
-    return _COUNTED_NOUNS.get(case.info.family, "steps")
+    return "events" if is_of_events(case) else _COUNTED_NOUNS.get(case.info.family, "steps")
+
+
+def is_of_events(case: RequirementCase) -> bool:
+    """Whether input events are in the place of messages, as for reaction times."""
+    return any(each.of_events for each in case.monitor_samples)
 
 
 def share_sentence(case: RequirementCase, test: ShareTest, outcome: Outcome) -> str:

@@ -6,7 +6,7 @@ class is `Node` or `LifecycleNode`, if no other code can create topics or parame
 (`r2bspec.plan.wiring.self_references`), and if each of the calls is certainly made once: by a
 statement of the constructor, of a method that only the constructor calls, or of ``on_configure``,
 outside of loops and branches. Otherwise the interface says why there may be more. A function that
-makes one node of such a class, and spins it, has the interface of that node.
+makes one node of such a class, or of `Node` itself, and spins it, has the interface of that node.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from r2bspec.language.spec import QoS
 from r2bspec.plan.wiring import literal_calls, python_files, self_references
 from r2bspec.plan.wiring.literal_calls import TopicNames
 from r2bspec.plan.wiring.node_interface import InterfaceEntry, ParameterInfo
+from r2bspec.plan.wiring.program_nodes import class_of_program
 from r2bspec.plan.wiring.python_source import SourceNames, nodes_below, own_nodes, program_class
 from r2bspec.safe_io.limits import MAX_BASE_CLASSES
 
@@ -188,11 +189,16 @@ def read_node_class(
     found = python_files.find_definition(python_files.source_file(tree, path, read), name)
     more = ""
     if found is not None and isinstance(found.node, ast.FunctionDef):
-        file = found.file
+        file, program = found.file, found.node
         made, more = program_class(
-            found.node, file.names, lambda each: _class_named(file, each) is not None
+            program, file.names, lambda each: _class_named(file, each) is not None
         )
-        found = _class_named(file, made) if made else None
+        if made:
+            found = _class_named(file, made)
+        else:
+            as_class = class_of_program(program, file.names)
+            found = None if as_class is None else python_files.Definition(file, as_class)
+            more = more if found is None else ""
     if found is None or not isinstance(found.node, ast.ClassDef):
         return unknown_interface(more or f"{name} is not a class of its file")
     if self_references.replaces_methods(found.file.tree, found.node):

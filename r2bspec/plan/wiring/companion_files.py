@@ -100,7 +100,7 @@ class CompanionReader:
         starts: dict[str, NodeStart] = {}
         named: Counter[str] = Counter()
         for key, node in (*spec.preprocessors.items(), *spec.graph.nodes.items()):
-            recorded = self._usable_interface(key, node) if self._recorded else None
+            recorded = self.usable_interface(key, node) if self._recorded else None
             if isinstance(recorded, str):
                 interface_errors[key] = recorded
             elif recorded is not None:
@@ -118,7 +118,7 @@ class CompanionReader:
         }
         return CompanionFiles(interfaces, interface_errors, files, sources, starts)
 
-    def _usable_interface(self, key: str, node: Node) -> InterfaceEntry | str | None:
+    def usable_interface(self, key: str, node: Node) -> InterfaceEntry | str | None:
         """The recorded interface, or why it cannot be used, for example for another target."""
         entry = self._interface(key)
         if not isinstance(entry, InterfaceEntry) or entry.recorded_from is None:

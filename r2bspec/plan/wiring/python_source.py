@@ -42,7 +42,7 @@ class SourceNames:
         self._has_star_import = False
         self._origins: dict[str, set[tuple[int, str, str]]] = defaultdict(set)
         for node in nodes_below(tree):
-            for name in _bound_names(node):
+            for name in bound_names(node):
                 self._bound[name].append(node)
             if isinstance(node, ast.Import | ast.ImportFrom):
                 self._add_import(node)
@@ -100,7 +100,7 @@ class SourceNames:
         return "" if full.startswith(".") else full
 
 
-def _bound_names(node: ast.AST) -> Iterator[str]:
+def bound_names(node: ast.AST) -> Iterator[str]:
     """The names that a node binds, other than by an import."""
     match node:
         case ast.Name(id=name, ctx=ast.Store() | ast.Del()):
@@ -152,7 +152,7 @@ def read_node_start(tree: ast.Module, name: str) -> NodeStart | None:
     names = SourceNames(tree)
     match definition := names.definition(name):
         case ast.FunctionDef(decorator_list=[]):
-            if _is_program(definition):
+            if is_program(definition):
                 return NodeStart("main", _required(definition.args, 0))
             return _start(definition.args, 0)
         case ast.ClassDef():
@@ -171,7 +171,7 @@ _MULTI_THREADED = "rclpy.executors.MultiThreadedExecutor"
 def _threads_of_main(tree: ast.Module, names: SourceNames, name: str) -> int | None:
     """The threads of the multi-threaded executor that a program of the file makes for a class."""
     for function in tree.body:
-        if not isinstance(function, ast.FunctionDef) or not _is_program(function):
+        if not isinstance(function, ast.FunctionDef) or not is_program(function):
             continue
         calls = [node for node in nodes_below(function) if isinstance(node, ast.Call)]
         if not any(isinstance(each.func, ast.Name) and each.func.id == name for each in calls):
@@ -224,7 +224,7 @@ def _required(arguments: ast.arguments, bound: int) -> tuple[str, ...]:
     return tuple(parameter.arg for parameter in (*without_default, *keyword_only))
 
 
-def _is_program(function: ast.FunctionDef) -> bool:
+def is_program(function: ast.FunctionDef) -> bool:
     """Whether a function initialises ROS itself and returns no node."""
     nodes = list(own_nodes(function.body))
     returned = (node.value for node in nodes if isinstance(node, ast.Return))
@@ -290,11 +290,11 @@ def program_class(
         make other topics, too: because it does anything else than to initialise ROS, to make the
         node once, to spin it and to tidy up. Empty if it does not.
     """
-    if function.decorator_list or not _is_program(function):
+    if function.decorator_list or not is_program(function):
         return "", f"{function.name} is a function that returns a node"
     classes: list[str] = []
     more = ""
-    created = _created_locals(function)
+    created = created_locals(function)
     waiting = deque[tuple[ast.AST, bool]]((statement, True) for statement in function.body)
     while waiting:
         node, once = waiting.popleft()
@@ -306,7 +306,7 @@ def program_class(
                 classes.append(called)
                 if not once or node.args or node.keywords:
                     more = more or f"line {node.lineno} makes {called} in its own way"
-            elif not _is_program_call(node.func, names, created):
+            elif not is_program_call(node.func, names, created):
                 more = more or f"line {node.lineno} calls {ast.unparse(node.func)}()"
         once = once and not isinstance(node, _REPEATED)
         waiting.extend((child, once) for child in ast.iter_child_nodes(node))
@@ -315,7 +315,7 @@ def program_class(
     return "", f"{function.name} makes {len(classes) or 'no'} nodes of classes that are read"
 
 
-def _created_locals(function: ast.FunctionDef) -> frozenset[str]:
+def created_locals(function: ast.FunctionDef) -> frozenset[str]:
     """The variables of a function to which nothing else than results of calls is assigned."""
     called = {
         target.id
@@ -332,7 +332,8 @@ def _created_locals(function: ast.FunctionDef) -> frozenset[str]:
     return frozenset(name for name in called if stored[name] == 1)
 
 
-def _is_program_call(called: ast.expr, names: SourceNames, created: frozenset[str]) -> bool:
+def is_program_call(called: ast.expr, names: SourceNames, created: frozenset[str]) -> bool:
+    """Whether a program calls it to spin and to tidy up: it makes no topic and no parameter."""
     if names.full_name(called) in _PROGRAM_CALLS:
         return True
     if not isinstance(called, ast.Attribute) or called.attr not in _PROGRAM_METHODS:

@@ -72,7 +72,7 @@ def test_a_bare_number_is_answered_with_its_unit(data: Data) -> None:
 def test_informs_about_a_bag(data: Data, bag: Path) -> None:
     shown = data("info", bag).out
     assert "messages  6\n" in shown
-    assert "/ping  std_msgs/msg/String         3  40 Hz\n" in shown
+    assert "/ping  std_msgs/msg/String         3  50 Hz\n" in shown
     index = json.loads(data("info", bag, "--format", "json").out)
     assert index["topics"]["/pong"]["count"] == 3
     assert len(index["sha256"]) == 64

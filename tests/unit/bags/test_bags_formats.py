@@ -184,6 +184,27 @@ def test_index_messages_and_hash(bag: Path, tmp_path: Path) -> None:
     assert verify(bag) == []
 
 
+def test_a_rate_counts_from_the_first_to_the_last_message_of_its_topic(
+    bag: Path, request: pytest.FixtureRequest
+) -> None:
+    form = request.node.callspec.params["bag"]
+    unknown = any(each in form for each in ("by file", "no chunks", "no summary", "without a"))
+    unknown &= form != "sqlite3, unsorted, without an index"
+    unknown |= "the same without statistics" in form
+    ping, pong = index_bag(bag).topics.values()
+    assert (ping.span_ns, pong.span_ns) == (
+        (None, None)
+        if unknown
+        else (
+            (START_NS, START_NS + 380_000_000),
+            (START_NS + 10_000_000, START_NS + 390_000_000),
+        )
+    )
+    # 20 messages; over the length of the bag where the times of a topic are not known.
+    expected_hz = pytest.approx(19 / 0.39 if unknown else 50)
+    assert (ping.rate_hz, pong.rate_hz) == (expected_hz, expected_hz)
+
+
 def test_every_window(bag: Path) -> None:
     step = 10_000_000
     for start, end in ((0, 1), (0, 9), (8, 10), (9, 31), (13, 14), (30, 40), (31, None), (39, 99)):

@@ -8,6 +8,7 @@ import msgspec
 import pytest
 from check_specs import codes, findings, write_bag
 
+import data_bags
 from data_bags import STRING
 from example_spec import example
 from r2bspec.check.check_context import Context
@@ -32,8 +33,11 @@ def recorded(window: str = "{}", **sections: str) -> str:
                 subscribes: {{talk: {STRING}}}
                 publishes: {{heard: {STRING}}}
         """,
-        monitors=f"{{heard: {{topic: heard, format: {STRING}, match: order}}}}",
-        **{"playback": f"{{inputs: {{talk: {{from: talk_raw, format: {STRING}}}}}}}", **sections},
+        **{
+            "playback": f"{{inputs: {{talk: {{from: talk_raw, format: {STRING}}}}}}}",
+            "monitors": f"{{heard: {{topic: heard, format: {STRING}, match: order}}}}",
+            **sections,
+        },
     )
 
 
@@ -161,3 +165,42 @@ def test_messages_that_are_not_cdr(spec_file: str) -> None:
     (found,) = serialization_not_cdr.find(context)
     assert found.path == ("data_loader", "topics", "/talk")
     assert "'ros1'" in found.message
+
+
+@pytest.mark.parametrize(
+    ("iterations", "mode", "said"),
+    [
+        # Every tenth message meets 'from': 20 of 200 in an iteration, 21 from one that does on.
+        (1, "looping", ["at most 20 events", "'benchmark.iterations' to 2 or more"]),
+        (2, "looping", []),
+        (2, "timeline", []),
+    ],
+)
+def test_events_of_a_reaction_are_counted_in_the_recording(
+    tmp_path: Path, iterations: int, mode: str, said: list[str]
+) -> None:
+    words = [data_bags.text("near" if number % 10 == 5 else "far") for number in range(100)]
+    data_bags.write_bag(
+        tmp_path / "bag",
+        [("/talk", number * SECOND // 10, data) for number, data in enumerate(words)],
+    )
+    rate = "" if mode == "timeline" else "rates: [10 Hz], "
+    text = recorded(
+        playback=f"{{mode: {mode}, inputs: {{talk: {{from: talk_raw, format: {STRING}}}}}}}",
+        monitors=f"""
+            heard:
+              topic: heard
+              format: {STRING}
+              match: order
+              reaction: {{when: "data == 'stop'", from: "data == 'near'"}}
+        """,
+        benchmark=f"{{{rate}duration: 20 s, iterations: {iterations}, starts: 1}}",
+        slos="{fast: {" + "at: 10 Hz, " * bool(rate) + "require: [reaction.p90 < 100 ms]}}",
+    )
+    found = [
+        each
+        for each in findings(text, file=str(tmp_path / "spec.r2b.yaml"))
+        if each.code == "R2B510"
+    ]
+    assert len(found) == bool(said)
+    assert all(part in f"{found[0].message} {found[0].help}" for part in said)

@@ -18,6 +18,7 @@ from r2bspec.execute.build_schedule import (
     make_timeline,
     place_between,
     place_transforms,
+    playback_order,
 )
 from r2bspec.execute.errors import RunError, UnpairedInputError
 from r2bspec.ipc.buffers import BufferIndex, write_index
@@ -330,6 +331,28 @@ def test_a_step_input_may_come_after_one_with_its_own_rate() -> None:
     assert first.messages == ((1, 0, 0),)
     assert first.inputs == 2
     assert second.messages == ((0, 0, 0),)
+
+
+@pytest.mark.parametrize(
+    ("mode", "played"),
+    [
+        ("looping", [(0, 0), (1, None), (2, 2)]),
+        ("sweeping", [(0, 0), (1, None), (2, 2), (1, None)]),
+    ],
+)
+def test_what_was_stamped_as_a_step_is_played_with_it(
+    mode: str, played: list[tuple[int, int | None]]
+) -> None:
+    slow = stamped("/slow", 0, 120, 200)
+    steps = playback_order(STEPS, mode)
+    schedule = CyclicSchedule(
+        steps=steps, columns=(0,), between=place_between(1, slow, steps, [CAMERA])
+    )
+    events = [event for event in played_events(schedule, 10.0, len(steps)) if event.step != NO_STEP]
+    # In one event, so that they have one stamp.
+    assert [dict(each[:2] for each in event.messages) for event in events] == [
+        {0: frame} if position is None else {0: frame, 1: position} for frame, position in played
+    ]
 
 
 def test_an_input_on_another_clock_is_refused() -> None:

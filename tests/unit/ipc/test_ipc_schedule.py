@@ -83,3 +83,16 @@ def test_as_many_steps_fit_as_are_due_within_a_time(duration_ns: int, steps: int
 def test_the_pause_between_rounds_is_the_mean_one() -> None:
     assert round_length_ns([0, 10, 20, 30]) == 40
     assert round_length_ns([5]) == 10**9
+
+
+def test_inputs_have_one_stamp_in_a_step_unless_they_differ_by_an_offset() -> None:
+    cyclic = CyclicSchedule(
+        steps=((0, 0), (1, 1)),
+        columns=(0, 2),
+        between=(BetweenMessage(0.5, 1, 0), BetweenMessage(1.0, 1, 1)),
+        stamp_offsets_ns=((0, 0), (-5, 0)),
+    )
+    assert cyclic.stamp_groups() == {0b101, 0b010, 0b001, 0b110}
+    assert CyclicSchedule(steps=((0, 0),)).stamp_groups() == {0b11}
+    assert CyclicSchedule(steps=()).stamp_groups() == set()
+    assert TIMELINE.stamp_groups() == {0b11, 0b10, 0b01}

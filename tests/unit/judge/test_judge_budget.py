@@ -239,6 +239,11 @@ class TestWhatHalvesIt:
         assert found.budget.halve == "The resolution of the clock limits it."
         assert (shares(found)["clock"] or 0) > 0.2
 
+    def test_few_messages_are_not_limited_by_the_clock(self) -> None:
+        found = requirement(messages(starts=(1, 1, 1), n=2), "latency.p90 < 1 s", (1, 1, 1))
+        assert found.budget is not None
+        assert "clock" not in found.budget.halve
+
     def test_nothing_bad_is_bounded_by_the_number_of_messages(self) -> None:
         found = requirement(messages(), "drop_rate <= 5 %").budget
         assert found is not None

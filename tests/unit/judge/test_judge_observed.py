@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from r2bspec.judge.judge_run import result_of
-from r2bspec.judge.measure.reactions import EVENT, MET, marks_of
+from r2bspec.judge.measure.reactions import EVENT, MET, UNFINISHED, marks_of
 from r2bspec.judge.measure.run_samples import SegmentRows
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import RequirementVerdict
@@ -119,12 +119,14 @@ class Reacting(Simulation):
         order: whether outputs are matched by order; they have a pace of their own otherwise.
         since: the step with which events begin.
         dropped: an output that never comes.
+        unfinished: whether the last event of each iteration lasts to its end.
     """
 
     late: int = 2
     since: int = 0
     order: bool = False
     dropped: int | None = None
+    unfinished: bool = False
 
     def plan(self) -> Plan:
         plan = super().plan()
@@ -149,7 +151,10 @@ class Reacting(Simulation):
         if self.dropped is not None:
             outputs = np.delete(outputs, self.dropped)
             meets = np.delete(meets, self.dropped)
-        marks = [marks_of(EVENT, steps[self.since :: 10]), marks_of(MET, np.flatnonzero(meets))]
+        events = steps[self.since :: 10]
+        whole = events.size - int(self.unfinished)
+        marks = [marks_of(EVENT, events[:whole]), marks_of(MET, np.flatnonzero(meets))]
+        marks.append(marks_of(UNFINISHED, events[whole:]))
         return replace(
             rows,
             monitors=dict.fromkeys(rows.monitors, outputs),
@@ -203,3 +208,20 @@ def test_an_output_by_order_too_few_leaves_open_what_was_missed(requirement: str
     found = reaction(Reacting(order=True, late=0, dropped=7), requirement)
     assert found.outcome == "inconclusive"
     assert "matched by order" in found.reason
+
+
+def test_events_that_last_to_the_end_of_the_iteration_are_said_not_to_count() -> None:
+    found = reaction(Reacting(order=True, unfinished=True), "reaction.p90 < 50 ms")
+    assert (found.outcome, found.n) == ("pass", 495)
+    assert "5 of 500 events do not count: 'from' held until the end" in " ".join(found.notes)
+
+
+def test_few_events_are_counted_as_events() -> None:
+    segments = [Played(100.0, [0.001] * 20)] * 3
+    samples = replace(Reacting(order=True), segments=segments).samples()
+    requirement = objective("reaction.p90 < 50 ms", at="100 Hz")
+    (found,) = judge({"slo": requirement}, samples).requirements
+    assert found.outcome == "inconclusive"
+    assert "0 of 6 events" in found.reason
+    assert "events" in found.remedy
+    assert "messages" not in found.remedy

@@ -7,9 +7,12 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from r2bspec.bags.message_types import typestore
+from r2bspec.check.input_events import most_within
 from r2bspec.execute.measurement.reaction_marks import ReactionMarks, lengths
 from r2bspec.ipc.buffers import BufferWriter
 from r2bspec.ipc.sample_files import HeadReader, heads_path, message_size
@@ -20,7 +23,9 @@ from r2bspec.judge.measure.metric_values import metric_value
 from r2bspec.judge.measure.reactions import (
     EVENT,
     MET,
+    UNFINISHED,
     UNREADABLE,
+    begin_events,
     marks_of,
     match_live_reactions,
     match_reactions,
@@ -221,26 +226,42 @@ VALUES = [0.0, 0.0, 1.0, 1.0, 0.0]
 
 
 @pytest.mark.parametrize(
-    ("before", "steps", "events"),
+    ("before", "steps", "events", "unfinished"),
     [
-        (0, 5, [2]),
-        (0, 10, [2, 7]),
-        (3, 5, []),
-        (2, 5, [0]),
-        (3, 6, [4]),
-        (0, 3, []),
+        (0, 5, [2], []),
+        (0, 10, [2, 7], []),
+        (3, 5, [], [4]),
+        (2, 5, [0], []),
+        (3, 6, [4], []),
+        (0, 3, [], [2]),
+        (0, 8, [2], [7]),
     ],
 )
 def test_an_event_begins_with_a_message_that_meets_the_condition_after_one_that_does_not(
-    tmp_path: Path, before: int, steps: int, events: list[int]
+    tmp_path: Path, before: int, steps: int, events: list[int], unfinished: list[int]
 ) -> None:
-    # One whose last messages are cut off by the end of the iteration is none.
+    # One whose last messages are cut off by the end of the iteration does not count.
     buffered(tmp_path, VALUES)
     heads(tmp_path, [])
     schedule = CyclicSchedule(steps=tuple((place,) for place in range(5)))
     plan = msgspec.structs.replace(Simulation().plan(), monitors=(MONITOR,), inputs=(INPUT,))
     marked = ReactionMarks(plan, MONITOR, schedule, tmp_path, tmp_path)
-    assert rows_of(marked.marks(played(steps), before, numbers(0, 0)), EVENT) == events
+    found = marked.marks(played(steps), before, numbers(0, 0))
+    assert (rows_of(found, EVENT), rows_of(found, UNFINISHED)) == (events, unfinished)
+
+
+@given(held=st.lists(st.booleans(), min_size=1, max_size=6), steps=st.integers(1, 20))
+@settings(deadline=None)
+def test_validate_knows_the_most_events_that_an_iteration_counts(
+    held: list[bool], steps: int
+) -> None:
+    of_round = np.array(held)
+    counts = []
+    for first in range(len(held)):
+        places = (first + np.arange(steps)) % len(held)
+        begun = np.flatnonzero(begin_events(of_round[places], held[first - 1]))
+        counts.append(int(np.sum(begun + lengths(of_round)[places[begun]] <= steps)))
+    assert most_within(held, steps) == max(counts)
 
 
 def test_a_timeline_begins_anew_with_each_playback(tmp_path: Path) -> None:
@@ -262,7 +283,8 @@ def test_a_timeline_begins_anew_with_each_playback(tmp_path: Path) -> None:
     playback = played(6)
     playback["inputs"] = [1, 2, 1, 2, 1, 2]
     # The last one would go on in the next round, which is not played.
-    assert rows_of(marked.marks(playback, 17, numbers(0, 0)), EVENT) == [0]
+    found = marked.marks(playback, 17, numbers(0, 0))
+    assert (rows_of(found, EVENT), rows_of(found, UNFINISHED)) == ([0], [4])
 
 
 def test_outputs_are_read_segment_by_segment(tmp_path: Path) -> None:
@@ -295,6 +317,7 @@ def test_the_events_of_a_live_graph_are_messages_that_another_monitor_sees(tmp_p
     # What was before the first message is not known, nor what follows the last one.
     found = marked.marks(played(0), 0, whole)
     assert (rows_of(found, EVENT), rows_of(found, MET)) == ([2], [1])
+    assert rows_of(found, UNFINISHED) == [4]
     # Messages that arrived between two segments belong to none.
     heads(tmp_path, [1.0, 0.0, 1.0, 0.0], "seen")
     found = marked.marks(played(0), 0, {"out": np.arange(0), "seen": np.array([7, 8, 9])})

@@ -15,6 +15,7 @@ import pytest
 
 from plans import node_plan
 from r2bspec.cli.main import main
+from r2bspec.errors import UsageError
 from r2bspec.judge.measure.times import percentile
 from r2bspec.language.spec import Objective, QoS
 from r2bspec.plan.plan import ExternalPlan, Plan
@@ -312,3 +313,10 @@ def test_the_verb_shows_and_prints_json(chain_run: Run, capsys: pytest.CaptureFi
     assert p50.split()[:6] == ["60", "Hz", "blur", p50.split()[3], "%", "out.latency.p50"]
     assert main(["predict", plan, str(chain_run.folder), "--format", "json"]) == 0
     assert json.loads(capsys.readouterr().out)["cores"] == 2
+
+
+def test_a_run_of_another_graph_is_refused_before_anything_is_said_of_it(chain_run: Run) -> None:
+    other = changed_process(chain_run, "blur", nodes=(node_plan("other"),))
+    with pytest.raises(UsageError, match="the run is of another graph: it has .*blur") as refused:
+        predict_deployment(chain_run, other)
+    assert "--anatomy" in refused.value.hint

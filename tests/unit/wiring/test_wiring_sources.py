@@ -247,6 +247,9 @@ def test_a_class_with_methods_of_its_own_to_make_topics_is_unknown(tmp_path: Pat
     assert "methods of its own" in found.may_publish_more
 
 
+MAKES_OUT = "rclpy.init()\nnode = rclpy.create_node('n')\nnode.create_publisher(Image, 'out', 5)\n"
+
+
 def program(tmp_path: Path, main: str) -> Any:
     """What is known of ``main`` with this body, in the file of a node in another folder."""
     file = tmp_path / "src/package/nodes.py"
@@ -277,6 +280,17 @@ def program(tmp_path: Path, main: str) -> Any:
             "with rclpy.init(args=args):\n    node = N()\n    executor = MultiThreadedExecutor()\n"
             "    executor.add_node(node)\n    node.get_logger().info('spins')\n    executor.spin()"
         ),
+        f"{MAKES_OUT}rclpy.spin(node)",
+        f"{MAKES_OUT.replace('rclpy.create_node', 'Node')}node.create_timer(1.0, lambda: None)",
+        (
+            "with rclpy.init(args=args):\n    node = rclpy.create_node('n')\n"
+            "    publisher = node.create_publisher(Image, 'out', 5)\n"
+            "    def on_timer():\n        publisher.publish(Image())\n"
+            "        node.get_logger().info('published')\n"
+            "    node.create_timer(1.0, on_timer)\n    executor = MultiThreadedExecutor()\n"
+            "    executor.add_node(node)\n    try:\n        executor.spin()\n"
+            "    finally:\n        node.destroy_node()"
+        ),
     ],
 )
 def test_a_program_has_the_interface_of_the_node_that_it_makes(main: str, tmp_path: Path) -> None:
@@ -296,6 +310,18 @@ def test_a_program_has_the_interface_of_the_node_that_it_makes(main: str, tmp_pa
         "rclpy.init()\nif args:\n    rclpy.spin(N())",
         "rclpy.init()\nrclpy.spin(N(args))",
         "rclpy.init()\nrclpy.spin(Node('other'))",
+        f"{MAKES_OUT}add(node)",
+        f"{MAKES_OUT}timer = helpers.Timer(lambda: add(node))",
+        f"{MAKES_OUT}if args:\n    node.create_publisher(Image, 'out', 1)",
+        f"{MAKES_OUT}for name in args:\n    node.create_publisher(Image, name, 1)",
+        f"{MAKES_OUT}def more():\n    node.create_publisher(Image, 'out', 1)",
+        f"{MAKES_OUT}def more(node):\n    node.create_publisher(Image, 'more', 1)",
+        f"{MAKES_OUT}other = Node('other')\nother.create_publisher(Image, 'more', 1)",
+        f"{MAKES_OUT}rclpy.spin(helpers.other)",
+        f"{MAKES_OUT}node = helpers.other\nrclpy.spin(node)",
+        f"{MAKES_OUT}def change():\n    nonlocal node\n    node = helpers.other",
+        f"{MAKES_OUT}MultiThreadedExecutor().add_node(helpers.other)",
+        f"rclpy.init()\nif args:\n    {MAKES_OUT.splitlines()[1]}",
     ],
 )
 def test_what_a_program_does_besides_is_a_reason_for_more(main: str, tmp_path: Path) -> None:
