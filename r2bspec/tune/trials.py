@@ -24,7 +24,7 @@ from r2bspec.execute.errors import InterruptedRunError, RunError, UnwritableRunE
 from r2bspec.execute.progress import Progress
 from r2bspec.fleet.errors import FleetError, HostRefusesError
 from r2bspec.judge.baseline_comparison import run_value
-from r2bspec.judge.measure.metric_catalogue import resolve
+from r2bspec.judge.measure.metric_catalogue import MetricError, resolve
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.result import Result
@@ -281,7 +281,10 @@ class RealMachine(ABC):
         if not result.verdict.is_judged:
             return Measurement(state="invalid", reason=result.verdict.reason, run=folder.name)
         samples = read_samples(open_run(folder))
-        monitor, info = resolve(self.goal.metric, samples.monitors, samples.subjects)
+        try:
+            monitor, info = resolve(self.goal.metric, samples.monitors, samples.subjects)
+        except MetricError as error:
+            return Measurement(state="refused", reason=f"{self.goal.metric}: {error}")
         at_hz = self.goal.at.hz if self.goal.at is not None else next(iter(samples.iterations))
         margins = margins_of(result.verdict.requirements, plan.objectives)
         worst = max(margins, key=lambda margin: margin.excess, default=None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import datetime
 from collections.abc import Callable
 from functools import cache
@@ -19,7 +20,7 @@ from r2bspec.execute.processes.machine import describe_machine
 from r2bspec.execute.progress import Progress
 from r2bspec.fleet.journal import Journal
 from r2bspec.language.selected_spec import SpecSelection
-from r2bspec.plan.tuning_space import Deployment
+from r2bspec.plan.tuning_space import Deployment, assignment
 from r2bspec.private_files import private_files
 from r2bspec.record.files import FolderTakenError, write_atomically
 from r2bspec.record.run_folder import open_run
@@ -107,6 +108,13 @@ def tune(
         FolderTakenError: the folder has files, and no search is resumed.
         InterruptedRunError: a signal ended a run; the search can be resumed.
     """
+    goal = goal_of(prepared.plan, minimize)
+    declared = prepared.loaded.spec.tune if prepared.loaded and prepared.loaded.spec else None
+    if declared is not None and minimize != declared.minimize:
+        # The space has no deployment without what the goal is of.
+        sets = (*selection.sets, assignment(("tune", "minimize"), minimize))
+        selection = dataclasses.replace(selection, sets=sets)
+        prepared = api.prepare(selection)
     facts = fleet.scheduling if fleet is not None else None
     space = api.tuning_space(prepared, selection, facts=facts)
     if not any(objective.level == "error" for objective in prepared.plan.objectives.values()):
@@ -119,7 +127,6 @@ def tune(
             f"{selection.spec} can be deployed in one way only",
             hint="'r2bspec plan --tune' says what was left out and why.",
         )
-    goal = goal_of(prepared.plan, minimize)
     blank = TuningResult(
         name=prepared.plan.name,
         title=prepared.plan.title,

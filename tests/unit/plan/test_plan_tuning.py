@@ -156,6 +156,7 @@ def test_a_setting_has_an_effect_only_where_its_process_is_there() -> None:
             ["slos={fits: {at: 30 Hz, require: [cpu.small.mean < 50 %]}}"],
             ["separate", "first and second in one container"],
         ),
+        (["tune.minimize=cpu.small.mean"], ["separate", "first and second in one container"]),
         (
             ["graph.nodes.first.env={A: 1}"],
             ["separate", "shared", "small and second in one container"],
@@ -163,7 +164,15 @@ def test_a_setting_has_an_effect_only_where_its_process_is_there() -> None:
         (["graph.nodes.first.nice=5"], ["separate", "small and second in one container"]),
         (["graph.placement=shared"], ["shared", "separate"]),
     ],
-    ids=["kept", "few processes", "process in a requirement", "environment", "setting", "shared"],
+    ids=[
+        "kept",
+        "few processes",
+        "process in a requirement",
+        "in the goal",
+        "environment",
+        "setting",
+        "shared",
+    ],
 )
 def test_nodes_stay_where_the_spec_needs_them(sets: list[str], left: list[str]) -> None:
     space = space_of(CHAIN, *sets)
