@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from r2bspec.plan.tuning_space import Deployment
     from r2bspec.tune.tuning_result import TuningOutcome
 
-PATCH_FILE: Final = "deployment.patch"
-
 EXIT_STATUS: Final[dict[TuningOutcome, ExitStatus]] = {
     "improved": ExitStatus.OK,
     "met today": ExitStatus.OK,
@@ -110,7 +108,7 @@ def command(
     from r2bspec.report.terminal import standard_output
     from r2bspec.tune.fleet_machine import fleet_hosts
     from r2bspec.tune.search import SearchSettings
-    from r2bspec.tune.tuning import require_extra, tune
+    from r2bspec.tune.tuning import PATCH_FILE, require_extra, tune
     from r2bspec.tune.tuning_report import print_tuning
     from r2bspec.tune.tuning_result import to_json
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import datetime
+import os
 from collections.abc import Callable
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
-
-import msgspec
 
 from r2bspec import api
 from r2bspec.diagnostics.quote import quoted_list
@@ -20,12 +19,14 @@ from r2bspec.execute.processes.machine import describe_machine
 from r2bspec.execute.progress import Progress
 from r2bspec.fleet.journal import Journal
 from r2bspec.language.selected_spec import SpecSelection
+from r2bspec.middleware.middleware import selected_rmw
+from r2bspec.plan.canonical_json import plan_hash
 from r2bspec.plan.tuning_space import Deployment, assignment
 from r2bspec.private_files import private_files
 from r2bspec.record.files import FolderTakenError, write_atomically
 from r2bspec.record.run_folder import open_run
 from r2bspec.tune.fleet_machine import FleetHosts, FleetMachine
-from r2bspec.tune.launch_file import launch_files
+from r2bspec.tune.launch_file import LAUNCH_FILE, NODES_FILE, launch_files
 from r2bspec.tune.machine import TuningError, goal_of
 from r2bspec.tune.predict import Predictor
 from r2bspec.tune.search import Forecast, Predict, Search, SearchListener, SearchSettings
@@ -35,6 +36,7 @@ from r2bspec.tune.tuning_result import Trial, TuningResult, read_tuning, write_t
 
 TRIALS_FOLDER: Final = "trials"
 PAGE_FILE: Final = "tuning.html"
+PATCH_FILE: Final = "deployment.patch"
 
 
 class _Follower(SearchListener):
@@ -44,7 +46,22 @@ class _Follower(SearchListener):
         self._folder, self._machine, self._tell = folder, machine, tell
 
     def found(self, result: TuningResult) -> None:
-        """Write the result."""
+        """Write the result.
+
+        Raises:
+            TuningError: the spec has changed since the search began: it is read for each
+                deployment, so this one may be of another graph than those before.
+        """
+        try:
+            now = plan_hash(self._machine.plan_of(Deployment()))
+        except R2bspecError as error:
+            now = str(error)
+        if now != result.plan:
+            raise TuningError(
+                f"{self._machine.selection.spec} has changed while the search was running",
+                hint=f"Undo the change, and go on with --output {self._folder} --resume; or search "
+                "in a new folder.",
+            )
         write_tuning(self._folder, result)
 
     def line(self, text: str) -> None:
@@ -56,12 +73,16 @@ class _Follower(SearchListener):
         if not today.run:
             return None
         unknown: set[str] = set()
-        predictor = Predictor(open_run(self._machine.folder / today.run))
+        try:
+            predictor = Predictor(open_run(self._machine.folder / today.run))
+        except R2bspecError as error:
+            self._tell(f"no predictions: {error}")
+            return None
 
         @cache
         def predict(deployment: Deployment) -> Forecast | None:
             try:
-                found = predictor.predict(self._machine.prepare(deployment).plan)
+                found = predictor.predict(self._machine.plan_of(deployment))
             except R2bspecError:
                 return None
             if found.reason:
@@ -138,19 +159,13 @@ def tune(
         trials=(),
         started_at=datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
         machine=fleet.description if fleet is not None else describe_machine(),
+        plan=plan_hash(prepared.plan),
+        machine_class=fleet.class_text if fleet is not None else _this_class(),
     )
-    trials: tuple[Trial, ...] = ()
+    earlier = None
     if resume:
         earlier = read_tuning(folder)
-        if (earlier.space, earlier.goal) != (space, goal.text):
-            raise UsageError(
-                f"the search in {folder} was for another space or goal",
-                hint="Give the spec and the values that it was started with, or a new --output.",
-            )
-        trials = earlier.trials
-        blank = msgspec.structs.replace(
-            blank, started_at=earlier.started_at, duration_s=earlier.duration_s
-        )
+        _check_same(blank, earlier, folder)
     elif folder.exists() and any(folder.iterdir()):
         raise FolderTakenError(f"{folder} is not empty", hint="Add --resume, or name a new folder.")
     runs = folder / TRIALS_FOLDER
@@ -162,12 +177,54 @@ def tune(
         else:
             journal = opened.enter_context(contextlib.closing(Journal(folder)))
             machine = FleetMachine(selection, runs, goal, fleet, journal, folder, tell)
-        follower = _Follower(folder, machine, tell)
-        result = Search(blank, machine, settings, listener=follower, trials=trials).run()
+        if earlier is not None and _is_ended(earlier, settings):
+            tell("the search has ended: more --trials, --pairs or --budget go on with it")
+            result = earlier
+        else:
+            follower = _Follower(folder, machine, tell)
+            result = Search(blank, machine, settings, listener=follower, earlier=earlier).run()
         if result.is_proved:
             _write_launch_files(folder, machine, result)
+        else:
+            for name in (PATCH_FILE, LAUNCH_FILE, NODES_FILE):
+                (folder / name).unlink(missing_ok=True)
         write_atomically(folder / PAGE_FILE, to_html(result))
     return result
+
+
+def _check_same(now: TuningResult, earlier: TuningResult, folder: Path) -> None:
+    """See that the trials of an earlier call say something of what is searched now.
+
+    Raises:
+        UsageError: they do not.
+    """
+    if (earlier.space, earlier.goal) != (now.space, now.goal):
+        what = "another space or goal"
+    elif earlier.plan != now.plan:
+        what = "another load, graph or objectives: the spec or a file that it names has changed"
+    elif earlier.machine_class != now.machine_class:
+        what = f"another machine: {earlier.machine_class}; this is {now.machine_class}"
+    else:
+        return
+    raise UsageError(
+        f"the search in {folder} was for {what}",
+        hint="Give the spec and the values that it was started with, or a new --output.",
+    )
+
+
+def _is_ended(earlier: TuningResult, settings: SearchSettings) -> bool:
+    """Whether a search has decided, and no limit of it is raised."""
+    limits = (settings.trials, settings.budget_s, settings.pairs)
+    before = (earlier.max_trials, earlier.budget_s, earlier.max_pairs)
+    is_raised = any(limit > old for limit, old in zip(limits, before, strict=True))
+    return earlier.outcome != "incomplete" and not is_raised
+
+
+def _this_class() -> str:
+    """What has to be the same for costs to be comparable."""
+    machine = describe_machine()
+    known = (machine["architecture"], machine["cpu"], f"{machine['cores']} CPUs")
+    return ", ".join(filter(None, (*known, selected_rmw(os.environ))))
 
 
 def require_extra() -> None:

@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 
 from r2bspec.diagnostics.quote import pluralize
 from r2bspec.judge.measure.units import show
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.plan.time_estimate import time_text
 from r2bspec.plan.tuning_space import Lever, Setting, TuningSpace
 from r2bspec.tune.machine import Pairs
@@ -98,11 +99,13 @@ def change_text(gain: Gain) -> str:
 
 
 def interval_text(gain: Gain) -> str:
-    """The interval of a change, with its unit once."""
+    """The interval of a change, with its unit once, and its confidence unless that is 95 %."""
     if gain.lower is None or gain.upper is None:
         return "no interval"
     lower, upper = _percent(gain.lower - 1), _percent(gain.upper - 1)
-    return f"{lower.removesuffix(' %')} to {upper}"
+    sure = gain.confidence
+    at = "" if math.isclose(sure, CONFIDENCE) else f" at {show(sure, 'share', 4)}"
+    return f"{lower.removesuffix(' %')} to {upper}{at}"
 
 
 def _percent(change: float) -> str:

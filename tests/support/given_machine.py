@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from r2bspec.plan.tuning_space import Deployment
-from r2bspec.tune.machine import Measurement, Pairs, Start
+from r2bspec.tune.machine import Measurement, Pairs, Start, Terms
 from r2bspec.tune.tuning_result import Gain, RequirementMargin
 
 
@@ -40,6 +40,7 @@ class GivenMachine:
     starts: list[str] = field(default_factory=list)
     batches: list[Sequence[Start]] = field(default_factory=list)
     compared: list[tuple[set[str], set[str]]] = field(default_factory=list)
+    terms: list[Terms] = field(default_factory=list)
 
     def now(self) -> float:
         return self.seconds
@@ -55,28 +56,48 @@ class GivenMachine:
         del deployment, name
         return "first: callback takes 41 ms of 58 ms in the mean"
 
+    def judge(self, deployment: Deployment, name: str, terms: Terms) -> Pairs:
+        self.terms.append(terms)
+        (seen,) = self.measure([Start(deployment, name)])
+        gain = self._gain(deployment, terms, 0, None, seen.cost)
+        return Pairs(gain=gain, margins=seen.margins, reason=seen.reason)
+
     def compare(
-        self, base: Deployment, head: Deployment, pairs: int, name: str, lever: str = ""
+        self, base: Deployment, head: Deployment, pairs: int, name: str, terms: Terms
     ) -> Pairs:
+        self.terms.append(terms)
         self.compared.append((changed(base), changed(head)))
         before, after = self.measure([Start(base, name), Start(head, name)])
         self.seconds += pairs * 20.0 - 20.0 / self.width
         ratio = after.cost / before.cost if after.cost and before.cost else None
-        gain = Gain(
+        works = before.state == after.state == "played"
+        return Pairs(
+            gain=self._gain(head, terms, pairs, before.cost, after.cost),
+            costs_more=ratio is not None and 0.98 * ratio > 1,
+            margins=after.margins,
+            reason="" if works else "R2B631: a process died",
+            no_ratio="" if ratio is not None else "the metric has no value",
+            base_fails=before.state == "broken",
+        )
+
+    def _gain(
+        self,
+        head: Deployment,
+        terms: Terms,
+        pairs: int,
+        before: float | None,
+        after: float | None,
+    ) -> Gain:
+        ratio = after / before if after and before else None
+        return Gain(
             change=head.text,
-            lever=lever,
+            lever=terms.lever,
             metric="cpu.graph.mean",
             unit="share",
-            before=before.cost,
-            after=after.cost,
+            before=before,
+            after=after,
             ratio=ratio,
             lower=None if ratio is None else 0.98 * ratio,
             upper=None if ratio is None else 1.02 * ratio,
             pairs=pairs,
-        )
-        return Pairs(
-            gain=gain,
-            costs_more=ratio is not None and 0.98 * ratio > 1,
-            margins=after.margins,
-            reason="" if ratio is not None else "R2B631: a process died",
         )

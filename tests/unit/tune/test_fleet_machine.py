@@ -21,7 +21,7 @@ from r2bspec.fleet.hosts import ANY, HostFacts
 from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.plan.tuning_space import Choice, Deployment, Setting
 from r2bspec.tune.fleet_machine import FleetHosts, FleetMachine, hosts_of_one_class
-from r2bspec.tune.machine import Start, TuningError, goal_of
+from r2bspec.tune.machine import Start, Terms, TuningError, goal_of
 from ros_runs import Bench, relay_spec
 
 OTHER = Deployment(
@@ -45,8 +45,10 @@ class GivenFleet(FleetMachine):
 
     error: R2bspecError
     made: list[FleetRun]
+    calls: int = 0
 
     def _made(self, runs: Sequence[FleetRun]) -> list[EndedRun]:
+        self.calls += 1
         self.made = [*runs]
         return [EndedRun(run, "a", self.error) for run in runs]
 
@@ -114,11 +116,33 @@ def test_todays_deployment_is_observed_from_inside_when_it_is_started_again(
 
 def test_pairs_go_to_a_host_as_a_comparison(fleet: GivenFleet) -> None:
     fleet.error = HostLostError("the host a left the fleet")
-    seen = fleet.compare(Deployment(), OTHER, 3, "proof")
+    seen = fleet.compare(Deployment(), OTHER, 3, "proof", Terms(limit_s=60, error_share=0.5))
     assert seen.reason == "R2B688: the host a left the fleet"
     (run,) = fleet.made
     assert run.options == {"compares": True, "force": True, "against": "today's", "pairs": 3}
     assert [side.plan.title for side in run.sides] == ["x", ""]
+    # No pair begins that would not end in time, and half of the error is left.
+    assert {side.plan.gate.time_budget_ns for side in run.sides} == {60 * 10**9}
+    assert run.head.plan.gate.confidence == pytest.approx(0.975)
+
+
+def test_pairs_whose_host_is_lost_are_no_result(fleet: GivenFleet) -> None:
+    fleet.error = HostLostError("the host a left the fleet")
+    terms = Terms(limit_s=1e6)
+    assert fleet.compare(Deployment(), OTHER, 3, "proof", terms).may_retry
+    assert fleet.calls == 2
+    assert fleet.judge(OTHER, "proof", terms).may_retry
+    assert fleet.calls == 4
+    fleet.error = R2bspecError("the base fails: it ended", code="R2B698")
+    seen = fleet.compare(Deployment(), OTHER, 3, "proof", terms)
+    assert (seen.base_fails, seen.may_retry, fleet.calls) == (True, False, 5)
+
+
+def test_a_deployment_alone_is_not_judged_without_the_time_for_it(fleet: GivenFleet) -> None:
+    seen = fleet.judge(OTHER, "proof", Terms(limit_s=0.5))
+    assert seen.may_retry
+    assert "are left" in seen.reason
+    assert fleet.calls == 0
 
 
 def test_hosts_of_several_classes_are_refused_with_a_way_out(fleet: GivenFleet) -> None:
