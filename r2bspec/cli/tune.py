@@ -12,7 +12,7 @@ import click
 from r2bspec.cli import shared_options as options
 from r2bspec.cli.spec_selection import prepare_and_report
 from r2bspec.cli.text_output import locked_host
-from r2bspec.errors import ExitStatus
+from r2bspec.errors import ExitStatus, UsageError
 from r2bspec.language.quantities import Duration
 from r2bspec.language.selected_spec import SelectionValues, SpecSelection
 from r2bspec.report.output import echo
@@ -179,7 +179,16 @@ def _offer_patch(selection: SpecSelection, winner: Deployment, file: Path, *, wr
     from r2bspec.record.files import write_atomically
     from r2bspec.tune.patch import patch_spec
 
-    patch = patch_spec(selection, winner.sets)
+    try:
+        patch = patch_spec(selection, winner.sets)
+    except UsageError as error:
+        # What was found stands; but what is asked for has to be done.
+        file.unlink(missing_ok=True)
+        if write:
+            raise
+        echo(f"no patch: {error}", err=True)
+        echo(f"  help: {error.hint}", err=True)
+        return
     write_atomically(file, patch.diff.encode())
     for note in patch.notes:
         echo(note, err=True)

@@ -100,6 +100,30 @@ def test_an_overlay_is_a_new_file(
     assert "place: separate" in spec.read_text()
 
 
+def test_the_search_has_its_own_status_where_a_patch_cannot_be_made(
+    spec: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def tune(*_: Any, **__: Any) -> Any:
+        spec.unlink()
+        return improved(outcome="improved", winner=SHARED)
+
+    text = spec.read_text()
+    monkeypatch.setattr("r2bspec.tune.tuning.tune", tune)
+    words = ["tune", str(spec), "--quiet", "--output", str(spec.parent)]
+    stale = spec.with_name("deployment.patch")
+    stale.write_text("of an earlier search")
+    assert main(words) == 0
+    out, err = capsys.readouterr()
+    assert "Proof" in out
+    assert "no patch: " in err
+    assert "help: " in err
+    assert not stale.exists()
+    # What is asked for has to be done.
+    spec.write_text(text)
+    assert main([*words, "--write"]) == ExitStatus.USAGE
+    assert "Proof" in capsys.readouterr().out
+
+
 def test_a_search_that_is_interrupted_says_how_it_goes_on(
     spec: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
