@@ -237,7 +237,9 @@ class RealMachine(ABC):
         plan = _by_terms(benchmark.plan, terms)
         nothing = self._no_gain(deployment, plan, terms)
         if (takes_s := _seconds(plan)) > terms.limit_s:
-            left = f"{time_text(takes_s)}, and {time_text(terms.limit_s)} are left"
+            left = (
+                f"{time_text(takes_s)}, and {time_text(terms.limit_s)} are left: give more --budget"
+            )
             return Pairs(gain=nothing, reason=f"its runs take {left}", may_retry=True)
 
         def play(folder: Path) -> Result:

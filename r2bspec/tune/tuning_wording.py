@@ -254,7 +254,9 @@ def facts(result: TuningResult) -> str:
 
 def remarks(result: TuningResult) -> Iterator[tuple[str, Sequence[str]]]:
     """Further sentences by their headings; none that is empty."""
+    alone = requirement_lines(result) if result.proof is None else ()
     for title, sentences in (
+        ("Proof, by its own runs, as today's deployment does not work", alone),
         ("What it changes for others on this machine", result.for_others),
         ("Notes", result.notes),
         ("Not tried, because a model ruled it out", result.predicted),
