@@ -9,7 +9,8 @@ Four stages, in a budget of time that holds:
 3. *Levers*: each lever of the winner is compared with today's setting of it, in interleaved pairs.
    One that gives nothing, and without which the limits hold, is dropped.
 4. *Proof*: what is left is compared with today's deployment in interleaved pairs, each run a new
-   start. The claim is what these pairs say, and none of them was seen before.
+   start. The claim is what these pairs say, and none of them was seen before. Where today's does
+   not work, there is nothing to compare with, and the winner's own runs decide.
 
 So a search that believed noise ends with a claim that is not shown, and not with a wrong one: the
 chance that the first proof shows a gain where there is none is that of the pairs, 5 %
@@ -54,7 +55,6 @@ _REASONS_SHOWN: Final = 100
 
 _RULED_OUT: Final = 50
 """Deployments in a row that a model rules out; the next is tried whatever the model says."""
-
 
 _NOT_ENDED: Final = "The search has not ended."
 
@@ -305,7 +305,9 @@ class Search:
         judged = [trial for trial in self._trials if trial.state != "invalid"]
         if not judged:
             why = self._trials[0].reason
-            return self._keep("incomplete", f"No start could be judged: {why}")
+            return self._keep(
+                "incomplete", f"No start could be judged, so search in a new folder: {why}"
+            )
         if any(trial.state in {"meets", "open"} and trial.cost is None for trial in judged):
             return self._keep(
                 "not shown",

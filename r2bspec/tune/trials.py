@@ -261,15 +261,16 @@ class RealMachine(ABC):
 
     def _twice_if_lost(self, play: Callable[[Path], Result], name: str) -> Result | R2bspecError:
         """A result, or the error that ended it; what ends with a lost host is tried once more."""
-        for again in (True, False):
-            try:
-                return play(unused_folder(self.folder / name))
-            except ENDING:
-                raise
-            except R2bspecError as error:
-                if not (again and isinstance(error, FleetError)):
-                    return error
-        raise AssertionError
+        result = self._ended(play, name)
+        return self._ended(play, name) if isinstance(result, FleetError) else result
+
+    def _ended(self, play: Callable[[Path], Result], name: str) -> Result | R2bspecError:
+        try:
+            return play(unused_folder(self.folder / name))
+        except ENDING:
+            raise
+        except R2bspecError as error:
+            return error
 
     def _no_gain(self, head: Deployment, plan: Plan, terms: Terms) -> Gain:
         return Gain(

@@ -139,8 +139,9 @@ class TuningResult(msgspec.Struct, frozen=True, kw_only=True):
         reason: the outcome in one sentence.
         winner: the deployment that is proposed, without the levers that give nothing; None if
             there is none.
-        proof: of the winner against today's deployment; None if it was not played.
-        requirements: of the winner, as the pairs of the proof judge them.
+        proof: of the winner against today's deployment; None if that was not played.
+        requirements: of the winner, as the pairs of the proof judge them, or its own runs where
+            today's deployment does not work.
         levers: what each lever of the winner gives: the winner against itself without the lever.
         dropped: levers of the search's best deployment that give nothing, with the gain measured.
         unproven: what the search saw as the winner's cost; to be compared with the proof.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -22,7 +23,9 @@ from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.plan.tuning_space import Choice, Deployment, Setting
 from r2bspec.tune.fleet_machine import FleetHosts, FleetMachine, hosts_of_one_class
 from r2bspec.tune.machine import Start, Terms, TuningError, goal_of
+from r2bspec.tune.trials import Playing
 from ros_runs import Bench, relay_spec
+from run_simulation import Simulation
 
 OTHER = Deployment(
     (Choice(lever="graph.placement", place=1, setting=Setting(text="x", sets=("title=x",))),)
@@ -103,6 +106,16 @@ def test_what_a_host_refuses_is_a_result_unless_it_is_the_spec_itself(fleet: Giv
     fleet.error = RunError("service type a/srv/B is not installed", code="R2B681")
     with pytest.raises(TuningError, match="refused as it is: R2B681: service type"):
         fleet.measure([Start(Deployment(), "1")])
+
+
+def test_a_deployment_without_what_is_minimized_is_refused(fleet: GivenFleet) -> None:
+    """Its run has no such process."""
+    run = Simulation().write(fleet.folder / "1")
+    fleet.goal = msgspec.structs.replace(fleet.goal, metric="cpu.gone.mean")
+    judged: Any = SimpleNamespace(verdict=SimpleNamespace(is_judged=True))
+    seen = fleet._measured(Playing(fleet.prepare(OTHER), run.folder), judged)
+    assert seen.state == "refused"
+    assert seen.reason.startswith("cpu.gone.mean: ")
 
 
 def test_todays_deployment_is_observed_from_inside_when_it_is_started_again(

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 pytest.importorskip("optuna")
 
-from given_machine import GivenMachine, changed, played
+from given_machine import GivenMachine, NoGain, changed, played
 from r2bspec import api
 from r2bspec.errors import UsageError
 from r2bspec.execute.processes.machine import describe_machine
@@ -19,7 +19,7 @@ from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.plan.tuning_space import Deployment
 from r2bspec.tune import tuning
 from r2bspec.tune.launch_file import LAUNCH_FILE, NODES_FILE
-from r2bspec.tune.machine import Measurement, Pairs, Start, Terms, TuningError, goal_of
+from r2bspec.tune.machine import Measurement, Pairs, Start, TuningError, goal_of
 from r2bspec.tune.search import SearchSettings
 from r2bspec.tune.trials import ThisMachine
 from r2bspec.tune.tuning_result import TUNING_FILE, TuningResult, read_tuning
@@ -44,16 +44,6 @@ class FolderMachine(ThisMachine):
 
     def compare(self, *args: Any, **options: Any) -> Pairs:
         return self.given.compare(*args, **options)
-
-
-class NoGain(GivenMachine):
-    """A machine whose pairs show that nothing costs less than anything else."""
-
-    def compare(
-        self, base: Deployment, head: Deployment, pairs: int, name: str, terms: Terms
-    ) -> Pairs:
-        del head
-        return super().compare(base, base, pairs, name, terms)
 
 
 class Searches:
