@@ -198,12 +198,13 @@ def _check_same(now: TuningResult, earlier: TuningResult, folder: Path) -> None:
     Raises:
         UsageError: they do not.
     """
-    if (earlier.space, earlier.goal) != (now.space, now.goal):
-        what = "another space or goal"
+    # Another machine, and another graph, have another space, too.
+    if earlier.machine_class != now.machine_class:
+        what = f"another machine: {earlier.machine_class}; this is {now.machine_class}"
     elif earlier.plan != now.plan:
         what = "another load, graph or objectives: the spec or a file that it names has changed"
-    elif earlier.machine_class != now.machine_class:
-        what = f"another machine: {earlier.machine_class}; this is {now.machine_class}"
+    elif (earlier.space, earlier.goal) != (now.space, now.goal):
+        what = "another space or goal"
     else:
         return
     raise UsageError(

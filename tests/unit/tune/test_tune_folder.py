@@ -158,6 +158,8 @@ def test_trials_of_another_spec_are_not_gone_on_with(searches: Searches, change:
     with pytest.raises(UsageError, match="was for another load, graph or objectives") as refused:
         searches.run(cheaper, resume=True, sets=CHANGES[change])
     assert "--output" in refused.value.hint
+    with pytest.raises(UsageError, match="was for another space or goal"):
+        searches.run(cheaper, resume=True, minimize="memory.graph.max")
     # A comment is no change.
     searches.spec.write_text(f"# today's\n{searches.spec.read_text()}")
     assert searches.run(cheaper, resume=True).is_proved
