@@ -85,6 +85,9 @@ def patch_spec(selection: SpecSelection, sets: Sequence[str]) -> Patch:
         if any(paths_overlap(assigned_path(each), path) for path in paths)
     ]
     beside = [each for each in selection.sets if each not in inside]
+    around = [
+        each for each in inside if not any(_is_in(assigned_path(each), path) for path in paths)
+    ]
     outside = LoadOptions(
         file=str(spec),
         sets=beside,
@@ -100,7 +103,7 @@ def patch_spec(selection: SpecSelection, sets: Sequence[str]) -> Patch:
             f"{spec} is not valid with {', '.join(sets)}: {wrong.message}",
             hint="'r2bspec validate' with the same --set values shows every finding.",
         )
-    shared = (*_shared_by_cases(wanted.cases), *_given(inside, beside, selection.variables or {}))
+    shared = (*_shared_by_cases(wanted.cases), *_given(around, beside, selection.variables or {}))
     after = _edited_until(before, wanted, outside)
     if after is not None:
         return Patch(file=spec, before=before, after=after, notes=shared)
@@ -130,16 +133,20 @@ def _shared_by_cases(cases: Sequence[LoadedSpec]) -> tuple[str, ...]:
     return (f"the change applies to all {len(cases)} cases of the matrix",) * (len(cases) > 1)
 
 
+def _is_in(path: KeyPath, other: KeyPath) -> bool:
+    return path[: len(other)] == other
+
+
 def _given(
-    inside: Sequence[str], beside: Sequence[str], variables: Mapping[str, object]
+    around: Sequence[str], beside: Sequence[str], variables: Mapping[str, object]
 ) -> Iterator[str]:
     """What the search was given on the command line: what of it the change has, and what not."""
     words = [f"--set {shlex.quote(each)}" for each in beside]
     words += [f"--var {shlex.quote(f'{name}={value}')}" for name, value in variables.items()]
     if words:
         yield f"proved with {' '.join(words)}, which the change does not have"
-    if inside:
-        yield f"the change has {' '.join(f'--set {shlex.quote(each)}' for each in inside)}, too"
+    if around:
+        yield f"the change has {' '.join(f'--set {shlex.quote(each)}' for each in around)}, too"
 
 
 class _Reading(msgspec.Struct, frozen=True):
