@@ -115,7 +115,8 @@ class _Space:
         return [
             name
             for name in self._spec.tune.values
-            if any(path and paths_overlap(path, parse_path(name)) for path in paths)
+            # What is no path is an error of its own.
+            if (own := parse_path(name)) and any(paths_overlap(path, own) for path in paths)
         ]
 
     def _not_asked(self) -> Iterator[str]:

@@ -53,7 +53,7 @@ _PROOF_SHARE: Final = 0.5
 
 _REASONS_SHOWN: Final = 100
 
-_RULED_OUT: Final = 50
+_RULED_OUT: Final = 20
 """Deployments in a row that a model rules out; the next is tried whatever the model says."""
 
 _NOT_ENDED: Final = "The search has not ended."
