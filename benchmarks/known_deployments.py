@@ -17,7 +17,7 @@ from pathlib import Path
 
 from r2bspec import api
 from r2bspec.language.selected_spec import SpecSelection
-from r2bspec.tune.machine import goal_of
+from r2bspec.tune.machine import Terms, goal_of
 from r2bspec.tune.run_search import tune
 from r2bspec.tune.search import SearchSettings
 from r2bspec.tune.trials import RealMachine, ThisHost
@@ -77,7 +77,8 @@ def _row(graph: TunableGraph, folder: Path, settings: SearchSettings) -> list[st
     if result.is_proved and result.winner is not None:
         goal = goal_of(prepared.plan, "cpu.graph.mean")
         machine = RealMachine(selection, folder, goal, ThisHost())
-        seen = machine.compare(result.space.today(), result.winner, settings.pairs, "again")
+        terms = Terms(limit_s=settings.budget_s)
+        seen = machine.compare(result.space.today(), result.winner, settings.pairs, "again", terms)
         again = f"{claim_text(seen.gain)}; {'meets' if seen.head_meets else 'not shown to meet'}"
     return [
         graph.name,

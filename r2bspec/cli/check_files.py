@@ -294,7 +294,7 @@ def read_text(file: str) -> str | None:
 
 
 def write_text(file: str, text: str) -> None:
-    """Replace a file's content atomically; a link and the mode are kept.
+    """Replace a file's content atomically, or make the file; a link and the mode are kept.
 
     Raises:
         UsageError: it cannot be written, or is a link to a file in another folder, which may be
@@ -310,12 +310,14 @@ def write_text(file: str, text: str) -> None:
             )
     temporary = path.with_name(f".{path.name}.{os.urandom(4).hex()}.tmp")
     try:
-        mode = path.stat().st_mode
+        # A new file has what the umask leaves of 0666, as the temporary one has.
+        mode = path.stat().st_mode if path.exists() else None
         with temporary.open("xb") as stream:
             stream.write(text.encode("utf-8"))
             stream.flush()
             os.fsync(stream.fileno())
-        temporary.chmod(mode & 0o7777)
+        if mode is not None:
+            temporary.chmod(mode & 0o7777)
         temporary.replace(path)
     except OSError as error:
         raise UsageError(

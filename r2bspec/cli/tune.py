@@ -12,7 +12,7 @@ import click
 from r2bspec.cli import shared_options as options
 from r2bspec.cli.spec_selection import prepare_and_report
 from r2bspec.cli.text_output import locked_host
-from r2bspec.errors import ExitStatus
+from r2bspec.errors import ExitStatus, UsageError
 from r2bspec.language.quantities import Duration
 from r2bspec.language.selected_spec import SelectionValues, SpecSelection
 from r2bspec.report.output import echo
@@ -20,8 +20,6 @@ from r2bspec.report.output import echo
 if TYPE_CHECKING:
     from r2bspec.plan.tuning_space import Deployment
     from r2bspec.tune.tuning_result import TuningOutcome
-
-PATCH_FILE: Final = "deployment.patch"
 
 EXIT_STATUS: Final[dict[TuningOutcome, ExitStatus]] = {
     "improved": ExitStatus.OK,
@@ -109,7 +107,7 @@ def command(
     from r2bspec.fleet.uniform_hosts import uniform_hosts
     from r2bspec.report.progress import shown_progress
     from r2bspec.report.terminal import standard_output
-    from r2bspec.tune.run_search import require_extra, tune
+    from r2bspec.tune.run_search import PATCH_FILE, require_extra, tune
     from r2bspec.tune.search import SearchSettings
     from r2bspec.tune.trials import Player, ThisHost
     from r2bspec.tune.tuning_report import print_tuning
@@ -182,7 +180,16 @@ def _offer_patch(selection: SpecSelection, winner: Deployment, file: Path, *, wr
     from r2bspec.record.files import write_atomically
     from r2bspec.tune.patch import patch_spec
 
-    patch = patch_spec(selection, winner.sets)
+    try:
+        patch = patch_spec(selection, winner.sets)
+    except UsageError as error:
+        # What was found stands; but what is asked for has to be done.
+        file.unlink(missing_ok=True)
+        if write:
+            raise
+        echo(f"no patch: {error}", err=True)
+        echo(f"  help: {error.hint}", err=True)
+        return
     write_atomically(file, patch.diff.encode())
     for note in patch.notes:
         echo(note, err=True)

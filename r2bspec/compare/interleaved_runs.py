@@ -179,7 +179,7 @@ class _PairRunner:
                 disturbed.append(pair)
             if self._is_decided(place, confirms=confirms):
                 break
-            if not confirms and self._over_budget(place):
+            if not confirms and place < self._planned and self._over_budget(place):
                 break
         self._write_record("")
         return self._play_affected_again(disturbed, confirms=confirms)
@@ -208,7 +208,7 @@ class _PairRunner:
         verdict, may_change = self._judge(confirms=confirms)
         affected_reruns = 0
         for pair in disturbed:
-            if not may_change:
+            if not may_change or self._over_budget(len(self._pairs)):
                 break
             if affected_reruns == _MAX_AFFECTED_RERUNS:
                 self._note(
@@ -312,7 +312,7 @@ class _PairRunner:
     def _over_budget(self, played: int) -> bool:
         """Whether one more pair would exceed the time budget of the spec."""
         budget_ns = self._comparison.head.plan.gate.time_budget_ns
-        if not budget_ns or played == self._comparison.pairs:
+        if not budget_ns:
             return False
         spent_s = time.monotonic() - self._began_s
         if spent_s * (played + 1) / played <= budget_ns / 1e9:

@@ -115,6 +115,11 @@ class UniformHosts:
         return SchedulingFacts(cpus=tuple(range(self.facts.cores)))
 
     @property
+    def class_text(self) -> str:
+        """What they have in common."""
+        return _class_text(self.facts)
+
+    @property
     def description(self) -> dict[str, object]:
         """What a result says of the machine."""
         return {"cpu": self.facts.cpu, "cores": self.facts.cores, "hosts": list(self.names)}

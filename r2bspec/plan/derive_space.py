@@ -18,7 +18,7 @@ from r2bspec.diagnostics.quote import quoted_list
 from r2bspec.language.quantities import Size
 from r2bspec.language.spec import Container, QoS, Spec, StartedProcess
 from r2bspec.language.spec_graph import PROCESS_KEYS
-from r2bspec.language.variables import parse_path
+from r2bspec.language.variables import assigned_path, parse_path, paths_overlap
 from r2bspec.plan.placements import Placement, find_placements, typical_bytes
 from r2bspec.plan.plan import ProcessPlan
 from r2bspec.plan.process_levers import ON_REQUEST, ProcessLevers, TunedProcess
@@ -74,10 +74,16 @@ class _Space:
             by_containers=self._varies("containers"),
         )
         self._left_out += left_out
-        levers = [Lever(name=PLACEMENT, settings=tuple(each.setting for each in placements))]
+        placement = Lever(name=PLACEMENT, settings=tuple(each.setting for each in placements))
+        movers = self._overlapping(placement)
+        if movers:
+            # The processes of other placements than today's are not known: own values make them.
+            placements = placements[:1]
+        levers = [placement]
         processes = self._processes(placements)
+        today_only = dict.fromkeys(movers, (0,))
         for process in self._busiest(processes):
-            only_with = _only_with(process.places, placements)
+            only_with = _only_with(process.places, placements) | today_only
             levers += [
                 msgspec.structs.replace(lever, only_with=only_with)
                 for lever in self._of_process.levers(process)
@@ -86,17 +92,32 @@ class _Space:
         levers += self._qos()
         levers += self._transport()
         own = list(self._own(processes, placements))
-        replaced = {lever.name for lever in own}
+        levers = [lever for lever in levers if not self._overlapping(lever)]
+        varied = [lever for lever in (*levers, *own) if len(lever.settings) > 1]
+        names = {lever.name for lever in varied}
         return TuningSpace(
             levers=tuple(
-                lever
-                for lever in [*(each for each in levers if each.name not in replaced), *own]
-                if len(lever.settings) > 1
+                msgspec.structs.replace(
+                    lever,
+                    only_with={name: at for name, at in lever.only_with.items() if name in names},
+                )
+                for lever in varied
             ),
             left_out=tuple(
                 dict.fromkeys((*self._left_out, *self._of_process.left_out, *self._not_asked()))
             ),
         )
+
+    def _overlapping(self, lever: Lever) -> list[str]:
+        """The keys of `tune.values` that set what a lever sets, a part of it, or more than it."""
+        paths = [parse_path(lever.name)]
+        paths += [assigned_path(each) for setting in lever.settings for each in setting.sets]
+        return [
+            name
+            for name in self._spec.tune.values
+            # What is no path is an error of its own.
+            if (own := parse_path(name)) and any(paths_overlap(path, own) for path in paths)
+        ]
 
     def _not_asked(self) -> Iterator[str]:
         for group, why in ON_REQUEST.items() if not self._spec.tune.levers else ():

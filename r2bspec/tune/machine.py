@@ -73,7 +73,7 @@ def goal_of(plan: Plan, metric: str) -> Goal:
         if objective.level == "error" and objective.at is not None and objective.at.hz in played
     }
     if not rates:
-        rates = {Rate.parse(f"{hz:g} Hz") for hz in played}
+        rates = {Rate(hz) for hz in played}
     if not rates:
         raise TuningError(
             "no rate is played at which deployments could be compared",
@@ -153,13 +153,19 @@ class Pairs(msgspec.Struct, frozen=True, kw_only=True):
         gain: of the head against the base.
         costs_more: whether they show that the head costs more.
         margins: of the requirements that the head's runs were judged by.
-        reason: why nothing is known; otherwise empty.
+        reason: why nothing was judged; otherwise empty.
+        no_ratio: why the gain alone has no value; otherwise empty.
+        base_fails: whether nothing was judged because the base does not work.
+        may_retry: whether nothing was judged by no fault of either: a host was lost, or the time.
     """
 
     gain: Gain
     costs_more: bool = False
     margins: tuple[RequirementMargin, ...] = ()
     reason: str = ""
+    no_ratio: str = ""
+    base_fails: bool = False
+    may_retry: bool = False
 
     @property
     def head_meets(self) -> bool:
@@ -170,6 +176,20 @@ class Pairs(msgspec.Struct, frozen=True, kw_only=True):
     def head_fails(self) -> bool:
         """Whether they show that it breaks one."""
         return any(margin.outcome == "fail" for margin in self.margins)
+
+
+class Terms(msgspec.Struct, frozen=True, kw_only=True):
+    """How a comparison is made.
+
+    Attributes:
+        limit_s: no further pair begins that would end later.
+        error_share: of the chance of a wrong verdict that the spec permits.
+        lever: the one in which the two sides differ; empty where they differ in several.
+    """
+
+    limit_s: float
+    error_share: float = 1.0
+    lever: str = ""
 
 
 class Start(NamedTuple):
@@ -202,7 +222,7 @@ class Machine(Protocol):
         """Start a deployment once, and say what takes most of its latency; empty if unknown."""
 
     def compare(
-        self, base: Deployment, head: Deployment, pairs: int, name: str, lever: str = ""
+        self, base: Deployment, head: Deployment, pairs: int, name: str, terms: Terms
     ) -> Pairs:
         """Play two deployments in interleaved pairs of starts, at most so many.
 
@@ -211,5 +231,8 @@ class Machine(Protocol):
             head: to be judged.
             pairs: the most that are played; fewer where they decide.
             name: of the folder.
-            lever: the one in which the two differ; empty where they differ in several.
+            terms: of the comparison.
         """
+
+    def judge(self, deployment: Deployment, name: str, terms: Terms) -> Pairs:
+        """Play a deployment alone, as often as its spec says, where there is nothing to compare."""

@@ -14,7 +14,8 @@ but ``extends``.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -27,6 +28,7 @@ from r2bspec.errors import UsageError
 from r2bspec.language.load_spec import LoadedSpec, load_cases, open_document
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, UnknownNode
 from r2bspec.language.selected_spec import LoadOptions, SpecSelection
+from r2bspec.language.variables import assigned_path, paths_overlap
 from r2bspec.safe_io import safe_file
 from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
 from r2bspec.tune.yaml_edit import scalar_text, with_value
@@ -75,9 +77,20 @@ def patch_spec(selection: SpecSelection, sets: Sequence[str]) -> Patch:
             f"{spec} cannot be changed: it is a link elsewhere, or not readable",
             hint="Name the file itself, or give the values with --set.",
         )
+    # What the deployment sets anew the file has to say itself.
+    paths = [assigned_path(each) for each in sets]
+    inside = [
+        each
+        for each in selection.sets
+        if any(paths_overlap(assigned_path(each), path) for path in paths)
+    ]
+    beside = [each for each in selection.sets if each not in inside]
+    around = [
+        each for each in inside if not any(_is_in(assigned_path(each), path) for path in paths)
+    ]
     outside = LoadOptions(
         file=str(spec),
-        sets=selection.sets,
+        sets=beside,
         variables=selection.variables,
         allow_paths=selection.allow_paths,
         untrusted=selection.untrusted,
@@ -90,7 +103,7 @@ def patch_spec(selection: SpecSelection, sets: Sequence[str]) -> Patch:
             f"{spec} is not valid with {', '.join(sets)}: {wrong.message}",
             hint="'r2bspec validate' with the same --set values shows every finding.",
         )
-    shared = _shared_by_cases(wanted.cases)
+    shared = (*_shared_by_cases(wanted.cases), *_given(around, beside, selection.variables or {}))
     after = _edited_until(before, wanted, outside)
     if after is not None:
         return Patch(file=spec, before=before, after=after, notes=shared)
@@ -118,6 +131,22 @@ def _read(file: Path) -> str | None:
 
 def _shared_by_cases(cases: Sequence[LoadedSpec]) -> tuple[str, ...]:
     return (f"the change applies to all {len(cases)} cases of the matrix",) * (len(cases) > 1)
+
+
+def _is_in(path: KeyPath, other: KeyPath) -> bool:
+    return path[: len(other)] == other
+
+
+def _given(
+    around: Sequence[str], beside: Sequence[str], variables: Mapping[str, object]
+) -> Iterator[str]:
+    """What the search was given on the command line: what of it the change has, and what not."""
+    words = [f"--set {shlex.quote(each)}" for each in beside]
+    words += [f"--var {shlex.quote(f'{name}={value}')}" for name, value in variables.items()]
+    if words:
+        yield f"proved with {' '.join(words)}, which the change does not have"
+    if around:
+        yield f"the change has {' '.join(f'--set {shlex.quote(each)}' for each in around)}, too"
 
 
 class _Reading(msgspec.Struct, frozen=True):

@@ -227,6 +227,16 @@ class Predictor:
                 )
                 for (monitor, name), values in found.values.items()
             ]
+            latencies += [
+                LatencyPrediction(
+                    monitor=monitor,
+                    metric=f"latency.{name}",
+                    rate_hz=rate_hz,
+                    estimate=Estimate(reason="what has a pace of its own has no latency"),
+                )
+                for monitor in sorted(_paced(plan))
+                for name in PERCENTILES
+            ]
         return Prediction(
             name=plan.name,
             cores=cores,
@@ -248,6 +258,10 @@ class Predictor:
         Raises:
             NotKnownError: the model does not reproduce the run.
         """
+        if len(_paced(run.plan)) == len(run.plan.monitors):
+            raise NotKnownError(
+                "every monitor has a pace of its own, so no latency checks the model"
+            )
         samples = read_samples(run)
         models = self._models(run.plan, self._cores)
         used = {segment.name for segment in self._segments}
@@ -297,6 +311,8 @@ class Predictor:
                 reason=f"the graph does not keep up: its peak is below {peak.high:.3g} Hz"
             )
         if rate_hz > min(_NEAR_PEAK * (peak.value or math.inf), peak.low or math.inf):
+            if peak.high is None:
+                return Estimate(reason=f"the peak is not known: {peak.reason}")
             reason = f"it is near the peak, {show(peak.low, 'Hz')} … {show(peak.high, 'Hz')}"
             return Estimate(reason=reason)
         if found.load > _SATURATED:
@@ -324,8 +340,9 @@ class Predictor:
         answering = {
             monitor.name
             for monitor in plan.monitors
-            if monitor.ratio_inputs == monitor.ratio_outputs and monitor.match != "own_pace"
+            if monitor.ratio_inputs == monitor.ratio_outputs
         }
+        paced = _paced(plan)
         values: dict[tuple[str, str], list[float]] = {}
         busy: list[tuple[float, ...]] = []
         processes: tuple[str, ...] = ()
@@ -338,6 +355,8 @@ class Predictor:
             busy.append(seen.busy)
             processes = tuple(executor.process for executor in model.executors)
             for monitor, latency in seen.latency_s.items():
+                if monitor in paced:
+                    continue
                 came = latency[~np.isnan(latency)]
                 lost = steps - came.size if monitor in answering else 0
                 for name in PERCENTILES:
@@ -373,6 +392,9 @@ class Predictor:
             factor = 1.15  # others are not far from it
         # All of them are possible: no deployment is to be ruled out by the mean of some.
         low, high = min(found) / (1 + _PEAK_ERROR), max(found) * (1 + _PEAK_ERROR)
+        if max(found) >= _FASTEST_HZ:
+            reason = f"it is above {show(low, 'Hz')}, and rates above that are not simulated"
+            return Estimate(low=low, reason=reason)
         return Estimate(value=float(np.median(found)), low=low, high=high)
 
 
@@ -422,6 +444,11 @@ def _check_rates(segments: Sequence[ObservedSegment]) -> None:
                 f"the callbacks of {node} take {_ms(means[least])} at {least:g} Hz and "
                 f"{_ms(means[most])} at {most:g} Hz: what they take at other rates is not known"
             )
+
+
+def _paced(plan: Plan) -> set[str]:
+    """The monitors of what has a pace of its own: no message of it answers a step."""
+    return {monitor.name for monitor in plan.monitors if monitor.match == "own_pace"}
 
 
 def _steps(plan: Plan, rate_hz: float) -> int:

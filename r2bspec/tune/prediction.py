@@ -22,6 +22,7 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         value: None if it is not known; infinity if messages would be lost without end.
+        low: known without the others where all that is known is that it is above.
         reason: why it is not known; else empty.
     """
 
@@ -171,11 +172,12 @@ def _at_rate(
 
 def _compared(required: Requirement, estimate: Estimate, unit: str) -> tuple[Answer, str]:
     bound = required.bound
-    if estimate.low is None or estimate.high is None:
+    if estimate.low is None:
         return "not known", estimate.reason
     if bound is None or bound.of_offered or bound.of_baseline:
         return "not known", "its limit is relative to what is measured"
-    met = {required.is_met(value, bound.value) for value in (estimate.low, estimate.high)}
+    high = math.inf if estimate.high is None else estimate.high
+    met = {required.is_met(value, bound.value) for value in (estimate.low, high)}
     if required.op in {"==", "!="} or len(met) > 1:
         return "not known", _range(estimate, unit)
     return ("would hold" if met == {True} else "would not"), _range(estimate, unit)
@@ -183,6 +185,6 @@ def _compared(required: Requirement, estimate: Estimate, unit: str) -> tuple[Ans
 
 def _range(estimate: Estimate, unit: str) -> str:
     """The interval; why it is not known where it is not."""
-    if estimate.low is None:
+    if estimate.low is None or estimate.high is None:
         return estimate.reason
     return f"{show(estimate.low, unit)} … {show(estimate.high, unit)}"

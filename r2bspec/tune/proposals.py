@@ -83,11 +83,13 @@ class Proposals:
             deployment = self._first.pop(0)
             if self._is_new(deployment):
                 return self._ask_for(deployment)
-        if len(self._told) + len(self._skipped) >= self._space.size:
+        if len(self._known) >= self._space.size:
             return None
         self._turns += 1
         if self._turns % 2 and (expected := self._expected_best()) is not None:
             return self._ask_for(expected)
+        from optuna.trial import TrialState
+
         for _ in range(_ASKED_AGAIN):
             trial = self._study.ask(fixed_distributions=self._distributions)
             deployment = self._space.deployment(trial.params)
@@ -95,7 +97,10 @@ class Proposals:
                 self._asked[deployment] = trial
                 return deployment
             # So that the estimator does not propose it for ever.
-            self._end(trial, *self._told.get(deployment, (self._broken_cost, MAX_EXCESS)))
+            if deployment in self._asked:
+                self._study.tell(trial, state=TrialState.FAIL)
+            else:
+                self._end(trial, *self._told.get(deployment, (self._broken_cost, MAX_EXCESS)))
         return self._by_chance()
 
     def skip(self, deployment: Deployment) -> None:
@@ -121,8 +126,14 @@ class Proposals:
         self._told[deployment] = cost, excess
         self._end(trial, cost, excess)
 
+    @property
+    def _known(self) -> set[Deployment]:
+        """The deployments that were tried, are being tried, or are not to be."""
+        return {*self._told, *self._asked, *self._skipped}
+
     def _is_new(self, deployment: Deployment) -> bool:
-        return deployment not in self._told and deployment not in self._skipped
+        known = (self._told, self._asked, self._skipped)
+        return not any(deployment in each for each in known)
 
     @property
     def _broken_cost(self) -> float:
@@ -144,8 +155,7 @@ class Proposals:
             for deployment, result in self._told.items()
             if result[1] < MAX_EXCESS
         }
-        known = self._told.keys() | self._skipped
-        return expected_best(self._space, worked, known, self._chance)
+        return expected_best(self._space, worked, self._known, self._chance)
 
     def _by_chance(self) -> Deployment | None:
         for _ in range(_ASKED_AGAIN):

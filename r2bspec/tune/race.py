@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Final
 
 from r2bspec.judge.measure.units import show
@@ -76,7 +77,10 @@ def finalists_of(trials: Sequence[Trial], most: int) -> list[Finalist]:
     """The trials that keep the limits, or nearly: those that keep them first, then the cheapest."""
     near = [trial for trial in trials if trial.cost is not None and trial.excess < _NEAR_LIMIT]
     near.sort(key=lambda trial: (trial.excess > 0, trial.cost))
-    return [Finalist(trial) for trial in near[:most]]
+    different: dict[Deployment, Trial] = {}
+    for trial in near:
+        different.setdefault(trial.deployment, trial)
+    return [Finalist(trial) for trial in islice(different.values(), most)]
 
 
 def is_worse(finalist: Finalist, best: Finalist) -> bool:

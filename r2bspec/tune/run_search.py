@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 from collections.abc import Callable
 from functools import cache
@@ -9,17 +10,16 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
-import msgspec
-
 from r2bspec import api
 from r2bspec.diagnostics.quote import quoted_list
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.language.selected_spec import SpecSelection
-from r2bspec.plan.tuning_space import Deployment
+from r2bspec.plan.canonical_json import plan_hash
+from r2bspec.plan.tuning_space import Deployment, assignment
 from r2bspec.record.files import FolderTakenError, write_atomically
 from r2bspec.record.run_folder import open_run
 from r2bspec.safe_io.private_files import private_files
-from r2bspec.tune.launch_file import launch_files
+from r2bspec.tune.launch_file import LAUNCH_FILE, NODES_FILE, launch_files
 from r2bspec.tune.machine import TuningError, goal_of
 from r2bspec.tune.predict import Predictor
 from r2bspec.tune.search import Forecast, Predict, Search, SearchListener, SearchSettings
@@ -29,6 +29,7 @@ from r2bspec.tune.tuning_result import Trial, TuningResult, read_tuning, write_t
 
 TRIALS_FOLDER: Final = "trials"
 PAGE_FILE: Final = "tuning.html"
+PATCH_FILE: Final = "deployment.patch"
 
 
 class _Follower(SearchListener):
@@ -38,7 +39,22 @@ class _Follower(SearchListener):
         self._folder, self._machine, self._tell = folder, machine, tell
 
     def found(self, result: TuningResult) -> None:
-        """Write the result."""
+        """Write the result.
+
+        Raises:
+            TuningError: the spec has changed since the search began: it is read for each
+                deployment, so this one may be of another graph than those before.
+        """
+        try:
+            now = plan_hash(self._machine.plan_of(Deployment()))
+        except R2bspecError as error:
+            now = str(error)
+        if now != result.plan:
+            raise TuningError(
+                f"{self._machine.selection.spec} has changed while the search was running",
+                hint=f"Undo the change, and go on with --output {self._folder} --resume; or search "
+                "in a new folder.",
+            )
         write_tuning(self._folder, result)
 
     def line(self, text: str) -> None:
@@ -50,12 +66,16 @@ class _Follower(SearchListener):
         if not today.run:
             return None
         unknown: set[str] = set()
-        predictor = Predictor(open_run(self._machine.folder / today.run))
+        try:
+            predictor = Predictor(open_run(self._machine.folder / today.run))
+        except R2bspecError as error:
+            self._tell(f"no predictions: {error}")
+            return None
 
         @cache
         def predict(deployment: Deployment) -> Forecast | None:
             try:
-                found = predictor.predict(self._machine.prepare(deployment).plan)
+                found = predictor.predict(self._machine.plan_of(deployment))
             except R2bspecError:
                 return None
             if found.reason:
@@ -100,6 +120,13 @@ def tune(
         FolderTakenError: the folder has files, and no search is resumed.
         InterruptedRunError: a signal ended a run; the search can be resumed.
     """
+    goal = goal_of(prepared.plan, minimize)
+    declared = prepared.loaded.spec.tune if prepared.loaded and prepared.loaded.spec else None
+    if declared is not None and minimize != declared.minimize:
+        # The space has no deployment without what the goal is of.
+        sets = (*selection.sets, assignment(("tune", "minimize"), minimize))
+        selection = dataclasses.replace(selection, sets=sets)
+        prepared = api.prepare(selection)
     space = api.tuning_space(prepared, selection, facts=player.scheduling)
     if not any(objective.level == "error" for objective in prepared.plan.objectives.values()):
         raise TuningError(
@@ -111,7 +138,6 @@ def tune(
             f"{selection.spec} can be deployed in one way only",
             hint="'r2bspec plan --tune' says what was left out and why.",
         )
-    goal = goal_of(prepared.plan, minimize)
     blank = TuningResult(
         name=prepared.plan.name,
         title=prepared.plan.title,
@@ -123,32 +149,62 @@ def tune(
         trials=(),
         started_at=datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
         machine=dict(player.description),
+        plan=plan_hash(prepared.plan),
+        machine_class=player.class_text,
     )
-    trials: tuple[Trial, ...] = ()
+    earlier = None
     if resume:
         earlier = read_tuning(folder)
-        if (earlier.space, earlier.goal) != (space, goal.text):
-            raise UsageError(
-                f"the search in {folder} was for another space or goal",
-                hint="Give the spec and the values that it was started with, or a new --output.",
-            )
-        trials = earlier.trials
-        blank = msgspec.structs.replace(
-            blank, started_at=earlier.started_at, duration_s=earlier.duration_s
-        )
+        _check_same(blank, earlier, folder)
     elif folder.exists() and any(folder.iterdir()):
         raise FolderTakenError(f"{folder} is not empty", hint="Add --resume, or name a new folder.")
     runs = folder / TRIALS_FOLDER
     with private_files():
         runs.mkdir(parents=True, exist_ok=True)
         machine = RealMachine(selection, runs, goal, player)
-        follower = _Follower(folder, machine, tell)
-        with player.keep_journal(folder, tell):
-            result = Search(blank, machine, settings, listener=follower, trials=trials).run()
+        if earlier is not None and _is_ended(earlier, settings):
+            tell("the search has ended: more --trials, --pairs or --budget go on with it")
+            result = earlier
+        else:
+            follower = _Follower(folder, machine, tell)
+            with player.keep_journal(folder, tell):
+                result = Search(blank, machine, settings, listener=follower, earlier=earlier).run()
         if result.is_proved:
             _write_launch_files(folder, machine, result)
+        else:
+            for name in (PATCH_FILE, LAUNCH_FILE, NODES_FILE):
+                (folder / name).unlink(missing_ok=True)
         write_atomically(folder / PAGE_FILE, to_html(result))
     return result
+
+
+def _check_same(now: TuningResult, earlier: TuningResult, folder: Path) -> None:
+    """See that the trials of an earlier call say something of what is searched now.
+
+    Raises:
+        UsageError: they do not.
+    """
+    # Another machine, and another graph, have another space, too.
+    if earlier.machine_class != now.machine_class:
+        what = f"another machine: {earlier.machine_class}; this is {now.machine_class}"
+    elif earlier.plan != now.plan:
+        what = "another load, graph or objectives: the spec or a file that it names has changed"
+    elif (earlier.space, earlier.goal) != (now.space, now.goal):
+        what = "another space or goal"
+    else:
+        return
+    raise UsageError(
+        f"the search in {folder} was for {what}",
+        hint="Give the spec and the values that it was started with, or a new --output.",
+    )
+
+
+def _is_ended(earlier: TuningResult, settings: SearchSettings) -> bool:
+    """Whether a search has decided, and no limit of it is raised."""
+    limits = (settings.trials, settings.budget_s, settings.pairs)
+    before = (earlier.max_trials, earlier.budget_s, earlier.max_pairs)
+    is_raised = any(limit > old for limit, old in zip(limits, before, strict=True))
+    return earlier.outcome != "incomplete" and not is_raised
 
 
 def require_extra() -> None:

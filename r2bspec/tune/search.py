@@ -9,12 +9,13 @@ Four stages, in a budget of time that holds:
 3. *Levers*: each lever of the winner is compared with today's setting of it, in interleaved pairs.
    One that gives nothing, and without which the limits hold, is dropped.
 4. *Proof*: what is left is compared with today's deployment in interleaved pairs, each run a new
-   start. The claim is what these pairs say, and none of them was seen before.
+   start. The claim is what these pairs say, and none of them was seen before. Where today's does
+   not work, there is nothing to compare with, and the winner's own runs decide.
 
 So a search that believed noise ends with a claim that is not shown, and not with a wrong one: the
-chance that the proof shows a gain where there is none is that of the pairs, 5 %
-(`r2bspec.judge.statistics.t_interval`); at most twice that where the first proof refutes a limit,
-so that another deployment is compared, too.
+chance that the first proof shows a gain where there is none is that of the pairs, 5 %
+(`r2bspec.judge.statistics.t_interval`). Each further one, because the first refutes a limit or the
+search is resumed, has half the chance of the one before, so that of all of them is below 10 %.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ import math
 import random
 from collections.abc import Callable, Iterator, Sequence
 from operator import attrgetter
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 
 from r2bspec.diagnostics.quote import pluralize, time_text
 from r2bspec.plan.tuning_space import Deployment, TuningSpace
-from r2bspec.tune.machine import Machine, Measurement, Start
+from r2bspec.tune.machine import Machine, Measurement, Pairs, Start, Terms
 from r2bspec.tune.proposals import Proposals, single_levers
 from r2bspec.tune.race import FIRST_DROP, Finalist, excess_of, finalists_of, is_worse
 from r2bspec.tune.tuning_result import Gain, Trial, TrialState, TuningOutcome, TuningResult
@@ -50,6 +51,14 @@ _PROOF_SHARE: Final = 0.5
 """Of the budget: the most that race, levers and proof are given."""
 
 _REASONS_SHOWN: Final = 100
+
+_RULED_OUT: Final = 20
+"""Deployments in a row that a model rules out; the next is tried whatever the model says."""
+
+_NOT_ENDED: Final = "The search has not ended."
+
+_MAY_MEET: Final[frozenset[TrialState]] = frozenset({"meets", "open", "invalid"})
+"""Whoever is in one of these states is not seen to miss an objective."""
 
 
 class SearchSettings(msgspec.Struct, frozen=True, kw_only=True):
@@ -107,7 +116,7 @@ class Search:
         machine: where deployments are tried.
         settings: how long it may take.
         listener: is told how it goes.
-        trials: of an earlier search with the same space.
+        earlier: what an earlier call found in the same space, with the same goal.
     """
 
     def __init__(
@@ -116,24 +125,33 @@ class Search:
         machine: Machine,
         settings: SearchSettings,
         listener: SearchListener | None = None,
-        trials: Sequence[Trial] = (),
+        earlier: TuningResult | None = None,
     ) -> None:
         self._machine, self._settings = machine, settings
         self._listener = listener or SearchListener()
         self._space: TuningSpace = blank.space
-        self._trials = list(trials)
+        before = earlier or blank
+        self._trials = list(before.trials)
+        self._proofs = before.proofs
         self._notes: list[str] = []
         self._predicted: list[str] = []
-        self._began_s = machine.now() - blank.duration_s
+        self._began_s = machine.now() - before.duration_s
         self._result = msgspec.structs.replace(
-            blank, seed=settings.seed, budget_s=settings.budget_s, trials=tuple(trials)
+            blank,
+            outcome="incomplete",
+            reason=_NOT_ENDED,
+            started_at=before.started_at,
+            seed=settings.seed,
+            **self._limits,
         )
+        # What was claimed stands until there is another proof.
+        self._standing = earlier if earlier is not None and earlier.is_proved else None
 
     def run(self) -> TuningResult:
         """Search, race and prove; the result is stored, too."""
         self._listener.line(plan_line(self._result, self._settings.trials))
         # From now on there is a search that can be resumed.
-        self._keep("incomplete", "The search has not ended.")
+        self._store()
         if self._trials:
             self._listener.line(f"going on after {pluralize(len(self._trials), 'trial')}")
         today = self._today()
@@ -185,7 +203,12 @@ class Search:
     def _try_others(self, today: Trial) -> None:
         predict = self._listener.predictor(today) or _know_nothing
         singles = single_levers(self._space)
-        forecasts = {each: found for each in singles if (found := predict(each)) is not None}
+        forecasts: dict[Deployment, Forecast] = {}
+        for each in singles:
+            if not self._has_time():
+                break
+            if (found := predict(each)) is not None:
+                forecasts[each] = found
         singles = single_levers(
             self._space, {each: known.rank for each, known in forecasts.items()}
         )
@@ -194,27 +217,27 @@ class Search:
         for trial in self._trials:
             _tell(proposals, trial)
         while len(self._trials) < self._settings.trials:
-            if self._left_s() < self._longest_trial_s() + self._kept_s():
-                self._notes.append(
-                    f"The time allowed {len(self._trials)} of {self._settings.trials} trials."
-                )
-                return
             width = min(self._machine.width, self._settings.trials - len(self._trials))
             if not (batch := list(self._proposed(proposals, predict, width))):
+                if not self._has_time():
+                    self._notes.append(
+                        f"The time allowed {len(self._trials)} of {self._settings.trials} trials."
+                    )
                 return
             for trial in self._try(batch):
                 _tell(proposals, trial)
 
     def _proposed(self, proposals: Proposals, predict: Predict, most: int) -> Iterator[Deployment]:
         """The next deployments to try, at most so many; those that a model rules out are noted."""
-        found = 0
-        while found < most and (deployment := proposals.next()) is not None:
-            known = predict(deployment)
+        found = ruled_out = 0
+        while found < most and self._has_time() and (deployment := proposals.next()) is not None:
+            known = predict(deployment) if ruled_out < _RULED_OUT else None
             if known is not None and known.ruled_out:
+                ruled_out += 1
                 self._predicted.append(f"{deployment.text}: {known.ruled_out}")
                 proposals.skip(deployment)
                 continue
-            found += 1
+            found, ruled_out = found + 1, 0
             yield deployment
 
     def _try(self, deployments: Sequence[Deployment]) -> list[Trial]:
@@ -240,7 +263,7 @@ class Search:
             )
             self._trials.append(trial)
             self._listener.line(trial_line(trial, self._result))
-        self._keep("incomplete", "The search has not ended.")
+        self._store()
         return self._trials[first:]
 
     # 2: race
@@ -273,16 +296,30 @@ class Search:
             played = last
             best = min(racing, key=attrgetter("order"))
             racing = [finalist for finalist in racing if not is_worse(finalist, best)]
+            self._store()
         return sorted(racing, key=attrgetter("order"))
 
     def _end_unmet(self, racing: Sequence[Finalist]) -> TuningResult:
         """No deployment keeps every limit: which one is the nearest, and what takes its time."""
-        count = pluralize(len(self._trials), "deployment")
+        judged = [trial for trial in self._trials if trial.state != "invalid"]
+        if not judged:
+            why = self._trials[0].reason
+            return self._keep(
+                "incomplete", f"No start could be judged, so search in a new folder: {why}"
+            )
+        if any(trial.state in {"meets", "open"} and trial.cost is None for trial in judged):
+            return self._keep(
+                "not shown",
+                f"The goal, {self._result.goal}, has no value where a start meets the objectives, "
+                "so no deployment is known to cost less than another.",
+            )
+        count = pluralize(len(judged), "deployment")
         tried = f"None of {count} meets the objectives"
         measured = [Finalist(trial) for trial in self._trials if trial.margins]
         if not measured:
-            why = self._trials[0].reason
-            return self._keep("not met", f"{tried}: none of them works; today's: {why}")
+            why = judged[0].reason
+            whose = "today's" if judged[0] is self._trials[0] else judged[0].deployment.text
+            return self._keep("not met", f"{tried}: none of them works; {whose}: {why}")
         nearest = min(racing or measured, key=attrgetter("order"))
         anatomy = ""
         if self._left_s() > 2 * self._longest_trial_s():
@@ -327,34 +364,68 @@ class Search:
             return self._keep(
                 "not shown", "No lever of the best deployment gives anything that pairs show."
             )
-        pairs = self._affordable_pairs(self._settings.pairs, comparisons=1)
-        if pairs < _FEWEST_PAIRS:
+        seen, today_works = self._proof(winner, today)
+        if seen is None:
             return self._keep("incomplete", "The time was over before the proof.")
-        seen = self._machine.compare(self._space.today(), winner, pairs, "proof")
+        if not seen.reason:
+            self._proofs += 1
+            self._standing = None
         self._result = msgspec.structs.replace(
-            self._result, proof=seen.gain, requirements=seen.margins
+            self._result,
+            proof=seen.gain if today_works else None,
+            requirements=seen.margins,
         )
-        self._listener.line(f"proof: {seen.gain.metric} {claim_text(seen.gain)}")
+        shown = f"{seen.gain.metric} {claim_text(seen.gain)}" if today_works else "the winner alone"
+        self._listener.line(f"proof: {shown}")
+        if seen.may_retry:
+            return self._keep(
+                "incomplete", f"The proof could not be made: {seen.reason}; --resume tries again."
+            )
         if not seen.head_meets:
             return self._keep("not shown", unproven_text(seen))
-        if seen.gain.is_shown and today.state in {"meets", "open"}:
+        if not today_works:
+            return self._keep(
+                "meets", "The deployment meets the objectives; today's does not work."
+            )
+        if today.state not in _MAY_MEET:
+            return self._keep(
+                "meets", "The deployment meets the objectives; today's did not when it was tried."
+            )
+        if seen.gain.is_shown:
             return self._keep(
                 "improved",
                 f"The deployment meets the objectives: {seen.gain.metric} {claim_text(seen.gain)}.",
             )
-        if today.state not in {"meets", "open"}:
-            return self._keep(
-                "meets", "The deployment meets the objectives; today's did not when it was tried."
-            )
+        why = f" ({seen.no_ratio})" if seen.no_ratio else ""
         return self._keep(
             "not shown",
-            f"The pairs do not show a gain: {seen.gain.metric} {claim_text(seen.gain)}; "
+            f"The pairs do not show a gain: {seen.gain.metric} {claim_text(seen.gain)}{why}; "
             + (
-                "of today's deployment, a start does not decide: 'r2bspec run' does."
-                if today.state == "open"
-                else "--resume with more --pairs and --budget goes on."
+                "--resume with more --pairs and --budget goes on."
+                if today.state == "meets"
+                else "of today's deployment, a start does not decide: 'r2bspec run' does."
             ),
         )
+
+    def _proof(self, winner: Deployment, today: Trial) -> tuple[Pairs | None, bool]:
+        """What proves the winner, None without the time for it; and whether today's works.
+
+        Where today's does not work there are no pairs: the winner's own runs decide.
+        """
+        works = today.state != "broken"
+        if works:
+            pairs = self._affordable_pairs(self._settings.pairs, comparisons=1)
+            if pairs < _FEWEST_PAIRS:
+                return None, works
+            seen = self._machine.compare(
+                self._space.today(), winner, pairs, "proof", self._terms(proves=True)
+            )
+            if not seen.base_fails:
+                return seen, works
+            self._notes.append(f"Today's deployment failed in the pairs: {seen.reason}")
+        if self._left_s() < self._longest_trial_s():
+            return None, False
+        return self._machine.judge(winner, "proof", self._terms(proves=True)), False
 
     def _without_idle_levers(self, winner: Deployment) -> tuple[Deployment, list[Gain], list[Gain]]:
         """The winner without the levers that give nothing, with what each of them gives."""
@@ -370,11 +441,12 @@ class Search:
                 continue
             places = {each.lever: each.place for each in winner.choices}
             without = self._space.deployment(places | {choice.lever: 0})
-            seen = self._machine.compare(
-                winner, without, pairs, f"lever-{len(kept) + len(dropped)}", choice.lever
-            )
+            name = f"lever-{len(kept) + len(dropped)}"
+            terms = self._terms(comparisons=left + 1, lever=choice.lever)
+            seen = self._machine.compare(winner, without, pairs, name, terms)
+            self._store()
             gain = _of_lever(seen.gain, f"{choice.lever}: {choice.setting.text}")
-            if seen.costs_more or seen.head_fails or seen.reason:
+            if seen.costs_more or seen.head_fails or seen.reason or seen.no_ratio:
                 kept.append(gain)
             else:
                 dropped.append(gain)
@@ -386,6 +458,18 @@ class Search:
 
     def _left_s(self) -> float:
         return self._settings.budget_s - (self._machine.now() - self._began_s)
+
+    def _has_time(self) -> bool:
+        """Whether there is time for a trial beside what is kept for the rest."""
+        return self._left_s() >= self._longest_trial_s() + self._kept_s()
+
+    def _terms(self, *, comparisons: int = 1, lever: str = "", proves: bool = False) -> Terms:
+        """Those of the next of some comparisons that share the rest of the time."""
+        return Terms(
+            limit_s=max(0.0, self._left_s()) / comparisons,
+            error_share=0.5**self._proofs if proves else 1.0,
+            lever=lever,
+        )
 
     def _longest_trial_s(self) -> float:
         """Of the trials but today's, which is observed from inside, too."""
@@ -423,16 +507,49 @@ class Search:
 
     # The result.
 
-    def _keep(self, outcome: TuningOutcome, reason: str) -> TuningResult:
-        self._result = msgspec.structs.replace(
-            self._result,
-            outcome=outcome,
-            reason=reason,
+    @property
+    def _limits(self) -> dict[str, Any]:
+        settings = self._settings
+        return {
+            "budget_s": settings.budget_s,
+            "max_trials": settings.trials,
+            "max_pairs": settings.pairs,
+        }
+
+    def _so_far(self, result: TuningResult) -> TuningResult:
+        """A result with what has been tried until now."""
+        return msgspec.structs.replace(
+            result,
             trials=tuple(self._trials),
             predicted=tuple(self._predicted[:_REASONS_SHOWN]),
-            notes=tuple(self._notes),
             duration_s=self._machine.now() - self._began_s,
+            proofs=self._proofs,
         )
+
+    def _store(self) -> None:
+        """Keep what there is, so that a call that is interrupted now can be resumed."""
+        if self._standing is not None:
+            # With the limits of its own search, so that another call goes on.
+            self._listener.found(self._so_far(self._standing))
+            return
+        unfinished: dict[str, Any] = {"outcome": "incomplete", "reason": _NOT_ENDED}
+        kept = msgspec.structs.replace(self._result, notes=tuple(self._notes), **unfinished)
+        self._listener.found(self._so_far(kept))
+
+    def _keep(self, outcome: TuningOutcome, reason: str) -> TuningResult:
+        """Keep the result of the search, or the claim that stands if there is no other proof."""
+        if self._standing is not None:
+            notes = (
+                *self._standing.notes,
+                *self._notes,
+                f"No other proof was made, so the claim is that of the earlier call: {reason}",
+            )
+            result = msgspec.structs.replace(self._standing, notes=notes, **self._limits)
+        else:
+            result = msgspec.structs.replace(
+                self._result, outcome=outcome, reason=reason, notes=tuple(self._notes)
+            )
+        self._result = self._so_far(result)
         self._listener.found(self._result)
         return self._result
 

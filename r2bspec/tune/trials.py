@@ -9,6 +9,7 @@ in one, so they are the unit that a search spends. Where a start is long, a smok
 from __future__ import annotations
 
 import contextlib
+import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,20 +19,27 @@ from typing import Final, Literal, Protocol
 import msgspec
 
 from r2bspec import api
-from r2bspec.compare.interleaved_comparison import ComparisonSide, prepare_comparison
+from r2bspec.compare.interleaved_comparison import (
+    BaseFailsError,
+    ComparisonSide,
+    prepare_comparison,
+)
 from r2bspec.compare.interleaved_runs import compare
+from r2bspec.diagnostics.quote import time_text
 from r2bspec.errors import ExitStatus, R2bspecError, without_output
 from r2bspec.execute.errors import InterruptedRunError, RunError, UnwritableRunError
 from r2bspec.execute.processes.machine import describe_machine
 from r2bspec.execute.progress import Progress
 from r2bspec.judge.baseline_comparison import run_value
-from r2bspec.judge.measure.metric_catalogue import resolve
+from r2bspec.judge.measure.metric_catalogue import MetricError, resolve
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.result import Result
 from r2bspec.language.comparison_grammar import parse_requirement
+from r2bspec.language.quantities import Share
 from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.language.spec import Objective
+from r2bspec.middleware.middleware import selected_rmw
 from r2bspec.plan.comparability import single_run_plan
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.prepared_benchmark import PlannedPairs, PlannedRun
@@ -41,7 +49,7 @@ from r2bspec.plan.time_estimate import estimate_time
 from r2bspec.plan.tuning_space import Deployment
 from r2bspec.record.run_folder import open_run
 from r2bspec.report.anatomy_table import anatomies_of
-from r2bspec.tune.machine import Goal, Measurement, Pairs, Start, TuningError, margins_of
+from r2bspec.tune.machine import Goal, Measurement, Pairs, Start, Terms, TuningError, margins_of
 from r2bspec.tune.tuning_result import Gain
 
 _SMOKE_FACTOR: Final = 3.0
@@ -67,6 +75,10 @@ class Player(Protocol):
     @property
     def scheduling(self) -> SchedulingFacts | None:
         """What processes may ask for where the runs are made; None for this machine."""
+
+    @property
+    def class_text(self) -> str:
+        """What has to be the same for costs to be comparable."""
 
     @property
     def description(self) -> Mapping[str, object]:
@@ -207,29 +219,17 @@ class RealMachine:
         return f"{part.owner}: {part.name} takes {show(part.mean, 's')} of {whole} in the mean"
 
     def compare(
-        self, base: Deployment, head: Deployment, pairs: int, name: str, lever: str = ""
+        self, base: Deployment, head: Deployment, pairs: int, name: str, terms: Terms
     ) -> Pairs:
-        """See `Machine`; the errors are those of `measure`."""
-        nothing = Gain(
-            change=head.text,
-            lever=lever,
-            metric=self.goal.text,
-            unit=self.goal.unit,
-            before=None,
-            after=None,
-            ratio=None,
-            lower=None,
-            upper=None,
-            pairs=0,
+        """See `Machine`; where a host is lost, it is made once more. The errors are as above."""
+        sides = self._side(base, terms), self._side(head, terms)
+        nothing = self._no_gain(head, sides[1].plan, terms)
+        result = self._twice_if_lost(
+            lambda folder: self.player.play_pairs(PlannedPairs(*sides, base.text, pairs, folder)),
+            name,
         )
-        sides = self._side(base), self._side(head)
-        folder = unused_folder(self.folder / name)
-        try:
-            result = self.player.play_pairs(PlannedPairs(*sides, base.text, pairs, folder))
-        except ENDING:
-            raise
-        except R2bspecError as error:
-            return Pairs(gain=nothing, reason=_reason(error))
+        if isinstance(result, R2bspecError):
+            return self._nothing_judged(nothing, result)
         if not result.verdict.is_judged or result.pairs is None:
             return Pairs(gain=nothing, reason=result.verdict.reason)
         cost = next(one for one in result.verdict.requirements if one.objective == _COST)
@@ -251,7 +251,73 @@ class RealMachine:
             gain=gain,
             costs_more=cost.outcome == "fail",
             margins=margins_of(result.verdict.requirements, objectives),
-            reason="" if cost.estimate is not None else cost.reason,
+            no_ratio="" if cost.estimate is not None else cost.reason,
+        )
+
+    def judge(self, deployment: Deployment, name: str, terms: Terms) -> Pairs:
+        """See `Machine`; the errors are those of `compare`."""
+        benchmark = self.prepare(deployment)
+        plan = _by_terms(benchmark.plan, terms)
+        nothing = self._no_gain(deployment, plan, terms)
+        if (takes_s := _seconds(plan)) > terms.limit_s:
+            left = (
+                f"{time_text(takes_s)}, and {time_text(terms.limit_s)} are left: give more --budget"
+            )
+            return Pairs(gain=nothing, reason=f"its runs take {left}", may_retry=True)
+
+        def play(folder: Path) -> Result:
+            (result,) = self.player.play([PlannedRun(replace(benchmark, plan=plan), folder)])
+            if isinstance(result, R2bspecError):
+                raise result
+            return result
+
+        result = self._twice_if_lost(play, name)
+        if isinstance(result, R2bspecError):
+            return self._nothing_judged(nothing, result)
+        if not result.verdict.is_judged:
+            return Pairs(gain=nothing, reason=result.verdict.reason)
+        return Pairs(
+            gain=nothing,
+            margins=margins_of(result.verdict.requirements, plan.objectives),
+            no_ratio="there is nothing to compare with",
+        )
+
+    def _twice_if_lost(self, play: Callable[[Path], Result], name: str) -> Result | R2bspecError:
+        """A result, or the error that ended it; what ends with a lost host is tried once more."""
+        result = self._ended(play, name)
+        if not isinstance(result, R2bspecError) or self.player.state_of(result) != "invalid":
+            return result
+        return self._ended(play, name)
+
+    def _ended(self, play: Callable[[Path], Result], name: str) -> Result | R2bspecError:
+        try:
+            return play(unused_folder(self.folder / name))
+        except ENDING:
+            raise
+        except R2bspecError as error:
+            return error
+
+    def _nothing_judged(self, gain: Gain, error: R2bspecError) -> Pairs:
+        return Pairs(
+            gain=gain,
+            reason=_reason(error),
+            base_fails=error.code == BaseFailsError.code,
+            may_retry=self.player.state_of(error) == "invalid",
+        )
+
+    def _no_gain(self, head: Deployment, plan: Plan, terms: Terms) -> Gain:
+        return Gain(
+            change=head.text,
+            lever=terms.lever,
+            metric=self.goal.text,
+            unit=self.goal.unit,
+            before=None,
+            after=None,
+            ratio=None,
+            lower=None,
+            upper=None,
+            pairs=0,
+            confidence=plan.gate.confidence,
         )
 
     def prepare(self, deployment: Deployment) -> api.PreparedBenchmark:
@@ -261,24 +327,29 @@ class RealMachine:
             InvalidSpecError: the spec has errors with it.
         """
         if deployment not in self._prepared:
-            self._prepared[deployment] = api.prepare(
-                self.selection, sets=(*self.selection.sets, *deployment.sets)
-            )
+            self._prepared[deployment] = self._compiled(deployment)
         return self._prepared[deployment]
 
-    def _side(self, deployment: Deployment) -> api.PreparedBenchmark:
+    def plan_of(self, deployment: Deployment) -> Plan:
+        """The plan of a deployment by the spec as it is now; it is not kept, as it may not be used.
+
+        Raises:
+            InvalidSpecError: the spec has errors with it.
+        """
+        return self._compiled(deployment).plan
+
+    def _compiled(self, deployment: Deployment) -> api.PreparedBenchmark:
+        return api.prepare(self.selection, sets=(*self.selection.sets, *deployment.sets))
+
+    def _side(self, deployment: Deployment, terms: Terms) -> api.PreparedBenchmark:
         """A deployment as one side of pairs, judged by its cost, too."""
         prepared = self.prepare(deployment)
         cost = Objective(
             at=self.goal.at,
             require=(parse_requirement(f"{self.goal.metric} <= 100 % of baseline"),),
         )
-        gate = msgspec.structs.replace(prepared.plan.gate, confirm=False, time_budget_ns=0)
-        plan = msgspec.structs.replace(
-            _without_overhead(prepared.plan),
-            gate=gate,
-            objectives={**prepared.plan.objectives, _COST: cost},
-        )
+        plan = _by_terms(prepared.plan, terms)
+        plan = msgspec.structs.replace(plan, objectives={**plan.objectives, _COST: cost})
         return replace(prepared, plan=plan)
 
     def _measured(self, run: PlannedRun, result: Result | R2bspecError) -> Measurement:
@@ -294,7 +365,10 @@ class RealMachine:
         if not result.verdict.is_judged:
             return Measurement(state="invalid", reason=result.verdict.reason, run=folder.name)
         samples = read_samples(open_run(folder))
-        monitor, info = resolve(self.goal.metric, samples.monitors, samples.subjects)
+        try:
+            monitor, info = resolve(self.goal.metric, samples.monitors, samples.subjects)
+        except MetricError as error:
+            return Measurement(state="refused", reason=f"{self.goal.metric}: {error}")
         at_hz = self.goal.at.hz if self.goal.at is not None else next(iter(samples.iterations))
         margins = margins_of(result.verdict.requirements, plan.objectives)
         worst = max(margins, key=lambda margin: margin.excess, default=None)
@@ -318,6 +392,13 @@ class ThisHost:
     progress: Progress | None = None
     width = 1
     scheduling = None
+
+    @property
+    def class_text(self) -> str:
+        """See `Player`."""
+        machine = describe_machine()
+        known = (machine["architecture"], machine["cpu"], f"{machine['cores']} CPUs")
+        return ", ".join(filter(None, (*known, selected_rmw(os.environ))))
 
     @property
     def description(self) -> Mapping[str, object]:
@@ -365,6 +446,29 @@ def _without_overhead(plan: Plan) -> Plan:
     """The plan without the ten seconds for what of a latency is not the graph's."""
     phases = tuple(phase for phase in plan.phases if phase != "harness_overhead")
     return msgspec.structs.replace(plan, phases=phases)
+
+
+def _by_terms(plan: Plan, terms: Terms) -> Plan:
+    """The plan judged with the confidence, and ended by the time, that a comparison has."""
+
+    def surer(confidence: float) -> float:
+        return 1 - (1 - confidence) * terms.error_share
+
+    gate = msgspec.structs.replace(
+        plan.gate,
+        confirm=False,
+        time_budget_ns=max(1, int(terms.limit_s * 1e9)),
+        confidence=surer(plan.gate.confidence),
+    )
+    objectives = {
+        name: objective
+        if objective.confidence is None
+        else msgspec.structs.replace(
+            objective, confidence=Share(surer(objective.confidence.fraction))
+        )
+        for name, objective in plan.objectives.items()
+    }
+    return msgspec.structs.replace(_without_overhead(plan), gate=gate, objectives=objectives)
 
 
 def unused_folder(folder: Path) -> Path:

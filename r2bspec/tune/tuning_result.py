@@ -15,6 +15,7 @@ from typing import Any, Final, Literal
 import msgspec
 
 from r2bspec.diagnostics.plain_text import escaped_json
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.plan.tuning_space import Deployment, TuningSpace
 from r2bspec.record.files import FolderReader, RecordError, write_atomically
 from r2bspec.safe_io.limits import MAX_NUMBER
@@ -97,9 +98,10 @@ class Gain(msgspec.Struct, frozen=True, kw_only=True):
         before: the geometric mean over the runs without the change; None where one is missing.
         after: likewise with it.
         ratio: of after to before; None where it cannot be had.
-        lower: the bound of its 95 % interval; None where there is none.
+        lower: the bound of its interval; None where there is none.
         upper: likewise.
         pairs: that were played.
+        confidence: of the interval.
     """
 
     change: str
@@ -112,6 +114,7 @@ class Gain(msgspec.Struct, frozen=True, kw_only=True):
     lower: float | None
     upper: float | None
     pairs: int
+    confidence: float = CONFIDENCE
 
     @property
     def is_shown(self) -> bool:
@@ -136,8 +139,9 @@ class TuningResult(msgspec.Struct, frozen=True, kw_only=True):
         reason: the outcome in one sentence.
         winner: the deployment that is proposed, without the levers that give nothing; None if
             there is none.
-        proof: of the winner against today's deployment; None if it was not played.
-        requirements: of the winner, as the pairs of the proof judge them.
+        proof: of the winner against today's deployment; None if that was not played.
+        requirements: of the winner, as the pairs of the proof judge them, or its own runs where
+            today's deployment does not work.
         levers: what each lever of the winner gives: the winner against itself without the lever.
         dropped: levers of the search's best deployment that give nothing, with the gain measured.
         unproven: what the search saw as the winner's cost; to be compared with the proof.
@@ -146,7 +150,12 @@ class TuningResult(msgspec.Struct, frozen=True, kw_only=True):
         notes: what the reader has to know of the search itself.
         seed: of the proposals.
         budget_s: the time that the search was given, proof included.
+        max_trials: the most trials that it was permitted.
+        max_pairs: likewise of the proof.
         duration_s: that it took.
+        proofs: that were judged, in all calls.
+        plan: the hash of the plan of today's deployment, with its objectives.
+        machine_class: costs of another class of machines cannot be compared with these.
     """
 
     r2bspec_tuning: Literal[1] = 1
@@ -169,7 +178,12 @@ class TuningResult(msgspec.Struct, frozen=True, kw_only=True):
     notes: tuple[str, ...] = ()
     seed: int = 0
     budget_s: float = 0.0
+    max_trials: int = 0
+    max_pairs: int = 0
     duration_s: float = 0.0
+    proofs: int = 0
+    plan: str = ""
+    machine_class: str = ""
     started_at: str = ""
     machine: dict[str, object] = {}
 

@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 
 from r2bspec.diagnostics.quote import pluralize, time_text
 from r2bspec.judge.measure.units import show
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.plan.tuning_space import Lever, Setting, TuningSpace
 from r2bspec.tune.machine import Pairs
 from r2bspec.tune.tuning_result import (
@@ -97,11 +98,13 @@ def change_text(gain: Gain) -> str:
 
 
 def interval_text(gain: Gain) -> str:
-    """The interval of a change, with its unit once."""
+    """The interval of a change, with its unit once, and its confidence unless that is 95 %."""
     if gain.lower is None or gain.upper is None:
         return "no interval"
     lower, upper = _percent(gain.lower - 1), _percent(gain.upper - 1)
-    return f"{lower.removesuffix(' %')} to {upper}"
+    sure = gain.confidence
+    at = "" if math.isclose(sure, CONFIDENCE) else f" at {show(sure, 'share', 4)}"
+    return f"{lower.removesuffix(' %')} to {upper}{at}"
 
 
 def _percent(change: float) -> str:
@@ -250,7 +253,9 @@ def facts(result: TuningResult) -> str:
 
 def remarks(result: TuningResult) -> Iterator[tuple[str, Sequence[str]]]:
     """Further sentences by their headings; none that is empty."""
+    alone = requirement_lines(result) if result.proof is None else ()
     for title, sentences in (
+        ("Proof, by its own runs, as today's deployment does not work", alone),
         ("What it changes for others on this machine", result.for_others),
         ("Notes", result.notes),
         ("Not tried, because a model ruled it out", result.predicted),

@@ -64,10 +64,13 @@ class Host:
         folder.path.rmdir()
         simulation.write(folder.path)
 
-    def compare(self, environment: Mapping[str, str] | None = None) -> PairedComparison:
+    def compare(
+        self, environment: Mapping[str, str] | None = None, budget_s: float = 0.0
+    ) -> PairedComparison:
         """Compare two sides that differ in nothing but their names, and in an environment."""
         plan = template().plan()
-        confirms = msgspec.structs.replace(plan.gate, confirm=False)
+        budget_ns = int(budget_s * 1e9)
+        confirms = msgspec.structs.replace(plan.gate, confirm=False, time_budget_ns=budget_ns)
         side = ComparisonSide(msgspec.structs.replace(plan, gate=confirms), self.tmp_path, "")
         base = replace(side, environment=environment or {})
         compare(ComparisonSpec(base, side, PAIRS), self.tmp_path / "pairs")
@@ -128,6 +131,20 @@ def test_on_a_host_that_is_always_busy_two_pairs_are_played_again_and_no_more(ho
     pairs = host.compare().record
     assert len(again(host.folders)) == 2 * 2
     assert any("the machine is always busy" in note for note in pairs.notes)
+
+
+@pytest.mark.parametrize("host", [[BUSY]], indirect=True)
+@pytest.mark.parametrize(("budget_s", "repeated"), [(125.0, 0), (145.0, 1)])
+def test_affected_pairs_are_played_again_only_in_the_time_budget(
+    host: Host, monkeypatch: pytest.MonkeyPatch, budget_s: float, repeated: int
+) -> None:
+    """Each run takes ten seconds, so that six pairs take two minutes."""
+    seconds = SimpleNamespace(monotonic=lambda: 10.0 * len(host.folders))
+    monkeypatch.setattr(interleaved_runs, "time", seconds)
+    pairs = host.compare(budget_s=budget_s).record
+    assert len(pairs.pairs) == PAIRS + repeated
+    assert len(again(host.folders)) == 2 * repeated
+    assert any("the time budget ended the comparison" in note for note in pairs.notes)
 
 
 class Notes(Progress):

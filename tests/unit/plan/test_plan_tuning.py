@@ -9,9 +9,11 @@ import pytest
 
 from r2bspec.check.check_context import DocumentFiles
 from r2bspec.check.engine import check, context_of
-from r2bspec.check.usable_settings import without_refused
+from r2bspec.check.usable_settings import usable_space, without_refused
 from r2bspec.diagnostics import Severity
 from r2bspec.language.load_spec import load_spec
+from r2bspec.language.selected_spec import SpecSelection
+from r2bspec.language.variables import assigned_path
 from r2bspec.plan.derive_space import PLACEMENT, derive_space
 from r2bspec.plan.this_machine import SchedulingFacts
 from r2bspec.plan.tuning_space import Lever, Setting, TuningSpace, assignment
@@ -156,6 +158,7 @@ def test_a_setting_has_an_effect_only_where_its_process_is_there() -> None:
             ["slos={fits: {at: 30 Hz, require: [cpu.small.mean < 50 %]}}"],
             ["separate", "first and second in one container"],
         ),
+        (["tune.minimize=cpu.small.mean"], ["separate", "first and second in one container"]),
         (
             ["graph.nodes.first.env={A: 1}"],
             ["separate", "shared", "small and second in one container"],
@@ -163,7 +166,15 @@ def test_a_setting_has_an_effect_only_where_its_process_is_there() -> None:
         (["graph.nodes.first.nice=5"], ["separate", "small and second in one container"]),
         (["graph.placement=shared"], ["shared", "separate"]),
     ],
-    ids=["kept", "few processes", "process in a requirement", "environment", "setting", "shared"],
+    ids=[
+        "kept",
+        "few processes",
+        "process in a requirement",
+        "in the goal",
+        "environment",
+        "setting",
+        "shared",
+    ],
 )
 def test_nodes_stay_where_the_spec_needs_them(sets: list[str], left: list[str]) -> None:
     space = space_of(CHAIN, *sets)
@@ -183,6 +194,47 @@ def test_own_levers_replace_those_that_are_derived() -> None:
     assert lever(space, "graph.nodes.first.threads") == ["0", "3"]
     assert lever(space, "graph.nodes.first.parameters.depth") == ["as it is", "1", "2"]
     assert lever(space, "transport.kind") == ["shared_memory", "udp"]
+    assert lever(space, "transport") == []
+
+
+@pytest.mark.parametrize(
+    ("own", "replaced", "left"),
+    [
+        ("transport.segment: [8 MB]", ["transport"], [PLACEMENT, "graph.nodes.first.threads"]),
+        (
+            "graph.nodes.first.executor: [multi_threaded]",
+            ["graph.nodes.first.threads"],
+            [PLACEMENT, "graph.nodes.second.threads", "transport"],
+        ),
+        ("graph.placement: [shared]", [], ["graph.nodes.first.threads", "transport"]),
+        ("graph.nodes.first.container: [main]", [PLACEMENT], ["graph.nodes.first.threads"]),
+        ("graph.nodes.first.cpus: [[0], [1]]", [], [PLACEMENT, "graph.nodes.first.threads"]),
+    ],
+)
+def test_an_own_lever_replaces_all_that_it_would_disturb(
+    tmp_path: Path, own: str, replaced: list[str], left: list[str]
+) -> None:
+    """One whose keys are the same, above, or below."""
+    sets = (f"tune.values={{{own}}}", "containers={main: {executable: python}}")
+    space = space_of(CHAIN, *sets, largest=10**6)
+    names = [each.name for each in space.levers]
+    assert own.partition(":")[0] in names
+    assert not {*replaced} & {*names}
+    assert {*left} <= {*names}
+    assert len({*names}) == len(names)
+    file = tmp_path / "chain.r2b.yaml"
+    file.write_text(CHAIN)
+    selection = SpecSelection(file, sets=sets)
+    context = context_of(selection.load())
+    assert context is not None
+    usable = usable_space(selection, context, NO_PERMISSION, largest_message_bytes=10**6)
+    assert usable.size > 2
+    for one in usable.levers:
+        assert {*one.only_with} <= {each.name for each in usable.levers}
+        for place, _ in enumerate(one.settings):
+            found = usable.deployment({one.name: place})
+            paths = [assigned_path(each) for each in found.sets]
+            assert len({*paths}) == len(paths)
 
 
 def test_a_depth_that_the_spec_overrides_is_varied() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import textwrap
 from pathlib import Path
 
@@ -146,6 +147,50 @@ def test_what_is_given_outside_of_the_file_stays_outside(tmp_path: Path) -> None
     patch = patch_spec(selection, ["graph.nodes.relay.nice=3"])
     assert "iterations" not in patch.after
     assert "nice: 3" in patch.after
+    assert patch.notes == (
+        "proved with --set benchmark.iterations=3, which the change does not have",
+    )
+    selection = SpecSelection(file, variables={"rate": 3})
+    file.write_text(example(variables="{rate: 2}"))
+    assert patch_spec(selection, ["graph.nodes.relay.nice=3"]).notes == (
+        "proved with --var rate=3, which the change does not have",
+    )
+
+
+@pytest.mark.parametrize(
+    ("given", "sets", "added"),
+    [
+        ("graph.nodes.relay.nice=5", "graph.nodes.relay.nice=3", ["nice: 3"]),
+        ("graph.nodes.relay.cpus=[0, 1]", "graph.nodes.relay.cpus[1]=3", ["cpus: [0, 3]"]),
+        ("containers={main: {threads: 2}}", "containers.main.executor=multi_threaded",
+         ["threads: 2", "executor: multi_threaded"]),
+    ],
+)  # fmt: skip
+def test_what_the_deployment_sets_anew_is_in_the_file_with_the_value_around_it(
+    tmp_path: Path, given: str, sets: str, added: list[str]
+) -> None:
+    file = tmp_path / "robot.r2b.yaml"
+    file.write_text(example())
+    beside = "title=robot"
+    patch = patch_spec(SpecSelection(file, sets=[given, beside]), [sets])
+    assert patch.file == file
+    assert "title" not in patch.after
+    for text in added:
+        assert text in patch.after
+    file.write_text(patch.after)
+    found = load_spec(file, sets=[beside])
+    file.write_text(example())
+    assert found.spec == load_spec(file, sets=[given, beside, sets]).spec
+    # A value that is replaced as a whole is nothing to speak of.
+    around = (
+        ()
+        if given.startswith(sets.partition("=")[0])
+        else (f"the change has --set {shlex.quote(given)}, too",)
+    )
+    assert patch.notes == (
+        "proved with --set title=robot, which the change does not have",
+        *around,
+    )
 
 
 def test_errors_say_what_to_do(tmp_path: Path) -> None:
@@ -155,10 +200,6 @@ def test_errors_say_what_to_do(tmp_path: Path) -> None:
         _patch(tmp_path, example(), "graph.nodes.relay.nice=300")
     file = tmp_path / "robot.r2b.yaml"
     outside = SpecSelection(file, sets=["graph.nodes.relay.nice=3"])
-    # What is given outside of the file has precedence over every file.
-    with pytest.raises(UsageError, match="neither") as failed:
-        patch_spec(SpecSelection(file, sets=["title=a"]), ["title=b"])
-    assert "--set" in failed.value.hint
     assert patch_spec(outside, []).diff == ""
     with pytest.raises(UsageError, match="not readable"):
         patch_spec(SpecSelection(tmp_path / "none.r2b.yaml"), [])

@@ -21,6 +21,7 @@ from r2bspec.language.spec import Objective, QoS
 from r2bspec.plan.plan import ExternalPlan, Plan
 from r2bspec.record.run_folder import Run, open_run, write_loaded_files
 from r2bspec.safe_io.limits import MAX_PREDICTED_RATES
+from r2bspec.tune import predict
 from r2bspec.tune.predict import Measured, Predictor, predict_deployment
 from r2bspec.tune.prediction import Estimate, LatencyPrediction, Prediction, requirement_answers
 from run_simulation import Played, Simulation, objective, renew_digests
@@ -320,3 +321,61 @@ def test_a_run_of_another_graph_is_refused_before_anything_is_said_of_it(chain_r
     with pytest.raises(UsageError, match="the run is of another graph: it has .*blur") as refused:
         predict_deployment(chain_run, other)
     assert "--anatomy" in refused.value.hint
+
+
+class Beating(ObservedSimulation):
+    """A run that has a monitor of what has a pace of its own, too, or of nothing else."""
+
+    def plan(self) -> Plan:
+        plan = super().plan()
+        (out,) = plan.monitors
+        beat = msgspec.structs.replace(out, name="beat", match="own_pace")
+        monitors = tuple(each for each in (out, beat) if each.name in self.monitors)
+        return msgspec.structs.replace(plan, monitors=monitors)
+
+
+@pytest.mark.parametrize("monitors", [("out", "beat"), ("beat",)])
+def test_what_has_a_pace_of_its_own_has_no_latency(
+    monitors: tuple[str, ...], tmp_path: Path
+) -> None:
+    """Its messages answer no step, so their number says nothing of the others."""
+    required = {"all": objective("out.latency.p99 < 1 s", "beat.latency.p99 < 1 s", at="50 Hz")}
+    simulated = Beating.of(CHAIN_GRAPH, objectives=required)
+    (played,) = simulated.segments
+    run = replace(simulated, monitors=monitors, segments=[replace(played, silent=("beat",))]).write(
+        tmp_path / "run"
+    )
+    if "out" not in monitors:
+        assert refused(Predictor(run), run.plan).startswith("every monitor has a pace of its own")
+        return
+    found = predict_deployment(run, run.plan)
+    assert not found.reason
+    assert [each.answer for each in found.requirements] == ["would hold", "not known"]
+    assert found.requirements[1].reason == "what has a pace of its own has no latency"
+    assert latency(replace_latencies(found, "out"), "latency.p99", 50.0)
+
+
+def replace_latencies(found: Prediction, monitor: str) -> Prediction:
+    latencies = tuple(each for each in found.latencies if each.monitor == monitor)
+    return msgspec.structs.replace(found, latencies=latencies)
+
+
+def test_a_peak_beyond_what_is_simulated_is_above_that(
+    chain_run: Run, predictor: Predictor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is not said to be below the rate at which the search for it ends."""
+    monkeypatch.setattr(predict, "_FASTEST_HZ", 50.0)
+    required = {
+        "slow": objective("latency.p99 < 1 s", "sustained", at="40 Hz"),
+        "fast": objective("latency.p99 < 1 s", "sustained", at="120 Hz"),
+        "whole": objective("peak.rate >= 60 Hz", "peak.rate >= 200 Hz"),
+    }
+    found = predictor.predict(plan_of(CHAIN_GRAPH, chain_run, objectives=required))
+    assert found.peak.value is None
+    assert found.peak.low is not None
+    assert 50.0 < found.peak.low < 120.0
+    assert "rates above that are not simulated" in found.peak.reason
+    answers = [each.answer for each in found.requirements]
+    assert answers == ["would hold"] * 2 + ["not known"] * 2 + ["would hold", "not known"]
+    assert "keep up" not in " ".join(each.reason for each in found.requirements)
+    assert not found.rules_out

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from itertools import pairwise
 
 import pytest
 from msgspec.structs import replace
 
+from given_machine import GivenMachine, NoGain, changed, margin, played
 from r2bspec.plan.tuning_space import Deployment, Lever, Setting, TuningSpace
-from r2bspec.tune.machine import Measurement, Pairs, Start
+from r2bspec.tune.machine import Measurement, Pairs, Start, Terms
+from r2bspec.tune.race import finalists_of
 from r2bspec.tune.search import Forecast, Predict, Search, SearchListener, SearchSettings
-from r2bspec.tune.tuning_result import Gain, RequirementMargin, Trial, TuningResult
+from r2bspec.tune.tuning_result import Trial, TuningResult
 
 SPACE = TuningSpace(
     levers=tuple(
@@ -37,85 +38,14 @@ BLANK = TuningResult(
 )
 
 
-def changed(deployment: Deployment) -> set[str]:
-    return {choice.lever for choice in deployment.choices}
-
-
-def margin(excess: float) -> RequirementMargin:
-    return RequirementMargin(
-        text="latency.p99 < 50 ms",
-        outcome="pass" if excess <= 0 else "fail",
-        estimate=0.05,
-        limit=0.05,
-        unit="s",
-        excess=excess,
-    )
-
-
-def played(cost: float, excess: float = -0.5) -> Measurement:
-    return Measurement(state="played", cost=cost, margins=(margin(excess),))
-
-
-@dataclass
-class GivenMachine:
-    """A machine whose starts take ten seconds, and measure what `answer` says."""
-
-    answer: Callable[[Deployment], Measurement]
-    width: int = 1
-    seconds: float = 0.0
-    starts: list[str] = field(default_factory=list)
-    batches: list[Sequence[Start]] = field(default_factory=list)
-    compared: list[tuple[set[str], set[str]]] = field(default_factory=list)
-
-    def now(self) -> float:
-        return self.seconds
-
-    def measure(self, starts: Sequence[Start]) -> list[Measurement]:
-        self.seconds += 10.0 * math.ceil(len(starts) / self.width)
-        self.starts += [start.name for start in starts]
-        self.batches.append(starts)
-        return [self.answer(start.deployment) for start in starts]
-
-    def slowest_part(self, deployment: Deployment, name: str) -> str:
-        """What takes most of the latency."""
-        del deployment, name
-        return "first: callback takes 41 ms of 58 ms in the mean"
-
-    def compare(
-        self, base: Deployment, head: Deployment, pairs: int, name: str, lever: str = ""
-    ) -> Pairs:
-        self.compared.append((changed(base), changed(head)))
-        before, after = self.measure([Start(base, name), Start(head, name)])
-        self.seconds += pairs * 20.0 - 20.0 / self.width
-        ratio = after.cost / before.cost if after.cost and before.cost else None
-        gain = Gain(
-            change=head.text,
-            lever=lever,
-            metric="cpu.graph.mean",
-            unit="share",
-            before=before.cost,
-            after=after.cost,
-            ratio=ratio,
-            lower=None if ratio is None else 0.98 * ratio,
-            upper=None if ratio is None else 1.02 * ratio,
-            pairs=pairs,
-        )
-        return Pairs(
-            gain=gain,
-            costs_more=ratio is not None and 0.98 * ratio > 1,
-            margins=after.margins,
-            reason="" if ratio is not None else "R2B631: a process died",
-        )
-
-
 def search(
     answer: Callable[[Deployment], Measurement],
     settings: SearchSettings = SETTINGS,
     listener: SearchListener | None = None,
-    trials: tuple[Trial, ...] = (),
+    earlier: TuningResult | None = None,
 ) -> tuple[TuningResult, GivenMachine]:
     machine = GivenMachine(answer)
-    return Search(BLANK, machine, settings, listener=listener, trials=trials).run(), machine
+    return Search(BLANK, machine, settings, listener=listener, earlier=earlier).run(), machine
 
 
 def test_the_cheapest_deployment_that_meets_the_limits_is_proved() -> None:
@@ -215,15 +145,7 @@ def test_todays_deployment_may_be_the_best() -> None:
 
 
 def test_a_gain_that_pairs_do_not_show_is_not_claimed() -> None:
-    class Lucky(GivenMachine):
-        def compare(
-            self, base: Deployment, head: Deployment, pairs: int, name: str, lever: str = ""
-        ) -> Pairs:
-            seen = super().compare(base, base, pairs, name, lever)
-            self.compared[-1] = (changed(base), changed(head))
-            return seen
-
-    machine = Lucky(lambda deployment: played(0.9 if "qos" in changed(deployment) else 1.0))
+    machine = NoGain(lambda deployment: played(0.9 if "qos" in changed(deployment) else 1.0))
     found = Search(BLANK, machine, SETTINGS).run()
     assert found.outcome == "not shown"
 
@@ -232,9 +154,9 @@ class Borderline(GivenMachine):
     """A machine on which the threads keep the limit in single starts, and not in pairs."""
 
     def compare(
-        self, base: Deployment, head: Deployment, pairs: int, name: str, lever: str = ""
+        self, base: Deployment, head: Deployment, pairs: int, name: str, terms: Terms
     ) -> Pairs:
-        seen = super().compare(base, head, pairs, name, lever)
+        seen = super().compare(base, head, pairs, name, terms)
         missed = replace(margin(0.01), outcome="inconclusive")
         return replace(seen, margins=(missed,)) if "threads" in changed(head) else seen
 
@@ -307,7 +229,7 @@ def test_a_search_that_is_interrupted_in_its_first_trial_can_be_resumed() -> Non
         search(interrupted, listener=listener)
     assert listener.first is not None
     assert listener.first.outcome == "incomplete"
-    found, _ = search(lambda _: played(1.0), trials=listener.first.trials)
+    found, _ = search(lambda _: played(1.0), earlier=listener.first)
     assert len(found.trials) == SPACE.size
 
 
@@ -347,7 +269,7 @@ def test_an_interrupted_search_goes_on_with_its_trials() -> None:
     listener = Interrupted()
     with pytest.raises(KeyboardInterrupt):
         search(answer, listener=listener)
-    found, machine = search(answer, trials=listener.last.trials)
+    found, machine = search(answer, earlier=listener.last)
     assert len(found.trials) == SPACE.size
     assert found.trials[:3] == listener.last.trials
     assert [name for name in machine.starts if name.isdigit()] == [
@@ -386,3 +308,232 @@ def test_several_deployments_are_tried_at_once_where_there_are_several_hosts() -
     rounds = [start.round for batch in machine.batches for start in batch if start.round]
     assert Counter(rounds[:16]) == {1: 4, 2: 4, 3: 4, 4: 4}
     assert [{start.round for start in batch} for batch in machine.batches[3:4]] == [{1, 2, 3, 4}]
+
+
+def only_placement_helps(deployment: Deployment) -> Measurement:
+    return played(0.8 if "placement" in changed(deployment) else 1.0)
+
+
+def test_a_start_of_todays_that_is_not_played_is_not_said_to_miss() -> None:
+    """A gain that pairs show is one; without a gain nothing is claimed of today's."""
+    late = Measurement(state="invalid", reason="The playback was late.")
+    found, _ = search(lambda one: only_placement_helps(one) if one.choices else late)
+    assert found.trials[0].state == "invalid"
+    # Its pairs are not played either.
+    assert found.outcome == "not shown"
+
+    class OnceLate(GivenMachine):
+        def measure(self, starts: Sequence[Start]) -> list[Measurement]:
+            seen = super().measure(starts)
+            return [late] if starts[0].name == "000" else seen
+
+    improved = Search(BLANK, OnceLate(only_placement_helps), SETTINGS).run()
+    assert improved.outcome == "improved"
+    none = Search(BLANK, OnceLate(lambda _: played(1.0)), SETTINGS).run()
+    assert none.outcome == "not shown"
+    assert "today's did not" not in none.reason
+
+
+@pytest.mark.parametrize("excess", [-0.5, 0.5])
+def test_where_todays_does_not_work_the_winner_is_judged_alone(excess: float) -> None:
+    def answer(deployment: Deployment) -> Measurement:
+        if not deployment.choices:
+            return Measurement(state="broken", reason="R2B631: a process died")
+        return played(1.0)
+
+    class Judged(GivenMachine):
+        def judge(self, deployment: Deployment, name: str, terms: Terms) -> Pairs:
+            seen = super().judge(deployment, name, terms)
+            return replace(seen, margins=(margin(excess),))
+
+    machine = Judged(answer)
+    found = Search(BLANK, machine, SETTINGS).run()
+    assert found.outcome == ("meets" if excess < 0 else "not shown")
+    assert found.proof is None
+    assert found.proofs >= 1
+    assert [each.excess for each in found.requirements] == [excess]
+    assert all(base for base, _ in machine.compared)
+
+
+def test_where_todays_fails_in_the_pairs_the_winner_is_judged_alone() -> None:
+    class Failing(GivenMachine):
+        def compare(
+            self, base: Deployment, head: Deployment, pairs: int, name: str, terms: Terms
+        ) -> Pairs:
+            seen = super().compare(base, head, pairs, name, terms)
+            if base.choices:
+                return seen
+            return replace(seen, base_fails=True, reason="R2B698: the base fails")
+
+    found = Search(BLANK, Failing(only_placement_helps), SETTINGS).run()
+    assert found.outcome == "meets"
+    assert "R2B698" in found.notes[-1]
+
+
+def test_a_gain_without_a_value_does_not_hide_that_the_objectives_are_met() -> None:
+    def answer(deployment: Deployment) -> Measurement:
+        if not deployment.choices:
+            return replace(played(1.0, 0.5), cost=None)
+        return played(1.0)
+
+    found, _ = search(answer)
+    assert found.outcome == "meets"
+    found, _ = search(lambda one: answer(one) if one.choices else replace(played(1.0), cost=None))
+    assert found.outcome == "not shown"
+    assert "the metric has no value" in found.reason
+
+
+def test_without_a_start_that_is_judged_nothing_is_said_of_any_deployment() -> None:
+    late = Measurement(state="invalid", reason="The playback was late.")
+    found, _ = search(lambda _: late)
+    assert (found.outcome, found.reason) == (
+        "incomplete",
+        "No start could be judged, so search in a new folder: The playback was late.",
+    )
+    found, _ = search(lambda one: late if "qos" in changed(one) else played(1.0, 0.5))
+    assert found.reason.startswith("None of 4 deployments meets")
+
+
+def test_a_goal_without_a_value_is_not_said_to_be_an_objective_that_is_missed() -> None:
+    found, _ = search(lambda _: replace(played(1.0), cost=None))
+    assert found.outcome == "not shown"
+    assert "cpu.graph.mean, has no value" in found.reason
+    found, _ = search(
+        lambda one: played(1.0, 0.5) if one.choices else replace(played(1.0), cost=None)
+    )
+    assert "cpu.graph.mean, has no value" in found.reason
+
+
+MANY = TuningSpace(
+    levers=tuple(
+        Lever(
+            name=f"lever_{number}",
+            settings=tuple(
+                Setting(text=f"{place}", sets=(f"x{number}={place}",) if place else ())
+                for place in range(4)
+            ),
+        )
+        for number in range(6)
+    )
+)
+
+
+def test_no_deployment_is_tried_twice_however_many_are_tried_at_once() -> None:
+    def answer(deployment: Deployment) -> Measurement:
+        return played(1.0 - sum(0.02 * choice.place for choice in deployment.choices))
+
+    machine = GivenMachine(answer, width=8)
+    settings = SearchSettings(trials=60, budget_s=1e6, pairs=5)
+    found = Search(replace(BLANK, space=MANY), machine, settings).run()
+    assert len({trial.deployment for trial in found.trials}) == len(found.trials) == 60
+    twice = [found.trials[0], *found.trials]
+    assert len({each.deployment for each in finalists_of(twice, 60)}) == 60
+
+
+class Slow(SearchListener):
+    """A model that rules out all, and takes five seconds for it."""
+
+    asked: int = 0
+
+    def __init__(self, machine: GivenMachine) -> None:
+        self._machine = machine
+
+    def predictor(self, today: Trial) -> Predict:
+        del today
+
+        def predict(deployment: Deployment) -> Forecast:
+            del deployment
+            self.asked += 1
+            self._machine.seconds += 5
+            return Forecast(ruled_out="no")
+
+        return predict
+
+
+@pytest.mark.parametrize(("budget_s", "trials"), [(1200.0, 30), (1e6, 3)])
+def test_predictions_end_with_the_time_for_trials(budget_s: float, trials: int) -> None:
+    machine = GivenMachine(lambda _: played(1.0))
+    listener = Slow(machine)
+    settings = SearchSettings(trials=trials, budget_s=budget_s, pairs=8)
+    found = Search(replace(BLANK, space=MANY), machine, settings, listener).run()
+    assert machine.seconds <= budget_s
+    # Where there is time, the model is not believed for ever.
+    assert 1 < len(found.trials) <= trials
+    assert listener.asked < 300
+
+
+def test_a_comparison_has_the_time_that_is_left() -> None:
+    machine = GivenMachine(only_placement_helps)
+    settings = SearchSettings(trials=8, budget_s=600.0, pairs=5)
+    found = Search(BLANK, machine, settings).run()
+    assert found.outcome == "improved"
+    assert all(0 < terms.limit_s <= settings.budget_s for terms in machine.terms)
+    # The proof may take what is left, and no more.
+    (proof,) = [terms for terms in machine.terms if not terms.lever]
+    spent_s = found.duration_s - found.proof.pairs * 20.0 if found.proof else 0.0
+    assert proof.limit_s == pytest.approx(settings.budget_s - spent_s)
+
+
+def test_what_has_passed_before_an_interruption_counts_after_it() -> None:
+    """Rounds and comparisons are stored when they end, as trials are."""
+    stored: list[TuningResult] = []
+
+    class Stored(SearchListener):
+        def found(self, result: TuningResult) -> None:
+            stored.append(result)
+
+    machine = GivenMachine(only_placement_helps)
+    Search(BLANK, machine, SETTINGS, Stored()).run()
+    times = sorted({result.duration_s for result in stored})
+    # No more than a round of four starts, or a comparison, lies between.
+    assert max(b - a for a, b in pairwise(times)) <= 100.0
+    assert times[-1] == machine.seconds
+
+
+def test_each_further_proof_has_half_the_chance_of_an_error() -> None:
+    machine = Borderline(borderline)
+    found = Search(BLANK, machine, SETTINGS).run()
+    assert found.proofs == 2
+    assert [terms.error_share for terms in machine.terms if not terms.lever] == [1.0, 0.5]
+    settings = SearchSettings(trials=8, budget_s=20_000.0, pairs=6)
+    again = Borderline(borderline)
+    other = Search(BLANK, again, settings, earlier=found).run()
+    assert [terms.error_share for terms in again.terms if not terms.lever] == [0.25, 0.125]
+    assert other.proofs == 4
+
+
+def test_a_claim_stands_until_there_is_another_proof() -> None:
+    found, _ = search(only_placement_helps)
+    assert found.outcome == "improved"
+    stored: list[TuningResult] = []
+
+    class Stored(SearchListener):
+        def found(self, result: TuningResult) -> None:
+            stored.append(result)
+
+    # The time is over before a proof: the trials were all made.
+    settings = SearchSettings(trials=8, budget_s=found.duration_s + 1, pairs=5)
+    again, machine = search(only_placement_helps, settings, Stored(), found)
+    assert not machine.compared
+    assert {(one.outcome, one.winner, one.proof) for one in stored} == {
+        ("improved", found.winner, found.proof)
+    }
+    assert "No other proof was made" in again.notes[-1]
+    # It is given up where another one refutes it.
+    more = SearchSettings(trials=8, budget_s=20_000.0, pairs=6)
+    refuted = Search(BLANK, NoGain(only_placement_helps), more, earlier=found).run()
+    assert (refuted.outcome, refuted.proofs) == ("not shown", 2)
+
+
+def test_pairs_whose_host_was_lost_do_not_end_a_search() -> None:
+    class Lost(GivenMachine):
+        def compare(
+            self, base: Deployment, head: Deployment, pairs: int, name: str, terms: Terms
+        ) -> Pairs:
+            seen = super().compare(base, head, pairs, name, terms)
+            return replace(seen, margins=(), reason="R2B688: the host left", may_retry=True)
+
+    found = Search(BLANK, Lost(only_placement_helps), SETTINGS).run()
+    assert found.outcome == "incomplete"
+    assert found.proofs == 0
+    assert "--resume" in found.reason

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
+import stat
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from r2bspec.cli.main import main
 from r2bspec.errors import ExitStatus
 from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.plan.tuning_space import Choice, Deployment, Setting
+from r2bspec.tune.patch import OVERLAY_SUFFIX
 from ros_runs import Bench, relay_spec
 from tuning_results import improved
 
@@ -68,6 +71,57 @@ def test_only_what_is_proved_is_written(
     assert "placement: shared" not in spec.read_text()
     assert main([*words, "--write"]) == status
     assert ("placement: shared" in spec.read_text()) is changed
+
+
+def test_an_overlay_is_a_new_file(
+    spec: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A value that comes from a variable cannot be written into the spec."""
+    found(monkeypatch, "improved")
+    text = spec.read_text()
+    assert "graph:\n" in text
+    text = text.replace("graph:\n", "graph:\n  placement: $(var place)\n")
+    spec.write_text(f"variables: {{place: separate}}\n{text}")
+    words = ["tune", str(spec), "--quiet", "--output", str(spec.parent), "--write"]
+    mask = os.umask(0o027)
+    try:
+        assert main(words) == 0, capsys.readouterr().err
+    finally:
+        os.umask(mask)
+    overlay = spec.with_name(
+        f"{spec.name.removesuffix('.yaml').removesuffix('.r2b')}{OVERLAY_SUFFIX}"
+    )
+    assert "placement: shared" in overlay.read_text()
+    assert stat.S_IMODE(overlay.stat().st_mode) == 0o640
+    # Once more it is a file that exists, whose mode is kept.
+    overlay.chmod(0o600)
+    assert main(words) == 0
+    assert stat.S_IMODE(overlay.stat().st_mode) == 0o600
+    assert "place: separate" in spec.read_text()
+
+
+def test_the_search_has_its_own_status_where_a_patch_cannot_be_made(
+    spec: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def tune(*_: Any, **__: Any) -> Any:
+        spec.unlink()
+        return improved(outcome="improved", winner=SHARED)
+
+    text = spec.read_text()
+    monkeypatch.setattr("r2bspec.tune.run_search.tune", tune)
+    words = ["tune", str(spec), "--quiet", "--output", str(spec.parent)]
+    stale = spec.with_name("deployment.patch")
+    stale.write_text("of an earlier search")
+    assert main(words) == 0
+    out, err = capsys.readouterr()
+    assert "Proof" in out
+    assert "no patch: " in err
+    assert "help: " in err
+    assert not stale.exists()
+    # What is asked for has to be done.
+    spec.write_text(text)
+    assert main([*words, "--write"]) == ExitStatus.USAGE
+    assert "Proof" in capsys.readouterr().out
 
 
 def test_a_search_that_is_interrupted_says_how_it_goes_on(

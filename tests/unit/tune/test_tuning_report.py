@@ -37,6 +37,18 @@ def test_gains_that_were_not_measured() -> None:
     assert wording.claim_text(endless) == "+50 % (+10 to ∞ %), 1 pair"
 
 
+def test_an_interval_of_another_confidence_says_so() -> None:
+    assert wording.interval_text(gain("", 0.72, confidence=0.975)) == "-31 to -25 % at 97.5 %"
+    assert wording.interval_text(gain("", 0.72)) == "-31 to -25 %"
+
+
+def test_a_winner_that_was_judged_alone_has_its_requirements() -> None:
+    text = to_text(improved(outcome="meets", proof=None))
+    assert "by its own runs" in text
+    assert "✔ latency.p99 < 50 ms: 37 ms, 26 % inside" in text
+    assert "by its own runs" not in to_text(improved())
+
+
 def test_hostile_texts_are_shown_and_do_nothing() -> None:
     result = tuning_results.hostile()
     text = to_text(result)

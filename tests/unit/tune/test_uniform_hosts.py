@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -26,10 +27,12 @@ from r2bspec.fleet.fleet_runs import EndedRun, FleetRun
 from r2bspec.fleet.hosts import ANY, HostFacts
 from r2bspec.fleet.uniform_hosts import UniformHosts, hosts_of_one_class
 from r2bspec.language.selected_spec import SpecSelection
+from r2bspec.plan.prepared_benchmark import PlannedRun
 from r2bspec.plan.tuning_space import Choice, Deployment, Setting
-from r2bspec.tune.machine import Start, TuningError, goal_of
+from r2bspec.tune.machine import Start, Terms, TuningError, goal_of
 from r2bspec.tune.trials import RealMachine
 from ros_runs import Bench, relay_spec
+from run_simulation import Simulation
 
 OTHER = Deployment(
     (Choice(lever="graph.placement", place=1, setting=Setting(text="x", sets=("title=x",))),)
@@ -52,8 +55,10 @@ class GivenHosts(UniformHosts):
 
     error: R2bspecError
     made: list[FleetRun]
+    calls: int = 0
 
     def _made(self, runs: Sequence[FleetRun]) -> list[EndedRun]:
+        self.calls += 1
         self.made = [*runs]
         return [EndedRun(run, "a", self.error) for run in runs]
 
@@ -117,6 +122,16 @@ def test_what_a_host_refuses_is_a_result_unless_it_is_the_spec_itself(
         fleet.measure([Start(Deployment(), "1")])
 
 
+def test_a_deployment_without_what_is_minimized_is_refused(fleet: RealMachine) -> None:
+    """Its run has no such process."""
+    run = Simulation().write(fleet.folder / "1")
+    fleet.goal = msgspec.structs.replace(fleet.goal, metric="cpu.gone.mean")
+    judged: Any = SimpleNamespace(verdict=SimpleNamespace(is_judged=True))
+    seen = fleet._measured(PlannedRun(fleet.prepare(OTHER), run.folder), judged)
+    assert seen.state == "refused"
+    assert seen.reason.startswith("cpu.gone.mean: ")
+
+
 def test_todays_deployment_is_observed_from_inside_when_it_is_started_again(
     fleet: RealMachine,
     hosts: GivenHosts,
@@ -129,11 +144,35 @@ def test_todays_deployment_is_observed_from_inside_when_it_is_started_again(
 
 def test_pairs_go_to_a_host_as_a_comparison(fleet: RealMachine, hosts: GivenHosts) -> None:
     hosts.error = HostLostError("the host a left the fleet")
-    seen = fleet.compare(Deployment(), OTHER, 3, "proof")
+    seen = fleet.compare(Deployment(), OTHER, 3, "proof", Terms(limit_s=60, error_share=0.5))
     assert seen.reason == "R2B688: the host a left the fleet"
     (run,) = hosts.made
     assert run.options == {"compares": True, "force": True, "against": "today's", "pairs": 3}
     assert [side.plan.title for side in run.sides] == ["x", ""]
+    # No pair begins that would not end in time, and half of the error is left.
+    assert {side.plan.gate.time_budget_ns for side in run.sides} == {60 * 10**9}
+    assert run.head.plan.gate.confidence == pytest.approx(0.975)
+
+
+def test_pairs_whose_host_is_lost_are_no_result(fleet: RealMachine, hosts: GivenHosts) -> None:
+    hosts.error = HostLostError("the host a left the fleet")
+    terms = Terms(limit_s=1e6)
+    assert fleet.compare(Deployment(), OTHER, 3, "proof", terms).may_retry
+    assert hosts.calls == 2
+    assert fleet.judge(OTHER, "proof", terms).may_retry
+    assert hosts.calls == 4
+    hosts.error = R2bspecError("the base fails: it ended", code="R2B698")
+    seen = fleet.compare(Deployment(), OTHER, 3, "proof", terms)
+    assert (seen.base_fails, seen.may_retry, hosts.calls) == (True, False, 5)
+
+
+def test_a_deployment_alone_is_not_judged_without_the_time_for_it(
+    fleet: RealMachine, hosts: GivenHosts
+) -> None:
+    seen = fleet.judge(OTHER, "proof", Terms(limit_s=0.5))
+    assert seen.may_retry
+    assert "are left" in seen.reason
+    assert hosts.calls == 0
 
 
 def test_hosts_of_several_classes_are_refused_with_a_way_out(fleet: RealMachine) -> None:
