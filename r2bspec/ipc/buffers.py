@@ -18,6 +18,7 @@ primitive is aligned to its own size, relative to the end of the encapsulation::
 
 from __future__ import annotations
 
+import errno
 import struct
 from pathlib import Path
 from typing import BinaryIO
@@ -32,6 +33,9 @@ _BIG = struct.Struct(">iI")
 _ENCAPSULATION_BYTES = 4
 STAMP_BYTES = _ENCAPSULATION_BYTES + _LITTLE.size
 """The number of bytes at the beginning of a message that contain its stamp."""
+
+MAX_MESSAGE_BYTES = (1 << 31) - 1
+"""An entry of a playback file has a size of 32 bits."""
 
 _SECOND_NS = 1_000_000_000
 
@@ -142,8 +146,11 @@ class BufferWriter:
         """Append one serialised message; the default of the time is the stamp.
 
         Raises:
-            OSError: the disk is full; it has the name of the file.
+            OSError: the disk is full, or the message has 2 GiB, whose size the player does not
+                know; it has the name of the file.
         """
+        if len(data) > MAX_MESSAGE_BYTES:
+            raise OSError(errno.EFBIG, "a message has 2 GiB or more", str(self._path))
         with named_errors(self._path):
             self._file.write(data)
         self._stamps.append(stamp_ns)

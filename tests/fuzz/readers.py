@@ -44,13 +44,15 @@ from r2bspec.cli.internal_error import Crash
 from r2bspec.cli.main import main
 from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.diagnostics.edits import fix
-from r2bspec.errors import R2bspecError
+from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.language.json_schema import published_schema
 from r2bspec.language.load_spec import LoadedSpec, load_spec
+from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.record.anatomy_files import AnatomyReader
 from r2bspec.record.files import RecordError
 from r2bspec.record.run_folder import open_run
 from r2bspec.report.finding_formats import FORMATS, render
+from r2bspec.tune.patch import patch_spec
 from r2bspec.tune.predict import predict_deployment
 from r2bspec.tune.tuning_page import to_html
 from r2bspec.tune.tuning_report import print_tuning
@@ -240,6 +242,26 @@ def _repair(loaded: LoadedSpec) -> None:
         before = loaded.sources[FILE].text
         fixed = fix(before, FILE, lambda changed: check(_load(changed), offline=True))
         assert fixed.applied or fixed.text == before, "nothing changes without a finding"
+
+
+def _patch(data: bytes, folder: Path) -> None:
+    """A deployment written into a spec, which is valid with it, or why it cannot be."""
+    loaded = _load(data)
+    if loaded.spec is None:
+        return
+    nodes = [name for name in loaded.spec.graph.nodes if name.isidentifier()][:3]
+    (folder / FILE).write_bytes(data)
+    try:
+        patch = patch_spec(
+            SpecSelection(Path(FILE)), [f"graph.nodes.{name}.nice=7" for name in nodes]
+        )
+    except UsageError as error:
+        assert error.hint  # noqa: PT017 - no test but a reader
+        return
+    patch.file.write_text(patch.after, encoding="utf-8")
+    again = load_spec(patch.after, file=str(patch.file))
+    assert again.spec is not None, "what is written is valid"
+    assert all(again.spec.graph.nodes[name].nice == 7 for name in nodes), "and says it"
 
 
 def _specs() -> Iterator[bytes]:
@@ -713,6 +735,7 @@ _files = mutations.by_start({b"<": mutations.xml(_LAUNCH_WORDS)}, mutations.yaml
 
 READERS = {
     "spec": Reader(_spec, mutations.yaml_document(_words_of_specs()), _specs),
+    "patch": Reader(_patch, mutations.yaml_document(_words_of_specs()), _specs),
     "parameters": Reader(
         _parameters,
         mutations.yaml_document(["ros__parameters", "/**", "parameters", "publishes", "qos"]),
