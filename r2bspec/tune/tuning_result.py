@@ -97,7 +97,7 @@ class Gain(msgspec.Struct, frozen=True, kw_only=True):
         before: the geometric mean over the runs without the change; None where one is missing.
         after: likewise with it.
         ratio: of after to before; None where it cannot be had.
-        lower: the bound of its 95 % interval; None where there is none.
+        lower: the bound of its interval, of at least 95 % for each look; None where there is none.
         upper: likewise.
         pairs: that were played.
     """
