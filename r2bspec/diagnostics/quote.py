@@ -118,10 +118,10 @@ def pluralize(number: int, noun: str) -> str:
 
 
 def time_text(seconds: float) -> str:
-    """A time for people: ``40 s``, ``3 min``, ``1 h 20 min``."""
+    """A time for people, rounded up: ``40 s``, ``3 min``, ``1 h 20 min``."""
     if seconds < 10:
         return f"{math.ceil(seconds)} s"
-    if seconds < 90:
+    if seconds <= 115:
         return f"{math.ceil(seconds / 5) * 5} s"
     minutes = math.ceil(seconds / 60)
     if minutes < 60:

@@ -531,7 +531,8 @@ class Session:
         """Play until every monitor has received a message, and at least for the planned time.
 
         The first messages take ten times the median: pages are touched for the first time, and
-        nodes initialise themselves. The measurements must not contain them.
+        nodes initialise themselves. The measurements must not contain them. The rate is not more
+        than `_WARM_UP_HZ`, so that queues of nodes that are not ready yet do not overflow.
         """
         plan = self._plan
         self._enter(RunState.WARM_UP, "warming up")

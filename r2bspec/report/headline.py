@@ -49,7 +49,7 @@ def verdict_headline(name: str, verdict: Verdict, base: str = "", pace: str = ""
         pace: what set the rate of messages, where none was offered.
     """
     of_start = " of this start of" if verdict.starts == 1 else ""
-    outcome = wording.OUTCOME_WORDS[verdict.outcome]
+    outcome = wording.overall_word(verdict)
     text = f"{outcome}{of_start} {name}: {_decisive(verdict, base, pace)}"
     return " ".join(text.split())
 

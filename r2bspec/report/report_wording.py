@@ -32,6 +32,13 @@ _MAX_CHANGES = 12
 """Changes of the code that are listed one by one where the first line does not name them all."""
 
 
+def overall_word(verdict: Verdict) -> str:
+    """The outcome with its mark; a run of which nothing was judged has passed nothing."""
+    if verdict.outcome == "pass" and not verdict.requirements:
+        return "– NOT JUDGED"
+    return OUTCOME_WORDS[verdict.outcome]
+
+
 def verdict_word(one: RequirementVerdict) -> str:
     """The outcome of a requirement, and its level where it does not fail the run."""
     word = OUTCOME_WORDS[one.outcome]

@@ -39,7 +39,7 @@ from r2bspec.report.terminal_tables import (
     hop_sections,
     load_section,
     monitor_sections,
-    outcome_text,
+    overall_text,
 )
 
 _MIN_WIDTH = 60
@@ -149,7 +149,7 @@ def print_report(
             console.print()
     if folder is not None:
         # Unwrapped, so that it can be copied. The outcome once more: its line may be out of sight.
-        last = Text.assemble(outcome_text(result.verdict.outcome), "  ", (str(folder), DIM_STYLE))
+        last = Text.assemble(overall_text(result.verdict), "  ", (str(folder), DIM_STYLE))
         console.print(last, soft_wrap=True)
 
 
@@ -245,7 +245,7 @@ def notes_section(notes: Notes) -> RenderableType | None:
 
 def first_line(line: str, verdict: Verdict) -> Text:
     """The first line of the report, with its outcome in colour."""
-    word = outcome_text(verdict.outcome)
+    word = overall_text(verdict)
     return Text.assemble(word, (line.removeprefix(word.plain), "bold"))
 
 

@@ -45,9 +45,9 @@ OUTCOME_STYLES: dict[OverallOutcome, str] = {
 DIM_STYLE = "dim"
 
 
-def outcome_text(outcome: OverallOutcome) -> Text:
-    """An outcome as a word with its mark and colour."""
-    return Text(wording.OUTCOME_WORDS[outcome], style=OUTCOME_STYLES[outcome])
+def overall_text(verdict: Verdict) -> Text:
+    """The outcome of a run as a word with its mark and colour."""
+    return Text(wording.overall_word(verdict), style=OUTCOME_STYLES[verdict.outcome])
 
 
 def heading(text: str, aside: str = "") -> Text:

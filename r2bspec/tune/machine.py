@@ -22,7 +22,7 @@ from r2bspec.tune.tuning_result import MAX_EXCESS, Gain, RequirementMargin
 
 
 class TuningError(UsageError):
-    """The spec, its objectives or this installation leave nothing to search for."""
+    """The spec or its objectives leave nothing to search for."""
 
     code = "R2B808"
 

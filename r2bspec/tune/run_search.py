@@ -211,11 +211,11 @@ def require_extra() -> None:
     """See that the extra `tune` is installed, before anything is waited for.
 
     Raises:
-        TuningError: a part of it is missing.
+        UsageError: a part of it is missing.
     """
     missing = [name for name in ("jinja2", "matplotlib", "optuna") if find_spec(name) is None]
     if missing:
-        raise TuningError(
+        raise UsageError(
             f"the search needs {quoted_list(missing)}, which this installation does not have",
             hint="Install it: pip install 'r2bspec[tune]'.",
         )

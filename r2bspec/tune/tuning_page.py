@@ -159,7 +159,8 @@ def _pareto(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
 def _levers(gains: Sequence[Gain], result: TuningResult) -> chart.Chart:
     shown = [result.proof, *gains] if result.proof and result.proof.ratio else gains
     description = (
-        f"The change of {result.goal} by each lever, with its 95 % interval; left of 0 it is less."
+        f"The change of {result.goal} by each lever, with an interval of at least 95 %; left of 0 "
+        "it is less."
     )
 
     def paint(sketch: chart.ChartBuilder) -> None:

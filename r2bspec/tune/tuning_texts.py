@@ -169,7 +169,7 @@ def _rank(trial: Trial) -> tuple[int, float, float, int]:
     return _ORDER.index(trial.state), excess, cost, trial.number
 
 
-GAIN_HEADER: Final = ("lever", "before", "after", "change", "95 % interval", "pairs")
+GAIN_HEADER: Final = ("lever", "before", "after", "change", "≥ 95 % interval", "pairs")
 
 
 class GainTable(NamedTuple):

@@ -25,7 +25,6 @@ from r2bspec.plan.this_machine import ament_prefixes, find_module, module_file
 from r2bspec.plan.wiring import node_interface
 from r2bspec.plan.wiring.console_scripts import source_script
 from r2bspec.plan.wiring.python_files import source_folder
-from r2bspec.plan.wiring.wiring import NodeWiring
 from r2bspec.safe_io.safe_file import is_folder, is_regular, names_if_any
 
 
@@ -386,35 +385,24 @@ def _source_of(
 
 @rule("R2B230")
 def node_started_by_arguments(context: Context) -> Findings:
-    """Python nodes that receive their names as ROS arguments of their own processes."""
+    """Python nodes that cannot share a process, although the placement says that nodes do."""
+    placement = context.spec.graph.placement
     for _, node in context.nodes:
-        if node.start.needs_own_process and not node.start.required and not node.node.container:
+        if node.path[0] != "graph" or placement == "separate" or node.node.container:
+            continue
+        if node.start.needs_own_process and not node.start.required:
+            is_main = node.start.style == "main"
+            reason = "initialises ROS itself" if is_main else "has a constructor without **kwargs"
             yield Finding(
-                message=_start_message(node, context.spec.graph.placement),
+                message=f"{node.key} {reason}: it starts in a process of its own, not one with "
+                f"'placement: {placement}', with its name, namespace, remappings and parameters as "
+                "ROS arguments",
                 path=(*node.path, "python"),
                 help=""
-                if node.start.style == "main"
+                if is_main
                 else "to let it share a process, give its constructor **kwargs and pass them to "
                 "Node",
             )
-
-
-def _start_message(node: NodeWiring, placement: str) -> str:
-    reason = (
-        "initialises ROS itself"
-        if node.start.style == "main"
-        else "has a constructor without **kwargs"
-    )
-    shared = node.path[0] == "graph" and placement != "separate"
-    process = (
-        f"a process of its own, not one with 'placement: {placement}',"
-        if shared
-        else ("a process of its own")
-    )
-    return (
-        f"{node.key} {reason}: it starts in {process} with its name, namespace, remappings and "
-        "parameters as ROS arguments"
-    )
 
 
 @rule("R2B231")

@@ -182,7 +182,15 @@ def test_a_rate_that_must_be_sustained_is_played_whole() -> None:
 
 @pytest.mark.parametrize(
     ("seconds", "text"),
-    [(0.2, "1 s"), (8.1, "9 s"), (41, "45 s"), (89, "90 s"), (91, "2 min"), (4800, "1 h 20 min")],
+    [
+        (0.2, "1 s"),
+        (8.1, "9 s"),
+        (41, "45 s"),
+        (90, "90 s"),
+        (111, "115 s"),
+        (116, "2 min"),
+        (4800, "1 h 20 min"),
+    ],
 )
 def test_times_are_written_for_people(seconds: float, text: str) -> None:
     assert time_text(seconds) == text

@@ -117,15 +117,16 @@ def plan(file: Path) -> Plan:
     return compile_plan(loaded, None, companion_files=read_companion_files(loaded, file.parent))
 
 
-def test_validate_says_how_a_node_without_keyword_arguments_starts(tmp_path: Path) -> None:
-    [found] = findings(spec(tmp_path, "Plain"))
+def test_validate_says_which_nodes_do_not_share_a_process(tmp_path: Path) -> None:
+    [found] = findings(spec(tmp_path, "Plain", "shared"))
     assert (found.code, found.severity) == ("R2B230", "info")
     assert found.message.startswith("one has a constructor without **kwargs: it starts in a ")
-    [found] = findings(spec(tmp_path, "Plain", "shared"))
     assert "of its own, not one with 'placement: shared'," in found.message
-    [found] = findings(spec(tmp_path, "main"))
+    [found] = findings(spec(tmp_path, "main", "shared"))
     assert found.message.startswith("one initialises ROS itself")
-    assert findings(spec(tmp_path, "Flexible")) == []
+    for name, placement in (("Flexible", "shared"), ("Plain", "separate"), ("main", "separate")):
+        found_codes = {each.code for each in findings(spec(tmp_path, name, placement))}
+        assert found_codes <= {"R2B673"}
 
 
 @pytest.mark.parametrize("placement", ["separate", "shared", "harness"])
