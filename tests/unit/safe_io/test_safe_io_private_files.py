@@ -89,7 +89,7 @@ def test_folders_of_any_depth_and_mode_are_removed(
 ) -> None:
     """Not by the superuser, whom no mode stops."""
     words = """if True:
-        import os, sys
+        import os, shutil, sys  # that user may not read Python's own modules
         from pathlib import Path
         from r2bspec.safe_io.private_files import remove_folder
         if os.geteuid() == 0:
