@@ -15,6 +15,7 @@ from typing import Any, Final, Literal
 import msgspec
 
 from r2bspec.diagnostics.plain_text import escaped_json
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.plan.tuning_space import Deployment, TuningSpace
 from r2bspec.record.files import FolderReader, RecordError, write_atomically
 from r2bspec.safe_io.limits import MAX_NUMBER
@@ -97,9 +98,10 @@ class Gain(msgspec.Struct, frozen=True, kw_only=True):
         before: the geometric mean over the runs without the change; None where one is missing.
         after: likewise with it.
         ratio: of after to before; None where it cannot be had.
-        lower: the bound of its interval, of at least 95 % for each look; None where there is none.
+        lower: the bound of its interval, at this confidence; None where there is none.
         upper: likewise.
         pairs: that were played.
+        confidence: of the interval.
     """
 
     change: str
@@ -112,6 +114,7 @@ class Gain(msgspec.Struct, frozen=True, kw_only=True):
     lower: float | None
     upper: float | None
     pairs: int
+    confidence: float = CONFIDENCE
 
     @property
     def is_shown(self) -> bool:
