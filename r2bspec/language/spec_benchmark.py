@@ -399,10 +399,10 @@ class Reaction(Record, frozen=True, kw_only=True):
     Attributes:
         when: The condition on an output: 'PATH op VALUE' or 'len(PATH) op VALUE', where [0] is an
             item of a list and [*] any of them.
-        source: The condition on a played message with which an event begins; the same form. Header
-            stamps, as seconds, are those of the recording.
+        source: Likewise on a played message, with which an event begins. Header stamps, in seconds,
+            are those of the recording.
         input: The playback input of the events; default: the only one. In a live graph, the topic
-            of another monitor: an event then begins when that has received the message.
+            of another monitor, whose reception begins the event.
     """
 
     about = key({"when": "len(poses) > 0", "from": "header.stamp >= 1700000003.2"})

@@ -243,6 +243,7 @@ class RealMachine:
             lower=cost.lower,
             upper=cost.upper,
             pairs=result.pairs.used,
+            confidence=cost.confidence,
         )
         objectives = {
             name: objective for name, objective in sides[1].plan.objectives.items() if name != _COST

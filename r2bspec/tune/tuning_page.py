@@ -57,7 +57,7 @@ def to_html(result: TuningResult) -> bytes:
         "facts": wording.facts(result),
         "winner_title": wording.winner_title(result),
         "winner": list(wording.winner_lines(result)),
-        "gain_header": wording.GAIN_HEADER,
+        "gain_header": wording.gain_header(result),
         "gain_tables": list(wording.gain_tables(result)),
         "trial_header": wording.TRIAL_HEADER,
         "trials": [(_STATES.get(row.state, ""), row) for row in wording.trial_rows(result)],
@@ -158,9 +158,9 @@ def _pareto(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
 
 def _levers(gains: Sequence[Gain], result: TuningResult) -> chart.Chart:
     shown = [result.proof, *gains] if result.proof and result.proof.ratio else gains
+    interval = wording.interval_title(result)
     description = (
-        f"The change of {result.goal} by each lever, with an interval of at least 95 %; left of 0 "
-        "it is less."
+        f"The change of {result.goal} by each lever, with its {interval}; left of 0 is less."
     )
 
     def paint(sketch: chart.ChartBuilder) -> None:

@@ -47,7 +47,7 @@ def print_tuning(result: TuningResult, page: Console) -> None:
         page.print()
     for title, aside, rows, notes in wording.gain_tables(result):
         page.print(heading(title, aside))
-        grid = _table(wording.GAIN_HEADER, right=(1, 2, 3, 4, 5))
+        grid = _table(wording.gain_header(result), right=(1, 2, 3, 4, 5))
         for row in rows:
             grid.add_row(*map(Text, row))
         page.print(grid)

@@ -169,7 +169,18 @@ def _rank(trial: Trial) -> tuple[int, float, float, int]:
     return _ORDER.index(trial.state), excess, cost, trial.number
 
 
-GAIN_HEADER: Final = ("lever", "before", "after", "change", "≥ 95 % interval", "pairs")
+def gain_header(result: TuningResult) -> tuple[str, ...]:
+    """The columns of gains."""
+    return ("lever", "before", "after", "change", interval_title(result), "pairs")
+
+
+def interval_title(result: TuningResult) -> str:
+    """What the intervals of gains are called: by their confidence, where it is one for all."""
+    gains = [*([result.proof] if result.proof else []), *result.levers, *result.dropped]
+    confidences = {gain.confidence for gain in gains if gain.lower is not None}
+    if len(confidences) != 1:
+        return "interval"
+    return f"{show(confidences.pop(), 'share', 3)} interval"
 
 
 class GainTable(NamedTuple):
@@ -197,7 +208,7 @@ def gain_tables(result: TuningResult) -> Iterator[GainTable]:
 
 
 def gain_rows(gains: Iterable[Gain], verdict: str = "") -> list[tuple[str, ...]]:
-    """Gains as texts, a column of `GAIN_HEADER` each."""
+    """Gains as texts, a column of `gain_header` each."""
     return [
         (
             f"{gain.change if gain.lever else 'all of it'}{verdict}",

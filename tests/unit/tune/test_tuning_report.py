@@ -56,3 +56,11 @@ def test_hostile_texts_are_shown_and_do_nothing() -> None:
     assert "\x1b" not in text
     assert "\u202e" not in text
     assert "[bold]" in text
+
+
+def test_intervals_are_called_by_the_confidence_that_they_have() -> None:
+    one, other = gain("a", 0.9, confidence=0.965), gain("b", 0.8)
+    unknown = gain("c", None, confidence=0.5)
+    same = improved(proof=one, levers=(one,), dropped=(unknown,))
+    assert wording.gain_header(same)[4] == "96.5 % interval"
+    assert wording.gain_header(improved(proof=one, levers=(other,), dropped=()))[4] == "interval"
