@@ -281,7 +281,9 @@ def _busiest(
         at_end = (ends[1] - used[high]) / ((end - times[high]) / 1e9)
         whole = (ends[1] - ends[0]) / ((end - start) / 1e9)
     inside = np.where(low < high, inside, -math.inf)
-    largest = np.where(some, np.maximum(np.maximum(at_start, at_end), inside), whole)
+    largest: NDArray[np.float64] = np.where(
+        some, np.maximum(np.maximum(at_start, at_end), inside), whole
+    )
     for window in np.flatnonzero(crowded).tolist():
         within = times[np.searchsorted(times, start[window], side="right") : past[window]]
         edges = np.concatenate((start[window : window + 1], within, end[window : window + 1]))

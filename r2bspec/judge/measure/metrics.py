@@ -9,7 +9,7 @@ added, messages pooled, rates averaged.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import msgspec
 import numpy as np
@@ -344,8 +344,8 @@ def _monitors(seen: Sequence[MonitorSamples]) -> list[MonitorMetrics]:
     ]
 
 
-def _monitor(seen: MonitorSamples, families: Mapping[str, Distribution]) -> MonitorMetrics:
-    counts = {
+def _monitor(seen: MonitorSamples, families: Mapping[str, Any]) -> MonitorMetrics:
+    counts: dict[str, Any] = {
         name: None if seen.own_pace else getattr(seen, name)
         for name in (*SENT_COUNTS, "answered", "missed")
     }
