@@ -161,6 +161,8 @@ def describe(
             rate_hz=float(source.rate_hz),
             qos=OFFERED_QOS,
             max_message_bytes=rig.message_bytes(source),
+            first_ns=sequence.start_ns + times_ns[0] if times_ns else None,
+            last_ns=sequence.start_ns + times_ns[-1] if times_ns else None,
         )
     return recording.BagIndex(
         name=name,
