@@ -223,10 +223,12 @@ def _uses(
 
     def growth(field: str) -> NDArray[np.float64]:
         values = rows[field]
-        grown = np.interp(end_s, times_s, values) - np.interp(start_s, times_s, values)
+        grown: NDArray[np.float64] = np.interp(end_s, times_s, values)
+        grown -= np.interp(start_s, times_s, values)
         # -1 in files of versions that did not record it.
         missing = np.concatenate(([0], np.cumsum(~(values >= 0))))
-        return np.where(missing[after + 1] == missing[before], grown, math.nan)
+        grown[missing[after + 1] != missing[before]] = math.nan
+        return grown
 
     mean = growth("cpu_s") / seconds
     columns = (
@@ -281,7 +283,9 @@ def _busiest(
         at_end = (ends[1] - used[high]) / ((end - times[high]) / 1e9)
         whole = (ends[1] - ends[0]) / ((end - start) / 1e9)
     inside = np.where(low < high, inside, -math.inf)
-    largest = np.where(some, np.maximum(np.maximum(at_start, at_end), inside), whole)
+    largest: NDArray[np.float64] = np.where(
+        some, np.maximum(np.maximum(at_start, at_end), inside), whole
+    )
     for window in np.flatnonzero(crowded).tolist():
         within = times[np.searchsorted(times, start[window], side="right") : past[window]]
         edges = np.concatenate((start[window : window + 1], within, end[window : window + 1]))

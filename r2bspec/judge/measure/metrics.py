@@ -9,7 +9,7 @@ added, messages pooled, rates averaged.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import msgspec
 import numpy as np
@@ -349,6 +349,7 @@ def _monitor(seen: MonitorSamples, families: Mapping[str, Distribution]) -> Moni
         name: None if seen.own_pace else getattr(seen, name)
         for name in (*SENT_COUNTS, "answered", "missed")
     }
+    fields: dict[str, Any] = {**families, **counts}
     return MonitorMetrics(
         drop_rate=seen.missed / seen.expected if seen.expected and not seen.own_pace else None,
         received=seen.received,
@@ -360,8 +361,7 @@ def _monitor(seen: MonitorSamples, families: Mapping[str, Distribution]) -> Moni
         untimed=seen.untimed,
         unknown_latency=seen.unknown_latency,
         hops=tuple(map(_hop, seen.hops)),
-        **families,
-        **counts,
+        **fields,
     )
 
 
