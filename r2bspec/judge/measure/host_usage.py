@@ -223,10 +223,12 @@ def _uses(
 
     def growth(field: str) -> NDArray[np.float64]:
         values = rows[field]
-        grown = np.interp(end_s, times_s, values) - np.interp(start_s, times_s, values)
+        grown: NDArray[np.float64] = np.interp(end_s, times_s, values)
+        grown -= np.interp(start_s, times_s, values)
         # -1 in files of versions that did not record it.
         missing = np.concatenate(([0], np.cumsum(~(values >= 0))))
-        return np.where(missing[after + 1] == missing[before], grown, math.nan)
+        grown[missing[after + 1] != missing[before]] = math.nan
+        return grown
 
     mean = growth("cpu_s") / seconds
     columns = (

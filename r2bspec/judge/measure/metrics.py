@@ -349,6 +349,7 @@ def _monitor(seen: MonitorSamples, families: Mapping[str, Any]) -> MonitorMetric
         name: None if seen.own_pace else getattr(seen, name)
         for name in (*SENT_COUNTS, "answered", "missed")
     }
+    fields: dict[str, Any] = {**families, **counts}
     return MonitorMetrics(
         drop_rate=seen.missed / seen.expected if seen.expected and not seen.own_pace else None,
         received=seen.received,
@@ -360,8 +361,7 @@ def _monitor(seen: MonitorSamples, families: Mapping[str, Any]) -> MonitorMetric
         untimed=seen.untimed,
         unknown_latency=seen.unknown_latency,
         hops=tuple(map(_hop, seen.hops)),
-        **families,
-        **counts,
+        **fields,
     )
 
 
