@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from r2bspec.judge.measure.host_usage import ProcessSamples
 from r2bspec.judge.measure.matching import MatchedMonitor, StepRatio, arrivals, match
 from r2bspec.judge.measure.samples import monitor_samples, step_times
 from r2bspec.judge.measure.times import intervals, jitter, percentile
 from r2bspec.judge.measure.units import show
-from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE, Rows
+from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE, RESOURCE_DTYPE, Rows
 from run_simulation import EPOCH_NS, segment_of
 
 finite = st.floats(min_value=0, max_value=1e3, allow_nan=False)
@@ -138,3 +140,53 @@ def test_matching_by_a_ratio_conserves_counts(rows: tuple[Rows, Rows], ratio: St
     numbers = ratio.before + found.trigger_steps + 1
     assert not (numbers % ratio.inputs).any()
     assert abs(found.trigger_steps.size / ratio.outputs - playback.size / ratio.inputs) < 1
+
+
+@st.composite
+def usage(draw: st.DrawFn) -> Rows:
+    """Samples of some processes, at any distances."""
+    rows = []
+    for process in range(draw(st.integers(1, 3))):
+        gaps = draw(st.lists(st.integers(1, 10**9), min_size=1, max_size=20))
+        of_process = np.zeros(len(gaps), RESOURCE_DTYPE)
+        of_process["time_ns"] = EPOCH_NS + np.cumsum(gaps)
+        grown = draw(st.lists(st.floats(0, 1), min_size=len(gaps), max_size=len(gaps)))
+        for field in ("cpu_s", "waited_s", "minor_faults"):
+            of_process[field] = np.cumsum(grown)
+        of_process["memory_bytes"] = draw(st.permutations(range(len(gaps))))
+        of_process["process"] = process
+        rows.append(of_process)
+    together = np.concatenate(rows)
+    return together[np.argsort(together["time_ns"], kind="stable")]
+
+
+@given(
+    usage(),
+    st.lists(st.tuples(st.integers(0, 2 * 10**9), st.integers(1, 10**10)), min_size=1, max_size=9),
+)
+def test_windows_that_are_calculated_together_are_those_of_each_alone(
+    rows: Rows, windows: list[tuple[int, int]]
+) -> None:
+    sampled = ProcessSamples(rows)
+    began_ns, lengths_ns = np.array(windows, np.int64).T
+    began_ns, ended_ns = EPOCH_NS + began_ns, EPOCH_NS + began_ns + lengths_ns
+    ends = [*zip(began_ns.tolist(), ended_ns.tolist(), strict=True)]
+    together = sampled.used_in(began_ns, ended_ns)
+    for used, (began, ended) in zip(together, ends, strict=True):
+        alone = sampled.used(began, ended)
+        assert used.keys() == alone.keys()
+        for index, use in used.items():
+            of_process = rows[rows["process"] == index]
+            inside = of_process[(of_process["time_ns"] >= began) & (of_process["time_ns"] <= ended)]
+            assert use.memory_max_bytes == (inside["memory_bytes"].max() if inside.size else None)
+            assert (use.cpu_mean is None) == (alone[index].cpu_mean is None)
+            if use.cpu_mean is None or use.cpu_max is None:
+                continue
+            since, until = (
+                max(began, of_process["time_ns"][0]),
+                min(ended, of_process["time_ns"][-1]),
+            )
+            first, last = np.interp([since, until], of_process["time_ns"], of_process["cpu_s"])
+            assert use.cpu_mean == pytest.approx((last - first) / ((until - since) / 1e9), abs=1e-4)
+            assert use.cpu_max == pytest.approx(alone[index].cpu_max, rel=1e-6)
+            assert use.cpu_max >= use.cpu_mean
