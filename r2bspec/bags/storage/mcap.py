@@ -73,11 +73,11 @@ class McapStorage:
                     with budget.DecompressionBudget(self._stored_bytes).active():
                         file.meta_scan()
                 _check_counts(stated, Counter(file.statistics.channel_message_counts), display_path)
+            spans_ns = _spans_ns(path, file.chunks) if self._indexed else {}
             self._stack = stack.pop_all()
         self._file = file
         statistics = file.statistics
         self._connections: list[Connection] = reader.connections
-        spans_ns = _spans_ns(path, file.chunks) if self._indexed else {}
         self.topics = tuple(
             stored_topic(
                 connection,
