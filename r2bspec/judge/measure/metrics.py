@@ -193,6 +193,16 @@ class RateMetrics(msgspec.Struct, frozen=True, kw_only=True):
     spread: dict[str, dict[str, Spread]]
     reruns: tuple[SegmentMetrics, ...] = ()
 
+    def __post_init__(self) -> None:
+        """See that every iteration has what is pooled.
+
+        Raises:
+            ValueError: one has other monitors.
+        """
+        for iteration in self.iterations:
+            if iteration.monitors.keys() != self.pooled.monitors.keys():
+                raise ValueError(f"iteration {iteration.segment} has other monitors than its rate")
+
 
 class RunMetrics(msgspec.Struct, frozen=True, kw_only=True):
     """Everything measured in a run, by offered rate in ascending order.
