@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.measure.metrics import MonitorMetrics
+from r2bspec.judge.measure.metrics import MonitorMetrics, SegmentMetrics
 from r2bspec.judge.result import Result
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan, TopicPlan
 from r2bspec.record.run_folder import Run
@@ -143,10 +143,14 @@ SIMULATIONS = {
 def with_monitors(
     result: Result, change: Callable[[Mapping[str, MonitorMetrics]], dict[str, MonitorMetrics]]
 ) -> Result:
-    """The result with other metrics of the monitors at every rate."""
+    """The result with other metrics of the monitors at every rate, and in each iteration."""
     put = msgspec.structs.replace
+
+    def changed(segment: SegmentMetrics) -> SegmentMetrics:
+        return put(segment, monitors=change(segment.monitors))
+
     rates = tuple(
-        put(rate, pooled=put(rate.pooled, monitors=change(rate.pooled.monitors)))
+        put(rate, pooled=changed(rate.pooled), iterations=tuple(map(changed, rate.iterations)))
         for rate in result.metrics.rates
     )
     return put(result, metrics=put(result.metrics, rates=rates))
