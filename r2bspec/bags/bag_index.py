@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, cast
 
@@ -11,7 +12,7 @@ import msgspec
 
 from r2bspec.bags import recording
 from r2bspec.bags.metadata import BagMetadata, read_metadata
-from r2bspec.bags.storage.storage import Storage, open_storages, storage_paths
+from r2bspec.bags.storage.storage import Storage, open_storages, storage_errors, storage_paths
 
 
 class _StorageSummary(msgspec.Struct):
@@ -65,7 +66,7 @@ def _index_folder(path: Path) -> recording.BagIndex:
         notes: tuple[str, ...] = ("files are compressed: metadata.yaml was not checked",)
     else:
         with open_storages(paths, compressed_files=False) as storages:
-            summary = _summarize(storages)
+            summary = _summarize(paths, storages)
         _check_metadata(path, metadata, summary)
         start_ns, end_ns = summary.start_ns, summary.end_ns
         spans_ns = {name: topic.span_ns for name, topic in summary.topics.items()}
@@ -76,7 +77,7 @@ def _index_folder(path: Path) -> recording.BagIndex:
         name=path.resolve().name,
         storage=storage,
         topics=recording.merge_topics(
-            (_with_span(topic, spans_ns.get(topic.name)) for topic in metadata.topics),
+            (recording.with_span(topic, spans_ns.get(topic.name)) for topic in metadata.topics),
             end_ns - start_ns,
         ),
         start_ns=start_ns,
@@ -90,15 +91,10 @@ def _index_folder(path: Path) -> recording.BagIndex:
     return index if record is None else record.complete_index(index)
 
 
-def _with_span(topic: recording.TopicInfo, span_ns: tuple[int, int] | None) -> recording.TopicInfo:
-    if span_ns is None:
-        return topic
-    return msgspec.structs.replace(topic, first_ns=span_ns[0], last_ns=span_ns[1])
-
-
 def _index_file(path: Path, bag_format: recording.BagFormat) -> recording.BagIndex:
-    with open_storages(storage_paths(path, ()), compressed_files=False) as storages:
-        summary = _summarize(storages)
+    paths = storage_paths(path, ())
+    with open_storages(paths, compressed_files=False) as storages:
+        summary = _summarize(paths, storages)
     return recording.BagIndex(
         name=path.name,
         storage=bag_format.name,
@@ -137,12 +133,15 @@ def _compression(path: Path, metadata: BagMetadata) -> Literal["none", "message"
     return cast("Literal['none', 'message', 'file']", mode)
 
 
-def _summarize(storages: list[Storage]) -> _StorageSummary:
+def _summarize(paths: Sequence[Path], storages: Sequence[Storage]) -> _StorageSummary:
     """Sum topics, counts and extents over storage files."""
     filled = [storage for storage in storages if storage.message_count]
     start_ns = min((storage.start_ns for storage in filled), default=0)
     end_ns = max((storage.end_ns for storage in filled), default=0)
-    entries = [topic for storage in storages for topic in storage.topics]
+    entries: list[recording.TopicInfo] = []
+    for path, storage in zip(paths, storages, strict=True):
+        with storage_errors(path):
+            entries += storage.timed_topics()
     topics = recording.merge_topics(entries, end_ns - start_ns)
     notes = [
         f"{entry.name} was recorded as {topics[entry.name].type} and as {entry.type}"

@@ -374,6 +374,13 @@ def merge_indexes(indexes: Sequence[BagIndex]) -> BagIndex | None:
     )
 
 
+def with_span(topic: TopicInfo, span_ns: tuple[int, int] | None) -> TopicInfo:
+    """The topic with the times of its first and its last message, if they are known."""
+    if span_ns is None:
+        return topic
+    return msgspec.structs.replace(topic, first_ns=span_ns[0], last_ns=span_ns[1])
+
+
 def merge_topics(infos: Iterable[TopicInfo], duration_ns: int) -> dict[str, TopicInfo]:
     """The topics by name, sorted; the message counts of several entries of one are added.
 

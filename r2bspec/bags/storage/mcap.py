@@ -18,7 +18,14 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
-from r2bspec.bags.recording import DataError, RecordedMessage, Selection, unreadable
+from r2bspec.bags.recording import (
+    DataError,
+    RecordedMessage,
+    Selection,
+    TopicInfo,
+    unreadable,
+    with_span,
+)
 from r2bspec.bags.storage.storage import decompress_message, no_profiles, stored_topic
 from r2bspec.safe_io import decompression_budget as budget
 from r2bspec.safe_io.limits import MAX_PIECE_BYTES
@@ -59,6 +66,7 @@ class McapStorage:
             skip_exact=_skip_message,
             parse_qos=no_profiles,
         )
+        self._path = path
         self._stored_bytes = path.stat().st_size
         with ExitStack() as stack, budget.DecompressionBudget(self._stored_bytes).active():
             reader = stack.enter_context(Reader(path))
@@ -73,22 +81,23 @@ class McapStorage:
                     with budget.DecompressionBudget(self._stored_bytes).active():
                         file.meta_scan()
                 _check_counts(stated, Counter(file.statistics.channel_message_counts), display_path)
-            spans_ns = _spans_ns(path, file.chunks) if self._indexed else {}
             self._stack = stack.pop_all()
         self._file = file
         statistics = file.statistics
         self._connections: list[Connection] = reader.connections
         self.topics = tuple(
-            stored_topic(
-                connection,
-                statistics.channel_message_counts.get(connection.id, 0),
-                spans_ns.get(connection.id, (None, None)),
-            )
+            stored_topic(connection, statistics.channel_message_counts.get(connection.id, 0))
             for connection in self._connections
         )
         self.message_count = statistics.message_count
         self.start_ns = statistics.start_time
         self.end_ns = statistics.end_time
+
+    def timed_topics(self) -> Iterator[TopicInfo]:
+        """As `Storage.timed_topics`."""
+        spans_ns = _spans_ns(self._path, self._file.chunks) if self._indexed else {}
+        for topic, connection in zip(self.topics, self._connections, strict=True):
+            yield with_span(topic, spans_ns.get(connection.id))
 
     def messages(self, selection: Selection) -> Iterator[RecordedMessage]:
         """As `Storage.messages`."""

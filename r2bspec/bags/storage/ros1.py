@@ -12,7 +12,14 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from r2bspec.bags.recording import DataError, RecordedMessage, Selection, TopicInfo, error_text
+from r2bspec.bags.recording import (
+    DataError,
+    RecordedMessage,
+    Selection,
+    TopicInfo,
+    error_text,
+    with_span,
+)
 from r2bspec.safe_io import decompression_budget as budget
 from r2bspec.safe_io.limits import MAX_DEFINITION_LINES, MAX_FIXED_VALUES
 from r2bspec.safe_io.safe_file import open_regular
@@ -46,11 +53,20 @@ class Ros1Storage:
         except BaseException:
             self._reader.close()
             raise
-        self.topics = tuple(_topic(self._reader, link) for link in self._reader.connections)
+        self.topics = tuple(
+            TopicInfo(name=connection.topic, type=_type(connection), count=connection.msgcount)
+            for connection in self._reader.connections
+        )
         self.message_count = sum(topic.count for topic in self.topics)
         self.start_ns = self._reader.start_time
         # rosbags gives the first instant after the last message.
         self.end_ns = self._reader.end_time - 1
+
+    def timed_topics(self) -> Iterator[TopicInfo]:
+        """As `Storage.timed_topics`."""
+        for topic, connection in zip(self.topics, self._reader.connections, strict=True):
+            times_ns = [entry.time for entry in self._reader.indexes.get(connection.id, ())]
+            yield with_span(topic, (min(times_ns), max(times_ns)) if times_ns else None)
 
     def messages(self, selection: Selection) -> Iterator[RecordedMessage]:
         """As `Storage.messages`.
@@ -116,17 +132,6 @@ def _check_index(path: Path, reader: Reader) -> None:
         {connection.id: connection.msgcount for connection in reader.connections}
     ):
         raise ValueError("the numbers of messages in its index and its chunks differ")
-
-
-def _topic(reader: Reader, connection: Connection) -> TopicInfo:
-    times_ns = [entry.time for entry in reader.indexes.get(connection.id, ())]
-    return TopicInfo(
-        name=connection.topic,
-        type=_type(connection),
-        count=connection.msgcount,
-        first_ns=min(times_ns, default=None),
-        last_ns=max(times_ns, default=None),
-    )
 
 
 def _type(connection: Connection) -> str:

@@ -8,7 +8,14 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from r2bspec.bags.recording import DataError, RecordedMessage, Selection, unreadable
+from r2bspec.bags.recording import (
+    DataError,
+    RecordedMessage,
+    Selection,
+    TopicInfo,
+    unreadable,
+    with_span,
+)
 from r2bspec.bags.storage.storage import check_topics, decompress_ahead, no_profiles, stored_topic
 from r2bspec.safe_io.decompression_budget import DecompressionBudget
 from r2bspec.safe_io.limits import MAX_DEFINITIONS, MAX_TOPIC_TEXT_BYTES, MAX_VALUE_BYTES
@@ -45,10 +52,8 @@ class SqliteStorage:
             self._reader = stack.enter_context(Reader(_uri_safe_path(real, stack)))
             _restrict(self._reader.storage)
             self._stack = stack.pop_all()
-        spans_ns = _spans_ns(real)
         self.topics = tuple(
-            stored_topic(connection, connection.msgcount, spans_ns.get(connection.id, (None, None)))
-            for connection in self._reader.connections
+            stored_topic(connection, connection.msgcount) for connection in self._reader.connections
         )
         self.message_count = self._reader.message_count
         self.start_ns = self._reader.start_time
@@ -65,6 +70,12 @@ class SqliteStorage:
                 "topics",
                 "the file is damaged; copy or record it again",
             )
+
+    def timed_topics(self) -> Iterator[TopicInfo]:
+        """As `Storage.timed_topics`."""
+        spans_ns = _spans_ns(self._path)
+        for topic, connection in zip(self.topics, self._reader.connections, strict=True):
+            yield with_span(topic, spans_ns.get(connection.id))
 
     def messages(self, selection: Selection) -> Iterator[RecordedMessage]:
         """As `Storage.messages`."""

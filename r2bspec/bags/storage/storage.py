@@ -11,7 +11,7 @@ import os
 import shutil
 import sys
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -33,16 +33,9 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
 
 
-def stored_topic(
-    connection: Connection, count: int, span_ns: tuple[int | None, int | None] = (None, None)
-) -> recording.TopicInfo:
-    """The topic of a connection, as `rosbags` has it, with the number of its messages.
-
-    `span_ns` has the times of the first and the last one, if they are known.
-    """
+def stored_topic(connection: Connection, count: int) -> recording.TopicInfo:
+    """The topic of a connection, as `rosbags` has it, with the number of its messages."""
     return recording.TopicInfo(
-        first_ns=span_ns[0],
-        last_ns=span_ns[1],
         name=connection.topic,
         type=normalise_type(connection.msgtype),
         count=count,
@@ -69,6 +62,13 @@ class Storage(Protocol):
     message_count: int
     start_ns: int
     end_ns: int
+
+    def timed_topics(self) -> Iterable[recording.TopicInfo]:
+        """The topics, with the times of their first and last messages where an index tells them.
+
+        It takes a search of the file, so that `topics` has no times.
+        """
+        ...
 
     def messages(self, selection: recording.Selection) -> Iterator[recording.RecordedMessage]:
         """The selected messages in time order, as CDR."""
