@@ -16,7 +16,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import cache, cached_property
 from itertools import islice
@@ -44,7 +44,7 @@ from r2bspec.language.located_tree import ListNode, MapNode, TreeNode, child, co
 from r2bspec.language.quantities import Rate
 from r2bspec.language.spec import Spec
 from r2bspec.plan.installed_packages import package_version
-from r2bspec.plan.message_conditions import UnreadableError
+from r2bspec.plan.message_conditions import MessageCondition, UnreadableError
 from r2bspec.plan.process_plans import process_names
 from r2bspec.plan.wiring.build_wiring import build_wiring
 from r2bspec.plan.wiring.companion_files import CompanionFiles, CompanionReader
@@ -195,6 +195,7 @@ class Context:
         spec: its typed value.
         offline: whether to skip recorded data.
         files: of its document.
+        held: what `window_holds` has read, by topic and condition.
     """
 
     def __init__(
@@ -209,6 +210,7 @@ class Context:
         self.spec = spec
         self.offline = offline
         self.files = DocumentFiles(loaded.base_dir) if files is None else files
+        self.held: dict[tuple[str, str], Sequence[bool] | None] = {}
 
     @cached_property
     def companion_files(self) -> CompanionFiles:
@@ -504,13 +506,26 @@ def window_stamps(context: Context, topics: set[str]) -> dict[str, list[int]] | 
     return stamps
 
 
-def window_holds(context: Context, topic: str, holds: Callable[[bytes], bool]) -> list[bool] | None:
-    """Whether each message of a bag topic in the window meets a condition; None if none is read."""
+def window_holds(
+    context: Context, topic: str, condition: MessageCondition
+) -> Sequence[bool] | None:
+    """Whether each message of a bag topic in the window meets a condition; None if none is read.
+
+    Each requirement on a reaction asks for it: the messages are read once.
+    """
+    key = (topic, condition.condition.text)
+    if key not in context.held:
+        context.held[key] = _read_held(context, topic, condition)
+    return context.held[key]
+
+
+def _read_held(context: Context, topic: str, condition: MessageCondition) -> list[bool] | None:
     path = context.bag_location.path if context.bag_location is not None else None
     if context.bag is None or path is None or _size(path) > MAX_STAMPS_BYTES:
         return None
     try:
-        return [holds(message.data) for message in _messages_in_window(context, path, {topic})]
+        messages = _messages_in_window(context, path, {topic})
+        return [condition.holds(message.data) for message in messages]
     except (DataError, UnreadableError):
         return None
 

@@ -32,7 +32,7 @@ def most_events(context: Context, monitor: Monitor, steps: int) -> int | None:
     condition = message_condition(reaction.source, played.format)
     if not topic or not isinstance(condition, MessageCondition):
         return None
-    held = window_holds(context, topic, condition.holds)
+    held = window_holds(context, topic, condition)
     if not held:
         return None
     held = held[: spec.playback.buffer or None]

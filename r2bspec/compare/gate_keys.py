@@ -1,7 +1,7 @@
 """The gate of a plan, key by key: what a verdict depends on, and which change of it is weaker.
 
 A field of a plan that is neither in `GATE_FIELDS` nor free (`is_free`) is reported as a weaker gate
-under its own name, until somebody decides where it belongs.
+under its own name, until it is added to one of them.
 
 Numbers and ranks have an order: less is weaker (`float`), or more is (`neg`). Of anything else no
 change is known to be harmless, so each one counts as weaker. Objectives are compared in
@@ -455,6 +455,6 @@ def is_free(field: str) -> bool:
     """Whether a field of a plan may change without a word: a text, or one that shows the graph.
 
     Raises:
-        KeyError: nobody has said which key it shows.
+        KeyError: the field has no key in `plan.comparability`.
     """
     return field not in GATE_FIELDS and (field in FREE_FIELDS or change_of(field) == "graph")

@@ -20,14 +20,13 @@ import msgspec
 
 from r2bspec.diagnostics.quote import clip, printable
 from r2bspec.errors import R2bspecError, UsageError, without_output
-from r2bspec.execute.bringup.launcher import NODE_ROLES
 from r2bspec.execute.errors import InterruptedRunError, RunError
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.profilers import AttachedProfiler, Profiler
 from r2bspec.execute.run_context import MEASURE_PHASE
 from r2bspec.language.quantities import Duration
-from r2bspec.plan.plan import Plan, ProcessPlan
+from r2bspec.plan.plan import GRAPH_ROLES, Plan, ProcessPlan
 from r2bspec.record.run_record import AnatomyRecord, ProfileRecord
 from r2bspec.safe_io.file_search import regular_files
 from r2bspec.safe_io.private_files import remove_folder
@@ -79,7 +78,7 @@ def profiled_processes(plan: Plan, node: str) -> tuple[ProcessPlan, ...]:
                 hint=f"It starts {', '.join(sorted(names))}.",
             )
         return tuple(processes)
-    processes = [process for process in measured if process.role in NODE_ROLES or process.nodes]
+    processes = [process for process in measured if process.role in GRAPH_ROLES or process.nodes]
     if not processes:
         raise UsageError(
             "--profile: this run starts no process of the graph",

@@ -38,7 +38,7 @@ from r2bspec.execute.anatomy import AnatomyObservation
 from r2bspec.execute.bringup import harness_processes, readiness
 from r2bspec.execute.bringup.creation_faults import not_created, not_made
 from r2bspec.execute.bringup.graph_matching import MonitorSubscriptions, PhaseGraph
-from r2bspec.execute.bringup.launcher import NODE_ROLES, Launcher, message_packages
+from r2bspec.execute.bringup.launcher import Launcher, message_packages
 from r2bspec.execute.bringup.observe_graph import foreign_publishers, guarded_topics
 from r2bspec.execute.build_schedule import build_call_timeline, build_schedule
 from r2bspec.execute.measurement.harness_overhead import HarnessOverhead, can_be_measured
@@ -58,7 +58,7 @@ from r2bspec.ipc.buffers import TF_STATIC, buffered_transforms
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.judge.measure.samples import SegmentSamples
 from r2bspec.judge.rate_decision import load_scipy
-from r2bspec.plan.plan import Plan, ProcessPlan
+from r2bspec.plan.plan import GRAPH_ROLES, Plan, ProcessPlan
 from r2bspec.plan.taps import all_taps, tap_monitors
 from r2bspec.record import run_record
 
@@ -172,7 +172,7 @@ class Session:
         others = [
             process
             for process in self._supervisor
-            if process.role in NODE_ROLES and process not in self._launcher.hosts
+            if process.role in GRAPH_ROLES and process not in self._launcher.hosts
         ]
         self._context.loaded_files.look(hosts, others)
 
@@ -366,7 +366,7 @@ class Session:
         return [
             process
             for process in self._plan.processes_in(MEASURE_PHASE)
-            if process.role in NODE_ROLES
+            if process.role in GRAPH_ROLES
         ]
 
     def _start_joined_nodes(

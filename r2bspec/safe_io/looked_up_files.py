@@ -92,7 +92,7 @@ def shared_lookup(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _noted(ask: Callable[[], R]) -> tuple[R, Lookups]:
-    """An answer, and what it depends on if somebody takes notice."""
+    """An answer, and the lookups that it depends on if lookups are noted now."""
     noting = _LOOKED_UP.get()
     if noting is None:
         return ask(), Lookups()
@@ -105,7 +105,7 @@ def _noted(ask: Callable[[], R]) -> tuple[R, Lookups]:
 
 
 def is_noting() -> bool:
-    """Whether somebody takes notice."""
+    """Whether lookups are noted now (`looked_up_files`)."""
     return _LOOKED_UP.get() is not None
 
 

@@ -1,8 +1,8 @@
 """Files and folders that no other user of the machine may read.
 
 Temporary folders are locked by the process that has made them, and the lock ends with the process,
-however that ends. The next process that needs a folder removes those of this user that nobody
-holds: not even a killed process leaves one.
+however that ends. The next process of this user that makes a temporary folder removes those that no
+process has locked: not even a killed process leaves one.
 """
 
 from __future__ import annotations

@@ -9,11 +9,9 @@ from typing import Final
 import numpy as np
 
 from r2bspec.language.spec import ProcessSettings
-from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
+from r2bspec.plan.plan import GRAPH_ROLES, NodePlan, Plan, ProcessPlan
 from r2bspec.tune.observed_graph import NotKnownError, ObservedProcess, ObservedSegment
 from r2bspec.tune.queue_model import ExecutorModel, GraphModel, Observed, Reaction, Seconds
-
-_GRAPH_ROLES: Final = frozenset({"host", "container", "command", "harness"})
 
 _SAME_FIELDS: Final = (
     *("namespace", "environment", "transport", "segment_bytes", "dataset", "datasets", "buffer"),
@@ -163,7 +161,11 @@ def graph_nodes(plan: Plan) -> frozenset[str]:
 def graph_processes(plan: Plan) -> Iterator[ProcessPlan]:
     """The processes of the graph under test."""
     for process in plan.processes:
-        if process.phase == "measure" and process.role in _GRAPH_ROLES and process.nodes:
+        if (
+            process.phase == "measure"
+            and process.role in {*GRAPH_ROLES, "harness"}
+            and process.nodes
+        ):
             yield process
 
 

@@ -37,9 +37,6 @@ if TYPE_CHECKING:
     from r2bspec.execute.anatomy import AnatomyObservation
     from r2bspec.execute.bringup.harness_processes import GraphJoins
 
-NODE_ROLES = frozenset({"host", "container", "command"})
-"""Roles of processes that hold nodes of the graph and nothing of the harness."""
-
 _IMPORTING_ROLES = frozenset({"host", "loader"})
 """Roles of processes of Python that import ROS before anything else."""
 

@@ -375,7 +375,7 @@ class MatchedMonitor:
     own_pace: bool = False
 
     def pace_evidence(self, segment: Segment) -> tuple[PaceEvidence, ...]:
-        """What a segment in which inputs were played tells of the pace; none if nobody asks.
+        """The evidence of a segment in which inputs were played; empty for a monitor of own pace.
 
         The rows are those until the graph had drained.
         """

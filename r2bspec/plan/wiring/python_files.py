@@ -1,6 +1,6 @@
 """Python files of nodes: where they may be read, as modules of their package, and what they name.
 
-Nothing is imported: the file of a module is found by its name, beside the file that names it. A
+Nothing is imported: a module is found by its name in the folder of the importing file. A
 node named by its file, such as ``../src/pkg/pkg/node.py:Node``, is a module of its package, so that
 it may import the others of it: ``from pkg.helper import …``, ``from . import …``.
 """
