@@ -148,16 +148,16 @@ class PhaseClock:
         self._ended: list[PhaseTime] = []
         self._waits: dict[str, tuple[int, int]] = {}
         self._is_waiting = False
-        self._start(RunState.PREPARE)
+        self._start(RunState.PREPARE, time.monotonic_ns())
 
     def begin(self, name: str) -> None:
-        """End the phase that runs, and begin another one."""
+        """End the phase that runs, and begin another one at the same time."""
         self._ended = [*self.phases()]
-        self._start(name)
+        self._start(name, self._ended[-1].ended_ns)
 
-    def _start(self, name: str) -> None:
+    def _start(self, name: str, began_ns: int) -> None:
         self._name = str(name)
-        self._began_ns, self._began_cpu_ns = time.monotonic_ns(), time.process_time_ns()
+        self._began_ns, self._began_cpu_ns = began_ns, time.process_time_ns()
         self._waits = {}
 
     @contextlib.contextmanager
