@@ -1,26 +1,8 @@
 // A service in C: it answers with twice the number, and with false every fourth time.
-#include <rcl/error_handling.h>
+#include "program.h"
+
 #include <rcl/rcl.h>
-#include <signal.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <test_msgs/srv/basic_types.h>
-
-static volatile sig_atomic_t stopped = 0;
-
-static void stop(int signal_number)
-{
-  (void)signal_number;
-  stopped = 1;
-}
-
-static void require(rcl_ret_t result, const char * what)
-{
-  if (result != RCL_RET_OK) {
-    fprintf(stderr, "%s: %s\n", what, rcl_get_error_string().str);
-    exit(1);
-  }
-}
 
 int main(int argc, const char ** argv)
 {

@@ -1,32 +1,13 @@
 #include "image_node.h"
+#include "program.h"
 
-#include <signal.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <time.h>
 
-#include <rcl/error_handling.h>
 #include <rcl_yaml_param_parser/parser.h>
 #include <rosidl_runtime_c/message_type_support_struct.h>
 
 // How often a node that receives nothing looks whether it has been told to exit.
 static const int64_t WAIT_NS = 50 * 1000 * 1000;
-
-static volatile sig_atomic_t stopped = 0;
-
-static void stop(int signal)
-{
-  (void)signal;
-  stopped = 1;
-}
-
-static void require(rcl_ret_t result, const char * action)
-{
-  if (result != RCL_RET_OK) {
-    fprintf(stderr, "%s: %s\n", action, rcl_get_error_string().str);
-    exit(EXIT_FAILURE);
-  }
-}
 
 void image_node_open(image_node_t * self, int argc, const char * const * argv, const char * name)
 {

@@ -1,30 +1,12 @@
 // An action server in C, of one thread: it executes a goal as soon as it has accepted it.
-#include <rcl/error_handling.h>
+#include "program.h"
+
 #include <rcl/rcl.h>
 #include <rcl_action/rcl_action.h>
-#include <signal.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <test_msgs/action/fibonacci.h>
 #include <unistd.h>
 
 enum { EXECUTION_US = 60000 };
-
-static volatile sig_atomic_t stopped = 0;
-
-static void stop(int signal_number)
-{
-  (void)signal_number;
-  stopped = 1;
-}
-
-static void require(rcl_ret_t result, const char * what)
-{
-  if (result != RCL_RET_OK) {
-    fprintf(stderr, "%s: %s\n", what, rcl_get_error_string().str);
-    exit(1);
-  }
-}
 
 static void execute_goal(rcl_action_server_t * server)
 {
