@@ -141,8 +141,6 @@ def init_command(
         raise click.UsageError("--params-file needs --node")
     if has_sources and template != "minimal":
         raise click.UsageError("--template cannot be combined with --from-...")
-    from r2bspec.authoring.draft_spec import UNKNOWN_OUTPUTS
-
     text = why_no_topics = ""
     findings: tuple[Diagnostic, ...] = ()
     if has_sources or node:
@@ -177,7 +175,7 @@ def init_command(
         echo(f"The topics of {node} are not known, so 'input' and 'output' stand for them:")
         echo(f"  {why_no_topics}")
     echo(f"created {spec_file}, and {schema} for editors. Next:")
-    if node and (why_no_topics or f"# - {UNKNOWN_OUTPUTS}:" in text):
+    if node and (why_no_topics or _lacks_outputs(text)):
         echo(f"  r2bspec interfaces {spec_file}    starts {node} to find out its topics; then")
         echo(f"  rm {spec_file}, and this 'init' again: it knows them")
     echo(f"  r2bspec validate {spec_file}    checks it")
@@ -202,6 +200,13 @@ def _launch_arguments(written: tuple[str, ...]) -> dict[str, str]:
                 f"{text!r} is no launch argument", hint="Write NAME:=VALUE, as for 'ros2 launch'."
             )
     return {name: value for name, _, value in pairs}
+
+
+def _lacks_outputs(text: str) -> bool:
+    """Whether a draft says that it does not know the outputs."""
+    from r2bspec.authoring.draft_spec import UNKNOWN_OUTPUTS
+
+    return f"# - {UNKNOWN_OUTPUTS}:" in text
 
 
 def _git_would_add_runs() -> bool:
