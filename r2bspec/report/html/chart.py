@@ -326,6 +326,10 @@ def draw(
         paint(sketch)
         buffer = io.StringIO()
         metadata = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+        # Once is enough: an engine that stays lays out twice, and draws all in between.
+        if (engine := sketch.figure.get_layout_engine()) is not None:
+            engine.execute(sketch.figure)
+            sketch.figure.set_layout_engine("none")
         sketch.figure.savefig(buffer, format="svg", metadata=metadata)
         axes = [
             _scale(axes, height_in, x_unit, y_unit)
