@@ -13,10 +13,12 @@ from typing import Final
 from r2bspec import api
 from r2bspec.diagnostics.quote import quoted_list
 from r2bspec.errors import R2bspecError, UsageError
+from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.plan.canonical_json import plan_hash
 from r2bspec.plan.tuning_space import Deployment, assignment
 from r2bspec.record.files import FolderTakenError, write_atomically
+from r2bspec.record.graph_identity import GraphIdentity, identity_differences
 from r2bspec.record.run_folder import open_run
 from r2bspec.safe_io.private_files import private_files
 from r2bspec.tune.launch_file import LAUNCH_FILE, NODES_FILE, launch_files
@@ -42,20 +44,26 @@ class _Follower(SearchListener):
         """Write the result.
 
         Raises:
-            TuningError: the spec has changed since the search began: it is read for each
-                deployment, so this one may be of another graph than those before.
+            TuningError: the spec or the code of a node has changed since the search began: both
+                are read for each deployment, so this one may be of another graph than those before.
         """
-        try:
-            now = plan_hash(self._machine.plan_of(Deployment()))
-        except R2bspecError as error:
-            now = str(error)
-        if now != result.plan:
+        if change := self._change(result):
             raise TuningError(
-                f"{self._machine.selection.spec} has changed while the search was running",
+                f"{change} while the search was running",
                 hint=f"Undo the change, and go on with --output {self._folder} --resume; or search "
                 "in a new folder.",
             )
         write_tuning(self._folder, result)
+
+    def _change(self, result: TuningResult) -> str:
+        """What is not as it was when the search began; empty if nothing."""
+        try:
+            now = self._machine.compile(Deployment())
+        except R2bspecError as error:
+            return f"{self._machine.selection.spec} has changed ({error})"
+        if plan_hash(now.plan) != result.plan:
+            return f"{self._machine.selection.spec} has changed"
+        return _code_change(result.identity, graph_identity(now.plan, now.base_dir))
 
     def line(self, text: str) -> None:
         """Pass the line on."""
@@ -75,7 +83,7 @@ class _Follower(SearchListener):
         @cache
         def predict(deployment: Deployment) -> Forecast | None:
             try:
-                found = predictor.predict(self._machine.plan_of(deployment))
+                found = predictor.predict(self._machine.compile(deployment).plan)
             except R2bspecError:
                 return None
             if found.reason:
@@ -150,6 +158,7 @@ def tune(
         started_at=datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
         machine=dict(player.description),
         plan=plan_hash(prepared.plan),
+        identity=graph_identity(prepared.plan, prepared.base_dir),
         machine_class=player.class_text,
     )
     earlier = None
@@ -191,12 +200,19 @@ def _check_same(now: TuningResult, earlier: TuningResult, folder: Path) -> None:
         what = "another load, graph or objectives: the spec or a file that it names has changed"
     elif (earlier.space, earlier.goal) != (now.space, now.goal):
         what = "another space or goal"
+    elif change := _code_change(earlier.identity, now.identity):
+        what = f"other code: {change} since then"
     else:
         return
     raise UsageError(
         f"the search in {folder} was for {what}",
         hint="Give the spec and the values that it was started with, or a new --output.",
     )
+
+
+def _code_change(before: GraphIdentity | None, now: GraphIdentity | None) -> str:
+    """Which code of the graph differs, such as ``blur.py changed``; empty if none does."""
+    return ", ".join(identity_differences(before, now)) if before and now else ""
 
 
 def _is_ended(earlier: TuningResult, settings: SearchSettings) -> bool:

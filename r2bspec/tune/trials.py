@@ -328,18 +328,15 @@ class RealMachine:
             InvalidSpecError: the spec has errors with it.
         """
         if deployment not in self._prepared:
-            self._prepared[deployment] = self._compiled(deployment)
+            self._prepared[deployment] = self.compile(deployment)
         return self._prepared[deployment]
 
-    def plan_of(self, deployment: Deployment) -> Plan:
-        """The plan of a deployment by the spec as it is now; it is not kept, as it may not be used.
+    def compile(self, deployment: Deployment) -> api.PreparedBenchmark:
+        """A deployment by the spec as it is now; it is not kept, as it may not be used.
 
         Raises:
             InvalidSpecError: the spec has errors with it.
         """
-        return self._compiled(deployment).plan
-
-    def _compiled(self, deployment: Deployment) -> api.PreparedBenchmark:
         return api.prepare(self.selection, sets=(*self.selection.sets, *deployment.sets))
 
     def _side(self, deployment: Deployment, terms: Terms) -> api.PreparedBenchmark:

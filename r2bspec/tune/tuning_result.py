@@ -18,6 +18,7 @@ from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.plan.tuning_space import Deployment, TuningSpace
 from r2bspec.record.files import FolderReader, RecordError, write_atomically
+from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.safe_io.limits import MAX_NUMBER
 
 TUNING_FILE: Final = "tuning.json"
@@ -155,6 +156,7 @@ class TuningResult(msgspec.Struct, frozen=True, kw_only=True):
         duration_s: that it took.
         proofs: that were judged, in all calls.
         plan: the hash of the plan of today's deployment, with its objectives.
+        identity: the code of its graph; trials of other code say nothing of it.
         machine_class: costs of another class of machines cannot be compared with these.
     """
 
@@ -183,6 +185,7 @@ class TuningResult(msgspec.Struct, frozen=True, kw_only=True):
     duration_s: float = 0.0
     proofs: int = 0
     plan: str = ""
+    identity: GraphIdentity | None = None
     machine_class: str = ""
     started_at: str = ""
     machine: dict[str, object] = {}

@@ -25,6 +25,13 @@ from r2bspec.tune.trials import RealMachine, ThisHost
 from r2bspec.tune.tuning_result import TUNING_FILE, TuningResult, read_tuning
 from ros_runs import Bench, relay_node, relay_spec
 
+OWN_NODE: Final = """
+class Other(Node):
+    def __init__(self, **kwargs):
+        super().__init__("other", **kwargs)
+        publisher = self.create_publisher(Image, "output", 10)
+        self.create_subscription(Image, "input", publisher.publish, 10)
+"""
 SETTINGS: Final = SearchSettings(trials=6, budget_s=10_000.0, pairs=5)
 
 
@@ -51,9 +58,13 @@ class Searches:
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.folder = folder / "search"
-        nodes = {"relay": relay_node(), "other": relay_node(remappings={"output": "unseen"})}
+        own_node = {"python": "./nodes.py:Other", "remappings": {"output": "unseen"}}
+        nodes = {"relay": relay_node(), "other": own_node}
         slos = {"all": {"at": "20 Hz", "require": ["received > 0"]}}
-        self.spec = Bench(folder).write(relay_spec(slos=slos, graph={"nodes": nodes}))
+        bench = Bench(folder)
+        bench.write_node("nodes.py", OWN_NODE)
+        self.spec = bench.write(relay_spec(slos=slos, graph={"nodes": nodes}))
+        self.code = folder / "nodes.py"
         self.lines: list[str] = []
         self.machine = GivenMachine
         self._monkeypatch = monkeypatch
@@ -166,6 +177,16 @@ def test_trials_of_another_spec_are_not_gone_on_with(searches: Searches, change:
     assert searches.run(cheaper, resume=True).is_proved
 
 
+def test_trials_of_other_code_are_not_gone_on_with(searches: Searches) -> None:
+    searches.run(cheaper)
+    text = searches.code.read_text()
+    searches.code.write_text(f"{text}# slower\n")
+    with pytest.raises(UsageError, match=r"was for other code: nodes\.py changed since then"):
+        searches.run(cheaper, resume=True)
+    searches.code.write_text(text)
+    assert searches.run(cheaper, resume=True).is_proved
+
+
 def test_trials_of_another_machine_are_not_gone_on_with(
     searches: Searches, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -176,22 +197,35 @@ def test_trials_of_another_machine_are_not_gone_on_with(
         searches.run(cheaper, resume=True)
 
 
-@pytest.mark.parametrize("change", ["another value", "no spec any more"])
-def test_a_spec_that_changes_during_the_search_ends_it(searches: Searches, change: str) -> None:
-    text = searches.spec.read_text()
-    other = text.replace("service_time_ms: 1.0", "service_time_ms: 9.0")
-    assert other != text
+EDITS: Final = {
+    "another value": "spec",
+    "no spec any more": "spec",
+    "a node": "code",
+}
+
+
+@pytest.mark.parametrize("change", EDITS)
+def test_what_changes_during_the_search_ends_it(searches: Searches, change: str) -> None:
+    file: Path = getattr(searches, EDITS[change])
+    text = file.read_text()
+    others = {
+        "another value": text.replace("service_time_ms: 1.0", "service_time_ms: 9.0"),
+        "no spec any more": "graph: [",
+        "a node": f"{text}# slower\n",
+    }
+    assert others[change] != text
 
     def edited(deployment: Deployment) -> Measurement:
         if deployment.choices:
-            searches.spec.write_text(other if change == "another value" else "graph: [")
+            file.write_text(others[change])
         return cheaper(deployment)
 
-    with pytest.raises(TuningError, match="has changed while the search was running") as ended:
+    with pytest.raises(TuningError, match="changed.* while the search was running") as ended:
         searches.run(edited)
+    assert file.name in str(ended.value)
     assert "--resume" in ended.value.hint
     assert len(read_tuning(searches.folder).trials) == 1
-    searches.spec.write_text(text)
+    file.write_text(text)
     assert searches.run(cheaper, resume=True).is_proved
 
 
