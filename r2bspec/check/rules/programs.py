@@ -20,6 +20,7 @@ from r2bspec.check.rules.node_settings import parameter_files
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, pluralize, quote, quoted_list, suggestion
 from r2bspec.language.node_kinds import EXECUTABLE, PLUGIN
+from r2bspec.language.spec_graph import Launch
 from r2bspec.plan import installed_packages, package_advice
 from r2bspec.plan.this_machine import ament_prefixes, find_module, module_file
 from r2bspec.plan.wiring import node_interface
@@ -35,25 +36,33 @@ def launch_file_not_found(context: Context) -> Findings:
         launch = node.node.launch
         if launch is None:
             continue
-        if launch.path and not is_regular(context.loaded.base_dir / launch.path):
+        if _has_launch_file(launch, context.loaded.base_dir):
+            continue
+        if launch.path:
             yield Finding(
                 message=f"launch file {quote(launch.path)} not found",
                 path=(*node.path, "launch", "path"),
                 help=f"paths are relative to the folder of the spec ({context.loaded.base_dir}); "
                 "for a launch file of a package use 'package' and 'file'",
             )
-        elif launch.package:
-            share = installed_packages.package_share(launch.package)
-            names = _launch_files(share) if share is not None else []
-            if share is not None and not (is_regular(share / launch.file) or launch.file in names):
-                yield Finding(
-                    message=f"ROS package {quote(launch.package)} has no launch file "
-                    f"{quote(launch.file)} on this machine",
-                    path=(*node.path, "launch", "file"),
-                    help=suggestion(launch.file, names, "its launch files"),
-                    severity="warning",
-                    machine_dependent=True,
-                )
+        elif (share := installed_packages.package_share(launch.package)) is not None:
+            yield Finding(
+                message=f"ROS package {quote(launch.package)} has no launch file "
+                f"{quote(launch.file)} on this machine",
+                path=(*node.path, "launch", "file"),
+                help=suggestion(launch.file, _launch_files(share), "its launch files"),
+                severity="warning",
+                machine_dependent=True,
+            )
+
+
+def _has_launch_file(launch: Launch, base_dir: FilePath) -> bool:
+    if launch.path:
+        return is_regular(base_dir / launch.path)
+    share = installed_packages.package_share(launch.package)
+    return share is not None and (
+        is_regular(share / launch.file) or launch.file in _launch_files(share)
+    )
 
 
 def _launch_files(share: FilePath) -> list[str]:
@@ -74,7 +83,11 @@ def program_not_found(context: Context) -> Findings:
         else:
             exists = installed_packages.is_on_path(program)
             message = f"program {quote(program)} not found on the PATH of this machine"
-            advice = "install it, or correct the command"
+            advice = (
+                "it starts launch files: source a ROS 2 that has the package ros2launch"
+                if path[-1] == "launch"
+                else "install it, or correct the command"
+            )
         if not exists:
             yield Finding(message=message, path=path, help=advice, machine_dependent=True)
 
@@ -86,6 +99,9 @@ def _programs(context: Context) -> Iterator[tuple[Path, str, FilePath]]:
         for key, command in (("command", node.node.command), ("prefix", node.node.prefix)):
             if command:
                 yield (*node.path, key, 0), command[0], base_dir
+        launch = node.node.launch
+        if launch is not None and _has_launch_file(launch, base_dir):
+            yield (*node.path, "launch"), "ros2", base_dir
     for name, container in spec.containers.items():
         if container.prefix:
             yield ("containers", name, "prefix", 0), container.prefix[0], base_dir

@@ -319,6 +319,11 @@ def test_a_launch_file_of_a_package_is_looked_up(
         """
         return codes(example(graph=graph), file=spec_file)
 
+    program = tmp_path / "bin" / "ros2"
+    program.parent.mkdir()
+    monkeypatch.setenv("PATH", str(program.parent))
+    assert said("camera.launch.py") == ["R2B621"]
+    program.touch(mode=0o755)
     assert said("camera.launch.py") == []
     assert said("camra.launch.py") == ["R2B613"]
 
