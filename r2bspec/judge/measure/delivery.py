@@ -207,12 +207,7 @@ def _slope(arrived: NDArray[np.int64], index: NDArray[np.int64]) -> RateEstimate
     batches = min(_MAX_BATCHES, arrived.size // _MIN_BATCH_OUTPUTS)
     if batches < 3:
         return RateEstimate(rate, rate / math.sqrt(arrived.size - 1), 0)
-    slopes = [
-        _least_squares(times, steps)
-        for times, steps in zip(
-            np.array_split(arrived, batches), np.array_split(index, batches), strict=True
-        )
-    ]
+    slopes = _batch_slopes(arrived, index, batches)
     error = float(np.std(slopes, ddof=1)) / math.sqrt(batches)
     return RateEstimate(rate, rate * rate * error, batches)
 
@@ -226,8 +221,28 @@ def _least_squares(times_ns: NDArray[np.int64], index: NDArray[np.int64]) -> flo
     floating-point numbers since boot they would lose the last digits. A slope of zero or less
     (two outputs at one instant) becomes one nanosecond, the resolution of the clock.
     """
-    t = (times_ns - times_ns[0]).astype(np.float64) / 1e9
-    i = (index - index[0]).astype(np.float64)
-    i -= i.mean()
-    spread = float(i @ i)
-    return max(float(i @ (t - t.mean())) / spread, 1e-9) if spread else 1e-9
+    return float(_batch_slopes(times_ns, index, 1)[0])
+
+
+def _batch_slopes(
+    times_ns: NDArray[np.int64], index: NDArray[np.int64], batches: int
+) -> NDArray[np.float64]:
+    """The slope of each of so many batches of successive events (`_least_squares`).
+
+    They are as long as each other, or longer by one, the longer ones first. All are calculated at
+    once, because a search looks at its rates all the time.
+    """
+    shortest, longer = divmod(times_ns.size, batches)
+    sizes = np.full(batches, shortest)
+    sizes[:longer] += 1
+    starts = np.cumsum(sizes) - sizes
+
+    def centred(values: NDArray[np.int64]) -> NDArray[np.float64]:
+        exact = (values - np.repeat(values[starts], sizes)).astype(np.float64)
+        return exact - np.repeat(np.add.reduceat(exact, starts) / sizes, sizes)
+
+    i, t = centred(index), centred(times_ns) / 1e9
+    spread = np.add.reduceat(i * i, starts)
+    together = np.add.reduceat(i * t, starts)
+    slopes = np.divide(together, spread, out=np.zeros(batches), where=spread > 0)
+    return np.maximum(slopes, 1e-9)

@@ -57,6 +57,25 @@ def test_drops_without_overload_are_no_backlog() -> None:
     assert found.delivered_hz < 49
 
 
+@pytest.mark.parametrize("seconds", [0.05, 0.3, 1.03, 4.0])
+def test_rate_and_error_are_those_of_lines_through_batches(seconds: float) -> None:
+    playback, monitor = server(60, seconds, loses=0.1)
+    found = seen_at(60, (playback, monitor), seconds + 1)
+    matched = match(playback, monitor, "stamp")
+    steps = np.flatnonzero(matched.answered)
+    times_s = (monitor["received_ns"][matched.first_row[steps]] - BEGIN_NS) / 1e9
+    slope = np.polyfit(steps, times_s, 1)[0]
+    assert found.completed_hz == pytest.approx(1 / slope, rel=1e-9)
+    batches = min(10, steps.size // 4)
+    if batches < 3:
+        assert found.batches == 0
+        return
+    lines = zip(np.array_split(steps, batches), np.array_split(times_s, batches), strict=True)
+    slopes = [np.polyfit(part, times, 1)[0] for part, times in lines]
+    error = np.std(slopes, ddof=1) / np.sqrt(batches) / slope**2
+    assert found.completed_error_hz == pytest.approx(error, rel=1e-6)
+
+
 def test_a_graph_that_dies_is_not_remembered_as_fast() -> None:
     recorded = server(50, 3, stalls=(1.0, 1000.0))
     assert seen_at(50, recorded, 1.0).completed_hz == pytest.approx(50, rel=0.02)
