@@ -34,7 +34,7 @@ from r2bspec.tune.machine import Machine, Measurement, Pairs, Start, Terms
 from r2bspec.tune.proposals import Proposals, single_levers
 from r2bspec.tune.race import FIRST_DROP, Finalist, excess_of, finalists_of, is_worse
 from r2bspec.tune.tuning_result import Gain, Trial, TrialState, TuningOutcome, TuningResult
-from r2bspec.tune.tuning_texts import claim_text, plan_line, trial_line, unproven_text
+from r2bspec.tune.tuning_texts import claim_text, open_text, plan_line, trial_line, unproven_text
 
 _SINGLES_SHARE: Final = 0.6
 """Of the trials: the most that levers get by themselves. In simulated graphs 91 of 100 searches end
@@ -163,16 +163,18 @@ class Search:
                 f"trial takes {time_text(self._longest_trial_s())}.",
             )
         racing = self._race()
-        meeting = [finalist for finalist in racing if finalist.order[0] == 0.0]
+        meeting = [finalist.deployment for finalist in racing if finalist.order[0] == 0.0]
         if not meeting:
             return self._end_unmet(racing)
-        result = self._prove(meeting[0].deployment, today)
+        if not meeting[0].choices:
+            return self._end_at_today(today, meeting)
+        result = self._prove(meeting[0], today)
         misses = [each.text for each in result.requirements if each.outcome != "pass"]
         if not misses or result.winner is None:
             return result
         # The cheapest one may just miss a limit that another one keeps. Only once: each proof has
         # its own chance to be wrong.
-        other = self._best_without(result.winner, [finalist.deployment for finalist in meeting])
+        other = self._best_without(result.winner, meeting)
         pairs = self._affordable_pairs(self._settings.pairs, comparisons=1)
         if other is None or pairs < _FEWEST_PAIRS:
             return result
@@ -183,14 +185,23 @@ class Search:
         return self._prove(other, today)
 
     def _best_without(self, refuted: Deployment, racing: Sequence[Deployment]) -> Deployment | None:
-        """The best one that seemed to meet the objectives and has not all levers of another."""
+        """The best one that seemed to meet the objectives and has not all levers of another.
+
+        Of today's, which has none, it is any other one.
+        """
         meeting = sorted(
             (trial for trial in self._trials if trial.state == "meets"),
             key=lambda trial: math.inf if trial.cost is None else trial.cost,
         )
         candidates = [*racing, *(trial.deployment for trial in meeting)]
+        levers = set(refuted.choices)
         return next(
-            (each for each in candidates if not set(refuted.choices) <= set(each.choices)), None
+            (
+                each
+                for each in candidates
+                if (not levers <= set(each.choices) if levers else each.choices)
+            ),
+            None,
         )
 
     # 1: trials
@@ -329,6 +340,35 @@ class Search:
         reason = f"{tried}; the nearest, {nearest.deployment.text}, misses {nearest.missed}"
         return self._keep("not met", f"{reason}; {anatomy}." if anatomy else f"{reason}.")
 
+    def _end_at_today(self, today: Trial, meeting: Sequence[Deployment]) -> TuningResult:
+        """No deployment seems to meet the objectives at less than today's costs.
+
+        Whether today's meets them its own runs decide where a start does not. If they refute it,
+        the next best one is proved.
+        """
+        if today.state == "meets":
+            return self._keep("met today", "No deployment was found that costs less than today's.")
+        seen = self._machine.judge(self._space.today(), "today", self._terms())
+        if seen.head_meets:
+            return self._keep(
+                "met today",
+                "Its own runs show that today's deployment meets the objectives; no deployment was "
+                "found that costs less.",
+            )
+        missed = [each.text for each in seen.margins if each.outcome == "fail"]
+        if not missed:
+            return self._keep(
+                "not shown",
+                "No deployment was found that costs less than today's, of which its own runs do "
+                f"not show that it meets the objectives: {seen.reason or open_text(seen)}.",
+            )
+        misses = f"its own runs show that today's deployment misses {', '.join(missed)}"
+        other = self._best_without(self._space.today(), meeting)
+        if other is None:
+            return self._keep("not met", f"No other deployment meets the objectives, and {misses}.")
+        self._notes.append(f"{misses[0].upper()}{misses[1:]}, so the next best one was compared.")
+        return self._prove(other, msgspec.structs.replace(today, state="misses"))
+
     # 3 and 4: levers and proof
 
     def _prove(self, winner: Deployment, today: Trial) -> TuningResult:
@@ -342,14 +382,6 @@ class Search:
             unproven=None,
             for_others=(),
         )
-        if not winner.choices and today.state == "meets":
-            return self._keep("met today", "No deployment was found that costs less than today's.")
-        if not winner.choices:
-            return self._keep(
-                "not shown",
-                "No deployment was found that costs less than today's, of which a start does not "
-                "show that it meets the objectives: 'r2bspec run' does.",
-            )
         unproven = next(trial.cost for trial in self._trials if trial.deployment == winner)
         self._result = msgspec.structs.replace(self._result, unproven=unproven)
         winner, kept, dropped = self._without_idle_levers(winner)

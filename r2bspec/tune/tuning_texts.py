@@ -67,12 +67,16 @@ def unproven_text(seen: Pairs) -> str:
     """Which requirements the pairs do not show to be met, with what they measured."""
     if seen.reason:
         return f"The pairs say nothing: {seen.reason}"
-    texts = [
+    return f"The pairs do not show that it meets {open_text(seen)}."
+
+
+def open_text(seen: Pairs) -> str:
+    """The requirements that are not shown to be met, with what was measured."""
+    return ", ".join(
         f"{each.text} ({show(each.estimate, each.unit)})"
         for each in seen.margins
         if each.outcome != "pass"
-    ]
-    return f"The pairs do not show that it meets {', '.join(texts)}."
+    )
 
 
 def plan_line(result: TuningResult, trials: int) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from typing import Literal
 
 import pytest
 from msgspec.structs import replace
@@ -368,6 +369,39 @@ def test_where_todays_fails_in_the_pairs_the_winner_is_judged_alone() -> None:
     found = Search(BLANK, Failing(only_placement_helps), SETTINGS).run()
     assert found.outcome == "meets"
     assert "R2B698" in found.notes[-1]
+
+
+@pytest.mark.parametrize(
+    ("own_runs", "outcome", "says"),
+    [
+        ("pass", "met today", "Its own runs show that today's deployment meets the objectives"),
+        ("inconclusive", "not shown", "its own runs do not show that it meets the objectives: lat"),
+        ("fail", "meets", "The deployment meets the objectives"),
+    ],
+)
+def test_where_a_start_does_not_decide_of_todays_its_own_runs_do(
+    own_runs: Literal["pass", "inconclusive", "fail"], outcome: str, says: str
+) -> None:
+    """None costs less than today's, and others keep its limits by far."""
+
+    class Judged(GivenMachine):
+        def judge(self, deployment: Deployment, name: str, terms: Terms) -> Pairs:
+            assert not deployment.choices
+            seen = super().judge(deployment, name, terms)
+            return replace(seen, margins=(replace(margin(0.0), outcome=own_runs),))
+
+    undecided = replace(played(1.0), margins=(replace(margin(0.0), outcome="inconclusive"),))
+    machine = Judged(lambda one: played(2.0) if one.choices else undecided)
+    found = Search(BLANK, machine, SETTINGS).run()
+    assert (found.trials[0].state, found.outcome) == ("open", outcome)
+    assert says in found.reason
+    assert machine.starts.count("today") == 1
+    if own_runs == "fail":
+        assert found.winner is not None
+        assert "today's deployment misses" in found.notes[-1]
+        machine = Judged(lambda one: played(1.0, 0.5) if one.choices else undecided)
+        none = Search(BLANK, machine, SETTINGS).run()
+        assert (none.outcome, none.winner) == ("not met", None)
 
 
 def test_a_gain_without_a_value_does_not_hide_that_the_objectives_are_met() -> None:
