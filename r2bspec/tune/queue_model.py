@@ -20,8 +20,9 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import math
 from collections import deque
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from operator import attrgetter
@@ -149,7 +150,12 @@ class Simulated:
 
 
 def simulate(
-    model: GraphModel, due_s: Seconds, places: Places, random: np.random.Generator
+    model: GraphModel,
+    due_s: Seconds,
+    places: Places,
+    random: np.random.Generator,
+    *,
+    most_lost: float = math.inf,
 ) -> Simulated:
     """Play steps to a model.
 
@@ -158,8 +164,9 @@ def simulate(
         due_s: when each step is played, ascending.
         places: the observations for each step.
         random: of what belongs to no step.
+        most_lost: ends the simulation as soon as more messages were overwritten.
     """
-    return _Simulation(model, due_s, places, random).run()
+    return _Simulation(model, due_s, places, random).run(most_lost)
 
 
 def block_places(
@@ -191,6 +198,9 @@ _HORIZON_S: Final = 5.0
 """What has not come this long after the last step is lost."""
 
 
+_DRAWN: Final = 256
+
+
 class _Thread:
     """A thread that works; `began_s` is when its piece of work began, `finish_s` when it ends."""
 
@@ -207,8 +217,10 @@ class _Thread:
 class _Executor:
     """The state of an executor: what is queued for it, and which of its threads work."""
 
-    def __init__(self, model: ExecutorModel) -> None:
+    def __init__(self, place: int, model: ExecutorModel) -> None:
+        self.place = place
         self.model = model
+        self.wake_s = model.wake_s.tolist()
         self.queues: list[deque[int]] = [deque() for _ in model.reactions]
         self.working = 0
         self.waking = 0
@@ -236,12 +248,17 @@ class _Simulation:
         self._model = model
         self._due_s = due_s.tolist()
         self._places = places
-        self._random = random
         self._agenda: list[tuple[float, int, Callable[[], None]]] = []
         self._order = itertools.count()
         self._now = 0.0
-        self._executors = [_Executor(each) for each in model.executors]
+        self._executors = [_Executor(place, each) for place, each in enumerate(model.executors)]
         self._running: list[_Thread] = []
+        self._speeds: dict[tuple[int, ...], list[float]] = {}
+        self._uniform = _uniform(random)
+        self._transports = {
+            ends: [of_segment.tolist() for of_segment in observed]
+            for ends, observed in model.transports.items()
+        }
         self._readers: dict[str, list[tuple[_Executor, int]]] = {}
         for executor in self._executors:
             for place, reaction in enumerate(executor.model.reactions):
@@ -255,18 +272,18 @@ class _Simulation:
         self._overwritten = 0
         self._calls_left = _MOST_CALLS * max(len(self._due_s), 1)
 
-    def run(self) -> Simulated:
+    def run(self, most_lost: float) -> Simulated:
         for step, due_s in enumerate(self._due_s):
             self._later(due_s, partial(self._play, step))
         last_s = self._due_s[-1] if self._due_s else 0.0
         for executor in self._executors:
             for place, reaction in enumerate(executor.model.reactions):
                 if reaction.period_s:
-                    first_s = float(self._random.uniform(0, reaction.period_s))
+                    first_s = next(self._uniform) * reaction.period_s
                     self._later(first_s, partial(self._tick, executor, place))
         end_s = last_s + _HORIZON_S
         by_finish = attrgetter("finish_s")
-        while self._now <= end_s:
+        while self._now <= end_s and self._overwritten <= most_lost:
             thread = min(self._running, key=by_finish, default=None)
             if thread is not None and (not self._agenda or thread.finish_s < self._agenda[0][0]):
                 self._now = thread.finish_s
@@ -306,8 +323,8 @@ class _Simulation:
                 latency[step] = self._now + took_s - self._due_s[step]
 
     def _transport(self, topic: str, reader: str, segment: int, place: float) -> float:
-        observed = self._model.transports[topic, reader][segment]
-        return float(observed[int(place * observed.size)]) if observed.size else 0.0
+        observed = self._transports[topic, reader][segment]
+        return observed[int(place * len(observed))] if observed else 0.0
 
     def _arrive(self, executor: _Executor, number: int, step: int) -> None:
         queue = executor.queues[number]
@@ -329,8 +346,7 @@ class _Simulation:
         """Let a waiting thread see what has come, after the time that it takes to wake up."""
         if executor.working + executor.waking < executor.model.threads:
             executor.waking += 1
-            wake_s = executor.model.wake_s
-            took_s = float(wake_s[int(self._random.integers(wake_s.size))])
+            took_s = executor.wake_s[int(next(self._uniform) * len(executor.wake_s))]
             self._later(self._now + took_s, partial(self._start, executor))
 
     def _start(self, executor: _Executor) -> None:
@@ -403,33 +419,43 @@ class _Simulation:
 
     def _share(self) -> None:
         """Divide the processors, and the interpreters, among the threads that run."""
+        running = tuple([thread.executor.place for thread in self._running])
+        if (speeds := self._speeds.get(running)) is None:
+            # The same few executors run at once again and again.
+            speeds = self._speeds[running] = self._shares(running)
+        for thread, speed in zip(self._running, speeds, strict=True):
+            if speed != thread.speed:
+                remaining_s = (thread.finish_s - self._now) * thread.speed
+                thread.finish_s = self._now + remaining_s / speed
+                thread.speed = speed
+
+    def _shares(self, running: tuple[int, ...]) -> list[float]:
+        """The speed of each thread, by the places of their executors."""
         model = self._model
+        executors = [model.executors[place] for place in running]
         wanted: dict[str, float] = {}
-        for thread in self._running:
-            own = thread.executor.model
+        for own in executors:
             wanted[own.process] = wanted.get(own.process, 0.0) + own.processor_share
-        locked = {
-            own.process: max(1.0, wanted[own.process])
-            for thread in self._running
-            if (own := thread.executor.model).is_python
-        }
+        locked = {own.process: max(1.0, wanted[own.process]) for own in executors if own.is_python}
         total = sum(each / locked.get(process, 1.0) for process, each in wanted.items())
         crowd = max(1.0, (total + model.others) / model.cores)
         pinned: dict[frozenset[int], float] = {}
-        for thread in self._running:
-            own = thread.executor.model
+        for own in executors:
             if own.cpus:
                 share = own.processor_share / locked.get(own.process, 1.0)
                 pinned[own.cpus] = pinned.get(own.cpus, 0.0) + share
-        for thread in self._running:
-            own = thread.executor.model
+        speeds = []
+        for own in executors:
             slowed = crowd
             if own.cpus:
                 others = model.others * len(own.cpus) / model.cores
                 slowed = max(1.0, (pinned[own.cpus] + others) / len(own.cpus))
             slowed *= locked.get(own.process, 1.0)
-            speed = 1.0 / (own.processor_share * slowed + 1.0 - own.processor_share)
-            if speed != thread.speed:
-                remaining_s = (thread.finish_s - self._now) * thread.speed
-                thread.finish_s = self._now + remaining_s / speed
-                thread.speed = speed
+            speeds.append(1.0 / (own.processor_share * slowed + 1.0 - own.processor_share))
+        return speeds
+
+
+def _uniform(random: np.random.Generator) -> Iterator[float]:
+    """Numbers below 1, drawn many at a time: one by one they take longer than what they decide."""
+    while True:
+        yield from random.random(_DRAWN).tolist()
