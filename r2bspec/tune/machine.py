@@ -173,9 +173,9 @@ class Pairs(msgspec.Struct, frozen=True, kw_only=True):
         return not self.reason and all(margin.outcome == "pass" for margin in self.margins)
 
     @property
-    def head_fails(self) -> bool:
-        """Whether they show that it breaks one."""
-        return any(margin.outcome == "fail" for margin in self.margins)
+    def head_may_fail(self) -> bool:
+        """Whether they show that it breaks one, or measured more than one permits."""
+        return any(margin.outcome == "fail" or margin.excess > 0 for margin in self.margins)
 
 
 class Terms(msgspec.Struct, frozen=True, kw_only=True):

@@ -478,7 +478,7 @@ class Search:
             seen = self._machine.compare(winner, without, pairs, name, terms)
             self._store()
             gain = _of_lever(seen.gain, f"{choice.lever}: {choice.setting.text}")
-            if seen.costs_more or seen.head_fails or seen.reason or seen.no_ratio:
+            if seen.costs_more or seen.head_may_fail or seen.reason or seen.no_ratio:
                 kept.append(gain)
             else:
                 dropped.append(gain)

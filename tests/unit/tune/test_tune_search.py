@@ -80,12 +80,29 @@ def test_a_lever_that_gives_nothing_is_dropped_from_the_winner() -> None:
     assert all(gain.is_shown for gain in found.levers)
 
 
-def test_a_lever_without_which_a_limit_breaks_is_kept() -> None:
+@pytest.mark.parametrize("pairs_say", ["fail", "inconclusive"])
+def test_a_lever_without_which_a_limit_breaks_is_kept(
+    pairs_say: Literal["fail", "inconclusive"],
+) -> None:
+    """Also where pairs only measure that it does, and do not show it: it costs more with it."""
+
+    class Pair(GivenMachine):
+        def compare(
+            self, base: Deployment, head: Deployment, pairs: int, name: str, terms: Terms
+        ) -> Pairs:
+            seen = super().compare(base, head, pairs, name, terms)
+            broken = tuple(
+                replace(each, outcome=pairs_say) if each.outcome == "fail" else each
+                for each in seen.margins
+            )
+            return replace(seen, margins=broken)
+
     def answer(deployment: Deployment) -> Measurement:
         levers = changed(deployment)
-        return played(1.0 - 0.2 * ("placement" in levers), -0.5 if "qos" in levers else 0.5)
+        cost = 1.0 - 0.2 * ("placement" in levers) + 0.3 * ("qos" in levers)
+        return played(cost, -0.5 if "qos" in levers else 0.5)
 
-    found, _ = search(answer)
+    found = Search(BLANK, Pair(answer), SETTINGS).run()
     assert found.outcome == "meets"
     assert found.winner is not None
     assert changed(found.winner) == {"placement", "qos"}
