@@ -10,7 +10,8 @@ Four stages, in a budget of time that holds:
    One that gives nothing, and without which the limits hold, is dropped.
 4. *Proof*: what is left is compared with today's deployment in interleaved pairs, each run a new
    start. The claim is what these pairs say, and none of them was seen before. Where today's does
-   not work, there is nothing to compare with, and the winner's own runs decide.
+   not work, there is nothing to compare with, and the winner's own runs decide. Whether today's
+   meets the objectives its own runs decide where its start does not.
 
 So a search that believed noise ends with a claim that is not shown, and not with a wrong one: the
 chance that the first proof shows a gain where there is none is that of the pairs, 5 %
@@ -34,7 +35,14 @@ from r2bspec.tune.machine import Machine, Measurement, Pairs, Start, Terms
 from r2bspec.tune.proposals import Proposals, single_levers
 from r2bspec.tune.race import FIRST_DROP, Finalist, excess_of, finalists_of, is_worse
 from r2bspec.tune.tuning_result import Gain, Trial, TrialState, TuningOutcome, TuningResult
-from r2bspec.tune.tuning_texts import claim_text, open_text, plan_line, trial_line, unproven_text
+from r2bspec.tune.tuning_texts import (
+    claim_text,
+    failed_text,
+    open_text,
+    plan_line,
+    trial_line,
+    unproven_text,
+)
 
 _SINGLES_SHARE: Final = 0.6
 """Of the trials: the most that levers get by themselves. In simulated graphs 91 of 100 searches end
@@ -54,6 +62,11 @@ _REASONS_SHOWN: Final = 100
 
 _RULED_OUT: Final = 20
 """Deployments in a row that a model rules out; the next is tried whatever the model says."""
+
+_MET_TODAY: Final = (
+    "Its own runs show that today's deployment meets the objectives; "
+    "none was found that costs less."
+)
 
 _NOT_ENDED: Final = "The search has not ended."
 
@@ -135,6 +148,7 @@ class Search:
         self._proofs = before.proofs
         self._notes: list[str] = []
         self._predicted: list[str] = []
+        self._own: Pairs | None = None
         self._began_s = machine.now() - before.duration_s
         self._result = msgspec.structs.replace(
             blank,
@@ -155,6 +169,15 @@ class Search:
         if self._trials:
             self._listener.line(f"going on after {pluralize(len(self._trials), 'trial')}")
         today = self._today()
+        result = self._found(today)
+        if result.outcome == "not shown" and self._todays_is_shown_to_meet(today):
+            self._notes.append(result.reason)
+            self._propose_nothing()
+            return self._keep("met today", _MET_TODAY)
+        return result
+
+    def _found(self, today: Trial) -> TuningResult:
+        """What comes of trials, race and proof."""
         self._try_others(today)
         if len(self._trials) == 1 and not self._predicted:
             return self._keep(
@@ -176,7 +199,7 @@ class Search:
         # its own chance to be wrong.
         other = self._best_without(result.winner, meeting)
         pairs = self._affordable_pairs(self._settings.pairs, comparisons=1)
-        if other is None or pairs < _FEWEST_PAIRS:
+        if other is None or not other.choices or pairs < _FEWEST_PAIRS:
             return result
         self._notes.append(
             f"Pairs do not show that {result.winner.text} meets {', '.join(misses)}, so the next "
@@ -343,35 +366,36 @@ class Search:
     def _end_at_today(self, today: Trial, meeting: Sequence[Deployment]) -> TuningResult:
         """No deployment seems to meet the objectives at less than today's costs.
 
-        Whether today's meets them its own runs decide where a start does not. If they refute it,
-        the next best one is proved.
+        Where a start does not decide whether today's meets them, its own runs do. If they do not
+        show it, the next best one is proved.
         """
         if today.state == "meets":
             return self._keep("met today", "No deployment was found that costs less than today's.")
-        seen = self._machine.judge(self._space.today(), "today", self._terms())
-        if seen.head_meets:
-            return self._keep(
-                "met today",
-                "Its own runs show that today's deployment meets the objectives; no deployment was "
-                "found that costs less.",
-            )
-        missed = [each.text for each in seen.margins if each.outcome == "fail"]
-        if not missed:
-            return self._keep(
-                "not shown",
-                "No deployment was found that costs less than today's, of which its own runs do "
-                f"not show that it meets the objectives: {seen.reason or open_text(seen)}.",
-            )
-        misses = f"its own runs show that today's deployment misses {', '.join(missed)}"
+        if self._todays_is_shown_to_meet(today):
+            return self._keep("met today", _MET_TODAY)
         other = self._best_without(self._space.today(), meeting)
-        if other is None:
-            return self._keep("not met", f"No other deployment meets the objectives, and {misses}.")
-        self._notes.append(f"{misses[0].upper()}{misses[1:]}, so the next best one was compared.")
-        return self._prove(other, msgspec.structs.replace(today, state="misses"))
+        if other is not None:
+            return self._prove(other, today)
+        own = self._own_runs_of_today()
+        return self._keep(
+            "not met" if failed_text(own) else "not shown",
+            f"No other deployment seems to meet the objectives; {_todays_text(own)}.",
+        )
+
+    def _todays_is_shown_to_meet(self, today: Trial) -> bool:
+        """Whether today's deployment is shown to meet the objectives by its own runs."""
+        return today.state in {"open", "invalid"} and self._own_runs_of_today().head_meets
+
+    def _own_runs_of_today(self) -> Pairs:
+        if self._own is None:
+            self._own = self._machine.judge(
+                self._space.today(), "today", self._terms(comparisons=2)
+            )
+        return self._own
 
     # 3 and 4: levers and proof
 
-    def _prove(self, winner: Deployment, today: Trial) -> TuningResult:
+    def _propose_nothing(self) -> None:
         self._result = msgspec.structs.replace(
             self._result,
             winner=None,
@@ -382,6 +406,9 @@ class Search:
             unproven=None,
             for_others=(),
         )
+
+    def _prove(self, winner: Deployment, today: Trial) -> TuningResult:
+        self._propose_nothing()
         unproven = next(trial.cost for trial in self._trials if trial.deployment == winner)
         self._result = msgspec.structs.replace(self._result, unproven=unproven)
         winner, kept, dropped = self._without_idle_levers(winner)
@@ -393,9 +420,11 @@ class Search:
             for_others=tuple(dict.fromkeys(winner.for_others())),
         )
         if not winner.choices:
-            return self._keep(
-                "not shown", "No lever of the best deployment gives anything that pairs show."
-            )
+            self._result = msgspec.structs.replace(self._result, winner=None, unproven=None)
+            nothing = "No lever of the best deployment gives anything that pairs show"
+            if today.state == "meets":
+                return self._keep("met today", f"{nothing}; today's meets the objectives.")
+            return self._keep("not shown", f"{nothing}.")
         seen, today_works = self._proof(winner, today)
         if seen is None:
             return self._keep("incomplete", "The time was over before the proof.")
@@ -428,15 +457,21 @@ class Search:
                 "improved",
                 f"The deployment meets the objectives: {seen.gain.metric} {claim_text(seen.gain)}.",
             )
+        return self._end_without_gain(seen, today)
+
+    def _end_without_gain(self, seen: Pairs, today: Trial) -> TuningResult:
+        """Pairs show that the winner meets the objectives, and not that it costs less."""
         why = f" ({seen.no_ratio})" if seen.no_ratio else ""
+        no_gain = f"The pairs do not show a gain: {seen.gain.metric} {claim_text(seen.gain)}{why}"
+        if today.state == "meets":
+            return self._keep(
+                "not shown", f"{no_gain}; --resume with more --pairs and --budget goes on."
+            )
+        if self._todays_is_shown_to_meet(today):
+            return self._keep("not shown", f"{no_gain}.")
         return self._keep(
-            "not shown",
-            f"The pairs do not show a gain: {seen.gain.metric} {claim_text(seen.gain)}{why}; "
-            + (
-                "--resume with more --pairs and --budget goes on."
-                if today.state == "meets"
-                else "of today's deployment, a start does not decide: 'r2bspec run' does."
-            ),
+            "meets",
+            f"The deployment meets the objectives; {_todays_text(self._own_runs_of_today())}.",
         )
 
     def _proof(self, winner: Deployment, today: Trial) -> tuple[Pairs | None, bool]:
@@ -584,6 +619,13 @@ class Search:
         self._result = self._so_far(result)
         self._listener.found(self._result)
         return self._result
+
+
+def _todays_text(own: Pairs) -> str:
+    """What today's own runs say, where they do not show that it meets the objectives."""
+    if missed := failed_text(own):
+        return f"today's own runs show that it misses {missed}"
+    return f"today's own runs do not show that it does: {own.reason or open_text(own)}"
 
 
 def _know_nothing(deployment: Deployment) -> None:

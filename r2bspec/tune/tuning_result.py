@@ -125,9 +125,9 @@ class Gain(msgspec.Struct, frozen=True, kw_only=True):
 
 TuningOutcome = Literal["improved", "met today", "meets", "not met", "not shown", "incomplete"]
 """``improved``: the winner costs less than today's deployment, which meets the objectives, too, and
-pairs show it. ``meets``: the winner meets the objectives, and today's does not. ``met today``:
-nothing that costs less was found. ``not met``: no deployment meets them. ``not shown``: the pairs
-do not show what the search saw. ``incomplete``: the search did not end."""
+pairs show it. ``meets``: the winner meets the objectives, and today's does not, or is not shown to.
+``met today``: today's does, and nothing is shown to cost less. ``not met``: no deployment meets
+them. ``not shown``: no deployment is shown to. ``incomplete``: the search did not end."""
 
 
 class TuningResult(msgspec.Struct, frozen=True, kw_only=True):

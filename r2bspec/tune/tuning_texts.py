@@ -70,6 +70,11 @@ def unproven_text(seen: Pairs) -> str:
     return f"The pairs do not show that it meets {open_text(seen)}."
 
 
+def failed_text(seen: Pairs) -> str:
+    """The requirements that are shown not to be met; empty if none is."""
+    return ", ".join(each.text for each in seen.margins if each.outcome == "fail")
+
+
 def open_text(seen: Pairs) -> str:
     """The requirements that are not shown to be met, with what was measured."""
     return ", ".join(

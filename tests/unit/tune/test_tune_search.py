@@ -214,11 +214,66 @@ def test_a_start_that_does_not_decide_is_not_said_to_miss() -> None:
 
     found, _ = search(lambda one: replace(answer(one), cost=0.5 if changed(one) else 1.0))
     assert found.outcome == "improved"
+    # Nor is a gain claimed that is not shown.
     found, _ = search(lambda one: replace(answer(one), cost=0.99 if changed(one) else 1.0))
-    # Without a gain that is shown, nothing is claimed: today's may meet the objectives, too.
-    assert found.outcome == "not shown"
-    assert found.reason.startswith("The pairs do not show a gain")
-    assert "of today's deployment, a start does not decide" in found.reason
+    assert (found.outcome, found.is_proved) == ("meets", True)
+    assert "today's own runs do not show that it does: latency.p99 < 50 ms" in found.reason
+    assert found.proof is not None
+    assert not found.proof.is_shown
+
+
+@pytest.mark.parametrize(("own_runs", "outcome"), [("pass", "met today"), ("fail", "meets")])
+def test_without_a_gain_the_own_runs_of_todays_decide_what_a_start_does_not(
+    own_runs: Literal["pass", "fail"], outcome: str
+) -> None:
+    class Judged(GivenMachine):
+        def judge(self, deployment: Deployment, name: str, terms: Terms) -> Pairs:
+            assert not deployment.choices
+            seen = super().judge(deployment, name, terms)
+            return replace(seen, margins=(replace(margin(0.0), outcome=own_runs),))
+
+    undecided = replace(played(1.0), margins=(replace(margin(0.0), outcome="inconclusive"),))
+    found = Search(BLANK, Judged(lambda one: played(0.99) if one.choices else undecided), SETTINGS)
+    result = found.run()
+    assert (result.outcome, result.winner is None) == (outcome, own_runs == "pass")
+    if own_runs == "pass":
+        assert "do not show a gain" in result.notes[-1]
+
+
+@pytest.mark.parametrize(("excess", "outcome"), [(-0.5, "met today"), (0.5, "not shown")])
+def test_without_levers_that_give_something_it_is_todays_that_meets(
+    excess: float, outcome: str
+) -> None:
+    def answer(deployment: Deployment) -> Measurement:
+        levers = len(changed(deployment))
+        return played(1.0 - 0.1 * levers, -0.5 if levers else excess)
+
+    result = Search(BLANK, NoGain(answer), SETTINGS).run()
+    assert (result.outcome, result.winner) == (outcome, None)
+    assert result.reason.startswith("No lever of the best deployment gives anything")
+    assert len(result.dropped) == 3
+
+
+def test_todays_own_runs_decide_where_pairs_refute_what_costs_less() -> None:
+    near = (replace(margin(-0.01), outcome="inconclusive"),)
+
+    class Refuting(GivenMachine):
+        def compare(
+            self, base: Deployment, head: Deployment, pairs: int, name: str, terms: Terms
+        ) -> Pairs:
+            return replace(super().compare(base, head, pairs, name, terms), margins=near)
+
+        def judge(self, deployment: Deployment, name: str, terms: Terms) -> Pairs:
+            assert not deployment.choices
+            return replace(super().judge(deployment, name, terms), margins=(margin(-0.5),))
+
+    def answer(deployment: Deployment) -> Measurement:
+        if not deployment.choices:
+            return replace(played(1.0), margins=near)
+        return played(0.8, -0.5 if changed(deployment) == {"placement"} else 0.5)
+
+    result = Search(BLANK, Refuting(answer), SETTINGS).run()
+    assert (result.outcome, result.winner) == ("met today", None)
 
 
 def test_time_is_kept_for_a_proof_only_once_there_is_something_to_prove() -> None:
@@ -348,8 +403,7 @@ def test_a_start_of_todays_that_is_not_played_is_not_said_to_miss() -> None:
     improved = Search(BLANK, OnceLate(only_placement_helps), SETTINGS).run()
     assert improved.outcome == "improved"
     none = Search(BLANK, OnceLate(lambda _: played(1.0)), SETTINGS).run()
-    assert none.outcome == "not shown"
-    assert "today's did not" not in none.reason
+    assert none.outcome == "met today"
 
 
 @pytest.mark.parametrize("excess", [-0.5, 0.5])
@@ -392,7 +446,7 @@ def test_where_todays_fails_in_the_pairs_the_winner_is_judged_alone() -> None:
     ("own_runs", "outcome", "says"),
     [
         ("pass", "met today", "Its own runs show that today's deployment meets the objectives"),
-        ("inconclusive", "not shown", "its own runs do not show that it meets the objectives: lat"),
+        ("inconclusive", "meets", "today's own runs do not show that it does: latency.p99"),
         ("fail", "meets", "The deployment meets the objectives"),
     ],
 )
@@ -415,7 +469,7 @@ def test_where_a_start_does_not_decide_of_todays_its_own_runs_do(
     assert machine.starts.count("today") == 1
     if own_runs == "fail":
         assert found.winner is not None
-        assert "today's deployment misses" in found.notes[-1]
+        assert "today's own runs show that it misses latency.p99 < 50 ms" in found.reason
         machine = Judged(lambda one: played(1.0, 0.5) if one.choices else undecided)
         none = Search(BLANK, machine, SETTINGS).run()
         assert (none.outcome, none.winner) == ("not met", None)
