@@ -73,6 +73,7 @@ def _row(graph: TunableGraph, folder: Path, settings: SearchSettings) -> list[st
         player=ThisHost(),
         tell=tell,
     )
+    tell(f"{result.outcome}: {result.reason}")
     again = ""
     if result.is_proved and result.winner is not None:
         goal = goal_of(prepared.plan, "cpu.graph.mean")
