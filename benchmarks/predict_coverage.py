@@ -2,7 +2,8 @@
 
     PYTHONPATH=tests/support python benchmarks/predict_coverage.py [GRAPH ...]
 
-Each graph is played once with its anatomy, and predicted at other rates and in other placements.
+Each graph is played once with its anatomy, at a rate that it keeps up with, and predicted at other
+rates and in other placements.
 Each of these is then played, and its percentiles are compared with the intervals. Run it on a
 machine that has nothing else to do: after a disturbed run nothing is known.
 """
@@ -15,6 +16,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -28,9 +30,17 @@ from r2bspec.tune.predict import PERCENTILES, Predictor
 from r2bspec.tune.prediction import Estimate
 from tunable_graphs import TunableGraph, tunable_graphs, write_graph
 
-_TARGETS: Sequence[tuple[str, ...]] = (
-    ("benchmark.rates=['5 Hz']",),
-    ("benchmark.rates=['14 Hz']",),
+_OBSERVED: Final = (
+    "slos={}",  # at the rate of the spec
+    "benchmark.starts=1",
+    "benchmark.iterations=2",
+    "benchmark.duration=8 s",
+    "benchmark.rates=['5 Hz']",
+)
+_TARGETS: Final = (
+    ("benchmark.rates=['3 Hz']",),
+    ("benchmark.rates=['6 Hz']",),
+    ("benchmark.rates=['10 Hz']",),
     ("graph.placement=shared",),
     ("graph.placement=separate",),
 )
@@ -59,13 +69,11 @@ def _print_row(name: str, counts: Counter[str]) -> None:
 def _covered(graph: TunableGraph, folder: Path) -> Counter[str]:
     """Of how many percentiles something is known, and how many lie in their interval."""
     spec = write_graph(graph, folder / "graph")
-    # Without objectives at the rate of the spec, which other rates would leave without a rate.
-    plain = ("slos={}", "benchmark.starts=1")
-    predictor = Predictor(_played(spec, plain, folder / "run", anatomy=True))
+    predictor = Predictor(_played(spec, _OBSERVED, folder / "run", anatomy=True))
     counts = Counter[str]()
     for number, sets in enumerate(_TARGETS):
-        prepared = api.prepare(SpecSelection(spec, sets=(*plain, *sets)))
-        measured = read_samples(_played(spec, (*plain, *sets), folder / f"{number}"))
+        prepared = api.prepare(SpecSelection(spec, sets=(*_OBSERVED, *sets)))
+        measured = read_samples(_played(spec, (*_OBSERVED, *sets), folder / f"{number}"))
         estimates = {
             (each.monitor, each.metric, each.rate_hz): each.estimate
             for each in predictor.predict(prepared.plan).latencies

@@ -209,7 +209,7 @@ class _Segment:
         """
         if not self._starts.size:
             raise NotKnownError(f"no callback of the graph was observed in {self._segment.id}")
-        self._wall.divide(self._waited()[1], waits_for)
+        self._wall.divide(*self._waited(), waits_for)
         self._began = self._wall.work_before(self._events.began_ns)
         self._ended = self._wall.work_before(self._events.callback_ended_ns)
         outputs = self._outputs()
@@ -341,10 +341,13 @@ class _Segment:
 
     def _threads(self, name: str) -> ObservedProcess:
         """What the threads of a process do between callbacks."""
-        events = self._events
+        events, work_before = self._events, self._wall.work_before
         numbers = [number for number, each in enumerate(self._processes) if each == name]
         own = self._starts[np.isin(events.process[self._starts], numbers)]
-        wake, lead, tail, idle = ([] for _ in range(4))
+        wake: list[Ints] = []
+        lead: list[Seconds] = []
+        tail: list[Seconds] = []
+        idle: list[Seconds] = []
         for of_thread in grouped(events.thread[own], own).values():
             thread = events.thread[of_thread[0]]
             waits = np.flatnonzero((events.thread == thread) & (events.kind == AnatomyKind.WAIT))
@@ -357,13 +360,12 @@ class _Segment:
                 wake.append((events.began_ns[of_thread] - received)[received != UNKNOWN_NS])
                 continue
             first, last = np.minimum(first, waits.size - 1), np.maximum(last, 0)
-            between = events.began_ns[after] - events.callback_ended_ns[before]
-            lead.append(between[~waited])
-            lead.append((events.began_ns[after] - events.ended_ns[waits[last]])[waited])
-            tail.append((events.began_ns[waits[first]] - events.callback_ended_ns[before])[waited])
+            lead.append((self._began[after] - self._ended[before])[~waited])
+            lead.append((self._began[after] - work_before(events.ended_ns[waits[last]]))[waited])
+            tail.append((self._began[waits[first]] - self._ended[before])[waited])
             twice = waited & (last > first)
             second = waits[np.minimum(first + 1, waits.size - 1)]
-            idle.append((events.began_ns[second] - events.began_ns[waits[first]])[twice])
+            idle.append((self._began[second] - self._began[waits[first]])[twice])
             received = events.received_ns[after]
             blocked = waited & (received >= events.began_ns[waits[last]])
             wake.append((events.ended_ns[waits[last]] - received)[blocked])
@@ -408,8 +410,12 @@ class _Segment:
         return found
 
 
-def _typical(parts: list[Ints]) -> float:
-    """The mean of durations without the slowest twentieth, in seconds; 0 without any."""
-    values = np.sort(np.concatenate([*parts, np.zeros(0, np.int64)]))
+def _typical(parts: list[Seconds]) -> float:
+    """The mean of durations without the slowest twentieth, in seconds; 0 without any.
+
+    Args:
+        parts: in nanoseconds.
+    """
+    values = np.sort(np.concatenate([*parts, np.zeros(0)]))
     values = values[: max(1, int(0.95 * values.size))]
     return max(0.0, float(values.mean()) / 1e9) if values.size else 0.0

@@ -31,7 +31,8 @@ import numpy as np
 
 from r2bspec.errors import UsageError
 from r2bspec.judge.measure.anatomy import Anatomy
-from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.run_samples import read_samples, read_segment
+from r2bspec.judge.measure.samples import SegmentSamples
 from r2bspec.judge.measure.times import percentile, rank
 from r2bspec.judge.measure.units import show
 from r2bspec.plan.plan import Plan
@@ -264,37 +265,46 @@ class Predictor:
             )
         samples = read_samples(run)
         models = self._models(run.plan, self._cores)
-        used = {segment.name for segment in self._segments}
-        # An iteration that is observed after everything that counts has no samples of its own.
-        own = {one.segment.id for each in samples.iterations.values() for one in each} & used
+        names = {segment.name for segment in self._segments}
+        # An iteration that is observed after everything that counts checks the model, and may
+        # differ from those that count: it begins a start.
+        observed = [read_segment(run, one) for one in run.record.segments if one.id in names]
+        counting = {one.segment.id for each in samples.iterations.values() for one in each}
         residuals: dict[float, dict[tuple[str, str], Measured]] = {}
         for rate_hz in sorted({segment.rate_hz for segment in self._segments}):
             simulated = self._simulate(models, run.plan, rate_hz)
-            played = [
-                one for one in samples.iterations_at(rate_hz) if not own or one.segment.id in own
-            ]
+            of_rate = [one for one in observed if math.isclose(one.segment.rate_hz, rate_hz)]
+            played = [one for one in of_rate if one.segment.id in counting] or list(
+                samples.iterations_at(rate_hz)
+            )
             residuals[rate_hz] = {}
             for (monitor, name), values in simulated.values.items():
-                seen = [each.monitors[monitor] for each in played if monitor in each.monitors]
-                times = np.concatenate([np.empty(0), *(each.times["latency"] for each in seen)])
-                lost = sum(each.missed for each in seen)
-                measured = percentile(times, int(name[1:]) / 100, lost)
-                middle = _middle(values)
+                q, middle = int(name[1:]) / 100, _middle(values)
+                times, lost = _latencies(played, monitor)
+                measured = percentile(times, q, lost)
                 if measured is None or times.size < MIN_STEPS:
                     raise NotKnownError(
                         f"too few messages of {monitor} were measured at {show(rate_hz, 'Hz')}: "
                         f"{times.size}, and {MIN_STEPS} are needed"
                     )
-                if math.isinf(measured) and math.isinf(middle):
-                    continue
-                off = math.log(measured / middle) if _finite(measured, middle) else math.inf
-                if abs(off) > _TOLERANCE[name]:
+                own_times, own_lost = _latencies(of_rate, monitor)
+                own = percentile(own_times, q, own_lost)
+                if own is not None and _off(own, middle) > _TOLERANCE[name]:
                     raise NotKnownError(
                         "the model does not reproduce the run: at "
-                        f"{rate_hz:g} Hz {monitor}.latency.{name} is {_ms(measured)}, and "
+                        f"{rate_hz:g} Hz {monitor}.latency.{name} is {_ms(own)}, and "
                         f"{_ms(middle)} in the model"
                     )
-                residuals[rate_hz][monitor, name] = Measured.of(off, times, int(name[1:]) / 100)
+                if math.isinf(measured) and math.isinf(middle):
+                    continue
+                if _off(measured, middle) > 2 * _TOLERANCE[name]:
+                    raise NotKnownError(
+                        f"the observed iteration is unlike the others: at {rate_hz:g} Hz "
+                        f"{monitor}.latency.{name} is {_ms(measured)} in these, and "
+                        f"{_ms(middle)} in its model"
+                    )
+                off = math.log(measured / middle)
+                residuals[rate_hz][monitor, name] = Measured.of(off, times, q)
         return residuals
 
     def _estimate(
@@ -514,6 +524,20 @@ def _nearest(rate_hz: float, rates: Mapping[float, object] | set[float]) -> floa
 
 def _middle(values: Sequence[float]) -> float:
     return float(np.exp(np.mean(np.log(values)))) if all(map(math.isfinite, values)) else math.inf
+
+
+def _latencies(played: Sequence[SegmentSamples], monitor: str) -> tuple[Seconds, int]:
+    """The latencies of a monitor in some iterations, and how many messages never came."""
+    seen = [each.monitors[monitor] for each in played if monitor in each.monitors]
+    times = np.concatenate([np.empty(0), *(each.times["latency"] for each in seen)])
+    return times, sum(each.missed for each in seen)
+
+
+def _off(measured: float, simulated: float) -> float:
+    """How far two percentiles are from each other, as a logarithm; lost messages are infinity."""
+    if _finite(measured, simulated):
+        return abs(math.log(measured / simulated))
+    return 0.0 if measured == simulated else math.inf
 
 
 def _finite(*values: float) -> bool:

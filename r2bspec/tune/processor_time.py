@@ -46,12 +46,21 @@ class ProcessorTime:
         self.others = 0.0
         self._integral = self._times * 0.0
 
-    def divide(self, waited: float, waits_for: WaitsFor) -> None:
-        """Find the speeds of threads, given how long all of them wait for a processor per time."""
+    def divide(self, used: float, waited: float, waits_for: WaitsFor) -> None:
+        """Find the speeds of threads.
+
+        Args:
+            used: the processor time per time of all threads of the graph.
+            waited: how long they wait for a processor per time. Callbacks wait for the same share
+                of the processor time that they need as the threads of the middleware do.
+            waits_for: for whom.
+        """
         if self._times.size < 2:
             return
         lengths, running = np.diff(self._times), self._running[:-1]
-        waited_ns = waited * float(self._times[-1] - self._times[0])
+        needed_ns = (used + waited) * float(self._times[-1] - self._times[0])
+        of_callbacks_ns = min(float((running * lengths).sum()), needed_ns)
+        waited_ns = of_callbacks_ns * waited / max(used + waited, 1e-9)
 
         def set_level(level: float) -> None:
             if waits_for == "others":
@@ -69,7 +78,8 @@ class ProcessorTime:
         self._integral = np.concatenate(([0.0], np.cumsum(self._speed(running) * lengths)))
 
     def _speed(self, running: Seconds) -> Seconds:
-        wanted = np.maximum(running + self.others, 1e-9)
+        # Where no callback runs, it is a thread between two callbacks that works.
+        wanted = np.maximum(running, 1.0) + self.others
         speed: Seconds = np.minimum(1.0, self.cores / wanted)
         return speed
 

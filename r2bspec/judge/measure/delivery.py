@@ -239,10 +239,11 @@ def _batch_slopes(
 
     def centred(values: NDArray[np.int64]) -> NDArray[np.float64]:
         exact = (values - np.repeat(values[starts], sizes)).astype(np.float64)
-        return exact - np.repeat(np.add.reduceat(exact, starts) / sizes, sizes)
+        exact -= np.repeat(np.add.reduceat(exact, starts) / sizes, sizes)
+        return exact
 
     i, t = centred(index), centred(times_ns) / 1e9
     spread = np.add.reduceat(i * i, starts)
     together = np.add.reduceat(i * t, starts)
     slopes = np.divide(together, spread, out=np.zeros(batches), where=spread > 0)
-    return np.maximum(slopes, 1e-9)
+    return np.maximum(slopes, 1e-9, out=slopes)

@@ -129,6 +129,15 @@ def read_samples(run: Run) -> RunSamples:
     )
 
 
+def read_segment(run: Run, segment: Segment) -> SegmentSamples:
+    """The samples of one segment of any kind, without those of processes and of the host.
+
+    Raises:
+        RecordError: a file is missing or damaged.
+    """
+    return segment_samples(run.plan, segment, _read_rows(run, segment, _PlayedStamps(run)))
+
+
 def _read_process_samples(run: Run) -> ProcessSamples:
     """What was sampled of the processes in the record, and of the machine.
 
