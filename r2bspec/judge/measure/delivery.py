@@ -238,7 +238,8 @@ def _batch_slopes(
     starts = np.cumsum(sizes) - sizes
 
     def centred(values: NDArray[np.int64]) -> NDArray[np.float64]:
-        exact = (values - np.repeat(values[starts], sizes)).astype(np.float64)
+        shifted = values - np.repeat(values[starts], sizes)
+        exact: NDArray[np.float64] = shifted.astype(np.float64)
         exact -= np.repeat(np.add.reduceat(exact, starts) / sizes, sizes)
         return exact
 
