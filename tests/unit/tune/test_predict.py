@@ -299,6 +299,31 @@ def test_a_run_that_the_model_does_not_reproduce_is_not_believed(tmp_path: Path)
     )
 
 
+@pytest.mark.parametrize("factor", [0.8, 0.3])
+def test_the_observed_iteration_checks_the_model_and_the_others_are_predicted(
+    tmp_path: Path, factor: float
+) -> None:
+    """It begins a start, so the others may be faster; by how much widens the interval."""
+    simulated = ObservedSimulation.of(CHAIN_GRAPH)
+    (played,) = simulated.segments
+    others = replace(played, latency=[factor * each for each in played.latency])
+    run = replace(simulated, segments=[played, others]).write(tmp_path / "run")
+    observed, counting = run.record.segments
+    segments = (
+        msgspec.structs.replace(observed, kind="anatomy"),
+        msgspec.structs.replace(counting, start=observed.start + 1),
+    )
+    run = replace(run, record=msgspec.structs.replace(run.record, segments=segments))
+    if factor == 0.3:
+        reason = refused(Predictor(run), run.plan)
+        assert reason.startswith("the observed iteration is unlike the others: at 40 Hz out")
+        return
+    found = Predictor(run).predict(run.plan, rates_hz=(40.0,))
+    low, value, high = latency(found, "latency.p50", 40.0)
+    median_s = float(np.median(played.latency))
+    assert low < factor * median_s < value < median_s < high
+
+
 def test_the_same_run_gives_the_same_prediction(chain_run: Run, predictor: Predictor) -> None:
     plan = chain_run.plan
     again = predict_deployment(chain_run, plan, rates_hz=(50.0,))
