@@ -244,5 +244,7 @@ def _batch_slopes(
     i, t = centred(index), centred(times_ns) / 1e9
     spread = np.add.reduceat(i * i, starts)
     together = np.add.reduceat(i * t, starts)
-    slopes = np.divide(together, spread, out=np.zeros(batches), where=spread > 0)
-    return np.maximum(slopes, 1e-9)
+    slopes: NDArray[np.float64] = np.divide(
+        together, spread, out=np.full(batches, 1e-9), where=spread > 0
+    )
+    return slopes.clip(min=1e-9)
