@@ -288,13 +288,12 @@ class JudgedRequirement:
             verdict = verdict.noted(_HIDDEN_LOSSES)
         if case.iterations and (aside := _aside_text(case)) and aside != decision.reason:
             verdict = verdict.noted(aside)
-        validity = self.run.playback_validity
-        if missed := validity.problem(self.info.statistic, self.at_hz):
+        if invalid := self.run.playback_validity.problem(self.info.statistic, self.at_hz):
             return msgspec.structs.replace(
                 verdict,
                 outcome="inconclusive",
-                reason=missed,
-                remedy=validity.remedy(missed, self.at_hz),
+                reason=invalid.reason,
+                remedy=invalid.remedy,
                 # They explain a verdict that is none.
                 notes=(),
             )
@@ -746,11 +745,13 @@ def _after_all_steps(judged: JudgedRequirement) -> RequirementVerdict:
 def _run_verdict(run: JudgedRun, requirements: tuple[RequirementVerdict, ...]) -> Verdict:
     """The verdict on the run, with what it cannot know."""
     samples, validity = run.samples, run.playback_validity
+    invalid = {**validity.probes, **validity.iterations}
+    reasons = {requirement.reason for requirement in requirements}
     unusable = tuple(
-        Unusable(offered_hz=rate, reason=reason)
-        for rate, reason in sorted({**validity.probes, **validity.iterations}.items())
+        Unusable(offered_hz=rate, reason=invalid[rate].reason)
+        for rate in sorted(invalid)
         # Without requirements the run was made for its figures alone.
-        if not requirements or any(requirement.reason == reason for requirement in requirements)
+        if not requirements or invalid[rate].reason in reasons
     )
     outcome, reason = _overall_outcome(run, requirements, unusable)
     judged = outcome not in {"invalid", "incomplete"}

@@ -239,7 +239,9 @@ def _batch_slopes(
 
     def centred(values: NDArray[np.int64]) -> NDArray[np.float64]:
         exact = (values - np.repeat(values[starts], sizes)).astype(np.float64)
-        return exact - np.repeat(np.add.reduceat(exact, starts) / sizes, sizes)
+        means = np.add.reduceat(exact, starts) / sizes
+        apart: NDArray[np.float64] = exact - np.repeat(means, sizes)
+        return apart
 
     i, t = centred(index), centred(times_ns) / 1e9
     spread = np.add.reduceat(i * i, starts)
