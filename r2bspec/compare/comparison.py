@@ -10,7 +10,7 @@ confidence, a metric of which more is better is
 
 and one of which less is better the other way round. The bounds are Welch's on the logarithms of the
 iterations' values, or of the means of starts where both have several
-(`r2bspec.judge.statistics.welch_t`). Drop rates are compared as the shares
+(`r2bspec.judge.statistics.t_interval`). Drop rates are compared as the shares
 that arrived, with a margin of their own, because a ratio to 0 is undefined.
 
 Subjects are run folders, results, and reports of the reference tool. A comparison is frozen values
@@ -226,16 +226,32 @@ _COMPARED_PARTS: Final = (".callback", ".wait", ".transport", ".path")
 """Of what was observed from inside: the parts that take long."""
 
 
+_Values = tuple[str, str, str, list[float | None]]
+"""Monitor, metric, unit, and a value for each iteration."""
+
+
 def _of_rate(rate: RateMetrics, graph: set[str]) -> dict[SeriesKey, MetricSeries]:
-    series: dict[SeriesKey, MetricSeries] = {}
     starts = tuple(iteration.start for iteration in rate.iterations)
     starts = starts if all(starts) else ()
+    values_of = (*_of_monitors(rate), *_of_processes(rate, graph), *_of_parts(rate))
+    return {
+        (rate.offered_hz, monitor, metric): MetricSeries(tuple(values), unit, starts=starts)
+        for monitor, metric, unit, values in values_of
+    }
+
+
+def _of_monitors(rate: RateMetrics) -> Iterator[_Values]:
     for monitor in rate.pooled.monitors:
         seen = [iteration.monitors[monitor] for iteration in rate.iterations]
-        for metric, unit, values in _of_monitor(seen):
-            series[rate.offered_hz, monitor, metric] = MetricSeries(
-                tuple(values), unit, starts=starts
-            )
+        family = "reaction" if any(sample.reaction for sample in seen) else "latency"
+        if family == "latency":
+            yield monitor, "throughput.mean", "Hz", [sample.throughput_hz for sample in seen]
+        for part in ("mean", *MAIN_PERCENTILES):
+            yield monitor, f"{family}.{part}", "s", [_latency(sample, part) for sample in seen]
+        yield monitor, "drop_rate", "share", [sample.drop_rate for sample in seen]
+
+
+def _of_processes(rate: RateMetrics, graph: set[str]) -> Iterator[_Values]:
     uses = {
         process: [iteration.processes.get(process) for iteration in rate.iterations]
         for process in rate.pooled.processes
@@ -244,30 +260,16 @@ def _of_rate(rate: RateMetrics, graph: set[str]) -> dict[SeriesKey, MetricSeries
     if rate.pooled.graph is not None:
         uses[WHOLE_GRAPH] = [iteration.graph for iteration in rate.iterations]
     for process, used in uses.items():
-        values = [use.cpu_mean if use is not None else None for use in used]
-        series[rate.offered_hz, "", f"cpu.{process}.mean"] = MetricSeries(
-            tuple(values), "share", starts=starts
-        )
+        yield "", f"cpu.{process}.mean", "share", [use.cpu_mean if use else None for use in used]
+
+
+def _of_parts(rate: RateMetrics) -> Iterator[_Values]:
     for name in rate.pooled.anatomy or ():
-        observed = [(iteration.anatomy or {}).get(name) for iteration in rate.iterations]
         if name.endswith(_COMPARED_PARTS):
+            observed = [(iteration.anatomy or {}).get(name) for iteration in rate.iterations]
             for part in SHORT_PERCENTILES:
-                values = [None if times is None else part_value(times, part) for times in observed]
-                series[rate.offered_hz, "", f"{name}.{part}"] = MetricSeries(
-                    tuple(values), "s", starts=starts
-                )
-    return series
-
-
-def _of_monitor(
-    seen: Sequence[MonitorMetrics],
-) -> Iterator[tuple[str, str, list[float | None]]]:
-    family = "reaction" if any(sample.reaction for sample in seen) else "latency"
-    if family == "latency":
-        yield "throughput.mean", "Hz", [sample.throughput_hz for sample in seen]
-    for part in ("mean", *MAIN_PERCENTILES):
-        yield f"{family}.{part}", "s", [_latency(sample, part) for sample in seen]
-    yield "drop_rate", "share", [sample.drop_rate for sample in seen]
+                values = [part_value(times, part) if times else None for times in observed]
+                yield "", f"{name}.{part}", "s", values
 
 
 def _latency(seen: MonitorMetrics, part: str) -> float | None:
@@ -301,13 +303,7 @@ def compare(
     Raises:
         IncomparableError: load, data or machine differ, or they have no metric in common.
     """
-    differences = tuple(differences_of(base, head))
-    if not force and any(blocking_differences(base, head)):
-        raise IncomparableError(
-            f"{base.side.source} and {head.side.source} are not comparable:\n"
-            + "\n".join(f"  {difference}" for difference in differences),
-            hint="Use --force to compare them anyway.",
-        )
+    differences = require_comparable(base, head, force=force)
     lines = tuple(
         _line(key, before, head.series[other], margin)
         for key, before in base.series.items()
@@ -328,7 +324,25 @@ def compare(
     )
 
 
-def blocking_differences(base: ComparedResult, head: ComparedResult) -> Iterator[object]:
+def require_comparable(
+    base: ComparedResult, head: ComparedResult, *, force: bool
+) -> tuple[str, ...]:
+    """The differences of two results, a line each; see `compare`.
+
+    Raises:
+        IncomparableError: load, data or machine differ.
+    """
+    differences = tuple(differences_of(base, head))
+    if not force and any(_blocking_differences(base, head)):
+        raise IncomparableError(
+            f"{base.side.source} and {head.side.source} are not comparable:\n"
+            + "\n".join(f"  {difference}" for difference in differences),
+            hint="Use --force to compare them anyway.",
+        )
+    return differences
+
+
+def _blocking_differences(base: ComparedResult, head: ComparedResult) -> Iterator[object]:
     """The differences for which a ratio says nothing about the graphs.
 
     Graphs that differ are what one compares. Of reports of another tool, plan, data and machine are

@@ -9,7 +9,7 @@ import contextlib
 import sqlite3
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar
 
@@ -50,7 +50,7 @@ class HistoryEntry:
     """One run.
 
     Attributes:
-        host: fingerprint of the kind of machine (`r2bspec.record.machine_fingerprint`).
+        host: fingerprint of the kind of machine (`r2bspec.record.graph_identity`).
         machine: a description of it.
         plan: hash of what was measured (`r2bspec.plan.comparability.measured_hash`).
         dataset: hash of the recorded data.
@@ -121,11 +121,8 @@ _LOCK_POLL_S: Final = 0.01
 _MAX_OPENING_S: Final = 120.0
 _TABLES: Final = ("runs", "metrics")
 
-_COLUMNS: Final = (
-    *("run_id", "name", "started_at", "host", "machine", "plan", "dataset", "version"),
-    *("outcome", "accepted", "identity"),
-)
-_METRIC_COLUMNS: Final = ("at_hz", "monitor", "metric", "unit", "value")
+_COLUMNS: Final = tuple(each.name for each in fields(HistoryEntry) if each.name != "metrics")
+_METRIC_COLUMNS: Final = tuple(each.name for each in fields(HistoryMetric))
 
 
 def _insertion(table: str, columns: Sequence[str]) -> str:

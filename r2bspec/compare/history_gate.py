@@ -8,13 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from r2bspec.compare import comparison
-from r2bspec.compare.errors import IncomparableError
 from r2bspec.compare.history import HistoryEntry, HistoryMetric, open_history
 from r2bspec.compare.proposals import prediction_bound
 from r2bspec.compare.report_input import open_folder
@@ -125,13 +125,7 @@ def baseline_from_stored_run(
         dataset=plan.dataset.sha256 or stored.dataset,
         machine=dict(machine),
     )
-    differences = tuple(comparison.differences_of(stored, coming))
-    if not force and any(comparison.blocking_differences(stored, coming)):
-        raise IncomparableError(
-            f"{path} and this run are not comparable:\n"
-            + "\n".join(f"  {difference}" for difference in differences),
-            hint="Use --force to compare them anyway.",
-        )
+    differences = comparison.require_comparable(stored, coming, force=force)
     series = {key: (values.values, values.starts) for key, values in stored.series.items()}
     if stored.samples is not None:
         series |= _required_values(stored.samples, plan)
@@ -228,6 +222,9 @@ def grown_since(baseline: baseline_file.BaselineRecord, run: Run) -> tuple[str, 
     return grown_texts(earlier, run) if earlier is not None else ()
 
 
+_seconds = attrgetter("seconds")
+
+
 @dataclass(frozen=True)
 class _Growth:
     """By how much a part grew since the earlier runs, and what would be more than their scatter."""
@@ -275,10 +272,6 @@ def _grown_since_history(baseline: baseline_file.BaselineRecord, run: Run) -> It
     # The mean of a part comes after its median, and is said where both grew.
     named = {(each.subject, each.family, each.at): each for each in found}
     yield from (each.text for each in sorted(named.values(), key=_seconds, reverse=True))
-
-
-def _seconds(growth: _Growth) -> float:
-    return growth.seconds
 
 
 def unnamed_growth(baseline: baseline_file.BaselineRecord, run: Run) -> tuple[str, ...]:

@@ -27,7 +27,7 @@ class ComparisonSide:
         base_dir: the folder of its spec.
         spec_text: the resolved spec.
         environment: the variables of its runs that differ from this process; see
-            `workspaces.applied_environment`.
+            `environment.applied_environment`.
         identity: of its graph; each run looks it up itself if None.
     """
 

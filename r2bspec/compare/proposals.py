@@ -318,8 +318,11 @@ def _candidates(
     asked = any(metric.startswith("peak") for metric in metrics)
     if search is not None and search.holds_hz and not asked:
         limit = search.holds_hz * (1 - _PEAK_STEPS * search.precision)
-        name = _free_name(spec, "measured_peak")
-        yield _Candidate(name, "", "peak.rate", (f"peak.rate >= {_floor(limit)} Hz",))
+        if limit > 0:
+            name = _free_name(spec, "measured_peak")
+            yield _Candidate(name, "", "peak.rate", (f"peak.rate >= {_floor(limit)} Hz",))
+        else:
+            notes.append(f"peak.rate: it is known to {search.precision:.0%} only, too roughly")
 
 
 _PROPOSED_PARTS = 3

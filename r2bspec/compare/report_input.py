@@ -7,7 +7,7 @@ The folder of a run, or of a comparison of interleaved runs, is measured and jud
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -128,16 +128,9 @@ def read_folder(
         RecordError: it is neither, or a file of it is missing or damaged.
     """
     if comparison_folder.is_comparison(path):
-        judged = judge_comparison_folder(
-            comparison_folder.open_comparison(path), objectives, judged_by, gate
-        )
-        return ReportInput(
-            result=judged.result,
-            run=judged.head,
-            spec_file=spec_file,
-            baseline=baseline or judged.base,
-            judged_samples=judged.samples,
-        )
+        pairs = comparison_folder.open_comparison(path)
+        judged = judge_comparison_folder(pairs, objectives, judged_by, gate)
+        return replace(judged, spec_file=spec_file, baseline=baseline or judged.baseline)
     run = open_run(path)
     samples = read_samples(run)
     return ReportInput(
@@ -172,30 +165,16 @@ def measure(run: Run) -> RunSamples:
     return read_samples(run)
 
 
-@dataclass(frozen=True)
-class JudgedComparison:
-    """A comparison and its result.
-
-    Attributes:
-        base: the base's runs of the pairs that count, as one.
-        head: the head's.
-        samples: of the latter.
-    """
-
-    result: Result
-    base: comparison_folder.MergedRun
-    head: comparison_folder.MergedRun
-    samples: RunSamples
-
-
 def judge_comparison_folder(
     pairs: comparison_folder.PairedComparison,
     objectives: Mapping[str, Objective] | None = None,
     judged_by: str = "",
     gate: GatePlan | None = None,
     measured: dict[str, RunSamples] | None = None,
-) -> JudgedComparison:
-    """Measure and judge a comparison. Needs no ROS; the same folder gives the same bytes.
+) -> ReportInput:
+    """A comparison measured and judged. Needs no ROS; the same folder gives the same bytes.
+
+    The run and its baseline are those of head and base in the pairs that count, as one each.
 
     Args:
         pairs: the opened comparison.
@@ -228,7 +207,7 @@ def judge_comparison_folder(
             head, measured[counted[-1].folder("head")].summaries if counted else None
         ),
     )
-    return JudgedComparison(result, base, head, first.played.merged)
+    return ReportInput(result=result, run=head, baseline=base, judged_samples=first.played.merged)
 
 
 def read_pair_set(

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from r2bspec.execute.processes.resources import ResourceSampler
-from r2bspec.judge.affected_iterations import largest_taken_share
+from r2bspec.judge.interference_bound import largest_taken_share
 from r2bspec.judge.measure.host_usage import (
     HostInterference,
     ProcessSamples,

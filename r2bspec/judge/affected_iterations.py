@@ -45,11 +45,10 @@ from typing import Final
 from r2bspec.judge.interference_bound import (
     REMEDY,
     best_case_iteration,
-    taken_share,
-    waiting_share,
+    largest_taken_share,
     worst_case_iteration,
 )
-from r2bspec.judge.measure.host_usage import HostInterference, interference_reasons, median_pressure
+from r2bspec.judge.measure.host_usage import interference_reasons, median_pressure
 from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
@@ -145,12 +144,6 @@ def find_affected_iterations(samples: RunSamples) -> dict[str, DisturbedIteratio
                         taken=largest_taken_share(candidate.interference),
                     )
     return disturbed
-
-
-def largest_taken_share(known: HostInterference | None) -> float:
-    """The largest share of the time that others can have taken from the run."""
-    taken = taken_share(known)
-    return waiting_share(known) if taken is None else taken
 
 
 def without_affected(

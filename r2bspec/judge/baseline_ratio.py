@@ -56,11 +56,6 @@ class BaselineCase(RequirementCase):
         """Whether a missing value means that nothing was sampled, not that nothing arrived."""
         return self.info.scope in {"process", "graph", "machine"}
 
-    @property
-    def zero_allowed(self) -> bool:
-        """Whether 0 is an ordinary value, as for a share of drops: something arrived."""
-        return self.info.dimension == "share" or self.info.family == "jitter"
-
 
 @dataclass(frozen=True)
 class _Sides:
@@ -257,7 +252,9 @@ def _pairs_hint(case: BaselineCase, interval: RatioInterval) -> str:
 
 
 def _count_missing(case: BaselineCase, values: Values) -> int:
-    least = 0.0 if case.zero_allowed else math.ulp(0.0)
+    # 0 is an ordinary share of drops, and an ordinary jitter: something arrived.
+    zero_allowed = case.info.dimension == "share" or case.info.family == "jitter"
+    least = 0.0 if zero_allowed else math.ulp(0.0)
     return sum(value is None or not least <= value < math.inf for value in values)
 
 

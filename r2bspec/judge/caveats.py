@@ -29,6 +29,7 @@ from r2bspec.judge.measure.samples import (
 )
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
+from r2bspec.judge.statistics.percentile_interval import deviation_within
 from r2bspec.judge.statistics.t_interval import by_start, deviation_bound
 from r2bspec.judge.verdict import Outcome, RequirementVerdict
 from r2bspec.language.benchmark_defaults import CONFIDENCE
@@ -213,7 +214,6 @@ _ALIKE: Final = 0.85
 _SAME: Final = 0.025
 """Starts that differ by a smaller share of their latency are not told apart."""
 
-_MAD_TO_DEVIATION: Final = 1.4826
 _MAX_PROPOSED_STARTS: Final = 100
 
 
@@ -258,8 +258,7 @@ def uneven_start_notes(case: RequirementCase, outcome: Outcome) -> tuple[str, ..
     if not all(values.size for values in latencies):
         return ()
     middles = [float(np.median(values)) for values in latencies]
-    apart = [np.abs(one - middle) for one, middle in zip(latencies, middles, strict=True)]
-    scatter = _MAD_TO_DEVIATION * float(np.median(np.concatenate(apart)))
+    scatter = deviation_within(latencies, middles)
     differ = statistics.stdev(middles)
     most = deviation_bound(differ, number, CONFIDENCE)
     if most <= _ALIKE * scatter or differ < _SAME * statistics.fmean(middles):

@@ -99,7 +99,6 @@ from r2bspec.judge.measure.matching import NO_MATCH
 from r2bspec.judge.measure.metric_catalogue import ANATOMY_SHARES
 from r2bspec.judge.measure.samples import (
     MonitorSamples,
-    PlaybackSamples,
     SegmentSamples,
     output_period_ns,
     output_times,
@@ -139,9 +138,9 @@ def _waited_share(known: HostInterference, waited: float) -> float:
     return _with_known_losses(least, known)
 
 
-def _shared_share(known: HostInterference) -> float:
+def _shared_share(known: HostInterference | None) -> float:
     """The part of w that others took by running on the second hardware threads."""
-    if (known.threads_per_core or 1) < 2:
+    if known is None or (known.threads_per_core or 1) < 2:
         return 0.0
     return _SHARED_PROCESSOR_LOSS * min(known.own_cores or 0.0, known.foreign_cores or 0.0)
 
@@ -271,10 +270,14 @@ def best_case_iteration(one: SegmentSamples, taken: float | None = None) -> Segm
     """
     if taken == 0:
         return one
+    shared = 0.0
+    if taken is None:
+        taken = largest_taken_share(one.interference)
+        shared = min(_shared_share(one.interference), taken)
     return replace(
         one,
         monitors={
-            name: _best_case_samples(one.segment, one.playback, seen, one.interference, taken)
+            name: _best_case_samples(one, seen, taken, shared)
             for name, seen in one.monitors.items()
         },
         machine=_use_by_run(one),
@@ -282,11 +285,8 @@ def best_case_iteration(one: SegmentSamples, taken: float | None = None) -> Segm
     )
 
 
-def _best_anatomy(one: SegmentSamples, taken: float | None) -> dict[str, Seconds]:
+def _best_anatomy(one: SegmentSamples, taken: float) -> dict[str, Seconds]:
     """What was observed from inside, without any effect that others can have had on it."""
-    if taken is None:
-        counted = taken_share(one.interference)
-        taken = waiting_share(one.interference) if counted is None else counted
     lasting_s = taken * one.segment.length_s
     best = {}
     for name, values in one.anatomy.items():
@@ -328,38 +328,35 @@ def waiting_share(known: HostInterference | None) -> float:
     return _with_known_losses(waited, known)
 
 
+def largest_taken_share(known: HostInterference | None) -> float:
+    """The largest share of the time that others can have taken from the run: w, either way."""
+    taken = taken_share(known)
+    return waiting_share(known) if taken is None else taken
+
+
 def _best_case_samples(
-    segment: Segment,
-    playback: PlaybackSamples,
-    seen: MonitorSamples,
-    known: HostInterference | None,
-    taken: float | None,
+    one: SegmentSamples, seen: MonitorSamples, taken: float, shared: float
 ) -> MonitorSamples:
-    most_hz = playback.rate_hz * seen.per_step
-    counted = taken_share(known)
-    if seen.own_pace and not segment.live:
-        waited = taken if taken is not None else counted or waiting_share(known)
-        return _best_at_own_pace(segment, seen, waited)
-    if counted is None or known is None:
-        waited = waiting_share(known) if taken is None else taken
-        latency = best_case_latencies(seen, waited)
+    most_hz, known = one.playback.rate_hz * seen.per_step, one.interference
+    if seen.own_pace and not one.live:
+        return _best_at_own_pace(one.segment, seen, taken)
+    if known is None or known.own_waited is None:
+        latency = best_case_latencies(seen, taken)
     else:
-        waited = counted if taken is None else taken
-        shared = min(_shared_share(known), waited) if taken is None else 0.0
         latency = _measured_latencies(seen)
         order = np.argsort(latency, kind="stable")
-        latency[order] = shortest_latencies(seen, waited, known.seconds, most_hz, shared)
-    gained_hz = min(most_hz, seen.throughput_hz + waited * most_hz)
-    return _with_latencies(segment, seen, latency, max(seen.throughput_hz, gained_hz))
+        latency[order] = shortest_latencies(seen, taken, known.seconds, most_hz, shared)
+    gained_hz = min(most_hz, seen.throughput_hz + taken * most_hz)
+    return _with_latencies(one.segment, seen, latency, max(seen.throughput_hz, gained_hz))
 
 
-def _best_at_own_pace(segment: Segment, seen: MonitorSamples, waited: float) -> MonitorSamples:
+def _best_at_own_pace(segment: Segment, seen: MonitorSamples, taken: float) -> MonitorSamples:
     """No message was held up by more than all of the time that others took."""
-    longest_s = waited * segment.length_s
+    longest_s = taken * segment.length_s
     return replace(
         seen,
         times={name: np.maximum(0.0, times - longest_s) for name, times in seen.times.items()},
-        throughput_hz=seen.throughput_hz / max(1 - waited, 0.01),
+        throughput_hz=seen.throughput_hz / max(1 - taken, 0.01),
     )
 
 

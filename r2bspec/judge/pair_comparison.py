@@ -54,16 +54,12 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.judge.affected_iterations import (
-    find_affected_iterations,
-    largest_taken_share,
-    strict_refusal,
-)
+from r2bspec.judge.affected_iterations import find_affected_iterations, strict_refusal
 from r2bspec.judge.baseline_comparison import judge_baseline_requirements, run_value
 from r2bspec.judge.baseline_ratio import BaselineCase, judge_pairs
 from r2bspec.judge.confirmation import confirm_run, needs_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks, without_own_confidence
-from r2bspec.judge.interference_bound import REMEDY, best_case_iteration
+from r2bspec.judge.interference_bound import REMEDY, best_case_iteration, largest_taken_share
 from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.pipeline import first_iterations, judge
@@ -478,8 +474,8 @@ def _combine_sustained(found: Sequence[RequirementVerdict]) -> RequirementVerdic
 
 def why_unusable(samples: RunSamples) -> str:
     """Why a run of a pair cannot be judged, in a sentence; empty if it can."""
-    missed = PlaybackValidity.of(samples).iterations
-    return next(iter(missed.values()), "")
+    invalid = PlaybackValidity.of(samples).iterations.values()
+    return next((problem.reason for problem in invalid), "")
 
 
 def interference_text(samples: RunSamples) -> str:

@@ -47,6 +47,7 @@ from r2bspec.judge.interference_bound import REMEDY
 from r2bspec.judge.measure.metric_catalogue import (
     MetricError,
     MetricInfo,
+    Statistic,
     available_at_own_pace,
     available_live,
     kind_of,
@@ -61,13 +62,12 @@ from r2bspec.judge.measure.samples import (
 )
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
-from r2bspec.judge.methods.mean_bound import MEAN_BOUND
-from r2bspec.judge.methods.peak_bracket import PEAK_BRACKET, with_refuted_peak
-from r2bspec.judge.methods.recorded_value import OBSERVATION, SEQUENTIAL_PROBE, TRUTH_COMPARISON
-from r2bspec.judge.methods.share_bounds import PERCENTILE_BOUND, SHARE_BOUND, WINDOW_SHARE
+from r2bspec.judge.methods.mean_bound import judge_mean
+from r2bspec.judge.methods.peak_bracket import judge_peak, with_refuted_peak
+from r2bspec.judge.methods.recorded_value import judge_accuracy, judge_observation, judge_sustained
+from r2bspec.judge.methods.share_bounds import judge_percentile, judge_share, judge_windows
 from r2bspec.judge.requirement_case import (
     Decision,
-    DecisionMethod,
     RequirementCase,
     limit_of,
     requirement_verdict,
@@ -89,19 +89,21 @@ from r2bspec.judge.verdict import (
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.spec import Objective
+from r2bspec.record.run_record import RunRecord
 
-DECISION_METHODS: Final[tuple[DecisionMethod, ...]] = (
-    TRUTH_COMPARISON,
-    PEAK_BRACKET,
-    SEQUENTIAL_PROBE,
-    WINDOW_SHARE,
-    PERCENTILE_BOUND,
-    SHARE_BOUND,
-    MEAN_BOUND,
-    OBSERVATION,
-)
-"""The first that accepts a requirement decides it. Ratios to a baseline are decided by
-`r2bspec.judge.baseline_ratio`."""
+Decide = Callable[[RequirementCase, RunRecord], Decision]
+_BY_RECORD: Final[dict[Statistic, Decide]] = {
+    "truth": judge_accuracy,
+    "search": judge_peak,
+    "sequential": judge_sustained,
+}
+"""What decides the metrics that need no iteration, and are the same in all of them."""
+_BY_ITERATIONS: Final[dict[Statistic, Decide]] = {
+    "percentile": judge_percentile,
+    "share": judge_share,
+    "mean": judge_mean,
+    "observation": judge_observation,
+}
 
 OWN_RATE: Final = 0.0
 """The rate where none is offered: that of a recording, or of the source of a live graph."""
@@ -286,13 +288,12 @@ class JudgedRequirement:
             verdict = verdict.noted(_HIDDEN_LOSSES)
         if case.iterations and (aside := _aside_text(case)) and aside != decision.reason:
             verdict = verdict.noted(aside)
-        validity = self.run.playback_validity
-        if missed := validity.problem(self.info.statistic, self.at_hz):
+        if invalid := self.run.playback_validity.problem(self.info.statistic, self.at_hz):
             return msgspec.structs.replace(
                 verdict,
                 outcome="inconclusive",
-                reason=missed,
-                remedy=validity.remedy(missed, self.at_hz),
+                reason=invalid.reason,
+                remedy=invalid.remedy,
                 # They explain a verdict that is none.
                 notes=(),
             )
@@ -383,9 +384,14 @@ def decide_case(case: RequirementCase, samples: RunSamples, problem: str = "") -
     return next(decision for decision in decisions if decision is not None)
 
 
-def method_of(case: RequirementCase) -> DecisionMethod:
-    """The method that decides a requirement on one run."""
-    return next(method for method in DECISION_METHODS if method.takes(case))
+def method_of(case: RequirementCase) -> Decide:
+    """What decides a requirement on one run; a ratio is decided by `judge.baseline_ratio`."""
+    statistic = case.info.statistic
+    if statistic in _BY_RECORD:
+        return _BY_RECORD[statistic]
+    if case.windows is not None:
+        return judge_windows
+    return judge_observation if case.is_equality else _BY_ITERATIONS[statistic]
 
 
 def _unknown_in_live_run(case: RequirementCase, samples: RunSamples) -> Decision | None:
@@ -425,8 +431,7 @@ def _without_baseline(case: RequirementCase, _: RunSamples) -> Decision | None:
 
 
 def _by_record(case: RequirementCase, samples: RunSamples) -> Decision | None:
-    method = method_of(case)
-    return None if method.needs_iterations else method.decide(case, samples.record)
+    return _decided(case, samples) if case.info.statistic in _BY_RECORD else None
 
 
 def _without_rate(case: RequirementCase, _: RunSamples) -> Decision | None:
@@ -568,8 +573,8 @@ def _without_events(case: RequirementCase, _: RunSamples) -> Decision | None:
     )
 
 
-def _by_iterations(case: RequirementCase, samples: RunSamples) -> Decision | None:
-    return method_of(case).decide(case, samples.record)
+def _decided(case: RequirementCase, samples: RunSamples) -> Decision:
+    return method_of(case)(case, samples.record)
 
 
 DECISIONS: Final[tuple[Callable[[RequirementCase, RunSamples], Decision | None], ...]] = (
@@ -584,7 +589,7 @@ DECISIONS: Final[tuple[Callable[[RequirementCase, RunSamples], Decision | None],
     _without_output,
     _without_latency,
     _without_events,
-    _by_iterations,
+    _decided,
 )
 
 
@@ -740,11 +745,13 @@ def _after_all_steps(judged: JudgedRequirement) -> RequirementVerdict:
 def _run_verdict(run: JudgedRun, requirements: tuple[RequirementVerdict, ...]) -> Verdict:
     """The verdict on the run, with what it cannot know."""
     samples, validity = run.samples, run.playback_validity
+    invalid = {**validity.probes, **validity.iterations}
+    reasons = {requirement.reason for requirement in requirements}
     unusable = tuple(
-        Unusable(offered_hz=rate, reason=reason)
-        for rate, reason in sorted({**validity.probes, **validity.iterations}.items())
+        Unusable(offered_hz=rate, reason=invalid[rate].reason)
+        for rate in sorted(invalid)
         # Without requirements the run was made for its figures alone.
-        if not requirements or any(requirement.reason == reason for requirement in requirements)
+        if not requirements or invalid[rate].reason in reasons
     )
     outcome, reason = _overall_outcome(run, requirements, unusable)
     judged = outcome not in {"invalid", "incomplete"}

@@ -59,6 +59,7 @@ from r2bspec.judge.stationarity import CompletionTimes
 from r2bspec.judge.statistics.autocorrelation import trend
 from r2bspec.judge.statistics.binomial import upper_bound
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
+from r2bspec.judge.statistics.t_interval import t_quantile
 from r2bspec.language.benchmark_defaults import (
     CONFIDENCE,
     FIRST_LOOK_S,
@@ -428,11 +429,7 @@ def _share_bounds(happened: NDArray[np.bool_], error: float) -> tuple[float, flo
 
 def _t_quantile(batches: int, error: float) -> float:
     """Student's t; the normal one where there are no batches, and the error is Poisson's."""
-    from scipy.special import ndtri, stdtrit
-
-    if batches < _MIN_BATCHES:
-        return float(ndtri(1 - error))
-    return float(stdtrit(batches - 1, 1 - error))
+    return t_quantile(batches - 1 if batches >= _MIN_BATCHES else math.inf, 1 - error)
 
 
 def _shortfall(found: DeliveryEstimate) -> str:

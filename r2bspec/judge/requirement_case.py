@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -23,7 +22,6 @@ from r2bspec.judge.statistics.effective_sample_size import SampleDesign
 from r2bspec.judge.verdict import Outcome, RequirementVerdict, ShareTest, UncertaintyBudget
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.comparison_grammar import Requirement
-from r2bspec.record.run_record import RunRecord
 
 MAX_LOST_SHARE: Final = 0.01
 """A mean latency over a larger share of lost outputs does not PASS."""
@@ -174,21 +172,6 @@ class Decision:
     rule_of_three: float | None = None
     notes: tuple[str, ...] = ()
     budget: UncertaintyBudget | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class DecisionMethod:
-    """A method, as its module provides it to `r2bspec.judge.methods`.
-
-    Attributes:
-        takes: whether the method decides a requirement.
-        decide: decides it, by the iterations of the case or by the record of the run.
-        needs_iterations: whether it cannot decide without a complete iteration.
-    """
-
-    takes: Callable[[RequirementCase], bool]
-    decide: Callable[[RequirementCase, RunRecord], Decision]
-    needs_iterations: bool = True
 
 
 def undecided(reason: str, remedy: str = "") -> Decision:

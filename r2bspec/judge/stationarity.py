@@ -49,7 +49,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.statistics.autocorrelation import significant_inflation
+from r2bspec.judge.statistics.autocorrelation import least_squares, significant_inflation
 from r2bspec.judge.statistics.t_interval import t_quantile
 
 _START_SHARE = 0.1
@@ -305,7 +305,8 @@ def find_stops(plays: Sequence[CompletionTimes], precision: float) -> NonStation
         if play.times_s.size <= 2:
             continue
         # What stops until the end of a play has no output after it.
-        gap = np.diff(play.times_s, append=max(play.played_s, float(play.times_s[-1])))
+        ended_s = max(play.played_s, float(play.times_s[-1]))
+        gap = np.diff(play.times_s, append=ended_s)
         middle, tail, far = (float(bound) for bound in np.quantile(gap, (0.5, 0.9, 0.99)))
         least_s = max(_MIN_STOP_S, _STOP_PERIODS * middle, tail + _STOP_TAILS * (tail - middle))
         stops_s = gap[gap > least_s] - middle
@@ -315,7 +316,7 @@ def find_stops(plays: Sequence[CompletionTimes], precision: float) -> NonStation
             longest_s = middle * math.exp(scatter * _normal_quantile(_ERROR / gap.size))
             is_message = is_message and float(stops_s.max()) <= longest_s
         lengths += stops_s.tolist()
-        total_s += float(play.times_s[-1] - play.times_s[0])
+        total_s += ended_s - float(play.times_s[0])
     number, stopped_s = len(lengths), sum(lengths)
     if not number or (number == 1 and is_message):
         return None
@@ -362,22 +363,18 @@ def find_start(plays: Sequence[CompletionTimes], precision: float) -> NonStation
 def find_drift(plays: Sequence[CompletionTimes], precision: float) -> NonStationarity | None:
     """A speed that falls or rises over all plays."""
     cut = [batches(play) for play in plays]
-    pace = np.concatenate([play_times.seconds for play_times in cut]) if cut else np.empty(0)
-    at_s = np.concatenate([play_times.begun_s for play_times in cut]) if cut else np.empty(0)
+    pace = np.concatenate([np.empty(0), *(part.seconds for part in cut)])
+    at_s = np.concatenate([np.empty(0), *(part.begun_s for part in cut)])
     if pace.size < _MIN_COMPARED_BATCHES or pace.min() <= 0:
         return None
-    t = at_s - at_s.mean()
-    v = np.log(pace)
-    spread = float(t @ t)
-    if spread <= 0:
+    line = least_squares(at_s, np.log(pace))
+    if not line.spread:
         return None
-    slope = float(t @ (v - v.mean())) / spread
-    residuals = v - v.mean() - slope * t
-    error = math.sqrt(float(residuals @ residuals) / (pace.size - 2) / spread)
-    span_s = float(at_s[-1] - at_s[0])
-    change = slope * span_s
+    error = math.sqrt(float(line.residuals @ line.residuals) / (pace.size - 2) / line.spread)
+    span_s = float(np.ptp(at_s))
+    change = line.slope * span_s
     reach = t_quantile(pace.size - 2, 1 - _ERROR) * error
-    if abs(slope) <= reach or abs(change) < precision:
+    if abs(line.slope) <= reach or abs(change) < precision:
         return None
     ratio = math.exp(abs(change))
     word = "slower" if change > 0 else "faster"
@@ -387,7 +384,7 @@ def find_drift(plays: Sequence[CompletionTimes], precision: float) -> NonStation
 def find_wander(plays: Sequence[CompletionTimes], precision: float) -> NonStationarity | None:
     """A speed that differs from second to second by more than single messages explain."""
     cut = [batches(play) for play in plays]
-    pace = np.concatenate([play_times.seconds for play_times in cut]) if cut else np.empty(0)
+    pace = np.concatenate([np.empty(0), *(part.seconds for part in cut)])
     if pace.size < _MIN_COMPARED_BATCHES or pace.min() <= 0:
         return None
     expected = float(

@@ -44,7 +44,7 @@ from r2bspec.judge.measure.metric_values import later_part, metric_value
 from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, RunSamples, SegmentSamples
 from r2bspec.judge.measure.times import seconds
 from r2bspec.judge.measure.units import show
-from r2bspec.judge.statistics.autocorrelation import serial_inflation
+from r2bspec.judge.statistics.autocorrelation import Line, least_squares, serial_inflation
 from r2bspec.judge.statistics.effective_sample_size import pad_rows
 from r2bspec.judge.statistics.t_interval import t_quantile
 
@@ -317,13 +317,13 @@ def _drift(played: Sequence[IterationTimes], levels: NDArray[np.float64]) -> Ite
         return
     at_s = np.array([times[places].mean() for places in pieces])
     means = np.array([levels[places].mean() for places in pieces])
-    slope, error = _line(at_s, means)
+    line = least_squares(at_s, means)
+    slope, error = line.slope, _slope_error(line)
     if len(starts) == 1:
         # Iterations of one start may resemble each other, which looks like a slope.
-        residuals = means - means.mean() - slope * (at_s - at_s.mean())
-        error *= math.sqrt(serial_inflation(residuals.tolist()))
+        error *= math.sqrt(serial_inflation(line.residuals.tolist()))
     p = float(stdtr(len(pieces) - 2, -abs(slope) / error))
-    within = [_line(times[at], levels[at])[0] for at in pieces if len(at) > 1]
+    within = [least_squares(times[at], levels[at]).slope for at in pieces if len(at) > 1]
     if len(within) == len(pieces):
         t = math.copysign(1.0, slope) * np.mean(within) / _standard_error(np.array(within))
         p = float(chdtrc(4, -2 * math.log(max(p * stdtr(len(pieces) - 1, -t), 1e-300))))
@@ -334,16 +334,11 @@ def _drift(played: Sequence[IterationTimes], levels: NDArray[np.float64]) -> Ite
         yield _part("drift", ends[:1], ends[1:], left_out=earlier)
 
 
-def _line(at: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, float]:
-    """The slope of least squares and its standard error, which two points do not show."""
-    t = at - at.mean()
-    spread = float(t @ t)
-    if not spread:
-        return 0.0, math.inf
-    slope = float(t @ values) / spread
-    residuals = values - values.mean() - slope * t
-    deviation = math.sqrt(float(residuals @ residuals) / max(at.size - 2, 1))
-    return slope, max(deviation, _SMALLEST_DEVIATION) / math.sqrt(spread)
+def _slope_error(line: Line) -> float:
+    """The standard error of a slope through three points or more."""
+    squares, freedom = float(line.residuals @ line.residuals), line.residuals.size - 2
+    deviation = max(math.sqrt(squares / freedom), _SMALLEST_DEVIATION)
+    return deviation / math.sqrt(line.spread) if line.spread else math.inf
 
 
 def _places_by_start(played: Sequence[IterationTimes]) -> list[NDArray[np.int64]]:

@@ -43,7 +43,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from r2bspec.judge.measure.metric_catalogue import Statistic
 from r2bspec.judge.measure.own_pace import own_pace_text
@@ -61,14 +61,14 @@ MAX_IMPOSSIBLE_SHARE = 0.01
 
 
 @dataclass(frozen=True)
-class ImpossibleResult:
-    """What is impossible, in one sentence, and what to do about it, in another."""
+class Problem:
+    """Why results are invalid, in one sentence, and what to do about it, in another."""
 
     reason: str
     remedy: str
 
 
-def impossible_result(iterations: Sequence[SegmentSamples]) -> ImpossibleResult | None:
+def impossible_result(iterations: Sequence[SegmentSamples]) -> Problem | None:
     """What is impossible in the iterations at a rate; None if nothing is.
 
     Args:
@@ -84,7 +84,7 @@ def impossible_result(iterations: Sequence[SegmentSamples]) -> ImpossibleResult 
     return None
 
 
-def _early(name: str, seen: MonitorSamples) -> ImpossibleResult | None:
+def _early(name: str, seen: MonitorSamples) -> Problem | None:
     if seen.early <= MAX_IMPOSSIBLE_SHARE * seen.answered:
         return None
     counts = f"{show(seen.early, 'count')} of {show(seen.answered, 'count')} outputs"
@@ -93,17 +93,17 @@ def _early(name: str, seen: MonitorSamples) -> ImpossibleResult | None:
         "impossible"
     )
     if seen.by_order:
-        return ImpossibleResult(
+        return Problem(
             f"{reason}: matched by order, they answer other inputs.",
             "Match by stamp, or set the ratio of the monitor to what its node publishes.",
         )
-    return ImpossibleResult(
+    return Problem(
         f"{reason}: their stamps or the times of their reception are wrong.",
         "Use outputs that keep the stamp of their input, or another middleware.",
     )
 
 
-def _surplus(name: str, seen: MonitorSamples) -> ImpossibleResult | None:
+def _surplus(name: str, seen: MonitorSamples) -> Problem | None:
     if seen.surplus <= MAX_IMPOSSIBLE_SHARE * seen.expected:
         return None
     received = show(seen.expected + seen.surplus, "count")
@@ -111,7 +111,7 @@ def _surplus(name: str, seen: MonitorSamples) -> ImpossibleResult | None:
     if seen.own_period_s is not None:
         text = own_pace_text(seen.own_period_s)
         remedy = f"{text[0].upper()}{text[1:]}"
-    return ImpossibleResult(
+    return Problem(
         f"Monitor '{name}' received {received} outputs for {show(seen.sent, 'count')} inputs, and "
         f"its ratio allows {show(seen.expected, 'count')}: which input each of them answers is "
         "unknown.",
@@ -172,6 +172,14 @@ def lateness_limit_s(planned_hz: float) -> float:
     return max(MAX_LATE_PERIODS / planned_hz, of_busy_machine)
 
 
+def _problem(offered_hz: float, iterations: Sequence[SegmentSamples]) -> Problem | None:
+    """What is impossible in the iterations at a rate, or wrong with their schedule."""
+    if (impossible := impossible_result(iterations)) is not None:
+        return impossible
+    reason = schedule_problem(offered_hz, iterations)
+    return Problem(reason, REMEDY if offered_hz else TIMELINE_REMEDY) if reason else None
+
+
 @dataclass(frozen=True)
 class PlaybackValidity:
     """The offered rates at which the playback missed its schedule or the result is impossible.
@@ -179,51 +187,36 @@ class PlaybackValidity:
     A sequential probe ends when its player cannot go on; one that was sustained proves its rate.
 
     Attributes:
-        iterations: the reason, by rate.
+        iterations: what is wrong, by rate.
         probes: the same of sequential probes.
-        remedies: what to do about a reason, where it is not the schedule.
     """
 
-    iterations: Mapping[float, str]
-    probes: Mapping[float, str]
-    remedies: Mapping[str, str] = field(default_factory=dict)
+    iterations: Mapping[float, Problem]
+    probes: Mapping[float, Problem]
 
     @classmethod
     def of(cls, samples: RunSamples) -> PlaybackValidity:
         """Check complete iterations and probes; of sustained probes, not the playback."""
-        remedies: dict[str, str] = {}
-
-        def impossible(found: Sequence[SegmentSamples]) -> str:
-            result = impossible_result(found)
-            if result is None:
-                return ""
-            remedies[result.reason] = result.remedy
-            return result.reason
-
         played = {
-            rate: impossible(iterations) or schedule_problem(rate, iterations)
+            rate: _problem(rate, iterations)
             for rate, iterations in samples.iterations.items()
             if iterations
         }
         probed = {
-            probe.rate_hz: impossible(found)
-            or ("" if probe.holds else schedule_problem(probe.rate_hz, found))
+            probe.rate_hz: impossible_result([found])
+            if probe.holds
+            else _problem(probe.rate_hz, [found])
             for probe in samples.record.sustained
-            if (found := [*filter(None, [samples.sustained.get(probe.rate_hz)])])
+            if (found := samples.sustained.get(probe.rate_hz)) is not None
         }
         return cls(
-            {rate: reason for rate, reason in played.items() if reason},
-            {rate: reason for rate, reason in probed.items() if reason},
-            remedies,
+            {rate: problem for rate, problem in played.items() if problem is not None},
+            {rate: problem for rate, problem in probed.items() if problem is not None},
         )
 
-    def problem(self, statistic: Statistic, at_hz: float | None) -> str:
-        """Why the values of a metric at a rate are invalid, or empty."""
+    def problem(self, statistic: Statistic, at_hz: float | None) -> Problem | None:
+        """Why the values of a metric at a rate are invalid; None if they are not."""
         if statistic in {"search", "truth"} or at_hz is None:
-            return ""
-        reasons = self.probes if statistic == "sequential" else self.iterations
-        return next((reason for rate, reason in reasons.items() if math.isclose(rate, at_hz)), "")
-
-    def remedy(self, reason: str, at_hz: float | None) -> str:
-        """What to do about the reason for which the values at a rate are invalid."""
-        return self.remedies.get(reason, REMEDY if at_hz else TIMELINE_REMEDY)
+            return None
+        problems = self.probes if statistic == "sequential" else self.iterations
+        return next((one for rate, one in problems.items() if math.isclose(rate, at_hz)), None)

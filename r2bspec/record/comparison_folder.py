@@ -69,10 +69,11 @@ class MergedRun(Run):
         return np.concatenate(found) if found else np.empty(0, RESOURCE_DTYPE)
 
     def interference(self) -> Rows:
-        """See `Run.interference`; runs without samples are skipped."""
-        return np.concatenate(
+        """See `Run.interference`; a pair played again has later times than those after it."""
+        rows = np.concatenate(
             [np.empty(0, INTERFERENCE_DTYPE), *(run.interference() for run in self.runs)]
         )
+        return rows[np.argsort(rows["time_ns"], kind="stable")]
 
     def spec_text(self) -> str:
         """See `Run.spec_text`."""
@@ -148,6 +149,7 @@ def _search(records: Sequence[RunRecord]) -> SearchRecord | None:
         return None
     holds = [search.holds_hz for search in searches if search.holds_hz is not None]
     fails = [search.fails_hz for search in searches if search.fails_hz is not None]
+    losses = [search.lost_at_most for search in searches if search.lost_at_most is not None]
     limits = {search.limited_by for search in searches}
     proofs = {search.proof for search in searches}
     order: tuple[Limit, ...] = ("interrupted", "player", "interference", "range", "graph")
@@ -164,7 +166,7 @@ def _search(records: Sequence[RunRecord]) -> SearchRecord | None:
         confidence=min(search.confidence for search in searches),
         proof=next((proof for proof in ("open", "probes", "confirmed") if proof in proofs), ""),
         proof_s=min(search.proof_s for search in searches),
-        lost_at_most=max((search.lost_at_most or 0.0 for search in searches), default=None),
+        lost_at_most=max(losses) if len(losses) == len(searches) else None,
         max_lost=max((search.max_lost or 0.0 for search in searches), default=None) or None,
         unsteady=tuple(dict.fromkeys(text for search in searches for text in search.unsteady)),
         unsteady_ratio=max(search.unsteady_ratio for search in searches),
@@ -278,16 +280,6 @@ class PairedComparison:
     def unaffected(self, *, confirms: bool = False) -> tuple[PairRecord, ...]:
         """The pairs without host interference: of each number the first unaffected one."""
         return self._first(lambda each: not (each.unusable or each.disturbed), confirms=confirms)
-
-    def dropped(self, *, confirms: bool = False) -> tuple[PairRecord, ...]:
-        """The pairs whose repetition was not usable either."""
-        kept = {usable_pair.number for usable_pair in self.usable_pairs(confirms=confirms)}
-        topics = {
-            pair.number: pair
-            for pair in self.record.pairs
-            if pair.confirms == confirms and pair.number not in kept
-        }
-        return tuple(topics.values())
 
     def _first(
         self, fits: Callable[[PairRecord], bool], *, confirms: bool

@@ -33,9 +33,9 @@ from r2bspec.safe_io.limits import MAX_PROCESSES, MAX_SEGMENTS
 # What is calculated with is refused where it is read; a damaged record can have any number.
 Count = Annotated[int, msgspec.Meta(ge=0)]
 Number = Annotated[int, msgspec.Meta(ge=1, le=MAX_SEGMENTS)]
+"""Of a segment or a start."""
 ExitNumber = Annotated[int, msgspec.Meta(ge=0, le=255)]
 """Of an error that ended a run."""
-"""Of a segment or a start."""
 Hertz = Annotated[float, msgspec.Meta(ge=0)]
 Confidence = Annotated[float, msgspec.Meta(ge=0, lt=1)]
 

@@ -99,15 +99,12 @@ def _markdown(one: Comparison) -> Iterator[str]:
     yield from (f"> Difference: {escaped(difference)}  " for difference in one.differences)
     yield ""
     header = ("", "metric", "base", "head", "ratio", "bounds")
-    rows = {
-        True: [line for line in one.lines if line.outcome != "same"],
-        False: [line for line in one.lines if line.outcome == "same"],
-    }
-    if rows[True]:
-        ordered = sorted(rows[True], key=lambda line: _ORDER.index(line.outcome))
-        yield from table(header, [_row(line) for line in ordered])
-    if rows[False]:
-        yield from folded("Unchanged", table(header, [_row(line) for line in rows[False]]))
+    changed = [line for line in one.lines if line.outcome != "same"]
+    changed.sort(key=lambda line: _ORDER.index(line.outcome))
+    if changed:
+        yield from table(header, [*map(_row, changed)])
+    if unchanged := [line for line in one.lines if line.outcome == "same"]:
+        yield from folded("Unchanged", table(header, [*map(_row, unchanged)]))
 
 
 def _row(line: ComparisonLine) -> tuple[str, ...]:

@@ -84,9 +84,7 @@ def _columns(text: str) -> int:
     return len(text) + wide - sum(unicodedata.combining(char) > 0 for char in text)
 
 
-@lru_cache(maxsize=8)
-def _source_lines(text: str) -> list[str]:
-    return split_lines(text)
+_source_lines = lru_cache(maxsize=8)(split_lines)
 
 
 _COLOURS = {Severity.ERROR: "31;1", Severity.WARNING: "33;1", Severity.INFO: "36;1"}

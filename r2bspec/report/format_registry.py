@@ -22,20 +22,17 @@ from r2bspec.diagnostics import did_you_mean
 from r2bspec.diagnostics.plain_text import harmless, plain_values
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError
 
-REPORT_FORMAT_UNKNOWN: Final = "R2B660"
-REPORT_UNMAKEABLE: Final = "R2B661"
-
 
 class ReportUsageError(UsageError):
     """An invalid request for a report: an unknown format, or two reports to one stream."""
 
-    code = REPORT_FORMAT_UNKNOWN
+    code = "R2B660"
 
 
 class ReportError(R2bspecError):
     """A report cannot be written: a library is missing, or the run has no samples for it."""
 
-    code = REPORT_UNMAKEABLE
+    code = "R2B661"
     exit_code = ExitStatus.USAGE
 
 

@@ -10,12 +10,7 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 
 from r2bspec.compare.report_input import ReportInput
-from r2bspec.judge.measure.distribution import (
-    MAIN_PERCENTILES,
-    SHORT_PERCENTILES,
-    part_title,
-    part_value,
-)
+from r2bspec.judge.measure.distribution import MAIN_PERCENTILES
 from r2bspec.judge.measure.metrics import RunMetrics
 from r2bspec.judge.measure.units import show, show_rate
 from r2bspec.judge.result import Result
@@ -24,7 +19,15 @@ from r2bspec.report import anatomy_table
 from r2bspec.report import report_wording as wording
 from r2bspec.report.headline import headline, reason_after
 from r2bspec.report.notes import notes
-from r2bspec.report.result_table import METRICS, measured, monitor_names, reasons, requirement_rows
+from r2bspec.report.result_table import (
+    HOP_COLUMNS,
+    METRICS,
+    hop_cells,
+    measured,
+    monitor_names,
+    reasons,
+    requirement_rows,
+)
 
 _MAX_ROWS = 60
 """The largest number of rows of a table."""
@@ -132,21 +135,14 @@ def _measured(result: Result, said: Collection[str]) -> Iterator[str]:
 def _hops(metrics: RunMetrics, monitor: str) -> Iterator[str]:
     """The latency of the hops to a monitor; nothing where it is not tapped."""
     rows = [
-        (
-            row.offered,
-            escaped(f"{hop.source} → {hop.target}"),
-            *(show(part_value(hop.latency, part), "s") for part in SHORT_PERCENTILES),
-            show(hop.matched, "count"),
-            show(hop.missed, "count"),
-        )
+        (row.offered, *map(escaped, hop_cells(hop)))
         for row in measured(metrics, monitor)
         for hop in row.seen.hops
     ]
     if rows:
         yield f"Hops to **{escaped(monitor)}**"
         yield ""
-        shown = map(part_title, SHORT_PERCENTILES)
-        yield from table(("offered", "from → to", *shown, "matched", "missed"), rows)
+        yield from table(("offered", *HOP_COLUMNS), rows)
 
 
 def _anatomy(result: Result) -> Iterator[str]:

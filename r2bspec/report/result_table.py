@@ -13,9 +13,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from r2bspec.judge.measure.distribution import PARTS, part_title, part_value
+from r2bspec.judge.measure.distribution import PARTS, SHORT_PERCENTILES, part_title, part_value
 from r2bspec.judge.measure.metric_catalogue import ANATOMY_SHARES, WHOLE_GRAPH
 from r2bspec.judge.measure.metrics import (
+    HopMetrics,
     MonitorMetrics,
     RateMetrics,
     RunMetrics,
@@ -213,6 +214,19 @@ def measured_iterations(metrics: RunMetrics, monitor: str) -> Iterator[Measured]
         for place, iteration in enumerate(rate.iterations):
             path = f"metrics/rates/{number}/iterations/{place}/monitors/{pointer(monitor)}"
             yield Measured(rate, monitor, iteration.monitors[monitor], iteration.segment, path)
+
+
+HOP_COLUMNS: Final = ("from → to", *map(part_title, SHORT_PERCENTILES), "matched", "missed")
+
+
+def hop_cells(hop: HopMetrics) -> tuple[str, ...]:
+    """The row of a hop; see `HOP_COLUMNS`."""
+    return (
+        f"{hop.source} → {hop.target}",
+        *(show(part_value(hop.latency, part), "s") for part in SHORT_PERCENTILES),
+        show(hop.matched, "count"),
+        show(hop.missed, "count"),
+    )
 
 
 def pointer(key: str) -> str:

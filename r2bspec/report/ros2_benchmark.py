@@ -47,13 +47,11 @@ def render(report_input: ReportInput) -> bytes:
         if segment.kind == "iteration" and not segment.rerun_of and segment.complete:
             rates.setdefault(segment.rate_hz, []).append(segment)
     loads = _MachineLoad(run)
-    content: dict[str, Any] = {}
-    content |= _rate_figures(run, loads, _at_peak(run, rates))
+    content = _rate_figures(run, loads, _at_peak(run, rates))
     for rate_hz, segments in sorted(rates.items()):
-        if not rate_hz:
-            # A run at its own rate has only the figures above.
-            continue
-        content[f"{float(rate_hz)}fps"] = _rate_figures(run, loads, segments)
+        # A run at its own rate has only the figures above.
+        if rate_hz:
+            content[f"{float(rate_hz)}fps"] = _rate_figures(run, loads, segments)
     content["custom"] = dict(report_input.result.labels)
     content["metadata"] = {
         f"{_METADATA}.{key}": value for key, value in _metadata(report_input, run).items()

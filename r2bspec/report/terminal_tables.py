@@ -32,7 +32,15 @@ from r2bspec.record.run_record import HarnessOverheadRecord, PhaseTime, RunRecor
 from r2bspec.report import anatomy_table
 from r2bspec.report import report_wording as wording
 from r2bspec.report.output import MAX_TABLE_ROWS, console, rows_left_out
-from r2bspec.report.result_table import METRICS, Measured, measured, monitor_names, requirement_rows
+from r2bspec.report.result_table import (
+    HOP_COLUMNS,
+    METRICS,
+    Measured,
+    hop_cells,
+    measured,
+    monitor_names,
+    requirement_rows,
+)
 
 OUTCOME_STYLES: dict[OverallOutcome, str] = {
     "pass": "bold green",
@@ -145,21 +153,9 @@ def hop_sections(metrics: RunMetrics) -> Iterator[RenderableType]:
     for row in measured(metrics):
         if not row.seen.hops:
             continue
-        grid = table(
-            [
-                "from → to",
-                *map(part_title, SHORT_PERCENTILES),
-                "matched",
-                "missed",
-            ]
-        )
+        grid = table(HOP_COLUMNS)
         for hop in row.seen.hops:
-            grid.add_row(
-                f"{hop.source} → {hop.target}",
-                *(show(part_value(hop.latency, part), "s") for part in SHORT_PERCENTILES),
-                show(hop.matched, "count"),
-                show(hop.missed, "count"),
-            )
+            grid.add_row(*hop_cells(hop))
         at = at_rate(row.rate.offered_hz, row.rate.pace)
         aside = f"path to {row.monitor} {at}; percentiles do not add up"
         yield Group(heading("hops", aside), grid)

@@ -366,13 +366,11 @@ def _groups(
     events: Events, record: AnatomyRecord, segment: str, group: int
 ) -> Iterator[dict[str, Any]]:
     for number, process in enumerate(record.processes):
-        args = {"name": f"{process.name} ({segment})"}
-        yield {"ph": "M", "name": "process_name", "pid": group + number, "tid": 0, "args": args}
+        yield _named("process_name", group + number, 0, f"{process.name} ({segment})")
     threads, rows = np.unique(events.thread, return_index=True)
     for thread, row in zip(threads.tolist(), rows.tolist(), strict=True):
-        args = {"name": f"thread {thread + 1}"}
         pid = group + int(events.process[row])
-        yield {"ph": "M", "name": "thread_name", "pid": pid, "tid": thread + 1, "args": args}
+        yield _named("thread_name", pid, thread + 1, f"thread {thread + 1}")
 
 
 def _slices(events: Events, at: _At, group: int) -> Iterator[dict[str, Any]]:

@@ -14,7 +14,7 @@ import glob
 import os
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -91,8 +91,7 @@ def check_targets(
             raise format_registry.ReportUsageError(
                 f"{request.path} is a folder", hint="Give the name of a file, in it or elsewhere."
             )
-        named = re.compile(fnmatch.translate(_PLACEHOLDER.sub("*", glob.escape(target)))).match
-        if any(named(file) for file in inputs) or _is_of_a_run(target, output):
+        if _names_any(target, inputs) or _is_of_a_run(target, output):
             raise format_registry.ReportUsageError(
                 f"the {request.format} report would replace {request.path}, which r2bspec needs",
                 hint="Give the name of another file.",
@@ -105,10 +104,14 @@ def _is_of_a_run(target: str, output: Path | None) -> bool:
     for folder in Path(target).parents:
         if folder == below or any(is_there(folder / name) for name in RECORD_FILES):
             first = Path(target).relative_to(folder).parts[0]
-            named = re.compile(fnmatch.translate(_PLACEHOLDER.sub("*", glob.escape(first)))).match
-            if any(named(name) for name in FOLDER_ENTRIES):
+            if _names_any(first, FOLDER_ENTRIES):
                 return True
     return False
+
+
+def _names_any(path: str, names: Collection[str]) -> bool:
+    """Whether a path, with any text for its placeholders, is one of these names."""
+    return bool(fnmatch.filter(names, _PLACEHOLDER.sub("*", glob.escape(path))))
 
 
 def _parse(option: str) -> ReportRequest:
@@ -203,8 +206,8 @@ def write_folder_reports(
     """
     if not requests:
         return
-    reports = replace(read_folder(folder, spec_file=spec_file), verbose=verbose)
-    write_reports(requests, replace(reports, suite_page=suite_page))
+    reports = read_folder(folder, spec_file=spec_file)
+    write_reports(requests, replace(reports, verbose=verbose, suite_page=suite_page))
 
 
 def write_failure_reports(

@@ -70,7 +70,6 @@ class NodeAnatomy:
         published: how many it published, by topic.
         overtaken: how many were sent to it and never taken, by topic: lost, overwritten in its
             queue, or still in it at the end.
-        timers: how often its timers were called.
     """
 
     name: str
@@ -85,7 +84,6 @@ class NodeAnatomy:
     taken: Mapping[str, int]
     published: Mapping[str, int]
     overtaken: Mapping[str, int]
-    timers: int
 
     @property
     def load(self) -> float:
@@ -337,7 +335,6 @@ def _nodes(
             published=_counts(events, sends[events.is_intra[sends]])
             | _counts(events, sends[~events.is_intra[sends]]),
             overtaken=overtaken.get(number, {}),
-            timers=int(np.count_nonzero(events.kind[of_node] == AnatomyKind.TIMER)),
         )
 
 

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.plan.plan import HARNESS_ROLES, Plan
-from r2bspec.record.run_record import AnatomyKind, AnatomyObject, AnatomyRecord
+from r2bspec.record.run_record import AnatomyKind, AnatomyRecord
 from r2bspec.record.sample_arrays import Rows
 
 Ints = NDArray[np.int64]
@@ -118,11 +118,9 @@ class Names:
         self.node_of: Ints = np.array(node_of, np.int64)
         self.topic_of: Ints = np.array(topic_of, np.int64)
         self.is_harness: Mask = np.array(is_harness, np.bool_)
-        self.buffer: Mask = np.array([False, *map(_is_buffer, record.objects)], np.bool_)
-
-
-def _is_buffer(each: AnatomyObject) -> bool:
-    return each.kind == "buffer"
+        self.buffer: Mask = np.array(
+            [False, *(each.kind == "buffer" for each in record.objects)], np.bool_
+        )
 
 
 @dataclass(frozen=True)

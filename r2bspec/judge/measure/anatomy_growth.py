@@ -33,6 +33,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Final, Literal
 
 import numpy as np
@@ -65,6 +66,7 @@ _FOLLOWING: Final = frozenset({"wait", "held", _QUEUE})
 _SHIFTED: Final = 1.5
 """A wait grows by what a message before it is late, and a little more where that varies."""
 
+_seconds = attrgetter("seconds")
 _Key = tuple[str, str, str]
 """The owner of a part, its name, and the topic that tells it from others of this name."""
 
@@ -185,10 +187,6 @@ def _in_most(grown: Sequence[Sequence[GrownPart]]) -> Iterator[GrownPart]:
     middle = [sorted((part for _, part in named), key=_seconds)[len(named) // 2] for named in often]
     largest = max(map(_seconds, middle), default=0.0)
     return (part for part in middle if part.seconds >= LEAST_BESIDE * largest)
-
-
-def _seconds(part: GrownPart) -> float:
-    return part.seconds
 
 
 def _title(part: GrownPart) -> str:
@@ -353,4 +351,4 @@ def _following(
         possible = [cause for cause in before if cause.seconds * _SHIFTED >= part.seconds]
     if not possible:
         return part
-    return replace(part, follows=_title(max(possible, key=lambda cause: cause.seconds)))
+    return replace(part, follows=_title(max(possible, key=_seconds)))

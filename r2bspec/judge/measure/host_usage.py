@@ -56,28 +56,18 @@ MIN_SPACING_NS = 100_000_000
 """Processor time is counted in ticks of 10 ms: a rate needs several of them."""
 
 
-_CROWDED = 100
-"""Times for each that is kept, from which on a search for the next is faster than a loop."""
-
-
 def spaced_indices(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     """The indices of ascending times at least `MIN_SPACING_NS` apart; the last one is kept."""
     kept: list[int] = []
-    index, next_ns = 0, 0
-    if times_ns.size > _CROWDED and times_ns.size > _CROWDED * (
-        (int(times_ns[-1]) - int(times_ns[0])) // MIN_SPACING_NS + 1
-    ):
-        times_ns = np.ascontiguousarray(times_ns)
-        while index < times_ns.size:
-            kept.append(index)
-            index = int(np.searchsorted(times_ns, times_ns[index] + MIN_SPACING_NS))
-    else:
-        for index, time_ns in enumerate(times_ns.tolist()):
-            if not kept or time_ns >= next_ns:
-                kept.append(index)
-                next_ns = time_ns + MIN_SPACING_NS
-    if kept and kept[-1] != times_ns.size - 1:
-        kept[-1:] = [times_ns.size - 1] if len(kept) > 1 else [kept[-1], times_ns.size - 1]
+    index, last = 0, times_ns.size - 1
+    # A column of a table is not contiguous, and would be copied by each search.
+    times_ns = np.ascontiguousarray(times_ns)
+    while index <= last:
+        kept.append(index)
+        # It goes on even where times that a file has do not ascend.
+        index = max(index + 1, int(times_ns.searchsorted(times_ns[index] + MIN_SPACING_NS)))
+    if kept and kept[-1] != last:
+        kept[max(len(kept) - 1, 1) :] = [last]
     return np.array(kept, dtype=np.int64)
 
 

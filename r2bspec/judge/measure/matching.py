@@ -25,6 +25,7 @@ its step before anything is matched or recorded (`StepStamps`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -36,7 +37,7 @@ from r2bspec.ipc.schedule import Schedule, TimelineSchedule
 from r2bspec.judge.measure.own_pace import MIN_UNASKED, PaceEvidence
 from r2bspec.plan.plan import MonitorPlan, StepSources
 from r2bspec.record.run_record import Segment
-from r2bspec.record.sample_arrays import Rows
+from r2bspec.record.sample_arrays import PLAYBACK_DTYPE, Rows
 
 NO_MATCH = -1
 """The step of a message that matches none."""
@@ -73,11 +74,6 @@ class StepRatio:
         """
         first = self.inputs - 1 - self.before % self.inputs
         return np.repeat(np.arange(first, steps, self.inputs, dtype=np.int64), self.outputs)
-
-    @property
-    def most_per_step(self) -> int:
-        """The largest number of outputs with the stamp of one step."""
-        return -(-self.outputs // self.inputs)
 
 
 ONE_TO_ONE = StepRatio()
@@ -188,15 +184,15 @@ def match(
             trigger_steps=np.empty(0, np.int64),
             first_row=np.empty(0, np.int64),
         )
-    surplus = 0
+    surplus = repeated = 0
     if by == "order":
         trigger_steps = ratio.trigger_steps(playback.size)
-        answer = _answers_by_order(playback, monitor, trigger_steps.size)
+        answer, surplus = _answers_by_order(playback, monitor, trigger_steps.size)
     else:
         answer = _steps_by_stamp(playback["stamp_ns"], monitor["stamp_ns"])
         trigger_steps = np.arange(playback.size, dtype=np.int64)
         if ratio.inputs != ratio.outputs:
-            answer, trigger_steps, surplus = _answers_of_groups(answer, playback.size, ratio)
+            answer, trigger_steps, repeated = _answers_of_groups(answer, playback.size, ratio)
     rows = np.flatnonzero(answer != NO_MATCH)
     answered, first = np.unique(answer[rows], return_index=True)
     first_row = np.full(trigger_steps.size, NO_MATCH, dtype=np.int64)
@@ -209,11 +205,11 @@ def match(
         step=step,
         trigger_steps=trigger_steps,
         first_row=first_row,
-        duplicates=int(rows.size - answered.size) + surplus,
+        duplicates=int(rows.size - answered.size) + repeated,
         reordered=count_reordered(answered[np.argsort(first)]),
-        unmatched=int(monitor.size - rows.size) - surplus,
+        unmatched=int(monitor.size - rows.size) - repeated,
         early=int(np.count_nonzero(early)),
-        surplus=_surplus(playback, monitor, trigger_steps.size) if by == "order" else 0,
+        surplus=surplus,
         per_step=ratio.per_step,
         by_order=by == "order",
     )
@@ -234,15 +230,19 @@ def count_reordered(in_order_of_arrival: NDArray[np.int64]) -> int:
     return int(np.count_nonzero(in_order_of_arrival[1:] < highest_before))
 
 
-def _answers_by_order(playback: Rows, monitor: Rows, expected: int) -> NDArray[np.int64]:
-    """The number of the expected output that each message is, or `NO_MATCH`."""
+def _answers_by_order(
+    playback: Rows, monitor: Rows, expected: int
+) -> tuple[NDArray[np.int64], int]:
+    """The number of the expected output that each message is, or `NO_MATCH`; and the surplus."""
     answer = np.full(monitor.size, NO_MATCH, dtype=np.int64)
-    if playback.size:
-        # A message still in flight from before must not be taken for the first output.
-        since_ns = playback["published_ns"][0] - CLOCK_ERROR_NS
-        can = np.flatnonzero(monitor["received_ns"] >= since_ns)[:expected]
-        answer[can] = np.arange(can.size)
-    return answer
+    if not playback.size:
+        return answer, 0
+    # A message still in flight from before must not be taken for the first output.
+    since_ns = playback["published_ns"][0] - CLOCK_ERROR_NS
+    can = np.flatnonzero(monitor["received_ns"] >= since_ns)
+    answers = can[:expected]
+    answer[answers] = np.arange(answers.size)
+    return answer, int(can.size - answers.size)
 
 
 def _answers_of_groups(
@@ -280,7 +280,7 @@ def _answers_of_groups(
         while free < triggers.size and groups[free] < group - slack:
             free += 1
         if (
-            of_step <= ratio.most_per_step
+            of_step <= math.ceil(ratio.per_step)
             and free < triggers.size
             and groups[free] <= group + slack
         ):
@@ -291,14 +291,6 @@ def _answers_of_groups(
         later = np.minimum.accumulate(np.where(answered, triggers, steps)[::-1])[::-1]
         triggers = np.maximum.accumulate(np.minimum(triggers, later))
     return answer, triggers, int(rows.size - np.count_nonzero(answer != NO_MATCH))
-
-
-def _surplus(playback: Rows, monitor: Rows, expected: int) -> int:
-    """Messages beyond the expected outputs; those still in flight from before do not count."""
-    if not playback.size:
-        return 0
-    since_ns = playback["published_ns"][0] - CLOCK_ERROR_NS
-    return max(0, int(np.count_nonzero(monitor["received_ns"] >= since_ns)) - expected)
 
 
 def _steps_by_stamp(sent: NDArray[np.int64], received: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -336,6 +328,15 @@ def source_times_ns(segment: Segment, rows: Rows) -> NDArray[np.int64] | None:
     age_ns = rows["received_ns"] - stamped
     odd = np.count_nonzero((age_ns < -_MAX_CLOCK_SKEW_NS) | (age_ns > _MAX_STAMP_AGE_NS))
     return None if odd > _MAX_IMPLAUSIBLE_SHARE * rows.size else stamped
+
+
+def live_steps(stamps_ns: NDArray[np.int64], times_ns: NDArray[np.int64]) -> Rows:
+    """Messages as steps of a live graph, due and published at these times."""
+    steps = np.zeros(stamps_ns.size, PLAYBACK_DTYPE)
+    steps["stamp_ns"] = stamps_ns
+    for name in ("due_ns", "published_ns", "done_ns"):
+        steps[name] = times_ns
+    return steps
 
 
 def select_expected_steps(playback: Rows, inputs: StepSources, monitor: MonitorPlan) -> Rows:

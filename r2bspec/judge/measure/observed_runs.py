@@ -29,20 +29,12 @@ class ObservedRows:
     rows: Rows
     record: AnatomyRecord
 
-
-def observed_anatomy(
-    plan: Plan, segment: Segment, observed: ObservedRows, reactions: Mapping[str, MatchedMonitor]
-) -> Anatomy:
-    """The anatomy of a segment.
-
-    Args:
-        plan: of the run.
-        segment: that was observed.
-        observed: in it.
-        reactions: of each monitor of reactions, by name, as `find_reactions` finds them.
-    """
-    window_ns = segment.began_ns, segment.ended_ns
-    return anatomy(observed.record, observed.rows, plan, window_ns, reactions)
+    def joined(
+        self, plan: Plan, segment: Segment, reactions: Mapping[str, MatchedMonitor]
+    ) -> Anatomy:
+        """The anatomy of the segment, with its reactions as `find_reactions` finds them."""
+        window_ns = segment.began_ns, segment.ended_ns
+        return anatomy(self.record, self.rows, plan, window_ns, reactions)
 
 
 def observed_values(joined: Anatomy) -> dict[str, Seconds]:
@@ -121,5 +113,4 @@ def join_segment(run: Run, segment: Segment, record: AnatomyRecord) -> Anatomy:
             for each in (() if segment.live else reacting)
         }
         reactions = find_reactions(plan, segment, playback, rows, marks, matched)
-    observed = ObservedRows(run.anatomy(segment), record)
-    return observed_anatomy(plan, segment, observed, reactions)
+    return ObservedRows(run.anatomy(segment), record).joined(plan, segment, reactions)

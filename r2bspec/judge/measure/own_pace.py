@@ -65,7 +65,8 @@ class PaceEvidence:
         steady = abs(float(intervals.mean()) - period) <= _STEADY_WITHIN * period
         if not period or not steady or late > _MAX_LATE_SHARE:
             return None
-        return period / 1e9 if abs(period / self.step_ns - 1) > _OTHER_PERIOD else None
+        differs = abs(period - self.step_ns) > _OTHER_PERIOD * self.step_ns
+        return period / 1e9 if differs else None
 
 
 def own_period_s(evidence: Sequence[PaceEvidence], overdue: int = 0) -> float | None:

@@ -40,11 +40,12 @@ from r2bspec.judge.measure.matching import (
     ONE_TO_ONE,
     MatchedMonitor,
     Matching,
+    live_steps,
     match,
 )
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.record.run_record import Segment
-from r2bspec.record.sample_arrays import MARK_DTYPE, PLAYBACK_DTYPE, Rows
+from r2bspec.record.sample_arrays import MARK_DTYPE, Rows
 
 EVENT: Final = 0
 MET: Final = 1
@@ -162,13 +163,11 @@ def match_live_reactions(events: Rows, rows: Rows, marks: Rows) -> MatchedMonito
         rows: of the monitor, of the same type.
         marks: rows of type `MARK_DTYPE`.
     """
-    steps = np.zeros(events.size, PLAYBACK_DTYPE)
-    for name in ("due_ns", "published_ns", "done_ns"):
-        steps[name] = np.maximum.accumulate(events["received_ns"])
     stamps = events["stamp_ns"]
     # Without a stamp of its own for each message, an output belongs to the one before it.
     unique = bool((np.diff(stamps) > 0).all()) and bool((stamps > 0).all())
-    steps["stamp_ns"] = stamps if unique else np.arange(-events.size, 0)
+    stamps = stamps if unique else np.arange(-events.size, 0)
+    steps = live_steps(stamps, np.maximum.accumulate(events["received_ns"]))
     matching = match(steps, rows, "own_pace")
     matched = MatchedMonitor(steps, rows, ONE_TO_ONE, matching, own_pace=True)
     return match_reactions(steps, matched, marks)

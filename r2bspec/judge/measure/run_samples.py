@@ -34,12 +34,13 @@ from r2bspec.judge.measure.matching import (
     NO_MATCH,
     MatchedMonitor,
     Matching,
+    live_steps,
     match,
     match_monitor,
     source_times_ns,
 )
 from r2bspec.judge.measure.metric_catalogue import Subjects
-from r2bspec.judge.measure.observed_runs import ObservedRows, observed_anatomy, observed_values
+from r2bspec.judge.measure.observed_runs import ObservedRows, observed_values
 from r2bspec.judge.measure.reactions import UNREADABLE, find_reactions
 from r2bspec.judge.measure.samples import (
     HopSamples,
@@ -58,7 +59,7 @@ from r2bspec.record.comparison_folder import MergedRun, prefixed_id
 from r2bspec.record.files import RecordError
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import ProcessRecord, RunRecord, Segment
-from r2bspec.record.sample_arrays import PLAYBACK_DTYPE, Rows
+from r2bspec.record.sample_arrays import Rows
 from r2bspec.safe_io.limits import MAX_PROCESS_WINDOWS
 
 _HARNESS_ROLES = ("player", "monitor", "harness", "observer")
@@ -292,11 +293,8 @@ def match_segment(run: Run, segment: Segment, monitor: MonitorPlan) -> tuple[Row
         matched = match_monitor(playback, rows, monitor, inputs, segment.played_before)
         return matched.steps, rows, matched.matching
     stamped = source_times_ns(segment, rows)
-    steps = np.zeros(0 if stamped is None else rows.size, PLAYBACK_DTYPE)
-    if stamped is not None:
-        steps["stamp_ns"] = rows["stamp_ns"]
-        for name in ("due_ns", "published_ns", "done_ns"):
-            steps[name] = stamped
+    none = np.empty(0, np.int64)
+    steps = live_steps(none, none) if stamped is None else live_steps(rows["stamp_ns"], stamped)
     return steps, rows, match(steps, rows, "order")
 
 
@@ -345,9 +343,8 @@ def segment_samples(
             monitors[name] = live_samples(segment, rows.monitors[name])
         else:
             monitors[name] = _monitor(plan, segment, rows, monitor, matched[name])
-    observed, joined = rows.anatomy, None
-    if observed is not None:
-        joined = observed_anatomy(plan, segment, observed, reactions)
+    observed = rows.anatomy
+    joined = observed.joined(plan, segment, reactions) if observed is not None else None
     return SegmentSamples(
         segment=segment,
         playback=playback_samples(rows.playback, live=segment.live),
@@ -465,14 +462,7 @@ def run_samples(
         """The samples of the complete ones among some segments, played in one session."""
 
         def of_segment(segment: Segment) -> SegmentSamples:
-            of_host = used[segment.id]
-            return replace(
-                samples_of(segment),
-                processes=of_host.processes,
-                machine=of_host.machine,
-                graph=of_host.graph,
-                interference=of_host.interference,
-            )
+            return replace(samples_of(segment), **vars(used[segment.id]))
 
         first_played: dict[float, list[SegmentSamples]] = {}
         reruns: dict[str, SegmentSamples] = {}
@@ -545,7 +535,10 @@ def hop_samples(
     if not monitor.taps:
         return ()
     unstamped = [name for name, rows in taps.items() if rows.size and not rows["stamp_ns"].any()]
-    times = {name: _received_by_stamp(playback, rows) for name, rows in taps.items()}
+    times = {
+        name: _received_by_step(playback.size, rows, match(playback, rows, "stamp"))
+        for name, rows in taps.items()
+    }
     times[PLAYER] = playback["published_ns"]
     times[monitor.topic] = _received_by_step(playback.size, seen, matched)
     waited = np.zeros(playback.size, dtype=np.bool_)
@@ -557,12 +550,8 @@ def hop_samples(
     )
 
 
-def _received_by_stamp(playback: Rows, rows: Rows) -> NDArray[np.int64]:
-    """When the message of each step was first received at a tap; shape (steps,)."""
-    return _received_by_step(playback.size, rows, match(playback, rows, "stamp"))
-
-
 def _received_by_step(steps: int, rows: Rows, matched: Matching) -> NDArray[np.int64]:
+    """When the message of each step was first received; shape (steps,)."""
     received = np.full(steps, NO_MATCH, dtype=np.int64)
     answered = np.flatnonzero(matched.answered)[::-1]  # the first of several is written last
     received[matched.trigger_steps[answered]] = rows["received_ns"][matched.first_row[answered]]

@@ -164,11 +164,11 @@ class MonitorSamples:
         steps: the expected outputs one by one.
         times: for each family of the catalogue that has one value per message (``latency``,
             ``latency_from_due``, ``age``, ``interval``, ``jitter``), the values in seconds. A gap
-            at an end of the segment is among the intervals (see `throughput.edge_gaps`).
+            at an end of the segment is among the intervals (see `times.edge_gaps`).
         sent: steps played. Each has one expected output, unless the ratio is another;
             ``expected = answered + missed``.
         received: messages; ``received = answered + duplicates + unmatched``.
-        throughput_hz: see `throughput.throughput`.
+        throughput_hz: see `times.throughput`.
         surplus: see `Matching`.
         by_order: whether outputs are matched by order. If one is then missing, too many or early,
             the latencies are unknown, and there are none among the times.

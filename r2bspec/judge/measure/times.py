@@ -38,7 +38,8 @@ def mean_rate(times_ns: NDArray[np.int64]) -> float:
 
     n events bound n - 1 periods: dividing n by the same time would give 10.2 Hz for 10 Hz.
     """
-    return _rate(times_ns.size, int(times_ns[-1] - times_ns[0])) if times_ns.size else 0.0
+    span_ns = int(times_ns[-1] - times_ns[0]) if times_ns.size else 0
+    return (times_ns.size - 1) / (span_ns / 1e9) if span_ns > 0 else 0.0
 
 
 def edge_gaps(arrived_ns: NDArray[np.int64], soonest_ns: int, ended_ns: int) -> tuple[int, int]:
@@ -96,10 +97,6 @@ def throughput(
         return arrived_ns.size / (window_ns / 1e9)
     counts = np.arange(1, arrived_ns.size + 1)
     return float(np.max(counts / np.maximum(elapsed_ns + period_ns, window_ns))) * 1e9
-
-
-def _rate(n: int, span_ns: int) -> float:
-    return (n - 1) / (span_ns / 1e9) if n > 1 and span_ns > 0 else 0.0
 
 
 def percentile(values: NDArray[np.float64], q: float, lost: int = 0) -> float | None:

@@ -20,13 +20,7 @@ from r2bspec.judge.measure.metric_values import metric_value
 from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, SegmentSamples, starts_of
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import show
-from r2bspec.judge.requirement_case import (
-    MAX_LOST_SHARE,
-    Decision,
-    DecisionMethod,
-    RequirementCase,
-    undecided,
-)
+from r2bspec.judge.requirement_case import MAX_LOST_SHARE, Decision, RequirementCase, undecided
 from r2bspec.judge.statistics.autocorrelation import serial_degrees_of_freedom
 from r2bspec.judge.statistics.t_interval import HierarchicalInterval, hierarchical_interval
 from r2bspec.judge.statistics.variance_components import growth_for_mean
@@ -208,9 +202,3 @@ def _remedy(
         f"The mean is too close to {case.limit_text} for {found.pieces} that differ by "
         f"{show(interval.deviation, case.info.unit)}: change the limit, or use a quieter machine."
     )
-
-
-MEAN_BOUND = DecisionMethod(
-    takes=lambda case: case.info.statistic == "mean" and not case.is_equality,
-    decide=judge_mean,
-)

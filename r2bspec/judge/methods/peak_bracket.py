@@ -37,22 +37,17 @@ from numpy.typing import NDArray
 from r2bspec.judge.interference_bound import REMEDY
 from r2bspec.judge.measure.samples import MonitorSamples, RunSamples
 from r2bspec.judge.measure.units import show
-from r2bspec.judge.requirement_case import (
-    Decision,
-    DecisionMethod,
-    RequirementCase,
-    decide,
-    undecided,
-)
+from r2bspec.judge.requirement_case import Decision, RequirementCase, decide, undecided
 from r2bspec.judge.statistics.autocorrelation import trend
 from r2bspec.judge.statistics.binomial import lower_bound
 from r2bspec.judge.statistics.t_interval import mean_interval
 from r2bspec.language.benchmark_defaults import CONFIDENCE
-from r2bspec.record.run_record import SearchRecord
+from r2bspec.record.run_record import RunRecord, SearchRecord
 
 
-def judge_peak(case: RequirementCase, search: SearchRecord | None) -> Decision:
+def judge_peak(case: RequirementCase, record: RunRecord) -> Decision:
     """Decide a requirement on ``peak.rate``."""
+    search = record.search
     if search is None or not search.probes:
         return undecided(
             "This run did not search for a peak.", "Add benchmark.search to the spec and run again."
@@ -181,13 +176,6 @@ def _remedy(search: SearchRecord) -> str:
             return "Run again and let the search finish."
         case _:
             return "Make benchmark.search.precision finer, or change the limit."
-
-
-PEAK_BRACKET = DecisionMethod(
-    takes=lambda case: case.info.statistic == "search",
-    decide=lambda case, record: judge_peak(case, record.search),
-    needs_iterations=False,
-)
 
 
 _SKIPPED_DIVISOR = 3

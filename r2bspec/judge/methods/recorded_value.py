@@ -30,7 +30,6 @@ whose size the first test has chosen, so the recorded outcome counts:
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
@@ -41,10 +40,10 @@ from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, pool_monitor
 from r2bspec.judge.measure.times import percentile
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods.share_wording import counted_noun
-from r2bspec.judge.requirement_case import Decision, DecisionMethod, RequirementCase, undecided
+from r2bspec.judge.requirement_case import Decision, RequirementCase, undecided
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.verdict import Outcome
-from r2bspec.record.run_record import Probe, RunRecord
+from r2bspec.record.run_record import RunRecord
 
 _OF_MESSAGES = frozenset({"monitor", "playback", "anatomy"})
 """Scopes of metrics that have a value for each message."""
@@ -54,7 +53,7 @@ _FAULT_COUNTS = ("missed", "duplicates", "reordered", "unmatched")
 """Counts of faults: where none was observed, the rule of three applies."""
 
 
-def judge_observation(case: RequirementCase) -> Decision:
+def judge_observation(case: RequirementCase, _: RunRecord) -> Decision:
     """Compare the observed value of all iterations with the limit."""
     seen = observed_value(case)
     if seen is None:
@@ -159,12 +158,6 @@ def _observation_text(case: RequirementCase, seen: float, n: int) -> str:
     return f"{info.name} is {show(seen, info.unit)}"
 
 
-OBSERVATION = DecisionMethod(
-    takes=lambda _: True,
-    decide=lambda case, _: judge_observation(case),
-)
-
-
 def judge_accuracy(case: RequirementCase, record: RunRecord) -> Decision:
     """Decide a requirement on a metric of scope ``truth``."""
     kind = kind_of(case.info.name)
@@ -191,13 +184,6 @@ def judge_accuracy(case: RequirementCase, record: RunRecord) -> Decision:
     )
 
 
-TRUTH_COMPARISON = DecisionMethod(
-    takes=lambda case: case.info.scope == "truth",
-    decide=judge_accuracy,
-    needs_iterations=False,
-)
-
-
 _ANSWER_TEXTS: Final = {True: "was sustained", False: "was not sustained", None: "was undecided"}
 _OUTCOMES: Final[dict[bool | None, Outcome]] = {True: "pass", False: "fail", None: "inconclusive"}
 
@@ -206,16 +192,11 @@ _REMEDY = (
 )
 
 
-def judge_sustained(case: RequirementCase, probes: Iterable[Probe]) -> Decision:
-    """Decide ``sustained`` by the probe of the rate.
-
-    Args:
-        case: to be decided.
-        probes: the sequential probes of the run; the last one at the rate decides.
-    """
+def judge_sustained(case: RequirementCase, record: RunRecord) -> Decision:
+    """Decide ``sustained`` by the sequential probe of the rate, the last one if it has several."""
     found = [
         probe
-        for probe in probes
+        for probe in record.sustained
         if case.at_hz is not None and math.isclose(probe.rate_hz, case.at_hz)
     ]
     if not found:
@@ -232,10 +213,3 @@ def judge_sustained(case: RequirementCase, probes: Iterable[Probe]) -> Decision:
         estimate=probe.delivered_hz,
         n=1,
     )
-
-
-SEQUENTIAL_PROBE = DecisionMethod(
-    takes=lambda case: case.info.statistic == "sequential",
-    decide=lambda case, record: judge_sustained(case, record.sustained),
-    needs_iterations=False,
-)

@@ -54,7 +54,6 @@ from r2bspec.judge.methods.share_wording import (
 from r2bspec.judge.requirement_case import (
     MAX_LOST_SHARE,
     Decision,
-    DecisionMethod,
     RequirementCase,
     WindowCondition,
     decide,
@@ -230,12 +229,6 @@ def share_test(
     )
 
 
-SHARE_BOUND = DecisionMethod(
-    takes=lambda case: case.info.statistic == "share" and not case.is_equality,
-    decide=judge_share,
-)
-
-
 def judge_percentile(case: RequirementCase, record: RunRecord) -> Decision:
     """Decide a requirement on a percentile; its metric has a quantile."""
     quantile = case.info.quantile
@@ -394,12 +387,6 @@ def _share_test(
     )
 
 
-PERCENTILE_BOUND = DecisionMethod(
-    takes=lambda case: case.info.statistic == "percentile" and not case.is_equality,
-    decide=judge_percentile,
-)
-
-
 def judge_windows(case: RequirementCase, record: RunRecord) -> Decision:
     """Decide a requirement that must be met in a share of windows, which it names."""
     windows = case.windows
@@ -525,9 +512,3 @@ def _bad(case: RequirementCase, pieces: list[Seconds]) -> list[BadFlags]:
     return [
         np.array([not case.is_met(value) for value in piece], dtype=np.bool_) for piece in pieces
     ]
-
-
-WINDOW_SHARE = DecisionMethod(
-    takes=lambda case: case.windows is not None,
-    decide=judge_windows,
-)

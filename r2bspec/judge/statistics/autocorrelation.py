@@ -158,6 +158,29 @@ _MIN_POINTS = 10
 
 
 @dataclass(frozen=True)
+class Line:
+    """A line by least squares through points (t_i, v_i).
+
+    Attributes:
+        slope: 0 where all t_i are the same.
+        spread: sum (t_i - mean t)^2.
+        residuals: e_i.
+    """
+
+    slope: float
+    spread: float
+    residuals: NDArray[np.float64]
+
+
+def least_squares(times: NDArray[np.float64], values: NDArray[np.float64]) -> Line:
+    """The line through `values` over `times`, both of shape (n,), n at least 1."""
+    t, v = times - times.mean(), values - values.mean()
+    spread = float(t @ t)
+    slope = float(t @ v) / spread if spread > 0 else 0.0
+    return Line(slope, spread, v - slope * t)
+
+
+@dataclass(frozen=True)
 class Trend:
     """A slope with its one-sided bounds; infinite where there are too few points."""
 
@@ -175,21 +198,17 @@ def trend(times: NDArray[np.float64], values: NDArray[np.float64], confidence: f
         confidence: of each bound by itself.
     """
     n = times.size
-    if n < _MIN_POINTS:
+    if n < _MIN_POINTS or times.min() == times.max():
         return Trend(0.0, -math.inf, math.inf)
     from scipy.special import stdtrit
 
-    t = times - times.mean()
-    v = values - values.mean()
-    spread = float(t @ t)
-    slope = float(t @ v) / spread
-    residuals = v - slope * t
-    squares = float(residuals @ residuals)
+    line = least_squares(times, values)
+    slope, squares = line.slope, float(line.residuals @ line.residuals)
     # No scatter beyond the last digits: the slope is exact.
     if squares <= n * (1e-12 * float(np.abs(values).max())) ** 2:
         return Trend(slope, slope, slope)
-    products = lagged_products(residuals[np.newaxis], n // _LAG_DIVISOR)
+    products = lagged_products(line.residuals[np.newaxis], n // _LAG_DIVISOR)
     f = geyer_inflation(products / products[0])
-    error = math.sqrt(squares / (n - 2) * f / spread)
+    error = math.sqrt(squares / (n - 2) * f / line.spread)
     half = float(stdtrit(max(n / f - 2, 1.0), confidence)) * error
     return Trend(slope, slope - half, slope + half)

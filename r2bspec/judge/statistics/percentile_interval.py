@@ -126,7 +126,7 @@ def level_margin(
     levels = [middle_half(row) for row in kept]
     if len(kept) < _MIN_LEVELS or not all(map(math.isfinite, levels)):
         return None
-    inside = _deviation_within(kept, levels)
+    inside = deviation_within(kept, levels)
     margins = [_margin(levels, inside, q, confidence, "iterations", serial=not groups)]
     if groups:
         of_starts = [middle_half(np.concatenate(group)) for group in groups]
@@ -148,7 +148,8 @@ def middle_ends(values: NDArray[np.float64]) -> tuple[float, float]:
     return float(ordered[cut]), float(ordered[values.size - cut - 1])
 
 
-def _deviation_within(values: Sequence[NDArray[np.float64]], levels: Sequence[float]) -> float:
+def deviation_within(values: Sequence[NDArray[np.float64]], levels: Sequence[float]) -> float:
+    """The deviation of the values of each iteration or start from its level: e above."""
     apart = [np.abs(row - level) for row, level in zip(values, levels, strict=True)]
     return _MAD_TO_DEVIATION * float(np.median(np.concatenate(apart)))
 

@@ -169,12 +169,6 @@ class NestedSample:
         """V."""
         return self.by_starts + self.by_iterations + self.by_sampling
 
-    @property
-    def freedom(self) -> int:
-        """Of Student's t, at least 1."""
-        pieces = len(self.sizes) if len(self.sizes) > 1 else self.number
-        return max(pieces - 1, 1)
-
 
 def quantile_scale(ordered: NDArray[np.float64], estimate: float) -> float:
     """One over the density of messages at a percentile: from a share to the unit of the metric.

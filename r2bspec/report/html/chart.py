@@ -252,7 +252,7 @@ class ChartBuilder:
 
     figure: Figure
     labels: list[str] = field(default_factory=list)
-    scales: dict[int, tuple[Axes, str, str]] = field(default_factory=dict)
+    scales: list[tuple[Axes, str, str]] = field(default_factory=list)
     note: str = ""
 
     def series(self, line: Line2D, label: str) -> None:
@@ -262,7 +262,7 @@ class ChartBuilder:
 
     def register_axes(self, axes: Axes, x_unit: str, y_unit: str) -> None:
         """Register axes, so that the script can convert positions to values of these units."""
-        self.scales[len(self.scales)] = (axes, x_unit, y_unit)
+        self.scales.append((axes, x_unit, y_unit))
 
 
 def colour(number: int) -> str:
@@ -331,10 +331,7 @@ def draw(
             engine.execute(sketch.figure)
             sketch.figure.set_layout_engine("none")
         sketch.figure.savefig(buffer, format="svg", metadata=metadata)
-        axes = [
-            _scale(axes, height_in, x_unit, y_unit)
-            for axes, x_unit, y_unit in sketch.scales.values()
-        ]
+        axes = [_scale(axes, height_in, *units) for axes, *units in sketch.scales]
     title, description = printable(title), printable(description)
     data = {"data-axes": json.dumps(axes, separators=(",", ":"))}
     svg = inline(buffer.getvalue(), name, title, description, data, sketch.labels)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -20,6 +21,7 @@ from r2bspec.language.load_spec import load_spec
 from r2bspec.language.spec import Objective
 from r2bspec.record.calibration_file import Calibration, MetricNoise
 from r2bspec.record.run_folder import Run
+from r2bspec.record.run_record import SearchRecord
 from run_simulation import Played, Simulation
 
 SPEC = """\
@@ -146,6 +148,23 @@ def test_a_spec_in_flow_style_is_changed_by_hand(tmp_path: Path) -> None:
     found = proposed(run, text)
     assert found.text == text
     assert any(note.startswith("add by hand: measured_at_30_hz:") for note in found.notes)
+
+
+def test_a_peak_that_is_known_roughly_has_no_limit(tmp_path: Path) -> None:
+    result = result_of(run_of(tmp_path))
+    loaded = load_spec(SPEC, file="simulated.r2b.yaml")
+
+    def found(precision: float) -> Proposal:
+        search = SearchRecord(
+            probes=(), holds_hz=40.0, fails_hz=60.0, limited_by="graph", precision=precision
+        )
+        metrics = msgspec.structs.replace(result.metrics, search=search)
+        searched = msgspec.structs.replace(result, metrics=metrics)
+        return propose_objectives(loaded, SPEC, searched, lambda _: result)
+
+    said = "peak.rate: it is known to 50% only, too roughly"
+    assert said in found(0.5).notes
+    assert not any(note.startswith(said[:25]) for note in found(0.02).notes)
 
 
 def test_the_command(

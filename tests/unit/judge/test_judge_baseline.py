@@ -126,6 +126,7 @@ class TestStatistics:
         found = trend(np.arange(1000.0), walk, 0.95)
         assert found.lower < 0 < found.upper
         assert math.isinf(trend(np.arange(5.0), np.arange(5.0), 0.95).upper)
+        assert math.isinf(trend(np.ones(50), np.arange(50.0), 0.95).upper)
         exact = trend(np.arange(50.0), 3 * np.arange(50.0), 0.95)
         assert (exact.lower, exact.upper) == pytest.approx((3.0, 3.0))
 

@@ -141,6 +141,18 @@ def test_the_share_of_the_time_that_was_taken(
     assert taken_share(known) == (None if share is None else pytest.approx(share))
 
 
+def test_what_the_kernel_counts_is_believed_at_a_pace_of_its_own_too() -> None:
+    (one,) = Simulation(segments=[Played(50, [0.01] * 50)]).samples().iterations[50]
+    monitors = {name: replace(seen, own_pace=True) for name, seen in one.monitors.items()}
+    # Others waited for a processor, and the run did not.
+    known = HostInterference(seconds=1.0, pressure=0.5, own_waited=0.0)
+    one = replace(one, monitors=monitors, interference=known)
+    best = best_case_iteration(one).monitors
+    for name, seen in monitors.items():
+        assert best[name].throughput_hz == seen.throughput_hz
+        assert best[name].times["interval"] == pytest.approx(seen.times["interval"])
+
+
 def observed(seed: int, taken: float) -> tuple[SegmentSamples, SegmentSamples]:
     """A second of callbacks on one thread, without and with stops of others for a share of it."""
     random = np.random.default_rng(seed)

@@ -101,6 +101,11 @@ def test_half_of_the_segments_are_enough() -> None:
     assert own_period_s([]) is None
 
 
+def test_steps_of_one_time_have_no_multiple() -> None:
+    # Only a record that was changed begins and ends at one time.
+    assert PaceEvidence(np.full(5, 100), unasked=2, least=2, step_ns=0.0).period_s == 1e-7
+
+
 def test_a_slow_timer_is_recognised_over_segments() -> None:
     slow = evidence(1.0, intervals=2, unasked=1)
     assert own_period_s([slow]) is None

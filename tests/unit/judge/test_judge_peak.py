@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import msgspec
 import numpy as np
 import pytest
@@ -10,6 +13,7 @@ from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.methods.peak_bracket import peak_doubts, with_refuted_peak
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import RequirementVerdict
+from r2bspec.record.comparison_folder import merge_runs
 from r2bspec.record.run_record import SearchRecord
 from r2bspec.report.report_wording import peak_text, probe_mark
 from run_simulation import Played, Simulation, objective, probe
@@ -25,6 +29,22 @@ CONFIRMED = SearchRecord(
     proof_s=30.0,
     max_lost=0.01,
 )
+
+
+def test_losses_that_one_of_several_runs_does_not_bound_are_unknown(tmp_path: Path) -> None:
+    run = Simulation((Played(30, np.full(300, 0.02)),)).write(tmp_path / "run")
+
+    def merged(*losses: float | None) -> float | None:
+        runs = [
+            replace(run, record=msgspec.structs.replace(run.record, search=changed(lost_at_most=x)))
+            for x in losses
+        ]
+        whole = merge_runs(runs, folder=tmp_path, plan=run.plan, whole=run.record)
+        assert whole.record.search is not None
+        return whole.record.search.lost_at_most
+
+    assert merged(0.01, 0.02) == 0.02
+    assert merged(0.01, None) is None
 
 
 def changed(**changes: object) -> SearchRecord:

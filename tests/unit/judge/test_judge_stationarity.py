@@ -95,7 +95,7 @@ def test_one_long_message_of_many_that_differ_is_no_stop() -> None:
 
 def test_what_stops_until_the_end_has_stopped() -> None:
     times_s = np.arange(1, 1500) / 100
-    assert text(CompletionTimes(0.0, times_s, 20.0, 150.0)) == "stopped for 5 s, once in 15 s"
+    assert text(CompletionTimes(0.0, times_s, 20.0, 150.0)) == "stopped for 5 s, once in 20 s"
 
 
 def test_how_often_it_stops_in_the_long_run_is_not_known_from_one() -> None:

@@ -136,6 +136,8 @@ def test_a_fresh_batch_is_compared_with_the_first_input_by_input() -> None:
         ([0, 1, 2], [0, 2]),
         ([0, 1, MIN_SPACING_NS, MIN_SPACING_NS + 1], [0, 3]),
         ([0, MIN_SPACING_NS, 2 * MIN_SPACING_NS], [0, 1, 2]),
+        # A forged file need not be in order.
+        ([5 * MIN_SPACING_NS, 0, 9 * MIN_SPACING_NS, 3], [0, 3]),
     ],
 )
 def test_samples_that_are_too_close_have_no_rate(times: list[int], kept: list[int]) -> None:
