@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ from r2bspec.cli.completion import complete_template
 from r2bspec.cli.text_output import print_findings, show_findings
 from r2bspec.diagnostics import Diagnostic, did_you_mean
 from r2bspec.diagnostics.plain_text import message_text
+from r2bspec.diagnostics.quote import quote
 from r2bspec.errors import ExitStatus, UsageError
 from r2bspec.language.quantities import Duration
 from r2bspec.language.selected_spec import SelectionValues
@@ -166,10 +169,11 @@ def init_command(
             first = sources.spec_from_sources(benchmark, folder, given)
             text, findings = filled(first.text, None, f"./{_SCHEMA}"), first.findings
     text = text or filled(with_node(templates()[template], node), benchmark, f"./{_SCHEMA}")
-    schema, schema_text = spec_file.with_name(_SCHEMA), published_schema_text()
-    _write_new(spec_file, text)
-    if not schema.exists():
-        _write_new(schema, schema_text)
+    schema = spec_file.with_name(_SCHEMA)
+    files = {spec_file: text}
+    if not os.path.lexists(schema):  # a link may lead nowhere
+        files[schema] = published_schema_text()
+    _write_new(files)
     print_findings("text", findings, {}, (), err=True)
     if why_no_topics:
         echo(f"The topics of {node} are not known, so 'input' and 'output' stand for them:")
@@ -214,7 +218,10 @@ def _git_would_add_runs() -> bool:
     from r2bspec.safe_io.git import find_work_tree
     from r2bspec.safe_io.safe_file import read_text
 
-    here = Path.cwd().resolve()
+    try:
+        here = Path.cwd().resolve()
+    except FileNotFoundError:  # it is gone
+        return False
     top = find_work_tree(here)
     if top is None:
         return False
@@ -266,19 +273,30 @@ def _check_node(node: str, template: str) -> None:
         )
 
 
-def _write_new(file: Path, text: str) -> None:
-    """Write a file that does not exist yet.
+def _write_new(texts: Mapping[Path, str]) -> None:
+    """Write files that do not exist yet: all of them, or none.
 
     Raises:
-        UsageError: it exists, or cannot be written.
+        UsageError: one exists, or cannot be written.
     """
+    made: list[Path] = []
     try:
-        with file.open("x", encoding="utf-8") as stream:
-            stream.write(text)
-    except FileExistsError as error:
-        hint = "Choose another name, or remove it first; nothing was written."
-        raise UsageError(f"{file} already exists", hint=hint) from error
+        for file, content in [(file, text.encode()) for file, text in texts.items()]:
+            with file.open("xb") as stream:
+                made.append(file)
+                stream.write(content)
+    except UnicodeEncodeError as error:
+        near = quote(error.object[max(error.start - 20, 0) : error.end + 20])
+        raise UsageError(
+            f"{near} cannot be written into a spec: it is not UTF-8",
+            hint="Rename the file or folder that the options name.",
+        ) from error
     except OSError as error:
+        for each in made:
+            each.unlink(missing_ok=True)
+        if isinstance(error, FileExistsError):
+            hint = "Choose another name, or remove it first; nothing was written."
+            raise UsageError(f"{file} already exists", hint=hint) from error
         raise UsageError(
             f"{file} cannot be written: {error.strerror or error}",
             hint="Create its folder first, or choose a shorter name in a folder of yours.",

@@ -294,7 +294,7 @@ def read_text(file: str) -> str | None:
 
 
 def write_text(file: str, text: str) -> None:
-    """Replace a file's content atomically, or make the file; a link and the mode are kept.
+    """Replace a file's content atomically, or make the file; a link, the mode and the owner are kept.
 
     Raises:
         UsageError: it cannot be written, or is a link to a file in another folder, which may be
@@ -308,16 +308,19 @@ def write_text(file: str, text: str) -> None:
                 f"{file} is a link to {path}, in another folder, and is not written",
                 hint="Name the file itself.",
             )
-    temporary = path.with_name(f".{path.name}.{os.urandom(4).hex()}.tmp")
+    # Not with the name of the file, which may be as long as a name can be.
+    temporary = path.with_name(f".r2bspec-{os.urandom(4).hex()}.tmp")
     try:
         # A new file has what the umask leaves of 0666, as the temporary one has.
-        mode = path.stat().st_mode if path.exists() else None
+        before = path.stat() if path.exists() else None
         with temporary.open("xb") as stream:
             stream.write(text.encode("utf-8"))
             stream.flush()
             os.fsync(stream.fileno())
-        if mode is not None:
-            temporary.chmod(mode & 0o7777)
+        if before is not None:
+            with contextlib.suppress(PermissionError):  # root may, as with sudo
+                os.chown(temporary, before.st_uid, before.st_gid)
+            temporary.chmod(before.st_mode & 0o7777)
         temporary.replace(path)
     except OSError as error:
         raise UsageError(

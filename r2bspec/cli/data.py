@@ -112,6 +112,7 @@ def make(
     from r2bspec.bags.bag_index import index_bag
     from r2bspec.datasets.synthesis import make as make_dataset
 
+    _require_cache()
     names = [name.strip() for value in topics for name in value.split(",") if name.strip()]
     selected_window = _window(window, start, end)
     with _progress_bar(f"creating {dataset}") as progress:
@@ -125,6 +126,27 @@ def make(
     if made.damaged:
         state = "created again: the one in the cache was damaged"
     _print_index(index_bag(made.path), f"{made.path}, {state}", made.content_sha256)
+
+
+def _require_cache() -> None:
+    """See that a dataset would be there after this call.
+
+    Raises:
+        DataError: the cache of the user is not used, and the folder in its place ends with the
+            process.
+    """
+    from r2bspec.bags.recording import DataError
+    from r2bspec.datasets.dataset_cache import KIND
+    from r2bspec.safe_io.cache_folder import cache_folder, cache_path
+
+    try:
+        cache_folder(KIND)
+    except OSError as error:
+        raise DataError(
+            f"the cache {cache_path(KIND)} cannot keep a dataset: {error.strerror or error}",
+            code="R2B311",
+            hint="name another folder by XDG_CACHE_HOME",
+        ) from error
 
 
 @command.command()

@@ -89,6 +89,9 @@ _FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 _COMPLETE = "_R2BSPEC_COMPLETE"
 """What completion scripts set."""
 
+_WORDS = ("COMP_WORDS", "COMP_CWORD")
+_MAX_WORD_DIGITS = 9
+
 
 class _OutputClosedError(Exception):
     """A `BrokenPipeError`, which click would take for itself, and exit with 1."""
@@ -203,6 +206,10 @@ def main(argv: list[str] | None = None) -> int:
             with contextlib.suppress(OSError):
                 show_error(full)
             return full.exit_code
+        if isinstance(error, FileNotFoundError) and _is_folder_gone():
+            gone = UsageError("the current folder was removed", hint="Change to one that exists.")
+            show_error(gone)
+            return gone.exit_code
         from r2bspec.cli.internal_error import Crash, InternalError
         from r2bspec.execute.processes.prerequisites import limit_error
 
@@ -213,6 +220,15 @@ def main(argv: list[str] | None = None) -> int:
         show_error(failure)
         return failure.exit_code
     return status if isinstance(status, int) else ExitStatus.OK
+
+
+def _is_folder_gone() -> bool:
+    """Whether the current folder was removed, which only paths without a root notice."""
+    try:
+        os.getcwd()  # noqa: PTH109
+    except FileNotFoundError:
+        return True
+    return False
 
 
 def _require_stack() -> None:
@@ -247,11 +263,14 @@ def _require_arguments(arguments: list[str]) -> None:
 
         shell, _, what = asked.partition("_")
         is_known = what in {"source", "complete"} and get_completion_class(shell) is not None
+        words = {name: os.environ.get(name) for name in _WORDS} if what == "complete" else {}
         # fish passes the word itself.
-        if not is_known or (shell != "fish" and not os.environ.get("COMP_CWORD", "0").isdecimal()):
+        number = "0" if shell == "fish" else words.get("COMP_CWORD") or "0"
+        is_number = number.isdecimal() and len(number) <= _MAX_WORD_DIGITS
+        if not is_known or None in words.values() or not is_number:
             raise UsageError(
-                f"{_COMPLETE} and COMP_CWORD are not as the completion of a shell sets them",
-                hint="Unset both, or write the script anew with 'r2bspec completion SHELL'.",
+                f"{', '.join((_COMPLETE, *_WORDS))} are not as the completion of a shell sets them",
+                hint="Unset them, or write the script anew with 'r2bspec completion SHELL'.",
             )
 
 

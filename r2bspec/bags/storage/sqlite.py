@@ -236,8 +236,12 @@ def _check_complete(path: Path, display_path: Path) -> None:
 
 
 def _uri_safe_path(path: Path, stack: ExitStack) -> Path:
-    """A path to the same file without characters that `rosbags` does not escape in its URI."""
-    if not _URI_SPECIAL.intersection(str(path)):
+    """A path to the same file with only characters that `rosbags` can write into its URI."""
+    # The bytes of a name that is not UTF-8 are lone surrogates.
+    if (
+        _URI_SPECIAL.isdisjoint(name := str(path))
+        and name == name.encode(errors="replace").decode()
+    ):
         return path
     folder = stack.enter_context(temporary_folder("link"))
     link = folder / "bag.db3"

@@ -88,6 +88,22 @@ def test_fix_keeps_a_byte_order_mark(spec: Path, validate: Call) -> None:
     assert spec.read_bytes() == b"\xef\xbb\xbf" + REPAIRED.encode()
 
 
+def test_fix_writes_a_file_whose_name_is_as_long_as_a_name_can_be(
+    spec: Path, validate: Call
+) -> None:
+    file = spec.rename("a" * 246 + ".r2b.yaml")
+    validate("--fix", file, status=0)
+    assert (os.listdir(), file.read_bytes().decode()) == ([file.name], REPAIRED)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
+def test_fix_by_root_keeps_the_owner(spec: Path, validate: Call) -> None:
+    os.chown(spec, 1234, 1235)
+    validate("--fix", spec, status=0)
+    after = spec.stat()
+    assert (after.st_uid, after.st_gid, after.st_mode & 0o777) == (1234, 1235, 0o640)
+
+
 def test_fix_leaves_what_cannot_be_read(spec: Path, validate: Call) -> None:
     spec.write_bytes(b"\xff\xfe\x00")
     validate("--fix", spec, status=1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from git_repositories import git
 from r2bspec.api import compile_plan, validate
 from r2bspec.cli.main import main
 from r2bspec.diagnostics import Certainty
+from r2bspec.language import json_schema
 from r2bspec.language.templates import node_key, purpose, templates
 
 ROOT = Path(__file__).parents[3]
@@ -105,6 +107,22 @@ def test_wrong_usage_writes_nothing(arguments: list[str], said: str, call: Call)
     Path("here.py").write_text("class Here: ...\n", encoding="utf-8")
     assert said in call("init", *arguments, status=2).err
     assert [file.name for file in Path().iterdir()] == ["here.py"]
+
+
+def test_what_cannot_be_written_as_a_whole_is_not_there(
+    call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Path("n\udcff.py").write_text("from rclpy.node import Node\nclass A(Node): ...\n")
+    assert "it is not UTF-8" in call("init", "camera", "--node", "./n\udcff.py:A", status=2).err
+    monkeypatch.setattr(json_schema, "published_schema_text", lambda: "\udcff")
+    call("init", "camera", status=2)
+    assert os.listdir() == ["n\udcff.py"]
+
+
+def test_a_schema_that_is_a_link_to_nowhere_is_left_alone(call: Call) -> None:
+    Path("r2bspec-v1.schema.json").symlink_to("nowhere")
+    call("init", "camera", status=0)
+    assert sorted(os.listdir()) == ["camera.r2b.yaml", "r2bspec-v1.schema.json"]
 
 
 def test_the_list_says_what_each_is_for(call: Call) -> None:

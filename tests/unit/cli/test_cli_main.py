@@ -265,14 +265,36 @@ def test_an_empty_argument_is_refused(words: tuple[str, ...], call: Call) -> Non
 
 
 @pytest.mark.parametrize(
-    ("asked", "number"), [("nope", "1"), ("bash_nope", "1"), ("bash_complete", "x")]
+    ("asked", "variables"),
+    [
+        ("nope", {"COMP_WORDS": "r2bspec", "COMP_CWORD": "1"}),
+        ("bash_nope", {"COMP_WORDS": "r2bspec", "COMP_CWORD": "1"}),
+        ("bash_complete", {"COMP_WORDS": "r2bspec", "COMP_CWORD": "x"}),
+        ("bash_complete", {"COMP_WORDS": "r2bspec", "COMP_CWORD": "9" * 5_000}),
+        ("zsh_complete", {"COMP_WORDS": "r2bspec"}),
+        ("bash_complete", {"COMP_CWORD": "1"}),
+        ("fish_complete", {}),
+    ],
 )
 def test_a_completion_that_no_shell_asks_for_is_refused(
-    asked: str, number: str, call: Call, monkeypatch: pytest.MonkeyPatch
+    asked: str, variables: dict[str, str], call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("_R2BSPEC_COMPLETE", asked)
-    monkeypatch.setenv("COMP_CWORD", number)
+    for name, value in {"_R2BSPEC_COMPLETE": asked, **variables}.items():
+        monkeypatch.setenv(name, value)
     assert "R2B601" in call("explain", status=2).err
+
+
+@pytest.mark.parametrize("words", [("data", "info", "r2b_storage"), ("validate", "--untrusted")])
+def test_a_folder_that_was_removed_is_named(
+    words: tuple[str, ...], tmp_path: Path, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec = tmp_path / "x.r2b.yaml"
+    spec.write_text("r2bspec: 1\n")
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    named = () if words[0] == "data" else (spec,)
+    assert "the current folder was removed" in call(*words, *named, status=2).err
 
 
 @pytest.mark.parametrize("limit", ["FOLDERS", "ENTRIES"])

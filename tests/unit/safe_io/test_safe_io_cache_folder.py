@@ -129,7 +129,7 @@ def test_in_place_of_a_cache_that_cannot_be_made_there_is_one_for_this_process(
 def test_a_dataset_of_a_commit_is_not_believed(
     kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It is rendered again, and the command line says so in one line."""
+    """It is rendered again; 'data make', whose dataset would be gone after the call, refuses."""
     dataset = ("r2b_storage", ["/d455_1_imu"], TimeWindow(end_ns=20_000_000))
     committed = make(*dataset)
     assert committed.path.parent == kept.with_name(KIND)
@@ -138,6 +138,9 @@ def test_a_dataset_of_a_commit_is_not_believed(
     assert (again.made, again.content_sha256) == (True, committed.content_sha256)
     assert again.path.parent != committed.path.parent
     assert not make(*dataset).made
-    main(["data", "make", dataset[0], "--topics", dataset[1][0], "--end", "20 ms"])
-    (note,) = capsys.readouterr().err.splitlines()
+    (note,) = passed_over
     assert note.startswith(f"note: the cache {committed.path.parent} is not used: {tmp_path} is a")
+    assert main(["data", "make", dataset[0], "--topics", dataset[1][0], "--end", "20 ms"]) == 2
+    said = capsys.readouterr()
+    why = f"the cache {committed.path.parent} cannot keep a dataset: {tmp_path} is a work tree"
+    assert (said.out, why in said.err) == ("", True)
