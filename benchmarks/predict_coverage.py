@@ -3,9 +3,9 @@
     PYTHONPATH=tests/support python benchmarks/predict_coverage.py [GRAPH ...]
 
 Each graph is played once with its anatomy, at a rate that it keeps up with, and predicted at other
-rates and in other placements.
-Each of these is then played, and its percentiles are compared with the intervals. Run it on a
-machine that has nothing else to do: after a disturbed run nothing is known.
+rates and in other placements. Each of these is then played, and its percentiles are compared with
+the intervals. Run it on a machine that has nothing else to do: after a disturbed run nothing is
+known.
 """
 
 from __future__ import annotations
