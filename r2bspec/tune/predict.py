@@ -265,11 +265,15 @@ class Predictor:
             )
         samples = read_samples(run)
         models = self._models(run.plan, self._cores)
+        counting = {one.segment.id: one for each in samples.iterations.values() for one in each}
         names = {segment.name for segment in self._segments}
         # An iteration that is observed after everything that counts checks the model, and may
         # differ from those that count: it begins a start.
-        observed = [read_segment(run, one) for one in run.record.segments if one.id in names]
-        counting = {one.segment.id for each in samples.iterations.values() for one in each}
+        observed = [
+            counting.get(segment.id) or read_segment(run, segment)
+            for segment in run.record.segments
+            if segment.id in names
+        ]
         residuals: dict[float, dict[tuple[str, str], Measured]] = {}
         for rate_hz in sorted({segment.rate_hz for segment in self._segments}):
             simulated = self._simulate(models, run.plan, rate_hz)

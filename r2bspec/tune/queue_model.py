@@ -197,8 +197,8 @@ _MOST_CALLS: Final = 1_000
 _HORIZON_S: Final = 5.0
 """What has not come this long after the last step is lost."""
 
-
 _DRAWN: Final = 256
+"""Random numbers that are drawn at once."""
 
 
 class _Thread:

@@ -208,24 +208,18 @@ class Search:
         return self._prove(other, today)
 
     def _best_without(self, refuted: Deployment, racing: Sequence[Deployment]) -> Deployment | None:
-        """The best one that seemed to meet the objectives and has not all levers of another.
+        """The best one that seemed to meet the objectives and has not all levers of another."""
+        levers = set(refuted.choices)
+        candidates = self._seeming_to_meet(racing)
+        return next((each for each in candidates if not levers <= set(each.choices)), None)
 
-        Of today's, which has none, it is any other one.
-        """
+    def _seeming_to_meet(self, racing: Sequence[Deployment]) -> list[Deployment]:
+        """The deployments that seemed to meet the objectives, those that raced first."""
         meeting = sorted(
             (trial for trial in self._trials if trial.state == "meets"),
             key=lambda trial: math.inf if trial.cost is None else trial.cost,
         )
-        candidates = [*racing, *(trial.deployment for trial in meeting)]
-        levers = set(refuted.choices)
-        return next(
-            (
-                each
-                for each in candidates
-                if (not levers <= set(each.choices) if levers else each.choices)
-            ),
-            None,
-        )
+        return [*racing, *(trial.deployment for trial in meeting)]
 
     # 1: trials
 
@@ -373,7 +367,7 @@ class Search:
             return self._keep("met today", "No deployment was found that costs less than today's.")
         if self._todays_is_shown_to_meet(today):
             return self._keep("met today", _MET_TODAY)
-        other = self._best_without(self._space.today(), meeting)
+        other = next((each for each in self._seeming_to_meet(meeting) if each.choices), None)
         if other is not None:
             return self._prove(other, today)
         own = self._own_runs_of_today()

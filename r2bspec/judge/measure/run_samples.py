@@ -131,12 +131,13 @@ def read_samples(run: Run) -> RunSamples:
 
 
 def read_segment(run: Run, segment: Segment) -> SegmentSamples:
-    """The samples of one segment of any kind, without those of processes and of the host.
+    """The samples of one segment of any kind, as the harness alone sees it.
 
     Raises:
         RecordError: a file is missing or damaged.
     """
-    return segment_samples(run.plan, segment, _read_rows(run, segment, _PlayedStamps(run)))
+    rows = replace(_read_rows(run, segment, _PlayedStamps(run)), anatomy=None)
+    return segment_samples(run.plan, segment, rows)
 
 
 def _read_process_samples(run: Run) -> ProcessSamples:
@@ -462,7 +463,14 @@ def run_samples(
         """The samples of the complete ones among some segments, played in one session."""
 
         def of_segment(segment: Segment) -> SegmentSamples:
-            return replace(samples_of(segment), **vars(used[segment.id]))
+            of_host = used[segment.id]
+            return replace(
+                samples_of(segment),
+                processes=of_host.processes,
+                machine=of_host.machine,
+                graph=of_host.graph,
+                interference=of_host.interference,
+            )
 
         first_played: dict[float, list[SegmentSamples]] = {}
         reruns: dict[str, SegmentSamples] = {}
