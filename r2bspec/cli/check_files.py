@@ -294,7 +294,7 @@ def read_text(file: str) -> str | None:
 
 
 def write_text(file: str, text: str) -> None:
-    """Replace a file's content atomically, or make the file; a link, the mode and the owner are kept.
+    """Replace a file's content atomically, or make the file; link, mode and owner are kept.
 
     Raises:
         UsageError: it cannot be written, or is a link to a file in another folder, which may be
