@@ -186,6 +186,12 @@ def test_the_command(
     assert "has a requirement for all" in capsys.readouterr().err
 
 
+def test_a_monitor_of_another_graph_is_named_and_left_out(tmp_path: Path) -> None:
+    text = SPEC.replace("{detections:", "{relayed:")
+    found = proposed(run_of(tmp_path), text)
+    assert (found.text, found.notes) == (text, ["detections: the spec has no such monitor"])
+
+
 def test_the_bound_covers_the_next_value() -> None:
     random, covered = np.random.default_rng(7), 0
     for _ in range(2000):
