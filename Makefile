@@ -56,6 +56,7 @@ $(VENV)/.installed-dev: pyproject.toml | $(VENV)/bin/python
 lint: install-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	@! git grep -nE '^(<<<<<<<|>>>>>>>) '
 
 types: install-dev
 	$(BIN)/mypy

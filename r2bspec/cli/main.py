@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import importlib
+import importlib.abc
 import io
 import os
 import resource
@@ -25,6 +26,7 @@ from r2bspec.diagnostics.quote import quote
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError, exit_status_text
 from r2bspec.report.output import echo
 from r2bspec.safe_io.cache_folder import passed_over
+from r2bspec.safe_io.limits import MIN_NUMPY_ADDRESS_SPACE, MIN_RUN_ADDRESS_SPACE
 
 VERBS = {
     "init": "Create a commented spec to start from.",
@@ -171,6 +173,7 @@ def main(argv: list[str] | None = None) -> int:
             stream.reconfigure(errors="replace")
     try:
         _require_stack()
+        _spare_address_space()
         _require_arguments(sys.argv[1:] if argv is None else argv)
         with _notes_on_caches(), _interruptible():
             status = command.main(args=argv, prog_name="r2bspec", standalone_mode=False)
@@ -243,6 +246,35 @@ def _require_stack() -> None:
             f"the stack is limited to {soft >> 10} KiB; {_LEAST_STACK_BYTES >> 10} are needed",
             hint="Raise the limit: ulimit -s 8192",
         )
+
+
+class _NumpyGuard(importlib.abc.MetaPathFinder):
+    """Refuses NumPy where its import would fail in the middle, or never end."""
+
+    def find_spec(self, name: str, *_: object) -> None:
+        """Find nothing.
+
+        Raises:
+            AddressSpaceError: it is NumPy.
+        """
+        if name == "numpy":
+            from r2bspec.execute.processes.prerequisites import address_space_error
+
+            raise address_space_error(MIN_NUMPY_ADDRESS_SPACE)
+
+
+def _spare_address_space() -> None:
+    """Where there is little, keep OpenBLAS from asking for its threads' buffers again and again.
+
+    No run starts with so little, so no node inherits the variable.
+    """
+    soft, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if soft == resource.RLIM_INFINITY:
+        return
+    if soft < MIN_RUN_ADDRESS_SPACE:
+        os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    if soft < MIN_NUMPY_ADDRESS_SPACE:
+        sys.meta_path.insert(0, _NumpyGuard())
 
 
 def _require_arguments(arguments: list[str]) -> None:

@@ -9,6 +9,7 @@ nodes of one process. As a program it inspects every node of a running graph::
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import sys
@@ -18,6 +19,7 @@ from typing import Any, get_args
 
 import rclpy
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
+from rclpy.node import NodeNameNonExistentError
 
 from r2bspec.errors import ExitStatus
 from r2bspec.harness import rclpy_tools
@@ -62,16 +64,20 @@ class Inspector:
 
     def nodes(self) -> list[dict[str, Any]]:
         """Each node with its name, namespace, topics, services, QoS profiles and parameters."""
-        return [
-            {
-                "name": name,
-                "namespace": namespace,
-                **self._topics(name, namespace),
-                "services": self._services(name, namespace),
-                "parameters": self._parameters(name, namespace),
-            }
-            for name, namespace in self._wait_for_discovery()
-        ]
+        found = []
+        for name, namespace in self._wait_for_discovery():
+            # A node may end between two queries; it is no part of the graph any more.
+            with contextlib.suppress(NodeNameNonExistentError):
+                found.append(
+                    {
+                        "name": name,
+                        "namespace": namespace,
+                        **self._topics(name, namespace),
+                        "services": self._services(name, namespace),
+                        "parameters": self._parameters(name, namespace),
+                    }
+                )
+        return found
 
     def _wait_for_discovery(self) -> list[tuple[str, str]]:
         """Wait until there are nodes and, for a while, no changes of their endpoints."""
@@ -106,7 +112,7 @@ class Inspector:
                 sorted(self._node.get_subscriber_names_and_types_by_node(name, namespace)),
                 sorted(self._node.get_service_names_and_types_by_node(name, namespace)),
             )
-        except Exception:  # a node may disappear between two queries
+        except NodeNameNonExistentError:
             return ()
 
     def _topics(self, name: str, namespace: str) -> dict[str, dict[str, Any]]:

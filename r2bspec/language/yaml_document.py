@@ -107,7 +107,7 @@ def _finite(value: float) -> float:
     raise ScalarError("not a finite number")
 
 
-class _Dumper(yaml.SafeDumper):
+class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
     """Writes shared values in full, and quotes what YAML 1.1 or YAML 1.2 would not read as text."""
 
     def ignore_aliases(self, data: object) -> bool:
@@ -120,7 +120,8 @@ def _represent_text(dumper: _Dumper, data: str) -> yaml.ScalarNode:
         style = None if isinstance(resolve(data), str) else "'"
     except ScalarError:
         style = "'"
-    return dumper.represent_scalar("tag:yaml.org,2002:str", data, style=style)
+    written: yaml.ScalarNode = dumper.represent_scalar("tag:yaml.org,2002:str", data, style=style)
+    return written
 
 
 _Dumper.add_representer(str, _represent_text)

@@ -265,3 +265,11 @@ MAX_JOURNAL_BYTES: Final = 256_000_000
 """Of the runs that a client has sent."""
 MAX_FLEET_RUN_BYTES: Final = 64 << 30
 """One run folder that comes back."""
+
+# Memory
+
+MIN_RUN_ADDRESS_SPACE: Final = 640 << 20
+"""The observer has 880 MiB with rclpy, NumPy and OpenBLAS on two cores, and more on more of them:
+with less it certainly cannot start."""
+MIN_NUMPY_ADDRESS_SPACE: Final = 384 << 20
+"""With NumPy, SciPy and Matplotlib, 300 MiB are just enough for a page of a run."""

@@ -43,18 +43,22 @@ def headline(result: TuningResult) -> str:
     return f"{result.name}: {result.reason}"
 
 
+_DECIDES: Final = ("pass", "inconclusive", "fail")
+
+
 def _worst(trial: Trial) -> RequirementMargin:
-    return max(trial.margins, key=lambda margin: margin.excess)
+    """The requirement that says why a trial is where it is: one that fails, or is open, first."""
+    return max(trial.margins, key=lambda each: (_DECIDES.index(each.outcome), each.excess))
 
 
 def margin_text(margin: RequirementMargin) -> str:
     """A requirement, its metric, and how far that is from the limit."""
     is_lost = margin.estimate is None and margin.outcome == "fail"
     text = f"{margin.text}: {'lost' if is_lost else show(margin.estimate, margin.unit)}"
-    if not margin.estimate or abs(margin.excess) >= MAX_EXCESS:
-        return text
-    off = _percent(abs(math.expm1(margin.excess))).lstrip("+")
-    return f"{text}, {off} {'beyond' if margin.excess > 0 else 'inside'}"
+    if margin.estimate and abs(margin.excess) < MAX_EXCESS:
+        off = _percent(abs(math.expm1(margin.excess))).lstrip("+")
+        text += f", {off} {'beyond' if margin.excess > 0 else 'inside'}"
+    return text
 
 
 def requirement_lines(result: TuningResult) -> list[str]:
@@ -135,7 +139,7 @@ class TrialRow(NamedTuple):
     reason: str
 
 
-TRIAL_HEADER: Final = ("", "outcome", "cost", "nearest to its limit", "deployment", "reason")
+TRIAL_HEADER: Final = ("", "outcome", "cost", "requirement", "deployment", "reason")
 
 
 def trial_rows(result: TuningResult) -> list[TrialRow]:
@@ -150,10 +154,18 @@ def _trial_row(trial: Trial, result: TuningResult) -> TrialRow:
         state=trial.state,
         word=STATE_WORDS[trial.state],
         cost=show(trial.cost, result.goal_unit),
-        margin=margin_text(_worst(trial)) if trial.margins else "",
+        margin=_decisive_text(trial),
         deployment=f"{trial.deployment.text}{' (proposed)' if is_winner else ''}",
         reason="; ".join(_reasons(trial)),
     )
+
+
+def _decisive_text(trial: Trial) -> str:
+    if not trial.margins:
+        return ""
+    worst = _worst(trial)
+    starts = f", not decided by {pluralize(trial.starts, 'start')}"
+    return margin_text(worst) + (starts if worst.outcome == "inconclusive" else "")
 
 
 def trial_line(trial: Trial, result: TuningResult) -> str:

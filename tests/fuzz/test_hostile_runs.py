@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import resource
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -136,3 +139,25 @@ def test_windows_are_counted_as_they_are_calculated() -> None:
     )
     alone = np.unique(rows["process"], return_counts=True)[1] == 1
     assert calculated <= samples.count_windows(began, ended) <= calculated + 40 * alone.sum()
+
+
+@pytest.mark.parametrize("mebibytes", [80, 150, 250, 383])
+def test_address_space_that_numpy_does_not_fit_into_is_named(
+    mebibytes: int, tmp_path: Path
+) -> None:
+    run_folder(tmp_path / "run")
+    for words in (("judge", "run"), ("report", "run", "--report", "html=page.html")):
+        ended = subprocess.run(
+            [sys.executable, "-P", "-m", "r2bspec", *words],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=LONGEST_S,
+            preexec_fn=lambda: resource.setrlimit(
+                resource.RLIMIT_AS, (mebibytes << 20, mebibytes << 20)
+            ),
+        )
+        assert ended.returncode == 2, ended
+        assert f"limited to {mebibytes}" in ended.stderr
+        assert "ulimit -v" in ended.stderr
+    assert not (tmp_path / "page.html").exists()

@@ -164,6 +164,30 @@ def test_a_spec_of_a_running_graph(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert [each["topic"] for each in spec["monitors"].values()] == ["cell/answer"]
 
 
+INSPECTS_WHAT_HAS_ENDED = """
+from r2bspec.harness import rclpy_tools
+from r2bspec.harness.inspect_nodes import Inspector
+
+inspector = Inspector(1.0)
+inspector._wait_for_discovery = lambda: [("gone", "/cell")]
+print(inspector.nodes())
+rclpy_tools.finish()
+"""
+
+
+def test_a_node_that_ends_meanwhile_is_left_out() -> None:
+    with reserved_domain() as domain:
+        inspected = subprocess.run(
+            [sys.executable, "-c", INSPECTS_WHAT_HAS_ENDED],
+            env=os.environ | {"ROS_DOMAIN_ID": str(domain)},
+            capture_output=True,
+            text=True,
+            timeout=HANG_S,
+            check=False,
+        )
+    assert inspected.stdout == "[]\n", inspected.stderr
+
+
 def test_without_a_graph(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -46,6 +46,7 @@ from r2bspec.native.build import (
 from r2bspec.plan.command_lines import EXECUTABLE
 from r2bspec.plan.plan import Plan, ProcessPlan
 from r2bspec.plan.this_machine import PACKAGE_INDEX, ament_prefixes
+from r2bspec.safe_io.limits import MIN_RUN_ADDRESS_SPACE
 
 
 def resolve_argv(plan: ProcessPlan) -> list[str]:
@@ -272,11 +273,6 @@ def with_limits(hint: str) -> str:
     return f"{hint} A limit may be the cause: {texts}.".strip() if texts else hint
 
 
-_LEAST_ADDRESS_SPACE = 640 << 20
-"""The observer has 880 MiB with rclpy, NumPy and OpenBLAS on two cores, and more on more of them:
-below this it certainly cannot start."""
-
-
 def require_address_space() -> None:
     """See that processes may have the address space that Python with rclpy and NumPy takes.
 
@@ -284,8 +280,16 @@ def require_address_space() -> None:
         AddressSpaceError: they may not.
     """
     soft, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if soft != resource.RLIM_INFINITY and soft < _LEAST_ADDRESS_SPACE:
+    if soft != resource.RLIM_INFINITY and soft < MIN_RUN_ADDRESS_SPACE:
         raise errors.AddressSpaceError(limit_text(resource.RLIMIT_AS), hint=_MORE_ADDRESS_SPACE)
+
+
+def address_space_error(needed: int) -> errors.AddressSpaceError:
+    """The error of a verb that needs more address space than it may have, in bytes."""
+    return errors.AddressSpaceError(
+        f"{limit_text(resource.RLIMIT_AS)}; this needs {show(needed, 'B')}",
+        hint=_MORE_ADDRESS_SPACE,
+    )
 
 
 _MORE_ADDRESS_SPACE = (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import yaml
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -99,6 +100,13 @@ def test_any_value_anywhere(data: st.DataObject, value: object) -> None:
         place = place[key]
     place[key] = value
     _holds(load_spec(to_yaml(document)))
+
+
+@settings(max_examples=size(100, 1_000))
+@given(st.text(st.characters(exclude_categories=["Cs"]), max_size=200))
+@example("@\x85")
+def test_what_is_written_is_read_back(text: str) -> None:
+    assert yaml.safe_load(to_yaml([text, {text: 0}])) == [text, {text: 0}]
 
 
 def composed_tree(name: str) -> TreeNode:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 
+from msgspec.structs import replace
+
 import tuning_results
 from r2bspec.tune import tuning_texts as wording
-from tuning_results import gain, improved, not_met, to_text
+from tuning_results import deployment, gain, improved, margin, not_met, to_text, trial
 
 
 def test_the_outcome_comes_first() -> None:
@@ -27,6 +29,20 @@ def test_the_claim_is_of_the_pairs_and_not_of_the_search() -> None:
 
 def test_the_best_trials_are_first() -> None:
     assert [row.number for row in wording.trial_rows(improved())] == list("4102536")
+
+
+def test_a_trial_says_which_requirement_leaves_it_open() -> None:
+    passed = margin(-0.01)
+    undecided = replace(margin(-0.5, text="out.latency.p50 < 50 ms"), outcome="inconclusive")
+    waiting = trial(0, deployment(), 1.0, 0, state="open", starts=1, margins=(passed, undecided))
+    assert wording.trial_line(waiting, improved()).endswith(
+        "(out.latency.p50 < 50 ms: 30.3 ms, 39 % inside, not decided by 1 start)"
+    )
+    late = margin(0.01, text="slow.latency.p99 < 50 ms")
+    missed = trial(0, deployment(), 1.0, 0, state="misses", margins=(passed, undecided, late))
+    assert wording.trial_line(missed, improved()).endswith(
+        "(slow.latency.p99 < 50 ms: 50.5 ms, 1.0 % beyond)"
+    )
 
 
 def test_gains_that_were_not_measured() -> None:
