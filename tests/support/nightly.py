@@ -23,9 +23,9 @@ def size(sample: int, whole: int) -> int:
     return whole if NIGHTLY else sample
 
 
-def sampled(cases: Iterable[Case], every: int) -> list[Case]:
-    """The first of every so many cases; with ``R2BSPEC_NIGHTLY=1`` each of them."""
-    return [*cases][:: 1 if NIGHTLY else every]
+def sampled(cases: Iterable[Case], every: int, first: int = 0) -> list[Case]:
+    """From the first on one of every so many cases; with ``R2BSPEC_NIGHTLY=1`` each of them."""
+    return [*cases] if NIGHTLY else [*cases][first::every]
 
 
 def only_nightly() -> pytest.MarkDecorator:
