@@ -167,7 +167,7 @@ class ProfiledIteration:
         stacks: dict[str, Path] = {}
         for name, profiler in attached.items():
             with self._noting_failures(name):
-                profiler.stop()
+                profiler.stop(self.supervisor)
             # What it has written until then may still be of use.
             with self._noting_failures(name):
                 stacks[name] = profiler.fold()

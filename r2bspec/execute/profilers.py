@@ -275,11 +275,11 @@ class AttachedProfiler:
             return "Sampling process" in self.child.log_tail()
         return _has_perf_events(self.child.pid)
 
-    def stop(self) -> None:
+    def stop(self, supervisor: ProcessSupervisor) -> None:
         """Let the profiler write its file, and wait for its end.
 
         Raises:
-            RunError: it failed, ended before, or does not end.
+            RunError: it failed, ended before, or does not end; or from `ProcessSupervisor.pump`.
         """
         ended_before = not self.child.is_running and self.observed.is_running
         self.child.signal(signal.SIGINT)
@@ -287,7 +287,7 @@ class AttachedProfiler:
         while self.child.is_running:
             if time.monotonic() > deadline:
                 raise RunError(f"{self.profiler.name} did not end within {_END_TIMEOUT_S:g} s")
-            time.sleep(_POLL_S)
+            supervisor.pump(_POLL_S)
         if ended_before or self.child.process.returncode not in _ENDED_BY_US:
             raise RunError(self._failure())
 

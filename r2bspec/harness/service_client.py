@@ -36,7 +36,7 @@ class ServiceTypeError(ServiceCallError):
 
 
 def service_class(type_name: str) -> Any:
-    """The class of a service type such as ``std_srvs/srv/Trigger``.
+    """The class of a service type such as ``std_srvs/srv/Trigger``, or of an action type.
 
     Raises:
         ServiceTypeError: the package is not installed or has no such service.
@@ -44,7 +44,8 @@ def service_class(type_name: str) -> Any:
     try:
         return rclpy_tools.interface_class(type_name)
     except rclpy_tools.TypeNotFoundError as error:
-        raise ServiceTypeError(f"service type {type_name} is not installed") from error
+        kind = "action" if "/action/" in type_name else "service"
+        raise ServiceTypeError(f"{kind} type {type_name} is not installed") from error
 
 
 def fill_message(message: Any, values: dict[str, Any]) -> Any:

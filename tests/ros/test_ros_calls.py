@@ -114,8 +114,8 @@ def test_a_field_that_is_wrong_is_named(values: dict[str, object], said: str) ->
 
 def test_a_service_type_that_is_not_installed() -> None:
     assert service_class("rcl_interfaces/srv/GetParameters") is GetParameters
-    for wrong in ("nowhere/srv/Nothing", "rcl_interfaces/srv/Nothing", "nonsense"):
-        with pytest.raises(ServiceCallError, match="is not installed") as refused:
+    for wrong in ("nowhere/srv/Nothing", "rcl_interfaces/srv/Nothing", "nonsense", "a/action/B"):
+        with pytest.raises(ServiceCallError, match=f"type {wrong} is not installed") as refused:
             service_class(wrong)
         assert RunError(str(refused.value), code=refused.value.code).exit_code == ExitStatus.USAGE
 
