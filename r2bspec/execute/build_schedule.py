@@ -1,8 +1,8 @@
 """Building the schedule of the player from the buffers, for all playback modes.
 
 For types that rosbags provides it is known whether they have a header. For other types the player
-reports it, and their stamps are then read from the buffers. A schedule with times is made in
-`r2bspec.execute.build_schedule`; one without times is a round of steps:
+reports it, and their stamps are then read from the buffers. A schedule without times is a round of
+steps:
 
 - The messages of several inputs are combined to steps by their stamps. Combined by index, all
   messages after a missing one would be paired wrongly. By stamp, only messages without a partner
@@ -159,13 +159,17 @@ def times_by_stamp(sources: Sequence[BufferIndex]) -> dict[int, int]:
     return times
 
 
+def _nothing_buffered(topic: str) -> RunError:
+    return RunError(
+        f"no messages were buffered for {topic}",
+        hint="Check the window, and the messages that the preprocessors publish.",
+        code="R2B643",
+    )
+
+
 def _no_messages_error(plan: InputPlan, count: int) -> RunError:
     if not count:
-        return RunError(
-            f"no messages were buffered for {plan.source}",
-            hint="Check the window, and the messages that the preprocessors publish.",
-            code="R2B643",
-        )
+        return _nothing_buffered(plan.source)
     return RunError(
         f"none of the {count} messages on {plan.source} has the stamp of a recorded message, so "
         "their times are unknown",
@@ -476,11 +480,7 @@ def align(inputs: list[BufferIndex], limit: int, slops_ns: Sequence[int] = ()) -
     """
     for source in inputs:
         if not source.sizes:
-            raise RunError(
-                f"no messages were buffered for {source.topic}",
-                hint="Check the window, and the messages that the preprocessors publish.",
-                code="R2B643",
-            )
+            raise _nothing_buffered(source.topic)
     headers = [number for number, input_ in enumerate(inputs) if input_.has_header]
     stamps = [inputs[number].stamps_ns for number in headers]
     slops = [slops_ns[number] for number in headers] if slops_ns else [0] * len(headers)

@@ -39,8 +39,8 @@ from r2bspec.execute.processes.resources import ResourceSampler
 from r2bspec.execute.processes.scheduling import require_permitted
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.execute.profiled_iteration import (
-    ObservedIteration,
     ProfiledIteration,
+    play_observed,
     profiled_processes,
     wait_for_last_sample,
 )
@@ -370,10 +370,10 @@ class _Run:
         session = self._starts.sessions[-1]
         if session.player is None or not self._plan.play:
             return
-        from r2bspec.execute.measurement.further_iterations import OutputRecorder
+        from r2bspec.execute.measurement.further_iterations import record_outputs
 
-        recorder = OutputRecorder(self._plan, self._context, session.player, session.rows_dir)
-        for topic, count in recorder.record().items():
+        counts = record_outputs(self._plan, self._context, session.player, session.rows_dir)
+        for topic, count in counts.items():
             self._context.note(f"recorded {count} messages of {topic}")
 
     def _compare_with_truth(self) -> None:
@@ -421,7 +421,7 @@ class _Run:
             return
         wait_for_last_sample(self._starts)
         self._states.enter(RunState.ANATOMY, "observing one more iteration from inside")
-        self._anatomy = ObservedIteration(self._starts).play(self._measurements[0].peak_hz)
+        self._anatomy = play_observed(self._starts, self._measurements[0].peak_hz)
         if self._anatomy.error:
             self._context.note(f"anatomy: {self._anatomy.error}")
 

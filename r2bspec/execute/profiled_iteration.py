@@ -21,7 +21,7 @@ import msgspec
 from r2bspec.diagnostics.quote import clip, printable
 from r2bspec.errors import R2bspecError, UsageError, without_output
 from r2bspec.execute.errors import InterruptedRunError, RunError
-from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
+from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer, titled
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.profilers import AttachedProfiler, Profiler
 from r2bspec.execute.run_context import MEASURE_PHASE
@@ -63,27 +63,17 @@ def profiled_processes(plan: Plan, node: str) -> tuple[ProcessPlan, ...]:
         UsageError: there is none.
     """
     measured = plan.processes_in(MEASURE_PHASE)
-    names = {process.name for process in measured} | {
-        node_plan.node for process in measured for node_plan in process.nodes
-    }
+    names = [{process.name, *(member.node for member in process.nodes)} for process in measured]
     if node:
-        processes = [
-            process
-            for process in measured
-            if node == process.name or any(node == node_plan.node for node_plan in process.nodes)
-        ]
-        if not processes:
-            raise UsageError(
-                f"--profile-node: this run starts no node {node!r}",
-                hint=f"It starts {', '.join(sorted(names))}.",
-            )
-        return tuple(processes)
-    processes = [process for process in measured if process.role in GRAPH_ROLES or process.nodes]
+        processes = [each for each, own in zip(measured, names, strict=True) if node in own]
+        refusal = f"--profile-node: this run starts no node {node!r}"
+        hint = f"It starts {', '.join(sorted(set().union(*names)))}."
+    else:
+        processes = [each for each in measured if each.role in GRAPH_ROLES or each.nodes]
+        refusal = "--profile: this run starts no process of the graph"
+        hint = "Profile external nodes where they are started, or let the spec start them."
     if not processes:
-        raise UsageError(
-            "--profile: this run starts no process of the graph",
-            hint="Profile external nodes where they are started, or let the spec start them.",
-        )
+        raise UsageError(refusal, hint=hint)
     return tuple(processes)
 
 
@@ -212,8 +202,8 @@ class ProfiledIteration:
     def _play(self, player: SegmentPlayer | None, rate_hz: float, duration_ns: int) -> None:
         if player is None:
             raise RunError("the graph was not brought up")
-        at = f"{rate_hz:g} Hz, " if rate_hz else ""
-        player.play_unrecorded_for(f"{at}with {self.profiler.name}", rate_hz, duration_ns)
+        title = titled(rate_hz, f"with {self.profiler.name}")
+        player.play_unrecorded_for(title, rate_hz, duration_ns)
 
     @contextlib.contextmanager
     def _noting_failures(self, *names: str) -> Iterator[None]:
@@ -269,38 +259,29 @@ class ProfiledIteration:
         return printable(path.relative_to(self.folder.path).as_posix())
 
 
-@dataclass
-class ObservedIteration:
-    """One more iteration, in one more start that is observed from inside; it counts for nothing.
+def play_observed(starts: StartSequence, peak_hz: float | None) -> AnatomyRecord:
+    """Play one more iteration, in one more start that is observed from inside; it does not count.
 
-    Attributes:
-        starts: those of the run.
+    Whatever fails is a part of the record.
+
+    Raises:
+        InterruptedRunError: a signal interrupted the run.
     """
-
-    starts: StartSequence
-
-    def play(self, peak_hz: float | None) -> AnatomyRecord:
-        """Start the graph once more and play; whatever fails is a part of the record.
-
-        Raises:
-            InterruptedRunError: a signal interrupted the run.
-        """
-        plan = self.starts.plan
-        rate_hz, duration_ns = profiled_rate(plan, peak_hz)
-        error = ""
-        try:
-            player = self.starts.begin_observed()
-            at = f"{rate_hz:g} Hz, " if rate_hz else ""
-            heading = SegmentHeading("anatomy", "anatomy-001", f"{at}observed from inside")
-            player.play_for(heading, rate_hz, duration_ns)
-        except InterruptedRunError:
-            raise
-        except (R2bspecError, OSError) as failure:
-            error = without_output(str(failure))
-        finally:
-            supervisor = self.starts.context.supervisor
-            # Nothing that ends from here on is a failure of the run.
-            supervisor.end(list(supervisor))
-        session = self.starts.sessions[-1]
-        record = session.anatomy.record if session.anatomy else AnatomyRecord(start=session.start)
-        return msgspec.structs.replace(record, error=error or record.error)
+    rate_hz, duration_ns = profiled_rate(starts.plan, peak_hz)
+    error = ""
+    try:
+        plan = msgspec.structs.replace(starts.plan, anatomy=True)
+        player = starts.begin_uncounted(plan)
+        title = titled(rate_hz, "observed from inside")
+        player.play_for(SegmentHeading("anatomy", "anatomy-001", title), rate_hz, duration_ns)
+    except InterruptedRunError:
+        raise
+    except (R2bspecError, OSError) as failure:
+        error = without_output(str(failure))
+    finally:
+        supervisor = starts.context.supervisor
+        # Nothing that ends from here on is a failure of the run.
+        supervisor.end(list(supervisor))
+    session = starts.sessions[-1]
+    record = session.anatomy.record if session.anatomy else AnatomyRecord(start=session.start)
+    return msgspec.structs.replace(record, error=error or record.error)

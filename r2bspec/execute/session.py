@@ -31,8 +31,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from r2bspec.execute import errors
 from r2bspec.execute.anatomy import AnatomyObservation
 from r2bspec.execute.bringup import harness_processes, readiness
@@ -217,7 +215,7 @@ class Session:
         """Of a process that ends in the block by an exception, its node could not be created.
 
         Raises:
-            GraphMismatchError: this is so.
+            GraphDifferencesError: this is so.
         """
         try:
             yield
@@ -639,19 +637,11 @@ class StartSequence:
         """End the start that runs, and start the processes of a changed plan; it has no record.
 
         Raises:
-            RunError: a process of the old start has exited, or the new one fails.
+            RunError: a process of the old start has exited, or the new one fails; likewise where
+                the plan is observed from inside, and what observes it cannot be built (R2B668).
         """
         self._end_running()
         return self._new_session(plan, confirms=False, is_later=True).bring_up()
-
-    def begin_observed(self) -> SegmentPlayer:
-        """As `begin_uncounted`, with processes that are observed from inside.
-
-        Raises:
-            RunError: likewise.
-            NotInstalledError: what observes them cannot be built (R2B668).
-        """
-        return self.begin_uncounted(msgspec.structs.replace(self.plan, anatomy=True))
 
     def _end_running(self) -> None:
         if self.sessions:

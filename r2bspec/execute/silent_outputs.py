@@ -64,7 +64,7 @@ class SilentOutputs:
             final: whether the start is not waited for any longer.
 
         Raises:
-            GraphMismatchError: the graph differs from the plan, so that there never is an output.
+            GraphDifferencesError: the graph differs from the plan: there never is an output.
             NoOutputError: there is another reason, and `final`.
         """
         graph, plan = self.graph, self.graph.plan

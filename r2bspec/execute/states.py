@@ -283,9 +283,10 @@ class Interrupts:
         Raises:
             InterruptedRunError: a signal has arrived, or arrives.
         """
-        self.check()
-        self._is_immediate = True
         try:
+            # In this order, no signal comes between the two.
+            self._is_immediate = True
+            self.check()
             yield
         except _ImmediateInterrupt:
             self.check()

@@ -91,9 +91,9 @@ class HostService(WorkerPlugin):
     def close(self) -> None:
         """End the run that is playing: the worker ends."""
         self._is_closing = True
-        if self._child is not None:
+        if (child := self._child) is not None:
             with contextlib.suppress(OSError):
-                self._child.terminate()
+                child.terminate()
 
     def remove_unfinished(self) -> None:
         """Remove runs that an earlier worker did not finish, and what else it left."""
@@ -217,7 +217,7 @@ class HostService(WorkerPlugin):
             *(str(spool), str(tree), str(self._lock)),
         ]
         with (spool / "output.log").open("wb") as log:
-            self._child = subprocess.Popen(
+            child = self._child = subprocess.Popen(
                 words,
                 stdin=subprocess.PIPE,
                 stdout=log,
@@ -227,11 +227,14 @@ class HostService(WorkerPlugin):
                 start_new_session=True,
                 umask=user_umask(),
             )
+        if self._is_closing:
+            # It was ended while the files were placed: `close` has seen no process.
+            child.terminate()
         try:
-            return self._child.wait()
+            return child.wait()
         finally:
-            assert self._child.stdin is not None  # noqa: S101 - it is a pipe
-            self._child.stdin.close()
+            assert child.stdin is not None  # noqa: S101 - it is a pipe
+            child.stdin.close()
             self._child = None
 
 

@@ -74,6 +74,9 @@ class Journal:
         if not self.suite:
             self.suite = secrets.token_hex(8)
             self.write(suite=self.suite)
+        elif not (folder / JOURNAL_FILE).read_bytes().endswith(b"\n"):
+            # What follows a line that a crash has cut off must not become a part of it.
+            self._file.write(b"\n")
 
     def write(self, **fields: Any) -> None:
         """Add an `Event` with these fields, now."""

@@ -110,7 +110,7 @@ def _invalidity(job: Job, tree: Path) -> Problem | None:
     for side in job.sides:
         file = tree / side.base_dir / ".fleet.r2b.yaml"
         try:
-            file.write_text(side.spec_text)
+            file.write_text(side.spec_text, encoding="utf-8")
             if side.spec_text:
                 api.prepare(file, smoke=job.smoke)
         except api.InvalidSpecError as error:

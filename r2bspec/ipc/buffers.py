@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import errno
 import struct
+from itertools import accumulate
 from pathlib import Path
 from typing import BinaryIO
 
@@ -192,11 +193,9 @@ def read_stamps(folder: Path, index: BufferIndex) -> BufferIndex:
     """The index with the header stamps of its messages, whose type has a header."""
     stamps_ns = []
     with buffer_path(folder, index.topic, "cdr").open("rb") as file:
-        offset = 0
-        for size in index.sizes:
+        for offset, size in zip(accumulate(index.sizes, initial=0), index.sizes, strict=False):
             file.seek(offset)
             stamps_ns.append(read_stamp(file.read(min(size, STAMP_BYTES))))
-            offset += size
     return msgspec.structs.replace(index, has_header=True, stamps_ns=tuple(stamps_ns))
 
 
@@ -205,12 +204,11 @@ def read_messages(folder: Path, topic: str, wanted: set[int] | None = None) -> d
     index = read_index(folder, topic)
     messages: dict[int, bytearray] = {}
     with buffer_path(folder, topic, "cdr").open("rb") as file:
-        offset = 0
-        for position, size in enumerate(index.sizes):
+        offsets = accumulate(index.sizes, initial=0)
+        for position, (offset, size) in enumerate(zip(offsets, index.sizes, strict=False)):
             if wanted is None or position in wanted:
                 file.seek(offset)
                 messages[position] = bytearray(file.read(size))
-            offset += size
     return messages
 
 

@@ -1,8 +1,7 @@
 """Playback files: what a player publishes when, and when it did so.
 
 The controller writes a file for each playback, and the player (``player.c``) maps it, plays it, and
-writes the times into it. A file has the entries (`r2bspec.ipc.playback_file.ENTRY_DTYPE`) after a
-header, all little-endian::
+writes the times into it. A file has the entries (`ENTRY_DTYPE`) after a header, all little-endian::
 
     int64 published, magic "R2BPLAY4", int64 entries, is_loaded, has_stamps, least_ns
 

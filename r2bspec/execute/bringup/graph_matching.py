@@ -129,7 +129,7 @@ class PhaseGraph:
             subscribe: to what could not be subscribed to before.
 
         Raises:
-            GraphMismatchError: an endpoint is not matched, and never will be.
+            GraphDifferencesError: an endpoint is not matched, and never will be.
             NotReadyError: an endpoint is not matched at the deadline, or the nodes are idle, for
                 another reason.
         """
@@ -289,7 +289,7 @@ class PhaseGraph:
             observer: a monitor or a loader.
 
         Raises:
-            GraphMismatchError: a node does not declare a parameter that is certainly misspelt.
+            GraphDifferencesError: a node does not declare a parameter that is certainly misspelt.
             RunError: the observer does not respond.
         """
         differences = find_undeclared(
@@ -302,7 +302,7 @@ class PhaseGraph:
 
     def _check_remappings(self, observer: ManagedProcess) -> None:
         """Record the remappings without effect of nodes that no Python host has asked."""
-        known = {(difference.owner, difference.name) for difference in self.launcher.differences}
+        known = self.launcher.known_differences
         opaque = {
             node.name
             for process in self.plan.processes
@@ -335,13 +335,12 @@ class PhaseGraph:
 
         What Python nodes say of themselves is already recorded.
         """
-        differences = self.launcher.differences
-        known_differences = {(difference.owner, difference.name) for difference in differences}
+        known = self.launcher.known_differences
         rules = [rule for rule in self.remapped_topics() if rule.topic in topics]
-        differences += [
+        self.launcher.differences += [
             unmatched_remapping(rule.node, rule.before, rule.topic, facts.topics_of(rule.node))
             for rule in find_fault.unmatched(facts, rules)
-            if (rule.node, rule.before) not in known_differences
+            if (rule.node, rule.before) not in known
         ]
 
     def subscription_counts(self, topics: Iterable[str]) -> dict[str, int]:

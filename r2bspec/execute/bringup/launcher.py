@@ -236,7 +236,7 @@ class Launcher:
 
         Raises:
             RunError: a node cannot be created, is not created in time, or exits.
-            GraphMismatchError: a node does not declare a parameter that the spec sets.
+            GraphDifferencesError: a node does not declare a parameter that the spec sets.
         """
         # The process of the player first: the inputs have publishers before any other node starts.
         plans = sorted(plans, key=lambda plan: plan.join is None or not plan.join.player)
@@ -279,7 +279,7 @@ class Launcher:
 
         Raises:
             RunError: a host does not answer.
-            GraphMismatchError: a node does not declare a parameter that the spec sets.
+            GraphDifferencesError: a node does not declare a parameter that the spec sets.
         """
         while self._lifecycle_hosts:
             child = self._lifecycle_hosts.pop()
@@ -339,6 +339,11 @@ class Launcher:
         nodes = {node.name for process in plan.processes_in(phase) for node in process.nodes}
         return [endpoint for endpoint in self.endpoints if endpoint[0] in nodes]
 
+    @property
+    def known_differences(self) -> set[tuple[str, str]]:
+        """The nodes of the differences, with the parameters or names that these are about."""
+        return {(difference.owner, difference.name) for difference in self.differences}
+
     def has_created(self, owner: str) -> bool:
         """Whether a node, or every node if it is unknown, has all of its endpoints.
 
@@ -353,7 +358,7 @@ class Launcher:
 
         Raises:
             RunError: a container exits, or does not respond in time.
-            GraphMismatchError: it rejects a component.
+            GraphDifferencesError: it rejects a component.
         """
         if not plans:
             return
@@ -395,15 +400,6 @@ class Launcher:
             log=self._folder.log_path(name),
         )
 
-    def _run_helper(
-        self, name: str, command: protocol.Command, done: type[protocol.Reply], timeout_s: float
-    ) -> None:
-        """Let a harness process that is not in the plan do one thing, and end it."""
-        child = self._start_helper(name, "caller")
-        self.configure(child, command)
-        self._supervisor.answer(child, done, timeout_s + REPLY_TIMEOUT_S)
-        self._supervisor.end([child])
-
     def run_step(self, step: AfterReadyPlan) -> None:
         """Run one `after_ready` step and wait until it is done.
 
@@ -431,7 +427,10 @@ class Launcher:
             request=secrets.in_value(step.request),
             timeout_ns=step.timeout_ns,
         )
-        self._run_helper(name, command, protocol.Called, timeout_s)
+        child = self._start_helper(name, "caller")
+        self.configure(child, command)
+        self._supervisor.answer(child, protocol.Called, timeout_s + REPLY_TIMEOUT_S)
+        self._supervisor.end([child])
 
     def call_settings(self, plan: Plan, **where: Any) -> protocol.ConfigureCalls:
         """What a process that calls services is told, with the secrets of its requests.

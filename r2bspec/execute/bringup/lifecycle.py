@@ -62,7 +62,7 @@ class LifecycleNodes:
             enter: is called before the first of all nodes makes a transition.
 
         Raises:
-            GraphMismatchError: a transition failed, or a node is no lifecycle node.
+            GraphDifferencesError: a transition failed, or a node is no lifecycle node.
             NotReadyError: a node is not there in time, or does not answer.
         """
         wanted = self.graph.plan.states_in(self.graph.phase)
@@ -95,7 +95,7 @@ class LifecycleNodes:
         """The states of nodes, once all of them have been discovered.
 
         Raises:
-            GraphMismatchError: a node has no states.
+            GraphDifferencesError: a node has no states.
             NotReadyError: a node is not there in time, or does not say its state.
         """
         seen_s: dict[str, float] = {}
@@ -141,7 +141,7 @@ class LifecycleNodes:
         """Let a node make a transition; returns the state that it is in then.
 
         Raises:
-            GraphMismatchError: its callback did not succeed.
+            GraphDifferencesError: its callback did not succeed.
             NotReadyError: it does not answer in time.
             ProcessDiedError: its process has ended.
         """

@@ -225,19 +225,20 @@ def wait_for_external(
     Raises:
         NotReadyError: a node is missing at the deadline.
     """
-    expected = {node.name for node in plan.external if node.phase == "measure"}
-    while True:
+    missing = expected = sorted(node.name for node in plan.external if node.phase == "measure")
+
+    def are_there() -> bool:
+        nonlocal missing
         graph = supervisor.request(observer, protocol.ListGraph(), protocol.GraphSnapshot)
-        missing = sorted(expected - {*graph.nodes})
-        if not missing:
-            return
-        if deadline.over:
-            raise NotReadyError(
-                f"external: {', '.join(missing)} is not running, or not in this ROS domain",
-                hint="Start it before the run, in the same ROS domain.",
-                code="R2B649",
-            )
-        supervisor.pump(_POLL_S)
+        missing = [name for name in expected if name not in graph.nodes]
+        return not missing
+
+    if not supervisor.pump_until(are_there, deadline.left_s):
+        raise NotReadyError(
+            f"external: {', '.join(missing)} is not running, or not in this ROS domain",
+            hint="Start it before the run, in the same ROS domain.",
+            code="R2B649",
+        )
 
 
 def wait_for_probe(

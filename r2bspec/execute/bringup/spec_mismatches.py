@@ -56,7 +56,7 @@ def require_declared_parameters(ready: protocol.Ready) -> None:
     """Check that every node declares the parameters that the plan sets; ROS ignores others.
 
     Raises:
-        GraphMismatchError: a node does not declare one.
+        GraphDifferencesError: a node does not declare one.
     """
     differences = [
         undeclared_parameter(node, name, sorted(ready.parameters.get(node, ())))
@@ -229,7 +229,7 @@ def find_undeclared(
         observer: a monitor or a loader.
 
     Raises:
-        GraphMismatchError: a node does not declare a parameter that is certainly misspelt.
+        GraphDifferencesError: a node does not declare a parameter that is certainly misspelt.
         RunError: the observer does not respond.
     """
     expected = tuple(expected_parameters(plan, phase, programs))

@@ -24,7 +24,12 @@ import numpy as np
 from r2bspec.bags.bag_writer import LATENCY_TYPE, latency_message, write_output_bag
 from r2bspec.bags.recording import RecordedMessage
 from r2bspec.datasets.ground_truth import GroundTruth, read_disparity, read_ground_truth
-from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
+from r2bspec.execute.measurement.segments import (
+    PLAYBACK_ROWS,
+    SegmentHeading,
+    SegmentPlayer,
+    titled,
+)
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.execute.run_context import RunContext
 from r2bspec.ipc import protocol
@@ -48,69 +53,58 @@ _MATCH_TIMEOUT_S = 5.0
 _POLL_S = 0.05
 
 
-@dataclass(frozen=True)
-class OutputRecorder:
-    """Records one iteration of a session.
+def record_outputs(
+    plan: Plan, context: RunContext, segment_player: SegmentPlayer, rows_dir: Path
+) -> dict[str, int]:
+    """Play one iteration and record it; returns the number of messages by topic in the bag.
 
-    Attributes:
+    Args:
+        plan: of the run.
+        context: of the run.
+        segment_player: of the start that runs.
         rows_dir: receives the rows and the messages.
+
+    Raises:
+        RunError: a process does not respond, or exited.
     """
-
-    plan: Plan
-    context: RunContext
-    segment_player: SegmentPlayer
-    rows_dir: Path
-
-    def record(self) -> dict[str, int]:
-        """Play and record; returns the number of messages by topic in the bag.
-
-        Raises:
-            RunError: a process does not respond, or exited.
-        """
-        watches = recorded_topics(self.plan)
-        play = max(self.plan.play, key=lambda each: each.rate_hz)
-        at = f"{play.rate_hz:g} Hz, " if play.rate_hz else ""
-        with recorded_messages(self.context.supervisor, watches, self.rows_dir):
-            observation = self.segment_player.play_for(
-                SegmentHeading("recorded", "recorded-001", f"{at}recording the messages"),
-                play.rate_hz,
-                play.duration_ns,
+    watches = recorded_topics(plan)
+    play = max(plan.play, key=lambda each: each.rate_hz)
+    title = titled(play.rate_hz, "recording the messages")
+    with recorded_messages(context.supervisor, watches, rows_dir):
+        observation = segment_player.play_for(
+            SegmentHeading("recorded", "recorded-001", title), play.rate_hz, play.duration_ns
+        )
+    segment, playback = segment_player.segments[-1], observation.playback
+    offset_ns = began_ns = 0
+    if playback.size:
+        # Publishers that keep messages for late subscriptions send those of earlier segments.
+        began_ns = int(playback["published_ns"][0])
+        offset_ns = int(np.median(playback["stamp_ns"] - playback["published_ns"]))
+    monitors = {monitor_plan.topic: monitor_plan for monitor_plan in plan.monitors}
+    types: dict[str, str] = {}
+    streams = []
+    for watch in watches:
+        path = rows_dir / f"{watch.name}.rows"
+        if not path.exists():
+            continue
+        rows = ArrivalReader(path, MONITOR_FIELDS).read(0)
+        types[watch.topic] = watch.type
+        latency_topic = ""
+        latencies = np.full(rows.size, NO_MATCH, dtype=np.int64)
+        if (monitor := monitors.get(watch.topic)) is not None and playback.size:
+            latency_topic = f"/r2bspec/{monitor.name}/latency"
+            types[latency_topic] = LATENCY_TYPE
+            latencies = _latencies(plan, monitor, segment, playback, rows)
+        streams.append(
+            _messages(
+                *(watch.topic, latency_topic, rows, latencies),
+                rows_dir / f"{watch.name}.messages",
+                began_ns=began_ns,
+                offset_ns=offset_ns,
             )
-        return self._write_bag(watches, self.segment_player.segments[-1], observation.playback)
-
-    def _write_bag(
-        self, watches: Sequence[MonitorPlan], segment: Segment, playback: Rows
-    ) -> dict[str, int]:
-        offset_ns = began_ns = 0
-        if playback.size:
-            # Publishers that keep messages for late subscriptions send those of earlier segments.
-            began_ns = int(playback["published_ns"][0])
-            offset_ns = int(np.median(playback["stamp_ns"] - playback["published_ns"]))
-        monitors = {monitor_plan.topic: monitor_plan for monitor_plan in self.plan.monitors}
-        types: dict[str, str] = {}
-        streams = []
-        for watch in watches:
-            path = self.rows_dir / f"{watch.name}.rows"
-            if not path.exists():
-                continue
-            rows = ArrivalReader(path, MONITOR_FIELDS).read(0)
-            types[watch.topic] = watch.type
-            latency_topic = ""
-            latencies = np.full(rows.size, NO_MATCH, dtype=np.int64)
-            if (monitor := monitors.get(watch.topic)) is not None and playback.size:
-                latency_topic = f"/r2bspec/{monitor.name}/latency"
-                types[latency_topic] = LATENCY_TYPE
-                latencies = _latencies(self.plan, monitor, segment, playback, rows)
-            content = self.rows_dir / f"{watch.name}.messages"
-            streams.append(
-                _messages(
-                    *(watch.topic, latency_topic, rows, latencies, content),
-                    began_ns=began_ns,
-                    offset_ns=offset_ns,
-                )
-            )
-        merged = heapq.merge(*streams, key=lambda each: each.time_ns)
-        return write_output_bag(self.context.folder.path / OUTPUT_BAG, types, merged)
+        )
+    merged = heapq.merge(*streams, key=lambda each: each.time_ns)
+    return write_output_bag(context.folder.path / OUTPUT_BAG, types, merged)
 
 
 def recorded_topics(plan: Plan) -> tuple[MonitorPlan, ...]:
@@ -225,10 +219,10 @@ class TruthComparison:
         rows = {watch.topic: self.rows_dir / f"{watch.name}.rows" for watch in watches}
         first = PlaybackReader(self.rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS).count()
         rate_hz = _lowest_rate_hz(self.plan)
-        at = f"{rate_hz:g} Hz, " if rate_hz else ""
+        title = titled(rate_hz, "comparing with the truth")
         with recorded_messages(self.context.supervisor, watches, self.rows_dir):
             observation = self.segment_player.play(
-                SegmentHeading("recorded", "truth-001", f"{at}comparing with the truth"),
+                SegmentHeading("recorded", "truth-001", title),
                 rate_hz,
                 len(self.schedule.steps),
             )

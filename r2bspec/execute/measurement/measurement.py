@@ -24,7 +24,7 @@ import msgspec
 
 from r2bspec.execute.measurement.peak_search import PeakSearch
 from r2bspec.execute.measurement.rate_probe import MAX_FUTILE_REPLAYS, RateProber
-from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
+from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer, titled
 from r2bspec.execute.run_context import RunContext, TimeBudget
 from r2bspec.execute.states import RunState
 from r2bspec.judge.decision_policy import decide_after_look
@@ -272,11 +272,14 @@ class Measurement:
 
     def _play_once(self, play: PlayPlan, index: int, title: str, rerun_of: str = "") -> None:
         again = "-again" if rerun_of else ""
-        at = f"{play.rate_hz:g} Hz, " if play.rate_hz else ""
         name = f"rate-{play.rate_hz:g}Hz" if play.rate_hz else "iteration"
         self.segment_player.play_for(
             SegmentHeading(
-                "iteration", f"{name}-{index:03d}{again}", f"{at}{title}", index, rerun_of
+                kind="iteration",
+                id=f"{name}-{index:03d}{again}",
+                title=titled(play.rate_hz, title),
+                index=index,
+                rerun_of=rerun_of,
             ),
             play.rate_hz,
             play.duration_ns,

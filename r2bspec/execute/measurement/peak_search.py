@@ -194,16 +194,17 @@ class Overload:
         """
         if self.capacity is None:
             return None
-        upper_hz = max(self.capacity.upper_hz, self.capacity.hz * (1 + self.precision / 2))
-        return upper_hz / (1 - self.loss) if self.loss < 1 else None
+        return self._bound_hz(self.capacity) / (1 - self.loss) if self.loss < 1 else None
 
     @property
     def lower_hz(self) -> float | None:
         """Where the lower end of the bracket should be, to be proven."""
         if self.capacity is None:
             return None
-        upper_hz = max(self.capacity.upper_hz, self.capacity.hz * (1 + self.precision / 2))
-        return min(self.capacity.lower_hz, upper_hz / (1 + self.precision))
+        return min(self.capacity.lower_hz, self._bound_hz(self.capacity) / (1 + self.precision))
+
+    def _bound_hz(self, capacity: Capacity) -> float:
+        return max(capacity.upper_hz, capacity.hz * (1 + self.precision / 2))
 
 
 _STRIDE_GROWTH = 4.0

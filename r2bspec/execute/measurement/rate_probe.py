@@ -304,7 +304,7 @@ class _InterimMonitor:
 
     def __post_init__(self) -> None:
         looks = plan_interim_looks(self.limit_s)
-        # A self.play that nothing ends before its time has one look.
+        # A play that nothing ends before its time has one look.
         self._looks = looks if self.play.ends_on else (InterimLook(self.limit_s, 1.0),)
 
     def watch(self, observation: SegmentObservation, elapsed_s: float) -> bool:

@@ -81,10 +81,15 @@ class SegmentHeading:
     rerun_of: str = ""
 
 
+def titled(rate_hz: float, text: str) -> str:
+    """The title of a segment; a rate of 0, which is that of the recording, is not named."""
+    return f"{rate_hz:g} Hz, {text}" if rate_hz else text
+
+
 class SegmentPlayer:
     """Plays segments with the player, the monitors and their sample files.
 
-    Without a player it can only record (`r2bspec.execute.measurement.segments`).
+    Without a player it can only record (`LiveSegmentWatcher`).
 
     Attributes:
         segments: all that have been played.

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import contextlib
 import heapq
+import itertools
 import math
 import os
 import re
@@ -97,9 +98,8 @@ class InterferenceReader:
 
     def read(self) -> InterferenceReading:
         """The current values of the counters."""
-        times = psutil.cpu_times(percpu=True)
-        # A core that was taken offline has no line.
-        ours = {core: times[core] for core in self._cores if core < len(times)}
+        times = dict(zip(_cores_online(), psutil.cpu_times(percpu=True), strict=False))
+        ours = {core: times[core] for core in self._cores if core in times}
         used_s = {core: busy_seconds(of_core) for core, of_core in ours.items()}
         self._count_cycles(used_s)
         quota = _largest(_QUOTA, self._quota_files)
@@ -120,6 +120,13 @@ class InterferenceReader:
             if grown_s > 0 and not math.isnan(self._cycles):
                 self._cycles += grown_s * _counted(_FREQUENCY, Path(self._frequency.format(core)))
         self._used_s = used_s
+
+
+def _cores_online() -> list[int]:
+    """The numbers of the cores in the order of psutil, which leaves out those that are offline."""
+    with Path(psutil.PROCFS_PATH, "stat").open() as file:
+        lines = itertools.takewhile(lambda line: line.startswith("cpu"), file)
+        return [int(line.split(maxsplit=1)[0][3:]) for line in lines if line[3].isdigit()]
 
 
 def busy_seconds(times: psutil._ntuples.scputimes) -> float:

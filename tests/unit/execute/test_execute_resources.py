@@ -286,6 +286,19 @@ def test_this_machine() -> None:
         assert math.isnan(before) or after >= before
 
 
+def test_cores_are_known_by_their_numbers_where_others_are_offline(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """psutil leaves out what is offline: of cores 0, 2 and 3, the second is core 2."""
+    cores = {0: 1, 2: 20, 3: 300}
+    lines = [f"cpu{number} {100 * busy} 0 0 0 0 0 0 0 0 0" for number, busy in cores.items()]
+    write_files(tmp_path, {"stat": "\n".join(["cpu  0 0 0 0 0 0 0 0 0 0", *lines, "intr 5", ""])})
+    monkeypatch.setattr(psutil, "PROCFS_PATH", str(tmp_path))
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {1, 2})
+    ticks = os.sysconf("SC_CLK_TCK")
+    assert InterferenceReader(tmp_path).read().busy_s == pytest.approx(2000 / ticks)
+
+
 def frequency_file(core: int) -> str:
     return f"sys/devices/system/cpu/cpu{core}/cpufreq/scaling_cur_freq"
 

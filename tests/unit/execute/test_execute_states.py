@@ -202,6 +202,22 @@ def test_a_signal_that_came_before_long_work_keeps_it_from_beginning() -> None:
             pytest.fail("it began")
 
 
+def test_a_signal_that_comes_as_long_work_begins_ends_it_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with Interrupts() as interrupts:
+        check = interrupts.check
+
+        def check_before_a_signal() -> None:
+            monkeypatch.undo()
+            check()
+            os.kill(os.getpid(), signal.SIGTERM)
+
+        monkeypatch.setattr(interrupts, "check", check_before_a_signal)
+        with pytest.raises(InterruptedRunError), interrupts.immediate():
+            pytest.fail("it began")
+
+
 def test_after_long_work_signals_wait_again() -> None:
     with Interrupts() as interrupts:
         with interrupts.immediate():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import signal
 from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
@@ -281,3 +282,15 @@ def test_runs_that_no_client_has_are_removed_last(tmp_path: Path) -> None:
     assert (store.root / "spool" / "run").exists()
     assert not (store.root / "work" / "bundle").exists()
     assert not (store.root / "objects" / "file").exists()
+
+
+def test_a_worker_that_ends_while_files_are_placed_begins_no_run(tmp_path: Path) -> None:
+    store = HostStore(tmp_path / "host")
+    with store.locked() as lock:
+        assert lock is not None
+        service = HostService(FACTS, store, lock)
+        spool = store.spool("0" * 32)
+        spool.mkdir()
+        service.close()
+        # Its job is missing: it would end with a traceback, if nothing ended it before.
+        assert service._run_child(spool, tmp_path) == -signal.SIGTERM

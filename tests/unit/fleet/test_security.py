@@ -317,7 +317,7 @@ def test_a_journal_is_continued_after_a_line_that_was_cut_off(tmp_path: Path) ->
         Journal(tmp_path)
     first.close()
     with (tmp_path / JOURNAL_FILE).open("ab") as file:
-        file.write(b'{"at":"2026","run":"a/re\n')
+        file.write(b'{"at":"2026","run":"a/re')
     again = Journal(tmp_path)
     again.write(run="a/relay", host="a", identity="1", attempt=1, state="done")
     again.close()
