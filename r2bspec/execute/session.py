@@ -123,7 +123,6 @@ class Session:
         self.start = start
         self.confirms = confirms
         self._is_later = is_later
-        self._has_schedule = schedule is not None
         self.schedule: Schedule = schedule or CyclicSchedule(steps=())
         measured = plan.processes_in(MEASURE_PHASE)
         self._parts = harness_processes.HarnessProcesses(launcher, measured)
@@ -332,11 +331,10 @@ class Session:
         Raises:
             ProcessFailedError: a recorded message on /tf is damaged.
         """
-        if not self._has_schedule:
+        if not self.schedule.steps:
             self.schedule, self.unplayed = build_schedule(
                 self._plan, self._buffer_dir, ready.headers, self._context.note
             )
-            self._has_schedule = True
         try:
             self._launcher.configure(player, protocol.LoadSchedule(schedule=self.schedule))
         except ValueError as error:

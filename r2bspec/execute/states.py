@@ -16,7 +16,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from enum import StrEnum
 from types import FrameType, MappingProxyType
 from typing import Any, Final
@@ -93,49 +93,43 @@ class RunState(StrEnum):
     """All processes end."""
 
 
-_AFTERWARDS = frozenset(
-    {
-        RunState.RECORD,
-        RunState.TRUTH,
-        RunState.CONFIRM,
-        RunState.PROFILE,
-        RunState.ANATOMY,
-        RunState.COLLECT,
-    }
+_AFTERWARDS: Final = frozenset(
+    (
+        *(RunState.RECORD, RunState.TRUTH, RunState.CONFIRM),
+        *(RunState.PROFILE, RunState.ANATOMY, RunState.COLLECT),
+    )
 )
 
 _FAILED_LATER: Final = frozenset({RunState.ANATOMY, RunState.COLLECT})
 """A start with a profiler, or observed from inside, that fails costs no verdict."""
 
-NEXT: Final[Mapping[RunState, frozenset[RunState]]] = MappingProxyType(
+NEXT: Final[Mapping[RunState, Set[RunState]]] = MappingProxyType(
     {
-        RunState.PREPARE: frozenset({RunState.SETUP, RunState.LOAD, RunState.START}),
-        RunState.SETUP: frozenset({RunState.LOAD, RunState.START}),
-        RunState.LOAD: frozenset({RunState.PREPROCESS, RunState.START}),
-        RunState.PREPROCESS: frozenset({RunState.START}),
-        RunState.START: frozenset({RunState.OVERHEAD, RunState.GRAPH}) | _FAILED_LATER,
-        RunState.OVERHEAD: frozenset({RunState.GRAPH}),
-        RunState.GRAPH: frozenset(
-            {RunState.CONFIGURE, RunState.ACTIVATE, RunState.READY, RunState.AFTER_READY}
-            | {RunState.WARM_UP}
-        )
-        | _FAILED_LATER,
-        RunState.CONFIGURE: frozenset({RunState.ACTIVATE, RunState.GRAPH}) | _FAILED_LATER,
-        RunState.ACTIVATE: frozenset({RunState.GRAPH}) | _FAILED_LATER,
-        RunState.READY: frozenset({RunState.AFTER_READY, RunState.WARM_UP}) | _FAILED_LATER,
-        RunState.AFTER_READY: frozenset({RunState.WARM_UP}) | _FAILED_LATER,
+        RunState.PREPARE: {RunState.SETUP, RunState.LOAD, RunState.START},
+        RunState.SETUP: {RunState.LOAD, RunState.START},
+        RunState.LOAD: {RunState.PREPROCESS, RunState.START},
+        RunState.PREPROCESS: {RunState.START},
+        RunState.START: {RunState.OVERHEAD, RunState.GRAPH, *_FAILED_LATER},
+        RunState.OVERHEAD: {RunState.GRAPH},
+        RunState.GRAPH: {
+            *(RunState.CONFIGURE, RunState.ACTIVATE, RunState.READY, RunState.AFTER_READY),
+            *(RunState.WARM_UP, *_FAILED_LATER),
+        },
+        RunState.CONFIGURE: {RunState.ACTIVATE, RunState.GRAPH, *_FAILED_LATER},
+        RunState.ACTIVATE: {RunState.GRAPH, *_FAILED_LATER},
+        RunState.READY: {RunState.AFTER_READY, RunState.WARM_UP, *_FAILED_LATER},
+        RunState.AFTER_READY: {RunState.WARM_UP, *_FAILED_LATER},
         # A start with a profiler has none of these three, nor one with nothing left to measure.
-        RunState.WARM_UP: frozenset({RunState.SEARCH, RunState.SUSTAINED, RunState.PLAY})
-        | _AFTERWARDS,
-        RunState.SEARCH: frozenset({RunState.SUSTAINED, RunState.PLAY}) | _AFTERWARDS,
-        RunState.SUSTAINED: frozenset({RunState.PLAY}) | _AFTERWARDS,
-        RunState.PLAY: frozenset({RunState.START}) | _AFTERWARDS,
-        RunState.RECORD: _AFTERWARDS - {RunState.RECORD},
-        RunState.TRUTH: _AFTERWARDS - {RunState.RECORD, RunState.TRUTH},
-        RunState.CONFIRM: frozenset({RunState.START}),
-        RunState.PROFILE: frozenset({RunState.START}) | _FAILED_LATER,
-        RunState.ANATOMY: frozenset({RunState.START, RunState.COLLECT}),
-        RunState.COLLECT: frozenset(),
+        RunState.WARM_UP: {RunState.SEARCH, RunState.SUSTAINED, RunState.PLAY, *_AFTERWARDS},
+        RunState.SEARCH: {RunState.SUSTAINED, RunState.PLAY, *_AFTERWARDS},
+        RunState.SUSTAINED: {RunState.PLAY, *_AFTERWARDS},
+        RunState.PLAY: {RunState.START, *_AFTERWARDS},
+        RunState.RECORD: {*_AFTERWARDS} - {RunState.RECORD},
+        RunState.TRUTH: {*_AFTERWARDS} - {RunState.RECORD, RunState.TRUTH},
+        RunState.CONFIRM: {RunState.START},
+        RunState.PROFILE: {RunState.START, *_FAILED_LATER},
+        RunState.ANATOMY: {RunState.START, RunState.COLLECT},
+        RunState.COLLECT: set(),
     }
 )
 """Which states can follow each."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 import socket
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Annotated, Final, NamedTuple
 
 import msgspec
@@ -118,8 +119,6 @@ def describe_host(
 
 
 def _warnings() -> dict[str, str]:
-    from pathlib import Path
-
     from r2bspec.doctor.all_checks import examine
     from r2bspec.doctor.checkup import System
 
