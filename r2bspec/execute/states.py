@@ -94,10 +94,14 @@ class RunState(StrEnum):
 
 
 _AFTERWARDS: Final = frozenset(
-    (
-        *(RunState.RECORD, RunState.TRUTH, RunState.CONFIRM),
-        *(RunState.PROFILE, RunState.ANATOMY, RunState.COLLECT),
-    )
+    {
+        RunState.RECORD,
+        RunState.TRUTH,
+        RunState.CONFIRM,
+        RunState.PROFILE,
+        RunState.ANATOMY,
+        RunState.COLLECT,
+    }
 )
 
 _FAILED_LATER: Final = frozenset({RunState.ANATOMY, RunState.COLLECT})
@@ -112,8 +116,12 @@ NEXT: Final[Mapping[RunState, Set[RunState]]] = MappingProxyType(
         RunState.START: {RunState.OVERHEAD, RunState.GRAPH, *_FAILED_LATER},
         RunState.OVERHEAD: {RunState.GRAPH},
         RunState.GRAPH: {
-            *(RunState.CONFIGURE, RunState.ACTIVATE, RunState.READY, RunState.AFTER_READY),
-            *(RunState.WARM_UP, *_FAILED_LATER),
+            RunState.CONFIGURE,
+            RunState.ACTIVATE,
+            RunState.READY,
+            RunState.AFTER_READY,
+            RunState.WARM_UP,
+            *_FAILED_LATER,
         },
         RunState.CONFIGURE: {RunState.ACTIVATE, RunState.GRAPH, *_FAILED_LATER},
         RunState.ACTIVATE: {RunState.GRAPH, *_FAILED_LATER},

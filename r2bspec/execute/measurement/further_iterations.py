@@ -97,7 +97,10 @@ def record_outputs(
             latencies = _latencies(plan, monitor, segment, playback, rows)
         streams.append(
             _messages(
-                *(watch.topic, latency_topic, rows, latencies),
+                watch.topic,
+                latency_topic,
+                rows,
+                latencies,
                 rows_dir / f"{watch.name}.messages",
                 began_ns=began_ns,
                 offset_ns=offset_ns,
