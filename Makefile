@@ -11,7 +11,7 @@ comma := ,
 EXTRAS := $(if $(HAVE_ROS),vision,ros$(comma)vision),report
 
 .DEFAULT_GOAL := help
-.PHONY: help demo suite test install install-dev lint types imports unit coverage ros fuzz nightly generated bench clean
+.PHONY: help demo suite test install install-dev lint types imports unit robustness coverage ros fuzz nightly generated bench clean
 
 help:
 	@echo "make demo      install, then run specs/apriltag_node.r2b.yaml on real ROS 2"
@@ -39,8 +39,8 @@ suite: install
 
 # Tests on ROS 2 wait for half of their time. The others, at a lower priority, have what they leave.
 test: install-dev lint types imports
-	@echo "make unit and make ros at once; the output of each comes when it ends"
-	@$(MAKE) --jobs=2 --output-sync=target unit ros PRIORITY='nice -n 10'
+	@echo "make ros, and beside it make unit and make robustness; the output of each comes when it ends"
+	@$(MAKE) --jobs=2 --output-sync=line ros unit robustness PRIORITY='nice -n 10'
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -68,10 +68,16 @@ imports: install-dev
 	$(BIN)/lint-imports
 
 # Three at a time on two processors: a quarter of their time they wait for other processes.
-unit: install-dev
-	$(PRIORITY) $(BIN)/pytest -n $$(( ($$(nproc) * 3 + 1) / 2 )) tests --ignore=tests/ros --ignore=tests/fault --ignore=tests/fleet
+PYTEST = $(PRIORITY) $(BIN)/pytest -n $$(( ($$(nproc) * 3 + 1) / 2 ))
 
-# Apart from `unit`, which it would make half as long again.
+unit: install-dev
+	$(PYTEST) tests/unit tests/property tests/golden tests/mutation tests/editors
+
+# Simulated runs of known truth, what strangers write, and pages in a browser.
+robustness: install-dev
+	$(PYTEST) tests/simulation tests/fuzz tests/browser
+
+# Apart from both, which it would make half as long again.
 coverage: install-dev
 	$(BIN)/pytest tests --ignore=tests/ros --ignore=tests/fault --ignore=tests/fleet --cov --cov-report=term:skip-covered
 
@@ -83,7 +89,7 @@ ros: install-dev
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder tests/fleet
 
 # Every reader of what strangers write, two at a time. What is not answered cleanly is written to
-# tests/fuzz/corpus, which `unit` plays. The same inputs each time; SEED=0 tries others.
+# tests/fuzz/corpus, which `robustness` plays. The same inputs each time; SEED=0 tries others.
 SECONDS ?= 30
 SEED ?= 1
 
