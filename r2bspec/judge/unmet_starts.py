@@ -57,7 +57,7 @@ _WORSE_BY: Final = 0.2
 _NOTED_CONFIDENCE: Final = 0.8
 
 _HOURS_DIFFER_BY: Final = 0.07
-"""Two standard deviations of simulated hours, and a little (docs/proofs/verdicts.md)."""
+"""Two and a half standard deviations of simulated hours (docs/proofs/verdicts.md)."""
 
 _HOURS_LOSE_BY: Final = 4.0
 """Times as many: what they make of a share of 1 % where messages scatter by 10 %."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+import os
 import random
 import sqlite3
 from collections.abc import Callable
@@ -69,8 +70,8 @@ def _of_version(folder: Path, version: int) -> Path:
     return bag
 
 
-def _odd_name(folder: Path) -> Path:
-    return write_bag(folder, MESSAGES).rename(folder.with_name("100 % #1? bag"))
+def _named(folder: Path, name: bytes) -> Path:
+    return write_bag(folder, MESSAGES).rename(folder.with_name(os.fsdecode(name)))
 
 
 def _without_index(folder: Path) -> Path:
@@ -107,7 +108,8 @@ FORMS: dict[str, Callable[[Path], Path]] = {
     ),
     "sqlite3, alone": lambda at: _alone(write_bag(at, MESSAGES)),
     "sqlite3, alone, by message": lambda at: _alone(write_bag(at, MESSAGES, compression="message")),
-    "sqlite3, odd name": _odd_name,
+    "sqlite3, odd name": lambda at: _named(at, b"100 % #1? bag"),
+    "sqlite3, name that is not UTF-8": lambda at: _named(at, b"caf\xe9"),
     "sqlite3, linked": _linked,
     "mcap": lambda at: write_bag(at, MESSAGES, storage="mcap"),
     "mcap, by chunk": lambda at: write_bag(at, MESSAGES, storage="mcap", compression="storage"),

@@ -304,6 +304,8 @@ class TestWhatItSays:
             ("latency.p90 < 21 ms", "met by at least 4.5 %. 16 starts would have room."),
             ("latency.mean < 20.8 ms", "met by at least 3.7 %. 8 starts would have room."),
             ("latency.p50 < 21 ms", "another hour on this machine may be slower by as much."),
+            ("latency.p50 < 21.4 ms", "another hour on this machine may be slower by as much."),
+            ("latency.p50 < 21.6 ms", ""),
             ("latency.mean < 20.005 ms", "another hour on this machine may be faster by as much."),
             ("latency.mean < 25 ms", ""),
             ("latency.p50 < 26 ms", ""),
