@@ -99,7 +99,7 @@ fuzz: install-dev
 # Every test at its full size: whole simulations, every kind of pull request through every recipe,
 # fleets under kills. Hours; before a release, and where a pipeline asks for it.
 nightly: export R2BSPEC_NIGHTLY := 1
-nightly: test
+nightly: install-dev lint types imports unit robustness ros
 	$(MAKE) fuzz SECONDS=3600 SEED=0
 
 # Read the difference before it is committed: a golden is what somebody wanted.
