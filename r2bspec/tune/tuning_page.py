@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 _FURTHEST: Final = 4.0
 """Of a limit; what is further beyond, such as lost messages, is drawn there."""
 
+_LOGARITHMIC_FROM: Final = 2.0
+"""The ratio of the furthest requirements from which on their axis is logarithmic: on a shorter one
+it would have a single number."""
+
 _BAR_IN: Final = 0.28
 _FRAME_IN: Final = 0.9
 _MAX_NAME: Final = 60
@@ -101,8 +105,10 @@ def _trade_off(result: TuningResult, measured: Sequence[Trial]) -> chart.Chart:
                 ink = chart.PALETTE[_COLOURS[state]]
                 label = wording.STATE_WORDS[state].partition(" ")[2]
                 axes.scatter(*zip(*seen, strict=True), color=ink, marker=_MARKS[state], label=label)
-        axes.set_xscale("log")
-        chart.plain_numbers(axes.xaxis)
+        places = [place for place, _ in points.values()]
+        if max(100, *places) > _LOGARITHMIC_FROM * min(100, *places):
+            axes.set_xscale("log")
+            chart.plain_numbers(axes.xaxis)
         axes.margins(x=0.12, y=0.15)
         axes.set_xlabel("furthest requirement, % of its limit")
         axes.set_ylabel(printable(clip(f"{result.goal}, {unit}", _MAX_NAME)))
@@ -140,11 +146,13 @@ def _mark(
         at = points[trial.number]
         is_winner = result.is_proved and trial.deployment == result.winner
         if trial.number == 0 or is_winner:
-            name = "today" if trial.number == 0 else f"{trial.number}, proposed"
             axes.scatter(*at, s=110, facecolors="none", edgecolors=ink, linewidths=1.2)
-            chart.write(axes, name, at, (-8, -4), ink, ha="right")
+            if trial.number == 0:
+                chart.write(axes, "today", at, (-8, -4), ink, ha="right")
+            else:
+                chart.write(axes, f"{trial.number}, proposed", at, (8, -4), ink)
         elif at in front:
-            chart.write(axes, str(trial.number), at, (6, 4), chart.PALETTE["quiet"])
+            chart.write(axes, str(trial.number), at, (0, -12), chart.PALETTE["quiet"], ha="center")
 
 
 def _pareto(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
