@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -66,11 +67,12 @@ def command(
 
         echo_json(msgspec.to_builtins(found))
     else:
-        _show(found, run)
+        own_hz = {each.at.si for each in prepared.plan.objectives.values() if each.at is not None}
+        _show(found, run, own_hz)
     return ExitStatus.OK
 
 
-def _show(found: Prediction, run: Path) -> None:
+def _show(found: Prediction, run: Path, own_hz: Collection[float]) -> None:
     from r2bspec.judge.measure.units import show
 
     echo(f"{found.name} on {pluralize(found.cores, 'core')}, predicted from {run}")
@@ -88,6 +90,8 @@ def _show(found: Prediction, run: Path) -> None:
     print_table(("offered", "busiest thread", "metric", "predicted", "90 % interval"), rows, (0, 3))
     if found.requirements:
         echo()
+    if own_hz and any(each.rate_hz not in {None, *own_hz} for each in found.requirements):
+        echo("The requirements of the spec, asked at these rates in place of their own:")
     for required in found.requirements:
         at = f" at {show(required.rate_hz, 'Hz')}" if required.rate_hz else ""
         echo(f"{required.answer:<10}  {required.objective}: {required.text}{at}  {required.reason}")

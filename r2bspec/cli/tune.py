@@ -107,6 +107,7 @@ def command(
     from r2bspec.fleet.uniform_hosts import uniform_hosts
     from r2bspec.report.progress import shown_progress
     from r2bspec.report.terminal import standard_output
+    from r2bspec.tune.machine import goal_of
     from r2bspec.tune.run_search import PATCH_FILE, require_extra, tune
     from r2bspec.tune.search import SearchSettings
     from r2bspec.tune.trials import Player, ThisHost
@@ -123,6 +124,7 @@ def command(
         pairs=pairs or declared.pairs,
         seed=seed,
     )
+    goal_of(prepared.plan, minimize or declared.minimize)  # before the wait for the host
     folder = output or api.default_run_folder(f"{prepared.plan.name}-tune")
     with contextlib.ExitStack() as opened:
         player: Player = ThisHost(Progress())

@@ -25,12 +25,20 @@ from r2bspec.plan.process_plans import (
     reserved_names,
 )
 from r2bspec.plan.tuning_space import Setting
+from r2bspec.plan.wiring.python_source import StartStyle
 from r2bspec.plan.wiring.wiring import NodeWiring, Wiring
 
 _MAX_GROUPINGS: Final = 4
 """Groupings by topics that are proposed, of all between no node and every node in a container."""
 
 _SHOWN_NODES: Final = 4
+
+_ALONE: Final[Mapping[StartStyle, str]] = {
+    "ros_arguments": "a constructor without **kwargs that it passes to Node starts in a process of "
+    "its own",
+    "main": "what initialises ROS itself runs in a process of its own",
+}
+"""Why code can share no process, by the style of its start."""
 
 _LARGE: Final = 1_000_000
 _TYPICAL_BYTES: Final[Mapping[str, int]] = {
@@ -79,6 +87,8 @@ def find_placements(
         by_containers: whether nodes may change their containers, and containers be added.
     """
     finder = _Finder(spec, wiring)
+    if by_placement or by_containers:
+        finder.note_those_alone()
     proposed: list[_Change] = []
     if by_placement:
         proposed += finder.whole_graph()
@@ -108,6 +118,17 @@ class _Finder:
         sharing = [node for node in wiring.measure.nodes if node.shares_process]
         self._loose = [node for node in sharing if node.node.container not in spec.containers]
         self._contained = [node for node in sharing if node.node.container in spec.containers]
+
+    def note_those_alone(self) -> None:
+        """Say of which Python nodes the code keeps them in a process of their own."""
+        for style, why in _ALONE.items():
+            nodes = [
+                node.key
+                for node in self._wiring.measure.nodes
+                if node.node.kind.shares_process and node.start.style == style
+            ]
+            if nodes:
+                self._leave_out(f"{_names(nodes)} with others", why)
 
     def whole_graph(self) -> Iterator[_Change]:
         """The other values of `graph.placement`, but for the process of the harness."""

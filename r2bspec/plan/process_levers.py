@@ -96,7 +96,9 @@ class ProcessLevers:
         now = process.settings
         if process.plan.role == "container" and isinstance(now, Container):
             yield self._component_executor(process, now)
-        elif process.plan.role == "host" and not process.own_executor:
+        elif process.plan.role == "host" and process.own_executor:
+            self.left_out.append(f"threads of {process.name}: its program has its own executor")
+        elif process.plan.role == "host":
             ways = {_executor_text("single_threaded", 0): ("single_threaded", 0)}
             default = now.executor == "multi_threaded" and not now.threads
             for count in self._thread_counts(default=default):

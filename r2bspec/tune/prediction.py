@@ -156,9 +156,15 @@ def _at_rate(
         holds = peak.low is not None and rate_hz < peak.low
         answer: Answer = "would not" if overloads else "would hold" if holds else "not known"
         return answer, f"peak.rate {_range(peak, 'Hz')}"
+    quantile = quantile_of(metric.rpartition(".")[2])
+    if not asked and quantile is not None and metric.startswith("latency."):
+        asked = [
+            each
+            for each in _between(quantile, rate_hz, latencies)
+            if first not in monitors or each.monitor == first
+        ]
     if not asked or required.windows_share is not None:
         return "not known", "the model says nothing of this metric"
-    quantile = quantile_of(metric.rpartition(".")[2])
     if overloads and required.op in {"<", "<="} and quantile is not None:
         # With a short queue, those that are not lost may be as fast as ever.
         late = 1 - (peak.high or 0.0) / rate_hz
@@ -168,6 +174,26 @@ def _at_rate(
     answers = dict(reversed([_compared(required, each.estimate, "s") for each in asked]))
     worst = next(each for each in ("would not", "not known", "would hold") if each in answers)
     return worst, answers[worst]
+
+
+def _between(
+    quantile: float, rate_hz: float, latencies: Sequence[LatencyPrediction]
+) -> Iterator[LatencyPrediction]:
+    """What those that are predicted say of another percentile: it lies between them."""
+    of_monitor: dict[str, dict[float, LatencyPrediction]] = {}
+    for each in latencies:
+        known = quantile_of(each.metric.rpartition(".")[2])
+        if known is not None and math.isclose(each.rate_hz, rate_hz):
+            of_monitor.setdefault(each.monitor, {})[known] = each
+    for known_ones in of_monitor.values():
+        below = max((at for at in known_ones if at <= quantile), default=None)
+        above = min((at for at in known_ones if at >= quantile), default=None)
+        ends = [known_ones[at].estimate for at in (below, above) if at is not None]
+        unknown = next((end.reason for end in ends if end.low is None), "")
+        low = known_ones[below].estimate.low if below is not None else 0.0
+        high = known_ones[above].estimate.high if above is not None else math.inf
+        estimate = Estimate(reason=unknown) if unknown else Estimate(low=low, high=high)
+        yield msgspec.structs.replace(next(iter(known_ones.values())), estimate=estimate)
 
 
 def _compared(required: Requirement, estimate: Estimate, unit: str) -> tuple[Answer, str]:
@@ -187,4 +213,6 @@ def _range(estimate: Estimate, unit: str) -> str:
     """The interval; why it is not known where it is not."""
     if estimate.low is None or estimate.high is None:
         return estimate.reason
+    if math.isinf(estimate.high):
+        return f"more than {show(estimate.low, unit)}"
     return f"{show(estimate.low, unit)} … {show(estimate.high, unit)}"

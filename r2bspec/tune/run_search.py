@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,6 +16,7 @@ from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.plan.canonical_json import plan_hash
+from r2bspec.plan.plan import Plan
 from r2bspec.plan.tuning_space import Deployment, assignment
 from r2bspec.record.files import FolderTakenError, write_atomically
 from r2bspec.record.graph_identity import GraphIdentity, identity_differences
@@ -160,6 +161,7 @@ def tune(
         plan=plan_hash(prepared.plan),
         identity=graph_identity(prepared.plan, prepared.base_dir),
         machine_class=player.class_text,
+        notes=tuple(_not_judged(prepared.plan)),
     )
     earlier = None
     if resume:
@@ -187,6 +189,14 @@ def tune(
     return result
 
 
+def _not_judged(plan: Plan) -> Iterator[str]:
+    """The requirements that no trial and no pair is judged by."""
+    for name, objective in plan.objectives.items():
+        for each in objective.require:
+            if objective.level == "error" and each.bound is not None and each.bound.of_baseline:
+                yield f"{name}: {each.text} is not judged: a search has no baseline."
+
+
 def _check_same(now: TuningResult, earlier: TuningResult, folder: Path) -> None:
     """See that the trials of an earlier call say something of what is searched now.
 
@@ -204,9 +214,11 @@ def _check_same(now: TuningResult, earlier: TuningResult, folder: Path) -> None:
         what = f"other code: {change} since then"
     else:
         return
+    patch = folder / PATCH_FILE
+    undo = f" 'git apply -R {patch}' undoes what --write has changed." if patch.exists() else ""
     raise UsageError(
         f"the search in {folder} was for {what}",
-        hint="Give the spec and the values that it was started with, or a new --output.",
+        hint=f"Give the spec and the values that it was started with, or a new --output.{undo}",
     )
 
 

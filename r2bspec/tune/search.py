@@ -64,8 +64,7 @@ _RULED_OUT: Final = 20
 """Deployments in a row that a model rules out; the next is tried whatever the model says."""
 
 _MET_TODAY: Final = (
-    "Its own runs show that today's deployment meets the objectives; "
-    "none was found that costs less."
+    "Its own runs show that today's deployment meets the objectives; none is shown to cost less."
 )
 
 _NOT_ENDED: Final = "The search has not ended."
@@ -146,7 +145,7 @@ class Search:
         before = earlier or blank
         self._trials = list(before.trials)
         self._proofs = before.proofs
-        self._notes: list[str] = []
+        self._notes = [*blank.notes]
         self._predicted: list[str] = []
         self._own: Pairs | None = None
         self._began_s = machine.now() - before.duration_s
@@ -304,7 +303,8 @@ class Search:
         while played < _RACE_ROUNDS and len(racing) > 1:
             if self._left_s() < self._round_s(len(racing)) + self._proof_s(race=False):
                 self._notes.append(
-                    f"The time allowed {played} of {_RACE_ROUNDS} rounds of the race."
+                    f"The race had {played} of {_RACE_ROUNDS} rounds: the rest of the time was "
+                    "kept for the proof."
                 )
                 break
             names = ", ".join(str(each.trial.number) for each in racing)
@@ -605,7 +605,8 @@ class Search:
                 *self._notes,
                 f"No other proof was made, so the claim is that of the earlier call: {reason}",
             )
-            result = msgspec.structs.replace(self._standing, notes=notes, **self._limits)
+            once = tuple(dict.fromkeys(notes))
+            result = msgspec.structs.replace(self._standing, notes=once, **self._limits)
         else:
             result = msgspec.structs.replace(
                 self._result, outcome=outcome, reason=reason, notes=tuple(self._notes)

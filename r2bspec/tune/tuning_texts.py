@@ -278,9 +278,14 @@ def facts(result: TuningResult) -> str:
     budget = f" of {time_text(result.budget_s)}" if result.budget_s else ""
     tried = (
         f"{len(result.trials):,} of {result.space.size:,} deployments tried in "
-        f"{time_text(result.duration_s)}{budget}"
+        f"{_spent_text(result.duration_s)}{budget}"
     )
     return " · ".join(filter(None, (tried, f"seed {result.seed}", *machine, result.started_at)))
+
+
+def _spent_text(seconds: float) -> str:
+    """A time that has gone by: not rounded up, as what is expected is."""
+    return f"{seconds / 60:.1f} min" if seconds >= 60 else f"{seconds:.0f} s"
 
 
 def remarks(result: TuningResult) -> Iterator[tuple[str, Sequence[str]]]:

@@ -255,6 +255,43 @@ def test_of_many_nodes_few_have_levers() -> None:
     assert any("processes have no levers of their own" in why for why in space.left_out)
 
 
+NODE_FILE = """
+import rclpy
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+
+
+class Plain(Node):
+    def __init__(self):
+        super().__init__("plain")
+
+
+def main():
+    rclpy.init()
+    rclpy.spin(Plain())
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "reasons"),
+    [
+        ("Plain", ["graph.placement, first with others: a constructor without **kwargs"]),
+        ("main", ["graph.placement, first with others: what initialises", "threads of first: "]),
+    ],
+)
+def test_code_that_shares_no_process_is_left_out(
+    name: str, reasons: list[str], tmp_path: Path
+) -> None:
+    (tmp_path / "nodes.py").write_text(NODE_FILE)
+    spec = tmp_path / "x.r2b.yaml"
+    ends = "subscribes: {image: sensor_msgs/msg/Image}, publishes: {between: sensor_msgs/msg/Image}"
+    first = f"    first: {{python: './nodes.py:{name}', {ends}}}\n"
+    before, second = CHAIN.split("    first:\n")
+    spec.write_text(before + first + second[second.index("    second:") :])
+    left_out = space_of(spec).left_out
+    assert all(any(why.startswith(reason) for why in left_out) for reason in reasons), left_out
+
+
 def test_what_is_refused_is_left_out() -> None:
     def setting(name: str) -> Setting:
         return Setting(text=name, sets=(name,))

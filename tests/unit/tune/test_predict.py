@@ -165,6 +165,15 @@ def test_a_rate_above_the_peak_is_ruled_out_and_one_near_it_is_not_known(
     required = {
         "fast": objective("latency.p99 < 40 ms", at="400 Hz"),
         "slow": objective("latency.p99 < 200 ms", "latency.p50 < 2 ms", "sustained", at="40 Hz"),
+        # Between those that are predicted, below and beyond them.
+        "others": objective(
+            "latency.p90 < 200 ms",
+            "latency.p95 < 2 ms",
+            "latency.p10 < 200 ms",
+            "latency.p99_9 < 2 ms",
+            "latency.p99_9 < 200 ms",
+            at="40 Hz",
+        ),
         "whole": objective("peak.rate >= 100 Hz", "cpu.mean < 50 %"),
     }
     found = predictor.predict(plan_of(CHAIN_GRAPH, chain_run, objectives=required))
@@ -174,6 +183,11 @@ def test_a_rate_above_the_peak_is_ruled_out_and_one_near_it_is_not_known(
         ("slow", "latency.p99 < 200 ms"): "would hold",
         ("slow", "latency.p50 < 2 ms"): "would not",
         ("slow", "sustained"): "would hold",
+        ("others", "latency.p90 < 200 ms"): "would hold",
+        ("others", "latency.p95 < 2 ms"): "would not",
+        ("others", "latency.p10 < 200 ms"): "would hold",
+        ("others", "latency.p99_9 < 2 ms"): "would not",
+        ("others", "latency.p99_9 < 200 ms"): "not known",
         ("whole", "peak.rate >= 100 Hz"): "would hold",
         ("whole", "cpu.mean < 50 %"): "not known",
     }

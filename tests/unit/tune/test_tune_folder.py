@@ -170,11 +170,22 @@ def test_trials_of_another_spec_are_not_gone_on_with(searches: Searches, change:
     with pytest.raises(UsageError, match="was for another load, graph or objectives") as refused:
         searches.run(cheaper, resume=True, sets=CHANGES[change])
     assert "--output" in refused.value.hint
+    assert "git apply -R" not in refused.value.hint
+    (searches.folder / run_search.PATCH_FILE).touch()
+    with pytest.raises(UsageError) as refused:
+        searches.run(cheaper, resume=True, sets=CHANGES[change])
+    assert "'git apply -R " in refused.value.hint
     with pytest.raises(UsageError, match="was for another space or goal"):
         searches.run(cheaper, resume=True, minimize="memory.graph.max")
     # A comment is no change.
     searches.spec.write_text(f"# today's\n{searches.spec.read_text()}")
     assert searches.run(cheaper, resume=True).is_proved
+
+
+def test_a_requirement_of_a_baseline_is_said_not_to_be_judged(searches: Searches) -> None:
+    requirement = "latency.p50 <= 110 % of baseline"
+    found = searches.run(cheaper, sets=[f"slos.all.require=[received > 0, {requirement}]"])
+    assert f"all: {requirement} is not judged: a search has no baseline." in found.notes
 
 
 def test_trials_of_other_code_are_not_gone_on_with(searches: Searches) -> None:
