@@ -329,7 +329,7 @@ def _select_outputs(draft: _Draft, measured: PhaseWiring | None) -> None:
     left_out = len(last or published) - len(draft.outputs)
     if left_out > 0:
         draft.unknown.append(f"{left_out} more topics are published and not monitored here")
-    if draft.recording is not None and measured is not None:
+    if measured is not None:
         draft.timed = {
             topic: period_s
             for node in measured.nodes

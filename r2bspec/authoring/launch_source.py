@@ -9,6 +9,7 @@ includes. What a run does in another way than `ros2 launch` is noted with its li
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import Any
 
 from r2bspec.authoring.draft_spec import DraftNodes
 from r2bspec.diagnostics import Diagnostic, Severity, Span
+from r2bspec.diagnostics.quote import clip, did_you_mean, suggestion
 from r2bspec.errors import UsageError
 from r2bspec.interop.script_import import source_files
 from r2bspec.interop.script_import.launch_actions import collect_actions, topic_in
@@ -101,6 +103,7 @@ def add_launch_nodes(
         message = f"{source.file}:1:1: the file needs more than is evaluated: {error}"
         hint = "Name a simpler file, or write the nodes into the spec."
         raise UsageError(message, code=source_files.TOO_COMPLEX, hint=hint) from error
+    reading.check_arguments()
     reading.add_to(draft)
     notes = reading.told()
     draft.unknown += [f"{Path(n.place.file).name}:{n.place.line}: {n.reason}" for n in notes]
@@ -126,6 +129,7 @@ class _Reading:
 
     Attributes:
         kept: the files that are not expanded, with what is not known of each.
+        is_whole: whether every file that is included was read, too.
         launched: what each launch file does that was read, by its file.
     """
 
@@ -142,6 +146,7 @@ class _Reading:
         self.launched: dict[Path, LaunchFile] = {}
         self.notes: list[ImportNote] = []
         self.changes: list[ImportNote] = []
+        self.is_whole = True
         self.nodes, self.containers, self.topics = Block(), Block(), list[str]()
         folder = relative_folder(source.file.parent, spec_folder)
         self.spec_folder = spec_folder
@@ -177,6 +182,27 @@ class _Reading:
             place = Span(str(file), 1, 1, 1, 2)
             self.notes.append(ImportNote("with these arguments, the file starts nothing", place))
         return self.notes
+
+    def check_arguments(self) -> None:
+        """Note the given arguments that no file names, whether it declares them or not.
+
+        Raises:
+            UsageError: there is one, and all of the files were read, or a similar one has no value.
+        """
+        files = self.launched.values()
+        known = [each.name for file in files for each in file.arguments]
+        missing = [x.name for file in files for x in file.arguments if x.name not in file.values]
+        for name in self.source.arguments:
+            word = re.compile(rf"(?<!\w){re.escape(name)}(?!\w)")
+            if name in known or any(map(word.search, self.reader.texts.values())):
+                continue
+            reason = f"{self.source.file.name} has no launch argument {clip(name)!r}"
+            advice = suggestion(name, known, "its arguments")
+            if (self.is_whole and not self.kept) or did_you_mean(name, known) in missing:
+                raise UsageError(reason, hint=advice or "It declares none.")
+            place = Span(str(self.source.file), 1, 1, 1, 2)
+            reason += f" that is known; {advice}" if advice else " that is known"
+            self.changes.append(ImportNote(reason, place))
 
     def add_to(self, draft: DraftNodes) -> None:
         """Add what was read to a draft."""
@@ -238,11 +264,13 @@ class _Reading:
                 elif name not in include.arguments:
                     what = f"{include.name} gets no launch argument {name!r}, which is not known"
                     self.changes.append(ImportNote(what, place))
+            self.is_whole = False
             return None
         try:
             launched = self._launch_file(file, inherited | include.arguments)
         except source_files.UnusableScriptError as error:
             self.changes.append(ImportNote(f"{file.name} is not expanded: {error}", place))
+            self.is_whole = False
             return None
         self.notes += launched.notes
         return launched

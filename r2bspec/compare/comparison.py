@@ -133,7 +133,8 @@ class MetricSeries:
     """A metric in the iterations of one run.
 
     Attributes:
-        values: None where an iteration has none, or where it is a lost message.
+        values: None where an iteration has none, or where it is a lost message; empty where the
+            monitor cannot have the metric, as no output is expected of it.
         starts: the start of the processes that each was played in; empty where it is not known.
         bracket: for the peak, the highest sustained rate and the lowest that was not.
     """
@@ -247,8 +248,10 @@ def _of_monitors(rate: RateMetrics) -> Iterator[_Values]:
         if family == "latency":
             yield monitor, "throughput.mean", "Hz", [sample.throughput_hz for sample in seen]
         for part in ("mean", *MAIN_PERCENTILES):
-            yield monitor, f"{family}.{part}", "s", [_latency(sample, part) for sample in seen]
-        yield monitor, "drop_rate", "share", [sample.drop_rate for sample in seen]
+            values = [_latency(sample, part) for sample in seen]
+            yield monitor, f"{family}.{part}", "s", _possible(values, seen)
+        drops = [sample.drop_rate for sample in seen]
+        yield monitor, "drop_rate", "share", _possible(drops, seen)
 
 
 def _of_processes(rate: RateMetrics, graph: set[str]) -> Iterator[_Values]:
@@ -270,6 +273,15 @@ def _of_parts(rate: RateMetrics) -> Iterator[_Values]:
             for part in SHORT_PERCENTILES:
                 values = [part_value(times, part) if times else None for times in observed]
                 yield "", f"{name}.{part}", "s", values
+
+
+def _possible(values: list[float | None], seen: Sequence[MonitorMetrics]) -> list[float | None]:
+    """The values; none at all if there cannot be any, as no output was expected."""
+    if any(value is not None for value in values) or any(
+        sample.expected is not None for sample in seen
+    ):
+        return values
+    return []
 
 
 def _latency(seen: MonitorMetrics, part: str) -> float | None:
@@ -308,6 +320,7 @@ def compare(
         _line(key, before, head.series[other], margin)
         for key, before in base.series.items()
         if (other := _matching_key(key, head)) is not None
+        and (before.values or head.series[other].values)
     )
     if not lines:
         raise IncomparableError(

@@ -315,12 +315,15 @@ def stall_notes(
         return ()
     number = {0: "no stall", 1: "one stall"}.get(met, f"{met} stalls")
     every = f"Stalls of {show(stall_s, 's')} every {show(played_s / 3, 's')}"
-    longer = f"play {show(enough_s, 's')}, or " if enough_s <= _MAX_LONGER * played_s else ""
-    other = "a percentile" if of_latency else "a drop_rate"
+    ways = [f"play {show(enough_s, 's')}"] if enough_s <= _MAX_LONGER * played_s else []
+    if of_latency:
+        ways.append("require a percentile")
+    elif not any(sample.own_pace for sample in case.monitor_samples):
+        ways.append("require a drop_rate")
     note = (
         f"The run met {number} of {show(stall_s / 2, 's')} or longer in {show(played_s, 's')}. "
-        f"{every} would break the limit, and 5 % of such runs meet none of them: {longer}require "
-        f"{other}."
+        f"{every} would break the limit, and 5 % of such runs meet none of them"
+        f"{': ' * bool(ways)}{', or '.join(ways)}."
     )
     return (note,)
 

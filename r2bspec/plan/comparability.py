@@ -11,6 +11,8 @@ import json
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cache
+from itertools import takewhile
+from operator import eq
 from typing import Any, Final, NamedTuple
 
 import msgspec
@@ -257,10 +259,13 @@ def brief_difference(difference: PlanDifference) -> str:
         return f"{path}: only in the head{_brief_value(difference.after)}"
     if difference.after is ABSENT:
         return f"{path}: only in the base{_brief_value(difference.before)}"
-    before, after = (
-        clip(_json_text(value), _MAX_VALUE) for value in (difference.before, difference.after)
-    )
-    return f"{path}: {before} -> {after}"
+    before, after = _json_text(difference.before), _json_text(difference.after)
+    # A common beginning that would hide the difference is left out, but for a few characters.
+    alike = takewhile(bool, map(eq, before, after))
+    start = sum(alike) - _MAX_VALUE // 3
+    if max(len(before), len(after)) > _MAX_VALUE and start > 1:
+        before, after = f"…{before[start:]}", f"…{after[start:]}"
+    return f"{path}: {clip(before, _MAX_VALUE)} -> {clip(after, _MAX_VALUE)}"
 
 
 def _brief_value(value: Any) -> str:

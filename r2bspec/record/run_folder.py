@@ -64,6 +64,17 @@ FOLDER_ENTRIES: Final = frozenset(
 )
 """The names that are not for reports in such a folder."""
 
+_OTHER_FOLDERS: Final = {
+    "suite.json": ("suite", ("*/record.json", "*/pairs.json"), ""),
+    "pairs.json": (
+        "comparison",
+        ("head/*/record.json", "base/*/record.json"),
+        " For all of it: 'judge', 'report' and 'compare'.",
+    ),
+    "tuning.json": ("search", ("trials/*/record.json", "trials/*/pairs.json"), ""),
+}
+"""What a folder with a file is that is no run, where its runs are, and what else reads it."""
+
 _MAX_LISTED = 10
 
 
@@ -392,19 +403,22 @@ def open_run(path: Path) -> Run:
         raise RecordError(
             f"{path} is not a folder", hint="Give a run folder, which contains record.json."
         )
-    if is_there(folder / "suite.json"):
-        places = [place for name in ("record", "pairs") for place in folder.glob(f"*/{name}.json")]
-        runs = sorted({str(path / place.parent.name) for place in places})[:_MAX_LISTED]
+    for file, (what, places, advice) in _OTHER_FOLDERS.items():
+        if not is_there(folder / file):
+            continue
+        runs = _runs_below(path, *places)
         raise RecordError(
-            f"{path} is the folder of a suite, not of a run",
-            hint=f"Name a run of it: {', '.join(runs)}."
+            f"{path} is the folder of a {what}, not of a run",
+            hint=f"Name a run of it: {runs}.{advice}"
             if runs
-            else "Nothing was played in it; suite.json says why.",
+            else f"Nothing was played in it; {file} says why.",
         )
     if not is_there(folder / "record.json"):
         raise RecordError(
             f"{path} is not a run folder: it has no record.json",
-            hint="A run that was killed before its first record leaves only logs and samples.",
+            hint=f"Name a run in it: {runs}."
+            if (runs := _runs_below(path, "*/record.json"))
+            else "A run that was killed before its first record leaves only logs and samples.",
         )
     path = folder / "record.json"
     record = RUN_FILES.versioned(path, RunRecord, "r2bspec_record")
@@ -418,6 +432,13 @@ def open_run(path: Path) -> Run:
     _check_samples(folder, record)
     plan = read_stored_plan(RUN_FILES, folder / "plan.json", record.plan_hash)
     return Run(folder=folder, record=record, plan=plan)
+
+
+def _runs_below(path: Path, *records: str) -> str:
+    """The first folders below one that have such a record."""
+    folder = path.absolute()
+    found = [place.parent for record in records for place in sorted(folder.glob(record))]
+    return ", ".join(str(path / place.relative_to(folder)) for place in found[:_MAX_LISTED])
 
 
 def _check_samples(folder: Path, record: RunRecord) -> None:

@@ -47,7 +47,8 @@ def monitor_without_header(context: Context) -> Findings:
             yield Finding(
                 message=f"monitor {name} matches by stamp, but {monitor.format} has no header",
                 path=(*path, "format"),
-                help="use 'match: order' if each input has one output",
+                help="use 'match: order' if each input has one output, or 'match: own_pace' if it "
+                "comes at a pace of its own",
                 suppressed_by={value_key((*path, "format"))},
                 suppresses={value_key((*path, "match"))},
             )

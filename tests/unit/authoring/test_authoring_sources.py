@@ -178,6 +178,9 @@ def test_what_a_timer_publishes_is_no_answer(limit: str | None, period: str) -> 
     assert spec().monitors["bright"].match == "own_pace"
     required = [each.text for slo in spec().slos.values() for each in slo.require]
     assert required == ([limit] if limit else [])
+    Path("made.r2b.yaml").unlink()
+    made("--node", "./node.py:Bright")
+    assert (spec().playback.mode, spec().monitors["bright"].match) == ("live", "own_pace")
 
 
 ANSWERING = """

@@ -9,6 +9,7 @@ import pytest
 
 from command_line import Call
 from launch_specs import made
+from r2bspec.cli.main import main
 
 HEAD = """
 from launch import LaunchDescription
@@ -97,6 +98,43 @@ def test_arguments_that_are_given_are_those_of_the_whole_file() -> None:
     action = "node(name=LaunchConfiguration('map'), cwd='/tmp')"
     spec, _ = made_in_python(action, "--launch-arg", "map:=0012", "--launch-arg", "fast:=True")
     assert spec.graph.nodes["cell"].launch.arguments == {"map": "0012", "fast": "True"}
+
+
+@pytest.mark.parametrize("default", ['default="1"', ""])
+def test_arguments_that_no_file_has_are_refused(
+    default: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = f'<arg name="period" {default}/><node pkg="cell" exec="eye" name="n$(var period)"/>'
+    Path("cell.launch.xml").write_text(f"<launch>{content}</launch>")
+    words = ["init", "made", "--from-launch", "cell.launch.xml", "--launch-arg"]
+    assert main([*words, "perod:=0.5"]) == 2
+    said = capsys.readouterr().err
+    assert "cell.launch.xml has no launch argument 'perod'" in said
+    assert "did you mean 'period'?" in said
+    assert not Path("made.r2b.yaml").exists()
+    assert main([*words, "speed:=0.5"]) == (2 if default else 0)
+    assert "its arguments: 'period'" in capsys.readouterr().err
+    Path("made.r2b.yaml").unlink(missing_ok=True)
+    assert main([*words, "period:=5"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("action", "is_told"),
+    [
+        ("node(cwd='/tmp')", True),
+        ("IncludeLaunchDescription('/opt/far/far.launch.py'), node()", True),
+        ("node(name=LaunchConfiguration('sade', default='eye'))", False),
+    ],
+)
+def test_arguments_that_another_file_may_have_are_told(action: str, *, is_told: bool) -> None:
+    """One that is used, and not declared, is known as well."""
+    function = f"def generate_launch_description():\n    return launch([{action}])\n"
+    Path("cell.launch.py").write_text(f"{HEAD}\n{function}")
+    words = ("--from-launch", "cell.launch.py", "--launch-arg", "sade:=up")
+    assert main(["init", "made", *words]) == 0
+    text = Path("made.r2b.yaml").read_text()
+    told = "has no launch argument 'sade' that is known; did you mean 'side'?"
+    assert (told in text.replace("\n# ", " ")) == is_told
 
 
 def test_a_value_that_is_no_choice_is_told() -> None:

@@ -269,6 +269,23 @@ class TestWhatItSays:
         )
         assert not far.notes
 
+    def test_no_drop_rate_is_proposed_where_there_is_none(self) -> None:
+        samples = run(*(Played(30, np.full(300, 0.02)) for _ in STARTS), starts=STARTS)
+        paced = {
+            rate: tuple(
+                replace(
+                    each,
+                    monitors={
+                        name: replace(seen, own_pace=True) for name, seen in each.monitors.items()
+                    },
+                )
+                for each in iterations
+            )
+            for rate, iterations in samples.iterations.items()
+        }
+        (note,) = one(replace(samples, iterations=paced), "throughput.mean >= 29.7 Hz").notes
+        assert note.endswith("5 % of such runs meet none of them: play 180 s.")
+
     def test_starts_that_differ_may_lose_more_than_few_losses_show(self) -> None:
         alike = [Played(30, np.full(300, 0.02)) for _ in STARTS]
         differ = [Played(30, np.full(300, 0.02 + 0.001 * start)) for start in STARTS]

@@ -113,11 +113,25 @@ class TestBrokenFolders:
     def test_foreign(self, tmp_path: Path) -> None:
         self.refused(tmp_path, "is not a run folder")
 
-    def test_of_several_runs(self, folder: Path) -> None:
-        (folder.parent / "suite.json").write_text("{}")
-        with pytest.raises(RecordError, match="the folder of a suite") as raised:
-            open_run(folder.parent)
-        assert str(folder) in raised.value.hint
+    @pytest.mark.parametrize(
+        ("file", "run", "message"),
+        [
+            ("suite.json", "a", "is the folder of a suite"),
+            ("pairs.json", "head/001", "is the folder of a comparison"),
+            ("pairs.json", "base/001", "is the folder of a comparison"),
+            ("tuning.json", "trials/race-1", "is the folder of a search"),
+            ("notes", "001", "is not a run folder"),
+        ],
+    )
+    def test_of_several_runs(self, tmp_path: Path, file: str, run: str, message: str) -> None:
+        folder = tmp_path / "whole"
+        SIMULATION.write(folder / run)
+        (folder / file).write_text("{}")
+        with pytest.raises(RecordError, match=message) as raised:
+            open_run(folder)
+        assert str(folder / run) in raised.value.hint
+        open_run(folder / run)
+        assert "killed" not in raised.value.hint
 
     def test_another_version(self, folder: Path) -> None:
         record = msgspec.json.decode((folder / "record.json").read_bytes())

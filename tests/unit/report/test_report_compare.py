@@ -18,6 +18,7 @@ from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.judge_run import to_json as result_json
 from r2bspec.judge.measure.distribution import Distribution
 from r2bspec.judge.measure.metrics import SegmentMetrics, distribution
+from r2bspec.plan.comparability import PlanDifference, brief_difference
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import SearchRecord
@@ -85,6 +86,25 @@ def test_a_base_without_values_shows_nothing(tmp_path: Path) -> None:
     assert line(comparison, "latency.p50").outcome == "can't tell"
 
 
+class Timer(Simulation):
+    """A graph whose output comes at a pace of its own."""
+
+    def plan(self) -> Plan:
+        plan = super().plan()
+        monitors = [msgspec.structs.replace(each, match="own_pace") for each in plan.monitors]
+        return msgspec.structs.replace(plan, monitors=tuple(monitors))
+
+
+def test_what_no_side_can_have_is_left_out(tmp_path: Path) -> None:
+    timer = Timer(segments=simulated().segments)
+    both = compared(tmp_path / "both", timer, timer)
+    assert {each.metric for each in both.lines if each.monitor} == {"throughput.mean"}
+    one = compared(tmp_path / "one", simulated(), timer, force=True)
+    assert line(one, "drop_rate").outcome == "worse"
+    other = compared(tmp_path / "other", timer, simulated(), force=True)
+    assert line(other, "drop_rate").outcome == "can't tell"
+
+
 def test_one_iteration_shows_no_spread(tmp_path: Path) -> None:
     comparison = compared(tmp_path, simulated(n=1), simulated(2.0, n=1))
     found = line(comparison, "latency.p50")
@@ -117,6 +137,25 @@ class Other(Simulation):
 
     def plan(self) -> Plan:
         return msgspec.structs.replace(super().plan(), buffer=7, title="another title")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "shown"),
+    [
+        ("../src/cam/node.py:A", "../src/cam/node.py:B", '"../src/cam/node.py:A" -> "../src'),
+        ("../src/edgecam/edgecam/a.py:E", "../src/edgecam/edgecam/b.py:E", "a.py:E"),
+        ("x" * 40, "x" * 41, '…xxxxxxxx" -> …xxxxxxxxx"'),
+        ("x" * 40 + "a" + "x" * 40, "x" * 40 + "b" + "x" * 40, "xa"),
+        ("a" + "x" * 40, "b" + "x" * 40, '"axxx'),
+        ([1] * 40, [1] * 39 + [2], "2]"),
+    ],
+)
+def test_what_differs_is_shown(before: object, after: object, shown: str) -> None:
+    text = brief_difference(PlanDifference(("buffer",), before, after))
+    assert shown in text
+    first, second = text.removeprefix("buffer: ").split(" -> ")
+    assert first != second
+    assert max(len(first), len(second)) <= 24
 
 
 def test_other_plans_are_refused_and_the_difference_told(tmp_path: Path) -> None:
