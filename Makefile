@@ -40,7 +40,7 @@ suite: install
 # Tests on ROS 2 wait for half of their time. The others, at a lower priority, have what they leave.
 test: install-dev lint types imports
 	@echo "make ros, and beside it make unit and make robustness; the output of each comes when it ends"
-	@$(MAKE) --jobs=2 --output-sync=line ros unit robustness PRIORITY='nice -n 10'
+	@$(MAKE) --jobs=2 --output-sync=line ros unit robustness PRIORITY='nice -n 5'
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev

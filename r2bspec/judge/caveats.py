@@ -320,10 +320,10 @@ def stall_notes(
         ways.append("require a percentile")
     elif not any(sample.own_pace for sample in case.monitor_samples):
         ways.append("require a drop_rate")
+    advice = f": {', or '.join(ways)}" if ways else ""
     note = (
         f"The run met {number} of {show(stall_s / 2, 's')} or longer in {show(played_s, 's')}. "
-        f"{every} would break the limit, and 5 % of such runs meet none of them"
-        f"{': ' * bool(ways)}{', or '.join(ways)}."
+        f"{every} would break the limit, and 5 % of such runs meet none of them{advice}."
     )
     return (note,)
 

@@ -16,6 +16,7 @@ import os
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Final, Self
 
@@ -76,6 +77,7 @@ _OTHER_FOLDERS: Final = {
 """What a folder with a file is that is no run, where its runs are, and what else reads it."""
 
 _MAX_LISTED = 10
+_MAX_LOOKED_AT = 1_000
 
 
 def write_stacks(path: Path, stacks: Stacks) -> None:
@@ -437,7 +439,11 @@ def open_run(path: Path) -> Run:
 def _runs_below(path: Path, *records: str) -> str:
     """The first folders below one that have such a record."""
     folder = path.absolute()
-    found = [place.parent for record in records for place in sorted(folder.glob(record))]
+    found = [
+        place.parent
+        for record in records
+        for place in sorted(islice(folder.glob(record), _MAX_LOOKED_AT))
+    ]
     return ", ".join(str(path / place.relative_to(folder)) for place in found[:_MAX_LISTED])
 
 
