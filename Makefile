@@ -37,10 +37,7 @@ SMOKE ?=
 suite: install
 	$(BIN)/r2bspec run specs/suite $(if $(SMOKE),--smoke)
 
-# Tests on ROS 2 wait for half of their time. The others, at a lower priority, have what they leave.
-test: install-dev lint types imports
-	@echo "make ros, and beside it make unit and make robustness; the output of each comes when it ends"
-	@$(MAKE) --jobs=2 --output-sync=line ros unit robustness PRIORITY='nice -n 5'
+test: install-dev lint types imports unit robustness ros
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -68,7 +65,7 @@ imports: install-dev
 	$(BIN)/lint-imports
 
 # Three at a time on two processors: a quarter of their time they wait for other processes.
-PYTEST = $(PRIORITY) $(BIN)/pytest -n $$(( ($$(nproc) * 3 + 1) / 2 ))
+PYTEST = $(BIN)/pytest -n $$(( ($$(nproc) * 3 + 1) / 2 ))
 
 unit: install-dev
 	$(PYTEST) tests/unit tests/property tests/golden tests/mutation tests/editors
@@ -99,7 +96,7 @@ fuzz: install-dev
 # Every test at its full size: whole simulations, every kind of pull request through every recipe,
 # fleets under kills. Hours; before a release, and where a pipeline asks for it.
 nightly: export R2BSPEC_NIGHTLY := 1
-nightly: install-dev lint types imports unit robustness ros
+nightly: test
 	$(MAKE) fuzz SECONDS=3600 SEED=0
 
 # Read the difference before it is committed: a golden is what somebody wanted.

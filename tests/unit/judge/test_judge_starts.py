@@ -344,9 +344,10 @@ class TestWhatItSays:
     @pytest.mark.parametrize(
         ("lost_of_300", "allowed", "note"),
         [
-            (1, "0.6 %", "met by a factor of 1.8, and at another hour four times as many outputs"),
-            (6, "1 %", "missed by a factor of 2, and at another hour a quarter as many outputs"),
-            (1, "2 %", ""),
+            (1, "0.6 %", "met by a factor of 1.8, and at another hour eight times as many outputs"),
+            (6, "1 %", "missed by a factor of 2, and at another hour an eighth as many outputs"),
+            (1, "2 %", "met by a factor of 6, and at another hour eight times as many outputs"),
+            (1, "3 %", ""),
             (30, "1 %", ""),
             (0, "1 %", ""),
         ],
