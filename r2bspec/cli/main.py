@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import importlib
-import importlib.abc
 import io
 import os
 import resource
@@ -248,7 +247,7 @@ def _require_stack() -> None:
         )
 
 
-class _NumpyGuard(importlib.abc.MetaPathFinder):
+class _NumpyGuard:
     """Refuses NumPy where its import would fail in the middle, or never end."""
 
     def find_spec(self, name: str, *_: object) -> None:

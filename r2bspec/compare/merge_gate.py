@@ -403,9 +403,7 @@ def _without_baseline(
     left_out = 0
     for name, objective in objectives.items():
         require: Sequence[object] = [
-            requirement
-            for requirement in objective.require
-            if requirement.bound is None or not requirement.bound.of_baseline
+            requirement for requirement in objective.require if not requirement.of_baseline
         ]
         left_out += len(objective.require) - len(require)
         if require:

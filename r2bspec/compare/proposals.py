@@ -74,7 +74,7 @@ def propose_limits(loaded: LoadedSpec, found: Calibration, text: str) -> tuple[s
         requirement
         for objective in loaded.spec.slos.values()
         for requirement in objective.require
-        if requirement.bound is not None and requirement.bound.of_baseline
+        if requirement.of_baseline
     ]
     if not of_baseline:
         return _with_objective(loaded, loaded.spec, found, text)

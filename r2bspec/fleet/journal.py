@@ -56,7 +56,7 @@ class Journal:
         Raises:
             UsageError: the file is no journal, or another client writes it.
         """
-        self._file = (folder / JOURNAL_FILE).open("ab")
+        self._file = (folder / JOURNAL_FILE).open("ab+")
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             events = read_journal(folder)
@@ -74,7 +74,9 @@ class Journal:
         if not self.suite:
             self.suite = secrets.token_hex(8)
             self.write(suite=self.suite)
-        elif not (folder / JOURNAL_FILE).read_bytes().endswith(b"\n"):
+            return
+        self._file.seek(-1, os.SEEK_END)
+        if self._file.read(1) != b"\n":
             # What follows a line that a crash has cut off must not become a part of it.
             self._file.write(b"\n")
 

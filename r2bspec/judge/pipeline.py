@@ -422,8 +422,7 @@ def _without_offered_rate(case: RequirementCase, _: RunSamples) -> Decision | No
 
 
 def _without_baseline(case: RequirementCase, _: RunSamples) -> Decision | None:
-    bound = case.requirement.bound
-    if bound is None or not bound.of_baseline:
+    if not case.requirement.of_baseline:
         return None
     return undecided(
         "This run was not compared with a baseline.", "Run with --against or --history."

@@ -173,6 +173,11 @@ class Requirement(ParsedText):
         """Parse one requirement, as `parse_requirement` does."""
         return parse_requirement(text)
 
+    @property
+    def of_baseline(self) -> bool:
+        """Whether its bound is relative to a baseline, so that a run alone cannot decide it."""
+        return self.bound is not None and self.bound.of_baseline
+
     def is_met(self, value: float, limit: float) -> bool:
         """Compare one value with a limit, both in the bound's SI unit."""
         if self.op is None:

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cache
-from itertools import takewhile
-from operator import eq
 from typing import Any, Final, NamedTuple
 
 import msgspec
@@ -261,8 +260,8 @@ def brief_difference(difference: PlanDifference) -> str:
         return f"{path}: only in the base{_brief_value(difference.before)}"
     before, after = _json_text(difference.before), _json_text(difference.after)
     # A common beginning that would hide the difference is left out, but for a few characters.
-    alike = takewhile(bool, map(eq, before, after))
-    start = sum(alike) - _MAX_VALUE // 3
+    alike = os.path.commonprefix([before, after])  # noqa: RUF071 - of characters
+    start = len(alike) - _MAX_VALUE // 3
     if max(len(before), len(after)) > _MAX_VALUE and start > 1:
         before, after = f"…{before[start:]}", f"…{after[start:]}"
     return f"{path}: {clip(before, _MAX_VALUE)} -> {clip(after, _MAX_VALUE)}"

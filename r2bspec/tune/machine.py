@@ -106,12 +106,7 @@ def margins_of(
     found = []
     for one in requirements:
         requirement = written.get((one.objective, one.text))
-        of_baseline = (
-            requirement is not None
-            and requirement.bound is not None
-            and requirement.bound.of_baseline
-        )
-        if one.level != "error" or requirement is None or of_baseline:
+        if one.level != "error" or requirement is None or requirement.of_baseline:
             continue
         text = f"{one.text} at {one.at_hz:g} Hz" if several and one.at_hz else one.text
         if one.monitor and times[one.text, one.at_hz] > 1:

@@ -144,13 +144,12 @@ def _at_rate(
     """The answer at one rate, and why."""
     first, _, rest = required.metric.partition(".")
     metric = rest if first in monitors else required.metric
-    asked = [
+    about = [
         each
         for each in latencies
-        if each.metric == metric
-        and math.isclose(each.rate_hz, rate_hz)
-        and (first not in monitors or each.monitor == first)
+        if math.isclose(each.rate_hz, rate_hz) and (first not in monitors or each.monitor == first)
     ]
+    asked = [each.estimate for each in about if each.metric == metric]
     overloads = peak.high is not None and rate_hz > peak.high
     if metric == "sustained":
         holds = peak.low is not None and rate_hz < peak.low
@@ -158,11 +157,7 @@ def _at_rate(
         return answer, f"peak.rate {_range(peak, 'Hz')}"
     quantile = quantile_of(metric.rpartition(".")[2])
     if not asked and quantile is not None and metric.startswith("latency."):
-        asked = [
-            each
-            for each in _between(quantile, rate_hz, latencies)
-            if first not in monitors or each.monitor == first
-        ]
+        asked = [*_between(quantile, about)]
     if not asked or required.windows_share is not None:
         return "not known", "the model says nothing of this metric"
     if overloads and required.op in {"<", "<="} and quantile is not None:
@@ -171,29 +166,24 @@ def _at_rate(
         keeps_up = f"the graph keeps up to {show(peak.high, 'Hz')} at most"
         return "would not" if late > allowed_share(quantile) else "not known", keeps_up
     # It must hold for each of the monitors that it is about.
-    answers = dict(reversed([_compared(required, each.estimate, "s") for each in asked]))
+    answers = dict(reversed([_compared(required, each, "s") for each in asked]))
     worst = next(each for each in ("would not", "not known", "would hold") if each in answers)
     return worst, answers[worst]
 
 
-def _between(
-    quantile: float, rate_hz: float, latencies: Sequence[LatencyPrediction]
-) -> Iterator[LatencyPrediction]:
-    """What those that are predicted say of another percentile: it lies between them."""
-    of_monitor: dict[str, dict[float, LatencyPrediction]] = {}
+def _between(quantile: float, latencies: Sequence[LatencyPrediction]) -> Iterator[Estimate]:
+    """Of each monitor, what its predicted percentiles say of another one, which is between them."""
+    of_monitor: dict[str, dict[float, Estimate]] = {}
     for each in latencies:
+        ends = {0.0: Estimate(low=0.0, high=0.0), 1.0: Estimate(low=math.inf, high=math.inf)}
         known = quantile_of(each.metric.rpartition(".")[2])
-        if known is not None and math.isclose(each.rate_hz, rate_hz):
-            of_monitor.setdefault(each.monitor, {})[known] = each
-    for known_ones in of_monitor.values():
-        below = max((at for at in known_ones if at <= quantile), default=None)
-        above = min((at for at in known_ones if at >= quantile), default=None)
-        ends = [known_ones[at].estimate for at in (below, above) if at is not None]
-        unknown = next((end.reason for end in ends if end.low is None), "")
-        low = known_ones[below].estimate.low if below is not None else 0.0
-        high = known_ones[above].estimate.high if above is not None else math.inf
-        estimate = Estimate(reason=unknown) if unknown else Estimate(low=low, high=high)
-        yield msgspec.structs.replace(next(iter(known_ones.values())), estimate=estimate)
+        if known is not None:
+            of_monitor.setdefault(each.monitor, ends)[known] = each.estimate
+    for estimates in of_monitor.values():
+        below = estimates[max(at for at in estimates if at <= quantile)]
+        above = estimates[min(at for at in estimates if at >= quantile)]
+        unknown = next((end for end in (below, above) if end.low is None), None)
+        yield unknown or Estimate(low=below.low, high=above.high)
 
 
 def _compared(required: Requirement, estimate: Estimate, unit: str) -> tuple[Answer, str]:

@@ -193,7 +193,7 @@ def _not_judged(plan: Plan) -> Iterator[str]:
     """The requirements that no trial and no pair is judged by."""
     for name, objective in plan.objectives.items():
         for each in objective.require:
-            if objective.level == "error" and each.bound is not None and each.bound.of_baseline:
+            if objective.level == "error" and each.of_baseline:
                 yield f"{name}: {each.text} is not judged: a search has no baseline."
 
 

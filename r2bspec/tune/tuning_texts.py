@@ -55,10 +55,10 @@ def margin_text(margin: RequirementMargin) -> str:
     """A requirement, its metric, and how far that is from the limit."""
     is_lost = margin.estimate is None and margin.outcome == "fail"
     text = f"{margin.text}: {'lost' if is_lost else show(margin.estimate, margin.unit)}"
-    if margin.estimate and abs(margin.excess) < MAX_EXCESS:
-        off = _percent(abs(math.expm1(margin.excess))).lstrip("+")
-        text += f", {off} {'beyond' if margin.excess > 0 else 'inside'}"
-    return text
+    if not margin.estimate or abs(margin.excess) >= MAX_EXCESS:
+        return text
+    off = _percent(abs(math.expm1(margin.excess))).lstrip("+")
+    return f"{text}, {off} {'beyond' if margin.excess > 0 else 'inside'}"
 
 
 def requirement_lines(result: TuningResult) -> list[str]:
@@ -164,8 +164,10 @@ def _decisive_text(trial: Trial) -> str:
     if not trial.margins:
         return ""
     worst = _worst(trial)
-    starts = f", not decided by {pluralize(trial.starts, 'start')}"
-    return margin_text(worst) + (starts if worst.outcome == "inconclusive" else "")
+    text = margin_text(worst)
+    if worst.outcome != "inconclusive":
+        return text
+    return f"{text}, not decided by {pluralize(trial.starts, 'start')}"
 
 
 def trial_line(trial: Trial, result: TuningResult) -> str:
