@@ -60,7 +60,7 @@ from r2bspec.plan.plan import GRAPH_ROLES, Plan, ProcessPlan
 from r2bspec.plan.taps import all_taps, tap_monitors
 from r2bspec.record import run_record
 
-_WARM_UP_HZ = 10.0
+_WARM_UP_HZ = 30.0
 _WARM_UP_STEPS = 10
 _WARM_UP_RETRY_NS = 1_000_000_000
 """The length of each further attempt after one without output."""
