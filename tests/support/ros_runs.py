@@ -268,7 +268,7 @@ class Bench:
             finished = self.run(spec, *arguments)
             if finished.status != 4 or finished.outcome != "invalid":
                 return finished
-        skip_for_load("play what the spec says on time")
+        return skip_for_load("play what the spec says on time")
 
     def judge(self, folder: Path, *arguments: str) -> Finished:
         """Judge a run again."""
