@@ -165,7 +165,7 @@ class PhaseGraph:
             if diagnosis.facts is not None and not told:
                 told = True
                 faults = _faults_of(diagnosis.facts, missing)
-                self.note(f"not ready so far: {'; '.join(fault.sentence for fault in faults)}")
+                self.note(f"not ready so far: {'; '.join(fault.message for fault in faults)}")
             self.supervisor.pump(_POLL_S)
 
     @property
@@ -221,7 +221,7 @@ class PhaseGraph:
     def error(
         self,
         facts: GraphFacts,
-        faults: Sequence[find_fault.Fault],
+        faults: Sequence[Difference],
         silent: Iterable[str],
         state: str,
         hint: str,
@@ -243,15 +243,15 @@ class PhaseGraph:
             names_related: whether it says what else is wrong with the nodes that have faults.
         """
         known = self.launcher.differences
-        waiting = self.lifecycle.waiting([*silent, *(fault.topic for fault in faults)])
+        waiting = self.lifecycle.waiting([*silent, *(fault.name for fault in faults)])
         differences = tuple(each.difference for each in waiting if not each.managers)
         differences = differences or graph_mismatches(
             faults,
             known,
-            lambda fault: not waiting and (fault.topic in certain or self._is_permanent(fault)),
+            lambda fault: not waiting and (fault.name in certain or self._is_permanent(fault)),
         )
         sentences = [each.difference.message for each in waiting]
-        sentences += [fault.sentence for fault in faults]
+        sentences += [fault.message for fault in faults]
         sentences = sentences or [_NO_FAULT]
         also = related_differences(faults, known) if names_related else ""
         path = dict.fromkeys(
@@ -270,13 +270,13 @@ class PhaseGraph:
             differences, text(), differences[0].help or hint, details=details
         )
 
-    def _is_permanent(self, fault: find_fault.Fault) -> bool:
+    def _is_permanent(self, fault: Difference) -> bool:
         """Whether a fault persists, so that neither a longer wait nor another attempt helps.
 
         A mismatch of two existing endpoints persists. A missing endpoint persists once its node
         has been created; nodes of others, which may own it, may still create it.
         """
-        if fault.kind in {"types", "qos"}:
+        if fault.code in find_fault.NEVER_MATCHED:
             return True
         has_external = any(node.phase == self.phase for node in self.plan.external)
         is_unknown = not fault.owner.startswith("/")
@@ -399,7 +399,7 @@ class PhaseGraph:
                 supervisor.pump(_POLL_S)
 
 
-def _faults_of(facts: GraphFacts, missing: Iterable[str]) -> tuple[find_fault.Fault, ...]:
+def _faults_of(facts: GraphFacts, missing: Iterable[str]) -> tuple[Difference, ...]:
     """The faults of topics whose endpoints are not matched, inputs or not."""
     inputs = [topic for topic in missing if topic in facts.inputs]
     return find_fault.find_faults(
@@ -408,9 +408,9 @@ def _faults_of(facts: GraphFacts, missing: Iterable[str]) -> tuple[find_fault.Fa
 
 
 def graph_mismatches(
-    faults: Iterable[find_fault.Fault],
+    faults: Iterable[Difference],
     launch_differences: Iterable[Difference],
-    is_permanent: Callable[[find_fault.Fault], bool] = lambda _: True,
+    is_permanent: Callable[[Difference], bool] = lambda _: True,
 ) -> tuple[Difference, ...]:
     """The differences between the graph and the plan, causes before consequences.
 
@@ -422,8 +422,8 @@ def graph_mismatches(
         launch_differences: found when the nodes were created.
         is_permanent: whether a fault persists; only these are differences.
     """
-    faults = [fault for fault in faults if fault.kind != "no output"]
-    missing = {fault.topic for fault in faults}
+    faults = [fault for fault in faults if fault.code != find_fault.NO_OUTPUT]
+    missing = {fault.name for fault in faults}
     causes = [
         msgspec.structs.replace(difference, harmless=False)
         for difference in launch_differences
@@ -431,22 +431,13 @@ def graph_mismatches(
     ]
     explained = {difference.topic for difference in causes}
     consequences = (
-        Difference(
-            code=fault.code,
-            message=fault.sentence,
-            part="endpoint",
-            owner=fault.owner,
-            name=fault.topic,
-            topic=fault.instead,
-        )
-        for fault in faults
-        if fault.topic not in explained and is_permanent(fault)
+        fault for fault in faults if fault.name not in explained and is_permanent(fault)
     )
     return (*causes, *consequences)
 
 
 def related_differences(
-    faults: Iterable[find_fault.Fault], launch_differences: Iterable[Difference]
+    faults: Iterable[Difference], launch_differences: Iterable[Difference]
 ) -> str:
     """Other differences of the nodes with faults, as text to append to a sentence."""
     owners = {fault.owner for fault in faults}

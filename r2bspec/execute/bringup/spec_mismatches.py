@@ -18,7 +18,7 @@ from r2bspec.execute.errors import GraphDifferencesError
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import has_planned_name
-from r2bspec.plan.plan import Plan, ProcessPlan
+from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
 from r2bspec.plan.wiring.name_resolution import NODE_TOPICS, is_node_parameter
 from r2bspec.record.run_record import Difference
 
@@ -176,34 +176,6 @@ def _matches(rule: RemappedTopic, found: Mapping[str, Collection[str]]) -> bool:
     )
 
 
-@dataclass(frozen=True)
-class ExpectedParameters:
-    """The parameters that a plan sets for a node.
-
-    Attributes:
-        node: its full name in the plan.
-        names: of the parameters.
-        own_node_name: whether the running node has this name; other processes may have nodes of
-            any name.
-    """
-
-    node: str
-    names: tuple[str, ...]
-    own_node_name: bool
-
-
-def expected_parameters(
-    plan: Plan, phase: str, programs: Collection[str]
-) -> Iterator[ExpectedParameters]:
-    """The parameters of nodes that are not spun by Python hosts."""
-    for process in plan.processes_in(phase):
-        if not spins_nodes(process, programs):
-            for node in process.nodes:
-                names = tuple(name for name in node.parameters if not is_node_parameter(name))
-                if names:
-                    yield ExpectedParameters(node.name, names, has_planned_name(process, node))
-
-
 def spins_nodes(process: ProcessPlan, programs: Collection[str]) -> bool:
     """Whether a process of r2bspec spins its nodes, and has asked them itself."""
     return process.role not in {"container", "command"} and process.name not in programs
@@ -232,7 +204,13 @@ def find_undeclared(
         GraphDifferencesError: a node does not declare a parameter that is certainly misspelt.
         RunError: the observer does not respond.
     """
-    expected = tuple(expected_parameters(plan, phase, programs))
+    expected = [
+        (node, has_planned_name(process, node))
+        for process in plan.processes_in(phase)
+        if not spins_nodes(process, programs)
+        for node in process.nodes
+        if any(_own_parameters(node))
+    ]
     if not expected:
         return ()
     hosts = (process for process in plan.processes if spins_nodes(process, programs))
@@ -250,20 +228,31 @@ def find_undeclared(
     return differences
 
 
+def _own_parameters(node: NodePlan) -> Iterator[str]:
+    """The parameters that the plan sets, without those that every node declares."""
+    return (name for name in node.parameters if not is_node_parameter(name))
+
+
 def undeclared(
-    expected: Iterable[ExpectedParameters], found: protocol.ParameterLists
+    expected: Iterable[tuple[NodePlan, bool]], found: protocol.ParameterLists
 ) -> Iterator[Difference]:
-    """The parameters that are not declared; none for a process of which no node has responded."""
+    """The parameters that are not declared; none for a process of which no node has responded.
+
+    Args:
+        expected: nodes, and whether each runs by its name in the plan; other processes may have
+            nodes of any name.
+        found: what the nodes have answered.
+    """
     expected = tuple(expected)
-    named = {node.node for node in expected if node.own_node_name}
-    for node in expected:
-        nodes = {node.node} if node.own_node_name else found.parameters.keys() - named
+    named = {node.name for node, own_name in expected if own_name}
+    for node, own_name in expected:
+        nodes = {node.name} if own_name else found.parameters.keys() - named
         answered = nodes & found.parameters.keys()
         declared = {name for other in answered for name in found.parameters[other]}
-        for name in node.names:
+        for name in _own_parameters(node):
             if answered and name not in declared:
                 known = [other for other in sorted(declared) if not is_node_parameter(other)]
-                difference = undeclared_parameter(node.node, name, known)
+                difference = undeclared_parameter(node.name, name, known)
                 certain = any(is_typing_error(name, other) for other in known)
                 lifecycle = not answered.isdisjoint(found.lifecycle)
                 yield msgspec.structs.replace(difference, harmless=lifecycle or not certain)

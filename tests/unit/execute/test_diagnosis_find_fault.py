@@ -8,7 +8,6 @@ import msgspec
 import pytest
 
 from r2bspec.execute.bringup.find_fault import (
-    Fault,
     certain_topics,
     find_input_fault,
     first_fault,
@@ -22,6 +21,7 @@ from r2bspec.execute.bringup.observe_graph import GraphFacts, TopicFacts, gather
 from r2bspec.execute.bringup.spec_mismatches import RemappedTopic
 from r2bspec.ipc.protocol import Discovered, Endpoint, QosMismatch
 from r2bspec.plan.plan import TopicPlan
+from r2bspec.record.run_record import Difference
 from run_simulation import Simulation
 
 IMAGE, TEXT = "sensor_msgs/msg/Image", "std_msgs/msg/String"
@@ -73,7 +73,7 @@ MID = topic("/mid", "/a", "/b")
 OUT = topic("/out", "/b", "monitor", passed=0)
 
 
-def found(*topics: TopicFacts, silent: str = "/out", played: int | None = 10) -> Fault:
+def found(*topics: TopicFacts, silent: str = "/out", played: int | None = 10) -> Difference:
     one = first_fault(graph(*topics, played=played), silent)
     assert one is not None
     return one
@@ -81,8 +81,8 @@ def found(*topics: TopicFacts, silent: str = "/out", played: int | None = 10) ->
 
 def test_a_node_that_publishes_nothing_although_messages_reach_it() -> None:
     one = found(IN, MID, OUT)
-    assert (one.kind, one.topic, one.owner, one.code) == ("no output", "/out", "/b", "R2B641")
-    assert one.sentence == (
+    assert (one.code, one.name, one.owner) == ("R2B641", "/out", "/b")
+    assert one.message == (
         "/b publishes nothing on /out, although it subscribes to /mid (10 messages)"
     )
 
@@ -90,7 +90,7 @@ def test_a_node_that_publishes_nothing_although_messages_reach_it() -> None:
 def test_several_inputs_and_publishers_are_all_named() -> None:
     mask = topic("/mask", "/a", "/b", passed=1)
     both = topic("/out", "/b /c", "monitor", passed=0)
-    assert found(IN, MID, mask, both).sentence == (
+    assert found(IN, MID, mask, both).message == (
         "/b and /c publish nothing on /out, although they subscribe to /mask (1 message) and "
         "/mid (10 messages)"
     )
@@ -99,7 +99,7 @@ def test_several_inputs_and_publishers_are_all_named() -> None:
 def test_an_input_without_publisher_is_named_with_its_subscriber() -> None:
     mask = topic("/mask", "", "/b", passed=None)
     # It may be an optional input of the node, so it is no fault by itself.
-    assert found(IN, MID, OUT, mask).sentence == (
+    assert found(IN, MID, OUT, mask).message == (
         "/b publishes nothing on /out, although it subscribes to /mid (10 messages); "
         "it also subscribes to /mask, which has no publisher"
     )
@@ -107,14 +107,14 @@ def test_an_input_without_publisher_is_named_with_its_subscriber() -> None:
 
 def test_played_messages_that_do_not_arrive() -> None:
     one = found(topic("/in", "player", "/a", passed=0), MID, OUT)
-    assert one.sentence == "10 messages were played on /in, but none arrived"
+    assert one.message == "10 messages were played on /in, but none arrived"
 
 
 def test_a_topic_without_publisher_and_the_closest_name() -> None:
     wrong = topic("/middle", "/a", "", planned=("", ""))
     one = found(IN, topic("/mid", "", "/b", planned=("/a", "/b"), passed=None), OUT, wrong)
-    assert (one.kind, one.code) == ("no publisher", "R2B207")
-    assert one.sentence == (
+    assert one.code == "R2B207"
+    assert one.message == (
         "no publisher on /mid, to which /b subscribes; the closest name is /middle, published by /a"
     )
 
@@ -135,7 +135,7 @@ def test_a_topic_without_publisher_and_without_a_close_name(
     facts = GraphFacts(facts.topics, facts.inputs, facts.played, frozenset(nodes))
     one = first_fault(facts, "/out")
     assert one is not None
-    assert one.sentence == (
+    assert one.message == (
         f"no publisher on /mid, to which /b subscribes; its planned publisher {words}"
     )
 
@@ -147,7 +147,7 @@ def test_a_topic_of_an_unknown_publisher_and_a_topic_without_subscription() -> N
         topic("/out", "", "monitor", passed=None),
         played=None,
     )
-    assert one.sentence == (
+    assert one.message == (
         "no publisher on /out, to which monitor subscribes; /x, published by /a, "
         "has no subscription"
     )
@@ -156,8 +156,8 @@ def test_a_topic_of_an_unknown_publisher_and_a_topic_without_subscription() -> N
 def test_a_topic_without_subscription_and_the_closest_name() -> None:
     wrong = topic("/mdi", "", "/b", planned=("", ""), passed=None)
     one = found(IN, topic("/mid", "/a", "", planned=("/a", "/b")), OUT, wrong)
-    assert (one.kind, one.owner, one.code) == ("no subscription", "/b", "R2B208")
-    assert one.sentence == (
+    assert (one.code, one.owner) == ("R2B208", "/b")
+    assert one.message == (
         "no subscription to /mid, on which 10 messages were published; "
         "the closest name is /mdi, to which /b subscribes"
     )
@@ -165,22 +165,22 @@ def test_a_topic_without_subscription_and_the_closest_name() -> None:
 
 def test_types_that_differ_never_match() -> None:
     one = found(IN, topic("/mid", "/a", "/b", kinds=(TEXT, IMAGE)), OUT)
-    assert (one.kind, one.owner, one.code) == ("types", "/b", "R2B210")
-    assert one.sentence.startswith(
+    assert (one.code, one.owner) == ("R2B210", "/b")
+    assert one.message.startswith(
         f"/b subscribes to /mid as {IMAGE}, but /a publishes /mid as {TEXT}"
     )
 
 
 def test_a_monitor_that_waits_for_a_publisher_of_its_type() -> None:
     one = found(IN, MID, topic("/out", "/b", "", planned=("/b", "monitor"), kinds=(TEXT, IMAGE)))
-    assert one.sentence == f"/b publishes /out as {TEXT}, but its type in the spec is {IMAGE}"
+    assert one.message == f"/b publishes /out as {TEXT}, but its type in the spec is {IMAGE}"
 
 
 def test_qos_that_never_matches() -> None:
     pair = QosMismatch("/a", "/b", "/mid", "best effort publisher and reliable subscription")
     one = found(IN, topic("/mid", "/a", "/b", qos_mismatches=(pair,)), OUT)
-    assert (one.kind, one.code) == ("qos", "R2B216")
-    assert one.sentence.startswith(
+    assert one.code == "R2B216"
+    assert one.message.startswith(
         "/b requests a QoS on /mid that /a does not offer (best effort publisher"
     )
 
@@ -188,7 +188,7 @@ def test_qos_that_never_matches() -> None:
 def test_a_pair_that_never_matches_off_the_path_is_no_fault() -> None:
     pair = QosMismatch("/a", "/c", "/mid", "best effort publisher and reliable subscription")
     one = found(IN, topic("/mid", "/a", "/b /c", qos_mismatches=(pair,)), OUT)
-    assert one.kind == "no output"
+    assert one.code == "R2B641"
 
 
 def test_a_path_with_messages_on_every_topic_has_no_fault() -> None:
@@ -204,7 +204,7 @@ def test_a_topic_without_messages_is_no_fault_if_nothing_is_played() -> None:
 
 
 def test_a_topic_that_is_neither_planned_nor_discovered() -> None:
-    assert found(IN, silent="/nowhere").sentence == "no publisher on /nowhere"
+    assert found(IN, silent="/nowhere").message == "no publisher on /nowhere"
 
 
 def test_a_loop_is_followed_once() -> None:
@@ -225,7 +225,7 @@ def test_the_path_of_a_graph_that_joins() -> None:
     assert path_to(facts, "/out") == ("/left", "/right", "/l", "/r", "/out")
     one = first_fault(facts, "/out")
     assert one is not None
-    assert one.sentence == (
+    assert one.message == (
         "/c publishes nothing on /r, although it subscribes to /right (10 messages)"
     )
 
@@ -242,7 +242,7 @@ def test_an_input_without_subscription() -> None:
     )
     one = find_input_fault(facts, "/inptu")
     assert one is not None
-    assert one.sentence == (
+    assert one.message == (
         "no subscription to /inptu, which is played; "
         "the closest name is /input, to which /a subscribes"
     )
@@ -284,7 +284,7 @@ def test_an_input_that_no_node_subscribes_to_and_a_topic_that_one_waits_for() ->
     other = topic("/camera", "", "/plain", planned=("", ""))
     found = find_input_fault(graph(played, other, played=None), "/in")
     assert found is not None
-    assert found.sentence == (
+    assert found.message == (
         "no subscription to /in, which is played; /camera, to which /plain subscribes, has no "
         "publisher"
     )
