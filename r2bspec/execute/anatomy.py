@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from r2bspec.execute.processes.prerequisites import build_errors
+from r2bspec.execute.processes.prerequisites import built
 from r2bspec.judge.measure.observed_runs import ObservedRows
 from r2bspec.native.build import anatomy_environment, anatomy_object
 from r2bspec.record.anatomy_files import AnatomyReader, file_bytes
@@ -39,16 +39,6 @@ _SEGMENTS = 4
 _FEWEST_EVENTS, _MOST_EVENTS = 100_000, 4_000_000
 _EARLIER_NS = 100_000_000
 """The player is told to play this long before the first step is due, at most."""
-
-
-def build_preload() -> Path:
-    """Build what is preloaded, unless it was.
-
-    Raises:
-        NotInstalledError: it cannot be built (R2B668).
-    """
-    with build_errors():
-        return anatomy_object()
 
 
 def room_bytes(plan: Plan) -> int:
@@ -120,7 +110,7 @@ class AnatomyObservation:
         files.mkdir()
         record = AnatomyRecord(start=start)
         reader = AnatomyReader(files)
-        return cls(start, plan, build_preload(), files, room_bytes(plan), record, reader)
+        return cls(start, plan, built(anatomy_object), files, room_bytes(plan), record, reader)
 
     def environment(self, process: ProcessPlan, variables: Mapping[str, str]) -> dict[str, str]:
         """The environment of a process, by which it is observed if the plan says so."""

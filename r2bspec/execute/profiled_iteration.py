@@ -41,7 +41,6 @@ _SLOWER = 4
 """A wrapped process may take this much longer to start."""
 
 _END_TIMEOUT_S = 120.0
-_POLL_S = 0.05
 _SAMPLE_NS = 100_000_000
 """How long after the end of a segment its last sample may be taken."""
 
@@ -191,9 +190,9 @@ class ProfiledIteration:
         for child in children:
             child.request_shutdown()
         # A profiler writes its file when the process that it observes has ended.
-        deadline = time.monotonic() + _END_TIMEOUT_S
-        while any(wrapped.is_running for wrapped in children) and time.monotonic() < deadline:
-            self.supervisor.pump(_POLL_S)
+        self.supervisor.pump_until(
+            lambda: not any(child.is_running for child in children), _END_TIMEOUT_S
+        )
 
     def _wrapped(self, plan: ProcessPlan) -> ProcessPlan:
         base = self.folder.profile_folder(plan.name) / plan.name

@@ -20,7 +20,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -262,13 +261,13 @@ class AttachedProfiler:
         return attached
 
     def _wait_until_ready(self, supervisor: ProcessSupervisor) -> None:
-        deadline = time.monotonic() + _READY_TIMEOUT_S
-        while not self._observes():
-            if not self.child.is_running:
-                raise RunError(self._failure())
-            if time.monotonic() > deadline:
-                raise RunError(f"{self.profiler.name} did not begin to observe in time")
-            supervisor.pump(_POLL_S)
+        is_over = supervisor.pump_until(
+            lambda: self._observes() or not self.child.is_running, _READY_TIMEOUT_S, _POLL_S
+        )
+        if not self.child.is_running:
+            raise RunError(self._failure())
+        if not is_over:
+            raise RunError(f"{self.profiler.name} did not begin to observe in time")
 
     def _observes(self) -> bool:
         if self.profiler.kind == "py-spy":
@@ -283,11 +282,8 @@ class AttachedProfiler:
         """
         ended_before = not self.child.is_running and self.observed.is_running
         self.child.signal(signal.SIGINT)
-        deadline = time.monotonic() + _END_TIMEOUT_S
-        while self.child.is_running:
-            if time.monotonic() > deadline:
-                raise RunError(f"{self.profiler.name} did not end within {_END_TIMEOUT_S:g} s")
-            supervisor.pump(_POLL_S)
+        if not supervisor.pump_until(lambda: not self.child.is_running, _END_TIMEOUT_S, _POLL_S):
+            raise RunError(f"{self.profiler.name} did not end within {_END_TIMEOUT_S:g} s")
         if ended_before or self.child.process.returncode not in _ENDED_BY_US:
             raise RunError(self._failure())
 

@@ -182,18 +182,36 @@ class Session:
         player, monitor = self._start_harness()
         self._enter(RunState.GRAPH, "starting the graph")
         # While nodes start, and before anything is played; a later start finds it imported.
-        scipy = load_scipy() if _is_judged(self._plan) else None
+        is_judged = self._plan.objectives or self._plan.search or self._plan.sustained_hz
+        scipy = load_scipy() if is_judged else None
         deadline = readiness.StartDeadline(self._plan.start_timeout.ns)
         # Not before the harness overhead was measured, which its start would disturb.
-        observer = self._observer = self._launcher.start_observer(self._observer_settings())
+        settings = protocol.ConfigureObserver(
+            guarded=guarded_topics(self._plan),
+            static_dir=str(self._buffer_dir) if self._has_static else "",
+            # In a live run, a node of the graph publishes it.
+            clock=self._plan.clock and bool(self._plan.inputs),
+        )
+        observer = self._observer = self._launcher.start_observer(settings)
         with self._creating_nodes():
             if monitor is None:
                 player, monitor = self._start_joined_nodes(deadline)
             else:
-                self._start_nodes(deadline)
+                running = self._parts.node_hosts()
+                self._launcher.start_nodes(self._node_processes(), deadline, running)
             self._bring_up_lifecycle_nodes(observer, deadline)
             self._connect_graph(player, monitor, observer, deadline)
-        segment_player = self.player = self._segment_player(player, observer)
+        segment_player = self.player = (SegmentPlayer if player else LiveSegmentWatcher)(
+            self._plan,
+            self._context,
+            player,
+            self.rows_dir,
+            schedule=self.schedule,
+            static_publisher=observer if self._has_static else None,
+            confirms=self.confirms,
+            start=self.start,
+            anatomy=self.anatomy,
+        )
         silent_outputs = self._silent_outputs = SilentOutputs(
             self._graph, self._context, self.rows_dir, monitor, segment_player
         )
@@ -246,7 +264,7 @@ class Session:
         again = f" again: start {self.start}" if self._is_later else ""
         self._enter(RunState.START, f"starting player and monitor{again}")
         launcher.check_shared_memory(plan, MEASURE_PHASE)
-        if self._is_joined:
+        if plan.harness.placement == "graph":
             self._measure_overhead_alone()
             return None, None
         launcher.start_early(self._node_processes(), message_packages(plan))
@@ -285,14 +303,6 @@ class Session:
             buffer_dir=str(self._buffer_dir),
             rows=str(rows_dir / PLAYBACK_ROWS),
             transforms=buffered_transforms(self._buffer_dir),
-        )
-
-    def _observer_settings(self) -> protocol.ConfigureObserver:
-        return protocol.ConfigureObserver(
-            guarded=guarded_topics(self._plan),
-            static_dir=str(self._buffer_dir) if self._has_static else "",
-            # In a live run, a node of the graph publishes it.
-            clock=self._plan.clock and bool(self._plan.inputs),
         )
 
     @property
@@ -353,11 +363,6 @@ class Session:
         ).measure()
         self.overhead_ns = time.monotonic_ns() - began_ns
 
-    @property
-    def _is_joined(self) -> bool:
-        """Whether player and monitors run in the processes of the graph."""
-        return self._plan.harness.placement == "graph"
-
     def _node_processes(self) -> list[ProcessPlan]:
         return [
             process
@@ -377,30 +382,18 @@ class Session:
         harness = harness_processes.GraphHarness(
             self._launcher, self._plan, configure_player, self.rows_dir
         )
-        joins = harness_processes.GraphJoins(
-            self._supervisor, self.rows_dir, harness_processes.build_join_files()
-        )
+        joins = harness_processes.GraphJoins(self._supervisor, self.rows_dir)
         self._launcher.joins = joins
         try:
             if self._is_later:
                 packages = message_packages(self._plan)
                 self._launcher.start_early(self._node_processes(), packages, observer=False)
-            self._start_nodes(deadline, harness.configure)
+            self._launcher.start_nodes(
+                self._node_processes(), deadline, on_joined=harness.configure
+            )
         finally:
             joins.close()
         return harness.player, harness.monitor
-
-    def _start_nodes(
-        self,
-        deadline: readiness.StartDeadline,
-        on_joined: Callable[[ManagedProcess, ProcessPlan], None] = lambda _, __: None,
-    ) -> None:
-        self._launcher.start_nodes(
-            self._node_processes(),
-            deadline,
-            running_hosts=self._parts.node_hosts(),
-            on_joined=on_joined,
-        )
 
     def _bring_up_lifecycle_nodes(
         self, observer: ManagedProcess, deadline: readiness.StartDeadline
@@ -438,7 +431,7 @@ class Session:
         caller = self._start_caller(player) if player is not None and plan.called else None
         if caller is not None:
             with supervisor.waiting("services: found"):
-                readiness.wait_for_services(plan, supervisor, caller, deadline)
+                readiness.wait_for_services(supervisor, caller, deadline)
         if player is not None and plan.inputs:
             transforms = self._graph.subscription_counts(buffered_transforms(self._buffer_dir))
             if TF_STATIC in transforms:
@@ -476,21 +469,6 @@ class Session:
             buffer_dir=str(self._buffer_dir),
             follows=follows,
             timeline=timeline,
-        )
-
-    def _segment_player(
-        self, player: ManagedProcess | None, observer: ManagedProcess
-    ) -> SegmentPlayer:
-        return (SegmentPlayer if player else LiveSegmentWatcher)(
-            self._plan,
-            self._context,
-            player,
-            self.rows_dir,
-            schedule=self.schedule,
-            static_publisher=observer if self._has_static else None,
-            confirms=self.confirms,
-            start=self.start,
-            anatomy=self.anatomy,
         )
 
     def _schedule_threads(self, *, final: bool) -> None:
@@ -573,11 +551,6 @@ class Session:
             return False
         self._context.note("all nodes are idle and answer: the start is not waited for any longer")
         return True
-
-
-def _is_judged(plan: Plan) -> bool:
-    """Whether statistics are computed while a run lasts, or at its end."""
-    return bool(plan.objectives or plan.search or plan.sustained_hz)
 
 
 @dataclass

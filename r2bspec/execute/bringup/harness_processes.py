@@ -30,7 +30,7 @@ import msgspec
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.bringup.readiness import IdleTime, patience_s, starts_others
 from r2bspec.execute.processes.elf import not_joinable
-from r2bspec.execute.processes.prerequisites import build_errors
+from r2bspec.execute.processes.prerequisites import built
 from r2bspec.execute.processes.resources import family
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
@@ -54,24 +54,6 @@ _PEER: Final = struct.Struct("3i")
 _RCL: Final = b"/librcl.so"
 _WRAPPERS: Final = ("ros2", "launch")
 """Programs that initialise ROS for themselves before they start the node."""
-
-
-@dataclass(frozen=True, slots=True)
-class JoinFiles:
-    """What is loaded into processes of the graph."""
-
-    join_object: Path
-    library: Path
-
-
-def build_join_files() -> JoinFiles:
-    """Build what is loaded, unless it was.
-
-    Raises:
-        NotInstalledError: it cannot be built (R2B668).
-    """
-    with build_errors():
-        return JoinFiles(join_object(), harness_library())
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,12 +81,14 @@ class GraphJoins:
     Args:
         supervisor: of the run.
         folder: for the socket.
-        files: what is loaded.
+
+    Raises:
+        NotInstalledError: what is loaded cannot be built (R2B668).
     """
 
-    def __init__(self, supervisor: ProcessSupervisor, folder: Path, files: JoinFiles) -> None:
+    def __init__(self, supervisor: ProcessSupervisor, folder: Path) -> None:
         self._supervisor = supervisor
-        self._files = files
+        self._join_object, self._library = built(join_object), built(harness_library)
         self._listener = socket.socket(socket.AF_UNIX)
         self._folder_fd = os.open(folder, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
         path = folder / "join.socket"
@@ -125,9 +109,7 @@ class GraphJoins:
     def environment(self, process: str, environment: dict[str, str]) -> dict[str, str]:
         """The environment of a process that gets parts."""
         preloaded = environment.get("LD_PRELOAD", "")
-        return environment | join_environment(
-            self._files.join_object, self._path, process, preloaded
-        )
+        return environment | join_environment(self._join_object, self._path, process, preloaded)
 
     def join(self, child: ManagedProcess, plan: ProcessPlan, timeout_s: float) -> None:
         """Wait until a process initialises ROS, and start its parts; it waits for `release`.
@@ -228,7 +210,7 @@ class GraphJoins:
         Raises:
             NotJoinableError: it answers that it cannot, or does not answer.
         """
-        command = ",".join(parts).encode() + b" " + os.fsencode(self._files.library) + b"\n"
+        command = ",".join(parts).encode() + b" " + os.fsencode(self._library) + b"\n"
         with contextlib.suppress(OSError):
             connection.sendall(command)
         connection.setblocking(False)

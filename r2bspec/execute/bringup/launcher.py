@@ -28,6 +28,7 @@ from r2bspec.execute.processes.process import shorten_slice
 from r2bspec.execute.processes.scheduling import apply_to_process, has_memory_lock
 from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
+from r2bspec.native.build import harness_library, join_object, lock_environment
 from r2bspec.plan.command_lines import NATIVE_ARGV, container_node_name
 from r2bspec.plan.plan import HARNESS_ROLES, AfterReadyPlan, NodePlan, Plan, ProcessPlan
 from r2bspec.record.run_folder import RunFolder
@@ -112,14 +113,15 @@ class Launcher:
         environment = self._environment
         variables = environment.for_harness(plan.env) if harness else environment.for_node(plan.env)
         if prerequisites.hosts_library(plan):
-            variables[protocol.NATIVE_LIBRARY_VARIABLE] = str(prerequisites.native_library())
+            variables[protocol.NATIVE_LIBRARY_VARIABLE] = str(prerequisites.built(harness_library))
         parts = tuple(parts)
         if self.joins is not None and plan.join is not None:
             variables = self.joins.environment(plan.name, variables)
         if self.anatomy is not None:
             variables = self.anatomy.environment(plan, variables)
         if has_memory_lock(plan):
-            variables |= prerequisites.memory_lock_variables(variables.get("LD_PRELOAD", ""))
+            preloaded = variables.get("LD_PRELOAD", "")
+            variables |= lock_environment(prerequisites.built(join_object), preloaded)
         child = self._supervisor.start(
             plan.name,
             plan.role,

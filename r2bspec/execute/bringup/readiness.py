@@ -225,20 +225,27 @@ def wait_for_external(
     Raises:
         NotReadyError: a node is missing at the deadline.
     """
-    missing = expected = sorted(node.name for node in plan.external if node.phase == "measure")
+    expected = sorted(node.name for node in plan.external if node.phase == "measure")
 
-    def are_there() -> bool:
-        nonlocal missing
+    def lacking() -> list[str]:
         graph = supervisor.request(observer, protocol.ListGraph(), protocol.GraphSnapshot)
-        missing = [name for name in expected if name not in graph.nodes]
-        return not missing
+        return [name for name in expected if name not in graph.nodes]
 
-    if not supervisor.pump_until(are_there, deadline.left_s):
+    if missing := _wait_until_empty(lacking, supervisor, deadline):
         raise NotReadyError(
             f"external: {', '.join(missing)} is not running, or not in this ROS domain",
             hint="Start it before the run, in the same ROS domain.",
             code="R2B649",
         )
+
+
+def _wait_until_empty(
+    lacking: Callable[[], list[str]], supervisor: ProcessSupervisor, deadline: StartDeadline
+) -> list[str]:
+    """Wait until nothing is lacking; what still is at the deadline."""
+    while (missing := lacking()) and not deadline.over:
+        supervisor.pump()
+    return missing
 
 
 def wait_for_probe(
@@ -278,21 +285,19 @@ def wait_for_probe(
 
 
 def wait_for_services(
-    plan: Plan, supervisor: ProcessSupervisor, player: ManagedProcess, deadline: StartDeadline
+    supervisor: ProcessSupervisor, player: ManagedProcess, deadline: StartDeadline
 ) -> None:
     """Wait until all services and actions that the player calls are there.
 
     Raises:
         NotReadyError: one is not at the deadline.
     """
-    missing = [call.target for call in plan.called.values()]
 
-    def are_there() -> bool:
+    def lacking() -> list[str]:
         counts = supervisor.request(player, protocol.CountMatches(), protocol.Matched).counts
-        missing[:] = [name for name, count in counts.items() if not count]
-        return not missing
+        return [name for name, count in counts.items() if not count]
 
-    if not supervisor.pump_until(are_there, deadline.left_s):
+    if missing := _wait_until_empty(lacking, supervisor, deadline):
         raise NotReadyError(
             f"no node offers {', '.join(missing)} after {deadline.timeout_s:g} s",
             hint="A name without '/' at its beginning is in the namespace of the graph, as "
