@@ -397,16 +397,12 @@ class _Run:
         session = self._starts.sessions[-1]
         if session.player is None or not self._plan.inputs:
             return
-        from r2bspec.execute.measurement.further_iterations import TruthComparison
+        from r2bspec.execute.measurement.further_iterations import compare_with_truth
 
-        self._accuracy = TruthComparison(
-            self._plan,
-            self._context,
-            session.player,
-            session.rows_dir,
-            session.schedule,
-            tuple(dataset.path for dataset in self._datasets),
-        ).compare()
+        folders = [dataset.path for dataset in self._datasets]
+        self._accuracy = compare_with_truth(
+            self._plan, self._context, session.player, session.rows_dir, folders
+        )
 
     def _is_confirmed(self, verdict: Verdict, began_s: float) -> bool:
         """Whether the run fails, and is to be repeated because of that."""

@@ -23,7 +23,7 @@ from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.protocol import Endpoint, QosMismatch, weakest_offer
 from r2bspec.ipc.sample_files import RowReader
 from r2bspec.middleware.middleware import RMW_VARIABLE, middleware_of
-from r2bspec.plan.plan import MonitorPlan, Plan
+from r2bspec.plan.plan import MonitorPlan, Plan, TopicPlan
 from r2bspec.plan.taps import all_taps
 from r2bspec.plan.wiring.name_resolution import NODE_TOPICS
 from r2bspec.record.sample_arrays import MONITOR_FIELDS
@@ -45,6 +45,7 @@ _MAX_DISCOVERY_S = 10.0
 
 _POLL_S = 0.02
 _DISCOVERY_INTERVAL_S = 0.3
+_UNPLANNED = TopicPlan(name="", type="", phase="measure", writers=(), readers=())
 _Answer = TypeVar("_Answer")
 
 
@@ -154,8 +155,8 @@ class GraphFacts:
 def gather_facts(
     plan: Plan,
     phase: str,
+    nodes: Iterable[str],
     discovered: protocol.Discovered,
-    nodes: Iterable[str] = (),
     passed: Mapping[str, int] | None = None,
 ) -> GraphFacts:
     """Combine the plan with the observations.
@@ -163,26 +164,23 @@ def gather_facts(
     Args:
         plan: of the run.
         phase: ``preprocess`` or ``measure``.
-        discovered: publishers and subscriptions of each topic, and the pairs that never match.
         nodes: the discovered nodes.
+        discovered: publishers and subscriptions of each topic, and the pairs that never match.
         passed: messages counted, by topic, while `TRACE_STEPS` steps were played.
     """
     planned = {topic.name: topic for topic in plan.topics if topic.phase == phase}
     topics = {}
     for name in sorted({*planned, *discovered.writers}):
-        plan_topic = planned.get(name)
-        expected_subscribers = plan_topic.readers if plan_topic else ()
+        topic = planned.get(name, _UNPLANNED)
         subscriptions = map(_with_plan_name, discovered.readers.get(name, ()))
         topics[name] = TopicFacts(
             name=name,
-            type=plan_topic.type if plan_topic else "",
-            planned_publishers=plan_topic.writers if plan_topic else (),
-            planned_subscribers=expected_subscribers,
+            type=topic.type,
+            planned_publishers=topic.writers,
+            planned_subscribers=topic.readers,
             publishers=tuple(map(_with_plan_name, discovered.writers.get(name, ()))),
             subscriptions=tuple(
-                end
-                for end in subscriptions
-                if end.node not in HARNESS or end.node in expected_subscribers
+                end for end in subscriptions if end.node not in HARNESS or end.node in topic.readers
             ),
             qos_mismatches=tuple(
                 QosMismatch(_plan_name(pair.writer), _plan_name(pair.reader), name, pair.why)
@@ -233,11 +231,11 @@ class GraphObserver:
 
     def look(self) -> GraphFacts:
         """The endpoints that discovery shows at this moment; there may be more."""
-        return self._gather(*self._discover())
+        return gather_facts(self.plan, self.phase, *self._discover())
 
     def observe(self) -> GraphFacts:
         """The endpoints of every topic; nothing is played."""
-        return self._gather(*self._wait_for_discovery())
+        return gather_facts(self.plan, self.phase, *self._wait_for_discovery())
 
     def trace(self, rows_dir: Path, play: Callable[[], None]) -> GraphFacts:
         """The endpoints, and the messages of every topic while `play` plays `TRACE_STEPS` steps.
@@ -275,7 +273,7 @@ class GraphObserver:
         self._wait_for_quiet(files.values())
         passed = {topic: rows.count() - before[topic] for topic, rows in files.items()}
         self._ask_monitor(protocol.StopTap())
-        return self._gather(nodes, discovered, passed)
+        return gather_facts(self.plan, self.phase, nodes, discovered, passed)
 
     def _wait_for_discovery(self) -> tuple[tuple[str, ...], protocol.Discovered]:
         """The result of discovery when it no longer changes; at first it is incomplete."""
@@ -306,14 +304,6 @@ class GraphObserver:
         planned = {topic.name for topic in self.plan.topics if topic.phase == self.phase}
         names = tuple(sorted({*planned, *graph.topics} - NODE_TOPICS))
         return graph.nodes, self._ask(protocol.Discover(topics=names), protocol.Discovered)
-
-    def _gather(
-        self,
-        nodes: Iterable[str],
-        discovered: protocol.Discovered,
-        passed: Mapping[str, int] | None = None,
-    ) -> GraphFacts:
-        return gather_facts(self.plan, self.phase, discovered, nodes, passed)
 
     def _ask(self, command: object, kind: type[_Answer]) -> _Answer:
         return self.supervisor.request(self.observer, command, kind)

@@ -244,6 +244,7 @@ def test_the_harness_has_its_names_in_plans_and_its_tracing_subscriptions_are_le
     facts = gather_facts(
         msgspec.structs.replace(Simulation().plan(), topics=(planned,)),
         "measure",
+        (),
         Discovered(
             writers={"/in": (end("/r2bspec/player"),)},
             readers={"/in": (end("/a"), end("/r2bspec/monitor"))},
