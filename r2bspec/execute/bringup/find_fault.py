@@ -314,11 +314,13 @@ def certain_topics(
         remapped: the remappings of the plan.
     """
     targets = {rule.topic for rule in unmatched(facts, remapped)}
-    return frozenset(
-        name
-        for name in missing
-        if _never_matches(facts, name) or _is_misplaced(facts, name, remapped=name in targets)
-    )
+    certain = set()
+    for name in missing:
+        fault = find_input_fault(facts, name) if name in facts.inputs else first_fault(facts, name)
+        never_matches = fault and fault.name == name and fault.code in NEVER_MATCHED
+        if never_matches or _is_misplaced(facts, name, remapped=name in targets):
+            certain.add(name)
+    return frozenset(certain)
 
 
 def unmatched(facts: GraphFacts, remapped: Iterable[RemappedTopic]) -> Iterator[RemappedTopic]:
@@ -329,12 +331,6 @@ def unmatched(facts: GraphFacts, remapped: Iterable[RemappedTopic]) -> Iterator[
         own = {rule.node} if rule.own_node_name else nodes - (facts.planned_nodes - {rule.node})
         if not nodes & own:
             yield rule
-
-
-def _never_matches(facts: GraphFacts, name: str) -> bool:
-    """Whether two endpoints of a topic exist that ROS does not match."""
-    fault = find_input_fault(facts, name) if name in facts.inputs else first_fault(facts, name)
-    return fault is not None and fault.name == name and fault.code in NEVER_MATCHED
 
 
 def _is_misplaced(facts: GraphFacts, name: str, *, remapped: bool) -> bool:
@@ -363,21 +359,14 @@ def _is_misplaced(facts: GraphFacts, name: str, *, remapped: bool) -> bool:
             and (not types or end.type in types)
             and (not running or end.node in running)
         ]
-        moved = any(_is_moved(facts, node, owners) for node in meant)
-        if meant and (_is_similar(name, other.name) or ((remapped or moved) and types)):
+        # A planned node in another namespace, where no node has the planned name.
+        moved = any(
+            owner not in facts.nodes and owner.rpartition("/")[2] == node.rpartition("/")[2]
+            for node in meant
+            for owner in owners
+        )
+        # Two topics that differ in their namespaces only, or by a typing error.
+        similar = did_you_mean(name.rpartition("/")[2], [other.name.rpartition("/")[2]])
+        if meant and (similar or ((remapped or moved) and types)):
             return True
     return False
-
-
-def _is_moved(facts: GraphFacts, node: str, planned: Iterable[str]) -> bool:
-    """Whether a node is a planned one in another namespace, where no node has the planned name."""
-    return any(
-        name not in facts.nodes and name.rpartition("/")[2] == node.rpartition("/")[2]
-        for name in planned
-    )
-
-
-def _is_similar(wanted: str, found: str) -> bool:
-    """Whether two topics differ in their namespaces only, or by a typing error."""
-    last = found.rpartition("/")[2]
-    return bool(did_you_mean(wanted.rpartition("/")[2], [last]))

@@ -176,8 +176,9 @@ class PhaseGraph:
     def observer(self, monitor: ManagedProcess | None = None) -> GraphObserver:
         """Observes the graph; with a monitor, messages can be traced."""
         plan, phase, supervisor = self.plan, self.phase, self.supervisor
-        endpoints = tuple(self.launcher.endpoints_in(plan, phase))
-        return GraphObserver(supervisor, supervisor.observer(), plan, phase, endpoints, monitor)
+        nodes = {node.name for process in plan.processes_in(phase) for node in process.nodes}
+        known = tuple(each for each in self.launcher.endpoints if each[0] in nodes)
+        return GraphObserver(supervisor, supervisor.observer(), plan, phase, known, monitor)
 
     def _not_ready_error(
         self, missing: Mapping[str, tuple[int, int]], certain: Collection[str], stalled_s: float
@@ -352,15 +353,13 @@ class PhaseGraph:
 
     def expected_subscriptions(self, topic: str) -> int:
         """How many subscriptions a topic of the harness must match: the planned, at least one."""
-        planned = (
-            planned_topic
-            for planned_topic in self.plan.topics
-            if planned_topic.name == topic and planned_topic.phase == self.phase
-        )
-        return max(
-            1,
-            len({node for planned_topic in planned for node in planned_topic.readers} - {*HARNESS}),
-        )
+        nodes = {
+            node
+            for planned in self.plan.topics
+            if planned.name == topic and planned.phase == self.phase
+            for node in planned.readers
+        }
+        return max(1, len(nodes - {*HARNESS}))
 
     def wait_for_mutual_discovery(self, harness_endpoints: Iterable[EndpointKey]) -> None:
         """Wait until the nodes and the harness have discovered each other from both sides.
@@ -441,12 +440,7 @@ def related_differences(
 ) -> str:
     """Other differences of the nodes with faults, as text to append to a sentence."""
     owners = {fault.owner for fault in faults}
-    related = (
-        launch_difference.message
-        for launch_difference in launch_differences
-        if launch_difference.owner in owners
-    )
-    return "".join(f"; {message}" for message in related)
+    return "".join(f"; {each.message}" for each in launch_differences if each.owner in owners)
 
 
 @dataclass

@@ -21,7 +21,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -126,14 +125,13 @@ class GraphJoins:
         self._start(waiting, child, parts)
         for part in parts:
             key = hello.pid, part
-            has_connected = partial(self._has_connected, key)
-            if not self._supervisor.pump_until(has_connected, _ANSWER_TIMEOUT_S, _POLL_S):
-                raise not_joinable(child.name, f"its {part} did not connect")
+            deadline = time.monotonic() + _ANSWER_TIMEOUT_S
+            while key not in self._connected:
+                if time.monotonic() > deadline:
+                    raise not_joinable(child.name, f"its {part} did not connect")
+                self._supervisor.pump(_POLL_S)
+                self.poll()
             self._supervisor.add_joined_part(child, part, self._connected.pop(key))
-
-    def _has_connected(self, key: tuple[int, str]) -> bool:
-        self.poll()
-        return key in self._connected
 
     def release(self) -> None:
         """Let all processes go on: the publishers of the harness exist."""

@@ -336,11 +336,6 @@ class Launcher:
             if node in self.hosts[host]:
                 yield topic, kind, does
 
-    def endpoints_in(self, plan: Plan, phase: str) -> list[tuple[str, str, str, str]]:
-        """The endpoints of the Python nodes of a phase."""
-        nodes = {node.name for process in plan.processes_in(phase) for node in process.nodes}
-        return [endpoint for endpoint in self.endpoints if endpoint[0] in nodes]
-
     @property
     def known_differences(self) -> set[tuple[str, str]]:
         """The nodes of the differences, with the parameters or names that these are about."""

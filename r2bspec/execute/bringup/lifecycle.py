@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from r2bspec.execute.bringup.observe_graph import HARNESS
 from r2bspec.execute.bringup.readiness import StartDeadline
 from r2bspec.execute.errors import GraphDifferencesError, NotReadyError, ProcessDiedError
-from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess
+from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S
 from r2bspec.ipc import protocol
 from r2bspec.language.spec import LifecycleState
 from r2bspec.plan.command_lines import has_planned_name
@@ -145,7 +145,12 @@ class LifecycleNodes:
             NotReadyError: it does not answer in time.
             ProcessDiedError: its process has ended.
         """
-        child = self._process_of(name)
+        own = next(
+            process.name
+            for process in self._processes()
+            if any(node.name == name for node in process.nodes)
+        )
+        child = next(process for process in self.graph.supervisor if process.name == own)
         timeout_s = deadline.left_s
         command = protocol.ChangeState(
             node=name, transition=transition, timeout_ns=round(timeout_s * 1e9)
@@ -172,7 +177,10 @@ class LifecycleNodes:
                 f"for: {child.log}",
                 code=TRANSITION_FAILED,
             )
-        raised = _exception(child, protocol.callback_failure(name, callback))
+        # A Python process says what the callback has raised.
+        begin = protocol.callback_failure(name, callback)
+        lines = reversed(child.log_tail().splitlines())
+        raised = next((line.removeprefix(begin) for line in lines if line.startswith(begin)), "")
         cause = f"{callback} {raised or _CAUSES[changed.result]}"
         now = f"; it is {changed.state} now" if changed.state else ""
         raise _mismatch(
@@ -183,14 +191,6 @@ class LifecycleNodes:
             f"correct it, or read the whole output of the node: {child.log}",
             "" if raised else child.last_output().removeprefix("; "),
         )
-
-    def _process_of(self, name: str) -> ManagedProcess:
-        process = next(
-            listed
-            for listed in self._processes()
-            if any(node.name == name for node in listed.nodes)
-        )
-        return next(each for each in self.graph.supervisor if each.name == process.name)
 
     def never_active(self, missing: Collection[str]) -> frozenset[str]:
         """The topics that lack endpoints of nodes that nothing in the graph can activate.
@@ -288,12 +288,6 @@ _CAUSES: Final = {
     "error": "returned ERROR, or raised an exception",
     "unknown": "did not succeed",
 }
-
-
-def _exception(child: ManagedProcess, begin: str) -> str:
-    """What a Python process says of a callback, in a line that begins so; empty without one."""
-    lines = reversed(child.log_tail().splitlines())
-    return next((line.removeprefix(begin) for line in lines if line.startswith(begin)), "")
 
 
 def _mismatch(

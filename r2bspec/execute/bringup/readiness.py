@@ -390,7 +390,13 @@ def run_setup_step(
         NotInstalledError: its program is not installed.
     """
     created = base_dir / plan.creates if plan.creates else None
-    with _lock_of(created):
+    lock: contextlib.AbstractContextManager[object] = contextlib.nullcontext()
+    if created is not None:
+        from filelock import FileLock
+
+        created.parent.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(created.with_name(f".{created.name}.lock"))
+    with lock:
         if created is not None and created.exists():
             note(f"{plan.name}: {plan.creates} already exists")
             return
@@ -431,13 +437,3 @@ def wait_for_exit(child: ManagedProcess, supervisor: ProcessSupervisor, timeout_
             f"{child.name} {describe_exit(child.process.returncode)}{child.last_output()}",
             hint=f"Its complete output is in {child.log}.",
         )
-
-
-def _lock_of(created: Path | None) -> contextlib.AbstractContextManager[object]:
-    """The lock of the file that a step creates; no lock if it creates none."""
-    if created is None:
-        return contextlib.nullcontext()
-    from filelock import FileLock
-
-    created.parent.mkdir(parents=True, exist_ok=True)
-    return FileLock(created.with_name(f".{created.name}.lock"))

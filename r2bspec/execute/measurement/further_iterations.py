@@ -66,7 +66,9 @@ def record_outputs(
     Raises:
         RunError: a process does not respond, or exited.
     """
-    watches = recorded_topics(plan)
+    recorded = {source.topic: source.type for source in plan.inputs}
+    recorded |= {monitor.topic: monitor.type for monitor in plan.monitors}
+    watches = _subscriptions("record", recorded)
     play = max(plan.play, key=lambda each: each.rate_hz)
     title = titled(play.rate_hz, "recording the messages")
     with recorded_messages(context.supervisor, watches, rows_dir):
@@ -107,14 +109,6 @@ def record_outputs(
         )
     merged = heapq.merge(*streams, key=lambda each: each.time_ns)
     return write_output_bag(context.folder.path / OUTPUT_BAG, types, merged)
-
-
-def recorded_topics(plan: Plan) -> tuple[MonitorPlan, ...]:
-    """A subscription for each topic that is played or monitored."""
-    types = {source.topic: source.type for source in plan.inputs}
-    return _subscriptions(
-        "record", types | {monitor.topic: monitor.type for monitor in plan.monitors}
-    )
 
 
 def _subscriptions(name: str, types: Mapping[str, str]) -> tuple[MonitorPlan, ...]:
@@ -217,7 +211,10 @@ def compare_with_truth(
     paths = {watch.topic: rows_dir / f"{watch.name}.rows" for watch in watches}
     schedule = segment_player.schedule
     first = PlaybackReader(rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS).count()
-    rate_hz = _lowest_rate_hz(plan)
+    rates = [play.rate_hz for play in plan.play] + list(plan.sustained_hz)
+    rates += [plan.search.min_hz] if plan.search is not None else []
+    # The lowest one; 0 where the recording sets it.
+    rate_hz = min(rates, default=0.0)
     heading = SegmentHeading("recorded", "truth-001", titled(rate_hz, "comparing with the truth"))
     with recorded_messages(context.supervisor, watches, rows_dir):
         playback = segment_player.play(heading, rate_hz, len(schedule.steps)).playback
@@ -281,10 +278,14 @@ def compare_outputs(
     found = [(folder, known) for folder in datasets if (known := read_ground_truth(folder))]
     if not found:
         return _with_problem(record, "The recording has no ground truth.")
+    from r2bspec.bags.message_types import typestore
+
     compare = _compare_disparity if truth.kind == "disparity" else _compare_tag
+    store = typestore()
+    messages = [(stamps, store.deserialize_cdr(data, monitor.type)) for stamps, data in outputs]
     for folder, known in found:
         try:
-            accuracy = compare(folder, known, truth.name, _decoded(monitor.type, outputs))
+            accuracy = compare(folder, known, truth.name, messages)
         except KeyError:
             continue
         except (OSError, RefusedDataError) as error:
@@ -302,13 +303,6 @@ def _with_problem(record: AccuracyRecord, problem: str) -> AccuracyRecord:
 
 
 Outputs = Sequence[tuple[frozenset[int], Any]]
-
-
-def _decoded(kind: str, outputs: Sequence[tuple[frozenset[int], bytes]]) -> Outputs:
-    from r2bspec.bags.message_types import typestore
-
-    store = typestore()
-    return [(stamps, store.deserialize_cdr(data, kind)) for stamps, data in outputs]
 
 
 def _compare_disparity(
@@ -356,10 +350,3 @@ def _compare_tag(folder: Path, known: GroundTruth, topic: str, outputs: Outputs)
 def _tag_pose(pose: Any) -> TagPose:
     at, turned = pose.position, pose.orientation
     return TagPose((at.x, at.y, at.z), (turned.x, turned.y, turned.z, turned.w))
-
-
-def _lowest_rate_hz(plan: Plan) -> float:
-    """The lowest rate of the plan; 0 where the recording sets it."""
-    rates = [play.rate_hz for play in plan.play] + list(plan.sustained_hz)
-    rates += [plan.search.min_hz] if plan.search is not None else []
-    return min(rates, default=0.0)

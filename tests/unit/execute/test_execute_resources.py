@@ -69,19 +69,6 @@ def test_time_and_memory_of_descendants_count() -> None:
     assert resident > 0
 
 
-def test_samples_are_cumulative_and_in_order() -> None:
-    sampler = ResourceSampler()
-    with subprocess.Popen([sys.executable, "-c", BUSY]) as process:
-        sampled(sampler, process.pid, lambda: sampler.rows().size >= 8)
-        rows, _ = sampler.stop()
-        process.kill()
-    for number in (MACHINE_INDEX, CONTROLLER_INDEX, 0):
-        one = rows[rows["process"] == number]
-        assert one.size >= 3
-        assert np.all(np.diff(one["time_ns"]) > 0)
-        assert np.all(np.diff(one["cpu_s"]) >= 0)
-
-
 def test_a_process_that_ends_is_sampled_no_more_and_disturbs_nobody() -> None:
     sampler = ResourceSampler()
     with subprocess.Popen([sys.executable, "-c", ""]) as process:
@@ -108,16 +95,6 @@ def test_a_sample_is_taken_when_it_is_asked_for() -> None:
     # Not the one of the period, which was due when the last one was 200 ms old.
     previous = around["time_ns"][around["time_ns"] < soon_ns][-1]
     assert after[0] >= soon_ns > previous
-
-
-def test_times_that_were_asked_for_and_are_past_are_one_sample() -> None:
-    sampler = ResourceSampler()
-    for _ in range(50):
-        sampler.sample_at(0)
-    sampler.start()
-    wait_for(lambda: sampler.interference().size >= 3)
-    sampler.stop()
-    assert not sampler._requested_ns
 
 
 def test_what_a_process_uses_lately() -> None:
@@ -149,9 +126,6 @@ def test_a_process_that_is_gone_has_none() -> None:
     assert resources.minor_faults(2**22 + 1) == 0
 
 
-SCHEDSTAT = Path("/proc/self/schedstat")
-
-
 def wait_files(proc: Path, pid: int, *waits_ns: int) -> None:
     for thread, wait_ns in enumerate(waits_ns):
         folder = proc / str(pid) / "task" / str(pid + thread)
@@ -174,22 +148,6 @@ def test_waits_of_all_threads_add_up_and_stay_counted(tmp_path: Path) -> None:
 
 def test_without_the_counters_of_the_kernel_nothing_is_known(tmp_path: Path) -> None:
     assert math.isnan(RunQueueWaits(tmp_path).update(0, [os.getpid()]))
-
-
-@pytest.mark.skipif(not SCHEDSTAT.exists(), reason="this kernel does not count run-queue waits")
-def test_two_busy_programs_on_one_processor_wait_for_each_other() -> None:
-    core = min(os.sched_getaffinity(0))
-    code = f"import os; os.sched_setaffinity(0, [{core}])\nwhile True: pass"
-    waits = RunQueueWaits()
-    with (
-        subprocess.Popen([sys.executable, "-c", code]) as one,
-        subprocess.Popen([sys.executable, "-c", code]) as two,
-    ):
-        try:
-            wait_for(lambda: min(waits.update(0, [one.pid]), waits.update(1, [two.pid])) > 0.05)
-        finally:
-            one.kill()
-            two.kill()
 
 
 LEAVES_A_BUSY_CHILD = """

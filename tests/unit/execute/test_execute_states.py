@@ -175,14 +175,6 @@ def test_what_fits_is_played_and_what_does_not_is_told() -> None:
     assert budget.left_out == ["No confirmation run: it would exceed the time budget of 3600 s."]
 
 
-def test_time_before_it_begins_does_not_count() -> None:
-    budget = TimeBudget(HOUR_NS, lambda _: None)
-    assert budget.spent_s() == 0.0
-    assert budget.allows("no confirmation run", 3600.0)
-    budget.begin()
-    assert budget.spent_s() >= 0.0
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_is_reported_once(number: signal.Signals) -> None:
     with Interrupts() as interrupts:
@@ -193,13 +185,6 @@ def test_a_signal_is_reported_once(number: signal.Signals) -> None:
         assert raised.value.exit_code == 130
         # Cleaning up must not be interrupted by the signal that led to it.
         interrupts.check()
-
-
-def test_a_signal_that_came_before_long_work_keeps_it_from_beginning() -> None:
-    with Interrupts() as interrupts:
-        os.kill(os.getpid(), signal.SIGINT)
-        with pytest.raises(InterruptedRunError), interrupts.immediate():
-            pytest.fail("it began")
 
 
 def test_a_signal_that_comes_as_long_work_begins_ends_it_at_once(

@@ -15,10 +15,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import psutil
 import pytest
 
-from family_trees import wait_for
 from r2bspec.execute.errors import (
     AddressSpaceError,
     InterruptedRunError,
@@ -258,13 +256,6 @@ def test_a_death_is_reported_with_the_last_lines_of_the_log(stage: Stage) -> Non
     assert stage.said().count("line") == 99
 
 
-def test_of_several_processes_the_one_that_died_is_named(stage: Stage) -> None:
-    silent = stage.start("ends = channel()\n" + SLEEPS, "player")
-    stage.start("ends = channel(); ends.receive(); sys.exit(9)", "relay").send(protocol.Stop())
-    with pytest.raises(ProcessDiedError, match="process relay exited with status 9"):
-        stage.children.request(silent, protocol.CountMatches(), protocol.Matched, HANG_S)
-
-
 LIMITS = "import resource; resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))\n"
 TELLS = """
 ends = channel()
@@ -357,14 +348,6 @@ def test_what_cannot_be_started_is_named(stage: Stage, program: str, reason: str
         stage.run([f"./{program}"])
     assert raised.value.code == "R2B621"
     assert stage.children.records() == ()
-
-
-def test_a_process_runs_in_a_session_of_its_own_without_a_terminal(stage: Stage) -> None:
-    child = stage.start("print(repr(sys.stdin.read()))\n" + SLEEPS, role="command")
-    stage.pump_until(lambda: "here" in stage.said())
-    assert os.getsid(child.pid) == child.pid
-    assert os.getpgid(child.pid) == child.pid
-    assert "''" in stage.said()
 
 
 def test_a_process_inherits_nothing_but_its_channel(stage: Stage) -> None:
@@ -476,32 +459,6 @@ def test_a_child_that_has_never_answered_is_not_waited_for(
     stage.pump_until(lambda: "here" in stage.said())
     stage.children.end([child])
     assert child.process.returncode == -signal.SIGTERM
-
-
-def test_a_child_that_is_stopped_is_killed(stage: Stage, impatient: None) -> None:
-    child = stage.start(READY + SLEEPS)
-    stage.children.answer(child, protocol.Ready, HANG_S)
-    os.kill(child.pid, signal.SIGSTOP)
-    wait_for(lambda: psutil.Process(child.pid).status() == psutil.STATUS_STOPPED)
-    stage.children.end([child])
-    assert child.process.returncode == -signal.SIGKILL
-
-
-def test_the_record_lists_all_in_order_with_how_they_ended(stage: Stage, impatient: None) -> None:
-    first = stage.start(ANSWERS, "first", "player")
-    stubborn = "ignore(signal.SIGINT, signal.SIGTERM)\n" + SLEEPS
-    second = stage.start(stubborn, "second", "command")
-    stage.pump_until(lambda: "here" in stage.said("second"))
-    stage.children.request(first, play(1), protocol.Played, HANG_S)
-    stage.children.end([first])
-    running = stage.children.records()
-    assert [(each.name, each.role, each.exit_code) for each in running] == [
-        ("first", "player", 0),
-        ("second", "command", None),
-    ]
-    assert [each.pid for each in running] == [first.pid, second.pid]
-    assert stage.children.close() == ["second"]
-    assert [record.exit_code for record in stage.children.records()] == [0, -signal.SIGKILL]
 
 
 # Being interrupted
