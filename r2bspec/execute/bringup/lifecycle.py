@@ -230,17 +230,14 @@ class LifecycleNodes:
         # What publishes or reads a topic may be unknown.
         anyone = len(planned) < len(topics) or not all(planned)
         own = {node.name for process in self._processes() for node in process.nodes}
-        return tuple(
-            WaitingNode(
-                not_activated(name, state, managers, started=name in own),
-                managers,
-            )
-            for name, state in found.states.items()
-            for managers in [found.managers.get(name, ())]
-            if state in {"unconfigured", "inactive"}
-            and name not in self.graph.plan.states_in(self.graph.phase)
-            and (anyone or any(name in nodes for nodes in planned))
-        )
+        waiting = []
+        for name, state in found.states.items():
+            is_planned = name in self.graph.plan.states_in(self.graph.phase)
+            is_near = anyone or any(name in nodes for nodes in planned)
+            if state in {"unconfigured", "inactive"} and is_near and not is_planned:
+                managers = found.managers.get(name, ())
+                waiting.append(WaitingNode(_not_activated(name, state, managers, own), managers))
+        return tuple(waiting)
 
     def _processes(self) -> tuple[ProcessPlan, ...]:
         return self.graph.plan.processes_in(self.graph.phase)
@@ -253,8 +250,8 @@ class WaitingNode(NamedTuple):
     managers: tuple[str, ...]
 
 
-def not_activated(
-    name: str, state: str, managers: Collection[str], *, started: bool = True
+def _not_activated(
+    name: str, state: str, managers: Collection[str], own: Collection[str]
 ) -> Difference:
     """A lifecycle node that is not active, and of which the spec does not say so.
 
@@ -262,24 +259,23 @@ def not_activated(
         name: its full name.
         state: that it is in.
         managers: the nodes that can change it.
-        started: whether the run has started it by this name.
+        own: the nodes that the run has started.
     """
     if managers:
-        verb = "could activate it, and has not" if len(managers) == 1 else "could, and have not"
-        why = f"{' and '.join(managers)} {verb}"
+        why = f"{' and '.join(managers)} could activate it, and did not"
+        way_out = f"find the cause in the output of {' and '.join(managers)}"
     else:
         why = "nothing in the graph activates it"
+        way_out = "let its launch file, or a lifecycle manager, configure and activate it"
+        if name in own:
+            way_out = "write 'lifecycle: active', and the run configures and activates it"
     return Difference(
         code=NOT_ACTIVATED,
         message=f"{name} is a lifecycle node and {state}: {why}",
         part="lifecycle",
         owner=name,
         name=state,
-        help=f"find the cause in the output of {' and '.join(managers)}"
-        if managers
-        else "write 'lifecycle: active', and the run configures and activates it"
-        if started
-        else "let its launch file, or a lifecycle manager, configure and activate it",
+        help=way_out,
     )
 
 

@@ -28,8 +28,9 @@ import psutil
 from r2bspec.execute.errors import NotReadyError, StepFailedError
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.prerequisites import resolve_command
+from r2bspec.execute.processes.process import describe_exit
 from r2bspec.execute.processes.resources import RunQueueWaits, family
-from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor, describe_exit
+from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import INCLUDED_LAUNCH, container_node_name, has_planned_name
 from r2bspec.plan.plan import Plan, ProbePlan, ProcessPlan, SetupPlan

@@ -10,13 +10,13 @@ be older than the sources.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import os
 import re
 import struct
 from collections.abc import Iterator
 from functools import cache, cached_property
+from itertools import islice
 from pathlib import Path
 from typing import Final
 
@@ -158,19 +158,16 @@ class WorkspacePackages:
     def folders(self) -> dict[str, Path]:
         """The folders of the packages, by name."""
         packages: dict[str, Path] = {}
-        waiting = [(str(self._top), 0)]
-        visited = 0
-        while waiting and visited < _MAX_FOLDERS:
-            folder, depth = waiting.pop()
-            visited += 1
-            names, below = _entries(folder)
-            if not names.isdisjoint(_MARKERS):
-                continue
-            if _MANIFEST in names:
-                if match := _NAME.search(_manifest(folder)):
-                    packages.setdefault(match[1].decode(), Path(folder))
-            elif depth < _MAX_DEPTH:
-                waiting += [(path, depth + 1) for path in below]
+        for parent, folders, files in islice(walk(self._top), _MAX_FOLDERS):
+            is_ignored = not _MARKERS.isdisjoint(files)
+            if not is_ignored and _MANIFEST in files and (match := _NAME.search(_manifest(parent))):
+                packages.setdefault(match[1].decode(), parent)
+            depth = len(parent.relative_to(self._top).parts)
+            if is_ignored or _MANIFEST in files or depth == _MAX_DEPTH:
+                folders.clear()
+            folders[:] = sorted(
+                name for name in folders if not name.startswith(".") and name not in _NO_SOURCES
+            )
         return packages
 
     def sources(self, package: str) -> Iterator[Path]:
@@ -195,21 +192,9 @@ class WorkspacePackages:
         return next(filter(is_regular, places), None)
 
 
-def _entries(folder: str) -> tuple[set[str], list[str]]:
-    """The names of the files of a folder, and the folders below it that may have packages."""
-    names, below = set[str](), list[str]()
-    with contextlib.suppress(OSError), os.scandir(folder) as entries:
-        for entry in entries:
-            if not entry.is_dir(follow_symlinks=False):
-                names.add(entry.name)
-            elif not entry.name.startswith(".") and entry.name not in _NO_SOURCES:
-                below.append(entry.path)
-    return names, sorted(below, reverse=True)
-
-
-def _manifest(folder: str | Path) -> bytes:
+def _manifest(folder: Path) -> bytes:
     try:
-        return read_bytes(Path(folder, _MANIFEST), max_bytes=MAX_MANIFEST_BYTES)
+        return read_bytes(folder / _MANIFEST, max_bytes=MAX_MANIFEST_BYTES)
     except (OSError, ValueError):
         return b""
 

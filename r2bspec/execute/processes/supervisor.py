@@ -38,7 +38,7 @@ from r2bspec.native.build import descriptor_of
 from r2bspec.record.run_record import ProcessRecord
 from r2bspec.safe_io.private_files import PRIVATE_UMASK
 
-__all__ = ["ManagedProcess", "ProcessSupervisor", "describe_exit"]
+__all__ = ["ManagedProcess", "ProcessSupervisor"]
 
 NO_ANSWER = "R2B632"
 """The code of an error because a process does not respond in time."""
