@@ -26,7 +26,6 @@ from r2bspec.execute.anatomy import events_folder
 from r2bspec.execute.bringup.launcher import Launcher, message_packages
 from r2bspec.execute.bringup.readiness import run_setup_step
 from r2bspec.execute.fill_buffers import ResolvedDataset, buffer_bags, obtain_dataset, preprocess
-from r2bspec.execute.host_watch import HostWatch
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.execute.identity.loaded_files import LoadedFiles
 from r2bspec.execute.measurement.measurement import Measurement
@@ -45,7 +44,7 @@ from r2bspec.execute.profiled_iteration import (
 )
 from r2bspec.execute.profilers import find_profiler, require_usable
 from r2bspec.execute.progress import Progress
-from r2bspec.execute.run_context import MEASURE_PHASE, RunContext, TimeBudget
+from r2bspec.execute.run_context import MEASURE_PHASE, HostWatch, RunContext, TimeBudget
 from r2bspec.execute.session import StartSequence
 from r2bspec.execute.states import Interrupts, RunState, RunStates
 from r2bspec.ipc.arrivals import ClockOffsetTracker

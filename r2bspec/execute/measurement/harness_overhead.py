@@ -25,10 +25,9 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.execute.host_watch import Interference
 from r2bspec.execute.measurement.segments import PLAYBACK_ROWS
 from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess
-from r2bspec.execute.run_context import RunContext
+from r2bspec.execute.run_context import Interference, RunContext
 from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.playback_file import PlaybackReader

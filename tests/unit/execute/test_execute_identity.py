@@ -16,8 +16,7 @@ import pytest
 from elf_files import elf_file
 from git_repositories import commit, git, write_files
 from plans import node_plan, process_plan
-from r2bspec.execute.identity.file_digests import build_id
-from r2bspec.execute.identity.identify_graph import graph_identity
+from r2bspec.execute.identity.identify_graph import build_id, graph_identity
 from r2bspec.plan.command_lines import HARNESS_ARGV
 from r2bspec.plan.plan import AfterReadyPlan, ExternalPlan, Plan, ProcessPlan, SetupPlan
 from r2bspec.record.graph_identity import (
