@@ -371,9 +371,3 @@ def test_nothing_is_certain_while_the_graph_changes() -> None:
         now += 0.25
     assert said == [7.0]
     assert looks == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
-
-
-def test_the_topics_of_a_node_of_unknown_name_are_those_of_nodes_outside_of_the_plan() -> None:
-    facts = around(stranger("/image", "", "/plain"), stranger("/out", "/plain"))
-    assert facts.topics_of("/r2b/b") == ("/image", "/out")
-    assert facts.topics_of("/plain") == ("/image", "/out")

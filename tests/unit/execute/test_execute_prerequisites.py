@@ -114,11 +114,6 @@ def free(monkeypatch: pytest.MonkeyPatch) -> Any:
     return has
 
 
-def test_a_small_message_fits_into_what_a_container_has(plan: Plan, free: Any) -> None:
-    free(DOCKER)
-    require_free_shared_memory(plan, "measure", FAST_DDS, default_segment_bytes(10_000))
-
-
 def test_an_image_does_not_and_the_way_out_is_told(plan: Plan, free: Any) -> None:
     free(DOCKER)
     with pytest.raises(SharedMemoryError) as caught:

@@ -293,51 +293,38 @@ def test_a_core_that_does_not_say_its_frequency_leaves_all_unknown(
     assert math.isnan(InterferenceReader(tmp_path).read().cycles)
 
 
+GROUPS = "sys/fs/cgroup"
+HOT = "sys/devices/system/cpu/cpu{}/thermal_throttle/core_throttle_total_time_ms"
+# Version 2: the group's own pressure, and the quota of any group above.
+VERSION_2 = {
+    "proc/pressure/cpu": PRESSURE,
+    "proc/self/cgroup": "0::/slice/one\n",
+    f"{GROUPS}/slice/one/cpu.pressure": PRESSURE.replace("2500000", "1000000"),
+    f"{GROUPS}/slice/one/cpu.stat": "usage_usec 5\nthrottled_usec 0\n",
+    f"{GROUPS}/slice/cpu.stat": "usage_usec 9\nthrottled_usec 300000\n",
+}
+VERSION_1 = {
+    "proc/self/cgroup": "4:memory:/a\n2:cpu,cpuacct:/a\n",
+    f"{GROUPS}/cpu,cpuacct/a/cpu.stat": "nr_throttled 2\nthrottled_time 2000000\n",
+}
+# In a container, whose path begins outside of what it can see.
+OUTSIDE = {
+    "proc/self/cgroup": "0::/../../elsewhere\n",
+    f"{GROUPS}/cpu.stat": "throttled_usec 4000\n",
+}
+
+
 @pytest.mark.parametrize(
     ("files", "waited_s", "throttled_s"),
     [
         ({}, None, None),
         ({"proc/pressure/cpu": "some words\n"}, None, None),
         ({"proc/pressure/cpu": PRESSURE}, 2.5, None),
-        # Version 2: the group's own pressure, and the quota of any group above.
-        (
-            {
-                "proc/pressure/cpu": PRESSURE,
-                "proc/self/cgroup": "0::/slice/one\n",
-                "sys/fs/cgroup/slice/one/cpu.pressure": PRESSURE.replace("2500000", "1000000"),
-                "sys/fs/cgroup/slice/one/cpu.stat": "usage_usec 5\nthrottled_usec 0\n",
-                "sys/fs/cgroup/slice/cpu.stat": "usage_usec 9\nthrottled_usec 300000\n",
-            },
-            1.0,
-            0.3,
-        ),
-        # Version 1.
-        (
-            {
-                "proc/self/cgroup": "4:memory:/a\n2:cpu,cpuacct:/a\n",
-                "sys/fs/cgroup/cpu,cpuacct/a/cpu.stat": "nr_throttled 2\nthrottled_time 2000000\n",
-            },
-            None,
-            0.002,
-        ),
-        # In a container, whose path begins outside of what it can see.
-        (
-            {
-                "proc/self/cgroup": "0::/../../elsewhere\n",
-                "sys/fs/cgroup/cpu.stat": "throttled_usec 4000\n",
-            },
-            None,
-            0.004,
-        ),
+        (VERSION_2, 1.0, 0.3),
+        (VERSION_1, None, 0.002),
+        (OUTSIDE, None, 0.004),
         # Cores get hot at once.
-        (
-            {
-                f"sys/devices/system/cpu/{core}/thermal_throttle/core_throttle_total_time_ms": "5"
-                for core in ("cpu0", "cpu1")
-            },
-            None,
-            0.005,
-        ),
+        ({HOT.format(core): "5" for core in (0, 1)}, None, 0.005),
     ],
 )
 def test_where_it_is_read(
