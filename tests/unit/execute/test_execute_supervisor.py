@@ -350,6 +350,14 @@ def test_what_cannot_be_started_is_named(stage: Stage, program: str, reason: str
     assert stage.children.records() == ()
 
 
+def test_a_process_runs_in_a_session_of_its_own_without_a_terminal(stage: Stage) -> None:
+    child = stage.start("print(repr(sys.stdin.read()))\n" + SLEEPS, role="command")
+    stage.pump_until(lambda: "here" in stage.said())
+    assert os.getsid(child.pid) == child.pid
+    assert os.getpgid(child.pid) == child.pid
+    assert "''" in stage.said()
+
+
 def test_a_process_inherits_nothing_but_its_channel(stage: Stage) -> None:
     first = stage.start(ANSWERS, "first")
     second = stage.start("ends = channel()\n" + SLEEPS, "second")
