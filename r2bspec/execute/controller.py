@@ -24,7 +24,6 @@ from r2bspec.errors import R2bspecError, refusal_hint
 from r2bspec.execute import errors
 from r2bspec.execute.anatomy import events_folder
 from r2bspec.execute.bringup.launcher import Launcher, message_packages
-from r2bspec.execute.bringup.readiness import run_setup_step
 from r2bspec.execute.fill_buffers import ResolvedDataset, buffer_bags, obtain_dataset, preprocess
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.execute.identity.loaded_files import LoadedFiles
@@ -288,12 +287,9 @@ class _Run:
         plan, context = self._plan, self._context
         if plan.setup:
             self._states.enter(RunState.SETUP, "running the setup steps")
-            environment = self._environment()
+            launcher = self._new_launcher()
             for step in plan.setup:
-                run_setup_step(
-                    *(step, context.supervisor, environment),
-                    *(context.folder, context.base_dir, context.note),
-                )
+                launcher.run_setup_step(step, context.note)
         # What is built by a setup step is a part of the graph.
         if self._identity is None:
             self._identity = graph_identity(plan, context.base_dir)
@@ -524,11 +520,7 @@ class _Run:
 
     def _new_launcher(self) -> Launcher:
         context = self._context
-        return Launcher(context.supervisor, self._environment(), context.folder, context.base_dir)
-
-    def _environment(self) -> run_environment.RunEnvironment:
-        context = self._context
-        return run_environment.RunEnvironment(
+        environment = run_environment.RunEnvironment(
             self._plan,
             run_id=self._run_id,
             domain=self._domain,
@@ -538,6 +530,7 @@ class _Run:
             ),
             ros_logs=context.folder.ros_logs,
         )
+        return Launcher(context.supervisor, environment, context.folder, context.base_dir)
 
     def _judge_so_far(self, samples: RunSamples | None = None) -> Verdict:
         """The verdict on the run if it ended now, without a confirmation."""

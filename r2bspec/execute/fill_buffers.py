@@ -265,7 +265,7 @@ def preprocess(plan: Plan, context: RunContext, launcher: Launcher) -> None:
     topics |= dict.fromkeys(recorded, 1) | graph.subscription_counts(transforms)
     between = _expected_subscriptions_by_host(zip(nodes, others, strict=True), launcher, recorded)
     graph.wait_until_matched({loader: topics} | between, deadline)
-    graph.check_parameters(loader)
+    graph.check_parameters()
     load = protocol.Load(
         max_output_gap_ns=plan.drain_timeout.ns,
         real_time=any(dataset.real_time for dataset in datasets),

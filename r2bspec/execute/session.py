@@ -157,7 +157,7 @@ class Session:
         # An iteration with a profiler ends all processes.
         if self._observer is None or not self._observer.is_running:
             return ()
-        return foreign_publishers(self._supervisor, self._observer)
+        return foreign_publishers(self._supervisor)
 
     def look_at_loaded_files(self) -> None:
         """Take down which files the processes of the graph have loaded until now.
@@ -216,7 +216,7 @@ class Session:
             self._graph, self._context, self.rows_dir, monitor, segment_player
         )
         with deadline.paused():
-            self._wait_until_ready(observer)
+            self._wait_until_ready()
         self._schedule_threads(final=False)
         if scipy is not None:
             with self._supervisor.waiting("SciPy: imported"):
@@ -420,11 +420,11 @@ class Session:
         """Create the subscriptions of the monitor, after the nodes; wait until all are matched."""
         plan, supervisor = self._plan, self._supervisor
         monitors = (*plan.topic_monitors, *tap_monitors(plan.monitors))
-        subscriptions = MonitorSubscriptions(supervisor, observer, monitor, monitors)
+        subscriptions = MonitorSubscriptions(supervisor, monitor, monitors)
         self._launcher.wait_for_observer(observer)
         subscriptions.update()
         if plan.external:
-            readiness.wait_for_external(plan, supervisor, observer, deadline)
+            readiness.wait_for_external(plan, supervisor, deadline)
         watched = [watch.topic for watch in plan.topic_monitors]
         watched += [tap.topic for tap in all_taps(plan.monitors)]
         expected = {monitor: dict.fromkeys(watched, 1)}
@@ -481,20 +481,18 @@ class Session:
             if child.name in plans:
                 child.applied = apply_when_ready(plans[child.name], child.pid, final=final)
 
-    def _wait_until_ready(self, observer: ManagedProcess) -> None:
+    def _wait_until_ready(self) -> None:
         """Wait for the readiness probes, run the `after_ready` steps, and check parameters."""
         plan, context = self._plan, self._context
         if plan.ready:
             self._enter(RunState.READY, "waiting for the readiness probes")
             for probe in plan.ready:
-                readiness.wait_for_probe(
-                    probe, self._supervisor, observer, context.folder, context.base_dir
-                )
+                readiness.wait_for_probe(probe, self._supervisor, context.folder, context.base_dir)
         if plan.after_ready:
             self._enter(RunState.AFTER_READY, "running the after_ready steps")
             for step in plan.after_ready:
                 self._launcher.run_step(step)
-        self._graph.check_parameters(observer)
+        self._graph.check_parameters()
 
     def _warm_up(
         self,
@@ -547,7 +545,7 @@ class Session:
             return False
         idle = readiness.IdleNodes(self._plan, MEASURE_PHASE, self._supervisor)
         self._supervisor.pump_for(_IDLE_WINDOW_S)
-        if idle.update() == 0 or not idle.answer(self._supervisor.observer()):
+        if idle.update() == 0 or not idle.answer():
             return False
         self._context.note("all nodes are idle and answer: the start is not waited for any longer")
         return True

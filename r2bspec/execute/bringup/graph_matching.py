@@ -61,13 +61,11 @@ class MonitorSubscriptions:
 
     Attributes:
         supervisor: all processes.
-        observer: says what discovery shows.
         monitor: has been configured.
         waiting: the topics that it has not subscribed to yet.
     """
 
     supervisor: ProcessSupervisor
-    observer: ManagedProcess
     monitor: ManagedProcess
     waiting: tuple[MonitorPlan, ...]
 
@@ -81,7 +79,7 @@ class MonitorSubscriptions:
         writers: Mapping[str, tuple[protocol.Endpoint, ...]] = {}
         if topics:
             command = protocol.Discover(topics=topics)
-            writers = self.supervisor.request(self.observer, command, protocol.Discovered).writers
+            writers = self.supervisor.ask_observer(command, protocol.Discovered).writers
         ready = tuple(
             msgspec.structs.replace(
                 monitor, qos=monitor.qos or weakest_offer(writers[monitor.topic])
@@ -139,7 +137,7 @@ class PhaseGraph:
             self.remapped_topics(),
             lambda: self.observer().look(),
             idle_s=idle.update,
-            answer=lambda: idle.answer(self.supervisor.observer()),
+            answer=idle.answer,
             never_active=self.lifecycle.never_active,
         )
         told = False
@@ -175,10 +173,10 @@ class PhaseGraph:
 
     def observer(self, monitor: ManagedProcess | None = None) -> GraphObserver:
         """Observes the graph; with a monitor, messages can be traced."""
-        plan, phase, supervisor = self.plan, self.phase, self.supervisor
+        plan, phase = self.plan, self.phase
         nodes = {node.name for process in plan.processes_in(phase) for node in process.nodes}
         known = tuple(each for each in self.launcher.endpoints if each[0] in nodes)
-        return GraphObserver(supervisor, supervisor.observer(), plan, phase, known, monitor)
+        return GraphObserver(self.supervisor, plan, phase, known, monitor)
 
     def _not_ready_error(
         self, missing: Mapping[str, tuple[int, int]], certain: Collection[str], stalled_s: float
@@ -283,25 +281,22 @@ class PhaseGraph:
         is_unknown = not fault.owner.startswith("/")
         return not (is_unknown and has_external) and self.launcher.has_created(fault.owner)
 
-    def check_parameters(self, observer: ManagedProcess) -> None:
+    def check_parameters(self) -> None:
         """Ask nodes that are not in Python hosts for their parameters; tells of undeclared ones.
-
-        Args:
-            observer: a monitor or a loader.
 
         Raises:
             GraphDifferencesError: a node does not declare a parameter that is certainly misspelt.
             RunError: the observer does not respond.
         """
         differences = find_undeclared(
-            self.plan, self.phase, self.launcher.programs, self.supervisor, observer
+            self.plan, self.phase, self.launcher.programs, self.supervisor
         )
         for difference in differences:
             self.note(f"{difference.message}; ROS ignores it")
         self.launcher.differences += differences
-        self._check_remappings(observer)
+        self._check_remappings()
 
-    def _check_remappings(self, observer: ManagedProcess) -> None:
+    def _check_remappings(self) -> None:
         """Record the remappings without effect of nodes that no Python host has asked."""
         known = self.launcher.known_differences
         opaque = {
@@ -315,7 +310,7 @@ class PhaseGraph:
             for rule in self.remapped_topics()
             if rule.own_node_name and rule.node in opaque and (rule.node, rule.before) not in known
         ]
-        self.launcher.differences += find_unmatched(rules, self.supervisor, observer)
+        self.launcher.differences += find_unmatched(rules, self.supervisor)
 
     def remapped_topics(self) -> tuple[RemappedTopic, ...]:
         """The topics to which the plan remaps the names of nodes."""

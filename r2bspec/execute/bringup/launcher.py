@@ -7,6 +7,7 @@ subscriber, need this order. When all are ready is seen in `r2bspec.execute.brin
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -15,24 +16,25 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from r2bspec.execute.bringup.creation_faults import not_loaded
-from r2bspec.execute.bringup.readiness import StartDeadline, wait_for_exit
+from r2bspec.execute.bringup.readiness import StartDeadline
 from r2bspec.execute.bringup.spec_mismatches import (
     require_declared_parameters,
     unmatched_remappings,
     unused_executor,
 )
-from r2bspec.execute.errors import ProcessDiedError
+from r2bspec.execute.errors import ProcessDiedError, StepFailedError
 from r2bspec.execute.processes import prerequisites
 from r2bspec.execute.processes.environment import RunEnvironment
-from r2bspec.execute.processes.process import shorten_slice
+from r2bspec.execute.processes.process import describe_exit, shorten_slice
 from r2bspec.execute.processes.scheduling import apply_to_process, has_memory_lock
 from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.native.build import harness_library, join_object, lock_environment
 from r2bspec.plan.command_lines import NATIVE_ARGV, container_node_name
-from r2bspec.plan.plan import HARNESS_ROLES, AfterReadyPlan, NodePlan, Plan, ProcessPlan
+from r2bspec.plan.plan import HARNESS_ROLES, AfterReadyPlan, NodePlan, Plan, ProcessPlan, SetupPlan
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import Difference
+from r2bspec.safe_io.private_files import PRIVATE_UMASK, user_umask
 
 if TYPE_CHECKING:
     from r2bspec.execute.anatomy import AnatomyObservation
@@ -397,6 +399,65 @@ class Launcher:
             log=self._folder.log_path(name),
         )
 
+    def run_setup_step(self, step: SetupPlan, note: Callable[[str], None]) -> None:
+        """Run a setup step, unless the file that it creates already exists.
+
+        A lock makes concurrent runs with the same file wait for each other, so that one creates it.
+
+        Raises:
+            StepFailedError: it failed, exceeded its timeout, or did not create its file.
+            NotInstalledError: its program is not installed.
+        """
+        created = self._base_dir / step.creates if step.creates else None
+        lock: contextlib.AbstractContextManager[object] = contextlib.nullcontext()
+        if created is not None:
+            from filelock import FileLock
+
+            created.parent.mkdir(parents=True, exist_ok=True)
+            lock = FileLock(created.with_name(f".{created.name}.lock"))
+        with lock:
+            if created is not None and created.exists():
+                note(f"{step.name}: {step.creates} already exists")
+                return
+            note(f"{step.name}: {' '.join(step.argv)}")
+            environment = self._environment.for_node(step.env)
+            folder = self._base_dir / step.directory
+            # What it makes is the user's, and stays.
+            self._run_command(f"setup.{step.name}", step, environment, folder, user_umask())
+            if created is not None and not created.exists():
+                raise StepFailedError(
+                    f"setup step {step.name} succeeded, but {step.creates} does not exist",
+                    hint="Correct 'creates' of the step; paths are relative to the spec.",
+                )
+
+    def _run_command(
+        self,
+        name: str,
+        step: SetupPlan | AfterReadyPlan,
+        environment: dict[str, str],
+        folder: Path,
+        umask: int = PRIVATE_UMASK,
+    ) -> None:
+        """Run the command of a step, and wait until it exits with status 0."""
+        argv = self._environment.secrets.in_words(prerequisites.resolve_command(step.argv, name))
+        log = self._folder.log_path(name)
+        child = self._supervisor.start(
+            name, "command", argv, environment, cwd=folder, log=log, umask=umask
+        )
+        child.exit_expected = True
+        timeout_s = step.timeout_ns / 1e9
+        if not self._supervisor.pump_until(lambda: not child.is_running, timeout_s):
+            raise StepFailedError(
+                f"{name} did not exit within {timeout_s:g} s",
+                hint=f"Increase its timeout, or read its output in {log}",
+            )
+        self._supervisor.end([child])
+        if child.process.returncode:
+            raise StepFailedError(
+                f"{name} {describe_exit(child.process.returncode)}{child.last_output()}",
+                hint=f"Its complete output is in {log}.",
+            )
+
     def run_step(self, step: AfterReadyPlan) -> None:
         """Run one `after_ready` step and wait until it is done.
 
@@ -405,28 +466,18 @@ class Launcher:
             ProcessFailedError: a service does not exist, or does not respond.
         """
         name = f"after_ready.{step.name}"
-        timeout_s = step.timeout_ns / 1e9
-        secrets = self._environment.secrets
         if step.argv:
-            child = self._supervisor.start(
-                name,
-                "command",
-                secrets.in_words(prerequisites.resolve_command(step.argv, name)),
-                self._environment.for_node({}),
-                cwd=self._base_dir,
-                log=self._folder.log_path(name),
-            )
-            wait_for_exit(child, self._supervisor, timeout_s)
+            self._run_command(name, step, self._environment.for_node({}), self._base_dir)
             return
         command = protocol.ConfigureCaller(
             service=step.service,
             service_type=step.service_type,
-            request=secrets.in_value(step.request),
+            request=self._environment.secrets.in_value(step.request),
             timeout_ns=step.timeout_ns,
         )
         child = self._start_helper(name, "caller")
         self.configure(child, command)
-        self._supervisor.answer(child, protocol.Called, timeout_s + REPLY_TIMEOUT_S)
+        self._supervisor.answer(child, protocol.Called, step.timeout_ns / 1e9 + REPLY_TIMEOUT_S)
         self._supervisor.end([child])
 
     def call_settings(self, plan: Plan, **where: Any) -> protocol.ConfigureCalls:

@@ -104,9 +104,7 @@ class LifecycleNodes:
             missing = [name for name in wanted if found.states.get(name) not in _PRIMARY_STATES]
             if not missing:
                 return found.states
-            graph = self.graph.supervisor.request(
-                self.graph.supervisor.observer(), protocol.ListGraph(), protocol.GraphSnapshot
-            )
+            graph = self.graph.supervisor.ask_observer(protocol.ListGraph(), protocol.GraphSnapshot)
             for name in missing:
                 if name not in graph.nodes or name in found.states:
                     continue
@@ -130,8 +128,7 @@ class LifecycleNodes:
             self.graph.supervisor.pump(_POLL_S)
 
     def _ask_states(self) -> protocol.LifecycleStates:
-        return self.graph.supervisor.request(
-            self.graph.supervisor.observer(),
+        return self.graph.supervisor.ask_observer(
             protocol.ListLifecycle(timeout_ns=_ASK_NS),
             protocol.LifecycleStates,
             _ASK_NS / 1e9 + REPLY_TIMEOUT_S,
@@ -157,11 +154,8 @@ class LifecycleNodes:
         )
         try:
             with self.graph.supervisor.waiting(f"{name}: {transition}"):
-                changed = self.graph.supervisor.request(
-                    self.graph.supervisor.observer(),
-                    command,
-                    protocol.StateChanged,
-                    timeout_s + REPLY_TIMEOUT_S,
+                changed = self.graph.supervisor.ask_observer(
+                    command, protocol.StateChanged, timeout_s + REPLY_TIMEOUT_S
                 )
         except ProcessDiedError as died:
             raise died.while_doing(f"{name} could not {transition}") from died

@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TypeVar
 
 import msgspec
 
@@ -46,7 +45,6 @@ _MAX_DISCOVERY_S = 10.0
 _POLL_S = 0.02
 _DISCOVERY_INTERVAL_S = 0.3
 _UNPLANNED = TopicPlan(name="", type="", phase="measure", writers=(), readers=())
-_Answer = TypeVar("_Answer")
 
 
 @dataclass(frozen=True)
@@ -214,7 +212,6 @@ class GraphObserver:
 
     Attributes:
         supervisor: all processes.
-        observer: a process that says what discovery shows: the observer or a loader.
         plan: of the run.
         phase: ``preprocess`` or ``measure``.
         known: endpoints that exist for certain, as in `protocol.Ready`: discovery is incomplete
@@ -223,7 +220,6 @@ class GraphObserver:
     """
 
     supervisor: ProcessSupervisor
-    observer: ManagedProcess
     plan: Plan
     phase: str
     known: tuple[tuple[str, str, str, str], ...] = ()
@@ -300,13 +296,12 @@ class GraphObserver:
 
     def _discover(self) -> tuple[tuple[str, ...], protocol.Discovered]:
         """The nodes and the endpoints that discovery shows now."""
-        graph = self._ask(protocol.ListGraph(), protocol.GraphSnapshot)
+        graph = self.supervisor.ask_observer(protocol.ListGraph(), protocol.GraphSnapshot)
         planned = {topic.name for topic in self.plan.topics if topic.phase == self.phase}
         names = tuple(sorted({*planned, *graph.topics} - NODE_TOPICS))
-        return graph.nodes, self._ask(protocol.Discover(topics=names), protocol.Discovered)
-
-    def _ask(self, command: object, kind: type[_Answer]) -> _Answer:
-        return self.supervisor.request(self.observer, command, kind)
+        return graph.nodes, self.supervisor.ask_observer(
+            protocol.Discover(topics=names), protocol.Discovered
+        )
 
     def _ask_monitor(self, command: object) -> protocol.Matched:
         if self.monitor is None:
@@ -355,11 +350,9 @@ def guarded_topics(plan: Plan) -> tuple[str, ...]:
     return tuple(dict.fromkeys(topics))
 
 
-def foreign_publishers(supervisor: ProcessSupervisor, observer: ManagedProcess) -> tuple[str, ...]:
+def foreign_publishers(supervisor: ProcessSupervisor) -> tuple[str, ...]:
     """Every publisher that was seen on guarded topics and is no process's of the run, in words."""
-    seen = supervisor.request(
-        observer, protocol.ListForeign(), protocol.ForeignPublishers
-    ).publishers
+    seen = supervisor.ask_observer(protocol.ListForeign(), protocol.ForeignPublishers).publishers
     if not seen:
         return ()
     # The observer knows processes by their environment, which one may have lost or may hide.

@@ -1,9 +1,8 @@
-"""What a start waits for apart from its endpoints: external nodes, readiness probes, commands.
+"""What a start waits for apart from its endpoints: external nodes and readiness probes.
 
 `benchmark.start_timeout` is the deadline of a start, from its first process to its first output.
 Readiness probes, the conditions under `ready`, must be met before anything is played. They have
-timeouts of their own, as have the commands of the spec that are not part of the graph: `setup` and
-`after_ready` steps.
+timeouts of their own.
 
 A node that lacks an endpoint, or publishes nothing, may still load a model. It does not if its
 process neither runs nor waits for a processor, and if its executor answers, so that its constructor
@@ -25,18 +24,14 @@ from typing import Final
 
 import psutil
 
-from r2bspec.execute.errors import NotReadyError, StepFailedError
-from r2bspec.execute.processes.environment import RunEnvironment
-from r2bspec.execute.processes.prerequisites import resolve_command
-from r2bspec.execute.processes.process import describe_exit
+from r2bspec.execute.errors import NotReadyError
 from r2bspec.execute.processes.resources import RunQueueWaits, family
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import INCLUDED_LAUNCH, container_node_name, has_planned_name
-from r2bspec.plan.plan import Plan, ProbePlan, ProcessPlan, SetupPlan
+from r2bspec.plan.plan import Plan, ProbePlan, ProcessPlan
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.safe_io.line_pattern import LinePattern, PatternError, compile_line_pattern
-from r2bspec.safe_io.private_files import user_umask
 
 _BUSY_SHARE: Final = 0.1
 """Of one processor: a node whose timers or discovery threads only look around takes less."""
@@ -122,26 +117,17 @@ class IdleNodes:
         """Look at the processes; returns for how many seconds they have been idle."""
         return self._idle.update()
 
-    def answer(self, observer: ManagedProcess) -> bool:
+    def answer(self) -> bool:
         """Whether the executor of every node answers; never for nodes that cannot be asked.
-
-        Args:
-            observer: a monitor or a loader.
 
         Raises:
             RunError: the observer does not respond.
         """
-        if self._has_external or any(
-            starts_others(process) for process in self._processes.values()
-        ):
+        if self._has_external or any(map(starts_others, self._processes.values())):
             return False
-        matches = self._supervisor.request(
-            observer,
-            protocol.ListParameters(exclude=(), timeout_ns=_ANSWER_NS),
-            protocol.ParameterLists,
-            _REPLY_TIMEOUT_S,
-        )
-        return all_answer(self._processes.values(), matches)
+        command = protocol.ListParameters(exclude=(), timeout_ns=_ANSWER_NS)
+        found = self._supervisor.ask_observer(command, protocol.ParameterLists, _REPLY_TIMEOUT_S)
+        return all_answer(self._processes.values(), found)
 
     def _pids(self) -> Iterator[int]:
         for child in self._supervisor:
@@ -218,9 +204,7 @@ class StartDeadline:
             self._ends_at += self._clock() - began
 
 
-def wait_for_external(
-    plan: Plan, supervisor: ProcessSupervisor, observer: ManagedProcess, deadline: StartDeadline
-) -> None:
+def wait_for_external(plan: Plan, supervisor: ProcessSupervisor, deadline: StartDeadline) -> None:
     """Wait until discovery shows every external node of the graph.
 
     Raises:
@@ -229,7 +213,7 @@ def wait_for_external(
     expected = sorted(node.name for node in plan.external if node.phase == "measure")
 
     def lacking() -> list[str]:
-        graph = supervisor.request(observer, protocol.ListGraph(), protocol.GraphSnapshot)
+        graph = supervisor.ask_observer(protocol.ListGraph(), protocol.GraphSnapshot)
         return [name for name in expected if name not in graph.nodes]
 
     if missing := _wait_until_empty(lacking, supervisor, deadline):
@@ -252,7 +236,6 @@ def _wait_until_empty(
 def wait_for_probe(
     plan: ProbePlan,
     supervisor: ProcessSupervisor,
-    observer: ManagedProcess,
     folder: RunFolder,
     base_dir: Path,
 ) -> None:
@@ -261,7 +244,6 @@ def wait_for_probe(
     Args:
         plan: the condition and its timeout.
         supervisor: all processes; the wait ends if one of them exits.
-        observer: a harness process that can query the graph.
         folder: contains the logs.
         base_dir: to which the path of a file is relative.
 
@@ -276,7 +258,7 @@ def wait_for_probe(
     elif plan.kind == "file":
         is_met = (base_dir / plan.target).exists
     else:
-        is_met = partial(_is_in_graph, plan, supervisor, observer)
+        is_met = partial(_is_in_graph, plan, supervisor)
     if not supervisor.pump_until(is_met, timeout_s):
         raise NotReadyError(
             f"ready.{plan.name}: {lack} after {timeout_s:g} s",
@@ -323,12 +305,12 @@ def _log_condition(
     return partial(LogSearch(folder.log_path(plan.target), pattern, begin).finds, deadline)
 
 
-def _is_in_graph(plan: ProbePlan, supervisor: ProcessSupervisor, observer: ManagedProcess) -> bool:
+def _is_in_graph(plan: ProbePlan, supervisor: ProcessSupervisor) -> bool:
     if plan.kind == "service":
-        graph = supervisor.request(observer, protocol.ListGraph(), protocol.GraphSnapshot)
+        graph = supervisor.ask_observer(protocol.ListGraph(), protocol.GraphSnapshot)
         return plan.target in graph.services
     command = protocol.Discover(topics=(plan.target,))
-    answer = supervisor.request(observer, command, protocol.Discovered)
+    answer = supervisor.ask_observer(command, protocol.Discovered)
     return bool(answer.writers[plan.target] and answer.readers[plan.target])
 
 
@@ -371,70 +353,4 @@ class LogSearch:
             self._pattern(part)
             for line in lines
             for part in line.decode(errors="replace").splitlines()
-        )
-
-
-def run_setup_step(
-    plan: SetupPlan,
-    supervisor: ProcessSupervisor,
-    environment: RunEnvironment,
-    folder: RunFolder,
-    base_dir: Path,
-    note: Callable[[str], None],
-) -> None:
-    """Run a setup step, unless the file that it creates already exists.
-
-    A lock makes concurrent runs with the same file wait for each other, so that one creates it.
-
-    Raises:
-        StepFailedError: it failed, exceeded its timeout, or did not create its file.
-        NotInstalledError: its program is not installed.
-    """
-    created = base_dir / plan.creates if plan.creates else None
-    lock: contextlib.AbstractContextManager[object] = contextlib.nullcontext()
-    if created is not None:
-        from filelock import FileLock
-
-        created.parent.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(created.with_name(f".{created.name}.lock"))
-    with lock:
-        if created is not None and created.exists():
-            note(f"{plan.name}: {plan.creates} already exists")
-            return
-        note(f"{plan.name}: {' '.join(plan.argv)}")
-        child = supervisor.start(
-            f"setup.{plan.name}",
-            "command",
-            environment.secrets.in_words(resolve_command(plan.argv, f"setup step {plan.name}")),
-            environment.for_node(plan.env),
-            cwd=base_dir / plan.directory,
-            log=folder.log_path(f"setup.{plan.name}"),
-            # What it makes is the user's, and stays.
-            umask=user_umask(),
-        )
-        wait_for_exit(child, supervisor, plan.timeout_ns / 1e9)
-        if created is not None and not created.exists():
-            raise StepFailedError(
-                f"setup step {plan.name} succeeded, but {plan.creates} does not exist",
-                hint="Correct 'creates' of the step; paths are relative to the spec.",
-            )
-
-
-def wait_for_exit(child: ManagedProcess, supervisor: ProcessSupervisor, timeout_s: float) -> None:
-    """Wait until a command exits with status 0.
-
-    Raises:
-        StepFailedError: it exited with another status, or ran longer than `timeout_s` seconds.
-    """
-    child.exit_expected = True
-    if not supervisor.pump_until(lambda: not child.is_running, timeout_s):
-        raise StepFailedError(
-            f"{child.name} did not exit within {timeout_s:g} s",
-            hint=f"Increase its timeout, or read its output in {child.log}",
-        )
-    supervisor.end([child])
-    if child.process.returncode:
-        raise StepFailedError(
-            f"{child.name} {describe_exit(child.process.returncode)}{child.last_output()}",
-            hint=f"Its complete output is in {child.log}.",
         )

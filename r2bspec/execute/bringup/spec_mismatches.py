@@ -15,7 +15,7 @@ import msgspec
 
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.execute.errors import GraphDifferencesError
-from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import has_planned_name
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
@@ -134,7 +134,7 @@ def unmatched_remapping(node: str, before: str, after: str, own: Iterable[str]) 
 
 
 def find_unmatched(
-    rules: Sequence[RemappedTopic], supervisor: ProcessSupervisor, observer: ManagedProcess
+    rules: Sequence[RemappedTopic], supervisor: ProcessSupervisor
 ) -> tuple[Difference, ...]:
     """Remappings of nodes outside of Python hosts that changed no name of theirs.
 
@@ -143,14 +143,13 @@ def find_unmatched(
     Args:
         rules: the remappings.
         supervisor: all processes.
-        observer: a monitor or a loader.
 
     Raises:
         RunError: the observer does not respond.
     """
     deadline = time.monotonic() + _PATIENCE_S
     while rules:
-        found = supervisor.request(observer, protocol.ListNames(), protocol.NodeNames).names
+        found = supervisor.ask_observer(protocol.ListNames(), protocol.NodeNames).names
         rules = [rule for rule in rules if not _matches(rule, found)]
         if time.monotonic() > deadline:
             break
@@ -186,7 +185,6 @@ def find_undeclared(
     phase: str,
     programs: Collection[str],
     supervisor: ProcessSupervisor,
-    observer: ManagedProcess,
 ) -> tuple[Difference, ...]:
     """The parameters that no node declares, although its process has responded.
 
@@ -198,7 +196,6 @@ def find_undeclared(
         phase: ``preprocess`` or ``measure``.
         programs: names of processes of Python nodes that spin them themselves.
         supervisor: all processes.
-        observer: a monitor or a loader.
 
     Raises:
         GraphDifferencesError: a node does not declare a parameter that is certainly misspelt.
@@ -218,7 +215,7 @@ def find_undeclared(
     command = protocol.ListParameters(exclude=tuple(hosted), timeout_ns=_CALL_NS)
     deadline = time.monotonic() + _PATIENCE_S
     while True:
-        lists = supervisor.request(observer, command, protocol.ParameterLists, _REPLY_TIMEOUT_S)
+        lists = supervisor.ask_observer(command, protocol.ParameterLists, _REPLY_TIMEOUT_S)
         differences = tuple(undeclared(expected, lists))
         if not differences or time.monotonic() > deadline:
             break

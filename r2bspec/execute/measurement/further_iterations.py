@@ -175,7 +175,7 @@ def recorded_messages(
     """
 
     def ask(message: Any) -> protocol.Matched:
-        return supervisor.request(supervisor.observer(), message, protocol.Matched)
+        return supervisor.ask_observer(message, protocol.Matched)
 
     def are_matched() -> bool:
         counts = ask(protocol.CountMatches()).counts

@@ -69,7 +69,7 @@ class Answers:
     def __init__(self, *found: dict[str, tuple[str, ...]]) -> None:
         self._found = list(found)
 
-    def request(self, *_: Any) -> protocol.NodeNames:
+    def ask_observer(self, *_: Any) -> protocol.NodeNames:
         """The next answer; the last one again and again."""
         return protocol.NodeNames(names=self._found.pop(0) if self._found[1:] else self._found[0])
 
@@ -80,14 +80,14 @@ class Answers:
 def unmatched_of(*found: dict[str, tuple[str, ...]]) -> list[str]:
     rules = [RemappedTopic("/r2b/a", before, f"/r2b/{before}_new", True) for before in ("x", "y")]
     answers: Any = Answers(*found)
-    return [each.name for each in find_unmatched(rules, answers, answers)]
+    return [each.name for each in find_unmatched(rules, answers)]
 
 
 def test_remappings_of_other_nodes_are_looked_up_in_what_discovery_shows() -> None:
     assert unmatched_of({}, {"/r2b/a": ("/r2b/x_new", "/r2b/y_new/compressed")}) == []
     (found,) = find_unmatched(
         [RemappedTopic("/r2b/a", "x", "/r2b/z", True)],
-        *[Answers({"/r2b/a": ("/rosout", "/r2b/a/get_parameters", "/r2b/x")})] * 2,  # type: ignore[arg-type]
+        Answers({"/r2b/a": ("/rosout", "/r2b/a/get_parameters", "/r2b/x")}),  # type: ignore[arg-type]
     )
     assert found.message == "/r2b/a has no topic 'x' to remap to /r2b/z"
     assert (found.code, found.help, found.harmless) == ("R2B204", "its topics: /r2b/x", True)
