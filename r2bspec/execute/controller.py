@@ -204,6 +204,7 @@ class _Run:
                 supervisor, states.note, scratch / run_environment.MODULES_FOLDER
             ),
             on_segment=self._write_partial_record,
+            budget=TimeBudget(plan.gate.time_budget_ns, states.note),
         )
         self._context.buffer_dir.mkdir()
         self._domain = 0
@@ -214,7 +215,6 @@ class _Run:
         self._measurements: list[Measurement] = []
         self._anatomy: AnatomyRecord | None = None
         self._profiles: tuple[ProfileRecord, ...] = ()
-        self._budget = TimeBudget(plan.gate.time_budget_ns, states.note)
 
     def execute(self) -> RunRecord:
         """Execute the plan; then, even after a failure, clean up and write the record."""
@@ -364,7 +364,6 @@ class _Run:
             self._starts.begin(confirms=confirms),
             self._context,
             judge_so_far,
-            self._budget,
             partial(self._starts.begin, confirms=confirms),
             # A confirmation run plays as many iterations as the run that it confirms.
             self._lost_rates if self._options.abort_on_fail and not confirms else None,
@@ -406,7 +405,7 @@ class _Run:
         if self._plan.external:
             self._context.note("no confirmation run: r2bspec cannot restart external nodes")
             return False
-        return self._budget.allows("no confirmation run", time.monotonic() - began_s)
+        return self._context.budget.allows("no confirmation run", time.monotonic() - began_s)
 
     def _confirm(self, measurement: Measurement, verdict: Verdict, iterations: int) -> None:
         self._states.enter(
@@ -645,8 +644,8 @@ class _Run:
             output_gaps=tuple(silence for session in sessions for silence in session.output_gaps),
             differences=self._differences(failure),
             confirmation=again[0].confirmation(fresh_overhead) if again else None,
-            left_out=tuple(self._budget.left_out),
-            ended_rates=tuple(self._budget.ended_rates),
+            left_out=tuple(self._context.budget.left_out),
+            ended_rates=tuple(self._context.budget.ended_rates),
             starts=tuple(self._starts.records),
             unplayed=sessions[0].unplayed if sessions else (),
             anatomies=self._anatomies(),

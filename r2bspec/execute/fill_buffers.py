@@ -334,4 +334,4 @@ def _trace_messages(graph: PhaseGraph, loader: ManagedProcess, rows_dir: Path) -
         command = protocol.Play(rate_hz=TRACE_RATE_HZ, steps=TRACE_STEPS)
         graph.supervisor.request(loader, command, protocol.Played, _PLAY_TIMEOUT_S)
 
-    return graph.observer(monitor).trace(rows_dir, play)
+    return graph.observer.trace(monitor, rows_dir, play)

@@ -104,46 +104,6 @@ def interference_of(found: HostInterference | None) -> Interference:
     return Interference(reasons, largest_taken_share(found))
 
 
-@dataclass(frozen=True)
-class RunContext:
-    """What every state of a run uses.
-
-    Attributes:
-        states: which one the run is in; receives notes.
-        supervisor: all processes.
-        folder: receives samples, logs and the record.
-        base_dir: the folder of the spec, to which its paths are relative.
-        scratch: a folder that is removed after the run.
-        events: likewise, for what the processes of the graph record of themselves.
-        progress: what the user is shown of a segment.
-        resources: takes samples of processes and host at requested times.
-        host: says what other programs did.
-        loaded_files: what the processes of the graph have loaded so far.
-        on_segment: is called after each segment.
-    """
-
-    states: RunStates
-    supervisor: ProcessSupervisor
-    folder: RunFolder
-    base_dir: Path
-    scratch: Path
-    events: Path
-    progress: Progress
-    resources: ResourceSampler
-    host: HostWatch
-    loaded_files: LoadedFiles
-    on_segment: Callable[[], None]
-
-    @property
-    def buffer_dir(self) -> Path:
-        """Where the messages are that are played."""
-        return self.scratch / "buffers"
-
-    def note(self, text: str) -> None:
-        """Tell the user something, and keep it for the record."""
-        self.states.note(text)
-
-
 class TimeBudget:
     """The time limit of the measurement, from `begin` on.
 
@@ -193,3 +153,45 @@ class TimeBudget:
         """Note that a part is left out; `text` is a sentence without its capital and full stop."""
         self._note(text)
         self.left_out.append(f"{text[:1].upper()}{text[1:]}.")
+
+
+@dataclass(frozen=True)
+class RunContext:
+    """What every state of a run uses.
+
+    Attributes:
+        states: which one the run is in; receives notes.
+        supervisor: all processes.
+        folder: receives samples, logs and the record.
+        base_dir: the folder of the spec, to which its paths are relative.
+        scratch: a folder that is removed after the run.
+        events: likewise, for what the processes of the graph record of themselves.
+        progress: what the user is shown of a segment.
+        resources: takes samples of processes and host at requested times.
+        host: says what other programs did.
+        loaded_files: what the processes of the graph have loaded so far.
+        on_segment: is called after each segment.
+        budget: of the measurement.
+    """
+
+    states: RunStates
+    supervisor: ProcessSupervisor
+    folder: RunFolder
+    base_dir: Path
+    scratch: Path
+    events: Path
+    progress: Progress
+    resources: ResourceSampler
+    host: HostWatch
+    loaded_files: LoadedFiles
+    on_segment: Callable[[], None]
+    budget: TimeBudget
+
+    @property
+    def buffer_dir(self) -> Path:
+        """Where the messages are that are played."""
+        return self.scratch / "buffers"
+
+    def note(self, text: str) -> None:
+        """Tell the user something, and keep it for the record."""
+        self.states.note(text)

@@ -190,6 +190,6 @@ class SilentOutputs:
                 # The graph has its own source, which publishes during this time.
                 self.graph.supervisor.pump_for(TRACE_STEPS / TRACE_RATE_HZ)
 
-        facts = self.graph.observer(self.monitor).trace(self.rows_dir, play)
+        facts = self.graph.observer.trace(self.monitor, self.rows_dir, play)
         self._late = self.segment_player.discard_new_rows()
         return facts

@@ -135,7 +135,7 @@ class PhaseGraph:
         diagnosis = EarlyDiagnosis(
             self.plan,
             self.remapped_topics(),
-            lambda: self.observer().look(),
+            lambda: self.observer.look(),
             idle_s=idle.update,
             answer=idle.answer,
             never_active=self.lifecycle.never_active,
@@ -171,12 +171,13 @@ class PhaseGraph:
         """The lifecycle nodes of the graph."""
         return LifecycleNodes(self)
 
-    def observer(self, monitor: ManagedProcess | None = None) -> GraphObserver:
-        """Observes the graph; with a monitor, messages can be traced."""
+    @property
+    def observer(self) -> GraphObserver:
+        """Observes the graph."""
         plan, phase = self.plan, self.phase
         nodes = {node.name for process in plan.processes_in(phase) for node in process.nodes}
         known = tuple(each for each in self.launcher.endpoints if each[0] in nodes)
-        return GraphObserver(self.supervisor, plan, phase, known, monitor)
+        return GraphObserver(self.supervisor, plan, phase, known)
 
     def _not_ready_error(
         self, missing: Mapping[str, tuple[int, int]], certain: Collection[str], stalled_s: float
@@ -188,7 +189,7 @@ class PhaseGraph:
             certain: those that will never be matched, if that was found before the deadline.
             stalled_s: for how long nothing has changed; 0 if the nodes are not idle.
         """
-        facts = self.observer().observe()
+        facts = self.observer.observe()
         self.add_unmatched_remappings(facts, missing)
         state = f"was not ready after {self.plan.start_timeout.seconds:g} s"
         if certain:

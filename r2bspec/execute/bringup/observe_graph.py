@@ -216,14 +216,12 @@ class GraphObserver:
         phase: ``preprocess`` or ``measure``.
         known: endpoints that exist for certain, as in `protocol.Ready`: discovery is incomplete
             until it shows all of them.
-        monitor: counts messages for `trace`.
     """
 
     supervisor: ProcessSupervisor
     plan: Plan
     phase: str
-    known: tuple[tuple[str, str, str, str], ...] = ()
-    monitor: ManagedProcess | None = None
+    known: tuple[tuple[str, str, str, str], ...]
 
     def look(self) -> GraphFacts:
         """The endpoints that discovery shows at this moment; there may be more."""
@@ -233,10 +231,13 @@ class GraphObserver:
         """The endpoints of every topic; nothing is played."""
         return gather_facts(self.plan, self.phase, *self._wait_for_discovery())
 
-    def trace(self, rows_dir: Path, play: Callable[[], None]) -> GraphFacts:
+    def trace(
+        self, monitor: ManagedProcess, rows_dir: Path, play: Callable[[], None]
+    ) -> GraphFacts:
         """The endpoints, and the messages of every topic while `play` plays `TRACE_STEPS` steps.
 
         Args:
+            monitor: counts the messages.
             rows_dir: the folder where the monitor's process writes its rows.
             play: plays the steps and returns when they have been published.
         """
@@ -255,8 +256,13 @@ class GraphObserver:
             for number, (topic, publishers) in enumerate(discovered.writers.items())
             if publishers
         )
-        self._ask_monitor(protocol.StartTap(monitors=watches))
-        self._wait_for_matches({watch.topic for watch in watches})
+        self.supervisor.request(monitor, protocol.StartTap(monitors=watches), protocol.Matched)
+
+        def are_matched() -> bool:
+            matches = self.supervisor.request(monitor, protocol.CountMatches(), protocol.Matched)
+            return all(matches.counts.get(watch.topic, 0) for watch in watches)
+
+        self.supervisor.pump_until(are_matched, _MAX_MATCH_WAIT_S, _POLL_S)
         files = {
             watch.topic: ArrivalReader(path, MONITOR_FIELDS)
             for watch in watches
@@ -268,7 +274,7 @@ class GraphObserver:
         play()
         self._wait_for_quiet(files.values())
         passed = {topic: rows.count() - before[topic] for topic, rows in files.items()}
-        self._ask_monitor(protocol.StopTap())
+        self.supervisor.request(monitor, protocol.StopTap(), protocol.Matched)
         return gather_facts(self.plan, self.phase, nodes, discovered, passed)
 
     def _wait_for_discovery(self) -> tuple[tuple[str, ...], protocol.Discovered]:
@@ -302,18 +308,6 @@ class GraphObserver:
         return graph.nodes, self.supervisor.ask_observer(
             protocol.Discover(topics=names), protocol.Discovered
         )
-
-    def _ask_monitor(self, command: object) -> protocol.Matched:
-        if self.monitor is None:
-            raise ValueError("there is no monitor to trace with")
-        return self.supervisor.request(self.monitor, command, protocol.Matched)
-
-    def _wait_for_matches(self, topics: set[str]) -> None:
-        def are_matched() -> bool:
-            counts = self._ask_monitor(protocol.CountMatches()).counts
-            return all(counts.get(topic, 0) for topic in topics)
-
-        self.supervisor.pump_until(are_matched, _MAX_MATCH_WAIT_S, _POLL_S)
 
     def _wait_for_quiet(self, files: Iterable[RowReader]) -> None:
         """Wait until no message has arrived for a while; bounded, as some topics never pause."""

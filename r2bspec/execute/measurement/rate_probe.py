@@ -28,7 +28,7 @@ import msgspec
 from r2bspec.execute.measurement.peak_search import LongPlays, ProbeOutcome
 from r2bspec.execute.measurement.segment_observation import SegmentObservation
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
-from r2bspec.execute.run_context import MEASURE_PHASE, Interference, RunContext, TimeBudget
+from r2bspec.execute.run_context import MEASURE_PHASE, RunContext
 from r2bspec.judge.measure.metric_catalogue import resolve
 from r2bspec.judge.measure.metric_values import metric_value
 from r2bspec.judge.rate_decision import (
@@ -53,7 +53,7 @@ from r2bspec.language.benchmark_defaults import (
 )
 from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.plan.plan import Plan, SearchPlan
-from r2bspec.record.run_record import Probe, Segment
+from r2bspec.record.run_record import Probe
 
 _DEFAULT_PRECISION = 0.02
 _TITLES = {
@@ -96,7 +96,6 @@ class RateProber:
         plan: Plan,
         segment_player: SegmentPlayer,
         context: RunContext,
-        budget: TimeBudget,
     ) -> None:
         """Prepare to probe.
 
@@ -104,7 +103,6 @@ class RateProber:
             plan: of the run.
             segment_player: plays the probes.
             context: of the run; receives a note about each outcome.
-            budget: of the run, for what is played again.
         """
         search = plan.search
         self._plan = plan
@@ -118,12 +116,7 @@ class RateProber:
             confidence=search.confidence if search else CONFIDENCE,
         )
         self._affected = AffectedProbes(
-            plan.gate.interference,
-            self._criterion.precision,
-            lambda: segment_player.segments[-1],
-            context.host.between,
-            budget,
-            context.note,
+            plan.gate.interference, self._criterion.precision, segment_player, context
         )
         self._numbers = itertools.count(1)
 
@@ -340,35 +333,31 @@ class AffectedProbes:
     Attributes:
         policy: ``gate.interference``; with ``tolerate``, interference explains nothing.
         precision: of the search.
-        last_segment: the segment that was played last.
-        interference: what others did between two times; see `HostWatch.between`.
-        budget: of the run; without time left, nothing is played again.
-        note: receives a note about each probe that is played again.
+        segment_player: plays them.
+        context: of the run; without time left, nothing is played again.
     """
 
     policy: Literal["tolerate", "note", "strict"]
     precision: float
-    last_segment: Callable[[], Segment]
-    interference: Callable[[int, int], Interference]
-    budget: TimeBudget
-    note: Callable[[str], None]
+    segment_player: SegmentPlayer
+    context: RunContext
     _futile: int = 0
 
     def play(self, probe: Callable[[], ProbeOutcome]) -> ProbeOutcome:
         """Play a probe, and once more if others disturbed it and that can explain its outcome."""
         first = self._with_interference(probe())
-        segment = self.last_segment()
+        segment = self.segment_player.segments[-1]
         if (
             not first.probe.explained
             or self._futile >= MAX_FUTILE_REPLAYS
-            or not self.budget.allows(
+            or not self.context.budget.allows(
                 f"no rerun of {first.probe.segment}, which host interference affected",
                 (segment.ended_ns - segment.began_ns) / 1e9,
             )
         ):
             return first
         reasons = ", ".join(first.probe.disturbed)
-        self.note(f"host interference in {first.probe.segment} ({reasons}): repeating it")
+        self.context.note(f"host interference in {first.probe.segment} ({reasons}): repeating it")
         again = self._with_interference(probe())
         if again.probe.explained:
             self._futile += 1
@@ -377,8 +366,8 @@ class AffectedProbes:
 
     def _with_interference(self, outcome: ProbeOutcome) -> ProbeOutcome:
         """An outcome whose probe says what others did meanwhile, and whether that explains it."""
-        segment = self.last_segment()
-        interference = self.interference(segment.began_ns, segment.ended_ns)
+        segment = self.segment_player.segments[-1]
+        interference = self.context.host.between(segment.began_ns, segment.ended_ns)
         probe = msgspec.structs.replace(
             outcome.probe,
             by_player=outcome.limited_by_player,

@@ -107,6 +107,7 @@ class Run:
         self.budget = TimeBudget(budget_ns, lambda _: None)
         self._verdicts = iter(verdicts)
         context = SimpleNamespace(
+            budget=self.budget,
             host=SimpleNamespace(between=None),
             note=lambda _: None,
             states=SimpleNamespace(enter=lambda *_: None),
@@ -116,7 +117,6 @@ class Run:
             cast("Any", self.starts[0]),
             cast("Any", context),
             lambda: next(self._verdicts),
-            self.budget,
             self._next_start,
         )
 

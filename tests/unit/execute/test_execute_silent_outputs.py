@@ -41,10 +41,10 @@ def stopped(late: int = 0, **inputs: int) -> SilentOutputs:
         played=10,
         nodes=frozenset({"/node"}),
     )
-    observer = SimpleNamespace(trace=lambda _, play: (play(), facts)[1])
+    observer = SimpleNamespace(trace=lambda _, __, play: (play(), facts)[1])
     graph: Any = SimpleNamespace(
         plan=SimpleNamespace(inputs=("in",), called={}),
-        observer=lambda _: observer,
+        observer=observer,
         supervisor=None,
     )
     player: Any = SimpleNamespace(
