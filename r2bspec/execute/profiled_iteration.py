@@ -159,7 +159,7 @@ class ProfiledIteration:
         stacks: dict[str, Path] = {}
         for name, profiler in attached.items():
             with self._noting_failures(name):
-                profiler.stop(self.supervisor)
+                profiler.stop()
             # What it has written until then may still be of use.
             with self._noting_failures(name):
                 stacks[name] = profiler.fold()
@@ -168,7 +168,7 @@ class ProfiledIteration:
     def _attach(self, name: str, running: Mapping[str, ManagedProcess]) -> AttachedProfiler:
         if name not in running:
             raise RunError(f"process {name} does not run")
-        return AttachedProfiler.start(
+        return AttachedProfiler(
             self.profiler,
             running[name],
             self.folder.profile_folder(name) / name,

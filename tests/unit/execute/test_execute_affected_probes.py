@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any, Literal, cast
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -82,9 +81,7 @@ class Machine:
     @property
     def segments(self) -> list[Segment]:
         """What was played last, as the player has it."""
-        return [
-            msgspec.structs.replace(segment_of(self.played[-1], 100), began_ns=0, ended_ns=10**9)
-        ]
+        return [segment_of(self.played[-1], 100, start_ns=0, length_ns=10**9)]
 
     def _between(self, began_ns: int, ended_ns: int) -> Interference:
         assert (began_ns, ended_ns) == (0, 10**9)
