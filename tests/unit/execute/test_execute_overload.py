@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -218,9 +217,14 @@ def test_the_end_of_the_range_is_played_whole_too() -> None:
     assert (record.holds_hz, record.limited_by, record.proof) == (1000.0, "range", "confirmed")
 
 
-def overload(play: Callable[[float], CompletionTimes | None], **changes: Any) -> Overload:
-    settings = {"max_hz": 1000.0, "precision": 0.02, "confidence": 0.95, "budget_s": 60.0}
-    return Overload(play=play, **{**settings, **changes})
+def overload(
+    play: Callable[[float], CompletionTimes | None],
+    precision: float = 0.02,
+    goes_on: Callable[[], bool] = lambda: True,
+    **plays: float,
+) -> Overload:
+    long_plays = LongPlays(**{"budget_s": 60.0, **plays})  # type: ignore[arg-type]
+    return Overload(play, 1000.0, precision, 0.95, long_plays, goes_on)
 
 
 def test_an_overload_that_is_none_is_raised_until_it_is_one() -> None:
