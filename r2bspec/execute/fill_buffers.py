@@ -172,8 +172,6 @@ def _buffer_static(
 
 def _windows(bags: Sequence[Path], datasets: Sequence[DatasetPlan]) -> list[TimeWindow]:
     """The windows of the bags, each relative to the start of its own bag."""
-    if len(bags) == 1:
-        return [TimeWindow(start_ns=datasets[0].start_ns, end_ns=datasets[0].end_ns)]
     starts_ns = [index_bag(bag).start_ns for bag in bags]
     first_ns = min(starts_ns)
     return [

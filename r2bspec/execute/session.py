@@ -115,7 +115,7 @@ class Session:
         self._supervisor = context.supervisor
         self._launcher = launcher
         self.anatomy = launcher.anatomy = (
-            AnatomyObservation.begin(plan, start, context.events) if plan.anatomy else None
+            AnatomyObservation(plan, start, context.events) if plan.anatomy else None
         )
         self._graph = PhaseGraph(plan, MEASURE_PHASE, context.supervisor, launcher, context.note)
         self._buffer_dir = context.buffer_dir

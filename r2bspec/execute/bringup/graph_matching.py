@@ -16,7 +16,6 @@ import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
 
 import msgspec
 
@@ -370,26 +369,22 @@ class PhaseGraph:
         """
         launcher, supervisor = self.launcher, self.supervisor
         of_nodes = ((topic, kind, does) for _, topic, kind, does in launcher.endpoints)
-        counterparts = {"publishes": Counter[Any](), "subscribes": Counter[Any]()}
-        for topic, kind, does in (*of_nodes, *harness_endpoints):
-            counterparts["publishes" if does == "subscribes" else "subscribes"][topic, kind] += 1
+        opposite = {"publishes": "subscribes", "subscribes": "publishes"}
+        counterparts = Counter(
+            (topic, kind, opposite[does]) for topic, kind, does in (*of_nodes, *harness_endpoints)
+        )
         deadline = time.monotonic() + _MAX_DISCOVERY_S
         undiscovered = {child: {*launcher.host_endpoints(child)} for child in launcher.hosts}
         with supervisor.waiting("nodes: discovery of the harness"):
             while any(undiscovered.values()) and time.monotonic() < deadline:
                 for child, waiting in undiscovered.items():
                     if waiting:
-                        matches = supervisor.request(
-                            child, protocol.CountMatches(), protocol.Matched
-                        )
-                        counts = {
-                            "publishes": matches.counts,
-                            "subscribes": matches.publisher_counts,
-                        }
+                        found = supervisor.request(child, protocol.CountMatches(), protocol.Matched)
+                        counts = {"publishes": found.counts, "subscribes": found.publisher_counts}
                         waiting -= {
                             (topic, kind, does)
                             for topic, kind, does in waiting
-                            if counts[does].get(topic, 0) >= counterparts[does][topic, kind]
+                            if counts[does].get(topic, 0) >= counterparts[topic, kind, does]
                         }
                 supervisor.pump(_POLL_S)
 

@@ -11,7 +11,7 @@ import contextlib
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
@@ -50,6 +50,7 @@ _OBSERVER = "harness.observer"
 """The process that says what discovery shows; no node can have this name."""
 
 _CONFIGURE_TIMEOUT_S = 60.0
+_Row = TypeVar("_Row", bound=tuple[str, ...])
 
 
 class Launcher:
@@ -293,13 +294,15 @@ class Launcher:
     def _learn(self, child: ManagedProcess, ready: protocol.Ready, without: Iterable[str]) -> None:
         """Take down what the nodes of a host have, but for some of them."""
         left_out = {*without}
+
+        def kept(rows: Iterable[_Row]) -> tuple[_Row, ...]:
+            return tuple(row for row in rows if row[0] not in left_out)
+
         ready = msgspec.structs.replace(
             ready,
-            endpoints=tuple(
-                endpoint for endpoint in ready.endpoints if endpoint[0] not in left_out
-            ),
-            undeclared=tuple(each for each in ready.undeclared if each[0] not in left_out),
-            unmatched=tuple(each for each in ready.unmatched if each[0] not in left_out),
+            endpoints=kept(ready.endpoints),
+            undeclared=kept(ready.undeclared),
+            unmatched=kept(ready.unmatched),
         )
         require_declared_parameters(ready)
         self.endpoints += ready.endpoints
