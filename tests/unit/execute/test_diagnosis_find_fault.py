@@ -7,6 +7,7 @@ import dataclasses
 import msgspec
 import pytest
 
+from graph_facts import IMAGE, TEXT, end, graph, topic
 from r2bspec.execute.bringup.find_fault import (
     certain_topics,
     find_input_fault,
@@ -23,50 +24,6 @@ from r2bspec.ipc.protocol import Discovered, Endpoint, QosMismatch
 from r2bspec.plan.plan import TopicPlan
 from r2bspec.record.run_record import Difference
 from run_simulation import Simulation
-
-IMAGE, TEXT = "sensor_msgs/msg/Image", "std_msgs/msg/String"
-
-
-def end(node: str, kind: str = IMAGE) -> Endpoint:
-    return Endpoint(node=node, type=kind, reliability="reliable", durability="volatile")
-
-
-def topic(
-    name: str,
-    publishers: str = "",
-    subscriptions: str = "",
-    *,
-    planned: tuple[str, str] | None = None,
-    passed: int | None = 10,
-    kinds: tuple[str, str] = (IMAGE, IMAGE),
-    qos_mismatches: tuple[QosMismatch, ...] = (),
-) -> TopicFacts:
-    """A topic with these endpoints; by default, the same ones are planned."""
-    planned_publishers, planned_subscribers = planned or (publishers, subscriptions)
-    return TopicFacts(
-        name=name,
-        type=IMAGE,
-        planned_publishers=tuple(planned_publishers.split()),
-        planned_subscribers=tuple(planned_subscribers.split()),
-        publishers=tuple(end(node, kinds[0]) for node in publishers.split()),
-        subscriptions=tuple(end(node, kinds[1]) for node in subscriptions.split()),
-        qos_mismatches=qos_mismatches,
-        passed=passed,
-    )
-
-
-def graph(*topics: TopicFacts, played: int | None = 10) -> GraphFacts:
-    return GraphFacts(
-        topics={planned_topic.name: planned_topic for planned_topic in topics},
-        inputs=tuple(
-            planned_topic.name
-            for planned_topic in topics
-            if "player" in planned_topic.planned_publishers
-        ),
-        played=played,
-        nodes=frozenset({"/a", "/b", "/c"}),
-    )
-
 
 IN = topic("/in", "player", "/a")
 MID = topic("/mid", "/a", "/b")
