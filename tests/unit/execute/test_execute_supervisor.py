@@ -17,6 +17,7 @@ from typing import Any
 
 import pytest
 
+from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.errors import (
     AddressSpaceError,
     InterruptedRunError,
@@ -24,8 +25,10 @@ from r2bspec.execute.errors import (
     ProcessDiedError,
     ProcessFailedError,
     RunError,
+    StepFailedError,
 )
 from r2bspec.execute.processes import process, supervisor
+from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.process import ManagedProcess, describe_exit
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.ipc import protocol
@@ -33,6 +36,9 @@ from r2bspec.ipc.process_cleanup import run_processes
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.middleware.middleware import middleware_of
+from r2bspec.plan.plan import SetupPlan
+from r2bspec.record.run_folder import RunFolder
+from run_simulation import Simulation
 
 HANG_S = 60.0
 """Guards against hanging only; nothing that passes takes so long."""
@@ -371,6 +377,33 @@ def test_a_process_inherits_nothing_but_its_channel(stage: Stage) -> None:
     assert first.connection is not None
     ours = str(Path(f"/proc/self/fd/{first.connection.fileno()}").readlink())
     assert ours not in kinds
+
+
+def test_a_setup_step_has_to_create_its_file_and_does_so_once(stage: Stage) -> None:
+    environment = RunEnvironment(
+        Simulation().plan(),
+        run_id=stage.run_id,
+        domain=1,
+        scratch=stage.folder,
+        largest_message_bytes=1,
+    )
+    folder = RunFolder.create(stage.folder / "run")
+    launcher = Launcher(stage.children, environment, folder, stage.folder)
+    notes: list[str] = []
+
+    def run(*argv: str) -> None:
+        plan = SetupPlan(
+            name="get", argv=argv, creates="made", directory=".", env={}, timeout_ns=10**11
+        )
+        launcher.run_setup_step(plan, notes.append)
+
+    with pytest.raises(StepFailedError, match=r"setup\.get exited with status 1; it printed"):
+        run("false")
+    with pytest.raises(StepFailedError, match="get succeeded, but made does not exist"):
+        run("true")
+    run("touch", "made")
+    run("false")
+    assert notes[-2:] == ["get: touch made", "get: made already exists"]
 
 
 # Ending
