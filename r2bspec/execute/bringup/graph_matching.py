@@ -374,7 +374,10 @@ class PhaseGraph:
             (topic, kind, opposite[does]) for topic, kind, does in (*of_nodes, *harness_endpoints)
         )
         deadline = time.monotonic() + _MAX_DISCOVERY_S
-        undiscovered = {child: {*launcher.host_endpoints(child)} for child in launcher.hosts}
+        undiscovered = {
+            child: {(*end,) for node, *end in launcher.endpoints if node in nodes}
+            for child, nodes in launcher.hosts.items()
+        }
         with supervisor.waiting("nodes: discovery of the harness"):
             while any(undiscovered.values()) and time.monotonic() < deadline:
                 for child, waiting in undiscovered.items():

@@ -418,32 +418,32 @@ class MonitorGroup(ManagedProcess):
         first = members[0][0]
         super().__init__(first.name, first.role, first.process, first.log, None)
         self._members = list(members)
-        self._asked: list[ManagedProcess] = []
+        self._asked = 0
         self._matched: list[protocol.Matched] = []
         for member, _ in self._members:
             member.inbox = _Forwarding(self, member)
 
     def send(self, message: Any) -> None:
         """Send a command to those that it is for."""
-        commands = {asked: self._part_of(message, names) for asked, names in self._members}
+        commands: dict[ManagedProcess, Any]
         if isinstance(message, protocol.StartTap | protocol.StopTap):
             commands = {self._members[0][0]: message}
-        self._asked = [asked for asked, command in commands.items() if command is not None]
+        elif isinstance(message, protocol.Subscribe):
+            commands = {}
+            for member, names in self._members:
+                if own := tuple(monitor for monitor in message.monitors if monitor.name in names):
+                    commands[member] = protocol.Subscribe(monitors=own)
+        else:
+            commands = {member: message for member, _ in self._members}
+        self._asked = len(commands)
         self._matched.clear()
-        for member in self._asked:
-            member.send(commands[member])
-
-    def _part_of(self, message: Any, names: frozenset[str]) -> Any:
-        """What a command says to the monitor of some topics; None if nothing."""
-        if not isinstance(message, protocol.Subscribe):
-            return message
-        own = tuple(monitor for monitor in message.monitors if monitor.name in names)
-        return protocol.Subscribe(monitors=own) if own else None
+        for member, command in commands.items():
+            member.send(command)
 
     def collect(self, matched: protocol.Matched) -> None:
         """Take the answer of one of them; with the last, the answer is complete."""
         self._matched.append(matched)
-        if len(self._matched) == len(self._asked):
+        if len(self._matched) == self._asked:
             counts = {
                 topic: count for match in self._matched for topic, count in match.counts.items()
             }

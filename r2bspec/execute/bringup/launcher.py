@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -334,12 +334,6 @@ class Launcher:
             self._configure_host(child, plan)
         self.joins.join(child, plan, deadline.left_s)
         on_joined(child, plan)
-
-    def host_endpoints(self, host: ManagedProcess) -> Iterator[tuple[str, str, str]]:
-        """The endpoints of the nodes of a host: topic, type, ``publishes`` or ``subscribes``."""
-        for node, topic, kind, does in self.endpoints:
-            if node in self.hosts[host]:
-                yield topic, kind, does
 
     @property
     def known_differences(self) -> set[tuple[str, str]]:

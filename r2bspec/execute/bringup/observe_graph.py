@@ -7,9 +7,10 @@ was given to the nodes, so that nothing that was measured says anything about th
 
 from __future__ import annotations
 
+import math
 import os
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -269,10 +270,10 @@ class GraphObserver:
             if (path := rows_dir / f"{watch.name}.rows").exists()
         }
         # Messages that publishers keep for late subscriptions arrive now; they are not counted.
-        self._wait_for_quiet(files.values())
+        wait_for_quiet(self.supervisor, files.values(), _QUIET_PERIOD_S, _MAX_QUIET_WAIT_S)
         before = {topic: rows.count() for topic, rows in files.items()}
         play()
-        self._wait_for_quiet(files.values())
+        wait_for_quiet(self.supervisor, files.values(), _QUIET_PERIOD_S, _MAX_QUIET_WAIT_S)
         passed = {topic: rows.count() - before[topic] for topic, rows in files.items()}
         self.supervisor.request(monitor, protocol.StopTap(), protocol.Matched)
         return gather_facts(self.plan, self.phase, nodes, discovered, passed)
@@ -309,19 +310,34 @@ class GraphObserver:
             protocol.Discover(topics=names), protocol.Discovered
         )
 
-    def _wait_for_quiet(self, files: Iterable[RowReader]) -> None:
-        """Wait until no message has arrived for a while; bounded, as some topics never pause."""
-        files = [*files]
-        last: list[int] = []
-        changed = began = time.monotonic()
-        while (
-            time.monotonic() - changed < _QUIET_PERIOD_S
-            and time.monotonic() - began < _MAX_QUIET_WAIT_S
-        ):
-            counts = [file.count() for file in files]
-            if counts != last:
-                last, changed = counts, time.monotonic()
-            self.supervisor.pump(_POLL_S)
+
+def wait_for_quiet(
+    supervisor: ProcessSupervisor,
+    files: Iterable[RowReader],
+    quiet_s: float,
+    limit_s: float = math.inf,
+    goal: Sequence[int] = (),
+) -> None:
+    """Wait until no message has arrived for a while; at most so long, as some topics never pause.
+
+    Args:
+        supervisor: of all processes.
+        files: the rows of a monitor.
+        quiet_s: how long a while is, in seconds.
+        limit_s: at most, in seconds.
+        goal: the rows of each file after which nothing is waited for; empty if that is unknown.
+    """
+    files = [*files]
+    last: list[int] = []
+    changed = began = now = time.monotonic()
+    while now - changed < quiet_s and now - began < limit_s:
+        counts = [file.count() for file in files]
+        if goal and all(count >= enough for count, enough in zip(counts, goal, strict=True)):
+            return
+        if counts != last:
+            last, changed = counts, now
+        supervisor.pump(_POLL_S)
+        now = time.monotonic()
 
 
 def _endpoints(discovered: protocol.Discovered) -> list[tuple[str, str]]:

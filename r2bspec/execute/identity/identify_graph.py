@@ -456,7 +456,7 @@ class _GraphIdentifier:
             self._add_program(parts, program, package)
 
     def _add_program(self, parts: _Parts, program: Path, package: str = "") -> None:
-        """A program: its build id, or its sources if it is one of Python."""
+        """A file: its build id, or its sources if it is a program of Python, or itself."""
         if is_elf(program):
             parts.build_ids.append(build_id(program))
             if package:
@@ -477,7 +477,8 @@ class _GraphIdentifier:
                 parts.files.pop(self._digests.shown(self._digests.real_path(program)), None)
                 self._add_module(parts, module)
                 return
-        self._add_sources(parts, python_sources.sources_of_file(self._search, program))
+        sources = python_sources.sources_of_file(self._search, program.resolve())
+        self._add_sources(parts, sources)
 
     def _add_command(self, parts: _Parts, argv: Sequence[str], folder: Path) -> None:
         """A command: its program, and the files of the work tree that it names.
@@ -527,14 +528,7 @@ class _GraphIdentifier:
                     continue
                 path = folder / name
                 if is_regular(path) and self._digests.is_inside(path):
-                    if path.suffix == ".py":
-                        self._add_sources(
-                            parts, python_sources.sources_of_file(self._search, path.resolve())
-                        )
-                    elif is_elf(path):
-                        parts.build_ids.append(build_id(path))
-                    else:
-                        self._add_file(parts, path)
+                    self._add_program(parts, path)
 
     def _add_launch(self, parts: _Parts, argv: Sequence[str]) -> None:
         """A launch file, what it names beside it, and the packages of the work tree in its text.

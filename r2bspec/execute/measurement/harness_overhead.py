@@ -25,6 +25,7 @@ from typing import Final
 
 import msgspec
 
+from r2bspec.execute.bringup.observe_graph import wait_for_quiet
 from r2bspec.execute.measurement.segments import PLAYBACK_ROWS
 from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess
 from r2bspec.execute.run_context import Interference, RunContext
@@ -169,14 +170,7 @@ class HarnessOverhead:
         timeout_s = self.schedule.span_ns(rate_hz, steps) / 1e9 * 1.5 + REPLY_TIMEOUT_S
         command = protocol.Play(rate_hz=rate_hz, steps=steps)
         supervisor.request(self.player, command, protocol.Played, timeout_s)
-        last, changed = [0], time.monotonic()
-        while time.monotonic() - changed < _QUIET_PERIOD_S:
-            counts = [rows.count() for rows in files]
-            if all(count >= enough for count, enough in zip(counts, goal, strict=True)):
-                return
-            if counts != last:
-                last, changed = counts, time.monotonic()
-            supervisor.pump(_POLL_S)
+        wait_for_quiet(supervisor, files, _QUIET_PERIOD_S, goal=goal)
 
     def _matches(self, part: ManagedProcess, topics: list[str]) -> list[int]:
         command = protocol.CountMatches()
