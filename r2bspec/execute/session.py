@@ -46,6 +46,7 @@ from r2bspec.execute.measurement.segments import (
     SegmentHeading,
     SegmentPlayer,
 )
+from r2bspec.execute.processes.prerequisites import built
 from r2bspec.execute.processes.scheduling import apply_when_ready
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.run_context import MEASURE_PHASE, RunContext
@@ -56,6 +57,7 @@ from r2bspec.ipc.buffers import TF_STATIC, buffered_transforms
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.judge.measure.samples import SegmentSamples
 from r2bspec.judge.rate_decision import load_scipy
+from r2bspec.native.build import harness_library, join_object
 from r2bspec.plan.plan import GRAPH_ROLES, Plan, ProcessPlan
 from r2bspec.plan.taps import all_taps, tap_monitors
 from r2bspec.record import run_record
@@ -382,7 +384,8 @@ class Session:
         harness = harness_processes.GraphHarness(
             self._launcher, self._plan, configure_player, self.rows_dir
         )
-        joins = harness_processes.GraphJoins(self._supervisor, self.rows_dir)
+        files = built(join_object), built(harness_library)
+        joins = harness_processes.GraphJoins(self._supervisor, self.rows_dir, *files)
         self._launcher.joins = joins
         try:
             if self._is_later:

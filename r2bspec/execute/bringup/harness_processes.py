@@ -29,12 +29,11 @@ import msgspec
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.bringup.readiness import IdleTime, patience_s, starts_others
 from r2bspec.execute.processes.elf import not_joinable
-from r2bspec.execute.processes.prerequisites import built
 from r2bspec.execute.processes.resources import family
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.native_protocol import NativeCodec
-from r2bspec.native.build import harness_library, join_environment, join_object
+from r2bspec.native.build import join_environment
 from r2bspec.plan.command_lines import NATIVE_ARGV
 from r2bspec.plan.plan import JoinPlan, MonitorPlan, Plan, ProcessPlan
 from r2bspec.plan.taps import tap_monitors
@@ -80,14 +79,15 @@ class GraphJoins:
     Args:
         supervisor: of the run.
         folder: for the socket.
-
-    Raises:
-        NotInstalledError: what is loaded cannot be built (R2B668).
+        preload: the object that is loaded into them.
+        library: the harness, which that loads.
     """
 
-    def __init__(self, supervisor: ProcessSupervisor, folder: Path) -> None:
+    def __init__(
+        self, supervisor: ProcessSupervisor, folder: Path, preload: Path, library: Path
+    ) -> None:
         self._supervisor = supervisor
-        self._join_object, self._library = built(join_object), built(harness_library)
+        self._preload, self._library = preload, library
         self._listener = socket.socket(socket.AF_UNIX)
         self._folder_fd = os.open(folder, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
         path = folder / "join.socket"
@@ -108,7 +108,7 @@ class GraphJoins:
     def environment(self, process: str, environment: dict[str, str]) -> dict[str, str]:
         """The environment of a process that gets parts."""
         preloaded = environment.get("LD_PRELOAD", "")
-        return environment | join_environment(self._join_object, self._path, process, preloaded)
+        return environment | join_environment(self._preload, self._path, process, preloaded)
 
     def join(self, child: ManagedProcess, plan: ProcessPlan, timeout_s: float) -> None:
         """Wait until a process initialises ROS, and start its parts; it waits for `release`.
