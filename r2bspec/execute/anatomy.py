@@ -14,11 +14,10 @@ import contextlib
 import os
 import resource
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from r2bspec.execute.processes.prerequisites import build_errors
+from r2bspec.execute.processes.prerequisites import built
 from r2bspec.judge.measure.observed_runs import ObservedRows
 from r2bspec.native.build import anatomy_environment, anatomy_object
 from r2bspec.record.anatomy_files import AnatomyReader, file_bytes
@@ -39,16 +38,6 @@ _SEGMENTS = 4
 _FEWEST_EVENTS, _MOST_EVENTS = 100_000, 4_000_000
 _EARLIER_NS = 100_000_000
 """The player is told to play this long before the first step is due, at most."""
-
-
-def build_preload() -> Path:
-    """Build what is preloaded, unless it was.
-
-    Raises:
-        NotInstalledError: it cannot be built (R2B668).
-    """
-    with build_errors():
-        return anatomy_object()
 
 
 def room_bytes(plan: Plan) -> int:
@@ -84,52 +73,41 @@ def events_folder(plan: Plan, scratch: Path) -> Iterator[Path]:
         yield folder
 
 
-@dataclass
 class AnatomyObservation:
     """The processes of one start, observed from inside.
 
-    Attributes:
-        start: its number.
+    Args:
         plan: of the run.
-        preload: the object.
-        files: the folder of what the processes write.
-        room_bytes: for each of them.
+        start: its number.
+        folder: below it the processes write what they do.
+
+    Raises:
+        NotInstalledError: what observes them cannot be built (R2B668).
+
+    Attributes:
+        files: the folder of this start.
         record: what was observed so far.
-        reader: of the files.
     """
 
-    start: int
-    plan: Plan
-    preload: Path
-    files: Path
-    room_bytes: int
-    record: AnatomyRecord
-    reader: AnatomyReader
-
-    @classmethod
-    def begin(cls, plan: Plan, start: int, folder: Path) -> AnatomyObservation:
-        """Prepare to observe the processes of a start, below a folder.
-
-        Raises:
-            NotInstalledError: the object cannot be built (R2B668).
-        """
+    def __init__(self, plan: Plan, start: int, folder: Path) -> None:
         # Earlier starts have ended: their files would fill the memory.
         for earlier in folder.glob(f"{_FILES}*"):
             remove_folder(earlier)
-        files = folder / f"{_FILES}{start}"
-        files.mkdir()
-        record = AnatomyRecord(start=start)
-        reader = AnatomyReader(files)
-        return cls(start, plan, build_preload(), files, room_bytes(plan), record, reader)
+        self.files = folder / f"{_FILES}{start}"
+        self.files.mkdir()
+        self.record = AnatomyRecord(start=start)
+        self._plan, self._start = plan, start
+        self._preload, self._room_bytes = built(anatomy_object), room_bytes(plan)
+        self._reader = AnatomyReader(self.files)
 
     def environment(self, process: ProcessPlan, variables: Mapping[str, str]) -> dict[str, str]:
         """The environment of a process, by which it is observed if the plan says so."""
-        if not self.plan.observes(process):
+        if not self._plan.observes(process):
             return dict(variables)
-        preloaded, room = variables.get("LD_PRELOAD", ""), self.room_bytes
+        preloaded, room = variables.get("LD_PRELOAD", ""), self._room_bytes
         return {
             **variables,
-            **anatomy_environment(self.preload, self.files, process.name, room, preloaded),
+            **anatomy_environment(self._preload, self.files, process.name, room, preloaded),
         }
 
     def store(self, segment: Segment, until_ns: int, folder: RunFolder) -> ObservedRows:
@@ -138,13 +116,13 @@ class AnatomyObservation:
         Raises:
             RecordError: the file cannot be written.
         """
-        rows, objects, processes = self.reader.read(until_ns - _EARLIER_NS)
+        rows, objects, processes = self._reader.read(until_ns - _EARLIER_NS)
         began_ns = rows["began_ns"]
         inside = (began_ns >= segment.began_ns - _EARLIER_NS) & (began_ns <= until_ns)
         rows = rows[inside]
         folder.write_anatomy(segment.id, rows)
         self.record = AnatomyRecord(
-            start=self.start,
+            start=self._start,
             processes=processes,
             objects=objects,
             error=" ".join(self._missing(processes)),
@@ -153,16 +131,16 @@ class AnatomyObservation:
 
     def _missing(self, processes: tuple[AnatomyProcess, ...]) -> Iterator[str]:
         """What was not observed, a sentence each."""
-        if self.reader.unread:
-            yield f"{self.reader.unread} more processes have events; they were not read."
+        if self._reader.unread:
+            yield f"{self._reader.unread} more processes have events; they were not read."
         lost = {process.name: process.lost for process in processes if process.lost}
         if lost:
             each = ", ".join(f"{count} of {name}" for name, count in lost.items())
             yield f"There was no room for {sum(lost.values())} events ({each}): parts are missing."
         silent = {
             process.name
-            for process in self.plan.processes
-            if process.phase == "measure" and process.nodes and self.plan.observes(process)
+            for process in self._plan.processes
+            if process.phase == "measure" and process.nodes and self._plan.observes(process)
         } - {process.name for process in processes}
         if silent:
             yield (

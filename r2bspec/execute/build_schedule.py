@@ -26,10 +26,11 @@ if the plan says so, at which they were published.
 from __future__ import annotations
 
 import bisect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import msgspec
 
@@ -60,22 +61,19 @@ _StepKey = tuple[int, int, int]
 no header."""
 
 
-class _TimedMessage(NamedTuple):
+@dataclass(slots=True)
+class _TimedMessage:
     """A message: its input, position, time and, if it has a header, its stamp.
 
-    `paired_ns` is the latest stamp of its pair.
+    `step_ns` is the stamp of its step: its own, or the latest one of its pair.
     """
 
     input: int
     position: int
     time_ns: int
     stamp_ns: int | None
-    paired_ns: int | None = None
-
-    @property
-    def step_ns(self) -> int | None:
-        """The stamp of its step."""
-        return self.stamp_ns if self.paired_ns is None else self.paired_ns
+    step_ns: int | None
+    key: _StepKey = (0, 0, 0)
 
 
 def make_timeline(
@@ -111,14 +109,13 @@ def make_timeline(
             else by_stamp.get(index.stamps_ns[position])
             for position in range(len(index.sizes))[: buffer or None]
         ]
+        stamps_ns = [
+            index.stamps_ns[position] + input_.later_ns if index.has_header else None
+            for position in range(len(times_ns))
+        ]
         known_times = [
-            _TimedMessage(
-                column,
-                position,
-                time_ns + input_.later_ns,
-                index.stamps_ns[position] + input_.later_ns if index.has_header else None,
-            )
-            for position, time_ns in enumerate(times_ns)
+            _TimedMessage(column, position, time_ns + input_.later_ns, stamp_ns, stamp_ns)
+            for position, (time_ns, stamp_ns) in enumerate(zip(times_ns, stamps_ns, strict=True))
             if time_ns is not None
         ]
         if not known_times:
@@ -127,26 +124,23 @@ def make_timeline(
             unknown[index.topic] = len(times_ns) - len(known_times)
         messages += known_times
     slops_ns = [loaded_input.slop_ns for loaded_input, _ in inputs]
-    paired = _pair(messages, slops_ns) if any(slops_ns) else messages
-    return _build_timeline(paired, plan, len(inputs), transforms), unknown
+    if any(slops_ns):
+        _pair(messages, slops_ns)
+    return _build_timeline(messages, plan, len(inputs), transforms), unknown
 
 
-def _pair(found: list[_TimedMessage], slops_ns: Sequence[int]) -> list[_TimedMessage]:
-    """The messages, with the stamp of their pair where they have one."""
-    by_input: dict[int, list[tuple[int, int]]] = {}
-    for place, pairing in enumerate(found):
-        if pairing.stamp_ns is not None and slops_ns[pairing.input]:
-            by_input.setdefault(pairing.input, []).append((place, pairing.stamp_ns))
-    columns = list(by_input)
-    stamps = [[stamp_ns for _, stamp_ns in by_input[column]] for column in columns]
-    pairs = pair_nearest(stamps, [slops_ns[column] for column in columns])
-    paired = list(found)
-    for pair in pairs:
-        members = [by_input[column][number] for column, number in zip(columns, pair, strict=True)]
+def _pair(messages: list[_TimedMessage], slops_ns: Sequence[int]) -> None:
+    """Give messages the stamp of their pair where they have one."""
+    by_input: dict[int, list[tuple[_TimedMessage, int]]] = {}
+    for message in messages:
+        if message.stamp_ns is not None and slops_ns[message.input]:
+            by_input.setdefault(message.input, []).append((message, message.stamp_ns))
+    stamps = [[stamp_ns for _, stamp_ns in stamped] for stamped in by_input.values()]
+    for pair in pair_nearest(stamps, [slops_ns[column] for column in by_input]):
+        members = [stamped[number] for stamped, number in zip(by_input.values(), pair, strict=True)]
         latest_ns = max(stamp_ns for _, stamp_ns in members)
-        for place, _ in members:
-            paired[place] = found[place]._replace(paired_ns=latest_ns)
-    return paired
+        for message, _ in members:
+            message.step_ns = latest_ns
 
 
 def times_by_stamp(sources: Sequence[BufferIndex]) -> dict[int, int]:
@@ -184,16 +178,17 @@ def _build_timeline(
 ) -> TimelineSchedule:
     found.sort(key=lambda each: (each.time_ns, each.input, each.position))
     start_ns = found[0].time_ns
-    keys, first_ns, masks = _steps(found)
-    stamps = _unique_stamps({key: key[0] for key in masks})
+    first_ns, masks = _steps(found)
+    stamps = _unique_stamps(first_ns)
     numbers = {key: number for number, key in enumerate(first_ns)}
     length_ns = max(round_length_ns(list(first_ns.values())), found[-1].time_ns - start_ns + 1)
-    messages = [
-        TimelineMessage(
-            round((pair.time_ns - start_ns) / plan.speed), numbers[key], pair.input, pair.position
-        )
-        for pair, key in zip(found, keys, strict=True)
-    ]
+    messages = []
+    offsets = [[0] * inputs for _ in numbers]
+    for each in found:
+        due_ns = round((each.time_ns - start_ns) / plan.speed)
+        messages.append(TimelineMessage(due_ns, numbers[each.key], each.input, each.position))
+        if each.stamp_ns is not None and each.step_ns is not None:
+            offsets[numbers[each.key]][each.input] = each.stamp_ns - each.step_ns
     if transforms is not None:
         messages += _transform_messages(transforms, start_ns, length_ns, plan.speed, inputs)
         # The transforms of a message are published before it.
@@ -209,54 +204,38 @@ def _build_timeline(
         stamp_period_ns=max(length_ns, spread_ns + 1),
         inputs=inputs,
         shift_transforms=plan.shift_tf,
-        stamp_offsets_ns=_stamp_offsets(found, keys, numbers, inputs),
+        stamp_offsets_ns=_unless_all_zero(offsets),
     )
 
 
-def _stamp_offsets(
-    found: list[_TimedMessage], keys: list[_StepKey], numbers: dict[_StepKey, int], inputs: int
-) -> tuple[tuple[int, ...], ...]:
-    """For each step and input, the stamp of the message minus that of the step; empty if all 0."""
-    offsets = [[0] * inputs for _ in numbers]
-    for pair, key in zip(found, keys, strict=True):
-        if pair.stamp_ns is not None and pair.step_ns is not None:
-            offsets[numbers[key]][pair.input] = pair.stamp_ns - pair.step_ns
+def _unless_all_zero(offsets: list[list[int]]) -> tuple[tuple[int, ...], ...]:
+    """For each step and input, the stamp of a message minus that of the step; empty if all 0."""
     return tuple(map(tuple, offsets)) if any(map(any, offsets)) else ()
 
 
-def _steps(
-    found: list[_TimedMessage],
-) -> tuple[list[_StepKey], dict[_StepKey, int], dict[_StepKey, int]]:
-    """The step of each message; and, in order of time, the start and the inputs of each step."""
-    counts: dict[tuple[int, int | None], int] = {}
-    keys = []
+def _steps(found: list[_TimedMessage]) -> tuple[dict[_StepKey, int], dict[_StepKey, int]]:
+    """The start and the inputs of each step, in order of time; messages get the keys of theirs."""
+    counts: Counter[tuple[int, int | None]] = Counter()
     first_ns: dict[_StepKey, int] = {}
     masks: dict[_StepKey, int] = {}
-    for step in found:
+    for each in found:
         # A device may repeat a stamp; the n-th messages with it belong to one step.
-        nth = counts.get((step.input, step.step_ns), 0)
-        counts[step.input, step.step_ns] = nth + 1
-        key = _key(step, nth)
-        keys.append(key)
-        first_ns.setdefault(key, step.time_ns)
-        masks[key] = masks.get(key, 0) | 1 << step.input
-    return keys, first_ns, masks
+        nth = counts[each.input, each.step_ns]
+        counts[each.input, each.step_ns] += 1
+        is_bare = each.step_ns is None
+        each.key = (each.step_ns or 0, nth, -1) if not is_bare else (each.time_ns, nth, each.input)
+        first_ns.setdefault(each.key, each.time_ns)
+        masks[each.key] = masks.get(each.key, 0) | 1 << each.input
+    return first_ns, masks
 
 
-def _key(message: _TimedMessage, nth: int) -> _StepKey:
-    if message.step_ns is None:
-        return message.time_ns, nth, message.input
-    return message.step_ns, nth, -1
-
-
-def _unique_stamps(stamps: dict[_StepKey, int]) -> dict[_StepKey, int]:
+def _unique_stamps(keys: Iterable[_StepKey]) -> dict[_StepKey, int]:
     """The stamps, with repeated ones increased by nanoseconds: outputs are identified by them."""
+    stamps: dict[_StepKey, int] = {}
     last_ns: int | None = None
-    messages = {}
-    for key in sorted(stamps):
-        stamp_ns = stamps[key] if last_ns is None else max(stamps[key], last_ns + 1)
-        messages[key] = last_ns = stamp_ns
-    return messages
+    for key in sorted(keys):
+        stamps[key] = last_ns = key[0] if last_ns is None else max(key[0], last_ns + 1)
+    return stamps
 
 
 def _transform_messages(
@@ -359,14 +338,10 @@ def _unplayed(
     )
     for topic in unplayed:
         note(topic.text.replace("were not played", "are not played"))
-    refused = [
-        planned_topic
-        for planned_topic in unplayed
-        if planned_topic.is_most and not planned_topic.agreed
-    ]
+    refused = [topic for topic in unplayed if topic.is_most and not topic.agreed]
     if refused:
         raise UnpairedInputError(
-            "; ".join(planned_topic.clause for planned_topic in refused),
+            "; ".join(topic.clause for topic in refused),
             hint=refused[0].help,
             code="R2B415",
         )
@@ -490,14 +465,13 @@ def align(inputs: list[BufferIndex], limit: int, slops_ns: Sequence[int] = ()) -
             raise _no_common_stamp(inputs, max(slops))
     else:
         matched = tuple(() for _ in range(max(len(loaded_input.sizes) for loaded_input in inputs)))
-    kept = matched[:limit] if limit else matched
     steps = []
-    for number, found in enumerate(kept):
+    for number, found in enumerate(matched[: limit or None]):
         by_stamp = iter(found)
         steps.append(
             tuple(
-                next(by_stamp) if loaded_input.has_header else number % len(loaded_input.sizes)
-                for loaded_input in inputs
+                next(by_stamp) if source.has_header else number % len(source.sizes)
+                for source in inputs
             )
         )
     return AlignedSteps(
@@ -536,8 +510,8 @@ def _offsets_from_latest(
             for source, place in zip(inputs, step, strict=True)
         ]
         latest = max(stamp for stamp in stamps if stamp is not None)
-        offsets.append(tuple(0 if stamp is None else stamp - latest for stamp in stamps))
-    return tuple(offsets) if any(any(offset) for offset in offsets) else ()
+        offsets.append([0 if stamp is None else stamp - latest for stamp in stamps])
+    return _unless_all_zero(offsets)
 
 
 def playback_order(steps: tuple[tuple[int, ...], ...], mode: str) -> tuple[tuple[int, ...], ...]:
@@ -552,7 +526,7 @@ def playback_order(steps: tuple[tuple[int, ...], ...], mode: str) -> tuple[tuple
 
 def place_between(
     number: int, index: BufferIndex, steps: Sequence[tuple[int, ...]], inputs: Sequence[BufferIndex]
-) -> tuple[BetweenMessage, ...]:
+) -> list[BetweenMessage]:
     """The messages of one input between the steps of a round.
 
     Where it and an input of the steps have headers, their stamps are compared, otherwise the times
@@ -580,7 +554,7 @@ def place_between(
             hint="Check the window, and that the stamps of all inputs are on one clock.",
             code="R2B644",
         )
-    return tuple(sorted(placed, key=lambda message: message.at))
+    return placed
 
 
 def _between_steps(
@@ -631,7 +605,7 @@ def place_transforms(
     transforms: BufferIndex,
     steps: Sequence[tuple[int, ...]],
     inputs: Sequence[BufferIndex],
-) -> tuple[BetweenMessage, ...]:
+) -> list[BetweenMessage]:
     """The positions of recorded transforms in a round of steps without times.
 
     Between two steps the transforms are distributed as in the recording: one that was recorded at
@@ -649,13 +623,12 @@ def place_transforms(
     lags_ns = [
         _lag_ns(step, inputs, time_ns) for step, time_ns in zip(steps, times_ns, strict=True)
     ]
-    placed = [
+    return [
         BetweenMessage(
             step + share, number, position, transforms.times_ns[position] + lags_ns[step]
         )
         for step, share, position in _between_steps(transforms.times_ns, times_ns)
     ]
-    return tuple(sorted(placed, key=lambda message: message.at))
 
 
 def _lag_ns(step: tuple[int, ...], inputs: Sequence[BufferIndex], time_ns: int) -> int:

@@ -22,12 +22,9 @@ from typing import Any, Literal
 
 from r2bspec.errors import R2bspecError, refusal_hint
 from r2bspec.execute import errors
-from r2bspec.execute.anatomy import build_preload, events_folder
-from r2bspec.execute.bringup.harness_processes import build_join_files
+from r2bspec.execute.anatomy import events_folder
 from r2bspec.execute.bringup.launcher import Launcher, message_packages
-from r2bspec.execute.bringup.readiness import run_setup_step
 from r2bspec.execute.fill_buffers import ResolvedDataset, buffer_bags, obtain_dataset, preprocess
-from r2bspec.execute.host_watch import HostWatch
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.execute.identity.loaded_files import LoadedFiles
 from r2bspec.execute.measurement.measurement import Measurement
@@ -46,7 +43,7 @@ from r2bspec.execute.profiled_iteration import (
 )
 from r2bspec.execute.profilers import find_profiler, require_usable
 from r2bspec.execute.progress import Progress
-from r2bspec.execute.run_context import MEASURE_PHASE, RunContext, TimeBudget
+from r2bspec.execute.run_context import MEASURE_PHASE, HostWatch, RunContext, TimeBudget
 from r2bspec.execute.session import StartSequence
 from r2bspec.execute.states import Interrupts, RunState, RunStates
 from r2bspec.ipc.arrivals import ClockOffsetTracker
@@ -60,6 +57,7 @@ from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.quantities import Size
+from r2bspec.native.build import anatomy_object, harness_library, join_object
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.this_machine import find_module
@@ -206,6 +204,7 @@ class _Run:
                 supervisor, states.note, scratch / run_environment.MODULES_FOLDER
             ),
             on_segment=self._write_partial_record,
+            budget=TimeBudget(plan.gate.time_budget_ns, states.note),
         )
         self._context.buffer_dir.mkdir()
         self._domain = 0
@@ -216,7 +215,6 @@ class _Run:
         self._measurements: list[Measurement] = []
         self._anatomy: AnatomyRecord | None = None
         self._profiles: tuple[ProfileRecord, ...] = ()
-        self._budget = TimeBudget(plan.gate.time_budget_ns, states.note)
 
     def execute(self) -> RunRecord:
         """Execute the plan; then, even after a failure, clean up and write the record."""
@@ -233,7 +231,12 @@ class _Run:
             full = None if isinstance(error, _NOT_BY_DISK) else unwritable_log(path)
             if full is None:
                 raise
-            failure = _without_room(full, error)
+            # A node could not write its log.
+            failure = errors.UnwritableRunError(
+                f"{full} cannot be written: {os.strerror(errno.ENOSPC)}",
+                hint="Free space on this disk, or let the nodes print less. What failed first: "
+                f"{error}",
+            )
             raise failure from error
         except BaseException as error:
             failure = error
@@ -245,7 +248,10 @@ class _Run:
     def _pass_states(self) -> None:
         """Take the run through its states."""
         self._prepare()
-        with self._reserve_domain() as self._domain:
+        # External nodes are in the domain of the user.
+        own = int(os.environ.get("ROS_DOMAIN_ID", "0"))
+        external = contextlib.nullcontext(own) if self._plan.external else None
+        with external or prerequisites.reserved_domain() as self._domain:
             self._set_up()
             self._load()
             self._preprocess()
@@ -260,14 +266,19 @@ class _Run:
             self._collect()
 
     def _prepare(self) -> None:
-        _require_rclpy()
+        # The processes of the harness can be started, before any data is read.
+        if find_module("rclpy") is None:
+            raise errors.NotInstalledError(
+                "rclpy is not installed",
+                hint="Source a ROS 2 installation, or pip install 'r2bspec[ros]'.",
+            )
         prerequisites.require_address_space()
         require_permitted(self._plan.processes)
         if self._options.profile:
             profiled_processes(self._plan, self._options.profile_node)
             require_usable(find_profiler(self._options.profile))
         if self._options.anatomy or self._plan.anatomy:
-            build_preload()
+            prerequisites.built(anatomy_object)
         prerequisites.check_middleware(self._plan, os.environ)
         run_environment.SecretReferences(self._plan.environment, os.environ).require_set(self._plan)
         self._context.resources.start()
@@ -276,12 +287,9 @@ class _Run:
         plan, context = self._plan, self._context
         if plan.setup:
             self._states.enter(RunState.SETUP, "running the setup steps")
-            environment = self._environment()
+            launcher = self._new_launcher()
             for step in plan.setup:
-                run_setup_step(
-                    *(step, context.supervisor, environment),
-                    *(context.folder, context.base_dir, context.note),
-                )
+                launcher.run_setup_step(step, context.note)
         # What is built by a setup step is a part of the graph.
         if self._identity is None:
             self._identity = graph_identity(plan, context.base_dir)
@@ -292,7 +300,8 @@ class _Run:
                 if process.join is not None:
                     require_joinable(process.name, argv)
             if plan.harness.placement == "graph":
-                build_join_files()
+                for make in (join_object, harness_library):
+                    prerequisites.built(make)
 
     def _load(self) -> None:
         plan, context = self._plan, self._context
@@ -355,7 +364,6 @@ class _Run:
             self._starts.begin(confirms=confirms),
             self._context,
             judge_so_far,
-            self._budget,
             partial(self._starts.begin, confirms=confirms),
             # A confirmation run plays as many iterations as the run that it confirms.
             self._lost_rates if self._options.abort_on_fail and not confirms else None,
@@ -383,16 +391,12 @@ class _Run:
         session = self._starts.sessions[-1]
         if session.player is None or not self._plan.inputs:
             return
-        from r2bspec.execute.measurement.further_iterations import TruthComparison
+        from r2bspec.execute.measurement.further_iterations import compare_with_truth
 
-        self._accuracy = TruthComparison(
-            self._plan,
-            self._context,
-            session.player,
-            session.rows_dir,
-            session.schedule,
-            tuple(dataset.path for dataset in self._datasets),
-        ).compare()
+        folders = [dataset.path for dataset in self._datasets]
+        self._accuracy = compare_with_truth(
+            self._plan, self._context, session.player, session.rows_dir, folders
+        )
 
     def _is_confirmed(self, verdict: Verdict, began_s: float) -> bool:
         """Whether the run fails, and is to be repeated because of that."""
@@ -401,7 +405,7 @@ class _Run:
         if self._plan.external:
             self._context.note("no confirmation run: r2bspec cannot restart external nodes")
             return False
-        return self._budget.allows("no confirmation run", time.monotonic() - began_s)
+        return self._context.budget.allows("no confirmation run", time.monotonic() - began_s)
 
     def _confirm(self, measurement: Measurement, verdict: Verdict, iterations: int) -> None:
         self._states.enter(
@@ -470,12 +474,6 @@ class _Run:
             context.folder.write_record(record)
         return record
 
-    def _reserve_domain(self) -> contextlib.AbstractContextManager[int]:
-        """A reserved domain; the user's own domain if the graph has external nodes."""
-        if self._plan.external:
-            return contextlib.nullcontext(int(os.environ.get("ROS_DOMAIN_ID", "0")))
-        return prerequisites.reserved_domain()
-
     def _check(self) -> None:
         """Check for signals and memory limits; called whenever the controller waits.
 
@@ -521,11 +519,7 @@ class _Run:
 
     def _new_launcher(self) -> Launcher:
         context = self._context
-        return Launcher(context.supervisor, self._environment(), context.folder, context.base_dir)
-
-    def _environment(self) -> run_environment.RunEnvironment:
-        context = self._context
-        return run_environment.RunEnvironment(
+        environment = run_environment.RunEnvironment(
             self._plan,
             run_id=self._run_id,
             domain=self._domain,
@@ -535,6 +529,7 @@ class _Run:
             ),
             ros_logs=context.folder.ros_logs,
         )
+        return Launcher(context.supervisor, environment, context.folder, context.base_dir)
 
     def _judge_so_far(self, samples: RunSamples | None = None) -> Verdict:
         """The verdict on the run if it ended now, without a confirmation."""
@@ -593,17 +588,10 @@ class _Run:
 
     def _differences(self, failure: BaseException | None) -> tuple[Difference, ...]:
         """The differences between the graph and the plan, without duplicates."""
-        differences = [
-            difference for launcher in self._launchers for difference in launcher.differences
-        ]
-        differences += (
-            failure.differences if isinstance(failure, errors.GraphDifferencesError) else ()
-        )
-        return tuple(dict.fromkeys(differences))
-
-    def _loaded_rmw(self) -> dict[str, str]:
-        """The middleware as a process of the harness says; empty until one has."""
-        return next(({"rmw": launcher.rmw} for launcher in self._launchers if launcher.rmw), {})
+        found = [each for launcher in self._launchers for each in launcher.differences]
+        if isinstance(failure, errors.GraphDifferencesError):
+            found += failure.differences
+        return tuple(dict.fromkeys(found))
 
     def _anatomies(self) -> tuple[AnatomyRecord, ...]:
         """What was observed from inside in each start, and why one more start was not."""
@@ -629,6 +617,8 @@ class _Run:
                 f"{'; '.join(self._starts.foreign)}. What was measured is not that of the graph "
                 "alone."
             )
+        # As a process of the harness says; before one has, the one that is selected.
+        rmw = next(({"rmw": each.rmw} for each in self._launchers if each.rmw), {})
         first = self._measurements[0] if self._measurements else None
         again = self._measurements[1:]
         sessions = self._starts.sessions
@@ -644,7 +634,7 @@ class _Run:
             reason=reason,
             dataset=self._provenance(),
             machine=self._machine,
-            versions=self._versions | self._loaded_rmw(),
+            versions=self._versions | rmw,
             processes=self._context.supervisor.records(),
             segments=tuple(segment for session in sessions for segment in session.segments),
             search=first.search if first else None,
@@ -654,8 +644,8 @@ class _Run:
             output_gaps=tuple(silence for session in sessions for silence in session.output_gaps),
             differences=self._differences(failure),
             confirmation=again[0].confirmation(fresh_overhead) if again else None,
-            left_out=tuple(self._budget.left_out),
-            ended_rates=tuple(self._budget.ended_rates),
+            left_out=tuple(self._context.budget.left_out),
+            ended_rates=tuple(self._context.budget.ended_rates),
             starts=tuple(self._starts.records),
             unplayed=sessions[0].unplayed if sessions else (),
             anatomies=self._anatomies(),
@@ -675,27 +665,6 @@ _NOT_BY_DISK = (
     errors.UnwritableRunError,
 )
 """Errors that a full disk does not lead to, or that name it."""
-
-
-def _without_room(log: Path, error: errors.RunError) -> errors.UnwritableRunError:
-    """The error of a run that failed because a node could not write its log."""
-    return errors.UnwritableRunError(
-        f"{log} cannot be written: {os.strerror(errno.ENOSPC)}",
-        hint=f"Free space on this disk, or let the nodes print less. What failed first: {error}",
-    )
-
-
-def _require_rclpy() -> None:
-    """See that the processes of the harness can be started, before any data is read.
-
-    Raises:
-        NotInstalledError: rclpy is not installed.
-    """
-    if find_module("rclpy") is None:
-        raise errors.NotInstalledError(
-            "rclpy is not installed",
-            hint="Source a ROS 2 installation, or pip install 'r2bspec[ros]'.",
-        )
 
 
 def _unwritable(error: OSError | RecordError, folder: Path) -> errors.RunError:

@@ -172,8 +172,6 @@ def _buffer_static(
 
 def _windows(bags: Sequence[Path], datasets: Sequence[DatasetPlan]) -> list[TimeWindow]:
     """The windows of the bags, each relative to the start of its own bag."""
-    if len(bags) == 1:
-        return [TimeWindow(start_ns=datasets[0].start_ns, end_ns=datasets[0].end_ns)]
     starts_ns = [index_bag(bag).start_ns for bag in bags]
     first_ns = min(starts_ns)
     return [
@@ -265,7 +263,7 @@ def preprocess(plan: Plan, context: RunContext, launcher: Launcher) -> None:
     topics |= dict.fromkeys(recorded, 1) | graph.subscription_counts(transforms)
     between = _expected_subscriptions_by_host(zip(nodes, others, strict=True), launcher, recorded)
     graph.wait_until_matched({loader: topics} | between, deadline)
-    graph.check_parameters(loader)
+    graph.check_parameters()
     load = protocol.Load(
         max_output_gap_ns=plan.drain_timeout.ns,
         real_time=any(dataset.real_time for dataset in datasets),
@@ -334,4 +332,4 @@ def _trace_messages(graph: PhaseGraph, loader: ManagedProcess, rows_dir: Path) -
         command = protocol.Play(rate_hz=TRACE_RATE_HZ, steps=TRACE_STEPS)
         graph.supervisor.request(loader, command, protocol.Played, _PLAY_TIMEOUT_S)
 
-    return graph.observer(monitor).trace(rows_dir, play)
+    return graph.observer.trace(monitor, rows_dir, play)

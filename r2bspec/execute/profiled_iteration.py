@@ -41,7 +41,6 @@ _SLOWER = 4
 """A wrapped process may take this much longer to start."""
 
 _END_TIMEOUT_S = 120.0
-_POLL_S = 0.05
 _SAMPLE_NS = 100_000_000
 """How long after the end of a segment its last sample may be taken."""
 
@@ -140,7 +139,10 @@ class ProfiledIteration:
         finally:
             # Nothing that ends from here on is a failure of the run.
             self.supervisor.end(list(self.supervisor))
-        self._keep_room()
+        if shutil.disk_usage(self.folder.path).free < _SPARE_BYTES:
+            for process in self.processes:
+                remove_folder(self.folder.profile_folder(process.name))
+                self.errors[process.name] = "the profile was removed, because the disk is full"
         return tuple(self._records(rate_hz, began_ns, stacks))
 
     def _play_attached(self, rate_hz: float, duration_ns: int) -> dict[str, Path]:
@@ -157,7 +159,7 @@ class ProfiledIteration:
         stacks: dict[str, Path] = {}
         for name, profiler in attached.items():
             with self._noting_failures(name):
-                profiler.stop(self.supervisor)
+                profiler.stop()
             # What it has written until then may still be of use.
             with self._noting_failures(name):
                 stacks[name] = profiler.fold()
@@ -166,7 +168,7 @@ class ProfiledIteration:
     def _attach(self, name: str, running: Mapping[str, ManagedProcess]) -> AttachedProfiler:
         if name not in running:
             raise RunError(f"process {name} does not run")
-        return AttachedProfiler.start(
+        return AttachedProfiler(
             self.profiler,
             running[name],
             self.folder.profile_folder(name) / name,
@@ -176,14 +178,17 @@ class ProfiledIteration:
 
     def _play_wrapped(self, rate_hz: float, duration_ns: int) -> None:
         names = {process.name for process in self.processes}
+        processes = []
+        for process in self.plan.processes:
+            if process.name in names and process.phase == MEASURE_PHASE:
+                base = self.folder.profile_folder(process.name) / process.name
+                argv = (*self.profiler.prefix(base), *process.argv)
+                processes.append(msgspec.structs.replace(process, argv=argv))
+            else:
+                processes.append(process)
         plan = msgspec.structs.replace(
             self.plan,
-            processes=tuple(
-                self._wrapped(process)
-                if process.name in names and process.phase == MEASURE_PHASE
-                else process
-                for process in self.plan.processes
-            ),
+            processes=tuple(processes),
             start_timeout=Duration(_SLOWER * self.plan.start_timeout.ns),
         )
         self._play(self.starts.begin_uncounted(plan), rate_hz, duration_ns)
@@ -191,13 +196,9 @@ class ProfiledIteration:
         for child in children:
             child.request_shutdown()
         # A profiler writes its file when the process that it observes has ended.
-        deadline = time.monotonic() + _END_TIMEOUT_S
-        while any(wrapped.is_running for wrapped in children) and time.monotonic() < deadline:
-            self.supervisor.pump(_POLL_S)
-
-    def _wrapped(self, plan: ProcessPlan) -> ProcessPlan:
-        base = self.folder.profile_folder(plan.name) / plan.name
-        return msgspec.structs.replace(plan, argv=(*self.profiler.prefix(base), *plan.argv))
+        self.supervisor.pump_until(
+            lambda: not any(child.is_running for child in children), _END_TIMEOUT_S
+        )
 
     def _play(self, player: SegmentPlayer | None, rate_hz: float, duration_ns: int) -> None:
         if player is None:
@@ -221,17 +222,12 @@ class ProfiledIteration:
             for name in names or [process.name for process in self.processes]:
                 self.errors.setdefault(name, text)
 
-    def _keep_room(self) -> None:
-        if shutil.disk_usage(self.folder.path).free < _SPARE_BYTES:
-            for process in self.processes:
-                remove_folder(self.folder.profile_folder(process.name))
-                self.errors[process.name] = "the profile was removed, because the disk is full"
-
     def _records(
         self, rate_hz: float, began_ns: int, stacks: Mapping[str, Path]
     ) -> Iterator[ProfileRecord]:
         for process in self.processes:
-            files = self._files(process.name)
+            found = regular_files(self.folder.path / "profile" / process.name)
+            files = tuple(sorted(map(self._relative, found))[:_MAX_FILES])
             error = self.errors.get(process.name, "")
             if not files and not error:
                 error = f"{self.profiler.name} wrote no file in the run folder"
@@ -248,11 +244,6 @@ class ProfiledIteration:
                 ended_ns=time.monotonic_ns(),
                 error=error,
             )
-
-    def _files(self, process: str) -> tuple[str, ...]:
-        folder = self.folder.path / "profile" / process
-        files = sorted(self._relative(path) for path in regular_files(folder))
-        return tuple(files[:_MAX_FILES])
 
     def _relative(self, path: Path) -> str:
         # A profiler may choose names that are no text.

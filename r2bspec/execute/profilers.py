@@ -20,7 +20,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -214,40 +213,36 @@ _UNKNOWN = "[unknown]"
 _SCRIPT_TIMEOUT_S = 120.0
 
 
-@dataclass
 class AttachedProfiler:
     """A profiler that observes the process `observed` and all that it has started.
 
-    Attributes:
+    Args:
+        profiler: attaches to a process that runs.
+        observed: the process.
         base: its file, without suffix.
-        child: its own process.
+        supervisor: of all processes.
+        log: receives its output.
+
+    Raises:
+        RunError: it cannot observe the process, or from `ProcessSupervisor.pump`.
     """
 
-    profiler: Profiler
-    observed: ManagedProcess
-    base: Path
-    child: ManagedProcess
-
-    @classmethod
-    def start(
-        cls,
+    def __init__(
+        self,
         profiler: Profiler,
         observed: ManagedProcess,
         base: Path,
         supervisor: ProcessSupervisor,
         log: Path,
-    ) -> AttachedProfiler:
-        """Start the profiler, and wait until it observes.
-
-        Raises:
-            RunError: it cannot observe the process, or from `ProcessSupervisor.pump`.
-        """
+    ) -> None:
+        self._profiler, self._observed, self._base = profiler, observed, base
+        self._supervisor = supervisor
         pids = family(observed.pid)
         if profiler.kind == "py-spy":
             pids = [pid for pid in pids if _runs_python(pid)]
             if not pids:
                 raise RunError(f"process {observed.name} runs no Python")
-        child = supervisor.start(
+        self._child = supervisor.start(
             f"profile.{observed.name}",
             "command",
             profiler.attach_argv(pids, base),
@@ -256,39 +251,33 @@ class AttachedProfiler:
             log=log,
         )
         # It may end with any status: what it says is judged when it is stopped.
-        child.exit_expected = True
-        attached = cls(profiler, observed, base, child)
-        attached._wait_until_ready(supervisor)
-        return attached
-
-    def _wait_until_ready(self, supervisor: ProcessSupervisor) -> None:
-        deadline = time.monotonic() + _READY_TIMEOUT_S
-        while not self._observes():
-            if not self.child.is_running:
-                raise RunError(self._failure())
-            if time.monotonic() > deadline:
-                raise RunError(f"{self.profiler.name} did not begin to observe in time")
-            supervisor.pump(_POLL_S)
+        self._child.exit_expected = True
+        is_over = supervisor.pump_until(
+            lambda: self._observes() or not self._child.is_running, _READY_TIMEOUT_S, _POLL_S
+        )
+        if not self._child.is_running:
+            raise RunError(self._failure())
+        if not is_over:
+            raise RunError(f"{profiler.name} did not begin to observe in time")
 
     def _observes(self) -> bool:
-        if self.profiler.kind == "py-spy":
-            return "Sampling process" in self.child.log_tail()
-        return _has_perf_events(self.child.pid)
+        if self._profiler.kind == "py-spy":
+            return "Sampling process" in self._child.log_tail()
+        return _has_perf_events(self._child.pid)
 
-    def stop(self, supervisor: ProcessSupervisor) -> None:
+    def stop(self) -> None:
         """Let the profiler write its file, and wait for its end.
 
         Raises:
             RunError: it failed, ended before, or does not end; or from `ProcessSupervisor.pump`.
         """
-        ended_before = not self.child.is_running and self.observed.is_running
-        self.child.signal(signal.SIGINT)
-        deadline = time.monotonic() + _END_TIMEOUT_S
-        while self.child.is_running:
-            if time.monotonic() > deadline:
-                raise RunError(f"{self.profiler.name} did not end within {_END_TIMEOUT_S:g} s")
-            supervisor.pump(_POLL_S)
-        if ended_before or self.child.process.returncode not in _ENDED_BY_US:
+        ended_before = not self._child.is_running and self._observed.is_running
+        self._child.signal(signal.SIGINT)
+        if not self._supervisor.pump_until(
+            lambda: not self._child.is_running, _END_TIMEOUT_S, _POLL_S
+        ):
+            raise RunError(f"{self._profiler.name} did not end within {_END_TIMEOUT_S:g} s")
+        if ended_before or self._child.process.returncode not in _ENDED_BY_US:
             raise RunError(self._failure())
 
     def fold(self) -> Path:
@@ -299,18 +288,18 @@ class AttachedProfiler:
             RecordError: they cannot be written.
             OSError: what the profiler wrote cannot be read.
         """
-        path = stacks_file(self.base)
-        if self.profiler.kind == "perf":
-            write_stacks(path, read_perf_stacks(self.profiler.words[0], perf_file(self.base)))
+        path = stacks_file(self._base)
+        if self._profiler.kind == "perf":
+            write_stacks(path, read_perf_stacks(self._profiler.words[0], perf_file(self._base)))
         if not path.exists() or not path.stat().st_size:
             path.unlink(missing_ok=True)
-            raise RunError(f"no samples: process {self.observed.name} did not use the CPU")
+            raise RunError(f"no samples: process {self._observed.name} did not use the CPU")
         return path
 
     def _failure(self) -> str:
-        lines = [line for line in self.child.log_tail().splitlines() if line.strip()]
+        lines = [line for line in self._child.log_tail().splitlines() if line.strip()]
         said = f": {' '.join(lines[-2:])}" if lines else ""
-        return f"{self.profiler.name} {describe_exit(self.child.process.returncode)}{said}"
+        return f"{self._profiler.name} {describe_exit(self._child.process.returncode)}{said}"
 
 
 def _runs_python(pid: int) -> bool:

@@ -1,19 +1,33 @@
-"""What every state of a run uses, and the time that its optional parts may take."""
+"""What every state of a run uses, the time of its optional parts, and what others did meanwhile.
+
+A probe, a start and the harness overhead are examined for interference as they end; iterations are
+when the run is judged, from the same samples.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
 
+import msgspec
+import numpy as np
+
+from r2bspec.execute.processes.resources import ResourceSampler
+from r2bspec.judge.interference_bound import largest_taken_share
+from r2bspec.judge.measure.host_usage import (
+    HostInterference,
+    ProcessSamples,
+    host_interference,
+    interference_reasons,
+)
 from r2bspec.language.quantities import Duration
+from r2bspec.record.sample_arrays import Rows
 
 if TYPE_CHECKING:
-    from r2bspec.execute.host_watch import HostWatch
     from r2bspec.execute.identity.loaded_files import LoadedFiles
-    from r2bspec.execute.processes.resources import ResourceSampler
     from r2bspec.execute.processes.supervisor import ProcessSupervisor
     from r2bspec.execute.progress import Progress
     from r2bspec.execute.states import RunStates
@@ -24,44 +38,70 @@ MEASURE_PHASE = "measure"
 """The phase of the processes that run during the measurement."""
 
 
+_SAMPLE_TIMEOUT_S = 1.0
+_POLL_S = 0.005
+_OWN_PRESSURE: Final = 1.0
+"""A probe near the peak has tasks that wait for each other: pressure alone shows nothing."""
+
+
 @dataclass(frozen=True)
-class RunContext:
-    """What every state of a run uses.
+class Interference:
+    """What others did in a part of the run.
 
     Attributes:
-        states: which one the run is in; receives notes.
-        supervisor: all processes.
-        folder: receives samples, logs and the record.
-        base_dir: the folder of the spec, to which its paths are relative.
-        scratch: a folder that is removed after the run.
-        events: likewise, for what the processes of the graph record of themselves.
-        progress: what the user is shown of a segment.
-        resources: takes samples of processes and host at requested times.
-        host: says what other programs did.
-        loaded_files: what the processes of the graph have loaded so far.
-        on_segment: is called after each segment.
+        reasons: in words, as in reports; empty if no limit was exceeded.
+        taken: the largest share of the time that they can have taken from the run.
     """
 
-    states: RunStates
-    supervisor: ProcessSupervisor
-    folder: RunFolder
-    base_dir: Path
-    scratch: Path
-    events: Path
-    progress: Progress
+    reasons: tuple[str, ...] = ()
+    taken: float = 0.0
+
+
+@dataclass(frozen=True)
+class HostWatch:
+    """Answers for parts of the run that have ended.
+
+    Attributes:
+        resources: samples the run and the machine.
+        process_count: how many processes the run has started so far.
+        machine: as in `RunRecord.machine`.
+    """
+
     resources: ResourceSampler
-    host: HostWatch
-    loaded_files: LoadedFiles
-    on_segment: Callable[[], None]
+    process_count: Callable[[], int]
+    machine: Mapping[str, Any]
 
-    @property
-    def buffer_dir(self) -> Path:
-        """Where the messages are that are played."""
-        return self.scratch / "buffers"
+    def between(self, began_ns: int, ended_ns: int) -> Interference:
+        """The interference between two times (CLOCK_MONOTONIC), of which the second is past."""
+        rows = self._rows_until(ended_ns)
+        window = np.array([began_ns]), np.array([ended_ns])
+        used = ProcessSamples(self.resources.rows()).used_in(*window)
+        processes = range(self.process_count())
+        (interference,) = host_interference(rows, used, processes, self.machine, *window)
+        return interference_of(interference)
 
-    def note(self, text: str) -> None:
-        """Tell the user something, and keep it for the record."""
-        self.states.note(text)
+    def _rows_until(self, time_ns: int) -> Rows:
+        """The samples, with one after this time if the sampler still runs."""
+        deadline = time.monotonic() + _SAMPLE_TIMEOUT_S
+        self.resources.sample_at(time.monotonic_ns())
+        while True:
+            rows = self.resources.interference()
+            if (rows.size and rows["time_ns"][-1] >= time_ns) or time.monotonic() > deadline:
+                return rows
+            time.sleep(_POLL_S)
+
+
+def interference_of(found: HostInterference | None) -> Interference:
+    """What was sampled, in words and as a share."""
+    reasons = interference_reasons(found, _OWN_PRESSURE)
+    if found is None or not reasons:
+        return Interference()
+    if found.own_waited is None:
+        # The pressure is the graph's own, too; what others used bounds what they took.
+        used = found.foreign_cores or 0.0
+        pressure = min(used, 1.0 if found.pressure is None else found.pressure)
+        found = msgspec.structs.replace(found, pressure=pressure)
+    return Interference(reasons, largest_taken_share(found))
 
 
 class TimeBudget:
@@ -113,3 +153,45 @@ class TimeBudget:
         """Note that a part is left out; `text` is a sentence without its capital and full stop."""
         self._note(text)
         self.left_out.append(f"{text[:1].upper()}{text[1:]}.")
+
+
+@dataclass(frozen=True)
+class RunContext:
+    """What every state of a run uses.
+
+    Attributes:
+        states: which one the run is in; receives notes.
+        supervisor: all processes.
+        folder: receives samples, logs and the record.
+        base_dir: the folder of the spec, to which its paths are relative.
+        scratch: a folder that is removed after the run.
+        events: likewise, for what the processes of the graph record of themselves.
+        progress: what the user is shown of a segment.
+        resources: takes samples of processes and host at requested times.
+        host: says what other programs did.
+        loaded_files: what the processes of the graph have loaded so far.
+        on_segment: is called after each segment.
+        budget: of the measurement.
+    """
+
+    states: RunStates
+    supervisor: ProcessSupervisor
+    folder: RunFolder
+    base_dir: Path
+    scratch: Path
+    events: Path
+    progress: Progress
+    resources: ResourceSampler
+    host: HostWatch
+    loaded_files: LoadedFiles
+    on_segment: Callable[[], None]
+    budget: TimeBudget
+
+    @property
+    def buffer_dir(self) -> Path:
+        """Where the messages are that are played."""
+        return self.scratch / "buffers"
+
+    def note(self, text: str) -> None:
+        """Tell the user something, and keep it for the record."""
+        self.states.note(text)

@@ -46,6 +46,7 @@ from r2bspec.execute.measurement.segments import (
     SegmentHeading,
     SegmentPlayer,
 )
+from r2bspec.execute.processes.prerequisites import built
 from r2bspec.execute.processes.scheduling import apply_when_ready
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.run_context import MEASURE_PHASE, RunContext
@@ -56,6 +57,7 @@ from r2bspec.ipc.buffers import TF_STATIC, buffered_transforms
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.judge.measure.samples import SegmentSamples
 from r2bspec.judge.rate_decision import load_scipy
+from r2bspec.native.build import harness_library, join_object
 from r2bspec.plan.plan import GRAPH_ROLES, Plan, ProcessPlan
 from r2bspec.plan.taps import all_taps, tap_monitors
 from r2bspec.record import run_record
@@ -115,7 +117,7 @@ class Session:
         self._supervisor = context.supervisor
         self._launcher = launcher
         self.anatomy = launcher.anatomy = (
-            AnatomyObservation.begin(plan, start, context.events) if plan.anatomy else None
+            AnatomyObservation(plan, start, context.events) if plan.anatomy else None
         )
         self._graph = PhaseGraph(plan, MEASURE_PHASE, context.supervisor, launcher, context.note)
         self._buffer_dir = context.buffer_dir
@@ -157,7 +159,7 @@ class Session:
         # An iteration with a profiler ends all processes.
         if self._observer is None or not self._observer.is_running:
             return ()
-        return foreign_publishers(self._supervisor, self._observer)
+        return foreign_publishers(self._supervisor)
 
     def look_at_loaded_files(self) -> None:
         """Take down which files the processes of the graph have loaded until now.
@@ -182,23 +184,41 @@ class Session:
         player, monitor = self._start_harness()
         self._enter(RunState.GRAPH, "starting the graph")
         # While nodes start, and before anything is played; a later start finds it imported.
-        scipy = load_scipy() if _is_judged(self._plan) else None
+        is_judged = self._plan.objectives or self._plan.search or self._plan.sustained_hz
+        scipy = load_scipy() if is_judged else None
         deadline = readiness.StartDeadline(self._plan.start_timeout.ns)
         # Not before the harness overhead was measured, which its start would disturb.
-        observer = self._observer = self._launcher.start_observer(self._observer_settings())
+        settings = protocol.ConfigureObserver(
+            guarded=guarded_topics(self._plan),
+            static_dir=str(self._buffer_dir) if self._has_static else "",
+            # In a live run, a node of the graph publishes it.
+            clock=self._plan.clock and bool(self._plan.inputs),
+        )
+        observer = self._observer = self._launcher.start_observer(settings)
         with self._creating_nodes():
             if monitor is None:
                 player, monitor = self._start_joined_nodes(deadline)
             else:
-                self._start_nodes(deadline)
+                running = self._parts.node_hosts()
+                self._launcher.start_nodes(self._node_processes(), deadline, running)
             self._bring_up_lifecycle_nodes(observer, deadline)
             self._connect_graph(player, monitor, observer, deadline)
-        segment_player = self.player = self._segment_player(player, observer)
+        segment_player = self.player = (SegmentPlayer if player else LiveSegmentWatcher)(
+            self._plan,
+            self._context,
+            player,
+            self.rows_dir,
+            schedule=self.schedule,
+            static_publisher=observer if self._has_static else None,
+            confirms=self.confirms,
+            start=self.start,
+            anatomy=self.anatomy,
+        )
         silent_outputs = self._silent_outputs = SilentOutputs(
             self._graph, self._context, self.rows_dir, monitor, segment_player
         )
         with deadline.paused():
-            self._wait_until_ready(observer)
+            self._wait_until_ready()
         self._schedule_threads(final=False)
         if scipy is not None:
             with self._supervisor.waiting("SciPy: imported"):
@@ -246,7 +266,7 @@ class Session:
         again = f" again: start {self.start}" if self._is_later else ""
         self._enter(RunState.START, f"starting player and monitor{again}")
         launcher.check_shared_memory(plan, MEASURE_PHASE)
-        if self._is_joined:
+        if plan.harness.placement == "graph":
             self._measure_overhead_alone()
             return None, None
         launcher.start_early(self._node_processes(), message_packages(plan))
@@ -285,14 +305,6 @@ class Session:
             buffer_dir=str(self._buffer_dir),
             rows=str(rows_dir / PLAYBACK_ROWS),
             transforms=buffered_transforms(self._buffer_dir),
-        )
-
-    def _observer_settings(self) -> protocol.ConfigureObserver:
-        return protocol.ConfigureObserver(
-            guarded=guarded_topics(self._plan),
-            static_dir=str(self._buffer_dir) if self._has_static else "",
-            # In a live run, a node of the graph publishes it.
-            clock=self._plan.clock and bool(self._plan.inputs),
         )
 
     @property
@@ -353,11 +365,6 @@ class Session:
         ).measure()
         self.overhead_ns = time.monotonic_ns() - began_ns
 
-    @property
-    def _is_joined(self) -> bool:
-        """Whether player and monitors run in the processes of the graph."""
-        return self._plan.harness.placement == "graph"
-
     def _node_processes(self) -> list[ProcessPlan]:
         return [
             process
@@ -377,30 +384,19 @@ class Session:
         harness = harness_processes.GraphHarness(
             self._launcher, self._plan, configure_player, self.rows_dir
         )
-        joins = harness_processes.GraphJoins(
-            self._supervisor, self.rows_dir, harness_processes.build_join_files()
-        )
+        files = built(join_object), built(harness_library)
+        joins = harness_processes.GraphJoins(self._supervisor, self.rows_dir, *files)
         self._launcher.joins = joins
         try:
             if self._is_later:
                 packages = message_packages(self._plan)
                 self._launcher.start_early(self._node_processes(), packages, observer=False)
-            self._start_nodes(deadline, harness.configure)
+            self._launcher.start_nodes(
+                self._node_processes(), deadline, on_joined=harness.configure
+            )
         finally:
             joins.close()
         return harness.player, harness.monitor
-
-    def _start_nodes(
-        self,
-        deadline: readiness.StartDeadline,
-        on_joined: Callable[[ManagedProcess, ProcessPlan], None] = lambda _, __: None,
-    ) -> None:
-        self._launcher.start_nodes(
-            self._node_processes(),
-            deadline,
-            running_hosts=self._parts.node_hosts(),
-            on_joined=on_joined,
-        )
 
     def _bring_up_lifecycle_nodes(
         self, observer: ManagedProcess, deadline: readiness.StartDeadline
@@ -427,18 +423,18 @@ class Session:
         """Create the subscriptions of the monitor, after the nodes; wait until all are matched."""
         plan, supervisor = self._plan, self._supervisor
         monitors = (*plan.topic_monitors, *tap_monitors(plan.monitors))
-        subscriptions = MonitorSubscriptions(supervisor, observer, monitor, monitors)
+        subscriptions = MonitorSubscriptions(supervisor, monitor, monitors)
         self._launcher.wait_for_observer(observer)
         subscriptions.update()
         if plan.external:
-            readiness.wait_for_external(plan, supervisor, observer, deadline)
+            readiness.wait_for_external(plan, supervisor, deadline)
         watched = [watch.topic for watch in plan.topic_monitors]
         watched += [tap.topic for tap in all_taps(plan.monitors)]
         expected = {monitor: dict.fromkeys(watched, 1)}
         caller = self._start_caller(player) if player is not None and plan.called else None
         if caller is not None:
             with supervisor.waiting("services: found"):
-                readiness.wait_for_services(plan, supervisor, caller, deadline)
+                readiness.wait_for_services(supervisor, caller, deadline)
         if player is not None and plan.inputs:
             transforms = self._graph.subscription_counts(buffered_transforms(self._buffer_dir))
             if TF_STATIC in transforms:
@@ -478,21 +474,6 @@ class Session:
             timeline=timeline,
         )
 
-    def _segment_player(
-        self, player: ManagedProcess | None, observer: ManagedProcess
-    ) -> SegmentPlayer:
-        return (SegmentPlayer if player else LiveSegmentWatcher)(
-            self._plan,
-            self._context,
-            player,
-            self.rows_dir,
-            schedule=self.schedule,
-            static_publisher=observer if self._has_static else None,
-            confirms=self.confirms,
-            start=self.start,
-            anatomy=self.anatomy,
-        )
-
     def _schedule_threads(self, *, final: bool) -> None:
         """Schedule threads by their names, now that there are any, and note what all have.
 
@@ -503,20 +484,18 @@ class Session:
             if child.name in plans:
                 child.applied = apply_when_ready(plans[child.name], child.pid, final=final)
 
-    def _wait_until_ready(self, observer: ManagedProcess) -> None:
+    def _wait_until_ready(self) -> None:
         """Wait for the readiness probes, run the `after_ready` steps, and check parameters."""
         plan, context = self._plan, self._context
         if plan.ready:
             self._enter(RunState.READY, "waiting for the readiness probes")
             for probe in plan.ready:
-                readiness.wait_for_probe(
-                    probe, self._supervisor, observer, context.folder, context.base_dir
-                )
+                readiness.wait_for_probe(probe, self._supervisor, context.folder, context.base_dir)
         if plan.after_ready:
             self._enter(RunState.AFTER_READY, "running the after_ready steps")
             for step in plan.after_ready:
                 self._launcher.run_step(step)
-        self._graph.check_parameters(observer)
+        self._graph.check_parameters()
 
     def _warm_up(
         self,
@@ -569,15 +548,10 @@ class Session:
             return False
         idle = readiness.IdleNodes(self._plan, MEASURE_PHASE, self._supervisor)
         self._supervisor.pump_for(_IDLE_WINDOW_S)
-        if idle.update() == 0 or not idle.answer(self._supervisor.observer()):
+        if idle.update() == 0 or not idle.answer():
             return False
         self._context.note("all nodes are idle and answer: the start is not waited for any longer")
         return True
-
-
-def _is_judged(plan: Plan) -> bool:
-    """Whether statistics are computed while a run lasts, or at its end."""
-    return bool(plan.objectives or plan.search or plan.sustained_hz)
 
 
 @dataclass

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from r2bspec.execute.bringup.find_fault import (
-    Fault,
+    NEVER_MATCHED,
+    NO_OUTPUT,
     certain_topics,
     find_faults,
     full_path,
@@ -24,7 +25,7 @@ from r2bspec.execute.errors import DeadInputError, NoOutputError
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.run_context import RunContext
 from r2bspec.plan.plan import MonitorPlan
-from r2bspec.record.run_record import OutputGapRecord, Segment
+from r2bspec.record.run_record import Difference, OutputGapRecord, Segment
 
 if TYPE_CHECKING:
     from r2bspec.execute.bringup.graph_matching import PhaseGraph
@@ -82,14 +83,14 @@ class SilentOutputs:
         topics = [monitor.topic for monitor in plan.monitors if monitor.name in silent]
         facts = self._trace()
         faults = find_faults(facts, topics)
-        lacking = {fault.topic for fault in faults}
+        lacking = {fault.name for fault in faults}
         certain = certain_topics(facts, lacking, graph.remapped_topics())
-        certain |= {fault.topic for fault in faults if fault.kind in {"types", "qos"}}
+        certain |= {fault.name for fault in faults if fault.code in NEVER_MATCHED}
         certain |= graph.lifecycle.never_active(topics)
         self.unpaired = next(filter(None, (self._unpaired(facts, each) for each in faults)), "")
         if not final and not certain:
             found = [each.difference.message for each in graph.lifecycle.waiting(topics)]
-            found += [fault.sentence for fault in faults]
+            found += [fault.message for fault in faults]
             sentences = "; ".join(found) or "no fault was found yet"
             self.context.note(f"no messages on {', '.join(topics)} so far: {sentences}")
             if self.unpaired:
@@ -109,7 +110,7 @@ class SilentOutputs:
             certain=certain,
         )
 
-    def _unpaired(self, facts: GraphFacts, fault: Fault) -> str:
+    def _unpaired(self, facts: GraphFacts, fault: Difference) -> str:
         """What a silent node lacks if it combines messages of equal stamps; empty if nothing."""
         numbers = {source.topic: number for number, source in enumerate(self.graph.plan.inputs)}
         topics = [
@@ -118,7 +119,7 @@ class SilentOutputs:
             if topic in numbers and facts.topics[topic].passed
         ]
         wanted = sum(1 << numbers[topic] for topic in topics)
-        if fault.kind != "no output" or len(topics) < 2:
+        if fault.code != NO_OUTPUT or len(topics) < 2:
             return ""
         if any(group & wanted == wanted for group in self.segment_player.schedule.stamp_groups()):
             return ""
@@ -145,7 +146,7 @@ class SilentOutputs:
         self.context.note(f"no more messages on {plan.topic}: tracing the path")
         facts = self._trace()
         faults = find_faults(facts, [plan.topic])
-        reason = "; ".join(fault.sentence for fault in faults)
+        reason = "; ".join(fault.message for fault in faults)
         if not reason:
             passed = facts.topics[plan.topic].passed
             reason = f"{passed} messages on {plan.topic} for {TRACE_STEPS} steps played afterwards"
@@ -167,7 +168,7 @@ class SilentOutputs:
             )
         )
         begins_at_input = any(
-            fault.kind == "no output" and fault.topic in facts.inputs for fault in faults
+            fault.code == NO_OUTPUT and fault.name in facts.inputs for fault in faults
         )
         # In a few steps of a recording not every input need have a message.
         arrived = any(facts.topics[topic].passed for topic in facts.inputs)
@@ -189,6 +190,6 @@ class SilentOutputs:
                 # The graph has its own source, which publishes during this time.
                 self.graph.supervisor.pump_for(TRACE_STEPS / TRACE_RATE_HZ)
 
-        facts = self.graph.observer(self.monitor).trace(self.rows_dir, play)
+        facts = self.graph.observer.trace(self.monitor, self.rows_dir, play)
         self._late = self.segment_player.discard_new_rows()
         return facts

@@ -18,7 +18,7 @@ import threading
 import time
 from collections.abc import Iterator, Mapping, Set
 from enum import StrEnum
-from types import FrameType, MappingProxyType
+from types import FrameType
 from typing import Any, Final
 
 from r2bspec.execute.errors import InterruptedRunError
@@ -93,53 +93,38 @@ class RunState(StrEnum):
     """All processes end."""
 
 
-_AFTERWARDS: Final = frozenset(
-    {
-        RunState.RECORD,
-        RunState.TRUTH,
-        RunState.CONFIRM,
-        RunState.PROFILE,
-        RunState.ANATOMY,
-        RunState.COLLECT,
-    }
-)
-
-_FAILED_LATER: Final = frozenset({RunState.ANATOMY, RunState.COLLECT})
+_FAILED: Final = "anatomy collect"
 """A start with a profiler, or observed from inside, that fails costs no verdict."""
 
-NEXT: Final[Mapping[RunState, Set[RunState]]] = MappingProxyType(
-    {
-        RunState.PREPARE: {RunState.SETUP, RunState.LOAD, RunState.START},
-        RunState.SETUP: {RunState.LOAD, RunState.START},
-        RunState.LOAD: {RunState.PREPROCESS, RunState.START},
-        RunState.PREPROCESS: {RunState.START},
-        RunState.START: {RunState.OVERHEAD, RunState.GRAPH, *_FAILED_LATER},
-        RunState.OVERHEAD: {RunState.GRAPH},
-        RunState.GRAPH: {
-            RunState.CONFIGURE,
-            RunState.ACTIVATE,
-            RunState.READY,
-            RunState.AFTER_READY,
-            RunState.WARM_UP,
-            *_FAILED_LATER,
-        },
-        RunState.CONFIGURE: {RunState.ACTIVATE, RunState.GRAPH, *_FAILED_LATER},
-        RunState.ACTIVATE: {RunState.GRAPH, *_FAILED_LATER},
-        RunState.READY: {RunState.AFTER_READY, RunState.WARM_UP, *_FAILED_LATER},
-        RunState.AFTER_READY: {RunState.WARM_UP, *_FAILED_LATER},
-        # A start with a profiler has none of these three, nor one with nothing left to measure.
-        RunState.WARM_UP: {RunState.SEARCH, RunState.SUSTAINED, RunState.PLAY, *_AFTERWARDS},
-        RunState.SEARCH: {RunState.SUSTAINED, RunState.PLAY, *_AFTERWARDS},
-        RunState.SUSTAINED: {RunState.PLAY, *_AFTERWARDS},
-        RunState.PLAY: {RunState.START, *_AFTERWARDS},
-        RunState.RECORD: {*_AFTERWARDS} - {RunState.RECORD},
-        RunState.TRUTH: {*_AFTERWARDS} - {RunState.RECORD, RunState.TRUTH},
-        RunState.CONFIRM: {RunState.START},
-        RunState.PROFILE: {RunState.START, *_FAILED_LATER},
-        RunState.ANATOMY: {RunState.START, RunState.COLLECT},
-        RunState.COLLECT: set(),
-    }
-)
+_AFTERWARDS: Final = "record truth confirm profile anatomy collect"
+_FOLLOWERS: Final = {
+    "prepare": "setup load start",
+    "setup": "load start",
+    "load": "preprocess start",
+    "preprocess": "start",
+    "start": f"harness_overhead graph {_FAILED}",
+    "harness_overhead": "graph",
+    "graph": f"configure activate ready after_ready warm_up {_FAILED}",
+    "configure": f"activate graph {_FAILED}",
+    "activate": f"graph {_FAILED}",
+    "ready": f"after_ready warm_up {_FAILED}",
+    "after_ready": f"warm_up {_FAILED}",
+    # A start with a profiler has none of the first three, nor one with nothing left to measure.
+    "warm_up": f"search sustained play {_AFTERWARDS}",
+    "search": f"sustained play {_AFTERWARDS}",
+    "sustained": f"play {_AFTERWARDS}",
+    "play": f"start {_AFTERWARDS}",
+    "record": "truth confirm profile anatomy collect",
+    "truth": "confirm profile anatomy collect",
+    "confirm": "start",
+    "profile": f"start {_FAILED}",
+    "anatomy": "start collect",
+    "collect": "",
+}
+NEXT: Final[Mapping[RunState, Set[RunState]]] = {
+    RunState(state): {RunState(name) for name in followers.split()}
+    for state, followers in _FOLLOWERS.items()
+}
 """Which states can follow each."""
 
 

@@ -556,8 +556,7 @@ def _join(data: bytes, folder: Path) -> None:
     from r2bspec.execute.bringup import harness_processes
 
     supervisor: Any = None
-    files = harness_processes.JoinFiles(Path("x"), Path("x"))
-    joins = harness_processes.GraphJoins(supervisor, folder, files)
+    joins = harness_processes.GraphJoins(supervisor, folder, Path("x"), Path("x"))
     with mock.patch.object(harness_processes, "_HELLO_TIMEOUT_S", 0.01):
         for words in data.split(b"\0")[:8]:
             with socket.socket(socket.AF_UNIX) as asking:

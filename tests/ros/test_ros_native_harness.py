@@ -24,7 +24,7 @@ pytest.importorskip("rclpy")
 
 from c_nodes import c_node
 from native_playlists import SANITIZERS
-from r2bspec.execute.bringup.harness_processes import GraphJoins, JoinFiles
+from r2bspec.execute.bringup.harness_processes import GraphJoins
 from r2bspec.execute.errors import ProcessFailedError, RunError
 from r2bspec.execute.processes.prerequisites import reserved_domain
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
@@ -263,12 +263,12 @@ def test_sanitizers_find_nothing(harness: Harness) -> None:
 @pytest.mark.parametrize("kind", ["C", "Python"])
 def test_sanitizers_find_nothing_in_a_process_that_is_joined(harness: Harness, kind: str) -> None:
     try:
-        files = JoinFiles(join_object(flags=SANITIZERS), harness_library(flags=SANITIZERS))
+        files = join_object(flags=SANITIZERS), harness_library(flags=SANITIZERS)
     except BuildError as error:
         if "san" in str(error):
             pytest.skip(f"the compiler has no sanitizers here: {error}")
         raise
-    joins = GraphJoins(harness.children, harness.folder, files)
+    joins = GraphJoins(harness.children, harness.folder, *files)
     program = [sys.executable, "-c", PYTHON_NODE] if kind == "Python" else [str(c_node("relay"))]
     node = harness.children.start(
         "node",

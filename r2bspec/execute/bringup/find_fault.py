@@ -14,45 +14,35 @@ uses: on a similar or unmapped topic, or on any topic of the planned node in ano
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass
-from typing import Literal
+from typing import Final
 
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.execute.bringup.observe_graph import HARNESS, GraphFacts, TopicFacts
 from r2bspec.execute.bringup.spec_mismatches import RemappedTopic
 from r2bspec.ipc.protocol import Endpoint
 from r2bspec.plan.wiring.name_resolution import SHARED_TOPICS
+from r2bspec.record.run_record import Difference
 
-FaultKind = Literal["no publisher", "types", "qos", "no output", "no subscription"]
+NO_PUBLISHER: Final = "R2B207"
+NO_SUBSCRIPTION: Final = "R2B208"
+TYPES_DIFFER: Final = "R2B210"
+QOS_DIFFERS: Final = "R2B216"
+NO_OUTPUT: Final = "R2B641"
+"""The codes of faults; all but the last are those of the rules of `validate` that find the same."""
 
-FAULT_CODES: dict[FaultKind, str] = {
-    "no publisher": "R2B207",
-    "no subscription": "R2B208",
-    "types": "R2B210",
-    "qos": "R2B216",
-    "no output": "R2B641",
-}
-"""The code of the rule of `validate` that finds the same error, if there is one."""
+NEVER_MATCHED: Final = frozenset({TYPES_DIFFER, QOS_DIFFERS})
+"""Faults of two endpoints that are there."""
 
 
-@dataclass(frozen=True)
-class Fault:
-    """What is wrong on which topic, and with whose endpoint.
+def _fault(code: str, topic: str, owner: str, message: str, instead: str = "") -> Difference:
+    """What is wrong on a topic.
 
     `owner` is a node or a part of the harness; empty if unknown. `instead` is the topic that has an
     endpoint which was probably meant for this one; empty without one.
     """
-
-    kind: FaultKind
-    topic: str
-    owner: str
-    sentence: str
-    instead: str = ""
-
-    @property
-    def code(self) -> str:
-        """The code of the error."""
-        return FAULT_CODES[self.kind]
+    return Difference(
+        code=code, message=message, part="endpoint", owner=owner, name=topic, topic=instead
+    )
 
 
 def path_to(facts: GraphFacts, silent: str) -> tuple[str, ...]:
@@ -91,14 +81,14 @@ def _reachable_topics(facts: GraphFacts) -> list[str]:
     return reached
 
 
-def first_fault(facts: GraphFacts, silent: str) -> Fault | None:
+def first_fault(facts: GraphFacts, silent: str) -> Difference | None:
     """The first fault on the path to a topic without messages; None if none is observed."""
     path = path_to(facts, silent)
     faults = (_fault_at(facts, facts.topic(name), silent, path) for name in path)
     return next((fault for fault in faults if fault is not None), None)
 
 
-def find_input_fault(facts: GraphFacts, name: str) -> Fault | None:
+def find_input_fault(facts: GraphFacts, name: str) -> Difference | None:
     """The fault of the subscriptions of an input; None if none is observed."""
     topic = facts.topic(name)
     readers = sorted(topic.all_subscribers)
@@ -107,7 +97,7 @@ def find_input_fault(facts: GraphFacts, name: str) -> Fault | None:
 
 def _fault_at(
     facts: GraphFacts, topic: TopicFacts, silent: str, path: Iterable[str]
-) -> Fault | None:
+) -> Difference | None:
     if not topic.publishers:
         return _no_publisher(facts, topic)
     # The nodes that must subscribe to it for messages to continue along the path.
@@ -125,12 +115,12 @@ def _fault_at(
     return fault or _no_subscription(facts, topic, readers)
 
 
-def _mismatch(topic: TopicFacts, readers: Collection[str]) -> Fault | None:
+def _mismatch(topic: TopicFacts, readers: Collection[str]) -> Difference | None:
     """Two endpoints that ROS does not match, because of their types or their QoS."""
     return _type_mismatch(topic, readers) or _qos_mismatch(topic, readers)
 
 
-def _no_publisher(facts: GraphFacts, topic: TopicFacts) -> Fault:
+def _no_publisher(facts: GraphFacts, topic: TopicFacts) -> Difference:
     owner = next(iter(topic.planned_publishers), "")
     instead = facts.topics_published_by(owner) if owner else ()
     unused = [
@@ -154,15 +144,15 @@ def _no_publisher(facts: GraphFacts, topic: TopicFacts) -> Fault:
     elif unused:
         by = _names(facts.topics[unused[0]].publisher_nodes)
         sentence += f"; {unused[0]}, published by {by}, has no subscription"
-    return Fault("no publisher", topic.name, owner, sentence, close)
+    return _fault(NO_PUBLISHER, topic.name, owner, sentence, close)
 
 
-def _type_mismatch(topic: TopicFacts, readers: Collection[str]) -> Fault | None:
+def _type_mismatch(topic: TopicFacts, readers: Collection[str]) -> Difference | None:
     for publisher in topic.publishers:
         for subscription in topic.subscriptions:
             if subscription.node in readers and subscription.type != publisher.type:
-                return Fault(
-                    "types",
+                return _fault(
+                    TYPES_DIFFER,
                     topic.name,
                     subscription.node,
                     f"{subscription.node} subscribes to {topic.name} as {subscription.type}, but "
@@ -172,8 +162,8 @@ def _type_mismatch(topic: TopicFacts, readers: Collection[str]) -> Fault | None:
         # A monitor subscribes only after it has discovered a publisher of its type.
         reads = any(node in readers for node in topic.subscriber_nodes)
         if topic.type and publisher.type != topic.type and not reads:
-            return Fault(
-                "types",
+            return _fault(
+                TYPES_DIFFER,
                 topic.name,
                 publisher.node,
                 f"{publisher.node} publishes {topic.name} as {publisher.type}, but its type in the "
@@ -182,11 +172,11 @@ def _type_mismatch(topic: TopicFacts, readers: Collection[str]) -> Fault | None:
     return None
 
 
-def _qos_mismatch(topic: TopicFacts, readers: Collection[str]) -> Fault | None:
+def _qos_mismatch(topic: TopicFacts, readers: Collection[str]) -> Difference | None:
     for pair in topic.qos_mismatches:
         if pair.reader in readers:
-            return Fault(
-                "qos",
+            return _fault(
+                QOS_DIFFERS,
                 topic.name,
                 pair.reader,
                 f"{pair.reader} requests a QoS on {topic.name} that {pair.writer} does not offer "
@@ -195,12 +185,12 @@ def _qos_mismatch(topic: TopicFacts, readers: Collection[str]) -> Fault | None:
     return None
 
 
-def _no_output(facts: GraphFacts, topic: TopicFacts) -> Fault:
+def _no_output(facts: GraphFacts, topic: TopicFacts) -> Difference:
     publishers = sorted(topic.publisher_nodes)
     owner = publishers[0]
     if topic.name in facts.inputs:
         sentence = f"{_messages(facts.played)} were played on {topic.name}, but none arrived"
-        return Fault("no output", topic.name, owner, sentence)
+        return _fault(NO_OUTPUT, topic.name, owner, sentence)
     subscribed = [
         facts.topics[name] for node in publishers for name in facts.topics_subscribed_by(node)
     ]
@@ -214,10 +204,10 @@ def _no_output(facts: GraphFacts, topic: TopicFacts) -> Fault:
     if starved:
         state = "no messages" if starved[0].publishers else "no publisher"
         sentence += f"; {it} also {subscribes} to {starved[0].name}, which has {state}"
-    return Fault("no output", topic.name, owner, sentence)
+    return _fault(NO_OUTPUT, topic.name, owner, sentence)
 
 
-def _no_subscription(facts: GraphFacts, topic: TopicFacts, readers: list[str]) -> Fault | None:
+def _no_subscription(facts: GraphFacts, topic: TopicFacts, readers: list[str]) -> Difference | None:
     missing = [node for node in readers if node not in topic.subscriber_nodes]
     has_any = not {*topic.subscriber_nodes} <= {*HARNESS}
     if not missing and (readers or has_any):
@@ -252,7 +242,7 @@ def _no_subscription(facts: GraphFacts, topic: TopicFacts, readers: list[str]) -
     elif unused:
         who = _who(others[unused[0]].subscriber_nodes, "subscribe")
         sentence += f"; {unused[0]}, to which {who}, has no publisher"
-    return Fault("no subscription", topic.name, owner, sentence, close)
+    return _fault(NO_SUBSCRIPTION, topic.name, owner, sentence, close)
 
 
 def _closest_name(wrong: str, names: Iterable[str]) -> str:
@@ -303,14 +293,14 @@ def _endpoint_texts(ends: tuple[Endpoint, ...], planned_type: str) -> str:
 
 def find_faults(
     facts: GraphFacts, silent: Iterable[str], inputs: Iterable[str] = ()
-) -> tuple[Fault, ...]:
+) -> tuple[Difference, ...]:
     """The first fault on the path to each topic without messages, and those of some inputs.
 
     Each topic is reported once.
     """
     faults = [find_input_fault(facts, name) for name in inputs]
     faults += [first_fault(facts, name) for name in silent]
-    return tuple({fault.topic: fault for fault in faults if fault is not None}.values())
+    return tuple({fault.name: fault for fault in faults if fault is not None}.values())
 
 
 def certain_topics(
@@ -324,11 +314,13 @@ def certain_topics(
         remapped: the remappings of the plan.
     """
     targets = {rule.topic for rule in unmatched(facts, remapped)}
-    return frozenset(
-        name
-        for name in missing
-        if _never_matches(facts, name) or _is_misplaced(facts, name, remapped=name in targets)
-    )
+    certain = set()
+    for name in missing:
+        fault = find_input_fault(facts, name) if name in facts.inputs else first_fault(facts, name)
+        never_matches = fault and fault.name == name and fault.code in NEVER_MATCHED
+        if never_matches or _is_misplaced(facts, name, remapped=name in targets):
+            certain.add(name)
+    return frozenset(certain)
 
 
 def unmatched(facts: GraphFacts, remapped: Iterable[RemappedTopic]) -> Iterator[RemappedTopic]:
@@ -339,12 +331,6 @@ def unmatched(facts: GraphFacts, remapped: Iterable[RemappedTopic]) -> Iterator[
         own = {rule.node} if rule.own_node_name else nodes - (facts.planned_nodes - {rule.node})
         if not nodes & own:
             yield rule
-
-
-def _never_matches(facts: GraphFacts, name: str) -> bool:
-    """Whether two endpoints of a topic exist that ROS does not match."""
-    fault = find_input_fault(facts, name) if name in facts.inputs else first_fault(facts, name)
-    return fault is not None and fault.topic == name and fault.kind in {"types", "qos"}
 
 
 def _is_misplaced(facts: GraphFacts, name: str, *, remapped: bool) -> bool:
@@ -373,21 +359,14 @@ def _is_misplaced(facts: GraphFacts, name: str, *, remapped: bool) -> bool:
             and (not types or end.type in types)
             and (not running or end.node in running)
         ]
-        moved = any(_is_moved(facts, node, owners) for node in meant)
-        if meant and (_is_similar(name, other.name) or ((remapped or moved) and types)):
+        # A planned node in another namespace, where no node has the planned name.
+        moved = any(
+            owner not in facts.nodes and owner.rpartition("/")[2] == node.rpartition("/")[2]
+            for node in meant
+            for owner in owners
+        )
+        # Two topics that differ in their namespaces only, or by a typing error.
+        similar = did_you_mean(name.rpartition("/")[2], [other.name.rpartition("/")[2]])
+        if meant and (similar or ((remapped or moved) and types)):
             return True
     return False
-
-
-def _is_moved(facts: GraphFacts, node: str, planned: Iterable[str]) -> bool:
-    """Whether a node is a planned one in another namespace, where no node has the planned name."""
-    return any(
-        name not in facts.nodes and name.rpartition("/")[2] == node.rpartition("/")[2]
-        for name in planned
-    )
-
-
-def _is_similar(wanted: str, found: str) -> bool:
-    """Whether two topics differ in their namespaces only, or by a typing error."""
-    last = found.rpartition("/")[2]
-    return bool(did_you_mean(wanted.rpartition("/")[2], [last]))

@@ -16,7 +16,6 @@ import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
 
 import msgspec
 
@@ -61,13 +60,11 @@ class MonitorSubscriptions:
 
     Attributes:
         supervisor: all processes.
-        observer: says what discovery shows.
         monitor: has been configured.
         waiting: the topics that it has not subscribed to yet.
     """
 
     supervisor: ProcessSupervisor
-    observer: ManagedProcess
     monitor: ManagedProcess
     waiting: tuple[MonitorPlan, ...]
 
@@ -81,7 +78,7 @@ class MonitorSubscriptions:
         writers: Mapping[str, tuple[protocol.Endpoint, ...]] = {}
         if topics:
             command = protocol.Discover(topics=topics)
-            writers = self.supervisor.request(self.observer, command, protocol.Discovered).writers
+            writers = self.supervisor.ask_observer(command, protocol.Discovered).writers
         ready = tuple(
             msgspec.structs.replace(
                 monitor, qos=monitor.qos or weakest_offer(writers[monitor.topic])
@@ -137,9 +134,9 @@ class PhaseGraph:
         diagnosis = EarlyDiagnosis(
             self.plan,
             self.remapped_topics(),
-            lambda: self.observer().look(),
+            lambda: self.observer.look(),
             idle_s=idle.update,
-            answer=lambda: idle.answer(self.supervisor.observer()),
+            answer=idle.answer,
             never_active=self.lifecycle.never_active,
         )
         told = False
@@ -165,7 +162,7 @@ class PhaseGraph:
             if diagnosis.facts is not None and not told:
                 told = True
                 faults = _faults_of(diagnosis.facts, missing)
-                self.note(f"not ready so far: {'; '.join(fault.sentence for fault in faults)}")
+                self.note(f"not ready so far: {'; '.join(fault.message for fault in faults)}")
             self.supervisor.pump(_POLL_S)
 
     @property
@@ -173,11 +170,13 @@ class PhaseGraph:
         """The lifecycle nodes of the graph."""
         return LifecycleNodes(self)
 
-    def observer(self, monitor: ManagedProcess | None = None) -> GraphObserver:
-        """Observes the graph; with a monitor, messages can be traced."""
-        plan, phase, supervisor = self.plan, self.phase, self.supervisor
-        endpoints = tuple(self.launcher.endpoints_in(plan, phase))
-        return GraphObserver(supervisor, supervisor.observer(), plan, phase, endpoints, monitor)
+    @property
+    def observer(self) -> GraphObserver:
+        """Observes the graph."""
+        plan, phase = self.plan, self.phase
+        nodes = {node.name for process in plan.processes_in(phase) for node in process.nodes}
+        known = tuple(each for each in self.launcher.endpoints if each[0] in nodes)
+        return GraphObserver(self.supervisor, plan, phase, known)
 
     def _not_ready_error(
         self, missing: Mapping[str, tuple[int, int]], certain: Collection[str], stalled_s: float
@@ -189,7 +188,7 @@ class PhaseGraph:
             certain: those that will never be matched, if that was found before the deadline.
             stalled_s: for how long nothing has changed; 0 if the nodes are not idle.
         """
-        facts = self.observer().observe()
+        facts = self.observer.observe()
         self.add_unmatched_remappings(facts, missing)
         state = f"was not ready after {self.plan.start_timeout.seconds:g} s"
         if certain:
@@ -221,7 +220,7 @@ class PhaseGraph:
     def error(
         self,
         facts: GraphFacts,
-        faults: Sequence[find_fault.Fault],
+        faults: Sequence[Difference],
         silent: Iterable[str],
         state: str,
         hint: str,
@@ -243,15 +242,15 @@ class PhaseGraph:
             names_related: whether it says what else is wrong with the nodes that have faults.
         """
         known = self.launcher.differences
-        waiting = self.lifecycle.waiting([*silent, *(fault.topic for fault in faults)])
+        waiting = self.lifecycle.waiting([*silent, *(fault.name for fault in faults)])
         differences = tuple(each.difference for each in waiting if not each.managers)
         differences = differences or graph_mismatches(
             faults,
             known,
-            lambda fault: not waiting and (fault.topic in certain or self._is_permanent(fault)),
+            lambda fault: not waiting and (fault.name in certain or self._is_permanent(fault)),
         )
         sentences = [each.difference.message for each in waiting]
-        sentences += [fault.sentence for fault in faults]
+        sentences += [fault.message for fault in faults]
         sentences = sentences or [_NO_FAULT]
         also = related_differences(faults, known) if names_related else ""
         path = dict.fromkeys(
@@ -270,37 +269,34 @@ class PhaseGraph:
             differences, text(), differences[0].help or hint, details=details
         )
 
-    def _is_permanent(self, fault: find_fault.Fault) -> bool:
+    def _is_permanent(self, fault: Difference) -> bool:
         """Whether a fault persists, so that neither a longer wait nor another attempt helps.
 
         A mismatch of two existing endpoints persists. A missing endpoint persists once its node
         has been created; nodes of others, which may own it, may still create it.
         """
-        if fault.kind in {"types", "qos"}:
+        if fault.code in find_fault.NEVER_MATCHED:
             return True
         has_external = any(node.phase == self.phase for node in self.plan.external)
         is_unknown = not fault.owner.startswith("/")
         return not (is_unknown and has_external) and self.launcher.has_created(fault.owner)
 
-    def check_parameters(self, observer: ManagedProcess) -> None:
+    def check_parameters(self) -> None:
         """Ask nodes that are not in Python hosts for their parameters; tells of undeclared ones.
-
-        Args:
-            observer: a monitor or a loader.
 
         Raises:
             GraphDifferencesError: a node does not declare a parameter that is certainly misspelt.
             RunError: the observer does not respond.
         """
         differences = find_undeclared(
-            self.plan, self.phase, self.launcher.programs, self.supervisor, observer
+            self.plan, self.phase, self.launcher.programs, self.supervisor
         )
         for difference in differences:
             self.note(f"{difference.message}; ROS ignores it")
         self.launcher.differences += differences
-        self._check_remappings(observer)
+        self._check_remappings()
 
-    def _check_remappings(self, observer: ManagedProcess) -> None:
+    def _check_remappings(self) -> None:
         """Record the remappings without effect of nodes that no Python host has asked."""
         known = self.launcher.known_differences
         opaque = {
@@ -314,7 +310,7 @@ class PhaseGraph:
             for rule in self.remapped_topics()
             if rule.own_node_name and rule.node in opaque and (rule.node, rule.before) not in known
         ]
-        self.launcher.differences += find_unmatched(rules, self.supervisor, observer)
+        self.launcher.differences += find_unmatched(rules, self.supervisor)
 
     def remapped_topics(self) -> tuple[RemappedTopic, ...]:
         """The topics to which the plan remaps the names of nodes."""
@@ -352,15 +348,13 @@ class PhaseGraph:
 
     def expected_subscriptions(self, topic: str) -> int:
         """How many subscriptions a topic of the harness must match: the planned, at least one."""
-        planned = (
-            planned_topic
-            for planned_topic in self.plan.topics
-            if planned_topic.name == topic and planned_topic.phase == self.phase
-        )
-        return max(
-            1,
-            len({node for planned_topic in planned for node in planned_topic.readers} - {*HARNESS}),
-        )
+        nodes = {
+            node
+            for planned in self.plan.topics
+            if planned.name == topic and planned.phase == self.phase
+            for node in planned.readers
+        }
+        return max(1, len(nodes - {*HARNESS}))
 
     def wait_for_mutual_discovery(self, harness_endpoints: Iterable[EndpointKey]) -> None:
         """Wait until the nodes and the harness have discovered each other from both sides.
@@ -375,31 +369,30 @@ class PhaseGraph:
         """
         launcher, supervisor = self.launcher, self.supervisor
         of_nodes = ((topic, kind, does) for _, topic, kind, does in launcher.endpoints)
-        counterparts = {"publishes": Counter[Any](), "subscribes": Counter[Any]()}
-        for topic, kind, does in (*of_nodes, *harness_endpoints):
-            counterparts["publishes" if does == "subscribes" else "subscribes"][topic, kind] += 1
+        opposite = {"publishes": "subscribes", "subscribes": "publishes"}
+        counterparts = Counter(
+            (topic, kind, opposite[does]) for topic, kind, does in (*of_nodes, *harness_endpoints)
+        )
         deadline = time.monotonic() + _MAX_DISCOVERY_S
-        undiscovered = {child: {*launcher.host_endpoints(child)} for child in launcher.hosts}
+        undiscovered = {
+            child: {(*end,) for node, *end in launcher.endpoints if node in nodes}
+            for child, nodes in launcher.hosts.items()
+        }
         with supervisor.waiting("nodes: discovery of the harness"):
             while any(undiscovered.values()) and time.monotonic() < deadline:
                 for child, waiting in undiscovered.items():
                     if waiting:
-                        matches = supervisor.request(
-                            child, protocol.CountMatches(), protocol.Matched
-                        )
-                        counts = {
-                            "publishes": matches.counts,
-                            "subscribes": matches.publisher_counts,
-                        }
+                        found = supervisor.request(child, protocol.CountMatches(), protocol.Matched)
+                        counts = {"publishes": found.counts, "subscribes": found.publisher_counts}
                         waiting -= {
                             (topic, kind, does)
                             for topic, kind, does in waiting
-                            if counts[does].get(topic, 0) >= counterparts[does][topic, kind]
+                            if counts[does].get(topic, 0) >= counterparts[topic, kind, does]
                         }
                 supervisor.pump(_POLL_S)
 
 
-def _faults_of(facts: GraphFacts, missing: Iterable[str]) -> tuple[find_fault.Fault, ...]:
+def _faults_of(facts: GraphFacts, missing: Iterable[str]) -> tuple[Difference, ...]:
     """The faults of topics whose endpoints are not matched, inputs or not."""
     inputs = [topic for topic in missing if topic in facts.inputs]
     return find_fault.find_faults(
@@ -408,9 +401,9 @@ def _faults_of(facts: GraphFacts, missing: Iterable[str]) -> tuple[find_fault.Fa
 
 
 def graph_mismatches(
-    faults: Iterable[find_fault.Fault],
+    faults: Iterable[Difference],
     launch_differences: Iterable[Difference],
-    is_permanent: Callable[[find_fault.Fault], bool] = lambda _: True,
+    is_permanent: Callable[[Difference], bool] = lambda _: True,
 ) -> tuple[Difference, ...]:
     """The differences between the graph and the plan, causes before consequences.
 
@@ -422,8 +415,8 @@ def graph_mismatches(
         launch_differences: found when the nodes were created.
         is_permanent: whether a fault persists; only these are differences.
     """
-    faults = [fault for fault in faults if fault.kind != "no output"]
-    missing = {fault.topic for fault in faults}
+    faults = [fault for fault in faults if fault.code != find_fault.NO_OUTPUT]
+    missing = {fault.name for fault in faults}
     causes = [
         msgspec.structs.replace(difference, harmless=False)
         for difference in launch_differences
@@ -431,31 +424,17 @@ def graph_mismatches(
     ]
     explained = {difference.topic for difference in causes}
     consequences = (
-        Difference(
-            code=fault.code,
-            message=fault.sentence,
-            part="endpoint",
-            owner=fault.owner,
-            name=fault.topic,
-            topic=fault.instead,
-        )
-        for fault in faults
-        if fault.topic not in explained and is_permanent(fault)
+        fault for fault in faults if fault.name not in explained and is_permanent(fault)
     )
     return (*causes, *consequences)
 
 
 def related_differences(
-    faults: Iterable[find_fault.Fault], launch_differences: Iterable[Difference]
+    faults: Iterable[Difference], launch_differences: Iterable[Difference]
 ) -> str:
     """Other differences of the nodes with faults, as text to append to a sentence."""
     owners = {fault.owner for fault in faults}
-    related = (
-        launch_difference.message
-        for launch_difference in launch_differences
-        if launch_difference.owner in owners
-    )
-    return "".join(f"; {message}" for message in related)
+    return "".join(f"; {each.message}" for each in launch_differences if each.owner in owners)
 
 
 @dataclass

@@ -21,7 +21,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -30,12 +29,11 @@ import msgspec
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.bringup.readiness import IdleTime, patience_s, starts_others
 from r2bspec.execute.processes.elf import not_joinable
-from r2bspec.execute.processes.prerequisites import build_errors
 from r2bspec.execute.processes.resources import family
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.native_protocol import NativeCodec
-from r2bspec.native.build import harness_library, join_environment, join_object
+from r2bspec.native.build import join_environment
 from r2bspec.plan.command_lines import NATIVE_ARGV
 from r2bspec.plan.plan import JoinPlan, MonitorPlan, Plan, ProcessPlan
 from r2bspec.plan.taps import tap_monitors
@@ -54,24 +52,6 @@ _PEER: Final = struct.Struct("3i")
 _RCL: Final = b"/librcl.so"
 _WRAPPERS: Final = ("ros2", "launch")
 """Programs that initialise ROS for themselves before they start the node."""
-
-
-@dataclass(frozen=True, slots=True)
-class JoinFiles:
-    """What is loaded into processes of the graph."""
-
-    join_object: Path
-    library: Path
-
-
-def build_join_files() -> JoinFiles:
-    """Build what is loaded, unless it was.
-
-    Raises:
-        NotInstalledError: it cannot be built (R2B668).
-    """
-    with build_errors():
-        return JoinFiles(join_object(), harness_library())
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,12 +79,15 @@ class GraphJoins:
     Args:
         supervisor: of the run.
         folder: for the socket.
-        files: what is loaded.
+        preload: the object that is loaded into them.
+        library: the harness, which that loads.
     """
 
-    def __init__(self, supervisor: ProcessSupervisor, folder: Path, files: JoinFiles) -> None:
+    def __init__(
+        self, supervisor: ProcessSupervisor, folder: Path, preload: Path, library: Path
+    ) -> None:
         self._supervisor = supervisor
-        self._files = files
+        self._preload, self._library = preload, library
         self._listener = socket.socket(socket.AF_UNIX)
         self._folder_fd = os.open(folder, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
         path = folder / "join.socket"
@@ -125,9 +108,7 @@ class GraphJoins:
     def environment(self, process: str, environment: dict[str, str]) -> dict[str, str]:
         """The environment of a process that gets parts."""
         preloaded = environment.get("LD_PRELOAD", "")
-        return environment | join_environment(
-            self._files.join_object, self._path, process, preloaded
-        )
+        return environment | join_environment(self._preload, self._path, process, preloaded)
 
     def join(self, child: ManagedProcess, plan: ProcessPlan, timeout_s: float) -> None:
         """Wait until a process initialises ROS, and start its parts; it waits for `release`.
@@ -144,14 +125,13 @@ class GraphJoins:
         self._start(waiting, child, parts)
         for part in parts:
             key = hello.pid, part
-            has_connected = partial(self._has_connected, key)
-            if not self._supervisor.pump_until(has_connected, _ANSWER_TIMEOUT_S, _POLL_S):
-                raise not_joinable(child.name, f"its {part} did not connect")
+            deadline = time.monotonic() + _ANSWER_TIMEOUT_S
+            while key not in self._connected:
+                if time.monotonic() > deadline:
+                    raise not_joinable(child.name, f"its {part} did not connect")
+                self._supervisor.pump(_POLL_S)
+                self.poll()
             self._supervisor.add_joined_part(child, part, self._connected.pop(key))
-
-    def _has_connected(self, key: tuple[int, str]) -> bool:
-        self.poll()
-        return key in self._connected
 
     def release(self) -> None:
         """Let all processes go on: the publishers of the harness exist."""
@@ -228,7 +208,7 @@ class GraphJoins:
         Raises:
             NotJoinableError: it answers that it cannot, or does not answer.
         """
-        command = ",".join(parts).encode() + b" " + os.fsencode(self._files.library) + b"\n"
+        command = ",".join(parts).encode() + b" " + os.fsencode(self._library) + b"\n"
         with contextlib.suppress(OSError):
             connection.sendall(command)
         connection.setblocking(False)
@@ -438,32 +418,32 @@ class MonitorGroup(ManagedProcess):
         first = members[0][0]
         super().__init__(first.name, first.role, first.process, first.log, None)
         self._members = list(members)
-        self._asked: list[ManagedProcess] = []
+        self._asked = 0
         self._matched: list[protocol.Matched] = []
         for member, _ in self._members:
             member.inbox = _Forwarding(self, member)
 
     def send(self, message: Any) -> None:
         """Send a command to those that it is for."""
-        commands = {asked: self._part_of(message, names) for asked, names in self._members}
+        commands: dict[ManagedProcess, Any]
         if isinstance(message, protocol.StartTap | protocol.StopTap):
             commands = {self._members[0][0]: message}
-        self._asked = [asked for asked, command in commands.items() if command is not None]
+        elif isinstance(message, protocol.Subscribe):
+            commands = {}
+            for member, names in self._members:
+                if own := tuple(monitor for monitor in message.monitors if monitor.name in names):
+                    commands[member] = protocol.Subscribe(monitors=own)
+        else:
+            commands = {member: message for member, _ in self._members}
+        self._asked = len(commands)
         self._matched.clear()
-        for member in self._asked:
-            member.send(commands[member])
-
-    def _part_of(self, message: Any, names: frozenset[str]) -> Any:
-        """What a command says to the monitor of some topics; None if nothing."""
-        if not isinstance(message, protocol.Subscribe):
-            return message
-        own = tuple(monitor for monitor in message.monitors if monitor.name in names)
-        return protocol.Subscribe(monitors=own) if own else None
+        for member, command in commands.items():
+            member.send(command)
 
     def collect(self, matched: protocol.Matched) -> None:
         """Take the answer of one of them; with the last, the answer is complete."""
         self._matched.append(matched)
-        if len(self._matched) == len(self._asked):
+        if len(self._matched) == self._asked:
             counts = {
                 topic: count for match in self._matched for topic, count in match.counts.items()
             }

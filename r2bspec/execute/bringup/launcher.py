@@ -7,31 +7,34 @@ subscriber, need this order. When all are ready is seen in `r2bspec.execute.brin
 
 from __future__ import annotations
 
+import contextlib
 import sys
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
 from r2bspec.execute.bringup.creation_faults import not_loaded
-from r2bspec.execute.bringup.readiness import StartDeadline, wait_for_exit
+from r2bspec.execute.bringup.readiness import StartDeadline
 from r2bspec.execute.bringup.spec_mismatches import (
     require_declared_parameters,
     unmatched_remappings,
     unused_executor,
 )
-from r2bspec.execute.errors import ProcessDiedError
+from r2bspec.execute.errors import ProcessDiedError, StepFailedError
 from r2bspec.execute.processes import prerequisites
 from r2bspec.execute.processes.environment import RunEnvironment
-from r2bspec.execute.processes.process import shorten_slice
+from r2bspec.execute.processes.process import describe_exit, shorten_slice
 from r2bspec.execute.processes.scheduling import apply_to_process, has_memory_lock
 from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
+from r2bspec.native.build import harness_library, join_object, lock_environment
 from r2bspec.plan.command_lines import NATIVE_ARGV, container_node_name
-from r2bspec.plan.plan import HARNESS_ROLES, AfterReadyPlan, NodePlan, Plan, ProcessPlan
+from r2bspec.plan.plan import HARNESS_ROLES, AfterReadyPlan, NodePlan, Plan, ProcessPlan, SetupPlan
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import Difference
+from r2bspec.safe_io.private_files import PRIVATE_UMASK, user_umask
 
 if TYPE_CHECKING:
     from r2bspec.execute.anatomy import AnatomyObservation
@@ -47,6 +50,7 @@ _OBSERVER = "harness.observer"
 """The process that says what discovery shows; no node can have this name."""
 
 _CONFIGURE_TIMEOUT_S = 60.0
+_Row = TypeVar("_Row", bound=tuple[str, ...])
 
 
 class Launcher:
@@ -112,14 +116,15 @@ class Launcher:
         environment = self._environment
         variables = environment.for_harness(plan.env) if harness else environment.for_node(plan.env)
         if prerequisites.hosts_library(plan):
-            variables[protocol.NATIVE_LIBRARY_VARIABLE] = str(prerequisites.native_library())
+            variables[protocol.NATIVE_LIBRARY_VARIABLE] = str(prerequisites.built(harness_library))
         parts = tuple(parts)
         if self.joins is not None and plan.join is not None:
             variables = self.joins.environment(plan.name, variables)
         if self.anatomy is not None:
             variables = self.anatomy.environment(plan, variables)
         if has_memory_lock(plan):
-            variables |= prerequisites.memory_lock_variables(variables.get("LD_PRELOAD", ""))
+            preloaded = variables.get("LD_PRELOAD", "")
+            variables |= lock_environment(prerequisites.built(join_object), preloaded)
         child = self._supervisor.start(
             plan.name,
             plan.role,
@@ -289,13 +294,15 @@ class Launcher:
     def _learn(self, child: ManagedProcess, ready: protocol.Ready, without: Iterable[str]) -> None:
         """Take down what the nodes of a host have, but for some of them."""
         left_out = {*without}
+
+        def kept(rows: Iterable[_Row]) -> tuple[_Row, ...]:
+            return tuple(row for row in rows if row[0] not in left_out)
+
         ready = msgspec.structs.replace(
             ready,
-            endpoints=tuple(
-                endpoint for endpoint in ready.endpoints if endpoint[0] not in left_out
-            ),
-            undeclared=tuple(each for each in ready.undeclared if each[0] not in left_out),
-            unmatched=tuple(each for each in ready.unmatched if each[0] not in left_out),
+            endpoints=kept(ready.endpoints),
+            undeclared=kept(ready.undeclared),
+            unmatched=kept(ready.unmatched),
         )
         require_declared_parameters(ready)
         self.endpoints += ready.endpoints
@@ -327,17 +334,6 @@ class Launcher:
             self._configure_host(child, plan)
         self.joins.join(child, plan, deadline.left_s)
         on_joined(child, plan)
-
-    def host_endpoints(self, host: ManagedProcess) -> Iterator[tuple[str, str, str]]:
-        """The endpoints of the nodes of a host: topic, type, ``publishes`` or ``subscribes``."""
-        for node, topic, kind, does in self.endpoints:
-            if node in self.hosts[host]:
-                yield topic, kind, does
-
-    def endpoints_in(self, plan: Plan, phase: str) -> list[tuple[str, str, str, str]]:
-        """The endpoints of the Python nodes of a phase."""
-        nodes = {node.name for process in plan.processes_in(phase) for node in process.nodes}
-        return [endpoint for endpoint in self.endpoints if endpoint[0] in nodes]
 
     @property
     def known_differences(self) -> set[tuple[str, str]]:
@@ -400,6 +396,65 @@ class Launcher:
             log=self._folder.log_path(name),
         )
 
+    def run_setup_step(self, step: SetupPlan, note: Callable[[str], None]) -> None:
+        """Run a setup step, unless the file that it creates already exists.
+
+        A lock makes concurrent runs with the same file wait for each other, so that one creates it.
+
+        Raises:
+            StepFailedError: it failed, exceeded its timeout, or did not create its file.
+            NotInstalledError: its program is not installed.
+        """
+        created = self._base_dir / step.creates if step.creates else None
+        lock: contextlib.AbstractContextManager[object] = contextlib.nullcontext()
+        if created is not None:
+            from filelock import FileLock
+
+            created.parent.mkdir(parents=True, exist_ok=True)
+            lock = FileLock(created.with_name(f".{created.name}.lock"))
+        with lock:
+            if created is not None and created.exists():
+                note(f"{step.name}: {step.creates} already exists")
+                return
+            note(f"{step.name}: {' '.join(step.argv)}")
+            environment = self._environment.for_node(step.env)
+            folder = self._base_dir / step.directory
+            # What it makes is the user's, and stays.
+            self._run_command(f"setup.{step.name}", step, environment, folder, user_umask())
+            if created is not None and not created.exists():
+                raise StepFailedError(
+                    f"setup step {step.name} succeeded, but {step.creates} does not exist",
+                    hint="Correct 'creates' of the step; paths are relative to the spec.",
+                )
+
+    def _run_command(
+        self,
+        name: str,
+        step: SetupPlan | AfterReadyPlan,
+        environment: dict[str, str],
+        folder: Path,
+        umask: int = PRIVATE_UMASK,
+    ) -> None:
+        """Run the command of a step, and wait until it exits with status 0."""
+        argv = self._environment.secrets.in_words(prerequisites.resolve_command(step.argv, name))
+        log = self._folder.log_path(name)
+        child = self._supervisor.start(
+            name, "command", argv, environment, cwd=folder, log=log, umask=umask
+        )
+        child.exit_expected = True
+        timeout_s = step.timeout_ns / 1e9
+        if not self._supervisor.pump_until(lambda: not child.is_running, timeout_s):
+            raise StepFailedError(
+                f"{name} did not exit within {timeout_s:g} s",
+                hint=f"Increase its timeout, or read its output in {log}",
+            )
+        self._supervisor.end([child])
+        if child.process.returncode:
+            raise StepFailedError(
+                f"{name} {describe_exit(child.process.returncode)}{child.last_output()}",
+                hint=f"Its complete output is in {log}.",
+            )
+
     def run_step(self, step: AfterReadyPlan) -> None:
         """Run one `after_ready` step and wait until it is done.
 
@@ -408,28 +463,18 @@ class Launcher:
             ProcessFailedError: a service does not exist, or does not respond.
         """
         name = f"after_ready.{step.name}"
-        timeout_s = step.timeout_ns / 1e9
-        secrets = self._environment.secrets
         if step.argv:
-            child = self._supervisor.start(
-                name,
-                "command",
-                secrets.in_words(prerequisites.resolve_command(step.argv, name)),
-                self._environment.for_node({}),
-                cwd=self._base_dir,
-                log=self._folder.log_path(name),
-            )
-            wait_for_exit(child, self._supervisor, timeout_s)
+            self._run_command(name, step, self._environment.for_node({}), self._base_dir)
             return
         command = protocol.ConfigureCaller(
             service=step.service,
             service_type=step.service_type,
-            request=secrets.in_value(step.request),
+            request=self._environment.secrets.in_value(step.request),
             timeout_ns=step.timeout_ns,
         )
         child = self._start_helper(name, "caller")
         self.configure(child, command)
-        self._supervisor.answer(child, protocol.Called, timeout_s + REPLY_TIMEOUT_S)
+        self._supervisor.answer(child, protocol.Called, step.timeout_ns / 1e9 + REPLY_TIMEOUT_S)
         self._supervisor.end([child])
 
     def call_settings(self, plan: Plan, **where: Any) -> protocol.ConfigureCalls:

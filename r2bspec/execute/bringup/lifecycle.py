@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from r2bspec.execute.bringup.observe_graph import HARNESS
 from r2bspec.execute.bringup.readiness import StartDeadline
 from r2bspec.execute.errors import GraphDifferencesError, NotReadyError, ProcessDiedError
-from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess
+from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S
 from r2bspec.ipc import protocol
 from r2bspec.language.spec import LifecycleState
 from r2bspec.plan.command_lines import has_planned_name
@@ -104,9 +104,7 @@ class LifecycleNodes:
             missing = [name for name in wanted if found.states.get(name) not in _PRIMARY_STATES]
             if not missing:
                 return found.states
-            graph = self.graph.supervisor.request(
-                self.graph.supervisor.observer(), protocol.ListGraph(), protocol.GraphSnapshot
-            )
+            graph = self.graph.supervisor.ask_observer(protocol.ListGraph(), protocol.GraphSnapshot)
             for name in missing:
                 if name not in graph.nodes or name in found.states:
                     continue
@@ -130,8 +128,7 @@ class LifecycleNodes:
             self.graph.supervisor.pump(_POLL_S)
 
     def _ask_states(self) -> protocol.LifecycleStates:
-        return self.graph.supervisor.request(
-            self.graph.supervisor.observer(),
+        return self.graph.supervisor.ask_observer(
             protocol.ListLifecycle(timeout_ns=_ASK_NS),
             protocol.LifecycleStates,
             _ASK_NS / 1e9 + REPLY_TIMEOUT_S,
@@ -145,18 +142,20 @@ class LifecycleNodes:
             NotReadyError: it does not answer in time.
             ProcessDiedError: its process has ended.
         """
-        child = self._process_of(name)
+        own = next(
+            process.name
+            for process in self._processes()
+            if any(node.name == name for node in process.nodes)
+        )
+        child = next(process for process in self.graph.supervisor if process.name == own)
         timeout_s = deadline.left_s
         command = protocol.ChangeState(
             node=name, transition=transition, timeout_ns=round(timeout_s * 1e9)
         )
         try:
             with self.graph.supervisor.waiting(f"{name}: {transition}"):
-                changed = self.graph.supervisor.request(
-                    self.graph.supervisor.observer(),
-                    command,
-                    protocol.StateChanged,
-                    timeout_s + REPLY_TIMEOUT_S,
+                changed = self.graph.supervisor.ask_observer(
+                    command, protocol.StateChanged, timeout_s + REPLY_TIMEOUT_S
                 )
         except ProcessDiedError as died:
             raise died.while_doing(f"{name} could not {transition}") from died
@@ -172,7 +171,10 @@ class LifecycleNodes:
                 f"for: {child.log}",
                 code=TRANSITION_FAILED,
             )
-        raised = _exception(child, protocol.callback_failure(name, callback))
+        # A Python process says what the callback has raised.
+        begin = protocol.callback_failure(name, callback)
+        lines = reversed(child.log_tail().splitlines())
+        raised = next((line.removeprefix(begin) for line in lines if line.startswith(begin)), "")
         cause = f"{callback} {raised or _CAUSES[changed.result]}"
         now = f"; it is {changed.state} now" if changed.state else ""
         raise _mismatch(
@@ -183,14 +185,6 @@ class LifecycleNodes:
             f"correct it, or read the whole output of the node: {child.log}",
             "" if raised else child.last_output().removeprefix("; "),
         )
-
-    def _process_of(self, name: str) -> ManagedProcess:
-        process = next(
-            listed
-            for listed in self._processes()
-            if any(node.name == name for node in listed.nodes)
-        )
-        return next(each for each in self.graph.supervisor if each.name == process.name)
 
     def never_active(self, missing: Collection[str]) -> frozenset[str]:
         """The topics that lack endpoints of nodes that nothing in the graph can activate.
@@ -230,17 +224,14 @@ class LifecycleNodes:
         # What publishes or reads a topic may be unknown.
         anyone = len(planned) < len(topics) or not all(planned)
         own = {node.name for process in self._processes() for node in process.nodes}
-        return tuple(
-            WaitingNode(
-                not_activated(name, state, managers, started=name in own),
-                managers,
-            )
-            for name, state in found.states.items()
-            for managers in [found.managers.get(name, ())]
-            if state in {"unconfigured", "inactive"}
-            and name not in self.graph.plan.states_in(self.graph.phase)
-            and (anyone or any(name in nodes for nodes in planned))
-        )
+        waiting = []
+        for name, state in found.states.items():
+            is_planned = name in self.graph.plan.states_in(self.graph.phase)
+            is_near = anyone or any(name in nodes for nodes in planned)
+            if state in {"unconfigured", "inactive"} and is_near and not is_planned:
+                managers = found.managers.get(name, ())
+                waiting.append(WaitingNode(_not_activated(name, state, managers, own), managers))
+        return tuple(waiting)
 
     def _processes(self) -> tuple[ProcessPlan, ...]:
         return self.graph.plan.processes_in(self.graph.phase)
@@ -253,8 +244,8 @@ class WaitingNode(NamedTuple):
     managers: tuple[str, ...]
 
 
-def not_activated(
-    name: str, state: str, managers: Collection[str], *, started: bool = True
+def _not_activated(
+    name: str, state: str, managers: Collection[str], own: Collection[str]
 ) -> Difference:
     """A lifecycle node that is not active, and of which the spec does not say so.
 
@@ -262,24 +253,23 @@ def not_activated(
         name: its full name.
         state: that it is in.
         managers: the nodes that can change it.
-        started: whether the run has started it by this name.
+        own: the nodes that the run has started.
     """
     if managers:
-        verb = "could activate it, and has not" if len(managers) == 1 else "could, and have not"
-        why = f"{' and '.join(managers)} {verb}"
+        why = f"{' and '.join(managers)} could activate it, and did not"
+        way_out = f"find the cause in the output of {' and '.join(managers)}"
     else:
         why = "nothing in the graph activates it"
+        way_out = "let its launch file, or a lifecycle manager, configure and activate it"
+        if name in own:
+            way_out = "write 'lifecycle: active', and the run configures and activates it"
     return Difference(
         code=NOT_ACTIVATED,
         message=f"{name} is a lifecycle node and {state}: {why}",
         part="lifecycle",
         owner=name,
         name=state,
-        help=f"find the cause in the output of {' and '.join(managers)}"
-        if managers
-        else "write 'lifecycle: active', and the run configures and activates it"
-        if started
-        else "let its launch file, or a lifecycle manager, configure and activate it",
+        help=way_out,
     )
 
 
@@ -288,12 +278,6 @@ _CAUSES: Final = {
     "error": "returned ERROR, or raised an exception",
     "unknown": "did not succeed",
 }
-
-
-def _exception(child: ManagedProcess, begin: str) -> str:
-    """What a Python process says of a callback, in a line that begins so; empty without one."""
-    lines = reversed(child.log_tail().splitlines())
-    return next((line.removeprefix(begin) for line in lines if line.startswith(begin)), "")
 
 
 def _mismatch(

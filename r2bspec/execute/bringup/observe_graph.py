@@ -7,13 +7,13 @@ was given to the nodes, so that nothing that was measured says anything about th
 
 from __future__ import annotations
 
+import math
 import os
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TypeVar
 
 import msgspec
 
@@ -23,7 +23,7 @@ from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.protocol import Endpoint, QosMismatch, weakest_offer
 from r2bspec.ipc.sample_files import RowReader
 from r2bspec.middleware.middleware import RMW_VARIABLE, middleware_of
-from r2bspec.plan.plan import MonitorPlan, Plan
+from r2bspec.plan.plan import MonitorPlan, Plan, TopicPlan
 from r2bspec.plan.taps import all_taps
 from r2bspec.plan.wiring.name_resolution import NODE_TOPICS
 from r2bspec.record.sample_arrays import MONITOR_FIELDS
@@ -45,7 +45,7 @@ _MAX_DISCOVERY_S = 10.0
 
 _POLL_S = 0.02
 _DISCOVERY_INTERVAL_S = 0.3
-_Answer = TypeVar("_Answer")
+_UNPLANNED = TopicPlan(name="", type="", phase="measure", writers=(), readers=())
 
 
 @dataclass(frozen=True)
@@ -154,8 +154,8 @@ class GraphFacts:
 def gather_facts(
     plan: Plan,
     phase: str,
+    nodes: Iterable[str],
     discovered: protocol.Discovered,
-    nodes: Iterable[str] = (),
     passed: Mapping[str, int] | None = None,
 ) -> GraphFacts:
     """Combine the plan with the observations.
@@ -163,26 +163,23 @@ def gather_facts(
     Args:
         plan: of the run.
         phase: ``preprocess`` or ``measure``.
-        discovered: publishers and subscriptions of each topic, and the pairs that never match.
         nodes: the discovered nodes.
+        discovered: publishers and subscriptions of each topic, and the pairs that never match.
         passed: messages counted, by topic, while `TRACE_STEPS` steps were played.
     """
     planned = {topic.name: topic for topic in plan.topics if topic.phase == phase}
     topics = {}
     for name in sorted({*planned, *discovered.writers}):
-        plan_topic = planned.get(name)
-        expected_subscribers = plan_topic.readers if plan_topic else ()
+        topic = planned.get(name, _UNPLANNED)
         subscriptions = map(_with_plan_name, discovered.readers.get(name, ()))
         topics[name] = TopicFacts(
             name=name,
-            type=plan_topic.type if plan_topic else "",
-            planned_publishers=plan_topic.writers if plan_topic else (),
-            planned_subscribers=expected_subscribers,
+            type=topic.type,
+            planned_publishers=topic.writers,
+            planned_subscribers=topic.readers,
             publishers=tuple(map(_with_plan_name, discovered.writers.get(name, ()))),
             subscriptions=tuple(
-                end
-                for end in subscriptions
-                if end.node not in HARNESS or end.node in expected_subscribers
+                end for end in subscriptions if end.node not in HARNESS or end.node in topic.readers
             ),
             qos_mismatches=tuple(
                 QosMismatch(_plan_name(pair.writer), _plan_name(pair.reader), name, pair.why)
@@ -216,33 +213,32 @@ class GraphObserver:
 
     Attributes:
         supervisor: all processes.
-        observer: a process that says what discovery shows: the observer or a loader.
         plan: of the run.
         phase: ``preprocess`` or ``measure``.
         known: endpoints that exist for certain, as in `protocol.Ready`: discovery is incomplete
             until it shows all of them.
-        monitor: counts messages for `trace`.
     """
 
     supervisor: ProcessSupervisor
-    observer: ManagedProcess
     plan: Plan
     phase: str
-    known: tuple[tuple[str, str, str, str], ...] = ()
-    monitor: ManagedProcess | None = None
+    known: tuple[tuple[str, str, str, str], ...]
 
     def look(self) -> GraphFacts:
         """The endpoints that discovery shows at this moment; there may be more."""
-        return self._gather(*self._discover())
+        return gather_facts(self.plan, self.phase, *self._discover())
 
     def observe(self) -> GraphFacts:
         """The endpoints of every topic; nothing is played."""
-        return self._gather(*self._wait_for_discovery())
+        return gather_facts(self.plan, self.phase, *self._wait_for_discovery())
 
-    def trace(self, rows_dir: Path, play: Callable[[], None]) -> GraphFacts:
+    def trace(
+        self, monitor: ManagedProcess, rows_dir: Path, play: Callable[[], None]
+    ) -> GraphFacts:
         """The endpoints, and the messages of every topic while `play` plays `TRACE_STEPS` steps.
 
         Args:
+            monitor: counts the messages.
             rows_dir: the folder where the monitor's process writes its rows.
             play: plays the steps and returns when they have been published.
         """
@@ -261,21 +257,26 @@ class GraphObserver:
             for number, (topic, publishers) in enumerate(discovered.writers.items())
             if publishers
         )
-        self._ask_monitor(protocol.StartTap(monitors=watches))
-        self._wait_for_matches({watch.topic for watch in watches})
+        self.supervisor.request(monitor, protocol.StartTap(monitors=watches), protocol.Matched)
+
+        def are_matched() -> bool:
+            matches = self.supervisor.request(monitor, protocol.CountMatches(), protocol.Matched)
+            return all(matches.counts.get(watch.topic, 0) for watch in watches)
+
+        self.supervisor.pump_until(are_matched, _MAX_MATCH_WAIT_S, _POLL_S)
         files = {
             watch.topic: ArrivalReader(path, MONITOR_FIELDS)
             for watch in watches
             if (path := rows_dir / f"{watch.name}.rows").exists()
         }
         # Messages that publishers keep for late subscriptions arrive now; they are not counted.
-        self._wait_for_quiet(files.values())
+        wait_for_quiet(self.supervisor, files.values(), _QUIET_PERIOD_S, _MAX_QUIET_WAIT_S)
         before = {topic: rows.count() for topic, rows in files.items()}
         play()
-        self._wait_for_quiet(files.values())
+        wait_for_quiet(self.supervisor, files.values(), _QUIET_PERIOD_S, _MAX_QUIET_WAIT_S)
         passed = {topic: rows.count() - before[topic] for topic, rows in files.items()}
-        self._ask_monitor(protocol.StopTap())
-        return self._gather(nodes, discovered, passed)
+        self.supervisor.request(monitor, protocol.StopTap(), protocol.Matched)
+        return gather_facts(self.plan, self.phase, nodes, discovered, passed)
 
     def _wait_for_discovery(self) -> tuple[tuple[str, ...], protocol.Discovered]:
         """The result of discovery when it no longer changes; at first it is incomplete."""
@@ -302,47 +303,41 @@ class GraphObserver:
 
     def _discover(self) -> tuple[tuple[str, ...], protocol.Discovered]:
         """The nodes and the endpoints that discovery shows now."""
-        graph = self._ask(protocol.ListGraph(), protocol.GraphSnapshot)
+        graph = self.supervisor.ask_observer(protocol.ListGraph(), protocol.GraphSnapshot)
         planned = {topic.name for topic in self.plan.topics if topic.phase == self.phase}
         names = tuple(sorted({*planned, *graph.topics} - NODE_TOPICS))
-        return graph.nodes, self._ask(protocol.Discover(topics=names), protocol.Discovered)
+        return graph.nodes, self.supervisor.ask_observer(
+            protocol.Discover(topics=names), protocol.Discovered
+        )
 
-    def _gather(
-        self,
-        nodes: Iterable[str],
-        discovered: protocol.Discovered,
-        passed: Mapping[str, int] | None = None,
-    ) -> GraphFacts:
-        return gather_facts(self.plan, self.phase, discovered, nodes, passed)
 
-    def _ask(self, command: object, kind: type[_Answer]) -> _Answer:
-        return self.supervisor.request(self.observer, command, kind)
+def wait_for_quiet(
+    supervisor: ProcessSupervisor,
+    files: Iterable[RowReader],
+    quiet_s: float,
+    limit_s: float = math.inf,
+    goal: Sequence[int] = (),
+) -> None:
+    """Wait until no message has arrived for a while; at most so long, as some topics never pause.
 
-    def _ask_monitor(self, command: object) -> protocol.Matched:
-        if self.monitor is None:
-            raise ValueError("there is no monitor to trace with")
-        return self.supervisor.request(self.monitor, command, protocol.Matched)
-
-    def _wait_for_matches(self, topics: set[str]) -> None:
-        def are_matched() -> bool:
-            counts = self._ask_monitor(protocol.CountMatches()).counts
-            return all(counts.get(topic, 0) for topic in topics)
-
-        self.supervisor.pump_until(are_matched, _MAX_MATCH_WAIT_S, _POLL_S)
-
-    def _wait_for_quiet(self, files: Iterable[RowReader]) -> None:
-        """Wait until no message has arrived for a while; bounded, as some topics never pause."""
-        files = [*files]
-        last: list[int] = []
-        changed = began = time.monotonic()
-        while (
-            time.monotonic() - changed < _QUIET_PERIOD_S
-            and time.monotonic() - began < _MAX_QUIET_WAIT_S
-        ):
-            counts = [file.count() for file in files]
-            if counts != last:
-                last, changed = counts, time.monotonic()
-            self.supervisor.pump(_POLL_S)
+    Args:
+        supervisor: of all processes.
+        files: the rows of a monitor.
+        quiet_s: how long a while is, in seconds.
+        limit_s: at most, in seconds.
+        goal: the rows of each file after which nothing is waited for; empty if that is unknown.
+    """
+    files = [*files]
+    last: list[int] = []
+    changed = began = now = time.monotonic()
+    while now - changed < quiet_s and now - began < limit_s:
+        counts = [file.count() for file in files]
+        if goal and all(count >= enough for count, enough in zip(counts, goal, strict=True)):
+            return
+        if counts != last:
+            last, changed = counts, now
+        supervisor.pump(_POLL_S)
+        now = time.monotonic()
 
 
 def _endpoints(discovered: protocol.Discovered) -> list[tuple[str, str]]:
@@ -365,11 +360,9 @@ def guarded_topics(plan: Plan) -> tuple[str, ...]:
     return tuple(dict.fromkeys(topics))
 
 
-def foreign_publishers(supervisor: ProcessSupervisor, observer: ManagedProcess) -> tuple[str, ...]:
+def foreign_publishers(supervisor: ProcessSupervisor) -> tuple[str, ...]:
     """Every publisher that was seen on guarded topics and is no process's of the run, in words."""
-    seen = supervisor.request(
-        observer, protocol.ListForeign(), protocol.ForeignPublishers
-    ).publishers
+    seen = supervisor.ask_observer(protocol.ListForeign(), protocol.ForeignPublishers).publishers
     if not seen:
         return ()
     # The observer knows processes by their environment, which one may have lost or may hide.

@@ -1,9 +1,8 @@
-"""What a start waits for apart from its endpoints: external nodes, readiness probes, commands.
+"""What a start waits for apart from its endpoints: external nodes and readiness probes.
 
 `benchmark.start_timeout` is the deadline of a start, from its first process to its first output.
 Readiness probes, the conditions under `ready`, must be met before anything is played. They have
-timeouts of their own, as have the commands of the spec that are not part of the graph: `setup` and
-`after_ready` steps.
+timeouts of their own.
 
 A node that lacks an endpoint, or publishes nothing, may still load a model. It does not if its
 process neither runs nor waits for a processor, and if its executor answers, so that its constructor
@@ -25,17 +24,14 @@ from typing import Final
 
 import psutil
 
-from r2bspec.execute.errors import NotReadyError, StepFailedError
-from r2bspec.execute.processes.environment import RunEnvironment
-from r2bspec.execute.processes.prerequisites import resolve_command
+from r2bspec.execute.errors import NotReadyError
 from r2bspec.execute.processes.resources import RunQueueWaits, family
-from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor, describe_exit
+from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import INCLUDED_LAUNCH, container_node_name, has_planned_name
-from r2bspec.plan.plan import Plan, ProbePlan, ProcessPlan, SetupPlan
+from r2bspec.plan.plan import Plan, ProbePlan, ProcessPlan
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.safe_io.line_pattern import LinePattern, PatternError, compile_line_pattern
-from r2bspec.safe_io.private_files import user_umask
 
 _BUSY_SHARE: Final = 0.1
 """Of one processor: a node whose timers or discovery threads only look around takes less."""
@@ -121,26 +117,17 @@ class IdleNodes:
         """Look at the processes; returns for how many seconds they have been idle."""
         return self._idle.update()
 
-    def answer(self, observer: ManagedProcess) -> bool:
+    def answer(self) -> bool:
         """Whether the executor of every node answers; never for nodes that cannot be asked.
-
-        Args:
-            observer: a monitor or a loader.
 
         Raises:
             RunError: the observer does not respond.
         """
-        if self._has_external or any(
-            starts_others(process) for process in self._processes.values()
-        ):
+        if self._has_external or any(map(starts_others, self._processes.values())):
             return False
-        matches = self._supervisor.request(
-            observer,
-            protocol.ListParameters(exclude=(), timeout_ns=_ANSWER_NS),
-            protocol.ParameterLists,
-            _REPLY_TIMEOUT_S,
-        )
-        return all_answer(self._processes.values(), matches)
+        command = protocol.ListParameters(exclude=(), timeout_ns=_ANSWER_NS)
+        found = self._supervisor.ask_observer(command, protocol.ParameterLists, _REPLY_TIMEOUT_S)
+        return all_answer(self._processes.values(), found)
 
     def _pids(self) -> Iterator[int]:
         for child in self._supervisor:
@@ -217,23 +204,19 @@ class StartDeadline:
             self._ends_at += self._clock() - began
 
 
-def wait_for_external(
-    plan: Plan, supervisor: ProcessSupervisor, observer: ManagedProcess, deadline: StartDeadline
-) -> None:
+def wait_for_external(plan: Plan, supervisor: ProcessSupervisor, deadline: StartDeadline) -> None:
     """Wait until discovery shows every external node of the graph.
 
     Raises:
         NotReadyError: a node is missing at the deadline.
     """
-    missing = expected = sorted(node.name for node in plan.external if node.phase == "measure")
+    expected = sorted(node.name for node in plan.external if node.phase == "measure")
 
-    def are_there() -> bool:
-        nonlocal missing
-        graph = supervisor.request(observer, protocol.ListGraph(), protocol.GraphSnapshot)
-        missing = [name for name in expected if name not in graph.nodes]
-        return not missing
+    def lacking() -> list[str]:
+        graph = supervisor.ask_observer(protocol.ListGraph(), protocol.GraphSnapshot)
+        return [name for name in expected if name not in graph.nodes]
 
-    if not supervisor.pump_until(are_there, deadline.left_s):
+    if missing := _wait_until_empty(lacking, supervisor, deadline):
         raise NotReadyError(
             f"external: {', '.join(missing)} is not running, or not in this ROS domain",
             hint="Start it before the run, in the same ROS domain.",
@@ -241,10 +224,18 @@ def wait_for_external(
         )
 
 
+def _wait_until_empty(
+    lacking: Callable[[], list[str]], supervisor: ProcessSupervisor, deadline: StartDeadline
+) -> list[str]:
+    """Wait until nothing is lacking; what still is at the deadline."""
+    while (missing := lacking()) and not deadline.over:
+        supervisor.pump()
+    return missing
+
+
 def wait_for_probe(
     plan: ProbePlan,
     supervisor: ProcessSupervisor,
-    observer: ManagedProcess,
     folder: RunFolder,
     base_dir: Path,
 ) -> None:
@@ -253,7 +244,6 @@ def wait_for_probe(
     Args:
         plan: the condition and its timeout.
         supervisor: all processes; the wait ends if one of them exits.
-        observer: a harness process that can query the graph.
         folder: contains the logs.
         base_dir: to which the path of a file is relative.
 
@@ -268,7 +258,7 @@ def wait_for_probe(
     elif plan.kind == "file":
         is_met = (base_dir / plan.target).exists
     else:
-        is_met = partial(_is_in_graph, plan, supervisor, observer)
+        is_met = partial(_is_in_graph, plan, supervisor)
     if not supervisor.pump_until(is_met, timeout_s):
         raise NotReadyError(
             f"ready.{plan.name}: {lack} after {timeout_s:g} s",
@@ -278,21 +268,19 @@ def wait_for_probe(
 
 
 def wait_for_services(
-    plan: Plan, supervisor: ProcessSupervisor, player: ManagedProcess, deadline: StartDeadline
+    supervisor: ProcessSupervisor, player: ManagedProcess, deadline: StartDeadline
 ) -> None:
     """Wait until all services and actions that the player calls are there.
 
     Raises:
         NotReadyError: one is not at the deadline.
     """
-    missing = [call.target for call in plan.called.values()]
 
-    def are_there() -> bool:
+    def lacking() -> list[str]:
         counts = supervisor.request(player, protocol.CountMatches(), protocol.Matched).counts
-        missing[:] = [name for name, count in counts.items() if not count]
-        return not missing
+        return [name for name, count in counts.items() if not count]
 
-    if not supervisor.pump_until(are_there, deadline.left_s):
+    if missing := _wait_until_empty(lacking, supervisor, deadline):
         raise NotReadyError(
             f"no node offers {', '.join(missing)} after {deadline.timeout_s:g} s",
             hint="A name without '/' at its beginning is in the namespace of the graph, as "
@@ -317,12 +305,12 @@ def _log_condition(
     return partial(LogSearch(folder.log_path(plan.target), pattern, begin).finds, deadline)
 
 
-def _is_in_graph(plan: ProbePlan, supervisor: ProcessSupervisor, observer: ManagedProcess) -> bool:
+def _is_in_graph(plan: ProbePlan, supervisor: ProcessSupervisor) -> bool:
     if plan.kind == "service":
-        graph = supervisor.request(observer, protocol.ListGraph(), protocol.GraphSnapshot)
+        graph = supervisor.ask_observer(protocol.ListGraph(), protocol.GraphSnapshot)
         return plan.target in graph.services
     command = protocol.Discover(topics=(plan.target,))
-    answer = supervisor.request(observer, command, protocol.Discovered)
+    answer = supervisor.ask_observer(command, protocol.Discovered)
     return bool(answer.writers[plan.target] and answer.readers[plan.target])
 
 
@@ -366,73 +354,3 @@ class LogSearch:
             for line in lines
             for part in line.decode(errors="replace").splitlines()
         )
-
-
-def run_setup_step(
-    plan: SetupPlan,
-    supervisor: ProcessSupervisor,
-    environment: RunEnvironment,
-    folder: RunFolder,
-    base_dir: Path,
-    note: Callable[[str], None],
-) -> None:
-    """Run a setup step, unless the file that it creates already exists.
-
-    A lock makes concurrent runs with the same file wait for each other, so that one creates it.
-
-    Raises:
-        StepFailedError: it failed, exceeded its timeout, or did not create its file.
-        NotInstalledError: its program is not installed.
-    """
-    created = base_dir / plan.creates if plan.creates else None
-    with _lock_of(created):
-        if created is not None and created.exists():
-            note(f"{plan.name}: {plan.creates} already exists")
-            return
-        note(f"{plan.name}: {' '.join(plan.argv)}")
-        child = supervisor.start(
-            f"setup.{plan.name}",
-            "command",
-            environment.secrets.in_words(resolve_command(plan.argv, f"setup step {plan.name}")),
-            environment.for_node(plan.env),
-            cwd=base_dir / plan.directory,
-            log=folder.log_path(f"setup.{plan.name}"),
-            # What it makes is the user's, and stays.
-            umask=user_umask(),
-        )
-        wait_for_exit(child, supervisor, plan.timeout_ns / 1e9)
-        if created is not None and not created.exists():
-            raise StepFailedError(
-                f"setup step {plan.name} succeeded, but {plan.creates} does not exist",
-                hint="Correct 'creates' of the step; paths are relative to the spec.",
-            )
-
-
-def wait_for_exit(child: ManagedProcess, supervisor: ProcessSupervisor, timeout_s: float) -> None:
-    """Wait until a command exits with status 0.
-
-    Raises:
-        StepFailedError: it exited with another status, or ran longer than `timeout_s` seconds.
-    """
-    child.exit_expected = True
-    if not supervisor.pump_until(lambda: not child.is_running, timeout_s):
-        raise StepFailedError(
-            f"{child.name} did not exit within {timeout_s:g} s",
-            hint=f"Increase its timeout, or read its output in {child.log}",
-        )
-    supervisor.end([child])
-    if child.process.returncode:
-        raise StepFailedError(
-            f"{child.name} {describe_exit(child.process.returncode)}{child.last_output()}",
-            hint=f"Its complete output is in {child.log}.",
-        )
-
-
-def _lock_of(created: Path | None) -> contextlib.AbstractContextManager[object]:
-    """The lock of the file that a step creates; no lock if it creates none."""
-    if created is None:
-        return contextlib.nullcontext()
-    from filelock import FileLock
-
-    created.parent.mkdir(parents=True, exist_ok=True)
-    return FileLock(created.with_name(f".{created.name}.lock"))

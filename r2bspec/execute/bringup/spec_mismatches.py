@@ -15,10 +15,10 @@ import msgspec
 
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.execute.errors import GraphDifferencesError
-from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import has_planned_name
-from r2bspec.plan.plan import Plan, ProcessPlan
+from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
 from r2bspec.plan.wiring.name_resolution import NODE_TOPICS, is_node_parameter
 from r2bspec.record.run_record import Difference
 
@@ -134,7 +134,7 @@ def unmatched_remapping(node: str, before: str, after: str, own: Iterable[str]) 
 
 
 def find_unmatched(
-    rules: Sequence[RemappedTopic], supervisor: ProcessSupervisor, observer: ManagedProcess
+    rules: Sequence[RemappedTopic], supervisor: ProcessSupervisor
 ) -> tuple[Difference, ...]:
     """Remappings of nodes outside of Python hosts that changed no name of theirs.
 
@@ -143,14 +143,13 @@ def find_unmatched(
     Args:
         rules: the remappings.
         supervisor: all processes.
-        observer: a monitor or a loader.
 
     Raises:
         RunError: the observer does not respond.
     """
     deadline = time.monotonic() + _PATIENCE_S
     while rules:
-        found = supervisor.request(observer, protocol.ListNames(), protocol.NodeNames).names
+        found = supervisor.ask_observer(protocol.ListNames(), protocol.NodeNames).names
         rules = [rule for rule in rules if not _matches(rule, found)]
         if time.monotonic() > deadline:
             break
@@ -176,34 +175,6 @@ def _matches(rule: RemappedTopic, found: Mapping[str, Collection[str]]) -> bool:
     )
 
 
-@dataclass(frozen=True)
-class ExpectedParameters:
-    """The parameters that a plan sets for a node.
-
-    Attributes:
-        node: its full name in the plan.
-        names: of the parameters.
-        own_node_name: whether the running node has this name; other processes may have nodes of
-            any name.
-    """
-
-    node: str
-    names: tuple[str, ...]
-    own_node_name: bool
-
-
-def expected_parameters(
-    plan: Plan, phase: str, programs: Collection[str]
-) -> Iterator[ExpectedParameters]:
-    """The parameters of nodes that are not spun by Python hosts."""
-    for process in plan.processes_in(phase):
-        if not spins_nodes(process, programs):
-            for node in process.nodes:
-                names = tuple(name for name in node.parameters if not is_node_parameter(name))
-                if names:
-                    yield ExpectedParameters(node.name, names, has_planned_name(process, node))
-
-
 def spins_nodes(process: ProcessPlan, programs: Collection[str]) -> bool:
     """Whether a process of r2bspec spins its nodes, and has asked them itself."""
     return process.role not in {"container", "command"} and process.name not in programs
@@ -214,7 +185,6 @@ def find_undeclared(
     phase: str,
     programs: Collection[str],
     supervisor: ProcessSupervisor,
-    observer: ManagedProcess,
 ) -> tuple[Difference, ...]:
     """The parameters that no node declares, although its process has responded.
 
@@ -226,13 +196,18 @@ def find_undeclared(
         phase: ``preprocess`` or ``measure``.
         programs: names of processes of Python nodes that spin them themselves.
         supervisor: all processes.
-        observer: a monitor or a loader.
 
     Raises:
         GraphDifferencesError: a node does not declare a parameter that is certainly misspelt.
         RunError: the observer does not respond.
     """
-    expected = tuple(expected_parameters(plan, phase, programs))
+    expected = [
+        (node, has_planned_name(process, node))
+        for process in plan.processes_in(phase)
+        if not spins_nodes(process, programs)
+        for node in process.nodes
+        if any(_own_parameters(node))
+    ]
     if not expected:
         return ()
     hosts = (process for process in plan.processes if spins_nodes(process, programs))
@@ -240,7 +215,7 @@ def find_undeclared(
     command = protocol.ListParameters(exclude=tuple(hosted), timeout_ns=_CALL_NS)
     deadline = time.monotonic() + _PATIENCE_S
     while True:
-        lists = supervisor.request(observer, command, protocol.ParameterLists, _REPLY_TIMEOUT_S)
+        lists = supervisor.ask_observer(command, protocol.ParameterLists, _REPLY_TIMEOUT_S)
         differences = tuple(undeclared(expected, lists))
         if not differences or time.monotonic() > deadline:
             break
@@ -250,20 +225,31 @@ def find_undeclared(
     return differences
 
 
+def _own_parameters(node: NodePlan) -> Iterator[str]:
+    """The parameters that the plan sets, without those that every node declares."""
+    return (name for name in node.parameters if not is_node_parameter(name))
+
+
 def undeclared(
-    expected: Iterable[ExpectedParameters], found: protocol.ParameterLists
+    expected: Iterable[tuple[NodePlan, bool]], found: protocol.ParameterLists
 ) -> Iterator[Difference]:
-    """The parameters that are not declared; none for a process of which no node has responded."""
+    """The parameters that are not declared; none for a process of which no node has responded.
+
+    Args:
+        expected: nodes, and whether each runs by its name in the plan; other processes may have
+            nodes of any name.
+        found: what the nodes have answered.
+    """
     expected = tuple(expected)
-    named = {node.node for node in expected if node.own_node_name}
-    for node in expected:
-        nodes = {node.node} if node.own_node_name else found.parameters.keys() - named
+    named = {node.name for node, own_name in expected if own_name}
+    for node, own_name in expected:
+        nodes = {node.name} if own_name else found.parameters.keys() - named
         answered = nodes & found.parameters.keys()
         declared = {name for other in answered for name in found.parameters[other]}
-        for name in node.names:
+        for name in _own_parameters(node):
             if answered and name not in declared:
                 known = [other for other in sorted(declared) if not is_node_parameter(other)]
-                difference = undeclared_parameter(node.node, name, known)
+                difference = undeclared_parameter(node.name, name, known)
                 certain = any(is_typing_error(name, other) for other in known)
                 lifecycle = not answered.isdisjoint(found.lifecycle)
                 yield msgspec.structs.replace(difference, harmless=lifecycle or not certain)

@@ -148,8 +148,9 @@ class ModuleSearch:
             # Nothing but the folders of a program come before the standard library.
             return _path_spec(name, [*first]) if first else None
         folders = [*first, *self.folders]
-        # A workspace of colcon has a folder for each package.
-        spec = _path_spec(name, [folder for folder in folders if self._may_have(folder, name)])
+        # A workspace of colcon has a folder for each package; what cannot be listed may have any.
+        parts = [(folder, self._first_parts(folder)) for folder in folders]
+        spec = _path_spec(name, [folder for folder, has in parts if has is None or name in has])
         if spec is None:
             # An editable installation has a finder of its own.
             with contextlib.suppress(ImportError, ValueError, AttributeError):
@@ -200,11 +201,6 @@ class ModuleSearch:
                 versions[distribution.name] = distribution.version
                 waiting += distribution.requirements
         return versions
-
-    def _may_have(self, folder: str, module: str) -> bool:
-        """Whether a folder has anything of the name of a top-level module, or cannot be listed."""
-        parts = self._first_parts(folder)
-        return parts is None or module in parts
 
     def _first_parts_in(self, folder: str) -> frozenset[str] | None:
         names = self._names_in(folder)
@@ -444,7 +440,7 @@ class _Trail:
             self._add_tree(package, [str(file.parent)])
         else:
             for module in _modules_in(file.parent):
-                self.add_file(module, package)
+                self.add_file(module, "")
 
     def _add_tree(self, name: str, folders: Iterable[str]) -> None:
         """Every module below a package."""
@@ -453,18 +449,16 @@ class _Trail:
             folder, package = waiting.pop()
             for module in _modules_in(folder):
                 self.add_file(module, package)
-            waiting += [(path, f"{package}.{path.name}") for path in _packages_in(folder)]
+            waiting += [
+                (folder / name, f"{package}.{name}")
+                for name in _listed_names(folder) or ()
+                if name.isidentifier() and name != _BYTECODE_FOLDER and is_folder(folder / name)
+            ]
 
 
 def _modules_in(folder: Path) -> Iterator[Path]:
     for name in _listed_names(folder) or ():
         if name.endswith(_SUFFIX) and is_regular(folder / name):
-            yield folder / name
-
-
-def _packages_in(folder: Path) -> Iterator[Path]:
-    for name in _listed_names(folder) or ():
-        if name.isidentifier() and name != _BYTECODE_FOLDER and is_folder(folder / name):
             yield folder / name
 
 
@@ -476,11 +470,6 @@ def _listed_names(folder: str | Path) -> list[str] | None:
         return None
 
 
-def _is_for_types(condition: ast.expr) -> bool:
-    """Whether it is ``TYPE_CHECKING``: what is imported then is for type checkers alone."""
-    return "TYPE_CHECKING" in (getattr(condition, "id", ""), getattr(condition, "attr", ""))
-
-
 def _imports_in(tree: ast.AST) -> Iterator[Import]:
     """The imports among the statements of a module, in functions and branches, too."""
     waiting = [tree]
@@ -490,7 +479,11 @@ def _imports_in(tree: ast.AST) -> Iterator[Import]:
             yield from ((0, alias.name, ()) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             yield node.level, node.module or "", tuple(alias.name for alias in node.names)
-        elif isinstance(node, ast.If) and _is_for_types(node.test):
+        elif isinstance(node, ast.If) and "TYPE_CHECKING" in (
+            getattr(node.test, "id", ""),
+            getattr(node.test, "attr", ""),
+        ):
+            # What is imported then is for type checkers alone.
             waiting += node.orelse
         elif not isinstance(node, ast.expr):
             waiting += ast.iter_child_nodes(node)

@@ -14,7 +14,6 @@ from __future__ import annotations
 import contextlib
 import heapq
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +66,9 @@ def record_outputs(
     Raises:
         RunError: a process does not respond, or exited.
     """
-    watches = recorded_topics(plan)
+    recorded = {source.topic: source.type for source in plan.inputs}
+    recorded |= {monitor.topic: monitor.type for monitor in plan.monitors}
+    watches = _subscriptions("record", recorded)
     play = max(plan.play, key=lambda each: each.rate_hz)
     title = titled(play.rate_hz, "recording the messages")
     with recorded_messages(context.supervisor, watches, rows_dir):
@@ -108,14 +109,6 @@ def record_outputs(
         )
     merged = heapq.merge(*streams, key=lambda each: each.time_ns)
     return write_output_bag(context.folder.path / OUTPUT_BAG, types, merged)
-
-
-def recorded_topics(plan: Plan) -> tuple[MonitorPlan, ...]:
-    """A subscription for each topic that is played or monitored."""
-    types = {source.topic: source.type for source in plan.inputs}
-    return _subscriptions(
-        "record", types | {monitor.topic: monitor.type for monitor in plan.monitors}
-    )
 
 
 def _subscriptions(name: str, types: Mapping[str, str]) -> tuple[MonitorPlan, ...]:
@@ -182,7 +175,7 @@ def recorded_messages(
     """
 
     def ask(message: Any) -> protocol.Matched:
-        return supervisor.request(supervisor.observer(), message, protocol.Matched)
+        return supervisor.ask_observer(message, protocol.Matched)
 
     def are_matched() -> bool:
         counts = ask(protocol.CountMatches()).counts
@@ -194,87 +187,44 @@ def recorded_messages(
     ask(protocol.EndRecording())
 
 
-@dataclass(frozen=True)
-class TruthComparison:
-    """Plays one more iteration of a session and compares its outputs.
+def compare_with_truth(
+    plan: Plan,
+    context: RunContext,
+    segment_player: SegmentPlayer,
+    rows_dir: Path,
+    datasets: Sequence[Path],
+) -> tuple[AccuracyRecord, ...]:
+    """Play one more iteration, and compare its outputs.
 
-    Attributes:
+    Args:
+        plan: of the run.
+        context: of the run.
+        segment_player: of the start that runs.
         rows_dir: has the rows of the player, and receives what is recorded.
-        schedule: of the player.
         datasets: the folders of the recordings, of which some may have a ground truth.
+
+    Raises:
+        RunError: a process does not respond, or exited.
     """
-
-    plan: Plan
-    context: RunContext
-    segment_player: SegmentPlayer
-    rows_dir: Path
-    schedule: Schedule
-    datasets: tuple[Path, ...]
-
-    def compare(self) -> tuple[AccuracyRecord, ...]:
-        """Play and compare.
-
-        Raises:
-            RunError: a process does not respond, or exited.
-        """
-        monitors = [monitor for monitor in self.plan.monitors if monitor.truth is not None]
-        watches = _subscriptions("truth", {monitor.topic: monitor.type for monitor in monitors})
-        rows = {watch.topic: self.rows_dir / f"{watch.name}.rows" for watch in watches}
-        first = PlaybackReader(self.rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS).count()
-        rate_hz = _lowest_rate_hz(self.plan)
-        title = titled(rate_hz, "comparing with the truth")
-        with recorded_messages(self.context.supervisor, watches, self.rows_dir):
-            observation = self.segment_player.play(
-                SegmentHeading("recorded", "truth-001", title),
-                rate_hz,
-                len(self.schedule.steps),
-            )
-        stamps = self._recorded_stamps(first, observation.playback.size)
-        return tuple(
-            self._compare_monitor(
-                monitor, monitor.truth, rows[monitor.topic], observation.playback, stamps
-            )
-            for monitor in monitors
-            if monitor.truth is not None
-        )
-
-    def _recorded_stamps(self, first: int, count: int) -> list[frozenset[int]]:
-        """For each step that was played, the stamps that its messages had in the recording.
-
-        Args:
-            first: how many steps the player had played before.
-            count: how many it has played now.
-        """
-        schedule = self.schedule
-        length = len(schedule.steps)
-        if not isinstance(schedule, CyclicSchedule):
-            stamps = [frozenset({step.stamp_ns}) for step in schedule.steps]
-            return [stamps[number % length] for number in range(count)]
-        columns = schedule.columns or range(len(self.plan.inputs))
-        recorded = [self._buffered_stamps(self.plan.inputs[column].source) for column in columns]
-        by_place = [
-            frozenset(stamps[position] for stamps, position in zip(recorded, step, strict=True))
-            for step in schedule.steps
-        ]
-        return [by_place[(first + number) % length] for number in range(count)]
-
-    def _buffered_stamps(self, source: str) -> tuple[int, ...]:
-        index = read_index(self.context.buffer_dir, source)
-        if index.has_header is None:
-            index = read_stamps(self.context.buffer_dir, index)
-        return index.stamps_ns
-
-    def _compare_monitor(
-        self,
-        monitor: MonitorPlan,
-        truth: Truth,
-        path: Path,
-        playback: Rows,
-        stamps: Sequence[frozenset[int]],
-    ) -> AccuracyRecord:
-        segment = self.segment_player.segments[-1]
-        steps = select_expected_steps(playback, self.plan.inputs, monitor)
-        places = np.searchsorted(playback["stamp_ns"], steps["stamp_ns"])
+    monitors = [(monitor, monitor.truth) for monitor in plan.monitors if monitor.truth is not None]
+    watches = _subscriptions("truth", {monitor.topic: monitor.type for monitor, _ in monitors})
+    paths = {watch.topic: rows_dir / f"{watch.name}.rows" for watch in watches}
+    schedule = segment_player.schedule
+    first = PlaybackReader(rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS).count()
+    rates = [play.rate_hz for play in plan.play] + list(plan.sustained_hz)
+    rates += [plan.search.min_hz] if plan.search is not None else []
+    # The lowest one; 0 where the recording sets it.
+    rate_hz = min(rates, default=0.0)
+    heading = SegmentHeading("recorded", "truth-001", titled(rate_hz, "comparing with the truth"))
+    with recorded_messages(context.supervisor, watches, rows_dir):
+        playback = segment_player.play(heading, rate_hz, len(schedule.steps)).playback
+    by_place = _recorded_stamps(plan, context.buffer_dir, schedule)
+    # A timeline begins anew with each playback, a cyclic schedule goes on.
+    begin = first if isinstance(schedule, CyclicSchedule) else 0
+    stamps = [by_place[(begin + number) % len(by_place)] for number in range(playback.size)]
+    records = []
+    for monitor, truth in monitors:
+        steps = select_expected_steps(playback, plan.inputs, monitor)
         record = AccuracyRecord(
             monitor=monitor.name,
             kind=truth.kind,
@@ -283,18 +233,38 @@ class TruthComparison:
             steps=int(steps.size),
             values={},
         )
+        path = paths[monitor.topic]
         if not path.exists():
-            return _with_problem(record, f"{monitor.topic} had no publisher.")
+            records.append(_with_problem(record, f"{monitor.topic} had no publisher."))
+            continue
         rows = ArrivalReader(path, MONITOR_FIELDS).read(0)
-        step_of = match(steps, rows, monitor.match, ratio_of(monitor, segment.played_before)).step
+        ratio = ratio_of(monitor, segment_player.segments[-1].played_before)
+        step_of = match(steps, rows, monitor.match, ratio).step
+        places = np.searchsorted(playback["stamp_ns"], steps["stamp_ns"])
+        messages = read_messages(path.with_suffix(".messages"))
         outputs = [
             (stamps[int(places[step])], data)
-            for step, data in zip(
-                step_of.tolist(), read_messages(path.with_suffix(".messages")), strict=False
-            )
+            for step, data in zip(step_of.tolist(), messages, strict=False)
             if step != NO_MATCH
         ]
-        return compare_outputs(record, monitor, truth, outputs, self.datasets)
+        records.append(compare_outputs(record, monitor, truth, outputs, datasets))
+    return tuple(records)
+
+
+def _recorded_stamps(plan: Plan, folder: Path, schedule: Schedule) -> list[frozenset[int]]:
+    """For each step of a round, the stamps that its messages had in the recording."""
+    if not isinstance(schedule, CyclicSchedule):
+        return [frozenset({step.stamp_ns}) for step in schedule.steps]
+    recorded = []
+    for column in schedule.columns or range(len(plan.inputs)):
+        index = read_index(folder, plan.inputs[column].source)
+        if index.has_header is None:
+            index = read_stamps(folder, index)
+        recorded.append(index.stamps_ns)
+    return [
+        frozenset(stamps[position] for stamps, position in zip(recorded, step, strict=True))
+        for step in schedule.steps
+    ]
 
 
 def compare_outputs(
@@ -308,10 +278,14 @@ def compare_outputs(
     found = [(folder, known) for folder in datasets if (known := read_ground_truth(folder))]
     if not found:
         return _with_problem(record, "The recording has no ground truth.")
+    from r2bspec.bags.message_types import typestore
+
     compare = _compare_disparity if truth.kind == "disparity" else _compare_tag
+    store = typestore()
+    messages = [(stamps, store.deserialize_cdr(data, monitor.type)) for stamps, data in outputs]
     for folder, known in found:
         try:
-            accuracy = compare(folder, known, truth.name, _decoded(monitor.type, outputs))
+            accuracy = compare(folder, known, truth.name, messages)
         except KeyError:
             continue
         except (OSError, RefusedDataError) as error:
@@ -329,13 +303,6 @@ def _with_problem(record: AccuracyRecord, problem: str) -> AccuracyRecord:
 
 
 Outputs = Sequence[tuple[frozenset[int], Any]]
-
-
-def _decoded(kind: str, outputs: Sequence[tuple[frozenset[int], bytes]]) -> Outputs:
-    from r2bspec.bags.message_types import typestore
-
-    store = typestore()
-    return [(stamps, store.deserialize_cdr(data, kind)) for stamps, data in outputs]
 
 
 def _compare_disparity(
@@ -383,10 +350,3 @@ def _compare_tag(folder: Path, known: GroundTruth, topic: str, outputs: Outputs)
 def _tag_pose(pose: Any) -> TagPose:
     at, turned = pose.position, pose.orientation
     return TagPose((at.x, at.y, at.z), (turned.x, turned.y, turned.z, turned.w))
-
-
-def _lowest_rate_hz(plan: Plan) -> float:
-    """The lowest rate of the plan; 0 where the recording sets it."""
-    rates = [play.rate_hz for play in plan.play] + list(plan.sustained_hz)
-    rates += [plan.search.min_hz] if plan.search is not None else []
-    return min(rates, default=0.0)

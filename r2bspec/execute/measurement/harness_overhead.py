@@ -1,34 +1,34 @@
 """The harness overhead: the latency of the harness and its transport without a graph.
 
-Before nodes are created, the player plays for at most about a second (below 20 Hz longer) to a
+Before nodes are created, the player plays for at most about a second (below 11 Hz longer) to a
 subscription in the process of the monitor, on the topics of the inputs and with their QoS. Every
 latency of the run contains this overhead. It is reported but not subtracted: a graph of several
 processes transfers messages more than once, and the cost of a transfer depends on rate and load.
 
-How many messages that takes: the median is known once a distribution-free confidence interval of it
-is narrow. Of n independent values, the median of their distribution lies between the k-th smallest
-and the k-th largest with probability 1 - 2 P(B < k), where B is binomial with n and 1/2 (David and
-Nagaraja, Order Statistics, 7.1). For 11 values and k = 2 this is 98.8 %. The 99th percentile is
-bounded by the largest of n values with probability 1 - 0.99^n: 299 values are enough for 95 %. Of
-fewer than 100 values, the largest is also what is reported as the 99th percentile (nearest rank),
-which says what to expect, and not how likely more is.
+A second of messages is played, but at least 11 and at most 299. Of n independent values, the median
+of their distribution lies between the k-th smallest and the k-th largest with probability
+1 - 2 P(B < k), where B is binomial with n and 1/2 (David and Nagaraja, Order Statistics, 7.1): for
+11 values and k = 2 this is 98.8 %. The 99th percentile is bounded by the largest of n values with
+probability 1 - 0.99^n: 299 values are enough for 95 %. Of fewer than 100 values, the largest is
+also what is reported as the 99th percentile (nearest rank), which says what to expect, and not how
+likely more is.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import msgspec
 
-from r2bspec.execute.host_watch import Interference
+from r2bspec.execute.bringup.observe_graph import wait_for_quiet
 from r2bspec.execute.measurement.segments import PLAYBACK_ROWS
 from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess
-from r2bspec.execute.run_context import RunContext
+from r2bspec.execute.run_context import Interference, RunContext
 from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.playback_file import PlaybackReader
@@ -52,18 +52,9 @@ _SUBSCRIPTION_DEPTH = 1000
 _MAX_MATCH_WAIT_S = 10.0
 _QUIET_PERIOD_S = 0.3
 _POLL_S = 0.02
-_LOOK_S = 0.1
-"""How often to look whether enough was played: rarely, because a look uses the processor."""
 
-_P99_MESSAGES: Final = math.ceil(math.log(0.05) / math.log(0.99))
-_FEWEST_MESSAGES: Final = 11
-_FEW_MESSAGES: Final = 20
-_MOST_MESSAGES: Final = 2000
-_MEDIAN_ERROR: Final = 0.02
-"""How often the median may lie outside its interval."""
-
-_NARROW: Final = 0.25
-"""How far the ends of the interval may be from the median, as a share of it."""
+_FEWEST_STEPS: Final = 11
+_MOST_STEPS: Final = math.ceil(math.log(0.05) / math.log(0.99))
 
 
 @dataclass
@@ -87,7 +78,7 @@ class HarnessOverhead:
     schedule: Schedule
 
     def measure(self) -> tuple[HarnessOverheadRecord, ...]:
-        """Measure it; takes at most `DURATION_S`, and longer below 20 Hz.
+        """Measure it; takes at most `DURATION_S`, and longer below 11 Hz.
 
         If other programs disturbed it, it is measured once more, and the quieter measurement
         counts.
@@ -139,79 +130,47 @@ class HarnessOverhead:
             ArrivalReader(self.rows_dir / f"{watch.name}.rows", MONITOR_FIELDS) for watch in watches
         ]
         played = PlaybackReader(self.rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
-        usual = self.schedule.steps_within(rate_hz, round(DURATION_S * 1e9))
+        steps = overhead_steps(self.schedule.steps_within(rate_hz, round(DURATION_S * 1e9)))
         warm_up_hz = max(rate_hz, _WARM_UP_HZ) if rate_hz else 0.0
-        self._play(files, warm_up_hz, min(_WARM_UP_STEPS, max(1, usual)))
-        length = overhead_length(usual)
+        self._play(files, warm_up_hz, min(_WARM_UP_STEPS, steps))
 
         def measure() -> tuple[Interference, tuple[HarnessOverheadRecord, ...]]:
             began_ns = time.monotonic_ns()
             first, before = played.count(), [rows.count() for rows in files]
-
-            def received() -> Iterator[tuple[MonitorPlan, Rows, Rows]]:
-                sent = played.read(first)
-                for watch, file, start in zip(watches, files, before, strict=True):
-                    answers = step_stamps.replace(file.read(start), sent, first)
-                    yield watch, select_expected_steps(sent, self.plan.inputs, watch), answers
-
-            def is_enough() -> bool:
-                return all(
-                    len(latencies := latencies_ns(steps, answers)) >= length.fewest
-                    and median_is_known(latencies)
-                    for _, steps, answers in received()
-                )
-
-            self._play(files, rate_hz, length.most, is_enough)
+            self._play(files, rate_hz, steps)
             interference = self.context.host.between(began_ns, time.monotonic_ns())
+            sent = played.read(first)
             return interference, tuple(
                 msgspec.structs.replace(
-                    overhead_record(watch.topic, rate_hz, steps, answers),
+                    overhead_record(
+                        watch.topic,
+                        rate_hz,
+                        select_expected_steps(sent, self.plan.inputs, watch),
+                        step_stamps.replace(file.read(start), sent, first),
+                    ),
                     disturbed=interference.reasons,
                     placement=self.plan.harness.placement,
                     processes=1 if self.player.process is self.monitor.process else 2,
                 )
-                for watch, steps, answers in received()
+                for watch, file, start in zip(watches, files, before, strict=True)
             )
 
         return _quietest(measure)
 
-    def _play(
-        self,
-        files: Sequence[RowReader],
-        rate_hz: float,
-        steps: int,
-        is_enough: Callable[[], bool] = lambda: False,
-    ) -> None:
+    def _play(self, files: Sequence[RowReader], rate_hz: float, steps: int) -> None:
         """Play, and wait until all messages have arrived, or none has arrived for a while.
 
         Args:
             files: the rows of the monitor.
             rate_hz: steps per second; 0 for the rate of the recording.
             steps: how many are played.
-            is_enough: whether to stop before that; asked some times a second.
         """
-        supervisor, player = self.context.supervisor, self.player
-        before = [rows.count() for rows in files]
-        player.send(protocol.Play(rate_hz=rate_hz, steps=steps))
-        span_s = self.schedule.span_ns(rate_hz, steps) / 1e9
-        with supervisor.waiting(f"{player.name}: played"):
-            stops_at = time.monotonic() + span_s
-            while not player.inbox and time.monotonic() < stops_at:
-                supervisor.pump(_LOOK_S)
-                if is_enough():
-                    player.send(protocol.Stop())
-                    break
-        timeout_s = span_s * 1.5 + REPLY_TIMEOUT_S
-        steps = supervisor.answer(player, protocol.Played, timeout_s).steps
-        goal = [count + steps for count in before]
-        last, changed = [0], time.monotonic()
-        while time.monotonic() - changed < _QUIET_PERIOD_S:
-            counts = [rows.count() for rows in files]
-            if all(count >= enough for count, enough in zip(counts, goal, strict=True)):
-                return
-            if counts != last:
-                last, changed = counts, time.monotonic()
-            supervisor.pump(_POLL_S)
+        supervisor = self.context.supervisor
+        goal = [rows.count() + steps for rows in files]
+        timeout_s = self.schedule.span_ns(rate_hz, steps) / 1e9 * 1.5 + REPLY_TIMEOUT_S
+        command = protocol.Play(rate_hz=rate_hz, steps=steps)
+        supervisor.request(self.player, command, protocol.Played, timeout_s)
+        wait_for_quiet(supervisor, files, _QUIET_PERIOD_S, goal=goal)
 
     def _matches(self, part: ManagedProcess, topics: list[str]) -> list[int]:
         command = protocol.CountMatches()
@@ -261,7 +220,10 @@ def overhead_record(
         playback: rows of type `PLAYBACK_DTYPE`.
         received: rows of type `MONITOR_DTYPE`; stamps are 0 where the type has no header.
     """
-    latency_ns = latencies_ns(playback, received)
+    matches = match(playback, received, "stamp" if (received["stamp_ns"] != 0).any() else "order")
+    answered = matches.first_row >= 0
+    arrived_ns = received["received_ns"][matches.first_row[answered]]
+    latency_ns = arrived_ns - playback["published_ns"][answered]
     late_ns = playback["published_ns"] - playback["due_ns"]
     return HarnessOverheadRecord(
         topic=topic,
@@ -276,55 +238,15 @@ def overhead_record(
     )
 
 
-def latencies_ns(playback: Rows, received: Rows) -> Rows:
-    """The latencies of those messages that have arrived; the arguments are those of a record."""
-    matches = match(playback, received, "stamp" if (received["stamp_ns"] != 0).any() else "order")
-    answered = matches.first_row >= 0
-    arrived_ns = received["received_ns"][matches.first_row[answered]]
-    latency_ns: Rows = arrived_ns - playback["published_ns"][answered]
-    return latency_ns
-
-
 def _quantile(values_ns: Rows, q: float) -> int | None:
     value = percentile(values_ns.astype(float), q)
     return None if value is None else round(value)
 
 
-class OverheadLength(NamedTuple):
-    """After how many messages the measurement may end, and after how many it does."""
-
-    fewest: int
-    most: int
-
-
-def overhead_length(usual: int) -> OverheadLength:
-    """The length for a rate.
+def overhead_steps(usual: int) -> int:
+    """How many steps are played.
 
     Args:
-        usual: how many messages a second has, or as much of one as the recording.
+        usual: how many a second has, or as much of one as the recording.
     """
-    if usual < _FEW_MESSAGES:
-        # Below 20 Hz a second has too few; each further one takes long.
-        return OverheadLength(_FEWEST_MESSAGES, _FEW_MESSAGES)
-    most = min(usual, _MOST_MESSAGES)
-    return OverheadLength(min(most, _P99_MESSAGES), most)
-
-
-def median_is_known(values: Rows) -> bool:
-    """Whether the interval of the median is narrow; never for too few values to have one."""
-    rank = _rank(len(values))
-    if not rank:
-        return False
-    ordered = sorted(values)
-    middle = ordered[len(ordered) // 2]
-    allowed = _NARROW * abs(middle)
-    return bool(ordered[-rank] - middle <= allowed and middle - ordered[rank - 1] <= allowed)
-
-
-def _rank(count: int) -> int:
-    """The largest k of the interval from the k-th smallest to the k-th largest; 0 for none."""
-    rank, below = 0, 0
-    allowed = _MEDIAN_ERROR / 2 * 2**count
-    while (below := below + math.comb(count, rank)) <= allowed:
-        rank += 1
-    return rank
+    return min(max(usual, _FEWEST_STEPS), _MOST_STEPS)

@@ -25,7 +25,7 @@ import msgspec
 from r2bspec.execute.measurement.peak_search import PeakSearch
 from r2bspec.execute.measurement.rate_probe import MAX_FUTILE_REPLAYS, RateProber
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer, titled
-from r2bspec.execute.run_context import RunContext, TimeBudget
+from r2bspec.execute.run_context import RunContext
 from r2bspec.execute.states import RunState
 from r2bspec.judge.decision_policy import decide_after_look
 from r2bspec.judge.methods import METHODS, Method
@@ -53,7 +53,6 @@ class Measurement:
     segment_player: SegmentPlayer
     context: RunContext
     judge_so_far: Callable[[], Verdict]
-    budget: TimeBudget
     next_start: Callable[[], SegmentPlayer]
     lost_rates: Callable[[], Mapping[float, str]] | None = None
     _search: PeakSearch | None = None
@@ -62,7 +61,8 @@ class Measurement:
     _starts: list[SegmentPlayer] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self._prober = RateProber(self.plan, self.segment_player, self.context, self.budget)
+        self.budget = self.context.budget
+        self._prober = RateProber(self.plan, self.segment_player, self.context)
         self._plays: tuple[PlayPlan, ...] = self.plan.play
 
     @property

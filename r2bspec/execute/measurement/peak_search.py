@@ -48,165 +48,6 @@ _MAX_UNSATURATED = 4
 """So many plays may turn out not to overload the graph; each next one offers more."""
 
 
-@dataclass
-class Overload:
-    """The overloaded plays of one search, and the capacity that they show.
-
-    Attributes:
-        play: plays a rate for the usual length of an overloaded play.
-        max_hz: the highest rate of the search.
-        precision: the relative width to which the capacity is estimated.
-        confidence: of the interval.
-        budget_s: overloaded playing ends after so many seconds, whether they counted or not.
-        goes_on: whether there is time for more than two plays that count.
-        stages: how many queues there may be in a row.
-        loss: the share that may be lost; a graph with bounded queues sustains more because of it.
-        plays: those by which the capacity is estimated.
-        shown: all that were played, to be examined for steadiness.
-    """
-
-    play: Callable[[float], CompletionTimes | None]
-    max_hz: float
-    precision: float
-    confidence: float
-    budget_s: float
-    stages: int = 1
-    loss: float = 0.0
-    goes_on: Callable[[], bool] = lambda: True
-    plays: list[CompletionTimes] = field(default_factory=list)
-    shown: list[CompletionTimes] = field(default_factory=list)
-    capacity: Capacity | None = None
-
-    @property
-    def played_s(self) -> float:
-        """The seconds of the plays that count."""
-        return sum(play.played_s for play in self.plays)
-
-    def run(self, guess_hz: float) -> Capacity | None:
-        """Overload the graph until its capacity is known to the precision, or the time is over.
-
-        Args:
-            guess_hz: what came out of a first overload, in steps per second.
-
-        Returns:
-            None if the graph could not be overloaded, or too few outputs came.
-        """
-        rate_hz, kept_up, spent_s = min(guess_hz * _FACTORS[0], self.max_hz), 0, 0.0
-        while spent_s < self.budget_s and (len(self.plays) < len(_FACTORS) or self.goes_on()):
-            play = self.play(rate_hz)
-            if play is None:
-                return None
-            spent_s += play.played_s
-            if not play.saturated:
-                kept_up += 1
-                if self.capacity is not None and rate_hz > self.capacity.upper_hz:
-                    # With less overload it is faster than with more, by more than was estimated.
-                    self.capacity = None
-                if kept_up >= _MAX_UNSATURATED or rate_hz >= self.max_hz:
-                    return None
-                # With less overload it may be faster than with more.
-                more_hz = min((play.offered_hz / play.per_step for play in self.plays), default=0.0)
-                rate_hz = min(math.sqrt(rate_hz * more_hz) or rate_hz * _FACTORS[0], self.max_hz)
-                continue
-            self.add(play)
-            if self.capacity is not None:
-                if self.harder and self.capacity.gentle_width <= self.precision:
-                    break
-                rate_hz = min(self.capacity.hz * _FACTORS[1], self.max_hz)
-        return self.capacity
-
-    @property
-    def tells_after_s(self) -> float:
-        """Seconds of playing that tell whether the graph keeps up with half the precision more.
-
-        Its capacity is known to half the precision either way after a quarter of them.
-        """
-        if self.capacity is None:
-            return math.inf
-        seconds = sum(play.played_s for play in self.gentle)
-        return 4 * seconds * (self.capacity.gentle_width / self.precision) ** 2
-
-    @property
-    def gentle(self) -> list[CompletionTimes]:
-        """The plays with the least overload."""
-        least_hz = min((play.offered_hz for play in self.plays), default=0.0)
-        return [play for play in self.plays if play.offered_hz < least_hz * _MORE]
-
-    @property
-    def harder(self) -> list[CompletionTimes]:
-        """The plays with clearly more overload than the others."""
-        least_hz = min((play.offered_hz for play in self.plays), default=0.0)
-        return [play for play in self.plays if play.offered_hz >= least_hz * _MORE]
-
-    @property
-    def comparable(self) -> list[CompletionTimes]:
-        """The plays that show whether the graph is steady: it may be slower the more is offered."""
-        if self.capacity is None or self.capacity.drowns <= self.precision / 4:
-            return self.shown
-        harder = self.harder
-        return [play for play in self.shown if play not in harder]
-
-    def add(self, play: CompletionTimes, *, shown: bool = True) -> None:
-        """Count a play in which the graph was overloaded."""
-        self.plays.append(play)
-        if shown:
-            self.shown.append(play)
-        self.capacity = estimate_capacity(
-            self.gentle, self.confidence, stages=self.stages, harder=self.harder
-        )
-
-    def learn(self, play: CompletionTimes) -> None:
-        """Learn from a play that was to confirm a rate, and refuted it.
-
-        Its later half shows the graph when it no longer keeps up. If it is a faster start that the
-        earlier plays have measured, only this half counts from now on.
-        """
-        self.shown.append(play)
-        later = play.after(play.played_s / 2)
-        started = find_start(self.shown, self.precision)
-        if started is not None:
-            self.plays = []
-        self.add(later, shown=False)
-
-    def record(self) -> CapacityRecord | None:
-        """The capacity as the run record has it."""
-        if self.capacity is None:
-            return None
-        upper_hz = self.capacity.upper_hz
-        return CapacityRecord(
-            hz=self.capacity.hz,
-            lower_hz=self.capacity.lower_hz,
-            upper_hz=upper_hz if math.isfinite(upper_hz) else None,
-            played_s=self.played_s,
-        )
-
-    @property
-    def proven_hz(self) -> float:
-        """The lower bound of the capacity; 0 if nothing is known."""
-        return self.capacity.lower_hz if self.capacity is not None else 0.0
-
-    @property
-    def upper_hz(self) -> float | None:
-        """The upper end of the bracket.
-
-        At least half the precision above the estimate, because a saturated graph and one that just
-        keeps up differ, and as much more as lost messages allow.
-        """
-        if self.capacity is None:
-            return None
-        return self._bound_hz(self.capacity) / (1 - self.loss) if self.loss < 1 else None
-
-    @property
-    def lower_hz(self) -> float | None:
-        """Where the lower end of the bracket should be, to be proven."""
-        if self.capacity is None:
-            return None
-        return min(self.capacity.lower_hz, self._bound_hz(self.capacity) / (1 + self.precision))
-
-    def _bound_hz(self, capacity: Capacity) -> float:
-        return max(capacity.upper_hz, capacity.hz * (1 + self.precision / 2))
-
-
 _STRIDE_GROWTH = 4.0
 """Strides of 1, 4 and 16 times the precision: after a good guess the first one ends the search; a
 bad guess is corrected after two or three."""
@@ -271,11 +112,11 @@ class LongPlays:
             capacity is proven. None if the lower end is not confirmed.
         upper: plays the upper end, until it is clear that it is not sustained; the second argument
             is in how many seconds that should be. None to trust it.
-        budget_s: for overloaded plays, in all.
+        budget_s: overloaded playing ends after so many seconds, whether they counted or not.
         search_s: after so many seconds of playing, nothing is played but what a bracket needs: both
             ends of the range, two overloads, and both ends of the bracket.
         stages: how many queues there may be in a row.
-        loss: the share that may be lost.
+        loss: the share that may be lost; a graph with bounded queues sustains more because of it.
         conditions: whether other conditions than lost messages decide what is sustained.
         allows: whether there is time for more than that.
     """
@@ -297,6 +138,164 @@ class LongPlays:
 
 SHORT_PROBES = LongPlays()
 """Nothing but short probes."""
+
+
+@dataclass
+class Overload:
+    """The overloaded plays of one search, and the capacity that they show.
+
+    Attributes:
+        play: plays a rate for the usual length of an overloaded play.
+        max_hz: the highest rate of the search.
+        precision: the relative width to which the capacity is estimated.
+        confidence: of the interval.
+        long_plays: of the search.
+        goes_on: whether there is time for more than two plays that count.
+        plays: those by which the capacity is estimated.
+        shown: all that were played, to be examined for steadiness.
+    """
+
+    play: Callable[[float], CompletionTimes | None]
+    max_hz: float
+    precision: float
+    confidence: float
+    long_plays: LongPlays
+    goes_on: Callable[[], bool] = lambda: True
+    plays: list[CompletionTimes] = field(default_factory=list)
+    shown: list[CompletionTimes] = field(default_factory=list)
+    capacity: Capacity | None = None
+
+    @property
+    def played_s(self) -> float:
+        """The seconds of the plays that count."""
+        return sum(play.played_s for play in self.plays)
+
+    def run(self, guess_hz: float) -> Capacity | None:
+        """Overload the graph until its capacity is known to the precision, or the time is over.
+
+        Args:
+            guess_hz: what came out of a first overload, in steps per second.
+
+        Returns:
+            None if the graph could not be overloaded, or too few outputs came.
+        """
+        rate_hz, kept_up, spent_s = min(guess_hz * _FACTORS[0], self.max_hz), 0, 0.0
+        while spent_s < self.long_plays.budget_s and (
+            len(self.plays) < len(_FACTORS) or self.goes_on()
+        ):
+            play = self.play(rate_hz)
+            if play is None:
+                return None
+            spent_s += play.played_s
+            if not play.saturated:
+                kept_up += 1
+                if self.capacity is not None and rate_hz > self.capacity.upper_hz:
+                    # With less overload it is faster than with more, by more than was estimated.
+                    self.capacity = None
+                if kept_up >= _MAX_UNSATURATED or rate_hz >= self.max_hz:
+                    return None
+                # With less overload it may be faster than with more.
+                more_hz = min((play.offered_hz / play.per_step for play in self.plays), default=0.0)
+                rate_hz = min(math.sqrt(rate_hz * more_hz) or rate_hz * _FACTORS[0], self.max_hz)
+                continue
+            self.add(play)
+            if self.capacity is not None:
+                if self.harder and self.capacity.gentle_width <= self.precision:
+                    break
+                rate_hz = min(self.capacity.hz * _FACTORS[1], self.max_hz)
+        return self.capacity
+
+    @property
+    def tells_after_s(self) -> float:
+        """Seconds of playing that tell whether the graph keeps up with half the precision more.
+
+        Its capacity is known to half the precision either way after a quarter of them.
+        """
+        if self.capacity is None:
+            return math.inf
+        seconds = sum(play.played_s for play in self.gentle)
+        return 4 * seconds * (self.capacity.gentle_width / self.precision) ** 2
+
+    @property
+    def gentle(self) -> list[CompletionTimes]:
+        """The plays with the least overload."""
+        least_hz = min((play.offered_hz for play in self.plays), default=0.0)
+        return [play for play in self.plays if play.offered_hz < least_hz * _MORE]
+
+    @property
+    def harder(self) -> list[CompletionTimes]:
+        """The plays with clearly more overload than the others."""
+        least_hz = min((play.offered_hz for play in self.plays), default=0.0)
+        return [play for play in self.plays if play.offered_hz >= least_hz * _MORE]
+
+    @property
+    def comparable(self) -> list[CompletionTimes]:
+        """The plays that show whether the graph is steady: it may be slower the more is offered."""
+        if self.capacity is None or self.capacity.drowns <= self.precision / 4:
+            return self.shown
+        harder = self.harder
+        return [play for play in self.shown if play not in harder]
+
+    def add(self, play: CompletionTimes, *, shown: bool = True) -> None:
+        """Count a play in which the graph was overloaded."""
+        self.plays.append(play)
+        if shown:
+            self.shown.append(play)
+        self.capacity = estimate_capacity(
+            self.gentle, self.confidence, stages=self.long_plays.stages, harder=self.harder
+        )
+
+    def learn(self, play: CompletionTimes) -> None:
+        """Learn from a play that was to confirm a rate, and refuted it.
+
+        Its later half shows the graph when it no longer keeps up. If it is a faster start that the
+        earlier plays have measured, only this half counts from now on.
+        """
+        self.shown.append(play)
+        later = play.after(play.played_s / 2)
+        started = find_start(self.shown, self.precision)
+        if started is not None:
+            self.plays = []
+        self.add(later, shown=False)
+
+    def record(self) -> CapacityRecord | None:
+        """The capacity as the run record has it."""
+        if self.capacity is None:
+            return None
+        upper_hz = self.capacity.upper_hz
+        return CapacityRecord(
+            hz=self.capacity.hz,
+            lower_hz=self.capacity.lower_hz,
+            upper_hz=upper_hz if math.isfinite(upper_hz) else None,
+            played_s=self.played_s,
+        )
+
+    @property
+    def proven_hz(self) -> float:
+        """The lower bound of the capacity; 0 if nothing is known."""
+        return self.capacity.lower_hz if self.capacity is not None else 0.0
+
+    @property
+    def upper_hz(self) -> float | None:
+        """The upper end of the bracket.
+
+        At least half the precision above the estimate, because a saturated graph and one that just
+        keeps up differ, and as much more as lost messages allow.
+        """
+        if self.capacity is None:
+            return None
+        loss = self.long_plays.loss
+        return self._bound_hz(self.capacity) / (1 - loss) if loss < 1 else None
+
+    @property
+    def lower_hz(self) -> float | None:
+        """Where the lower end of the bracket should be, to be proven."""
+        if self.capacity is None:
+            return None
+        return min(self.capacity.lower_hz, self._bound_hz(self.capacity) / (1 + self.precision))
+
+    def _bound_hz(self, capacity: Capacity) -> float:
+        return max(capacity.upper_hz, capacity.hz * (1 + self.precision / 2))
 
 
 @dataclass
@@ -339,9 +338,7 @@ class PeakSearch:
             max_hz=self.maximum_hz,
             precision=self.precision,
             confidence=self.confidence,
-            budget_s=self.long_plays.budget_s,
-            stages=self.long_plays.stages,
-            loss=self.long_plays.loss,
+            long_plays=self.long_plays,
             goes_on=self._goes_on,
         )
 
@@ -391,7 +388,7 @@ class PeakSearch:
             proof=self._proof,
             proof_s=lower.played_s if lower is not None and self._proof else 0.0,
             lost_at_most=lower.lost_at_most if lower is not None else None,
-            max_lost=self._overload.loss + self.precision / 2,
+            max_lost=self.long_plays.loss + self.precision / 2,
             capacity=self._overload.record(),
             unsteady=tuple(part.text for part in unsteady),
             watched_s=sum(play.played_s for play in [*self._overload.shown, *self._others]),
@@ -491,7 +488,7 @@ class PeakSearch:
             if outcome.probe.holds is False or own is None:
                 return
             next_hz = min(failed_hz for failed_hz in self._failed_hz if failed_hz > rate_hz)
-            lost = outcome.drop_share > self._overload.loss + self.precision / 4
+            lost = outcome.drop_share > self.long_plays.loss + self.precision / 4
             if own.hz < _KEPT_UP * rate_hz and (lost or not outcome.probe.keeps_up):
                 self._fails_hz = min(max(rate_hz, own.upper_hz), next_hz)
                 return
@@ -524,7 +521,7 @@ class PeakSearch:
             return
         if not play.saturated_later:
             return
-        if outcome.drop_share > self._overload.loss + self.precision / 2 and not find_start(
+        if outcome.drop_share > self.long_plays.loss + self.precision / 2 and not find_start(
             [play], self.precision
         ):
             # It loses messages from the first second on; it was not slower than it seemed.

@@ -25,11 +25,10 @@ from typing import Final, Literal
 
 import msgspec
 
-from r2bspec.execute.host_watch import Interference
 from r2bspec.execute.measurement.peak_search import LongPlays, ProbeOutcome
 from r2bspec.execute.measurement.segment_observation import SegmentObservation
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
-from r2bspec.execute.run_context import RunContext, TimeBudget
+from r2bspec.execute.run_context import MEASURE_PHASE, RunContext
 from r2bspec.judge.measure.metric_catalogue import resolve
 from r2bspec.judge.measure.metric_values import metric_value
 from r2bspec.judge.rate_decision import (
@@ -54,7 +53,7 @@ from r2bspec.language.benchmark_defaults import (
 )
 from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.plan.plan import Plan, SearchPlan
-from r2bspec.record.run_record import Probe, Segment
+from r2bspec.record.run_record import Probe
 
 _DEFAULT_PRECISION = 0.02
 _TITLES = {
@@ -97,7 +96,6 @@ class RateProber:
         plan: Plan,
         segment_player: SegmentPlayer,
         context: RunContext,
-        budget: TimeBudget,
     ) -> None:
         """Prepare to probe.
 
@@ -105,7 +103,6 @@ class RateProber:
             plan: of the run.
             segment_player: plays the probes.
             context: of the run; receives a note about each outcome.
-            budget: of the run, for what is played again.
         """
         search = plan.search
         self._plan = plan
@@ -119,12 +116,7 @@ class RateProber:
             confidence=search.confidence if search else CONFIDENCE,
         )
         self._affected = AffectedProbes(
-            plan.gate.interference,
-            self._criterion.precision,
-            lambda: segment_player.segments[-1],
-            context.host.between,
-            budget,
-            context.note,
+            plan.gate.interference, self._criterion.precision, segment_player, context
         )
         self._numbers = itertools.count(1)
 
@@ -165,7 +157,12 @@ class RateProber:
             upper=upper if confirm_s else None,
             budget_s=OVERLOAD_PROBES * self._limit_s,
             search_s=SEARCH_PROBES * self._limit_s + SEARCH_CONFIRMATIONS * confirm_s,
-            stages=_stages(self._plan),
+            # At most one queue for each node.
+            stages=sum(
+                len(process.nodes) + (process.role == "command")
+                for process in self._plan.processes_in(MEASURE_PHASE)
+            )
+            or 1,
             loss=self._criterion.loss,
             conditions=any(not _allowed_loss(condition) for condition in self._conditions),
             allows=allows,
@@ -208,7 +205,7 @@ class RateProber:
         if judgement.holds or judgement.keeps_up:
             judgement = self._check_conditions(judgement, observation, rate_hz)
         why = judgement.reason.removeprefix("undecided: ")
-        self._note(f"{rate_hz:.4g} Hz {_state_text(judgement)}: {why}")
+        self._note(f"{rate_hz:.4g} Hz {_STATES[judgement.holds]}: {why}")
         worst = min(estimates, key=lambda each: each.overall.delivered_hz, default=None)
         return ProbeOutcome(
             Probe(
@@ -255,8 +252,11 @@ class RateProber:
             for monitor in [named] if named else names:
                 measured = metric_value(metric, monitor, samples)
                 per_step = samples.monitors[monitor].per_step if metric.scope == "monitor" else 1.0
-                limit = _limit(condition, rate_hz * per_step)
-                if limit is None or (measured is not None and condition.is_met(measured, limit)):
+                bound = condition.bound
+                if bound is None:
+                    continue
+                limit = bound.value * (rate_hz * per_step if bound.of_offered else 1.0)
+                if measured is not None and condition.is_met(measured, limit):
                     continue
                 shown = "not measured" if measured is None else f"measured {measured:.4g}"
                 reason = f"{condition} is not met: {shown}"
@@ -264,23 +264,7 @@ class RateProber:
         return judgement
 
 
-def _stages(plan: Plan) -> int:
-    """How many queues there may be in a row: at most one for each node."""
-    graph = plan.processes_in("measure")
-    return sum(len(process.nodes) + (process.role == "command") for process in graph) or 1
-
-
-def _state_text(judgement: ProbeJudgement) -> str:
-    if judgement.holds is None:
-        return "is undecided"
-    return "is sustained" if judgement.holds else "is not sustained"
-
-
-def _limit(condition: Requirement, rate_hz: float) -> float | None:
-    """The limit of a condition at one offered rate, in SI units; None if it has no bound."""
-    if condition.bound is None:
-        return None
-    return condition.bound.value * (rate_hz if condition.bound.of_offered else 1.0)
+_STATES = {None: "is undecided", True: "is sustained", False: "is not sustained"}
 
 
 def _allowed_loss(condition: Requirement) -> float:
@@ -349,46 +333,41 @@ class AffectedProbes:
     Attributes:
         policy: ``gate.interference``; with ``tolerate``, interference explains nothing.
         precision: of the search.
-        last_segment: the segment that was played last.
-        interference: what others did between two times; see `HostWatch.between`.
-        budget: of the run; without time left, nothing is played again.
-        note: receives a note about each probe that is played again.
+        segment_player: plays them.
+        context: of the run; without time left, nothing is played again.
     """
 
     policy: Literal["tolerate", "note", "strict"]
     precision: float
-    last_segment: Callable[[], Segment]
-    interference: Callable[[int, int], Interference]
-    budget: TimeBudget
-    note: Callable[[str], None]
+    segment_player: SegmentPlayer
+    context: RunContext
     _futile: int = 0
 
     def play(self, probe: Callable[[], ProbeOutcome]) -> ProbeOutcome:
         """Play a probe, and once more if others disturbed it and that can explain its outcome."""
         first = self._with_interference(probe())
-        if not self._wants_replay(first):
+        segment = self.segment_player.segments[-1]
+        if (
+            not first.probe.explained
+            or self._futile >= MAX_FUTILE_REPLAYS
+            or not self.context.budget.allows(
+                f"no rerun of {first.probe.segment}, which host interference affected",
+                (segment.ended_ns - segment.began_ns) / 1e9,
+            )
+        ):
             return first
         reasons = ", ".join(first.probe.disturbed)
-        self.note(f"host interference in {first.probe.segment} ({reasons}): repeating it")
+        self.context.note(f"host interference in {first.probe.segment} ({reasons}): repeating it")
         again = self._with_interference(probe())
         if again.probe.explained:
             self._futile += 1
         rerun = msgspec.structs.replace(again.probe, rerun_of=first.probe.segment)
         return replace(again, probe=rerun)
 
-    def _wants_replay(self, outcome: ProbeOutcome) -> bool:
-        if not outcome.probe.explained or self._futile >= MAX_FUTILE_REPLAYS:
-            return False
-        segment = self.last_segment()
-        return self.budget.allows(
-            f"no rerun of {outcome.probe.segment}, which host interference affected",
-            (segment.ended_ns - segment.began_ns) / 1e9,
-        )
-
     def _with_interference(self, outcome: ProbeOutcome) -> ProbeOutcome:
         """An outcome whose probe says what others did meanwhile, and whether that explains it."""
-        segment = self.last_segment()
-        interference = self.interference(segment.began_ns, segment.ended_ns)
+        segment = self.segment_player.segments[-1]
+        interference = self.context.host.between(segment.began_ns, segment.ended_ns)
         probe = msgspec.structs.replace(
             outcome.probe,
             by_player=outcome.limited_by_player,

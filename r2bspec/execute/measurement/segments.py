@@ -230,16 +230,21 @@ class SegmentPlayer:
 
     def _detect_stopped_outputs(self, kind: SegmentKind, observation: SegmentObservation) -> None:
         """Report outputs that have stopped, each once; those that go on are waited for again."""
+        if kind == "warm_up" or not (observation.playback.size or self._player is None):
+            return
         for plan in self._plan.monitors:
-            if kind == "warm_up" or not observation.playback.size:
-                continue
-            matched = observation.matched(plan.name)
+            if plan.own_pace or self._player is None:
+                # Nothing that is played says how many messages to expect.
+                is_there = bool(observation.monitors[plan.name].size)
+                has_stopped = not is_there
+            else:
+                matched = observation.matched(plan.name)
+                is_there = bool(matched.matching.answered.any())
+                has_stopped = output_stopped(matched.steps, matched.rows, matched.matching)
             if plan.name in self._stopped_outputs:
-                if matched.matching.answered.any() or (plan.own_pace and matched.rows.size):
+                if is_there:
                     self._stopped_outputs.remove(plan.name)
-            elif (plan.own_pace and not matched.rows.size) or output_stopped(
-                matched.steps, matched.rows, matched.matching
-            ):
+            elif has_stopped:
                 self._stopped_outputs.add(plan.name)
                 if plan.name not in self._reported_outputs:
                     self._reported_outputs.add(plan.name)
@@ -569,18 +574,6 @@ class LiveSegmentWatcher(SegmentPlayer):
         del rate_hz
         self._context.progress.segment(title, 0)
         self._supervisor.pump_for(duration_ns / 1e9)
-
-    def _detect_stopped_outputs(self, kind: SegmentKind, observation: SegmentObservation) -> None:
-        """Report outputs without messages, each once."""
-        for plan in self._plan.monitors:
-            if (
-                kind == "warm_up"
-                or plan.name in self._stopped_outputs
-                or observation.monitors[plan.name].size
-            ):
-                continue
-            self._stopped_outputs.add(plan.name)
-            self.on_output_stopped(self.segments[-1], plan)
 
     def _observe_between(
         self, first: dict[str, int], began_ns: int, ended_ns: int

@@ -16,6 +16,7 @@ import fcntl
 import importlib.metadata
 import os
 import platform
+import re
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -44,11 +45,9 @@ def describe_machine() -> dict[str, Any]:
     load_1min, load_5min, _ = os.getloadavg()
     frequency = None
     # Some platforms, and containers without /sys, do not provide the frequency.
-    try:
-        current = psutil.cpu_freq()
-        frequency = round(current.max or current.current) if current else None
-    except (OSError, NotImplementedError):
-        frequency = None
+    with contextlib.suppress(OSError, NotImplementedError):
+        if current := psutil.cpu_freq():
+            frequency = round(current.max or current.current)
     return {
         "architecture": platform.machine(),
         "cpu": _cpu_model(),
@@ -83,10 +82,8 @@ def describe_versions() -> dict[str, str]:
 
 
 def _cpu_model() -> str:
-    for line in _read("/proc/cpuinfo").splitlines():
-        if line.startswith("model name"):
-            return line.partition(":")[2].strip()
-    return platform.processor()
+    match = re.search(r"^model name\s*: *(.*)", _read("/proc/cpuinfo"), re.MULTILINE)
+    return match[1].strip() if match else platform.processor()
 
 
 def _threads_per_core() -> int | None:
@@ -150,19 +147,14 @@ def unwritable_log(folder: Path) -> Path | None:
 
     A node that cannot write its log may raise, exit or fall silent.
     """
-    if _has_room(folder):
-        return None
-    logs = regular_files(folder / "logs")
-    return max(logs, key=lambda each: each.lstat().st_size, default=None)
-
-
-def _has_room(folder: Path) -> bool:
     try:
         with tempfile.TemporaryFile(dir=folder) as file:
             os.posix_fallocate(file.fileno(), 0, _NEEDED_BYTES)
     except OSError as error:
-        return error.errno not in _FULL
-    return True
+        if error.errno in _FULL:
+            logs = regular_files(folder / "logs")
+            return max(logs, key=lambda each: each.lstat().st_size, default=None)
+    return None
 
 
 DISABLED_BY: Final = "R2BSPEC_NO_LOCK"

@@ -36,13 +36,7 @@ from r2bspec.middleware.middleware import (
     refuse_transport,
     selected_rmw,
 )
-from r2bspec.native.build import (
-    BuildError,
-    harness_library,
-    harness_program,
-    join_object,
-    lock_environment,
-)
+from r2bspec.native.build import BuildError, harness_library, harness_program
 from r2bspec.plan.command_lines import EXECUTABLE
 from r2bspec.plan.plan import Plan, ProcessPlan
 from r2bspec.plan.this_machine import PACKAGE_INDEX, ament_prefixes
@@ -57,7 +51,7 @@ def resolve_argv(plan: ProcessPlan) -> list[str]:
     """
     argv = resolve_command(plan.argv, f"process {plan.name}")
     if hosts_library(plan):
-        native_library()
+        built(harness_library)
     return argv
 
 
@@ -66,38 +60,19 @@ def hosts_library(plan: ProcessPlan) -> bool:
     return plan.role == "harness" and bool(plan.nodes)
 
 
-def native_library() -> Path:
-    """The library of players and monitors.
+def built(make: Callable[[], Path]) -> Path:
+    """The file of a program or a library of r2bspec, which is built unless it was.
 
     Raises:
-        NotInstalledError: it cannot be built on this machine.
+        NotInstalledError: it cannot be built on this machine (R2B668).
+        CertainRunError: a limit is why.
     """
-    with build_errors():
-        return harness_library()
-
-
-@contextlib.contextmanager
-def build_errors() -> Iterator[None]:
-    """What cannot be built is not installed, to a run, if no limit is the cause."""
     try:
-        yield
+        return make()
     except BuildError as error:
         if limit := limit_error(str(error)):
             raise limit from error
         raise errors.NotInstalledError(str(error), hint=error.hint, code=error.code) from error
-
-
-def memory_lock_variables(preloaded: str) -> dict[str, str]:
-    """The variables with which a process locks its memory.
-
-    Args:
-        preloaded: what is preloaded into it already, as in ``LD_PRELOAD``.
-
-    Raises:
-        NotInstalledError: what locks it cannot be built (R2B668).
-    """
-    with build_errors():
-        return lock_environment(join_object(), preloaded)
 
 
 def resolve_command(words: Sequence[str], what: str) -> list[str]:
@@ -123,8 +98,7 @@ def _resolve(word: str) -> str:
     if word == "$(python)":
         return sys.executable
     if word == "$(harness)":
-        with build_errors():
-            return str(harness_program())
+        return str(built(harness_program))
     if word == "$(included_launch)":
         return str(Path(harness.__file__).with_name("included_launch.py"))
     matched = EXECUTABLE.fullmatch(word)

@@ -27,6 +27,7 @@ import msgspec
 import psutil
 
 from r2bspec.execute.errors import RunError
+from r2bspec.execute.processes.resources import family
 from r2bspec.language.spec import ThreadScheduling
 from r2bspec.plan.plan import ProcessPlan
 from r2bspec.plan.this_machine import CAP_IPC_LOCK, CAP_SYS_NICE, has_capability
@@ -174,25 +175,21 @@ def locked_bytes(plan: ProcessPlan, pid: int) -> int:
     Raises:
         RunError: none is, although the plan asks for it.
     """
-    with contextlib.suppress(psutil.Error):
-        process = psutil.Process(pid)
-        family = (process, *process.children(recursive=True))
-        locked = sum(map(_locked_bytes_of, family))
-        if not locked and process.is_running():
-            raise RunError(
-                f"process {plan.name}: its memory is not locked: it initialises no rcl, or its "
-                "memory is more than can be locked",
-                hint="Its log has the reason of the system, if there is one. A program without ROS "
-                "has to call mlockall itself.",
-                code="R2B637",
-            )
-        return locked
-    return 0
+    locked = sum(map(_locked_bytes_of, family(pid)))
+    if not locked and psutil.pid_exists(pid):
+        raise RunError(
+            f"process {plan.name}: its memory is not locked: it initialises no rcl, or its memory "
+            "is more than can be locked",
+            hint="Its log has the reason of the system, if there is one. A program without ROS "
+            "has to call mlockall itself.",
+            code="R2B637",
+        )
+    return locked
 
 
-def _locked_bytes_of(process: psutil.Process) -> int:
+def _locked_bytes_of(pid: int) -> int:
     try:
-        status = Path(f"/proc/{process.pid}/status").read_text(errors="replace")
+        status = Path(f"/proc/{pid}/status").read_text(errors="replace")
     except OSError:
         return 0
     found = re.search(r"^VmLck:\s+(\d+) kB", status, re.MULTILINE)
@@ -270,11 +267,9 @@ def read_scheduling(pid: int) -> tuple[ThreadSchedulingRecord, ...]:
 def _threads(pid: int) -> list[tuple[int, str]]:
     """The threads of a process and its descendants, with their names; not those that have ended."""
     found = []
-    with contextlib.suppress(psutil.Error):
-        process = psutil.Process(pid)
-        for each in (process, *process.children(recursive=True)):
-            for task in Path(f"/proc/{each.pid}/task").glob("*"):
-                with contextlib.suppress(OSError):
-                    name = (task / "comm").read_text(encoding="utf-8", errors="replace").rstrip()
-                    found.append((int(task.name), name))
+    for member in family(pid):
+        for task in Path(f"/proc/{member}/task").glob("*"):
+            with contextlib.suppress(OSError):
+                name = (task / "comm").read_text(encoding="utf-8", errors="replace").rstrip()
+                found.append((int(task.name), name))
     return found

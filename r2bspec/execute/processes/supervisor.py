@@ -38,7 +38,7 @@ from r2bspec.native.build import descriptor_of
 from r2bspec.record.run_record import ProcessRecord
 from r2bspec.safe_io.private_files import PRIVATE_UMASK
 
-__all__ = ["ManagedProcess", "ProcessSupervisor", "describe_exit"]
+__all__ = ["ManagedProcess", "ProcessSupervisor"]
 
 NO_ANSWER = "R2B632"
 """The code of an error because a process does not respond in time."""
@@ -102,10 +102,6 @@ class ProcessSupervisor:
 
     def __iter__(self) -> Iterator[ManagedProcess]:
         return iter(list(self._running.values()))
-
-    def observer(self) -> ManagedProcess:
-        """A process that can report what discovery shows: the observer or the loader."""
-        return next(process for process in self if process.role in {"observer", "loader"})
 
     def start(
         self,
@@ -302,6 +298,13 @@ class ProcessSupervisor:
         """
         child.send(command)
         return self.answer(child, kind, timeout_s)
+
+    def ask_observer(
+        self, command: Any, kind: type[_Answer], timeout_s: float = REPLY_TIMEOUT_S
+    ) -> _Answer:
+        """As `request`, of a process that can say what discovery shows: observer or loader."""
+        observer = next(child for child in self if child.role in {"observer", "loader"})
+        return self.request(observer, command, kind, timeout_s)
 
     def answer(
         self,

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import SimpleNamespace
 from typing import Any, Literal, cast
 
 import numpy as np
 import pytest
 
-from r2bspec.execute.host_watch import Interference, interference_of
 from r2bspec.execute.measurement.harness_overhead import _quietest
 from r2bspec.execute.measurement.peak_search import LongPlays, PeakSearch, ProbeOutcome
 from r2bspec.execute.measurement.rate_probe import MAX_FUTILE_REPLAYS, AffectedProbes
-from r2bspec.execute.run_context import TimeBudget
+from r2bspec.execute.run_context import Interference, TimeBudget, interference_of
 from r2bspec.judge.measure.host_usage import HostInterference
 from r2bspec.judge.stationarity import CompletionTimes
 from r2bspec.record.run_record import Probe, SearchRecord, Segment
-from run_simulation import bracket
+from run_simulation import bracket, segment_of
 
 QUIET = Interference()
 Purpose = Literal["probe", "saturation", "confirmation"]
@@ -45,9 +45,10 @@ class Machine:
         self.purpose: Purpose = "probe"
         budget = TimeBudget(budget_ns, self.notes.append)
         budget.begin()
-        self._probes = AffectedProbes(
-            policy, 0.02, self._segment, self._between, budget, self.notes.append
+        context: Any = SimpleNamespace(
+            budget=budget, note=self.notes.append, host=SimpleNamespace(between=self._between)
         )
+        self._probes = AffectedProbes(policy, 0.02, cast("Any", self), context)
 
     def probe(self, rate_hz: float, purpose: Purpose = "probe") -> ProbeOutcome:
         return self._probes.play(lambda: self._play(rate_hz, purpose))
@@ -77,17 +78,10 @@ class Machine:
             ),
         )
 
-    def _segment(self) -> Segment:
-        return Segment(
-            id=f"probe-{len(self.played):03d}",
-            kind="probe",
-            rate_hz=self.played[-1],
-            index=1,
-            steps=100,
-            began_ns=0,
-            ended_ns=10**9,
-            complete=True,
-        )
+    @property
+    def segments(self) -> list[Segment]:
+        """What was played last, as the player has it."""
+        return [segment_of(self.played[-1], 100, start_ns=0, length_ns=10**9)]
 
     def _between(self, began_ns: int, ended_ns: int) -> Interference:
         assert (began_ns, ended_ns) == (0, 10**9)

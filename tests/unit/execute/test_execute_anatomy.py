@@ -18,12 +18,12 @@ from run_simulation import Simulation
 def test_a_later_start_removes_the_files_of_the_earlier_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(anatomy, "build_preload", lambda: tmp_path / "preload.so")
+    monkeypatch.setattr(anatomy, "built", lambda _: tmp_path / "preload.so")
     plan = Simulation(segments=[]).plan()
     with anatomy.events_folder(plan, tmp_path) as folder:
-        first = anatomy.AnatomyObservation.begin(plan, 1, folder)
+        first = anatomy.AnatomyObservation(plan, 1, folder)
         (first.files / "node.1.rows").write_bytes(b"rows")
-        second = anatomy.AnatomyObservation.begin(plan, 2, folder)
+        second = anatomy.AnatomyObservation(plan, 2, folder)
         assert [each.name for each in folder.iterdir() if each.name.startswith("anatomy-")] == [
             second.files.name
         ]
@@ -45,7 +45,7 @@ def test_a_list_observes_these_nodes_and_the_harness() -> None:
 def test_processes_that_were_not_observed_are_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(anatomy, "build_preload", lambda: tmp_path / "preload.so")
+    monkeypatch.setattr(anatomy, "built", lambda _: tmp_path / "preload.so")
     processes = (process_plan("p", "host", "blur"), process_plan("q", "command", "other"))
     plan = msgspec.structs.replace(Simulation().plan(), processes=processes)
     segment = Segment(
@@ -55,7 +55,7 @@ def test_processes_that_were_not_observed_are_named(
 
     def error(observed: bool | tuple[str, ...]) -> str:
         observing = msgspec.structs.replace(plan, anatomy=observed)
-        observation = anatomy.AnatomyObservation.begin(observing, 1, tmp_path)
+        observation = anatomy.AnatomyObservation(observing, 1, tmp_path)
         observation.store(segment, 1, RunFolder(tmp_path))
         return observation.record.error
 

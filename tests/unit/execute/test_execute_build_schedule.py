@@ -325,7 +325,7 @@ def test_each_message_is_played_where_it_was_stamped() -> None:
 def test_a_step_input_may_come_after_one_with_its_own_rate() -> None:
     imu = stamped("/imu", 25, 75)
     schedule = CyclicSchedule(
-        steps=STEPS, columns=(1,), between=place_between(0, imu, STEPS, [CAMERA])
+        steps=STEPS, columns=(1,), between=tuple(place_between(0, imu, STEPS, [CAMERA]))
     )
     first, second = played_events(schedule, 10.0, 1)[:2]
     assert first.messages == ((1, 0, 0),)
@@ -345,8 +345,9 @@ def test_what_was_stamped_as_a_step_is_played_with_it(
 ) -> None:
     slow = stamped("/slow", 0, 120, 200)
     steps = playback_order(STEPS, mode)
+    placed = place_between(1, slow, steps, [CAMERA])
     schedule = CyclicSchedule(
-        steps=steps, columns=(0,), between=place_between(1, slow, steps, [CAMERA])
+        steps=steps, columns=(0,), between=tuple(sorted(placed, key=lambda each: each.at))
     )
     events = [event for event in played_events(schedule, 10.0, len(steps)) if event.step != NO_STEP]
     # In one event, so that they have one stamp.

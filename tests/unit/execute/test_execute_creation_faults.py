@@ -38,88 +38,46 @@ def refused(reason: str, package: str = "camera") -> GraphDifferencesError:
     return error
 
 
-# What component_manager.cpp and node_parameters.cpp of rclcpp 28 answer.
-@pytest.mark.parametrize(
-    ("reason", "said", "part", "name"),
-    [
-        (
-            THREW + "parameter 'gain' has invalid type: Wrong parameter type, parameter {gain} is "
-            "of type {double}, setting it to {integer} is not allowed.",
-            "parameter 'gain' is of type double, and cannot be of type integer",
-            "parameter",
-            "gain",
-        ),
-        (
-            THREW + "Statically typed parameter 'model' must be initialized.",
-            "parameter 'model' is required, and is not set",
-            "parameter",
-            "model",
-        ),
-        (
-            THREW + "parameter 'model' is not initialized",
-            "parameter 'model' is required, and is not set",
-            "parameter",
-            "model",
-        ),
-        (
-            THREW + "parameter 'rate' could not be set: Parameter {rate} doesn't comply with "
-            "integer range.",
-            "parameter 'rate' is out of its range",
-            "parameter",
-            "rate",
-        ),
-        (
-            THREW + "parameter 'rate' could not be set: it has to be even",
-            "parameter 'rate' was refused: it has to be even",
-            "parameter",
-            "rate",
-        ),
-        (
-            THREW + "no camera",
-            "its constructor threw an exception: no camera",
-            "node",
-            "",
-        ),
-        (
-            "Component constructor threw an exception",
-            "its constructor threw an exception",
-            "node",
-            "",
-        ),
-        (
-            (
-                "Failed to load library: Could not load library dlopen error: libcuda.so.1: cannot "
-                "open shared object file: No such file or directory, at ./src/shared_library.c:99"
-            ),
-            "library libcuda.so.1 is missing",
-            "plugin",
-            "",
-        ),
-        (
-            "Failed to find class with the requested plugin name.",
-            "package camera has no component 'camera::Rectify'",
-            "plugin",
-            "",
-        ),
-        ("", "the container gave no reason", "node", ""),
-    ],
+UNSET = ("parameter 'model' is required, and is not set", "parameter", "model")
+OUT = ("parameter 'rate' is out of its range", "parameter", "rate")
+REFUSED = ("parameter 'rate' was refused: it has to be even", "parameter", "rate")
+DOUBLE = ("parameter 'gain' is of type double, and cannot be of type integer", "parameter", "gain")
+WRONG_TYPE = (
+    f"{THREW}parameter 'gain' has invalid type: Wrong parameter type, parameter {{gain}} is of "
+    "type {double}, setting it to {integer} is not allowed."
 )
-def test_each_mistake_has_its_words_and_its_place(
-    reason: str, said: str, part: str, name: str
-) -> None:
-    error = refused(reason)
-    (difference,) = error.differences
-    assert difference.message == (
-        f"/r2b/rectify (camera::Rectify) was not loaded into container cpp: {said}"
-    )
-    assert (difference.code, difference.part, difference.name) == ("R2B665", part, name)
+NO_LIBRARY = (
+    "Failed to load library: Could not load library dlopen error: libcuda.so.1: cannot open shared "
+    "object file: No such file or directory, at ./src/shared_library.c:99"
+)
+NO_CLASS = "Failed to find class with the requested plugin name."
+# What component_manager.cpp and node_parameters.cpp of rclcpp 28 answer.
+ANSWERS = {
+    WRONG_TYPE: DOUBLE,
+    f"{THREW}Statically typed parameter 'model' must be initialized.": UNSET,
+    f"{THREW}parameter 'model' is not initialized": UNSET,
+    f"{THREW}parameter 'rate' could not be set: Parameter {{rate}} doesn't comply with": OUT,
+    f"{THREW}parameter 'rate' could not be set: it has to be even": REFUSED,
+    f"{THREW}no camera": ("its constructor threw an exception: no camera", "node", ""),
+    THREW.removesuffix(": "): ("its constructor threw an exception", "node", ""),
+    NO_LIBRARY: ("library libcuda.so.1 is missing", "plugin", ""),
+    NO_CLASS: ("package camera has no component 'camera::Rectify'", "plugin", ""),
+    "": ("the container gave no reason", "node", ""),
+}
+
+
+@pytest.mark.parametrize("reason", ANSWERS)
+def test_each_mistake_has_its_words_and_its_place(reason: str) -> None:
+    (difference,) = refused(reason).differences
+    begin = "/r2b/rectify (camera::Rectify) was not loaded into container cpp: "
+    assert difference.message.startswith(begin)
+    found = (difference.message.removeprefix(begin), difference.part, difference.name)
+    assert (difference.code, found) == ("R2B665", ANSWERS[reason])
 
 
 def test_an_integer_for_a_double_and_a_misspelt_class_are_corrected() -> None:
-    wrong = "is of type {double}, setting it to {integer} is not allowed."
-    assert "write 1.0" in refused(f"{THREW}parameter 'gain' has invalid type: {wrong}").hint
-    found = refused("Failed to find class with the requested plugin name.")
-    assert found.hint == "did you mean 'camera::RectifyNode'?"
+    assert "write 1.0" in refused(WRONG_TYPE).hint
+    assert refused(NO_CLASS).hint == "did you mean 'camera::RectifyNode'?"
 
 
 @pytest.mark.parametrize(
@@ -180,43 +138,25 @@ def test_a_crash_is_no_exception() -> None:
 
 
 # What rclpy 7.1 raises.
-@pytest.mark.parametrize(
-    ("what", "said", "name"),
-    [
-        (
-            (
-                "InvalidParameterTypeException: Trying to set parameter 'gain' to '2' of type "
-                "'INTEGER', expecting type 'DOUBLE': gain"
-            ),
-            "parameter 'gain' is of type double, and cannot be of type integer",
-            "gain",
-        ),
-        (
-            "ParameterUninitializedException: The parameter 'model' is not initialized: model",
-            "parameter 'model' is required, and is not set",
-            "model",
-        ),
-        (
-            (
-                "InvalidParameterValueException: Invalid parameter value (99) for parameter. "
-                "Reason: Parameter rate out of range. Min: 1, Max: 10, value: 99: rate"
-            ),
-            "parameter 'rate' is out of its range",
-            "rate",
-        ),
-        ("ValueError: no camera", "ValueError: no camera", ""),
-    ],
-)
-def test_a_python_node_with_the_same_mistake_has_the_same_words_and_place(
-    what: str, said: str, name: str
-) -> None:
-    text = f"rectify: node /r2b/rectify cannot be created: {what}"
-    error = not_made(ProcessFailedError(text, code="R2B633"), [NODE])
+RAISED = {
+    "InvalidParameterTypeException: Trying to set parameter 'gain' to '2' of type 'INTEGER', "
+    "expecting type 'DOUBLE': gain": DOUBLE,
+    "ParameterUninitializedException: The parameter 'model' is not initialized: model": UNSET,
+    "InvalidParameterValueException: Invalid parameter value (99) for parameter. Reason: Parameter "
+    "rate out of range. Min: 1, Max: 10, value: 99: rate": OUT,
+    "ValueError: no camera": ("ValueError: no camera", "node", ""),
+}
+
+
+@pytest.mark.parametrize("what", RAISED)
+def test_a_python_node_with_the_same_mistake_has_the_same_words_and_place(what: str) -> None:
+    begin = "node /r2b/rectify cannot be created: "
+    error = not_made(ProcessFailedError(f"rectify: {begin}{what}", code="R2B633"), [NODE])
     assert error is not None
     (difference,) = error.differences
-    assert difference.message == f"node /r2b/rectify cannot be created: {said}"
-    assert (difference.code, difference.name, error.exit_code) == ("R2B633", name, 2)
-    assert not_made(ProcessFailedError(text, code="R2B634"), [NODE]) is None
+    found = (difference.message.removeprefix(begin), difference.part, difference.name)
+    assert (difference.code, error.exit_code, found) == ("R2B633", 2, RAISED[what])
+    assert not_made(ProcessFailedError(f"rectify: {begin}{what}", code="R2B634"), [NODE]) is None
 
 
 def test_a_container_that_ends_is_named_with_what_it_loaded(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The floor of a transport: how it is measured, when not, and until its median is known."""
+"""The floor of a transport: how it is measured, when not, and for how long."""
 
 from __future__ import annotations
 
@@ -13,9 +13,8 @@ import pytest
 
 from r2bspec.execute.measurement.harness_overhead import (
     HarnessOverhead,
-    median_is_known,
-    overhead_length,
     overhead_record,
+    overhead_steps,
 )
 from r2bspec.ipc import protocol
 from r2bspec.ipc.schedule import CyclicSchedule
@@ -61,21 +60,15 @@ def test_the_floor_is_what_lies_between_publication_and_arrival(stamped: bool) -
     )
 
 
-def test_what_is_lost_is_counted_and_shifts_no_pair() -> None:
-    sent = playback(10)
-    rows = received(sent, 5_000)[[0, 1, 2, 4, 5, 7, 8, 9]]
-    record = overhead_record("/image", 10.0, sent, rows)
-    assert (record.sent, record.received) == (10, 8)
-    assert (record.latency_p50_ns, record.latency_p99_ns) == (5_000, 5_000)
-
-
-def test_messages_of_the_warm_up_that_come_late_are_not_counted() -> None:
+def test_neither_what_is_lost_nor_what_comes_late_from_the_warm_up_shifts_a_pair() -> None:
     sent = playback(10)
     rows = received(sent, 5_000)
     late = rows[:2].copy()
     late["stamp_ns"] = [901, 902]
-    record = overhead_record("/image", 10.0, sent, np.concatenate([late, rows]))
-    assert (record.received, record.latency_p99_ns) == (10, 5_000)
+    found = np.concatenate([late, rows[[0, 1, 2, 4, 5, 7, 8, 9]]])
+    record = overhead_record("/image", 10.0, sent, found)
+    assert (record.sent, record.received) == (10, 8)
+    assert (record.latency_p50_ns, record.latency_p99_ns) == (5_000, 5_000)
 
 
 def test_without_samples_there_is_no_time() -> None:
@@ -126,53 +119,14 @@ def test_an_input_that_a_measurement_would_affect_is_not_played(
     assert len(children.commands) == questions
 
 
-@pytest.mark.parametrize(
-    ("usual", "fewest", "most"),
-    [
-        # 1 Hz and 10 Hz: a second has too few messages.
-        (1, 11, 20),
-        (10, 11, 20),
-        # From 20 Hz on a second, of which nothing is left out while it has less than a p99 needs.
-        (20, 20, 20),
-        (100, 100, 100),
-        (1000, 299, 1000),
-        (5000, 299, 2000),
-    ],
-)
-def test_the_length_depends_on_the_messages_of_a_second(usual: int, fewest: int, most: int) -> None:
-    assert overhead_length(usual) == (fewest, most)
+@pytest.mark.parametrize(("usual", "steps"), [(1, 11), (10, 11), (20, 20), (100, 100), (1000, 299)])
+def test_the_length_depends_on_the_messages_of_a_second(usual: int, steps: int) -> None:
+    assert overhead_steps(usual) == steps
 
 
-def test_as_many_are_needed_as_bound_the_p99_with_95_percent() -> None:
-    fewest = overhead_length(1000).fewest
-    assert 1 - 0.99**fewest >= 0.95 > 1 - 0.99 ** (fewest - 1)
-
-
-def test_a_median_is_known_if_its_interval_is_narrow() -> None:
-    # Of 11 values the interval is from the second smallest to the second largest.
-    narrow = np.array([1, 80, 90, 95, 99, 100, 101, 105, 110, 125, 900])
-    assert median_is_known(narrow)
-    wide = narrow.copy()
-    wide[-2] = 126
-    assert not median_is_known(wide)
-    wide = narrow.copy()
-    wide[1] = 74
-    assert not median_is_known(wide)
-
-
-def test_few_values_have_no_interval() -> None:
-    # The smallest and the largest of six values miss the median in 2 / 2**6 of cases: 3 %.
-    assert not median_is_known(np.full(6, 100))
-    assert not median_is_known(np.zeros(0))
-    # Of seven in 1.6 %.
-    assert median_is_known(np.full(7, 100))
-
-
-def test_an_interval_misses_the_median_as_rarely_as_it_says() -> None:
-    random = np.random.default_rng(1)
-    runs, count, rank = 4000, 11, 2
-    draws = np.sort(random.lognormal(0.0, 1.0, (runs, count)), axis=1)
-    missed = np.mean((draws[:, rank - 1] > 1.0) | (draws[:, -rank] < 1.0))
-    stated = 2 * sum(math.comb(count, below) for below in range(rank)) / 2**count
-    assert stated <= 0.02
-    assert missed == pytest.approx(stated, abs=0.006)
+def test_the_fewest_bound_the_median_and_the_most_the_p99() -> None:
+    fewest, most = overhead_steps(0), overhead_steps(10_000)
+    # The median lies outside of the second smallest to the second largest if at most one value is
+    # on one side of it.
+    assert 2 * sum(math.comb(fewest, below) for below in range(2)) / 2**fewest <= 0.02
+    assert 1 - 0.99**most >= 0.95 > 1 - 0.99 ** (most - 1)

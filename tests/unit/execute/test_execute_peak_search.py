@@ -137,14 +137,6 @@ def test_the_lower_end_is_played_whole_no_nearer_to_the_upper_one_than_the_preci
     assert record.fails_hz / last_hz == pytest.approx(1.02)
 
 
-def test_every_rate_lies_in_the_range_and_is_probed_once_the_ends_first() -> None:
-    server = Server(123.4, betrays=0.7)
-    search(server)
-    assert server.probed[:2] == [10.0, 1000.0]
-    assert all(10.0 <= rate_hz <= 1000.0 for rate_hz in server.probed)
-    assert len(set(server.probed)) == len(server.probed)
-
-
 def test_a_capacity_below_the_range_is_found_by_probing_its_lower_end_twice() -> None:
     server = Server(7.0)
     record = search(server)
@@ -174,13 +166,6 @@ def test_a_player_that_cannot_offer_more_is_named(player_hz: float) -> None:
     assert holds_hz <= player_hz < fails_hz
     # A bound of the player, and not of the graph.
     assert (record.limited_by, record.upper_hz) == ("player", None)
-
-
-def test_the_graph_limits_if_it_is_slower_than_the_player() -> None:
-    record = search(Server(100.0, player_hz=500.0), precision=0.05)
-    assert bracket(record)[0] <= 100.0 < bracket(record)[1]
-    assert (record.limited_by, record.upper_hz) == ("graph", record.fails_hz)
-    assert (record.precision, record.confidence) == (0.05, 0.95)
 
 
 @given(

@@ -5,8 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
-import signal
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -116,11 +114,6 @@ def free(monkeypatch: pytest.MonkeyPatch) -> Any:
     return has
 
 
-def test_a_small_message_fits_into_what_a_container_has(plan: Plan, free: Any) -> None:
-    free(DOCKER)
-    require_free_shared_memory(plan, "measure", FAST_DDS, default_segment_bytes(10_000))
-
-
 def test_an_image_does_not_and_the_way_out_is_told(plan: Plan, free: Any) -> None:
     free(DOCKER)
     with pytest.raises(SharedMemoryError) as caught:
@@ -204,45 +197,6 @@ def test_reservations_differ_and_are_free_afterwards(few_domains: range) -> None
             assert sorted(taken) == list(few_domains)
             with pytest.raises(RunError, match="all ROS domains from 1 to 4 are in use"):
                 stack.enter_context(reserved_domain())
-
-
-def test_a_reservation_ends_with_its_process_however_it_ends(few_domains: range) -> None:
-    program = (
-        "import sys, time; from r2bspec.execute.processes import prerequisites; "
-        "prerequisites._PORT_BASE, prerequisites._MIN_DOMAIN, prerequisites._MAX_DOMAIN = "
-        "map(int, sys.argv[1:]); "
-        "held = prerequisites.reserved_domain(); "
-        "print(held.__enter__(), flush=True); time.sleep(600)"
-    )
-    with contextlib.ExitStack() as stack:
-        taken = [stack.enter_context(reserved_domain()) for _ in range(3)]
-        with subprocess.Popen(
-            [sys.executable, "-c", program, str(prerequisites._PORT_BASE), "1", "4"],
-            stdout=subprocess.PIPE,
-        ) as process:
-            assert process.stdout is not None
-            theirs = int(process.stdout.readline())
-            assert {theirs, *taken} == set(few_domains)
-            with pytest.raises(RunError):
-                stack.enter_context(reserved_domain())
-            os.kill(process.pid, signal.SIGKILL)
-        assert stack.enter_context(reserved_domain()) == theirs
-
-
-def test_a_child_process_does_not_prolong_a_reservation(few_domains: range) -> None:
-    with contextlib.ExitStack() as stack:
-        for _ in few_domains:
-            stack.enter_context(reserved_domain())
-        process = subprocess.Popen(
-            [sys.executable, "-c", "import sys; sys.stdin.read()"],
-            stdin=subprocess.PIPE,
-        )
-    try:
-        with contextlib.ExitStack() as stack:
-            for _ in few_domains:
-                stack.enter_context(reserved_domain())
-    finally:
-        process.communicate()
 
 
 def test_the_ports_of_every_domain_stay_clear_of_the_ephemeral_range() -> None:

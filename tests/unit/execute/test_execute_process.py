@@ -42,15 +42,6 @@ def lines(first: int, last: int) -> bytes:
     return b"".join(b"%06d\n" % number for number in range(first, last))
 
 
-def test_a_log_of_the_allowed_size_stays_as_it_is(tmp_path: Path) -> None:
-    log = tmp_path / "node.log"
-    log.write_bytes(bytes(LIMIT))
-    kept = limited(tmp_path)
-    kept.truncate_large()
-    assert log.read_bytes() == bytes(LIMIT)
-    assert kept.truncated == []
-
-
 def test_the_head_and_the_tail_of_a_long_log_are_kept_and_its_writer_goes_on(
     tmp_path: Path,
 ) -> None:

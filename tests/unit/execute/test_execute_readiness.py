@@ -63,14 +63,6 @@ def test_a_line_is_found_as_soon_as_it_is_written_in_whole_or_in_part(tmp_path: 
     assert probe.finds(FOREVER)
 
 
-def test_only_what_was_added_is_read_again(tmp_path: Path) -> None:
-    log = tmp_path / "log"
-    log.write_text("ready\n")
-    probe = search(log, "^ready$")
-    assert probe.finds(FOREVER)
-    assert not probe.finds(FOREVER)
-
-
 def test_a_log_that_was_cut_is_read_from_its_beginning(tmp_path: Path) -> None:
     log = tmp_path / "log"
     probe = search(log, "ready")

@@ -69,19 +69,6 @@ def test_time_and_memory_of_descendants_count() -> None:
     assert resident > 0
 
 
-def test_samples_are_cumulative_and_in_order() -> None:
-    sampler = ResourceSampler()
-    with subprocess.Popen([sys.executable, "-c", BUSY]) as process:
-        sampled(sampler, process.pid, lambda: sampler.rows().size >= 8)
-        rows, _ = sampler.stop()
-        process.kill()
-    for number in (MACHINE_INDEX, CONTROLLER_INDEX, 0):
-        one = rows[rows["process"] == number]
-        assert one.size >= 3
-        assert np.all(np.diff(one["time_ns"]) > 0)
-        assert np.all(np.diff(one["cpu_s"]) >= 0)
-
-
 def test_a_process_that_ends_is_sampled_no_more_and_disturbs_nobody() -> None:
     sampler = ResourceSampler()
     with subprocess.Popen([sys.executable, "-c", ""]) as process:
@@ -108,16 +95,6 @@ def test_a_sample_is_taken_when_it_is_asked_for() -> None:
     # Not the one of the period, which was due when the last one was 200 ms old.
     previous = around["time_ns"][around["time_ns"] < soon_ns][-1]
     assert after[0] >= soon_ns > previous
-
-
-def test_times_that_were_asked_for_and_are_past_are_one_sample() -> None:
-    sampler = ResourceSampler()
-    for _ in range(50):
-        sampler.sample_at(0)
-    sampler.start()
-    wait_for(lambda: sampler.interference().size >= 3)
-    sampler.stop()
-    assert not sampler._requested_ns
 
 
 def test_what_a_process_uses_lately() -> None:
@@ -149,9 +126,6 @@ def test_a_process_that_is_gone_has_none() -> None:
     assert resources.minor_faults(2**22 + 1) == 0
 
 
-SCHEDSTAT = Path("/proc/self/schedstat")
-
-
 def wait_files(proc: Path, pid: int, *waits_ns: int) -> None:
     for thread, wait_ns in enumerate(waits_ns):
         folder = proc / str(pid) / "task" / str(pid + thread)
@@ -174,22 +148,6 @@ def test_waits_of_all_threads_add_up_and_stay_counted(tmp_path: Path) -> None:
 
 def test_without_the_counters_of_the_kernel_nothing_is_known(tmp_path: Path) -> None:
     assert math.isnan(RunQueueWaits(tmp_path).update(0, [os.getpid()]))
-
-
-@pytest.mark.skipif(not SCHEDSTAT.exists(), reason="this kernel does not count run-queue waits")
-def test_two_busy_programs_on_one_processor_wait_for_each_other() -> None:
-    core = min(os.sched_getaffinity(0))
-    code = f"import os; os.sched_setaffinity(0, [{core}])\nwhile True: pass"
-    waits = RunQueueWaits()
-    with (
-        subprocess.Popen([sys.executable, "-c", code]) as one,
-        subprocess.Popen([sys.executable, "-c", code]) as two,
-    ):
-        try:
-            wait_for(lambda: min(waits.update(0, [one.pid]), waits.update(1, [two.pid])) > 0.05)
-        finally:
-            one.kill()
-            two.kill()
 
 
 LEAVES_A_BUSY_CHILD = """
@@ -335,51 +293,38 @@ def test_a_core_that_does_not_say_its_frequency_leaves_all_unknown(
     assert math.isnan(InterferenceReader(tmp_path).read().cycles)
 
 
+GROUPS = "sys/fs/cgroup"
+HOT = "sys/devices/system/cpu/cpu{}/thermal_throttle/core_throttle_total_time_ms"
+# Version 2: the group's own pressure, and the quota of any group above.
+VERSION_2 = {
+    "proc/pressure/cpu": PRESSURE,
+    "proc/self/cgroup": "0::/slice/one\n",
+    f"{GROUPS}/slice/one/cpu.pressure": PRESSURE.replace("2500000", "1000000"),
+    f"{GROUPS}/slice/one/cpu.stat": "usage_usec 5\nthrottled_usec 0\n",
+    f"{GROUPS}/slice/cpu.stat": "usage_usec 9\nthrottled_usec 300000\n",
+}
+VERSION_1 = {
+    "proc/self/cgroup": "4:memory:/a\n2:cpu,cpuacct:/a\n",
+    f"{GROUPS}/cpu,cpuacct/a/cpu.stat": "nr_throttled 2\nthrottled_time 2000000\n",
+}
+# In a container, whose path begins outside of what it can see.
+OUTSIDE = {
+    "proc/self/cgroup": "0::/../../elsewhere\n",
+    f"{GROUPS}/cpu.stat": "throttled_usec 4000\n",
+}
+
+
 @pytest.mark.parametrize(
     ("files", "waited_s", "throttled_s"),
     [
         ({}, None, None),
         ({"proc/pressure/cpu": "some words\n"}, None, None),
         ({"proc/pressure/cpu": PRESSURE}, 2.5, None),
-        # Version 2: the group's own pressure, and the quota of any group above.
-        (
-            {
-                "proc/pressure/cpu": PRESSURE,
-                "proc/self/cgroup": "0::/slice/one\n",
-                "sys/fs/cgroup/slice/one/cpu.pressure": PRESSURE.replace("2500000", "1000000"),
-                "sys/fs/cgroup/slice/one/cpu.stat": "usage_usec 5\nthrottled_usec 0\n",
-                "sys/fs/cgroup/slice/cpu.stat": "usage_usec 9\nthrottled_usec 300000\n",
-            },
-            1.0,
-            0.3,
-        ),
-        # Version 1.
-        (
-            {
-                "proc/self/cgroup": "4:memory:/a\n2:cpu,cpuacct:/a\n",
-                "sys/fs/cgroup/cpu,cpuacct/a/cpu.stat": "nr_throttled 2\nthrottled_time 2000000\n",
-            },
-            None,
-            0.002,
-        ),
-        # In a container, whose path begins outside of what it can see.
-        (
-            {
-                "proc/self/cgroup": "0::/../../elsewhere\n",
-                "sys/fs/cgroup/cpu.stat": "throttled_usec 4000\n",
-            },
-            None,
-            0.004,
-        ),
+        (VERSION_2, 1.0, 0.3),
+        (VERSION_1, None, 0.002),
+        (OUTSIDE, None, 0.004),
         # Cores get hot at once.
-        (
-            {
-                f"sys/devices/system/cpu/{core}/thermal_throttle/core_throttle_total_time_ms": "5"
-                for core in ("cpu0", "cpu1")
-            },
-            None,
-            0.005,
-        ),
+        ({HOT.format(core): "5" for core in (0, 1)}, None, 0.005),
     ],
 )
 def test_where_it_is_read(

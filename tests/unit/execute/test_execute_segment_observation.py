@@ -257,12 +257,6 @@ def writers(tmp_path: Path) -> Iterator[Writers]:
     found.monitor.close()
 
 
-def test_nothing_has_come_yet(writers: Writers) -> None:
-    seen = writers.view()
-    assert (seen.sent(), seen.received(), seen.p99_ns()) == (0, 0, None)
-    assert seen.cores() == {"relay": 0.5}
-
-
 @pytest.mark.parametrize("match", ["stamp", "order"])
 @pytest.mark.parametrize("look", [lambda _: True, lambda n: n % 97 == 0, lambda n: n == 399])
 def test_however_often_it_is_looked_at_it_is_exact(

@@ -8,43 +8,20 @@ from typing import Any
 
 import pytest
 
-from r2bspec.execute.bringup.observe_graph import GraphFacts, TopicFacts
+from graph_facts import graph, topic
 from r2bspec.execute.errors import DeadInputError, RunError
 from r2bspec.execute.silent_outputs import SilentOutputs
-from r2bspec.ipc.protocol import Endpoint
 from run_simulation import monitor_plan, segment_of
-
-
-def topic(name: str, publisher: str, subscriber: str, passed: int) -> TopicFacts:
-    kind = "std_msgs/msg/Header"
-
-    def end(node: str) -> Endpoint:
-        return Endpoint(node=node, type=kind, reliability="reliable", durability="volatile")
-
-    return TopicFacts(
-        name=name,
-        type=kind,
-        planned_publishers=(publisher,),
-        planned_subscribers=(subscriber,),
-        publishers=(end(publisher),),
-        subscriptions=(end(subscriber),),
-        passed=passed,
-    )
 
 
 def stopped(late: int = 0, **inputs: int) -> SilentOutputs:
     """What is found out about an output that has stopped; by input, how many messages arrived."""
-    topics = [topic(f"/{name}", "player", "/node", passed) for name, passed in inputs.items()]
-    facts = GraphFacts(
-        topics={one.name: one for one in (*topics, topic("/r2b/out", "/node", "monitor", 0))},
-        inputs=tuple(planned_topic.name for planned_topic in topics),
-        played=10,
-        nodes=frozenset({"/node"}),
-    )
-    observer = SimpleNamespace(trace=lambda _, play: (play(), facts)[1])
-    graph: Any = SimpleNamespace(
+    topics = [topic(f"/{name}", "player", "/b", passed=passed) for name, passed in inputs.items()]
+    facts = graph(*topics, topic("/r2b/out", "/b", "monitor", passed=0))
+    observer = SimpleNamespace(trace=lambda _, __, play: (play(), facts)[1])
+    observed: Any = SimpleNamespace(
         plan=SimpleNamespace(inputs=("in",), called={}),
-        observer=lambda _: observer,
+        observer=observer,
         supervisor=None,
     )
     player: Any = SimpleNamespace(
@@ -52,7 +29,7 @@ def stopped(late: int = 0, **inputs: int) -> SilentOutputs:
     )
     context: Any = SimpleNamespace(note=lambda _: None)
     nobody: Any = None
-    return SilentOutputs(graph, context, Path(), nobody, player)
+    return SilentOutputs(observed, context, Path(), nobody, player)
 
 
 def test_silence_that_begins_at_the_input_ends_the_run_as_invalid() -> None:

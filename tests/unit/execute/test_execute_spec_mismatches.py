@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
+from plans import node_plan
 from r2bspec.execute.bringup import spec_mismatches
-from r2bspec.execute.bringup.find_fault import Fault
+from r2bspec.execute.bringup.find_fault import NO_OUTPUT, NO_PUBLISHER, NO_SUBSCRIPTION, _fault
 from r2bspec.execute.bringup.graph_matching import graph_mismatches, related_differences
 from r2bspec.execute.bringup.spec_mismatches import (
-    ExpectedParameters,
     RemappedTopic,
     find_unmatched,
     is_typing_error,
@@ -22,6 +22,7 @@ from r2bspec.execute.bringup.spec_mismatches import (
 from r2bspec.execute.errors import GraphDifferencesError
 from r2bspec.ipc import protocol
 from r2bspec.ipc.protocol import ParameterLists, Ready
+from r2bspec.plan.plan import NodePlan
 
 READY = Ready(
     endpoints=(
@@ -68,7 +69,7 @@ class Answers:
     def __init__(self, *found: dict[str, tuple[str, ...]]) -> None:
         self._found = list(found)
 
-    def request(self, *_: Any) -> protocol.NodeNames:
+    def ask_observer(self, *_: Any) -> protocol.NodeNames:
         """The next answer; the last one again and again."""
         return protocol.NodeNames(names=self._found.pop(0) if self._found[1:] else self._found[0])
 
@@ -79,14 +80,14 @@ class Answers:
 def unmatched_of(*found: dict[str, tuple[str, ...]]) -> list[str]:
     rules = [RemappedTopic("/r2b/a", before, f"/r2b/{before}_new", True) for before in ("x", "y")]
     answers: Any = Answers(*found)
-    return [each.name for each in find_unmatched(rules, answers, answers)]
+    return [each.name for each in find_unmatched(rules, answers)]
 
 
 def test_remappings_of_other_nodes_are_looked_up_in_what_discovery_shows() -> None:
     assert unmatched_of({}, {"/r2b/a": ("/r2b/x_new", "/r2b/y_new/compressed")}) == []
     (found,) = find_unmatched(
         [RemappedTopic("/r2b/a", "x", "/r2b/z", True)],
-        *[Answers({"/r2b/a": ("/rosout", "/r2b/a/get_parameters", "/r2b/x")})] * 2,  # type: ignore[arg-type]
+        Answers({"/r2b/a": ("/rosout", "/r2b/a/get_parameters", "/r2b/x")}),  # type: ignore[arg-type]
     )
     assert found.message == "/r2b/a has no topic 'x' to remap to /r2b/z"
     assert (found.code, found.help, found.harmless) == ("R2B204", "its topics: /r2b/x", True)
@@ -97,14 +98,14 @@ def test_nothing_is_said_of_the_remappings_of_a_node_that_is_not_found() -> None
 
 
 def test_a_remapping_is_the_cause_of_the_topic_that_it_did_not_make() -> None:
-    missing = Fault("no publisher", "/r2b/last", "", "no publisher on /r2b/last")
-    other = Fault("no subscription", "/r2b/in", "/r2b/b", "no subscription to /r2b/in")
+    missing = _fault(NO_PUBLISHER, "/r2b/last", "", "no publisher on /r2b/last")
+    other = _fault(NO_SUBSCRIPTION, "/r2b/in", "/r2b/b", "no subscription to /r2b/in")
     found = graph_mismatches([missing, other], unmatched_remappings(READY))
     assert [(each.code, each.harmless) for each in found] == [("R2B204", False), ("R2B208", False)]
 
 
 def test_a_node_without_output_is_no_difference_but_its_remappings_are_reported() -> None:
-    no_output = Fault("no output", "/r2b/out", "/r2b/a", "it publishes nothing")
+    no_output = _fault(NO_OUTPUT, "/r2b/out", "/r2b/a", "it publishes nothing")
     found = list(unmatched_remappings(READY))
     assert graph_mismatches([no_output], found) == ()
     assert "'outptu'" in related_differences([no_output], found)
@@ -112,24 +113,32 @@ def test_a_node_without_output_is_no_difference_but_its_remappings_are_reported(
 
 
 def test_a_fault_that_may_disappear_is_no_difference() -> None:
-    missing = Fault("no publisher", "/r2b/slow", "/r2b/program", "no publisher on /r2b/slow")
+    missing = _fault(NO_PUBLISHER, "/r2b/slow", "/r2b/program", "no publisher on /r2b/slow")
     assert graph_mismatches([missing], [], lambda _: False) == ()
     # A remapping that matches no topic of its node is one nevertheless.
-    last = Fault("no publisher", "/r2b/last", "", "no publisher on /r2b/last")
+    last = _fault(NO_PUBLISHER, "/r2b/last", "", "no publisher on /r2b/last")
     (found,) = graph_mismatches([last], unmatched_remappings(READY), lambda _: False)
     assert found.code == "R2B204"
 
 
-NODE = ExpectedParameters("/r2b/a", ("gian", "speed", "size"), own_node_name=True)
+def sets(name: str, *parameters: str) -> NodePlan:
+    return node_plan(name, parameters=dict.fromkeys(parameters, 1))
+
+
+NODE = sets("a", "gian", "speed", "size")
 
 
 def said(
-    expected: ExpectedParameters,
+    node: NodePlan,
     lists: Mapping[str, tuple[str, ...]],
     lifecycle: tuple[str, ...] = (),
+    *,
+    own_name: bool = True,
 ) -> dict[str, bool]:
     """The undeclared parameters, and whether each is harmless."""
-    found = [*undeclared([expected], ParameterLists(parameters={**lists}, lifecycle=lifecycle))]
+    found = [
+        *undeclared([(node, own_name)], ParameterLists(parameters={**lists}, lifecycle=lifecycle))
+    ]
     assert {each.code for each in found} <= {"R2B211"}
     return {each.name: each.harmless for each in found}
 
@@ -137,7 +146,7 @@ def said(
 def test_only_a_typing_error_is_certain() -> None:
     lists = {"/r2b/a": ("gain", "size", "use_sim_time")}
     assert said(NODE, lists) == {"gian": False, "speed": True}
-    [first, _] = undeclared([NODE], ParameterLists(parameters={**lists}))
+    [first, _] = undeclared([(NODE, True)], ParameterLists(parameters={**lists}))
     assert first.message == "/r2b/a declares no parameter 'gian'"
     assert first.help == "did you mean 'gain'?"
 
@@ -152,13 +161,14 @@ def test_nothing_is_said_of_a_node_that_has_not_responded() -> None:
 
 
 def test_a_program_may_have_nodes_of_any_name() -> None:
-    program = ExpectedParameters("/r2b/p", ("speed", "size"), own_node_name=False)
+    program = sets("p", "speed", "size")
     lists = {"/plain": ("size",), "/helper": ("speed",)}
-    assert said(program, lists) == {}
-    assert said(program, {"/plain": ("size",)}) == {"speed": True}
+    assert said(program, lists, own_name=False) == {}
+    assert said(program, {"/plain": ("size",)}, own_name=False) == {"speed": True}
     # Parameters of other nodes in the plan are not its own.
-    other = ExpectedParameters("/helper", ("speed",), own_node_name=True)
-    found = undeclared([program, other], ParameterLists(parameters={**lists}))
+    other = node_plan("helper", namespace="/", parameters={"speed": 1})
+    nodes = [(program, False), (other, True)]
+    found = undeclared(nodes, ParameterLists(parameters={**lists}))
     assert [(each.owner, each.name) for each in found] == [("/r2b/p", "speed")]
 
 

@@ -47,15 +47,6 @@ def test_the_drawing_shows_the_transitions() -> None:
     assert drawn == {state: set(after) for state, after in NEXT.items() if after}
 
 
-def test_every_state_can_be_reached_and_leads_to_the_end() -> None:
-    assert set(NEXT) == set(RunState)
-    assert set().union(*NEXT.values()) | {RunState.PREPARE} == set(RunState)
-    leading = {RunState.COLLECT}
-    while more := {state for state, after in NEXT.items() if after & leading} - leading:
-        leading |= more
-    assert leading == set(RunState)
-
-
 def test_a_run_cannot_skip_a_state() -> None:
     states = RunStates(Progress())
     states.enter(RunState.LOAD, "reading")
@@ -126,17 +117,6 @@ def test_the_longest_wait_is_first_and_the_processor_time_is_that_of_the_phase()
     assert prepare.cpu_ns >= 21 * MS > load.cpu_ns
 
 
-def test_a_wait_that_fails_is_counted_too() -> None:
-    clock = PhaseClock()
-    try:
-        with clock.waiting("relay: ready"):
-            raise TimeoutError
-    except TimeoutError:
-        pass
-    (phase,) = clock.phases()
-    assert [wait.what for wait in phase.waits] == ["relay: ready"]
-
-
 def test_waits_of_several_starts_are_shown_together() -> None:
     def phase(ready_ms: int, matched_ms: int) -> PhaseTime:
         return PhaseTime(
@@ -175,14 +155,6 @@ def test_what_fits_is_played_and_what_does_not_is_told() -> None:
     assert budget.left_out == ["No confirmation run: it would exceed the time budget of 3600 s."]
 
 
-def test_time_before_it_begins_does_not_count() -> None:
-    budget = TimeBudget(HOUR_NS, lambda _: None)
-    assert budget.spent_s() == 0.0
-    assert budget.allows("no confirmation run", 3600.0)
-    budget.begin()
-    assert budget.spent_s() >= 0.0
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_is_reported_once(number: signal.Signals) -> None:
     with Interrupts() as interrupts:
@@ -193,13 +165,6 @@ def test_a_signal_is_reported_once(number: signal.Signals) -> None:
         assert raised.value.exit_code == 130
         # Cleaning up must not be interrupted by the signal that led to it.
         interrupts.check()
-
-
-def test_a_signal_that_came_before_long_work_keeps_it_from_beginning() -> None:
-    with Interrupts() as interrupts:
-        os.kill(os.getpid(), signal.SIGINT)
-        with pytest.raises(InterruptedRunError), interrupts.immediate():
-            pytest.fail("it began")
 
 
 def test_a_signal_that_comes_as_long_work_begins_ends_it_at_once(
@@ -216,15 +181,6 @@ def test_a_signal_that_comes_as_long_work_begins_ends_it_at_once(
         monkeypatch.setattr(interrupts, "check", check_before_a_signal)
         with pytest.raises(InterruptedRunError), interrupts.immediate():
             pytest.fail("it began")
-
-
-def test_after_long_work_signals_wait_again() -> None:
-    with Interrupts() as interrupts:
-        with interrupts.immediate():
-            pass
-        os.kill(os.getpid(), signal.SIGINT)
-        with pytest.raises(InterruptedRunError):
-            interrupts.check()
 
 
 def test_handlers_are_as_before_afterwards() -> None:

@@ -15,10 +15,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import psutil
 import pytest
 
-from family_trees import wait_for
+from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.errors import (
     AddressSpaceError,
     InterruptedRunError,
@@ -26,8 +25,10 @@ from r2bspec.execute.errors import (
     ProcessDiedError,
     ProcessFailedError,
     RunError,
+    StepFailedError,
 )
 from r2bspec.execute.processes import process, supervisor
+from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.process import ManagedProcess, describe_exit
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.ipc import protocol
@@ -35,6 +36,9 @@ from r2bspec.ipc.process_cleanup import run_processes
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.middleware.middleware import middleware_of
+from r2bspec.plan.plan import SetupPlan
+from r2bspec.record.run_folder import RunFolder
+from run_simulation import Simulation
 
 HANG_S = 60.0
 """Guards against hanging only; nothing that passes takes so long."""
@@ -258,13 +262,6 @@ def test_a_death_is_reported_with_the_last_lines_of_the_log(stage: Stage) -> Non
     assert stage.said().count("line") == 99
 
 
-def test_of_several_processes_the_one_that_died_is_named(stage: Stage) -> None:
-    silent = stage.start("ends = channel()\n" + SLEEPS, "player")
-    stage.start("ends = channel(); ends.receive(); sys.exit(9)", "relay").send(protocol.Stop())
-    with pytest.raises(ProcessDiedError, match="process relay exited with status 9"):
-        stage.children.request(silent, protocol.CountMatches(), protocol.Matched, HANG_S)
-
-
 LIMITS = "import resource; resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))\n"
 TELLS = """
 ends = channel()
@@ -382,6 +379,33 @@ def test_a_process_inherits_nothing_but_its_channel(stage: Stage) -> None:
     assert ours not in kinds
 
 
+def test_a_setup_step_has_to_create_its_file_and_does_so_once(stage: Stage) -> None:
+    environment = RunEnvironment(
+        Simulation().plan(),
+        run_id=stage.run_id,
+        domain=1,
+        scratch=stage.folder,
+        largest_message_bytes=1,
+    )
+    folder = RunFolder.create(stage.folder / "run")
+    launcher = Launcher(stage.children, environment, folder, stage.folder)
+    notes: list[str] = []
+
+    def run(*argv: str) -> None:
+        plan = SetupPlan(
+            name="get", argv=argv, creates="made", directory=".", env={}, timeout_ns=10**11
+        )
+        launcher.run_setup_step(plan, notes.append)
+
+    with pytest.raises(StepFailedError, match=r"setup\.get exited with status 1; it printed"):
+        run("false")
+    with pytest.raises(StepFailedError, match="get succeeded, but made does not exist"):
+        run("true")
+    run("touch", "made")
+    run("false")
+    assert notes[-2:] == ["get: touch made", "get: made already exists"]
+
+
 # Ending
 
 
@@ -476,32 +500,6 @@ def test_a_child_that_has_never_answered_is_not_waited_for(
     stage.pump_until(lambda: "here" in stage.said())
     stage.children.end([child])
     assert child.process.returncode == -signal.SIGTERM
-
-
-def test_a_child_that_is_stopped_is_killed(stage: Stage, impatient: None) -> None:
-    child = stage.start(READY + SLEEPS)
-    stage.children.answer(child, protocol.Ready, HANG_S)
-    os.kill(child.pid, signal.SIGSTOP)
-    wait_for(lambda: psutil.Process(child.pid).status() == psutil.STATUS_STOPPED)
-    stage.children.end([child])
-    assert child.process.returncode == -signal.SIGKILL
-
-
-def test_the_record_lists_all_in_order_with_how_they_ended(stage: Stage, impatient: None) -> None:
-    first = stage.start(ANSWERS, "first", "player")
-    stubborn = "ignore(signal.SIGINT, signal.SIGTERM)\n" + SLEEPS
-    second = stage.start(stubborn, "second", "command")
-    stage.pump_until(lambda: "here" in stage.said("second"))
-    stage.children.request(first, play(1), protocol.Played, HANG_S)
-    stage.children.end([first])
-    running = stage.children.records()
-    assert [(each.name, each.role, each.exit_code) for each in running] == [
-        ("first", "player", 0),
-        ("second", "command", None),
-    ]
-    assert [each.pid for each in running] == [first.pid, second.pid]
-    assert stage.children.close() == ["second"]
-    assert [record.exit_code for record in stage.children.records()] == [0, -signal.SIGKILL]
 
 
 # Being interrupted
