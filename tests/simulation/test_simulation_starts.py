@@ -180,13 +180,6 @@ def test_iterations_of_one_start(iterations: int) -> None:
         assert held(found)
 
 
-def test_one_start_tells_of_this_start_alone() -> None:
-    """Why a run has several, and why a verdict of one says so."""
-    found = errors(WORLDS["starts differ by 2.7 %"], ("p50",), shape=Shape(1, 10), runs=RUNS)["p50"]
-    assert found.shares[0] > 0.25
-    assert found.shares[1] > 0.25
-
-
 @pytest.mark.parametrize("name", ["nothing differs", "starts differ by 2.7 %"])
 def test_many_looks_share_the_error(name: str) -> None:
     quantities = ("p50", "p90", "mean, throughput")
@@ -300,10 +293,3 @@ def test_windows_on_the_limit(name: str) -> None:
 def test_stored_runs_are_compared_by_their_starts(name: str, shape: Shape) -> None:
     found = stored_errors(WORLDS[name], shape, runs=RUNS)
     assert max(found.shares[:2]) <= chance(0.05, RUNS)
-
-
-def test_stored_runs_by_their_iterations_are_not() -> None:
-    world, shape = WORLDS["starts differ by 2.7 %"], Shape(5, 2)
-    runs = size(200, 400)
-    found = stored_errors(world, shape, by_starts=False, runs=runs)
-    assert max(found.shares[:2]) > chance(0.05, runs)

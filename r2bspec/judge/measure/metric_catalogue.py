@@ -293,6 +293,17 @@ def _anatomy_share(name: str, description: str) -> MetricInfo:
     return replace(_metric(name, "anatomy", "share", "mean", description), subject=NODE)
 
 
+def _use_metrics(
+    subject: str, scope: Scope, mean: str, busiest: str, memory: str
+) -> tuple[MetricInfo, ...]:
+    """The metrics of what somebody used of the machine, with what each of them is."""
+    return (
+        _metric(f"cpu.{subject}.mean", scope, "share", "mean", mean),
+        _metric(f"cpu.{subject}.max", scope, "share", "observation", busiest),
+        _metric(f"memory.{subject}.max", scope, "size", "observation", memory),
+    )
+
+
 _LATENESS_DESCRIPTION = "time from when a publication was due to when it began"
 
 _CATALOGUE: tuple[MetricInfo, ...] = (
@@ -316,37 +327,36 @@ _CATALOGUE: tuple[MetricInfo, ...] = (
         _time_metric("playback", "playback.lateness", part, _LATENESS_DESCRIPTION)
         for part in (*SHORT_PERCENTILES, "max")
     ),
-    _metric(f"cpu.{PROCESS}.mean", "process", "share", "mean", "processor time; one core is 100 %"),
-    _metric(
-        f"cpu.{PROCESS}.max", "process", "share", "observation", "the same in the busiest sample"
+    *_use_metrics(
+        PROCESS,
+        "process",
+        "processor time; one core is 100 %",
+        "the same in the busiest sample",
+        "largest resident set",
     ),
-    _metric(f"memory.{PROCESS}.max", "process", "size", "observation", "largest resident set"),
-    _metric("cpu.graph.mean", "graph", "share", "mean", "the same of all processes of the graph"),
-    _metric("cpu.graph.max", "graph", "share", "observation", "the same in their busiest sample"),
-    _metric(
-        "memory.graph.max", "graph", "size", "observation", "largest sum of their resident sets"
+    *_use_metrics(
+        WHOLE_GRAPH,
+        "graph",
+        "the same of all processes of the graph",
+        "the same in their busiest sample",
+        "largest sum of their resident sets",
     ),
-    _metric("cpu.system.mean", "machine", "share", "mean", "CPU of the machine; one core is 100 %"),
-    _metric("cpu.system.max", "machine", "share", "observation", "the same in the busiest sample"),
-    _metric(
-        "memory.system.max",
+    *_use_metrics(
+        "system",
         "machine",
-        "size",
-        "observation",
+        "CPU of the machine; one core is 100 %",
+        "the same in the busiest sample",
         "largest memory in use on the machine",
     ),
-    _metric(
-        BAD_PIXELS, "truth", "share", "truth", "disparities that are off by more than 2 pixels"
-    ),
-    _metric(DENSITY, "truth", "share", "truth", "pixels with a disparity, of all with a true one"),
-    _metric(TAG_MISSED, "truth", "share", "truth", "images in which the visible tag is not found"),
-    _metric(TAG_FALSE, "truth", "share", "truth", "detections that are not of the tag"),
-    _metric(
-        TAG_POSITION_ERROR,
-        "truth",
-        "share",
-        "truth",
-        "mean distance from the true position / distance of the tag",
+    *(
+        _metric(name, "truth", "share", "truth", description)
+        for name, description in (
+            (BAD_PIXELS, "disparities that are off by more than 2 pixels"),
+            (DENSITY, "pixels with a disparity, of all with a true one"),
+            (TAG_MISSED, "images in which the visible tag is not found"),
+            (TAG_FALSE, "detections that are not of the tag"),
+            (TAG_POSITION_ERROR, "mean distance from the true position / distance of the tag"),
+        )
     ),
     *(
         _anatomy(family, part)

@@ -67,7 +67,7 @@ def metric_value(info: MetricInfo, monitor: str | None, samples: SegmentSamples)
             times = samples.anatomy.get(info.series)
             if times is None or not times.size:
                 return None
-            return _time_value(info, times, samples.lost_on_paths(info))
+            return time_value(info, times, samples.lost_on_paths(info))
         case _:
             raise ValueError(f"{info.name} is not a metric of a segment")
 
@@ -78,7 +78,7 @@ def monitor_value(info: MetricInfo, seen: MonitorSamples) -> float | None:
         return None
     if info.family in seen.times:
         lost = seen.missed if info.family in LOSS_SENSITIVE_FAMILIES else 0
-        return _time_value(info, seen.times[info.family], lost)
+        return time_value(info, seen.times[info.family], lost)
     if info.family == "reaction":
         return None
     match info.name:
@@ -98,10 +98,11 @@ def _playback_value(info: MetricInfo, samples: SegmentSamples) -> float | None:
         return float(samples.playback.sent)
     if info.name == "playback.rate":
         return samples.playback.rate_hz
-    return _time_value(info, samples.playback.lateness, 0)
+    return time_value(info, samples.playback.lateness, 0)
 
 
-def _time_value(info: MetricInfo, times: Seconds, lost: int) -> float | None:
+def time_value(info: MetricInfo, times: Seconds, lost: int) -> float | None:
+    """The part of the distribution of some times that a metric names; see `metric_value`."""
     if info.quantile is not None:
         return percentile(times, info.quantile, lost)
     if info.part == "max":

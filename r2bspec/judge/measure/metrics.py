@@ -21,7 +21,7 @@ from r2bspec.judge.measure.distribution import (
     Distribution,
     part_value,
 )
-from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse, pool_resource_use
+from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse
 from r2bspec.judge.measure.samples import (
     SENT_COUNTS,
     HopSamples,
@@ -29,8 +29,7 @@ from r2bspec.judge.measure.samples import (
     PlaybackSamples,
     RunSamples,
     SegmentSamples,
-    pool_monitor,
-    pool_playback,
+    pool_segments,
 )
 from r2bspec.judge.measure.times import Seconds, rank
 from r2bspec.record.run_record import Probe, SearchRecord
@@ -256,7 +255,8 @@ def _segment(
         graph=_use(samples.graph, sent) if samples.graph is not None else None,
         interference=samples.interference,
         start=samples.segment.start,
-        anatomy=_anatomy([samples]),
+        anatomy={name: distribution(times) for name, times in samples.anatomy.items()}
+        or msgspec.UNSET,
     )
 
 
@@ -267,49 +267,17 @@ def _measure_rate(
     pace: Pace,
 ) -> RateMetrics:
     iterations = measure_segments(samples)
+    (pooled,) = measure_segments([pool_segments(samples)])
     return RateMetrics(
         offered_hz=rate_hz,
         iterations=iterations,
-        pooled=_pooled(samples),
+        pooled=msgspec.structs.replace(pooled, segment="", index=None, start=0),
         pace=pace,
         spread={name: _spread(iterations, name) for name in samples[0].monitors},
         reruns=measure_segments(
             [reruns[sample.segment.id] for sample in samples if sample.segment.id in reruns]
         ),
     )
-
-
-def _pooled(samples: Sequence[SegmentSamples]) -> SegmentMetrics:
-    machine = pool_resource_use(sample.machine for sample in samples)
-    graph = pool_resource_use(sample.graph for sample in samples)
-    sent = sum(sample.playback.sent for sample in samples if not sample.playback.live)
-    names = dict.fromkeys(name for sample in samples for name in sample.processes)
-    processes = {
-        name: pool_resource_use(sample.processes.get(name) for sample in samples) for name in names
-    }
-    return SegmentMetrics(
-        segment="",
-        index=None,
-        playback=_playbacks([pool_playback([sample.playback for sample in samples])])[0],
-        monitors={
-            name: _monitors([pool_monitor([sample.monitors[name] for sample in samples])])[0]
-            for name in samples[0].monitors
-        },
-        processes={name: _use(used, sent) for name, used in processes.items() if used is not None},
-        machine=_use(machine) if machine is not None else None,
-        graph=_use(graph, sent) if graph is not None else None,
-        anatomy=_anatomy(samples),
-    )
-
-
-def _anatomy(samples: Sequence[SegmentSamples]) -> dict[str, Distribution] | msgspec.UnsetType:
-    names = dict.fromkeys(name for sample in samples for name in sample.anatomy)
-    return {
-        name: distribution(
-            np.concatenate([sample.anatomy[name] for sample in samples if name in sample.anatomy])
-        )
-        for name in names
-    } or msgspec.UNSET
 
 
 _RANGES: Final = {

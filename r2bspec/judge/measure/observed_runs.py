@@ -41,8 +41,8 @@ def observed_values(joined: Anatomy) -> dict[str, Seconds]:
     """What was observed of each node and topic; see `SegmentSamples.anatomy`."""
     # Requirements name topics without the slash that they begin with.
     return {
-        name.replace("path./", "path.").removeprefix("/"): joined.values(name)
-        for name in joined.names
+        name.replace("path./", "path.").removeprefix("/"): values
+        for name, values in joined.series.items()
     }
 
 

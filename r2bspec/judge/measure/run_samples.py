@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -103,16 +104,6 @@ class HostSamples:
 
     processes: ProcessSamples
     interference: Rows
-
-
-@dataclass(frozen=True)
-class HostUse:
-    """What was used in one segment; see `SegmentSamples`."""
-
-    processes: Mapping[str, ResourceUse]
-    machine: ResourceUse | None
-    graph: ResourceUse | None
-    interference: HostInterference | None
 
 
 def read_samples(run: Run) -> RunSamples:
@@ -380,8 +371,10 @@ def _overdue(rows: SegmentRows, matched: MatchedMonitor) -> int:
     return int(np.count_nonzero(rows.played_earlier(stamps)))
 
 
-def host_samples(record: RunRecord, plan: Plan, host: HostSamples) -> Mapping[str, HostUse]:
+def _host_samples(record: RunRecord, plan: Plan, host: HostSamples) -> Mapping[str, dict[str, Any]]:
     """Resource usage and host interference in each complete segment of a run, by its id.
+
+    They are fields of `SegmentSamples`.
 
     Args:
         record: of the run so far.
@@ -408,12 +401,12 @@ def host_samples(record: RunRecord, plan: Plan, host: HostSamples) -> Mapping[st
     )
     ranks = _ranks(record.processes)
     return {
-        segment.id: HostUse(
-            processes=_by_name(record, of_segment, ranks),
-            machine=of_segment.get(MACHINE_INDEX),
-            graph=graph,
-            interference=interference,
-        )
+        segment.id: {
+            "processes": _by_name(record, of_segment, ranks),
+            "machine": of_segment.get(MACHINE_INDEX),
+            "graph": graph,
+            "interference": interference,
+        }
         for segment, (of_segment, graph, interference) in zip(segments, columns, strict=True)
     }
 
@@ -455,7 +448,7 @@ def run_samples(
     Raises:
         RecordError: `samples_of` reads files, and one is missing or damaged.
     """
-    used = host_samples(record, plan, host)
+    used = _host_samples(record, plan, host)
 
     def session(
         record: RunRecord, iterations: list[Segment], sustained: list[Segment]
@@ -463,14 +456,7 @@ def run_samples(
         """The samples of the complete ones among some segments, played in one session."""
 
         def of_segment(segment: Segment) -> SegmentSamples:
-            of_host = used[segment.id]
-            return replace(
-                samples_of(segment),
-                processes=of_host.processes,
-                machine=of_host.machine,
-                graph=of_host.graph,
-                interference=of_host.interference,
-            )
+            return replace(samples_of(segment), **used[segment.id])
 
         first_played: dict[float, list[SegmentSamples]] = {}
         reruns: dict[str, SegmentSamples] = {}

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse
+from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse, pool_resource_use
 from r2bspec.judge.measure.matching import (
     NO_MATCH,
     MatchedMonitor,
@@ -624,6 +624,31 @@ def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
         pace=tuple(each for sample in samples for each in sample.pace),
         unpaired=next((sample.unpaired for sample in samples if sample.unpaired), ""),
         **counts,
+    )
+
+
+def pool_segments(samples: Sequence[SegmentSamples]) -> SegmentSamples:
+    """Several iterations as one, at least one; its segment is that of the first."""
+    processes = dict.fromkeys(name for sample in samples for name in sample.processes)
+    used = {
+        name: pool_resource_use(sample.processes.get(name) for sample in samples)
+        for name in processes
+    }
+    observed = dict.fromkeys(name for sample in samples for name in sample.anatomy)
+    return SegmentSamples(
+        segment=samples[0].segment,
+        playback=pool_playback([sample.playback for sample in samples]),
+        monitors={
+            name: pool_monitor([sample.monitors[name] for sample in samples])
+            for name in samples[0].monitors
+        },
+        processes={name: use for name, use in used.items() if use is not None},
+        machine=pool_resource_use(sample.machine for sample in samples),
+        graph=pool_resource_use(sample.graph for sample in samples),
+        anatomy={
+            name: np.concatenate([one.anatomy[name] for one in samples if name in one.anatomy])
+            for name in observed
+        },
     )
 
 

@@ -19,7 +19,6 @@ from r2bspec.judge.statistics.variance_components import (
     growth_for_share,
     pieces_for,
     quantile_scale,
-    sampling_variance,
 )
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.record.run_record import HarnessOverheadRecord, StartRecord
@@ -103,14 +102,6 @@ class TestComponents:
         assert found.starts == 0
         assert found.iterations == pytest.approx(4 / 3 - 0.1)
 
-    def test_independent_and_correlated_messages(self) -> None:
-        random = np.random.default_rng(1)
-        rows = [random.standard_normal(400) for _ in range(20)]
-        assert sampling_variance(rows) == pytest.approx(1 / 400, rel=0.2)
-        blocks = [np.repeat(random.standard_normal(400), 5) for _ in range(20)]
-        assert sampling_variance(blocks) == pytest.approx(1 / 400, rel=0.2)
-        assert sampling_variance([np.ones(10)]) == sampling_variance([np.ones(1)]) == 0
-
     def test_the_density_at_a_percentile(self) -> None:
         ordered = np.sort(np.random.default_rng(2).random(100_000))
         assert quantile_scale(ordered, float(ordered[90_000])) == pytest.approx(1, rel=0.2)
@@ -136,13 +127,6 @@ class TestGrowth:
 
 
 class TestBudget:
-    def test_starts_that_differ_are_the_largest_known_part(self) -> None:
-        found = shares(requirement(messages(between=0.002)))
-        allowance = found.pop("allowance")
-        assert allowance is not None
-        assert 0 < allowance < 0.7
-        assert max(found, key=lambda source: found[source] or 0) == "starts"
-
     def test_one_start_says_nothing_of_starts(self) -> None:
         starts = (1,) * 10
         found = requirement(messages(starts=starts), starts=starts)
