@@ -228,12 +228,7 @@ def windows(
         window_ns: the length of a window, positive.
         period_ns: the time in which one output is due; a window of 1 s at 29.97 Hz has 30 steps
             or 29, and each is then measured by the time of its steps. 0 if steps have no period.
-
-    Raises:
-        ValueError: the length is not positive.
     """
-    if window_ns <= 0:
-        raise ValueError("the length of a window must be positive")
     steps = seen.steps
     if not steps.due_ns.size:
         return

@@ -68,14 +68,6 @@ class TestShares:
         factor = (stats.t.ppf(0.95, 1) / stats.norm.ppf(0.95)) ** 2
         assert found.inflation == pytest.approx(scatter * factor, rel=1e-5)
 
-    def test_a_higher_confidence_asks_more_of_few(self) -> None:
-        at = [
-            effective_sample(flags(2, 10), SampleDesign(confidence=c)).inflation
-            for c in (0.9, 0.95, 0.9875)
-        ]
-        assert at == sorted(at)
-        assert at[2] > 2 * at[1]
-
     def test_a_run_of_the_better_ones_does_not_look_uniform(self) -> None:
         seen = effective_sample(flags(0, 0, 6, 0, 0), SampleDesign(serial=False))
         asked = effective_sample(flags(0, 0, 6, 0, 0), SampleDesign(allowed=0.1, serial=False))

@@ -197,16 +197,6 @@ def test_a_middleware_without_times_of_reception_leaves_the_transport_unseen() -
     assert unseen == ["/in", "/image", "/blurred", "/out"]
 
 
-@pytest.mark.parametrize("kind", [AnatomyKind.CALLBACK, AnatomyKind.TRIGGER, AnatomyKind.WAIT])
-def test_lost_callbacks_are_not_seen(kind: AnatomyKind) -> None:
-    simulated = observed(CHAIN)
-    lost = (simulated.rows["kind"] == kind) & (np.arange(simulated.rows.size) % 3 == 0)
-    for path in anatomy(
-        simulated.record, simulated.rows[~lost], simulated.plan, simulated.window_ns
-    ).paths["out"]:
-        np.testing.assert_allclose(total(path), path.seconds, rtol=0, atol=1e-12)
-
-
 @pytest.mark.parametrize("seed", range(30))
 def test_forged_rows_raise_nothing_and_add_up(seed: int) -> None:
     random = np.random.default_rng(seed)

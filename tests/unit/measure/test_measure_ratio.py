@@ -46,15 +46,6 @@ def test_answers_are_expected_after_the_last_step_of_each_group(
     assert ratio.trigger_steps(7).tolist() == asked
 
 
-def test_segments_in_a_row_expect_what_one_long_segment_would() -> None:
-    ratio, lengths, asked, before = StepRatio(inputs=3, outputs=2), (10, 1, 7, 4), [], 0
-    for steps in lengths:
-        part = StepRatio(ratio.inputs, ratio.outputs, before).trigger_steps(steps)
-        asked += (part + before).tolist()
-        before += steps
-    assert asked == ratio.trigger_steps(before).tolist()
-
-
 @pytest.mark.parametrize(
     ("ratio", "steps", "times_s", "latency_s"),
     [
