@@ -42,7 +42,7 @@ from r2bspec.judge.measure.matching import (
 )
 from r2bspec.judge.measure.metric_catalogue import Subjects
 from r2bspec.judge.measure.observed_runs import ObservedRows, observed_values
-from r2bspec.judge.measure.reactions import UNREADABLE, find_reactions
+from r2bspec.judge.measure.reactions import UNREADABLE, find_reactions, match_monitors
 from r2bspec.judge.measure.samples import (
     HopSamples,
     MonitorSamples,
@@ -304,19 +304,7 @@ def segment_samples(
         rows: what the harness wrote in it.
         matched: the match of each monitor, where the caller has it already.
     """
-    if segment.live:
-        matched = {}
-    else:
-        matched = matched or {
-            monitor.name: match_monitor(
-                rows.playback,
-                rows.monitors[monitor.name],
-                monitor,
-                plan.step_sources,
-                segment.played_before,
-            )
-            for monitor in plan.monitors
-        }
+    matched = matched or match_monitors(plan, segment, rows.playback, rows.monitors)
     reactions = find_reactions(plan, segment, rows.playback, rows.monitors, rows.marks, matched)
     monitors = {}
     for monitor in plan.monitors:

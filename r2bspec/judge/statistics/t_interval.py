@@ -452,13 +452,11 @@ class NoiseFloor:
     Attributes:
         deviation: estimated from `n` A/A pairs.
         upper: its upper confidence bound.
-        bias: the mean of the logarithms; of A against A it should be 0 within its error.
-        biased: whether it is not, at the requested confidence each way.
+        biased: whether the mean of the logarithms, of A against A, is not 0 within its error.
     """
 
     deviation: float
     upper: float
-    bias: float
     biased: bool
     n: int
 
@@ -478,7 +476,6 @@ def noise_floor(ratios: Sequence[float], confidence: float) -> NoiseFloor:
     return NoiseFloor(
         deviation=interval.deviation,
         upper=deviation_bound(interval.deviation, len(logs), confidence),
-        bias=interval.mean,
         biased=interval.lower > 0 or interval.upper < 0,
         n=len(logs),
     )
