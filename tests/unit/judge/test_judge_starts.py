@@ -155,9 +155,9 @@ class TestLevels:
 
 
 STARTS_DIFFER = (
-    "The 5 starts differ by 1.6 ms in latency (standard deviation, up to 3.8 ms at 95 % confidence; "
-    "their messages by 0 s), and that none was lost does not show whether slower ones lose more. "
-    "More starts would show it."
+    "The 5 starts differ by 1.6 ms in latency (standard deviation, up to 3.8 ms at 95 % "
+    "confidence; their messages by 0 s), and that none was lost does not show whether slower ones "
+    "lose more. More starts would show it."
 )
 
 
