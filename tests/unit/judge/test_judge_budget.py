@@ -15,7 +15,6 @@ from r2bspec.judge.measure.host_usage import HostInterference
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.statistics.variance_components import (
     NestedSample,
-    growth_for_mean,
     growth_for_share,
     pieces_for,
     quantile_scale,
@@ -110,11 +109,6 @@ class TestComponents:
 
 
 class TestGrowth:
-    @pytest.mark.parametrize("distance", [0.3, 0.8, 0.99])
-    def test_a_smaller_distance_needs_more(self, distance: float) -> None:
-        near, far = (growth_for_mean(at, 1.0, 4, 0.95) for at in (distance / 2, distance))
-        assert near > far > 1
-
     def test_more_starts_than_these_are_not_proposed(self) -> None:
         assert pieces_for(4.0, 5, None) == 20
         assert pieces_for(4.0, 5, 0.95) == 14

@@ -517,10 +517,3 @@ def test_the_slos_and_a_late_playback_of_a_smoke_run_do_not_matter(tmp_path: Pat
     record = msgspec.structs.replace(samples.record, status="incomplete", reason="It was cut.")
     cut = judge(plan.objectives, replace(samples, record=record), decision_policy(plan))
     assert (cut.outcome, cut.reason) == ("incomplete", "It was cut.")
-
-
-def test_a_smoke_run_without_slos_says_so(tmp_path: Path) -> None:
-    written = Simulation(segments=[Played(30, latencies(60))]).write(tmp_path / "run")
-    plan = smoke_plan(written.plan)
-    verdict = judge(plan.objectives, read_samples(written), decision_policy(plan))
-    assert (verdict.outcome, verdict.reason) == ("pass", "The spec has no objective to judge.")

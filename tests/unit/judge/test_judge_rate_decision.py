@@ -58,13 +58,6 @@ def test_what_is_far_from_the_capacity_is_clear_before_the_probe_is_over() -> No
     assert probe(Server(100.0, SHALLOW), 400.0).stopped_s < 2.0
 
 
-def test_an_overload_betrays_the_capacity() -> None:
-    # The search takes its next rates from there.
-    for depth in (DEEP, SHALLOW):
-        found = probe(Server(100.0, depth), 400.0)
-        assert found.delivery.delivered_hz == pytest.approx(100.0, rel=0.03)
-
-
 def test_what_random_times_do_not_settle_stays_open_and_says_between_what() -> None:
     found = [probe(Server(100.0, spread=1.0, seed=seed), 100.0) for seed in range(20)]
     still_open = [each for each in found if each.judgement.holds is None]

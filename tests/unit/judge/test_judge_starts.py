@@ -75,11 +75,6 @@ class TestShares:
         assert asked.inflation > 2 * seen.inflation
         assert worse.inflation == seen.inflation
 
-    def test_iterations_that_resemble_each_other(self) -> None:
-        shuffled = effective_sample(flags(2, 9, 3, 8, 2, 9, 3, 8, 2, 9))
-        climbing = effective_sample(flags(2, 2, 2, 3, 3, 8, 8, 9, 9, 9))
-        assert climbing.inflation > 3 * shuffled.inflation
-
 
 class TestMeans:
     def test_it_is_t_over_the_starts(self) -> None:
@@ -128,14 +123,6 @@ class TestLevels:
         assert narrow.half < 0.02
         assert wide.half > 0.04
         assert wide.deviation == pytest.approx(np.std([0, 0.1, 0.2] * 3 + [0], ddof=1), rel=0.1)
-
-    def test_starts_are_fewer_than_iterations(self) -> None:
-        random = np.random.default_rng(2)
-        levels = np.repeat([0.0, 0.3, 0.1, 0.4, 0.2], 2)
-        values = [random.normal(1 + level, 0.1, 300) for level in levels]
-        found = level_margin(values, STARTS, 0.5, 0.95)
-        assert found is not None
-        assert (found.pieces, found.number) == ("starts", 5)
 
     def test_without_levels_there_is_no_margin(self) -> None:
         assert level_margin([np.ones(10)], (), 0.5, 0.95) is None

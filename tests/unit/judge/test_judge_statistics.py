@@ -77,14 +77,6 @@ class TestBinomial:
             expected = interval.high if alternative == "less" else interval.low
             assert bound(k, n, confidence) == pytest.approx(expected, rel=1e-9)
 
-    @pytest.mark.parametrize("n", [1, 5, 29, 298, 299, 300, 3000])
-    @pytest.mark.parametrize("allowed", [0.5, 0.1, 0.01, 0.001])
-    def test_comparing_bounds_is_the_test(self, n: int, allowed: float) -> None:
-        for k in {*range(min(n, 40) + 1), n // 2, n}:
-            few, many = stats.binom.cdf(k, n, allowed), stats.binom.sf(k - 1, n, allowed)
-            assert (upper_bound(k, n, 0.95) <= allowed) == (few <= 0.05)
-            assert (lower_bound(k, n, 0.95) >= allowed) == (many <= 0.05)
-
     @pytest.mark.parametrize(
         ("quantile", "needed"),
         [(0.99, (459, 662, 838, 1001, 1157)), (0.9, (44, 64, 81, 97, 113))],
@@ -217,15 +209,12 @@ class TestMeanInterval:
 
 
 class TestSerial:
-    def test_two_values_say_nothing(self) -> None:
-        assert serial_inflation([1.0, 2.0]) == 1.0
-
     @pytest.mark.parametrize("m", [3, 4, 5, 10, 100])
     def test_some_information_always_remains(self, m: int) -> None:
         assert serial_inflation([float(n) for n in range(m)]) <= m - 1 + 1e-6
 
     @pytest.mark.parametrize(
-        "values", [[1.0] * 10, [1.0, -1.0] * 10, [3.0, 1.0, 2.0, 5.0, 1.0, 4.0]]
+        "values", [[1.0, 2.0], [1.0] * 10, [1.0, -1.0] * 10, [3.0, 1.0, 2.0, 5.0, 1.0, 4.0]]
     )
     def test_what_chance_explains_costs_nothing(self, values: list[float]) -> None:
         assert serial_inflation(values) == 1.0

@@ -122,14 +122,6 @@ class TestResources:
         assert sampled.used(EPOCH_NS + 10**9, EPOCH_NS) == {}
         assert ProcessSamples(rows[:0]).used(EPOCH_NS, EPOCH_NS + 10**9) == {}
 
-    def test_processes_of_one_name_are_added(self) -> None:
-        rows = np.concatenate(
-            (self.sampled([0, 2], [0, 1]), self.sampled([0, 2], [0, 3], process=1))
-        )
-        used = total_use([*ProcessSamples(rows).used(EPOCH_NS, EPOCH_NS + 2 * 10**9).values()])
-        assert used.cpu_mean == pytest.approx(2.0)
-        assert used.memory_max_bytes == 200
-
     def test_the_maximum_of_a_sum_is_not_the_sum_of_the_maxima(self) -> None:
         # Two processes that are busy one after the other: one core at any time.
         rows = np.concatenate(
