@@ -387,7 +387,7 @@ def method_of(case: RequirementCase) -> Decide:
     statistic = case.info.statistic
     if statistic in _BY_RECORD:
         return _BY_RECORD[statistic]
-    if case.windows is not None:
+    if case.in_windows:
         return judge_windows
     return judge_observation if case.is_equality else _BY_ITERATIONS[statistic]
 

@@ -230,13 +230,13 @@ def summarise(samples: RunSamples) -> RunMetrics:
 def measure_segment(samples: SegmentSamples) -> SegmentMetrics:
     """The metrics of one segment."""
     played = samples.playback
-    sent = 0 if played.live else played.sent
+    sent = 0 if samples.live else played.sent
     return SegmentMetrics(
         segment=samples.segment.id,
         index=samples.segment.index,
         playback=PlaybackMetrics(
-            sent=None if played.live else played.sent,
-            rate_hz=None if played.live else played.rate_hz,
+            sent=None if samples.live else played.sent,
+            rate_hz=None if samples.live else played.rate_hz,
             lateness=distribution(played.lateness),
         ),
         monitors={name: _monitor(seen) for name, seen in samples.monitors.items()},

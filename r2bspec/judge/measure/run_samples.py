@@ -327,7 +327,7 @@ def segment_samples(
     joined = observed.joined(plan, segment, reactions) if observed is not None else None
     return SegmentSamples(
         segment=segment,
-        playback=playback_samples(rows.playback, live=segment.live),
+        playback=playback_samples(rows.playback),
         monitors=monitors,
         anatomy=observed_values(joined) if joined else {},
         summary=summarised(joined, segment, observed.record, plan) if joined and observed else None,

@@ -279,14 +279,13 @@ def known_latencies(seen: Sequence[MonitorSamples]) -> Seconds:
 class PlaybackSamples:
     """What was played: steps, the published rate, and how late each step began.
 
-    `planned_hz` is the rate at which steps were due. A `live` run has no playback.
+    `planned_hz` is the rate at which steps were due. A live run has no playback.
     """
 
     sent: int
     rate_hz: float
     lateness: Seconds
     planned_hz: float = 0.0
-    live: bool = False
 
 
 @dataclass(frozen=True)
@@ -527,14 +526,13 @@ def intervals_with_edge_gaps(arrived: NDArray[np.int64], soonest_ns: int, ended_
     return np.concatenate((intervals(arrived), seconds(np.array(ends, dtype=np.int64))))
 
 
-def playback_samples(playback: Rows, *, live: bool = False) -> PlaybackSamples:
+def playback_samples(playback: Rows) -> PlaybackSamples:
     """What was played: rows of type `PLAYBACK_DTYPE`, one per step."""
     return PlaybackSamples(
         sent=int(playback.size),
         rate_hz=mean_rate(playback["published_ns"]),
         lateness=seconds(playback["published_ns"] - playback["due_ns"]),
         planned_hz=mean_rate(playback["due_ns"]),
-        live=live,
     )
 
 
@@ -659,5 +657,4 @@ def pool_playback(samples: Sequence[PlaybackSamples]) -> PlaybackSamples:
         rate_hz=sum(sample.rate_hz for sample in samples) / len(samples),
         lateness=np.concatenate([sample.lateness for sample in samples]),
         planned_hz=sum(sample.planned_hz for sample in samples) / len(samples),
-        live=samples[0].live,
     )
