@@ -452,11 +452,13 @@ class NoiseFloor:
     Attributes:
         deviation: estimated from `n` A/A pairs.
         upper: its upper confidence bound.
-        biased: whether the mean of the logarithms, of A against A, is not 0 within its error.
+        bias: the mean of the logarithms; of A against A it should be 0 within its error.
+        biased: whether it is not, at the requested confidence each way.
     """
 
     deviation: float
     upper: float
+    bias: float
     biased: bool
     n: int
 
@@ -476,6 +478,7 @@ def noise_floor(ratios: Sequence[float], confidence: float) -> NoiseFloor:
     return NoiseFloor(
         deviation=interval.deviation,
         upper=deviation_bound(interval.deviation, len(logs), confidence),
+        bias=interval.mean,
         biased=interval.lower > 0 or interval.upper < 0,
         n=len(logs),
     )
