@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from simulated_caveats import caveats
-from simulated_gates import RUN_WORLDS, Errors, chance, held, history_errors, pairs_errors
+from simulated_gates import RUN_WORLDS, chance, held, history_errors, pairs_errors
 from simulated_starts import (
     DEFAULT,
     QUANTITIES,
@@ -271,14 +271,6 @@ def test_the_verdict_of_a_run_is_the_simulated_one(quantity: str) -> None:
         assert verdict.outcome in {simulated, "inconclusive"}
         same += verdict.outcome == simulated
     assert same >= 0.9 * runs
-
-
-def test_held_notices_what_it_should() -> None:
-    """Three standard errors: 13 % wrong is not 5 % by chance, and neither is 3 % confirmed 1 %."""
-    assert held(Errors(400, np.array([20, 20, 4])))
-    assert not held(Errors(400, np.array([52, 20, 4])))
-    assert not held(Errors(400, np.array([20, 52, 4])))
-    assert not held(Errors(400, np.array([20, 20, 13])))
 
 
 @pytest.mark.parametrize(
