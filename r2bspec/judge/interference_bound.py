@@ -100,8 +100,9 @@ from r2bspec.judge.measure.metric_catalogue import ANATOMY_SHARES
 from r2bspec.judge.measure.samples import (
     MonitorSamples,
     SegmentSamples,
+    late_outputs,
     output_period_ns,
-    output_times,
+    samples_of_steps,
 )
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.record.run_record import Segment
@@ -398,16 +399,17 @@ def _with_latencies(
     )
     steps = replace(seen.steps, received_ns=received_ns)
     period_ns = output_period_ns(segment, seen.sent, seen.per_step)
-    outputs = output_times(steps, segment.began_ns + round(latency.size * period_ns), 0.0, 0.0)
+    ended_ns = segment.began_ns + round(latency.size * period_ns)
+    found = samples_of_steps(steps, ended_ns, 0.0, 0.0)
     return replace(
         seen,
         steps=steps,
-        times=outputs.by_family,
+        times=found.times,
         # Interference creates no messages.
-        received=int(outputs.arrived_ns.size) + seen.duplicates + seen.unmatched,
+        received=found.received + seen.duplicates + seen.unmatched,
         throughput_hz=throughput_hz,
         reordered=steps.reordered,
-        late=int(np.count_nonzero(outputs.arrived_ns > segment.ended_ns)),
+        late=late_outputs(segment, steps),
         # Which step each output answers is known here.
         by_order=False,
         surplus=0,

@@ -31,7 +31,7 @@ from r2bspec.judge.measure.samples import (
     MonitorSamples,
     SegmentSamples,
     output_period_ns,
-    output_times,
+    samples_of_steps,
 )
 from r2bspec.judge.measure.times import Seconds, percentile, throughput
 
@@ -267,13 +267,5 @@ def _cut_window(
     steps = seen.steps
     inside = steps.cut(part)
     number = int(inside.due_ns.size)
-    outputs = output_times(inside, ended_ns, number * period_ns or window_ns, period_ns)
-    return MonitorSamples(
-        steps=inside,
-        times=outputs.by_family,
-        sent=number,
-        received=int(outputs.arrived_ns.size),
-        throughput_hz=outputs.throughput_hz,
-        by_order=seen.by_order,
-        per_step=seen.per_step,
-    )
+    found = samples_of_steps(inside, ended_ns, number * period_ns or window_ns, period_ns)
+    return replace(found, by_order=seen.by_order, per_step=seen.per_step)
