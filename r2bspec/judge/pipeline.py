@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -72,7 +72,7 @@ from r2bspec.judge.requirement_case import (
     undecided,
 )
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
-from r2bspec.judge.steady_state import UnsteadyPart, find_unsteady_part, iteration_times
+from r2bspec.judge.steady_state import find_unsteady_part, iteration_times
 from r2bspec.judge.unmet_starts import early_doubt, narrow_margin_notes
 from r2bspec.judge.validity import PlaybackValidity
 from r2bspec.judge.verdict import (
@@ -146,9 +146,6 @@ class JudgedRun:
     objectives: Mapping[str, Objective]
     samples: RunSamples
     policy: DecisionPolicy
-    _unsteady_parts: dict[tuple[str | None, str, float], UnsteadyPart | None] = field(
-        default_factory=dict
-    )
 
     @cached_property
     def playback_validity(self) -> PlaybackValidity:
@@ -183,18 +180,6 @@ class JudgedRun:
 
     def _unaffected(self, one: SegmentSamples) -> SegmentSamples | None:
         return unaffected_or_rerun(one, self.samples, self.affected)
-
-    def unsteady_part(
-        self, info: MetricInfo, monitor: str | None, at_hz: float
-    ) -> UnsteadyPart | None:
-        """What differs in one part of the iterations at a rate, by the times of a metric."""
-        key = monitor, info.name if monitor is None else info.family, at_hz
-        if key not in self._unsteady_parts:
-            iterations = self.samples.iterations_at(at_hz)
-            self._unsteady_parts[key] = find_unsteady_part(
-                iteration_times(info, monitor, iterations)
-            )
-        return self._unsteady_parts[key]
 
     def completed_looks(self, samples: RunSamples) -> int:
         """How many interim looks the iterations at all rates of the objectives allow; at least 1.
@@ -647,7 +632,7 @@ def question_unsteady(judged: JudgedRequirement, verdict: RequirementVerdict) ->
     if not METHODS[verdict.method].grows or at_hz is None:
         return verdict
     iterations = samples.iterations_at(at_hz)
-    part = judged.run.unsteady_part(info, judged.asked.monitor, at_hz)
+    part = find_unsteady_part(iteration_times(info, judged.asked.monitor, iterations))
     if part is None:
         return verdict
     found, advice = part.text(info), part.advice(samples, iterations)
