@@ -293,17 +293,6 @@ def _anatomy_share(name: str, description: str) -> MetricInfo:
     return replace(_metric(name, "anatomy", "share", "mean", description), subject=NODE)
 
 
-def _use_metrics(
-    subject: str, scope: Scope, mean: str, busiest: str, memory: str
-) -> tuple[MetricInfo, ...]:
-    """The metrics of what somebody used of the machine, with what each of them is."""
-    return (
-        _metric(f"cpu.{subject}.mean", scope, "share", "mean", mean),
-        _metric(f"cpu.{subject}.max", scope, "share", "observation", busiest),
-        _metric(f"memory.{subject}.max", scope, "size", "observation", memory),
-    )
-
-
 _LATENESS_DESCRIPTION = "time from when a publication was due to when it began"
 
 _CATALOGUE: tuple[MetricInfo, ...] = (
@@ -327,25 +316,23 @@ _CATALOGUE: tuple[MetricInfo, ...] = (
         _time_metric("playback", "playback.lateness", part, _LATENESS_DESCRIPTION)
         for part in (*SHORT_PERCENTILES, "max")
     ),
-    *_use_metrics(
-        PROCESS,
-        "process",
-        "processor time; one core is 100 %",
-        "the same in the busiest sample",
-        "largest resident set",
+    _metric(f"cpu.{PROCESS}.mean", "process", "share", "mean", "processor time; one core is 100 %"),
+    _metric(
+        f"cpu.{PROCESS}.max", "process", "share", "observation", "the same in the busiest sample"
     ),
-    *_use_metrics(
-        WHOLE_GRAPH,
-        "graph",
-        "the same of all processes of the graph",
-        "the same in their busiest sample",
-        "largest sum of their resident sets",
+    _metric(f"memory.{PROCESS}.max", "process", "size", "observation", "largest resident set"),
+    _metric("cpu.graph.mean", "graph", "share", "mean", "the same of all processes of the graph"),
+    _metric("cpu.graph.max", "graph", "share", "observation", "the same in their busiest sample"),
+    _metric(
+        "memory.graph.max", "graph", "size", "observation", "largest sum of their resident sets"
     ),
-    *_use_metrics(
-        "system",
+    _metric("cpu.system.mean", "machine", "share", "mean", "CPU of the machine; one core is 100 %"),
+    _metric("cpu.system.max", "machine", "share", "observation", "the same in the busiest sample"),
+    _metric(
+        "memory.system.max",
         "machine",
-        "CPU of the machine; one core is 100 %",
-        "the same in the busiest sample",
+        "size",
+        "observation",
         "largest memory in use on the machine",
     ),
     *(
