@@ -411,6 +411,7 @@ def _with_latencies(
         reordered=steps.reordered,
         late=late_outputs(segment, steps),
         # Which step each output answers is known here.
+        own_pace=False,
         by_order=False,
         surplus=0,
     )
