@@ -42,12 +42,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from r2bspec.judge.interference_bound import (
-    REMEDY,
-    best_case_iteration,
-    largest_taken_share,
-    worst_case_iteration,
-)
+from r2bspec.judge.interference_bound import REMEDY, largest_taken_share
 from r2bspec.judge.measure.host_usage import interference_reasons, median_pressure
 from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
 from r2bspec.judge.measure.units import show
@@ -146,32 +141,7 @@ def find_affected_iterations(samples: RunSamples) -> dict[str, DisturbedIteratio
     return disturbed
 
 
-def without_affected(
-    samples: RunSamples, disturbed: Mapping[str, DisturbedIteration]
-) -> RunSamples:
-    """The run without its affected iterations; unaffected reruns take their places."""
-    return samples.with_each(lambda one: _unaffected_or_rerun(one, samples, disturbed))
-
-
-def best_case_run(samples: RunSamples, disturbed: Mapping[str, DisturbedIteration]) -> RunSamples:
-    """The run with the best case of each affected iteration, or an unaffected rerun."""
-    return samples.with_each(
-        lambda one: _unaffected_or_rerun(one, samples, disturbed) or best_case_iteration(one)
-    )
-
-
-def worst_case_run(samples: RunSamples, disturbed: Mapping[str, DisturbedIteration]) -> RunSamples:
-    """The run with the worst case of each affected iteration."""
-    return samples.with_each(
-        lambda one: (
-            worst_case_iteration(one, affected.taken)
-            if (affected := disturbed.get(one.segment.id)) is not None
-            else one
-        )
-    )
-
-
-def _unaffected_or_rerun(
+def unaffected_or_rerun(
     one: SegmentSamples, samples: RunSamples, disturbed: Mapping[str, DisturbedIteration]
 ) -> SegmentSamples | None:
     """An iteration if it is unaffected, else its rerun if that is, else None."""

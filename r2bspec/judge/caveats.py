@@ -18,7 +18,6 @@ from operator import itemgetter
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from r2bspec.judge.measure.samples import (
     LOSS_SENSITIVE_FAMILIES,
@@ -29,6 +28,7 @@ from r2bspec.judge.measure.samples import (
 )
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
+from r2bspec.judge.statistics.effective_sample_size import bursts
 from r2bspec.judge.statistics.percentile_interval import deviation_within
 from r2bspec.judge.statistics.t_interval import by_start, deviation_bound
 from r2bspec.judge.verdict import Outcome, RequirementVerdict
@@ -162,9 +162,9 @@ def _few_bursts(one: RequirementVerdict) -> tuple[str, ...]:
     ):
         return ()
     counted, independent = _counted(one), test.over * test.effective_n / test.n
-    bursts = "one burst" if test.bursts == 1 else f"{show(test.bursts, 'count')} bursts"
+    some = "one burst" if test.bursts == 1 else f"{show(test.bursts, 'count')} bursts"
     seen = (
-        f"The run met {bursts} of {counted} beyond the limit"
+        f"The run met {some} of {counted} beyond the limit"
         if test.bursts < FEW_BURSTS
         else f"{show(test.over, 'count')} {counted} beyond the limit are as good as "
         f"{show(independent, '', 2)} independent ones"
@@ -336,9 +336,4 @@ def _stalls(seen: Sequence[MonitorSamples], family: str, least_s: float) -> int:
     if not any(time_.size for time_ in times):
         return 0
     late_s = float(np.median(np.concatenate(times))) + least_s
-    return sum(_bursts(time_ > late_s) for time_ in times)
-
-
-def _bursts(flags: NDArray[np.bool_]) -> int:
-    """Runs of True."""
-    return int(np.count_nonzero(flags[1:] & ~flags[:-1])) + int(flags[:1].sum())
+    return sum(bursts(time_[np.newaxis] > late_s)[0] for time_ in times)

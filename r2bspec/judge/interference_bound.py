@@ -100,8 +100,9 @@ from r2bspec.judge.measure.metric_catalogue import ANATOMY_SHARES
 from r2bspec.judge.measure.samples import (
     MonitorSamples,
     SegmentSamples,
+    late_outputs,
     output_period_ns,
-    output_times,
+    samples_of_steps,
 )
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.record.run_record import Segment
@@ -128,14 +129,9 @@ def taken_share(known: HostInterference | None) -> float | None:
     """
     if known is None or known.own_waited is None:
         return None
-    return min(MAX_SHARE, _waited_share(known, known.own_waited) + _shared_share(known))
-
-
-def _waited_share(known: HostInterference, waited: float) -> float:
-    """The part of w for which the run did not run at all, by the run-queue wait."""
     # While a thread of the run waits, some task does.
-    least = waited if known.pressure is None else min(waited, known.pressure)
-    return _with_known_losses(least, known)
+    waited = min(known.own_waited, math.inf if known.pressure is None else known.pressure)
+    return min(MAX_SHARE, _with_known_losses(waited, known) + _shared_share(known))
 
 
 def _shared_share(known: HostInterference | None) -> float:
@@ -340,11 +336,14 @@ def _best_case_samples(
     most_hz, known = one.playback.rate_hz * seen.per_step, one.interference
     if seen.own_pace and not one.live:
         return _best_at_own_pace(one.segment, seen, taken)
+    latency = _measured_latencies(seen)
+    order = np.argsort(latency, kind="stable")
     if known is None or known.own_waited is None:
-        latency = best_case_latencies(seen, taken)
+        # The faster half represents all.
+        better = -(-latency.size // 2)
+        latency[order[better:]] = latency[order[: latency.size - better]]
+        latency *= 1 - taken
     else:
-        latency = _measured_latencies(seen)
-        order = np.argsort(latency, kind="stable")
         latency[order] = shortest_latencies(seen, taken, known.seconds, most_hz, shared)
     gained_hz = min(most_hz, seen.throughput_hz + taken * most_hz)
     return _with_latencies(one.segment, seen, latency, max(seen.throughput_hz, gained_hz))
@@ -400,37 +399,22 @@ def _with_latencies(
     )
     steps = replace(seen.steps, received_ns=received_ns)
     period_ns = output_period_ns(segment, seen.sent, seen.per_step)
-    outputs = output_times(steps, segment.began_ns + round(latency.size * period_ns), 0.0, 0.0)
-    return MonitorSamples(
+    ended_ns = segment.began_ns + round(latency.size * period_ns)
+    found = samples_of_steps(steps, ended_ns, 0.0, 0.0)
+    return replace(
+        seen,
         steps=steps,
-        times=outputs.by_family,
-        sent=seen.sent,
+        times=found.times,
         # Interference creates no messages.
-        received=int(outputs.arrived_ns.size) + seen.duplicates + seen.unmatched,
+        received=found.received + seen.duplicates + seen.unmatched,
         throughput_hz=throughput_hz,
-        duplicates=seen.duplicates,
         reordered=steps.reordered,
-        unmatched=seen.unmatched,
-        late=int(np.count_nonzero(outputs.arrived_ns > segment.ended_ns)),
-        early=seen.early,
-        overdue=seen.overdue,
-        per_step=seen.per_step,
-        hops=seen.hops,
+        late=late_outputs(segment, steps),
+        # Which step each output answers is known here.
+        own_pace=False,
+        by_order=False,
+        surplus=0,
     )
-
-
-def best_case_latencies(seen: MonitorSamples, waited: float) -> NDArray[np.float64]:
-    """The best case of each step's latency, in ns; infinite where it stays lost.
-
-    Args:
-        seen: what a monitor received.
-        waited: the share w of the time.
-    """
-    latency = _measured_latencies(seen)
-    order = np.argsort(latency, kind="stable")
-    better = -(-latency.size // 2)
-    latency[order[better:]] = latency[order[: latency.size - better]]
-    return np.asarray(latency * (1 - waited))
 
 
 def _measured_latencies(seen: MonitorSamples) -> NDArray[np.float64]:

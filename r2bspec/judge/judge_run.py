@@ -197,10 +197,7 @@ def build_result(
 def _on_what_was_played(verdict: Verdict, record: RunRecord) -> Verdict:
     """The verdict, saying which messages it is not about, where these are more than a few."""
     missing = [requirement.text for requirement in record.unplayed if requirement.is_warning]
-    if not missing:
-        return verdict
-    reason = f"{verdict.reason} {'; '.join(missing)}."
-    return msgspec.structs.replace(verdict, reason=reason)
+    return verdict.saying(f"{'; '.join(missing)}.") if missing else verdict
 
 
 def to_json(result: Result) -> bytes:

@@ -443,8 +443,7 @@ def _judge_by_pairs(
     seen = replace(case, iterations=pairs.merged.iterations_at(case.at_hz)).monitor_samples
     family = case.info.family
     messages = sum(sample.times[family].size for sample in seen if family in sample.times)
-    doubt = early_doubt_of_pairs(case, verdict, messages)
-    return msgspec.structs.replace(verdict.noted(doubt), early=True) if doubt else verdict
+    return verdict.held_back(early_doubt_of_pairs(case, verdict, messages))
 
 
 def _combine_sustained(found: Sequence[RequirementVerdict]) -> RequirementVerdict:

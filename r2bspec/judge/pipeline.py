@@ -12,8 +12,8 @@ out in their order, each on the verdict of the one before:
     question_unsteady               a verdict that rests on a part unlike the rest becomes open
     note_narrow_margin              a latency too close to its limit for what was not met says so
 
-A decision is the first that one of `DECISIONS` has: reasons for which nothing can be decided come
-first, and the method of the metric last. The outcome of the run follows from the verdicts on its
+Reasons for which nothing can be decided come first, and the method of the metric last
+(`decide_case`). The outcome of the run follows from the verdicts on its
 requirements, and each of them is told what it cannot know (`r2bspec.judge.caveats`). What a second
 run changes is in `r2bspec.judge.confirmation`, what a baseline does in
 `r2bspec.judge.baseline_comparison`.
@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -33,17 +33,15 @@ import msgspec
 
 from r2bspec.judge.affected_iterations import (
     affected_iterations_text,
-    best_case_run,
     disturbed_starts_text,
     find_affected_iterations,
     judge_probe,
     strict_refusal,
-    without_affected,
-    worst_case_run,
+    unaffected_or_rerun,
 )
 from r2bspec.judge.caveats import run_caveats, with_caveats
 from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks
-from r2bspec.judge.interference_bound import REMEDY
+from r2bspec.judge.interference_bound import REMEDY, best_case_iteration, worst_case_iteration
 from r2bspec.judge.measure.metric_catalogue import (
     MetricError,
     MetricInfo,
@@ -74,7 +72,7 @@ from r2bspec.judge.requirement_case import (
     undecided,
 )
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
-from r2bspec.judge.steady_state import UnsteadyPart, find_unsteady_part, iteration_times
+from r2bspec.judge.steady_state import find_unsteady_part, iteration_times
 from r2bspec.judge.unmet_starts import early_doubt, narrow_margin_notes
 from r2bspec.judge.validity import PlaybackValidity
 from r2bspec.judge.verdict import (
@@ -148,9 +146,6 @@ class JudgedRun:
     objectives: Mapping[str, Objective]
     samples: RunSamples
     policy: DecisionPolicy
-    _unsteady_parts: dict[tuple[str | None, str, float], UnsteadyPart | None] = field(
-        default_factory=dict
-    )
 
     @cached_property
     def playback_validity(self) -> PlaybackValidity:
@@ -165,29 +160,26 @@ class JudgedRun:
     @cached_property
     def unaffected_samples(self) -> RunSamples:
         """The run without them, or with unaffected reruns in their places."""
-        return without_affected(self.samples, self.affected)
+        return self.samples.with_each(self._unaffected)
 
     @cached_property
     def best_case_samples(self) -> RunSamples:
         """The run without what interference can explain."""
-        return best_case_run(self.samples, self.affected)
+        return self.samples.with_each(lambda one: self._unaffected(one) or best_case_iteration(one))
 
     @cached_property
     def worst_case_samples(self) -> RunSamples:
         """The run with all that interference can have spared it."""
-        return worst_case_run(self.samples, self.affected)
-
-    def unsteady_part(
-        self, info: MetricInfo, monitor: str | None, at_hz: float
-    ) -> UnsteadyPart | None:
-        """What differs in one part of the iterations at a rate, by the times of a metric."""
-        key = monitor, info.name if monitor is None else info.family, at_hz
-        if key not in self._unsteady_parts:
-            iterations = self.samples.iterations_at(at_hz)
-            self._unsteady_parts[key] = find_unsteady_part(
-                iteration_times(info, monitor, iterations)
+        return self.samples.with_each(
+            lambda one: (
+                worst_case_iteration(one, affected.taken)
+                if (affected := self.affected.get(one.segment.id)) is not None
+                else one
             )
-        return self._unsteady_parts[key]
+        )
+
+    def _unaffected(self, one: SegmentSamples) -> SegmentSamples | None:
+        return unaffected_or_rerun(one, self.samples, self.affected)
 
     def completed_looks(self, samples: RunSamples) -> int:
         """How many interim looks the iterations at all rates of the objectives allow; at least 1.
@@ -211,9 +203,8 @@ class JudgedRun:
             for requirement in objective.require:
                 info, monitors, problem = _metric_of(requirement, self.samples)
                 for monitor in monitors:
-                    yield JudgedRequirement(
-                        self, name, objective, requirement, info, monitor, at_hz, problem
-                    )
+                    asked = RequirementCase(name, requirement, at_hz, info, monitor, math.nan)
+                    yield JudgedRequirement(self, objective, asked, problem)
 
 
 @dataclass(frozen=True)
@@ -221,19 +212,15 @@ class JudgedRequirement:
     """A requirement at one monitor, or of the run.
 
     Attributes:
-        name: of the objective.
-        at_hz: the offered rate of the objective; None if it has none, or if it is at a peak that
-            the search has not found; 0 where the recording, or the graph's own source, sets it.
+        asked: the requirement without the samples to judge it by. Its rate is None if the objective
+            has none, or is at a peak that the search has not found; 0 where the recording, or the
+            graph's own source, sets it.
         problem: why the run has no such metric; empty if it has.
     """
 
     run: JudgedRun
-    name: str
     objective: Objective
-    requirement: Requirement
-    info: MetricInfo
-    monitor: str | None
-    at_hz: float | None
+    asked: RequirementCase
     problem: str = ""
 
     def decided_by(self, samples: RunSamples) -> RequirementVerdict:
@@ -262,7 +249,7 @@ class JudgedRequirement:
             """How far the estimate is in the direction of a FAIL."""
             if one.estimate is None:
                 return math.inf
-            return one.estimate if self.requirement.op in {"<", "<="} else -one.estimate
+            return one.estimate if self.asked.is_upper_bound else -one.estimate
 
         if rest.outcome == whole.outcome:
             return False
@@ -274,21 +261,22 @@ class JudgedRequirement:
         self, samples: RunSamples, confidence: float, *, early: bool = False
     ) -> RequirementVerdict:
         case = self.case(samples, confidence)
-        decision = decide_case(case, samples, self.problem)
+        if self.problem:
+            decision = Decision(outcome="fail", method="none", reason=self.problem)
+        else:
+            decision = decide_case(case, samples)
         verdict = requirement_verdict(case, decision)
         verdict = msgspec.structs.replace(verdict, level=self.objective.level)
         if early and decision.outcome == "pass" and METHODS[decision.method].grows:
             doubt = early_doubt(case, verdict)
-            verdict = (
-                msgspec.structs.replace(verdict.noted(doubt), early=True) if doubt else verdict
-            )
+            verdict = verdict.held_back(doubt)
         if self.problem:
             return verdict
         if _losses_may_hide(case):
             verdict = verdict.noted(_HIDDEN_LOSSES)
         if case.iterations and (aside := _aside_text(case)) and aside != decision.reason:
             verdict = verdict.noted(aside)
-        if invalid := self.run.playback_validity.problem(self.info.statistic, self.at_hz):
+        if invalid := self.run.playback_validity.problem(case.info.statistic, case.at_hz):
             return msgspec.structs.replace(
                 verdict,
                 outcome="inconclusive",
@@ -301,24 +289,15 @@ class JudgedRequirement:
 
     def case(self, samples: RunSamples, confidence: float = CONFIDENCE) -> RequirementCase:
         """The requirement with the samples to judge it by."""
+        asked = self.asked
         if self.problem:
-            return RequirementCase(
-                self.name, self.requirement, self.at_hz, self.info, None, math.nan
-            )
-        played = samples.iterations_at(self.at_hz)
+            return asked
+        played = samples.iterations_at(asked.at_hz)
         per_step = 1.0
-        if played and self.monitor is not None:
-            per_step = played[0].monitors[self.monitor].per_step
-        return RequirementCase(
-            objective=self.name,
-            requirement=self.requirement,
-            at_hz=self.at_hz,
-            info=self.info,
-            monitor=self.monitor,
-            limit=limit_of(self.requirement, self.at_hz, self.info, per_step),
-            iterations=played,
-            confidence=confidence,
-        )
+        if played and asked.monitor is not None:
+            per_step = played[0].monitors[asked.monitor].per_step
+        limit = limit_of(asked.requirement, asked.at_hz, asked.info, per_step)
+        return replace(asked, limit=limit, iterations=played, confidence=confidence)
 
 
 def first_iterations(samples: RunSamples, number: int) -> RunSamples:
@@ -370,18 +349,22 @@ def _metric_of(
 # The decision of a case.
 
 
-def decide_case(case: RequirementCase, samples: RunSamples, problem: str = "") -> Decision:
-    """The first decision that one of `DECISIONS` has.
+def decide_case(case: RequirementCase, samples: RunSamples) -> Decision:
+    """The first reason for which nothing can be decided, or the decision of the method."""
+    return (
+        _undecidable(case, samples)
+        or (_decided(case, samples) if case.info.statistic in _BY_RECORD else None)
+        or _without_iterations(case)
+        or _without_event(case)
+        or _without_output(case)
+        or _without_latency(case)
+        or _without_events(case)
+        or _decided(case, samples)
+    )
 
-    Args:
-        case: to be decided.
-        samples: the run.
-        problem: why the run has no such metric; empty if it has.
-    """
-    if problem:
-        return Decision(outcome="fail", method="none", reason=problem)
-    decisions = (rule(case, samples) for rule in DECISIONS)
-    return next(decision for decision in decisions if decision is not None)
+
+def _decided(case: RequirementCase, samples: RunSamples) -> Decision:
+    return method_of(case)(case, samples.record)
 
 
 def method_of(case: RequirementCase) -> Decide:
@@ -389,66 +372,43 @@ def method_of(case: RequirementCase) -> Decide:
     statistic = case.info.statistic
     if statistic in _BY_RECORD:
         return _BY_RECORD[statistic]
-    if case.windows is not None:
+    if case.in_windows:
         return judge_windows
     return judge_observation if case.is_equality else _BY_ITERATIONS[statistic]
 
 
-def _unknown_in_live_run(case: RequirementCase, samples: RunSamples) -> Decision | None:
+def _undecidable(case: RequirementCase, samples: RunSamples) -> Decision | None:
+    """Undecided where the run, whatever it measured, has no such value, or nothing to compare."""
+    name, bound = case.info.name, case.requirement.bound
     of_events = all(one.of_events for one in case.monitor_samples) and case.monitor is not None
-    if samples.mode != "live" or available_live(case.info) or of_events:
-        return None
-    return undecided(
-        f"{case.info.name} is unknown in a live run: what its source sent is not recorded."
-    )
+    if samples.mode == "live" and not available_live(case.info) and not of_events:
+        return undecided(f"{name} is unknown in a live run: what its source sent is not recorded.")
+    if bound is not None and bound.of_offered and not case.at_hz:
+        return undecided("The objective has no rate, so 'of offered' has no meaning.")
+    if case.requirement.of_baseline:
+        return undecided(
+            "This run was not compared with a baseline.", "Run with --against or --history."
+        )
+    return None
 
 
-def _unknown_at_own_pace(case: RequirementCase, _: RunSamples) -> Decision | None:
-    seen = case.monitor_samples
-    if not any(one.own_pace for one in seen) or available_at_own_pace(case.info):
-        return None
-    if case.iterations[0].live:
-        return None
-    return undecided(
-        f"{case.info.name} is unknown at monitor '{case.monitor}': its outputs answer no input."
-    )
+def _without_iterations(case: RequirementCase) -> Decision | None:
+    """Undecided where nothing was played at the rate, or what was played is not answered."""
+    if case.at_hz is None:
+        return undecided(f"The objective does not state the rate of {case.info.name}.")
+    if not case.iterations:
+        at = f" at {show(case.at_hz, 'Hz')}" if case.at_hz else ""
+        return undecided(
+            f"No complete iteration was played{at}.", "Run the spec of this objective to its end."
+        )
+    own_pace = any(one.own_pace for one in case.monitor_samples)
+    if own_pace and not case.iterations[0].live and not available_at_own_pace(case.info):
+        name, monitor = case.info.name, case.monitor
+        return undecided(f"{name} is unknown at monitor '{monitor}': its outputs answer no input.")
+    return None
 
 
-def _without_offered_rate(case: RequirementCase, _: RunSamples) -> Decision | None:
-    bound = case.requirement.bound
-    if bound is None or not bound.of_offered or case.at_hz:
-        return None
-    return undecided("The objective has no rate, so 'of offered' has no meaning.")
-
-
-def _without_baseline(case: RequirementCase, _: RunSamples) -> Decision | None:
-    if not case.requirement.of_baseline:
-        return None
-    return undecided(
-        "This run was not compared with a baseline.", "Run with --against or --history."
-    )
-
-
-def _by_record(case: RequirementCase, samples: RunSamples) -> Decision | None:
-    return _decided(case, samples) if case.info.statistic in _BY_RECORD else None
-
-
-def _without_rate(case: RequirementCase, _: RunSamples) -> Decision | None:
-    if case.at_hz is not None:
-        return None
-    return undecided(f"The objective does not state the rate of {case.info.name}.")
-
-
-def _without_iterations(case: RequirementCase, _: RunSamples) -> Decision | None:
-    if case.iterations:
-        return None
-    at = f" at {show(case.at_hz, 'Hz')}" if case.at_hz else ""
-    return undecided(
-        f"No complete iteration was played{at}.", "Run the spec of this objective to its end."
-    )
-
-
-def _without_event(case: RequirementCase, _: RunSamples) -> Decision | None:
+def _without_event(case: RequirementCase) -> Decision | None:
     """Undecided where no input event was played; a failure if none was reacted to."""
     seen = case.monitor_samples
     if not seen or not seen[0].of_events:
@@ -503,7 +463,7 @@ def _aside_text(case: RequirementCase) -> str:
     return " ".join(told)
 
 
-def _without_output(case: RequirementCase, _: RunSamples) -> Decision | None:
+def _without_output(case: RequirementCase) -> Decision | None:
     """A failure if the monitor received no output at all."""
     seen = case.monitor_samples
     known = any(sample.answered or sample.unpaired for sample in seen)
@@ -538,7 +498,7 @@ def _without_output(case: RequirementCase, _: RunSamples) -> Decision | None:
     return Decision(outcome="fail", method="none", reason=reason, n=sent)
 
 
-def _without_latency(case: RequirementCase, _: RunSamples) -> Decision | None:
+def _without_latency(case: RequirementCase) -> Decision | None:
     """Undecided where a latency or an age is unknown in some iteration."""
     if case.monitor is None:
         return None
@@ -559,7 +519,7 @@ def _without_latency(case: RequirementCase, _: RunSamples) -> Decision | None:
     )
 
 
-def _without_events(case: RequirementCase, _: RunSamples) -> Decision | None:
+def _without_events(case: RequirementCase) -> Decision | None:
     """Undecided where what was observed from inside is not whole."""
     observed = [one.summary for one in case.iterations if one.summary is not None]
     lost = max((one.lost for one in observed), default=0)
@@ -570,26 +530,6 @@ def _without_events(case: RequirementCase, _: RunSamples) -> Decision | None:
         f"{case.info.subject} is not whole.",
         "Observe iterations that are shorter or fewer in a start, or 'anatomy: [NODE]' alone.",
     )
-
-
-def _decided(case: RequirementCase, samples: RunSamples) -> Decision:
-    return method_of(case)(case, samples.record)
-
-
-DECISIONS: Final[tuple[Callable[[RequirementCase, RunSamples], Decision | None], ...]] = (
-    _unknown_in_live_run,
-    _without_offered_rate,
-    _without_baseline,
-    _by_record,
-    _without_rate,
-    _without_iterations,
-    _unknown_at_own_pace,
-    _without_event,
-    _without_output,
-    _without_latency,
-    _without_events,
-    _decided,
-)
 
 
 def latency_unknown_by_order(
@@ -658,10 +598,8 @@ def refuse_affected_pass(
     if replaced and judged.decided_by(run.unaffected_samples).outcome == "pass":
         return played.noted(f"{text}. With those in their places it passes, too.")
     # The worst case delivers less, and later: it says nothing of other metrics and limits.
-    asks_for_more = judged.requirement.op in {">", ">="}
-    has_worst_case = (
-        judged.info.scope == "monitor" and (judged.info.dimension == "rate") == asks_for_more
-    )
+    info, asks_for_more = judged.asked.info, judged.asked.requirement.op in {">", ">="}
+    has_worst_case = info.scope == "monitor" and (info.dimension == "rate") == asks_for_more
     if has_worst_case and judged.decided_by(run.worst_case_samples).outcome == "pass":
         return played.noted(f"{text}. It passes in the worst case, too.")
     return strict_refusal(played, text)
@@ -690,14 +628,14 @@ def refuse_disturbed_starts(
 
 def question_unsteady(judged: JudgedRequirement, verdict: RequirementVerdict) -> RequirementVerdict:
     """What differs in one part of the iterations is noted; a verdict that rests on it is open."""
-    samples, at_hz = judged.run.samples, judged.at_hz
+    samples, at_hz, info = judged.run.samples, judged.asked.at_hz, judged.asked.info
     if not METHODS[verdict.method].grows or at_hz is None:
         return verdict
     iterations = samples.iterations_at(at_hz)
-    part = judged.run.unsteady_part(judged.info, judged.monitor, at_hz)
+    part = find_unsteady_part(iteration_times(info, judged.asked.monitor, iterations))
     if part is None:
         return verdict
-    found, advice = part.text(judged.info), part.advice(samples, iterations)
+    found, advice = part.text(info), part.advice(samples, iterations)
     if verdict.outcome == "inconclusive":
         remedy = verdict.remedy if verdict.weakened else advice
         return msgspec.structs.replace(verdict.noted(found), remedy=remedy)

@@ -28,14 +28,6 @@ MAX_LOST_SHARE: Final = 0.01
 
 
 @dataclass(frozen=True)
-class WindowCondition:
-    """``in SHARE of LENGTH windows``: the share of windows, as a fraction, and their length."""
-
-    share: float
-    window_ns: int
-
-
-@dataclass(frozen=True)
 class RequirementCase:
     """A requirement that applies to this run, and the samples to judge it by.
 
@@ -57,10 +49,9 @@ class RequirementCase:
     confidence: float = CONFIDENCE
 
     @property
-    def windows(self) -> WindowCondition | None:
-        """The share of windows in which the requirement must be met; None for the whole run."""
-        share = self.requirement.windows_share
-        return WindowCondition(share, self.requirement.window_ns) if share is not None else None
+    def in_windows(self) -> bool:
+        """Whether it must be met in a share of windows, and not in the whole run."""
+        return self.requirement.windows_share is not None
 
     @property
     def monitor_samples(self) -> list[MonitorSamples]:

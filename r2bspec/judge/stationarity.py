@@ -444,9 +444,8 @@ def _pace(plays: Sequence[CompletionTimes], from_s: float, until_s: float) -> _P
         kept = play.times_s[(play.times_s >= from_s) & (play.times_s < until_s)]
         if kept.size >= 8:
             number = min(8, (kept.size - 1) // 4) or 1
-            edges = kept[np.linspace(0, kept.size - 1, number + 1).astype(int)]
-            counts = np.diff(np.linspace(0, kept.size - 1, number + 1).astype(int))
-            parts.append(np.diff(edges) / counts)
+            places = np.linspace(0, kept.size - 1, number + 1).astype(int)
+            parts.append(np.diff(kept[places]) / np.diff(places))
             intervals.append(np.diff(kept))
     if not parts:
         return None

@@ -146,7 +146,7 @@ def narrow_margin_notes(case: RequirementCase, verdict: RequirementVerdict) -> t
         verdict: the last one on it.
     """
     decided = verdict.outcome != "inconclusive" and not verdict.early
-    if not (decided and case.is_upper_bound and case.windows is None):
+    if not (decided and case.is_upper_bound and not case.in_windows):
         return ()
     if case.info.statistic == "share":
         return _narrow_losses(verdict)
@@ -206,10 +206,10 @@ def _burst_text(what: str, counted: int) -> str:
 def _room(case: RequirementCase, passed: RequirementVerdict) -> float:
     """u* of a PASS; below any share where there is no rule."""
     test, no_rule = passed.share, -math.inf
-    if test is not None and case.windows is None and case.info.quantile is None:
+    if test is not None and not case.in_windows and case.info.quantile is None:
         return room_of_losses(test.upper, test.allowed)
     if test is not None:
-        if case.windows is not None or not case.is_upper_bound:
+        if case.in_windows or not case.is_upper_bound:
             return no_rule
         return room_of_percentile(case.values_by_iteration()[0], case.limit, test.allowed)
     bound = passed.upper if case.is_upper_bound else passed.lower

@@ -137,9 +137,9 @@ def schedule_problem(offered_hz: float, iterations: Sequence[SegmentSamples]) ->
         offered_hz: the offered rate; 0 for that of the recording.
         iterations: all complete iterations at it, at least one.
     """
-    played = pool_playback([iteration.playback for iteration in iterations])
-    if played.live:
+    if iterations[0].live:
         return ""
+    played = pool_playback([iteration.playback for iteration in iterations])
     planned_hz = offered_hz or played.planned_hz
     # A single publication has no rate.
     if played.sent > len(iterations) and played.rate_hz < MIN_RATE_SHARE * planned_hz:

@@ -218,6 +218,10 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
         """The same with further notes."""
         return msgspec.structs.replace(self, notes=(*self.notes, *notes)) if notes else self
 
+    def held_back(self, doubt: str) -> RequirementVerdict:
+        """Without room for what was not met, for this reason; the same if it is empty."""
+        return msgspec.structs.replace(self.noted(doubt), early=True) if doubt else self
+
     def opened(self, note: str, remedy: str) -> RequirementVerdict:
         """Undecided because of host interference."""
         return msgspec.structs.replace(

@@ -28,7 +28,6 @@ from r2bspec.judge.statistics.t_interval import (
     pair_orders,
     paired_ratio,
     predicted_ratio,
-    welch_ratio,
 )
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 from r2bspec.plan.interim_looks import InterimLooks
@@ -134,21 +133,11 @@ def ratio_outcome(interval: RatioInterval, limit: float = 1.0) -> int:
     return int(interval.lower >= limit) - int(interval.upper < limit)
 
 
-def look(
-    run: NDArray[np.bool_],
-    allowed: float,
-    confidence: float = CONFIDENCE,
-    *,
-    planned: bool = True,
-) -> tuple[int, int]:
-    """A share requirement at looks: the outcome, and how many iterations were played.
-
-    Not `planned`: each look decides at the full confidence, as extending a run until it passes.
-    """
+def look(run: NDArray[np.bool_], allowed: float, confidence: float = CONFIDENCE) -> tuple[int, int]:
+    """A share requirement at looks: the outcome, and how many iterations were played."""
     outcome = end = 0
     for number, end in enumerate(LOOKS.iterations, start=1):
-        at = LOOKS.confidence_at(number, confidence) if planned else confidence
-        outcome = share_outcome(run[:end], allowed, at)
+        outcome = share_outcome(run[:end], allowed, LOOKS.confidence_at(number, confidence))
         if outcome:
             break
     return outcome, end
@@ -203,11 +192,9 @@ MEAN_WORLDS: dict[str, Callable[[np.random.Generator, int, int], Values]] = {
 """Means of m iterations in so many runs; the true mean is 1."""
 
 
-def looked_gate(
-    flags: NDArray[np.bool_], allowed: float, *, planned: bool = True
-) -> tuple[Errors, float]:
+def looked_gate(flags: NDArray[np.bool_], allowed: float) -> tuple[Errors, float]:
     """A share requirement at looks; and how many iterations were played, in the mean."""
-    outcomes, played = zip(*(look(run, allowed, planned=planned) for run in flags), strict=True)
+    outcomes, played = zip(*(look(run, allowed) for run in flags), strict=True)
     return Errors.of(outcomes), float(np.mean(played))
 
 
@@ -260,29 +247,6 @@ def paired_gate(
     """``>= limit of baseline`` by interleaved pairs, if the true ratio is `ratio`."""
     random = np.random.default_rng(seed)
     return ratio_gate(paired_ratio, *paired_values(random, runs, pairs, ratio, variation), limit)
-
-
-def bootstrap_gate(*, pairs: int, runs: int) -> Errors:
-    """Pairs of one graph by a percentile bootstrap of the mean ratio."""
-    random = np.random.default_rng(1)
-    base, head = paired_values(random, runs, pairs, 1.0)
-    drawn = random.integers(0, pairs, (runs, 500, pairs))
-    means = (head / base)[np.arange(runs)[:, np.newaxis, np.newaxis], drawn].mean(axis=2)
-    lower, upper = np.quantile(means, [1 - CONFIDENCE, CONFIDENCE], axis=1)
-    return Errors.of((lower >= 1).astype(int) - (upper < 1).astype(int))
-
-
-def run_values(random: np.random.Generator, runs: int, iterations: int = 10) -> Values:
-    """Stored runs of one graph: they differ by 2.7 %, their iterations by 1 % on top."""
-    level = random.normal(0, 0.027 / np.sqrt(2), (runs, 1))
-    return np.exp(level + random.normal(0, 0.01, (runs, iterations)))
-
-
-def stored_gate(iterations: int, *, runs: int) -> Errors:
-    """Two stored runs of one graph by Welch's test: ``>= 100 % of baseline``."""
-    random = np.random.default_rng(1)
-    base, head = (run_values(random, runs, iterations) for _ in range(2))
-    return ratio_gate(welch_ratio, base, head)
 
 
 # Gates whose failures are confirmed by a fresh batch.

@@ -104,7 +104,7 @@ def pair(seed: int) -> tuple[Anatomy, Anatomy, set[str], str]:
 @pytest.mark.timeout(1200)
 def test_the_slowed_stage_and_its_part_are_named_first(record_property: Figure) -> None:
     wrong = []
-    count = size(30, 200)
+    count = size(20, 200)
     for seed in range(count):
         base, change, owners, part = pair(seed)
         grown = grown_parts(base, change)

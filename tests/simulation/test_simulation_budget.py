@@ -113,7 +113,7 @@ def test_what_halves_an_interval_halves_it(name: str, quantity: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "start_s"), sampled(itertools.product(ADVICE_WORLDS, (2.0, 12.0)), 3)
+    ("name", "start_s"), sampled(itertools.product(ADVICE_WORLDS, (2.0, 12.0)), 5)
 )
 def test_advice_decides_what_was_open(name: str, start_s: float) -> None:
     found = [

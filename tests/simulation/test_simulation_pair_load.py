@@ -41,16 +41,6 @@ def test_what_is_slower_is_found_under_load_that_both_sides_had_alike(
     assert gate.outcomes(runs=RUNS).shares[2] >= 0.95 - noise(0.1)
 
 
-def test_the_fixed_order_puts_what_returns_every_fourth_run_on_one_side() -> None:
-    world = LOAD_WORLDS["every 4th run is loaded"]
-    by_coin, fixed = (
-        PairGate(world, limit=100.0, interference="tolerate", fixed_order=fixed).outcomes(runs=RUNS)
-        for fixed in (False, True)
-    )
-    assert by_coin.shares[1] <= BY_CHANCE
-    assert fixed.shares[1] > 0.3
-
-
 @pytest.mark.parametrize(("side", "verdict"), [("head", 1), ("base", 0)])
 def test_load_on_one_side_alone_decides_nothing(side: str, verdict: int) -> None:
     world = LOAD_WORLDS[f"all runs of the {side}, by bad luck"]

@@ -28,16 +28,6 @@ def outcomes(kind: Kind, load: float, seconds: float, probes: int) -> Counter[st
     return Counter(outcome(kind, load, seconds=seconds, seed=seed) for seed in range(probes))
 
 
-@pytest.mark.parametrize("load", [0.5, 0.8, 0.9, 0.95, 0.98, 0.995])
-def test_equal_times_are_clear_up_to_the_capacity(load: float) -> None:
-    assert outcomes("D/D/1", load, 10, 2)["pass"] == 2
-
-
-@pytest.mark.parametrize("load", [1.005, 1.02, 1.05, 1.1, 1.5])
-def test_and_beyond_it(load: float) -> None:
-    assert outcomes("D/D/1", load, 10, 2)["fail"] == 2
-
-
 @pytest.mark.parametrize("kind", ["D/M/1", "M/D/1", "M/M/1"])
 @pytest.mark.parametrize("load", [0.8, 0.9, 0.95])
 def test_a_rate_below_the_capacity_rarely_fails(kind: Kind, load: float) -> None:
@@ -68,17 +58,6 @@ def test_two_standard_errors_and_the_precision_above_the_capacity_rarely_pass(
         found = probe(graph, 100.0 * load, criterion=Criterion(PRECISION), play=SUSTAINED)
         passes += found.judgement.holds is True
     assert passes <= probes * 0.0125 + 4 * math.sqrt(probes * 0.0125)
-
-
-@pytest.mark.parametrize(("rate_hz", "loses"), [(30.0, 0.02), (60.0, 0.05), (120.0, 0.02)])
-def test_a_rate_at_which_messages_are_lost_rarely_passes(rate_hz: float, loses: float) -> None:
-    passes = 0
-    for seed in range(_PROBES):
-        server = Server(1000.0, loses=loses, seed=seed)
-        for play in (None, SUSTAINED):
-            found = probe(server, rate_hz, criterion=Criterion(PRECISION), play=play)
-            passes += found.judgement.holds is True
-    assert passes <= _MOST_WRONG
 
 
 def test_a_loss_within_the_tolerance_rarely_fails() -> None:

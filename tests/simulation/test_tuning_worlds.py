@@ -6,7 +6,7 @@ from functools import cache
 from statistics import median
 
 import pytest
-from simulated_deployments import SETTINGS, START_S, SimulatedGraph, blank, trials_needed
+from simulated_deployments import SETTINGS, SimulatedGraph, blank, trials_needed
 
 from nightly import noise, size
 from r2bspec.plan.tuning_space import Deployment
@@ -88,9 +88,3 @@ def test_as_good_a_deployment_takes_half_the_trials_of_chance_and_of_a_grid() ->
     )
     assert search <= (0.5 + noise(0.1)) * chance
     assert search <= 0.5 * grid
-
-
-def test_a_start_counts_what_it_takes() -> None:
-    graph, result = searched(0)
-    assert {trial.duration_s for trial in result.trials} == {START_S}
-    assert graph.starts * START_S == graph.clock_s

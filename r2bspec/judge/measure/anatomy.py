@@ -48,9 +48,6 @@ class Timed:
     seconds: Seconds
 
 
-NO_TIMES: Final = Timed(np.empty(0, np.int64), np.empty(0))
-
-
 @dataclass(frozen=True)
 class NodeAnatomy:
     """What a node did in the observed iteration.
@@ -116,8 +113,9 @@ class Anatomy:
     left_out: int
     events: Events
 
-    def values(self, name: str) -> Seconds:
-        """The values of a metric, in seconds or as shares; none for an unknown name.
+    @cached_property
+    def series(self) -> Mapping[str, Seconds]:
+        """The values of each metric that has some, in seconds or as shares, by its name.
 
         ``NODE.callback``, ``NODE.wait``, ``NODE.take``, ``NODE.dispatch`` and ``NODE.publish`` have
         one for each event, ``TOPIC.transport`` one for each message, ``MONITOR.path`` the latency
@@ -126,40 +124,26 @@ class Anatomy:
         node that it never took, and ``path.NODE.share`` (or a topic's) one for each message of
         every monitor: which share of its latency it spent there, on the path that it followed.
         """
-        owner, _, what = name.rpartition(".")
-        if what == "share" and owner.startswith("path."):
-            return self._shares(owner.removeprefix("path."))
-        if what == "transport":
-            return self.transports.get(owner, NO_TIMES).seconds
-        if what == "path":
-            found = [path.seconds[path.last] for path in self.paths.get(owner, ())]
-            return np.concatenate([np.empty(0), *found])
-        node = self.nodes.get(owner)
-        if node is None:
-            return np.empty(0)
-        if what == "load":
-            return node.loads
-        if what == "overtaken":
+        found: dict[str, Seconds] = {}
+        for name, node in self.nodes.items():
+            for what in (*NODE_TIMES, "publish"):
+                times: Timed = getattr(node, what)
+                found[f"{name}.{what}"] = times.seconds
             missed, taken = sum(node.overtaken.values()), sum(node.taken.values())
-            return np.array([missed / (missed + taken)] if missed + taken else [])
-        times: Timed | None = getattr(node, what) if what in {*NODE_TIMES, "publish"} else None
-        return times.seconds if times is not None else np.empty(0)
-
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Every name that has values."""
-        nodes = [
-            f"{node}.{what}"
-            for node in self.nodes
-            for what in (*NODE_TIMES, "publish", "load", "overtaken")
-        ]
-        topics = [f"{topic}.transport" for topic in self.transports]
+            found[f"{name}.load"] = node.loads
+            found[f"{name}.overtaken"] = np.array(
+                [missed / (missed + taken)] if missed + taken else []
+            )
+        for topic, transport in self.transports.items():
+            found[f"{topic}.transport"] = transport.seconds
+        for monitor, paths in self.paths.items():
+            followed = [path.seconds[path.last] for path in paths]
+            found[f"{monitor}.path"] = np.concatenate([np.empty(0), *followed])
         owners = dict.fromkeys(
             part.owner for paths in self.paths.values() for path in paths for part in path.parts
         )
-        paths = [f"{monitor}.path" for monitor in self.paths]
-        names = [*nodes, *topics, *paths, *(f"path.{owner}.share" for owner in owners)]
-        return tuple(name for name in names if self.values(name).size)
+        found |= {f"path.{owner}.share": self._shares(owner) for owner in owners}
+        return {name: values for name, values in found.items() if values.size}
 
     def _shares(self, owner: str) -> Seconds:
         found = [np.empty(0)]

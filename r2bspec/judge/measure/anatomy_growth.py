@@ -80,7 +80,6 @@ class GrownPart:
         of: which of the two.
         name: of the part, or ``queue`` for messages that were never taken.
         seconds: by how much its mean grew; of a queue, see above.
-        bound: by how much at least.
         share: of a queue, how many more of the messages were never taken; else 0.
         latency: by how much the mean latency grew to the monitor where that grew most.
         follows: the owner and the name of the part that it follows from; empty for a cause.
@@ -91,7 +90,6 @@ class GrownPart:
     of: Literal["node", "topic"]
     name: str
     seconds: float
-    bound: float
     share: float
     latency: float
     follows: str = ""
@@ -246,7 +244,6 @@ def _grown(
         of=after.of,
         name=key[1],
         seconds=growth,
-        bound=bound,
         share=0.0,
         latency=latency.get(key[0], 0.0),
     )
@@ -286,14 +283,12 @@ def _overflowing(base: Anatomy, change: Anatomy, latency: dict[str, float]) -> I
             period = (change.window_ns[1] - change.window_ns[0]) / 1e9 / sent
             # The base may have had more messages, or fewer.
             roots = [math.sqrt(n + 0.375) for n in (missed, missed_before * sent / sent_before)]
-            surplus = roots[0] - roots[1] - _QUANTILE * math.sqrt(0.5)
-            if surplus > 0:
+            if roots[0] - roots[1] > _QUANTILE * math.sqrt(0.5):
                 yield GrownPart(
                     owner=name,
                     of="node",
                     name=_QUEUE,
                     seconds=growth * period,
-                    bound=surplus * (roots[0] + roots[1]) / sent * period,
                     share=growth,
                     latency=latency.get(name, 0.0),
                 )

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from r2bspec.judge.measure.anatomy_paths import Part, PartName, Path
-from r2bspec.judge.measure.times import Seconds, percentiles
+from r2bspec.judge.measure.times import Seconds, percentile
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_record import AnatomyRecord, Segment
 
@@ -195,5 +195,5 @@ def _node(node: NodeAnatomy) -> NodeSummary:
 
 def _few(times: Seconds) -> tuple[float | None, float | None, float | None]:
     """Median, 99th percentile and mean."""
-    p50, p99 = percentiles(times, (0.5, 0.99))
-    return p50, p99, float(times.mean()) if times.size else None
+    mean = float(times.mean()) if times.size else None
+    return percentile(times, 0.5), percentile(times, 0.99), mean

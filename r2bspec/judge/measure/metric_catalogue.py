@@ -335,18 +335,15 @@ _CATALOGUE: tuple[MetricInfo, ...] = (
         "observation",
         "largest memory in use on the machine",
     ),
-    _metric(
-        BAD_PIXELS, "truth", "share", "truth", "disparities that are off by more than 2 pixels"
-    ),
-    _metric(DENSITY, "truth", "share", "truth", "pixels with a disparity, of all with a true one"),
-    _metric(TAG_MISSED, "truth", "share", "truth", "images in which the visible tag is not found"),
-    _metric(TAG_FALSE, "truth", "share", "truth", "detections that are not of the tag"),
-    _metric(
-        TAG_POSITION_ERROR,
-        "truth",
-        "share",
-        "truth",
-        "mean distance from the true position / distance of the tag",
+    *(
+        _metric(name, "truth", "share", "truth", description)
+        for name, description in (
+            (BAD_PIXELS, "disparities that are off by more than 2 pixels"),
+            (DENSITY, "pixels with a disparity, of all with a true one"),
+            (TAG_MISSED, "images in which the visible tag is not found"),
+            (TAG_FALSE, "detections that are not of the tag"),
+            (TAG_POSITION_ERROR, "mean distance from the true position / distance of the tag"),
+        )
     ),
     *(
         _anatomy(family, part)

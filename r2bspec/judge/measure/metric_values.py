@@ -31,7 +31,7 @@ from r2bspec.judge.measure.samples import (
     MonitorSamples,
     SegmentSamples,
     output_period_ns,
-    output_times,
+    samples_of_steps,
 )
 from r2bspec.judge.measure.times import Seconds, percentile, throughput
 
@@ -67,7 +67,7 @@ def metric_value(info: MetricInfo, monitor: str | None, samples: SegmentSamples)
             times = samples.anatomy.get(info.series)
             if times is None or not times.size:
                 return None
-            return _time_value(info, times, samples.lost_on_paths(info))
+            return time_value(info, times, samples.lost_on_paths(info))
         case _:
             raise ValueError(f"{info.name} is not a metric of a segment")
 
@@ -78,7 +78,7 @@ def monitor_value(info: MetricInfo, seen: MonitorSamples) -> float | None:
         return None
     if info.family in seen.times:
         lost = seen.missed if info.family in LOSS_SENSITIVE_FAMILIES else 0
-        return _time_value(info, seen.times[info.family], lost)
+        return time_value(info, seen.times[info.family], lost)
     if info.family == "reaction":
         return None
     match info.name:
@@ -98,10 +98,11 @@ def _playback_value(info: MetricInfo, samples: SegmentSamples) -> float | None:
         return float(samples.playback.sent)
     if info.name == "playback.rate":
         return samples.playback.rate_hz
-    return _time_value(info, samples.playback.lateness, 0)
+    return time_value(info, samples.playback.lateness, 0)
 
 
-def _time_value(info: MetricInfo, times: Seconds, lost: int) -> float | None:
+def time_value(info: MetricInfo, times: Seconds, lost: int) -> float | None:
+    """The part of the distribution of some times that a metric names; see `metric_value`."""
     if info.quantile is not None:
         return percentile(times, info.quantile, lost)
     if info.part == "max":
@@ -227,12 +228,7 @@ def windows(
         window_ns: the length of a window, positive.
         period_ns: the time in which one output is due; a window of 1 s at 29.97 Hz has 30 steps
             or 29, and each is then measured by the time of its steps. 0 if steps have no period.
-
-    Raises:
-        ValueError: the length is not positive.
     """
-    if window_ns <= 0:
-        raise ValueError("the length of a window must be positive")
     steps = seen.steps
     if not steps.due_ns.size:
         return
@@ -271,13 +267,5 @@ def _cut_window(
     steps = seen.steps
     inside = steps.cut(part)
     number = int(inside.due_ns.size)
-    outputs = output_times(inside, ended_ns, number * period_ns or window_ns, period_ns)
-    return MonitorSamples(
-        steps=inside,
-        times=outputs.by_family,
-        sent=number,
-        received=int(outputs.arrived_ns.size),
-        throughput_hz=outputs.throughput_hz,
-        by_order=seen.by_order,
-        per_step=seen.per_step,
-    )
+    found = samples_of_steps(inside, ended_ns, number * period_ns or window_ns, period_ns)
+    return replace(found, by_order=seen.by_order, per_step=seen.per_step)

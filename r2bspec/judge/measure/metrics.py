@@ -21,16 +21,14 @@ from r2bspec.judge.measure.distribution import (
     Distribution,
     part_value,
 )
-from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse, pool_resource_use
+from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse
 from r2bspec.judge.measure.samples import (
     SENT_COUNTS,
     HopSamples,
     MonitorSamples,
-    PlaybackSamples,
     RunSamples,
     SegmentSamples,
-    pool_monitor,
-    pool_playback,
+    pool_segments,
 )
 from r2bspec.judge.measure.times import Seconds, rank
 from r2bspec.record.run_record import Probe, SearchRecord
@@ -229,34 +227,26 @@ def summarise(samples: RunSamples) -> RunMetrics:
     )
 
 
-def measure_segments(samples: Sequence[SegmentSamples]) -> tuple[SegmentMetrics, ...]:
-    """The metrics of some segments with the same monitors."""
-    monitors = {
-        name: _monitors([one.monitors[name] for one in samples])
-        for name in (samples[0].monitors if samples else ())
-    }
-    playbacks = _playbacks([one.playback for one in samples])
-    return tuple(
-        _segment(one, playback, {name: seen[place] for name, seen in monitors.items()})
-        for place, (one, playback) in enumerate(zip(samples, playbacks, strict=True))
-    )
-
-
-def _segment(
-    samples: SegmentSamples, playback: PlaybackMetrics, monitors: dict[str, MonitorMetrics]
-) -> SegmentMetrics:
-    sent = 0 if samples.playback.live else samples.playback.sent
+def measure_segment(samples: SegmentSamples) -> SegmentMetrics:
+    """The metrics of one segment."""
+    played = samples.playback
+    sent = 0 if samples.live else played.sent
     return SegmentMetrics(
         segment=samples.segment.id,
         index=samples.segment.index,
-        playback=playback,
-        monitors=monitors,
+        playback=PlaybackMetrics(
+            sent=None if samples.live else played.sent,
+            rate_hz=None if samples.live else played.rate_hz,
+            lateness=distribution(played.lateness),
+        ),
+        monitors={name: _monitor(seen) for name, seen in samples.monitors.items()},
         processes={name: _use(used, sent) for name, used in samples.processes.items()},
         machine=_use(samples.machine) if samples.machine is not None else None,
         graph=_use(samples.graph, sent) if samples.graph is not None else None,
         interference=samples.interference,
         start=samples.segment.start,
-        anatomy=_anatomy([samples]),
+        anatomy={name: distribution(times) for name, times in samples.anatomy.items()}
+        or msgspec.UNSET,
     )
 
 
@@ -266,50 +256,20 @@ def _measure_rate(
     reruns: Mapping[str, SegmentSamples],
     pace: Pace,
 ) -> RateMetrics:
-    iterations = measure_segments(samples)
+    iterations = tuple(map(measure_segment, samples))
+    pooled = measure_segment(pool_segments(samples))
     return RateMetrics(
         offered_hz=rate_hz,
         iterations=iterations,
-        pooled=_pooled(samples),
+        pooled=msgspec.structs.replace(pooled, segment="", index=None, start=0),
         pace=pace,
         spread={name: _spread(iterations, name) for name in samples[0].monitors},
-        reruns=measure_segments(
-            [reruns[sample.segment.id] for sample in samples if sample.segment.id in reruns]
+        reruns=tuple(
+            measure_segment(reruns[sample.segment.id])
+            for sample in samples
+            if sample.segment.id in reruns
         ),
     )
-
-
-def _pooled(samples: Sequence[SegmentSamples]) -> SegmentMetrics:
-    machine = pool_resource_use(sample.machine for sample in samples)
-    graph = pool_resource_use(sample.graph for sample in samples)
-    sent = sum(sample.playback.sent for sample in samples if not sample.playback.live)
-    names = dict.fromkeys(name for sample in samples for name in sample.processes)
-    processes = {
-        name: pool_resource_use(sample.processes.get(name) for sample in samples) for name in names
-    }
-    return SegmentMetrics(
-        segment="",
-        index=None,
-        playback=_playbacks([pool_playback([sample.playback for sample in samples])])[0],
-        monitors={
-            name: _monitors([pool_monitor([sample.monitors[name] for sample in samples])])[0]
-            for name in samples[0].monitors
-        },
-        processes={name: _use(used, sent) for name, used in processes.items() if used is not None},
-        machine=_use(machine) if machine is not None else None,
-        graph=_use(graph, sent) if graph is not None else None,
-        anatomy=_anatomy(samples),
-    )
-
-
-def _anatomy(samples: Sequence[SegmentSamples]) -> dict[str, Distribution] | msgspec.UnsetType:
-    names = dict.fromkeys(name for sample in samples for name in sample.anatomy)
-    return {
-        name: distribution(
-            np.concatenate([sample.anatomy[name] for sample in samples if name in sample.anatomy])
-        )
-        for name in names
-    } or msgspec.UNSET
 
 
 _RANGES: Final = {
@@ -343,23 +303,11 @@ def _spread(iterations: Sequence[SegmentMetrics], monitor: str) -> dict[str, Spr
     }
 
 
-_FAMILIES: Final = ("latency", "latency_from_due", "interval", "jitter")
-
-
-def _monitors(seen: Sequence[MonitorSamples]) -> list[MonitorMetrics]:
-    families = [distributions([one.times[family] for one in seen]) for family in _FAMILIES]
-    return [
-        _monitor(one, dict(zip(_FAMILIES, of_one, strict=True)))
-        for one, of_one in zip(seen, zip(*families, strict=True), strict=True)
-    ]
-
-
-def _monitor(seen: MonitorSamples, families: Mapping[str, Any]) -> MonitorMetrics:
-    counts: dict[str, Any] = {
-        name: None if seen.own_pace else getattr(seen, name)
-        for name in (*SENT_COUNTS, "answered", "missed")
-    }
-    fields: dict[str, Any] = {**families, **counts}
+def _monitor(seen: MonitorSamples) -> MonitorMetrics:
+    families = ("latency", "latency_from_due", "interval", "jitter")
+    fields: dict[str, Any] = {family: distribution(seen.times[family]) for family in families}
+    for name in (*SENT_COUNTS, "answered", "missed"):
+        fields[name] = None if seen.own_pace else getattr(seen, name)
     return MonitorMetrics(
         drop_rate=seen.missed / seen.expected if seen.expected and not seen.own_pace else None,
         received=seen.received,
@@ -385,19 +333,6 @@ def _hop(hop: HopSamples) -> HopMetrics:
     )
 
 
-def _playbacks(played: Sequence[PlaybackSamples]) -> list[PlaybackMetrics]:
-    return [
-        PlaybackMetrics(
-            sent=None if one.live else one.sent,
-            rate_hz=None if one.live else one.rate_hz,
-            lateness=lateness,
-        )
-        for one, lateness in zip(
-            played, distributions([one.lateness for one in played]), strict=True
-        )
-    ]
-
-
 def _use(used: ResourceUse, sent: int = 0) -> UseMetrics:
     """The use of a process while this number of steps was played."""
     known = used.minor_faults is not None and sent > 0
@@ -414,23 +349,10 @@ _NOTHING: Final = Distribution(n=0, min=None, mean=None, max=None, **dict.fromke
 
 def distribution(times: Seconds) -> Distribution:
     """Summarise times in seconds; every part is None if there are none."""
-    return distributions([times])[0]
-
-
-def distributions(times: Sequence[Seconds]) -> list[Distribution]:
-    """The same of several; those of one length, as of iterations, are sorted at once."""
-    found = [_NOTHING] * len(times)
-    sizes = np.array([one.size for one in times], dtype=np.int64)
-    for size in np.unique(sizes[sizes > 0]).tolist():
-        places = np.flatnonzero(sizes == size).tolist()
-        rows = np.array([times[place] for place in places])
-        means = rows.mean(axis=1).tolist()
-        rows.sort(axis=1)
-        ranks = [rank(share, size) - 1 for share in (0.0, 1.0, *PERCENTILES.values())]
-        for place, mean, (low, high, *parts) in zip(
-            places, means, rows[:, ranks].tolist(), strict=True
-        ):
-            found[place] = Distribution(
-                n=size, min=low, mean=mean, max=high, **dict(zip(PERCENTILES, parts, strict=True))
-            )
-    return found
+    n = times.size
+    if not n:
+        return _NOTHING
+    ranks = [rank(share, n) - 1 for share in (0.0, 1.0, *PERCENTILES.values())]
+    low, high, *parts = np.sort(times)[ranks].tolist()
+    percentiles = dict(zip(PERCENTILES, parts, strict=True))
+    return Distribution(n=n, min=low, mean=float(times.mean()), max=high, **percentiles)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from r2bspec.judge.measure.anatomy import Anatomy, anatomy
 from r2bspec.judge.measure.anatomy_summary import AnatomySummary, summarised
-from r2bspec.judge.measure.matching import MatchedMonitor, match_monitor
-from r2bspec.judge.measure.reactions import find_reactions
+from r2bspec.judge.measure.matching import MatchedMonitor
+from r2bspec.judge.measure.reactions import find_reactions, match_monitors
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.plan.plan import Plan
 from r2bspec.record.comparison_folder import MergedRun
@@ -41,8 +41,8 @@ def observed_values(joined: Anatomy) -> dict[str, Seconds]:
     """What was observed of each node and topic; see `SegmentSamples.anatomy`."""
     # Requirements name topics without the slash that they begin with.
     return {
-        name.replace("path./", "path.").removeprefix("/"): joined.values(name)
-        for name in joined.names
+        name.replace("path./", "path.").removeprefix("/"): values
+        for name, values in joined.series.items()
     }
 
 
@@ -106,11 +106,6 @@ def join_segment(run: Run, segment: Segment, record: AnatomyRecord) -> Anatomy:
         playback = run.playback(segment)
         rows = {monitor.name: run.monitor(segment, monitor.name) for monitor in plan.monitors}
         marks = {monitor.name: run.marks(segment, monitor.name) for monitor in reacting}
-        matched = {
-            each.name: match_monitor(
-                playback, rows[each.name], each, plan.step_sources, segment.played_before
-            )
-            for each in (() if segment.live else reacting)
-        }
+        matched = match_monitors(plan, segment, playback, rows)
         reactions = find_reactions(plan, segment, playback, rows, marks, matched)
     return ObservedRows(run.anatomy(segment), record).joined(plan, segment, reactions)

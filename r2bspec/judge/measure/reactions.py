@@ -42,6 +42,7 @@ from r2bspec.judge.measure.matching import (
     Matching,
     live_steps,
     match,
+    match_monitor,
 )
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.record.run_record import Segment
@@ -171,6 +172,26 @@ def match_live_reactions(events: Rows, rows: Rows, marks: Rows) -> MatchedMonito
     matching = match(steps, rows, "own_pace")
     matched = MatchedMonitor(steps, rows, ONE_TO_ONE, matching, own_pace=True)
     return match_reactions(steps, matched, marks)
+
+
+def match_monitors(
+    plan: Plan, segment: Segment, playback: Rows, received: Mapping[str, Rows]
+) -> dict[str, MatchedMonitor]:
+    """How the outputs of each monitor match the steps of a segment; nothing if the graph is live.
+
+    Args:
+        plan: of the run.
+        segment: one of its segments.
+        playback: rows of type `PLAYBACK_DTYPE`: all its steps.
+        received: the rows of each monitor, by name.
+    """
+    if segment.live:
+        return {}
+    inputs, before = plan.step_sources, segment.played_before
+    return {
+        monitor.name: match_monitor(playback, received[monitor.name], monitor, inputs, before)
+        for monitor in plan.monitors
+    }
 
 
 def find_reactions(

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -41,7 +42,7 @@ from r2bspec.judge.measure.matching import (
 )
 from r2bspec.judge.measure.metric_catalogue import Subjects
 from r2bspec.judge.measure.observed_runs import ObservedRows, observed_values
-from r2bspec.judge.measure.reactions import UNREADABLE, find_reactions
+from r2bspec.judge.measure.reactions import UNREADABLE, find_reactions, match_monitors
 from r2bspec.judge.measure.samples import (
     HopSamples,
     MonitorSamples,
@@ -103,16 +104,6 @@ class HostSamples:
 
     processes: ProcessSamples
     interference: Rows
-
-
-@dataclass(frozen=True)
-class HostUse:
-    """What was used in one segment; see `SegmentSamples`."""
-
-    processes: Mapping[str, ResourceUse]
-    machine: ResourceUse | None
-    graph: ResourceUse | None
-    interference: HostInterference | None
 
 
 def read_samples(run: Run) -> RunSamples:
@@ -313,19 +304,7 @@ def segment_samples(
         rows: what the harness wrote in it.
         matched: the match of each monitor, where the caller has it already.
     """
-    if segment.live:
-        matched = {}
-    else:
-        matched = matched or {
-            monitor.name: match_monitor(
-                rows.playback,
-                rows.monitors[monitor.name],
-                monitor,
-                plan.step_sources,
-                segment.played_before,
-            )
-            for monitor in plan.monitors
-        }
+    matched = matched or match_monitors(plan, segment, rows.playback, rows.monitors)
     reactions = find_reactions(plan, segment, rows.playback, rows.monitors, rows.marks, matched)
     monitors = {}
     for monitor in plan.monitors:
@@ -348,7 +327,7 @@ def segment_samples(
     joined = observed.joined(plan, segment, reactions) if observed is not None else None
     return SegmentSamples(
         segment=segment,
-        playback=playback_samples(rows.playback, live=segment.live),
+        playback=playback_samples(rows.playback),
         monitors=monitors,
         anatomy=observed_values(joined) if joined else {},
         summary=summarised(joined, segment, observed.record, plan) if joined and observed else None,
@@ -380,8 +359,10 @@ def _overdue(rows: SegmentRows, matched: MatchedMonitor) -> int:
     return int(np.count_nonzero(rows.played_earlier(stamps)))
 
 
-def host_samples(record: RunRecord, plan: Plan, host: HostSamples) -> Mapping[str, HostUse]:
+def _host_samples(record: RunRecord, plan: Plan, host: HostSamples) -> Mapping[str, dict[str, Any]]:
     """Resource usage and host interference in each complete segment of a run, by its id.
+
+    They are fields of `SegmentSamples`.
 
     Args:
         record: of the run so far.
@@ -408,12 +389,12 @@ def host_samples(record: RunRecord, plan: Plan, host: HostSamples) -> Mapping[st
     )
     ranks = _ranks(record.processes)
     return {
-        segment.id: HostUse(
-            processes=_by_name(record, of_segment, ranks),
-            machine=of_segment.get(MACHINE_INDEX),
-            graph=graph,
-            interference=interference,
-        )
+        segment.id: {
+            "processes": _by_name(record, of_segment, ranks),
+            "machine": of_segment.get(MACHINE_INDEX),
+            "graph": graph,
+            "interference": interference,
+        }
         for segment, (of_segment, graph, interference) in zip(segments, columns, strict=True)
     }
 
@@ -455,7 +436,7 @@ def run_samples(
     Raises:
         RecordError: `samples_of` reads files, and one is missing or damaged.
     """
-    used = host_samples(record, plan, host)
+    used = _host_samples(record, plan, host)
 
     def session(
         record: RunRecord, iterations: list[Segment], sustained: list[Segment]
@@ -463,14 +444,7 @@ def run_samples(
         """The samples of the complete ones among some segments, played in one session."""
 
         def of_segment(segment: Segment) -> SegmentSamples:
-            of_host = used[segment.id]
-            return replace(
-                samples_of(segment),
-                processes=of_host.processes,
-                machine=of_host.machine,
-                graph=of_host.graph,
-                interference=of_host.interference,
-            )
+            return replace(samples_of(segment), **used[segment.id])
 
         first_played: dict[float, list[SegmentSamples]] = {}
         reruns: dict[str, SegmentSamples] = {}

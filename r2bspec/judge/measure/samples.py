@@ -6,12 +6,12 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse
+from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse, pool_resource_use
 from r2bspec.judge.measure.matching import (
     NO_MATCH,
     MatchedMonitor,
@@ -72,6 +72,8 @@ LOSS_SENSITIVE_FAMILIES = ("latency", "latency_from_due", "reaction")
 
 _FAMILIES_OF_PAIRS = (*LOSS_SENSITIVE_FAMILIES, "age")
 """Families that are known only if it is known which input an output answers."""
+
+_UNKNOWN: Final = dict.fromkeys(_FAMILIES_OF_PAIRS, np.empty(0))
 
 
 @dataclass(frozen=True)
@@ -189,7 +191,7 @@ class MonitorSamples:
     """
 
     steps: StepTimes
-    times: Mapping[str, Seconds]
+    times: dict[str, Seconds]
     sent: int
     received: int
     throughput_hz: float
@@ -279,14 +281,13 @@ def known_latencies(seen: Sequence[MonitorSamples]) -> Seconds:
 class PlaybackSamples:
     """What was played: steps, the published rate, and how late each step began.
 
-    `planned_hz` is the rate at which steps were due. A `live` run has no playback.
+    `planned_hz` is the rate at which steps were due. A live run has no playback.
     """
 
     sent: int
     rate_hz: float
     lateness: Seconds
     planned_hz: float = 0.0
-    live: bool = False
 
 
 @dataclass(frozen=True)
@@ -396,25 +397,10 @@ def starts_of(iterations: Sequence[SegmentSamples]) -> tuple[int, ...]:
     return tuple(iteration.segment.start for iteration in iterations)
 
 
-@dataclass(frozen=True)
-class OutputTimes:
-    """What follows from when the outputs of some steps came.
-
-    Attributes:
-        by_family: the times of `MonitorSamples`.
-        arrived_ns: when they came, ascending.
-        throughput_hz: see `r2bspec.judge.measure.times.throughput`.
-    """
-
-    by_family: Mapping[str, Seconds]
-    arrived_ns: NDArray[np.int64]
-    throughput_hz: float
-
-
-def output_times(
+def samples_of_steps(
     steps: StepTimes, ended_ns: int, window_ns: float, period_ns: float
-) -> OutputTimes:
-    """The times of the outputs of a segment, or of a part of it.
+) -> MonitorSamples:
+    """What follows from when the outputs of a segment, or of a part of it, came.
 
     Args:
         steps: the expected outputs.
@@ -437,7 +423,18 @@ def output_times(
     }
     if steps.of_events:
         times["reaction"] = latency
-    return OutputTimes(times, arrived, rate_hz)
+    return MonitorSamples(
+        steps=steps,
+        times=times,
+        sent=int(steps.due_ns.size),
+        received=int(arrived.size),
+        throughput_hz=rate_hz,
+    )
+
+
+def late_outputs(segment: Segment, steps: StepTimes) -> int:
+    """How many outputs arrived after the segment."""
+    return int(np.count_nonzero(steps.received_ns[steps.answered] > segment.ended_ns))
 
 
 def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> MonitorSamples:
@@ -449,18 +446,16 @@ def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> Monito
     steps = step_times(playback, monitor, matched)
     period_ns = output_period_ns(segment, int(playback.size), matched.per_step)
     window_ns = matched.trigger_steps.size * period_ns
-    outputs = output_times(steps, segment.began_ns + round(window_ns), window_ns, period_ns)
-    unknown = dict.fromkeys(_FAMILIES_OF_PAIRS, np.empty(0))
-    return MonitorSamples(
-        steps=steps,
-        times=outputs.by_family if matched.pairs_known else {**outputs.by_family, **unknown},
+    seen = samples_of_steps(steps, segment.began_ns + round(window_ns), window_ns, period_ns)
+    return replace(
+        seen,
+        times=seen.times if matched.pairs_known else seen.times | _UNKNOWN,
         sent=int(playback.size),
         received=int(monitor.size),
         duplicates=matched.duplicates,
         reordered=matched.reordered,
         unmatched=matched.unmatched,
-        throughput_hz=outputs.throughput_hz,
-        late=int(np.count_nonzero(outputs.arrived_ns > segment.ended_ns)),
+        late=late_outputs(segment, steps),
         early=matched.early,
         surplus=matched.surplus,
         by_order=matched.by_order,
@@ -483,17 +478,11 @@ def reaction_samples(
     """
     steps = replace(step_times(matched.steps, matched.rows, matched.matching), of_events=True)
     window_ns = segment.ended_ns - segment.began_ns
-    outputs = output_times(steps, segment.ended_ns, window_ns, 0.0)
-    return MonitorSamples(
-        steps=steps,
-        times={
-            **outputs.by_family,
-            **(dict.fromkeys(_FAMILIES_OF_PAIRS, np.empty(0)) if unpaired else {}),
-        },
-        sent=int(steps.due_ns.size),
-        received=int(outputs.arrived_ns.size),
-        throughput_hz=outputs.throughput_hz,
-        late=int(np.count_nonzero(outputs.arrived_ns > segment.ended_ns)),
+    seen = samples_of_steps(steps, segment.ended_ns, window_ns, 0.0)
+    return replace(
+        seen,
+        times=seen.times | _UNKNOWN if unpaired else seen.times,
+        late=late_outputs(segment, steps),
         untimed=_untimed(matched.rows),
         unreadable=unreadable,
         aside=matched.matching.aside,
@@ -527,14 +516,13 @@ def intervals_with_edge_gaps(arrived: NDArray[np.int64], soonest_ns: int, ended_
     return np.concatenate((intervals(arrived), seconds(np.array(ends, dtype=np.int64))))
 
 
-def playback_samples(playback: Rows, *, live: bool = False) -> PlaybackSamples:
+def playback_samples(playback: Rows) -> PlaybackSamples:
     """What was played: rows of type `PLAYBACK_DTYPE`, one per step."""
     return PlaybackSamples(
         sent=int(playback.size),
         rate_hz=mean_rate(playback["published_ns"]),
         lateness=seconds(playback["published_ns"] - playback["due_ns"]),
         planned_hz=mean_rate(playback["due_ns"]),
-        live=live,
     )
 
 
@@ -627,6 +615,31 @@ def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
     )
 
 
+def pool_segments(samples: Sequence[SegmentSamples]) -> SegmentSamples:
+    """Several iterations as one, at least one; its segment is that of the first."""
+    processes = dict.fromkeys(name for sample in samples for name in sample.processes)
+    used = {
+        name: pool_resource_use(sample.processes.get(name) for sample in samples)
+        for name in processes
+    }
+    observed = dict.fromkeys(name for sample in samples for name in sample.anatomy)
+    return SegmentSamples(
+        segment=samples[0].segment,
+        playback=pool_playback([sample.playback for sample in samples]),
+        monitors={
+            name: pool_monitor([sample.monitors[name] for sample in samples])
+            for name in samples[0].monitors
+        },
+        processes={name: use for name, use in used.items() if use is not None},
+        machine=pool_resource_use(sample.machine for sample in samples),
+        graph=pool_resource_use(sample.graph for sample in samples),
+        anatomy={
+            name: np.concatenate([one.anatomy[name] for one in samples if name in one.anatomy])
+            for name in observed
+        },
+    )
+
+
 def pool_playback(samples: Sequence[PlaybackSamples]) -> PlaybackSamples:
     """The playback of several iterations, at least one; its rate is the mean of theirs."""
     return PlaybackSamples(
@@ -634,5 +647,4 @@ def pool_playback(samples: Sequence[PlaybackSamples]) -> PlaybackSamples:
         rate_hz=sum(sample.rate_hz for sample in samples) / len(samples),
         lateness=np.concatenate([sample.lateness for sample in samples]),
         planned_hz=sum(sample.planned_hz for sample in samples) / len(samples),
-        live=samples[0].live,
     )

@@ -7,7 +7,6 @@ are small enough for floating point to keep every nanosecond.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,13 +123,6 @@ def percentile(values: NDArray[np.float64], q: float, lost: int = 0) -> float | 
     if k > values.size:
         return math.inf
     return float(np.partition(values, k - 1)[k - 1])
-
-
-def percentiles(values: Seconds, shares: Iterable[float]) -> list[float | None]:
-    """The same for several fractions, without lost messages; the values are sorted once."""
-    ascending = np.sort(values)
-    total = ascending.size
-    return [ascending.item(rank(share, total) - 1) if total else None for share in shares]
 
 
 def rank(q: float, n: int) -> int:

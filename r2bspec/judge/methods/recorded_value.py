@@ -35,9 +35,8 @@ from typing import Final
 import numpy as np
 
 from r2bspec.judge.measure.metric_catalogue import kind_of
-from r2bspec.judge.measure.metric_values import metric_value
-from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, pool_monitor
-from r2bspec.judge.measure.times import percentile
+from r2bspec.judge.measure.metric_values import metric_value, time_value
+from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, pool_segments
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods.share_wording import counted_noun
 from r2bspec.judge.requirement_case import Decision, RequirementCase, undecided
@@ -73,37 +72,10 @@ def judge_observation(case: RequirementCase, _: RunRecord) -> Decision:
 
 
 def observed_value(case: RequirementCase) -> float | None:
-    """The value over all iterations: extremes of extremes, sums of counts, the mean of means."""
-    info = case.info
-    if info.quantile is not None:
-        return _pooled_percentile(case, info.quantile)
-    values = [
-        value
-        for iteration in case.iterations
-        if (value := metric_value(info, case.monitor, iteration)) is not None
-    ]
-    if not values:
-        return None
-    if info.name in _COUNT_METRICS:
-        return sum(values)
-    if info.name == "drop_rate":
-        pooled = pool_monitor(case.monitor_samples)
-        return pooled.missed / pooled.expected if pooled.expected else None
-    if info.part == "min":
-        return min(values)
-    return max(values) if info.part == "max" else sum(values) / len(values)
-
-
-def _pooled_percentile(case: RequirementCase, quantile: float) -> float | None:
-    family = case.info.family
-    if case.info.scope == "playback":
-        lateness = np.concatenate([iteration.playback.lateness for iteration in case.iterations])
-        return percentile(lateness, quantile)
+    """The value over all iterations: extremes of extremes, sums of counts, means of all."""
     if case.info.scope == "anatomy":
-        return percentile(np.concatenate(case.observed_times), quantile, case.lost_on_paths)
-    pooled = pool_monitor(case.monitor_samples)
-    lost = pooled.missed if family in LOSS_SENSITIVE_FAMILIES else 0
-    return percentile(pooled.times[family], quantile, lost)
+        return time_value(case.info, np.concatenate(case.observed_times), case.lost_on_paths)
+    return metric_value(case.info, case.monitor, pool_segments(case.iterations))
 
 
 def _count_messages(case: RequirementCase) -> int:

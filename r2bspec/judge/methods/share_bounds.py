@@ -55,7 +55,6 @@ from r2bspec.judge.requirement_case import (
     MAX_LOST_SHARE,
     Decision,
     RequirementCase,
-    WindowCondition,
     decide,
     undecided,
 )
@@ -389,8 +388,8 @@ def _share_test(
 
 def judge_windows(case: RequirementCase, record: RunRecord) -> Decision:
     """Decide a requirement that must be met in a share of windows, which it names."""
-    windows = case.windows
-    if windows is None:
+    share, window_ns = case.requirement.windows_share, case.requirement.window_ns
+    if share is None:
         raise ValueError(f"{case.requirement.text} names no windows")
     if not has_windows(case.info):
         return Decision(
@@ -400,22 +399,22 @@ def judge_windows(case: RequirementCase, record: RunRecord) -> Decision:
         )
     worst = math.inf if case.is_upper_bound else -math.inf
     observed = [
-        window_values(case.info, case.monitor or "", iteration, windows.window_ns, worst)
+        window_values(case.info, case.monitor or "", iteration, window_ns, worst)
         for iteration in case.iterations
     ]
     pieces = [np.array(one.values) for one in observed]
     if not any(piece.size for piece in pieces):
-        return _without_windows(case, windows, observed)
+        return _without_windows(case, observed)
     if case.is_equality:
-        return _judge_equality(case, record, windows, pieces)
-    decision = _judge_ordered(case, record, windows, pieces)
-    return _without_lost(case, record, windows, observed, decision)
+        return _judge_equality(case, record, share, pieces)
+    decision = _judge_ordered(case, record, share, pieces)
+    return _without_lost(case, record, share, observed, decision)
 
 
 def _without_lost(
     case: RequirementCase,
     record: RunRecord,
-    windows: WindowCondition,
+    share: float,
     found: list[WindowValues],
     decision: Decision,
 ) -> Decision:
@@ -426,7 +425,7 @@ def _without_lost(
     of_latency = case.info.family in LOSS_SENSITIVE_FAMILIES
     if not (of_latency and case.info.statistic == "mean" and case.is_upper_bound):
         return decision
-    lossy = [np.array([share > MAX_LOST_SHARE for share in observed.lost]) for observed in found]
+    lossy = [np.array([lost > MAX_LOST_SHARE for lost in observed.lost]) for observed in found]
     number = sum(int(np.count_nonzero(flags)) for flags in lossy)
     if decision.outcome != "pass" or not number:
         return decision
@@ -439,7 +438,7 @@ def _without_lost(
         f"{show(number, 'count')} of {show(total, 'count')} {counted_noun(case)} lost more "
         f"than {show(MAX_LOST_SHARE, 'share')} of their outputs, which a mean leaves out"
     )
-    if _judge_ordered(case, record, windows, counted).outcome == "pass":
+    if _judge_ordered(case, record, share, counted).outcome == "pass":
         note = f"{left_out}. If they do not count as met, the requirement passes, too."
         return replace(decision, notes=(*decision.notes, note))
     return replace(
@@ -451,10 +450,8 @@ def _without_lost(
     )
 
 
-def _without_windows(
-    case: RequirementCase, windows: WindowCondition, found: list[WindowValues]
-) -> Decision:
-    length = show(windows.window_ns / 1e9, "s")
+def _without_windows(case: RequirementCase, found: list[WindowValues]) -> Decision:
+    length = show(case.requirement.window_ns / 1e9, "s")
     if any(observed.without for observed in found):
         reason = f"A window of {length} has too few messages for {case.info.name}."
     else:
@@ -463,20 +460,18 @@ def _without_windows(
 
 
 def _judge_ordered(
-    case: RequirementCase, record: RunRecord, windows: WindowCondition, pieces: list[Seconds]
+    case: RequirementCase, record: RunRecord, share: float, pieces: list[Seconds]
 ) -> Decision:
     """The test with its bounds in the metric's unit."""
     sign = 1.0 if case.is_upper_bound else -1.0
-    ranked = RankedMessages(
-        [sign * piece for piece in pieces], case.design(allowed_share(windows.share))
-    )
-    interval = percentile_interval(ranked, windows.share, case.confidence)
+    ranked = RankedMessages([sign * piece for piece in pieces], case.design(allowed_share(share)))
+    interval = percentile_interval(ranked, share, case.confidence)
     lower, upper = sorted((sign * interval.lower, sign * interval.upper))
     bad = sum(int(np.count_nonzero(flags)) for flags in _bad(case, pieces))
     return percentile_decision(
         case,
         record,
-        share_test(ranked.effective_sample(bad), allowed_share(windows.share), case.confidence),
+        share_test(ranked.effective_sample(bad), allowed_share(share), case.confidence),
         replace(interval, estimate=sign * interval.estimate, lower=lower, upper=upper),
         pieces,
         method="binomial over windows",
@@ -485,10 +480,10 @@ def _judge_ordered(
 
 
 def _judge_equality(
-    case: RequirementCase, record: RunRecord, windows: WindowCondition, pieces: list[Seconds]
+    case: RequirementCase, record: RunRecord, share: float, pieces: list[Seconds]
 ) -> Decision:
     """The test alone: with == and != the windows' values have no order that matters."""
-    allowed = allowed_share(windows.share)
+    allowed = allowed_share(share)
     bad = _bad(case, pieces)
     sample = effective_sample(bad, case.design(allowed))
     test = share_test(sample, allowed, case.confidence)

@@ -36,8 +36,8 @@ _CLEAR_SCATTER = 0.5
 
 def counted_noun(case: RequirementCase) -> str:
     """What is counted for a metric, in the plural."""
-    if case.windows is not None:
-        return f"windows of {show(case.windows.window_ns / 1e9, 's')}"
+    if case.in_windows:
+        return f"windows of {show(case.requirement.window_ns / 1e9, 's')}"
     return "events" if is_of_events(case) else _COUNTED_NOUNS.get(case.info.family, "steps")
 
 
@@ -56,7 +56,7 @@ def share_sentence(case: RequirementCase, test: ShareTest, outcome: Outcome) -> 
     lower, upper = _percent(test.lower), _percent(test.upper)
     allowed = show(test.allowed, "share", 6)
     # A lower bound on a share (drop_rate > x) needs many; every other requirement allows a few.
-    needs_many = case.windows is None and case.info.quantile is None and not case.is_upper_bound
+    needs_many = not case.in_windows and case.info.quantile is None and not case.is_upper_bound
     needed = f"and more than {allowed} is required" if needs_many else f"and {allowed} is allowed"
     if outcome == "inconclusive":
         return f"{seen}; {sure} the true share is {lower} to {upper}, {needed}."
@@ -99,7 +99,7 @@ def clustering(test: ShareTest) -> str:
 
 
 def _wrong_side(case: RequirementCase, test: ShareTest) -> str:
-    if case.windows is not None:
+    if case.in_windows:
         return f"do not meet {case.metric_text}"
     if case.info.statistic == "share":
         return "got no output"

@@ -167,12 +167,12 @@ def effective_sample_of_rows(
     n = int(sizes.sum())
     counts = np.count_nonzero(flags, axis=1) if flags.size else np.zeros(0, dtype=np.int64)
     bad = int(counts.sum())
-    bursts, longest = _bursts(flags)
+    number, longest = bursts(flags)
     if not 0 < bad < n:
-        return EffectiveSample(n=n, bad=bad, bursts=bursts, inflation=1.0, cause="")
+        return EffectiveSample(n=n, bad=bad, bursts=number, inflation=1.0, cause="")
     estimates: dict[Clustering, float] = {
         "": 1.0,
-        "bursts": _burst_inflation(n, bad, bursts, longest),
+        "bursts": _burst_inflation(n, bad, number, longest),
         "clusters": _most_autocorrelation_inflation(sizes)
         if at_most
         else _autocorrelation_inflation(flags, sizes, bad / n),
@@ -185,12 +185,12 @@ def effective_sample_of_rows(
         key=lambda one: one[1],
     )
     return EffectiveSample(
-        n=n, bad=bad, bursts=bursts, inflation=min(largest, float(n)), cause=cause
+        n=n, bad=bad, bursts=number, inflation=min(largest, float(n)), cause=cause
     )
 
 
-def _bursts(flags: BadFlags) -> tuple[int, int]:
-    """How many bursts there are, and how long the longest is."""
+def bursts(flags: BadFlags) -> tuple[int, int]:
+    """How many bursts there are in the rows of an array, and how long the longest is."""
     if not flags.size:
         return 0, 0
     # A column of good ones between the rows, so that no burst spans two.
@@ -201,10 +201,10 @@ def _bursts(flags: BadFlags) -> tuple[int, int]:
     return int(lengths.size), int(lengths.max(initial=0))
 
 
-def _burst_inflation(n: int, bad: int, bursts: int, longest: int) -> float:
+def _burst_inflation(n: int, bad: int, number: int, longest: int) -> float:
     if longest < 2:
         return 1.0
-    mean = (bad + longest) / bursts
+    mean = (bad + longest) / number
     r = min(1 - 1 / (mean * (1 - bad / n)), _MAX_AUTOCORRELATION)
     return (1 + r) / (1 - r)
 

@@ -18,11 +18,10 @@ def zero_failure_bound(n: int, confidence: float) -> float:
 
     At 95 % it is close to 3/n, the rule of three, because -ln 0.05 = 2.996.
 
-    Raises:
-        ValueError: `n` is not positive or `confidence` is not between 0 and 1.
+    Args:
+        n: at least 1.
+        confidence: between 0 and 1.
     """
-    if n < 1 or not 0 < confidence < 1:
-        raise ValueError("n must be positive, and the confidence between 0 and 1")
     return -math.expm1(math.log1p(-confidence) / n)
 
 

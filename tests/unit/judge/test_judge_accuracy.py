@@ -58,13 +58,6 @@ def test_the_value_is_compared_with_the_limit(requirement: str, outcome: str) ->
     assert "6 of 6 steps" in found.reason
 
 
-def test_a_metric_without_a_value_fails() -> None:
-    """No detection is of the tag, so there is no position to be right or wrong."""
-    (found,) = verdicts(samples(compared()), "accuracy.tag_position_error <= 2 %")
-    assert found.outcome == "fail"
-    assert "has no value" in found.reason
-
-
 def test_no_outputs_at_all_fail() -> None:
     nothing = compared(outputs=0, values={}, text="")
     (found,) = verdicts(samples(nothing), "accuracy.tag_missed <= 100 %")

@@ -14,7 +14,7 @@ import pytest
 from r2bspec import api
 from r2bspec.execute.measurement.measurement import iterations_to_rerun
 from r2bspec.judge.affected_iterations import find_affected_iterations
-from r2bspec.judge.decision_policy import DecisionPolicy, decision_policy
+from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.interference_bound import best_case_iteration, waiting_share
 from r2bspec.judge.measure.host_usage import HostInterference, interference_reasons
 from r2bspec.judge.measure.samples import RunSamples
@@ -85,20 +85,6 @@ class TestWhatDisturbs:
     def test_pressure_that_the_graph_makes_itself(self) -> None:
         own = HostInterference(seconds=10.0, pressure=0.4)
         assert find_affected_iterations(run({"pass": own}, {"pass": own})) == {}
-
-    def test_what_was_sampled_becomes_the_surroundings(self) -> None:
-        around = {"stolen_s": 0.02, "waited_s": 0.25, "throttled_s": 0.0, "busy_s": 1.6}
-        samples = Simulation(
-            segments=[Played(30, FAST)],
-            cpu={"player": 0.1, "apriltag": 0.5},
-            interference=around,
-        ).samples()
-        found = samples.iterations[30.0][0].interference
-        assert found is not None
-        assert found.steal == pytest.approx(0.01)
-        assert found.pressure == pytest.approx(0.25)
-        assert found.throttled_s == 0.0
-        assert found.foreign_cores == pytest.approx(1.0, abs=1e-6)
 
     def test_what_the_system_does_not_tell_stays_unknown(self) -> None:
         around = {"stolen_s": np.nan, "waited_s": np.nan, "throttled_s": np.nan, "busy_s": np.nan}
@@ -397,10 +383,6 @@ def test_the_note_says_how_much_was_taken() -> None:
     (one,) = judged(run({"slow": BUSY}, {"slow": BUSY}), P90).requirements
     # 30 % of waiting, and half of the 0.2 cores that may have been shared.
     assert "others took at most 40 % of the time from the run" in one.notes[0]
-
-
-def test_the_default_is_the_one_of_the_plan() -> None:
-    assert decision_policy(Simulation().plan()).interference == "note"
 
 
 def probe(rate_hz: float, *, holds: bool, explained: bool = False, busy: bool = True) -> Probe:

@@ -190,11 +190,6 @@ def _never_asked(question: BaselineCase) -> RequirementVerdict:
     raise AssertionError(question)
 
 
-def test_by_order_without_losses_the_latency_is_known(tmp_path: Path) -> None:
-    run = by_order("latency.p50 < 50 ms", latency=lossy(0)).write(tmp_path / "run")
-    assert verdict_of(run).outcome == "pass"
-
-
 def test_an_unknown_latency_is_in_no_report(tmp_path: Path) -> None:
     latencies = lossy(1)
     run = Ratioed(

@@ -96,11 +96,6 @@ def test_short_waits_do_not_explain_long_latencies() -> None:
     assert bound(found)[150] > 0.018
 
 
-def test_without_waiting_nothing_is_explained() -> None:
-    found = disturbed(1.5, depth=3, stalls=[])
-    assert bound(found) == pytest.approx(found.latency)
-
-
 def test_a_backlog_does_not_hide_the_work_of_each_message() -> None:
     # One busy period of 300 messages, each of which takes 30 ms, and 2 % of waiting.
     found = disturbed(0.9, depth=100, stalls=[(0.0, 0.2)])

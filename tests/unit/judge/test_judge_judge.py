@@ -105,6 +105,12 @@ def test_what_runs_at_30_hz_decide(
     assert words in f"{found.reason} {found.remedy}"
 
 
+def test_of_offered_is_worked_out() -> None:
+    found = one(samples_of(*[Played(30, latencies(90))] * 2), "throughput.mean >= 97 % of offered")
+    assert (found.outcome, found.unit) == ("pass", "Hz")
+    assert found.limit == pytest.approx(29.1)
+
+
 def test_lost_estimates_and_observations_are_labelled_so() -> None:
     lost = one(samples_of(Played(30, latencies(100, lost=5))), "latency.p99 < 1 s")
     assert (lost.outcome, lost.estimate, lost.lost) == ("fail", None, True)
@@ -169,14 +175,6 @@ class TestPercentiles:
             floor = one(samples, f"latency.{metric} > 60 ms").outcome
             swapped = {"pass": "fail", "fail": "pass", "inconclusive": "inconclusive"}
             assert floor == swapped[ceiling]
-
-
-class TestMeans:
-    def test_of_offered_is_worked_out(self) -> None:
-        samples = samples_of(Played(30, latencies(90)), Played(30, latencies(90)))
-        found = one(samples, "throughput.mean >= 97 % of offered")
-        assert (found.outcome, found.unit) == ("pass", "Hz")
-        assert found.limit == pytest.approx(29.1)
 
 
 class TestObservations:
@@ -270,14 +268,16 @@ class TestSearch:
 class TestWhatWasNotMeasured:
     """Nothing that is not there can pass."""
 
-    def test_a_silent_monitor_is_named_as_the_cause(self) -> None:
-        found = one(samples_of(Played(30, [NAN] * 300)), "received == 0")
+    @pytest.mark.parametrize(
+        ("strangers", "requirement", "cause"),
+        [(0, "received == 0", "received nothing"), (30, "latency.p50 < 1 s", "has the stamp")],
+    )
+    def test_a_monitor_without_answers_is_named_as_the_cause(
+        self, strangers: int, requirement: str, cause: str
+    ) -> None:
+        found = one(samples_of(Played(30, [NAN] * 30, strangers=strangers)), requirement)
         assert found.outcome == "fail"
-        assert "received nothing" in found.reason
-
-    def test_stamps_that_match_nothing_are_named_as_the_cause(self) -> None:
-        samples = samples_of(Played(30, [NAN] * 30, strangers=30))
-        assert "has the stamp" in one(samples, "latency.p50 < 1 s").reason
+        assert cause in found.reason
 
     @pytest.mark.parametrize(
         ("requirement", "reason"),
@@ -293,15 +293,20 @@ class TestWhatWasNotMeasured:
         assert found.outcome == "fail"
         assert reason in found.reason
 
-    def test_a_rate_that_was_not_played(self) -> None:
-        samples = samples_of(Played(30, latencies(300)))
-        assert one(samples, "latency.p99 < 60 ms", at="60 Hz").outcome == "inconclusive"
-        assert one(samples, "latency.p99 < 60 ms", at="").outcome == "inconclusive"
-        assert one(samples, "throughput.mean > 9 % of offered", at="").outcome == "inconclusive"
-
-    def test_an_iteration_that_was_cut_short(self) -> None:
-        samples = samples_of(Played(30, latencies(300), complete=False))
-        assert one(samples, "latency.p99 < 60 ms").outcome == "inconclusive"
+    @pytest.mark.parametrize(
+        ("complete", "requirement", "at"),
+        [
+            (True, ASKED, "60 Hz"),
+            (True, ASKED, ""),
+            (True, "throughput.mean > 9 % of offered", ""),
+            (False, ASKED, "30 Hz"),
+        ],
+    )
+    def test_a_rate_that_was_not_played_to_its_end(
+        self, complete: bool, requirement: str, at: str
+    ) -> None:
+        samples = samples_of(Played(30, latencies(300), complete=complete))
+        assert one(samples, requirement, at=at).outcome == "inconclusive"
 
     def test_resources_that_were_not_sampled(self, tmp_path: Path) -> None:
         run = Simulation(segments=[Played(30, latencies(60))] * 2).write(tmp_path)
@@ -376,14 +381,10 @@ class TestTheWhole:
         assert (verdict.exit_code == 4) != usable
         assert usable or "no processor for 110 ms" in verdict.reason
 
-    def test_a_rate_that_no_objective_uses_spoils_nothing(self) -> None:
+    def test_a_rate_that_no_objective_uses_spoils_a_run_without_objectives_alone(self) -> None:
         late = Played(60, latencies(300), late=np.linspace(0, 1, 300))
         samples = samples_of(Played(30, latencies(300)), late)
         assert ask(samples, "latency.p50 < 60 ms").outcome == "pass"
-
-    def test_without_objectives_every_rate_counts(self) -> None:
-        late = Played(60, latencies(300), late=np.linspace(0, 1, 300))
-        samples = samples_of(Played(30, latencies(300)), late)
         verdict = judge({}, samples)
         assert (verdict.outcome, verdict.exit_code) == ("invalid", 4)
         assert [one.offered_hz for one in verdict.unusable] == [60]
@@ -516,10 +517,3 @@ def test_the_slos_and_a_late_playback_of_a_smoke_run_do_not_matter(tmp_path: Pat
     record = msgspec.structs.replace(samples.record, status="incomplete", reason="It was cut.")
     cut = judge(plan.objectives, replace(samples, record=record), decision_policy(plan))
     assert (cut.outcome, cut.reason) == ("incomplete", "It was cut.")
-
-
-def test_a_smoke_run_without_slos_says_so(tmp_path: Path) -> None:
-    written = Simulation(segments=[Played(30, latencies(60))]).write(tmp_path / "run")
-    plan = smoke_plan(written.plan)
-    verdict = judge(plan.objectives, read_samples(written), decision_policy(plan))
-    assert (verdict.outcome, verdict.reason) == ("pass", "The spec has no objective to judge.")

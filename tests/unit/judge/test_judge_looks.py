@@ -6,12 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.judge.decision_policy import (
-    DecisionPolicy,
-    combine_looks,
-    decide_after_look,
-    decision_policy,
-)
+from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks, decide_after_look
 from r2bspec.judge.measure.metric_catalogue import METRICS
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.methods import Method
@@ -217,8 +212,3 @@ class TestAWholeRun:
             ends.append(decide_after_look(looks, look, [one]))
         assert ends == (["pass"] * 3 if met == "room" else ["go on", "go on", "pass"])
         assert one.look == (1 if met == "room" else 3)
-
-    def test_a_plan_states_its_terms(self) -> None:
-        plan = Simulation().plan()
-        assert decision_policy(plan).looks is None
-        assert decision_policy(plan).confidence == 0.95

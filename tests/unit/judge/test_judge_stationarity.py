@@ -128,12 +128,6 @@ def test_a_start_that_differs_is_named(factor: float, seconds: float, said: str)
     assert text(play(at_speeds(speeds))) == said
 
 
-def test_a_start_is_seen_through_the_scatter_of_messages() -> None:
-    speeds = np.concatenate([np.full(600, 1.2), np.ones(600)])
-    plays = [play(at_speeds(speeds, seed), begun_s=12.0 * seed) for seed in range(3)]
-    assert "times faster in the first 5 s" in text(*plays)
-
-
 def test_a_drift_is_named_over_all_plays() -> None:
     plays = [
         play(at_speeds(np.full(1000, 1.2 - 0.03 * number), number), begun_s=12.0 * number)
@@ -183,11 +177,6 @@ def test_random_times_are_bounded_with_the_stated_confidence() -> None:
     assert sum(held) >= number * 0.95 - 3 * math.sqrt(number * 0.05 * 0.95)
 
 
-def test_four_batches_are_enough() -> None:
-    assert estimate_capacity([play(np.full(560, 0.01))], 0.95) is not None
-    assert estimate_capacity([play(np.full(460, 0.01))], 0.95) is None
-
-
 def test_the_start_is_left_out() -> None:
     slow_first = np.concatenate([np.full(50, 0.02), np.full(900, 0.01)])
     assert capacity(play(slow_first)).hz == pytest.approx(100.0)
@@ -212,9 +201,9 @@ def test_queues_in_a_row_raise_the_upper_bound_and_only_that() -> None:
     assert capacity(play(np.full(1000, 0.01)), stages=3).relative_width < 1e-6
 
 
-@pytest.mark.parametrize("outputs", [0, 1, 2, 12])
+@pytest.mark.parametrize("outputs", [0, 1, 2, 12, 460])
 def test_too_few_outputs_say_nothing(outputs: int) -> None:
-    few = CompletionTimes(0.0, np.arange(outputs) / 10.0, outputs / 10.0, 13.0)
+    few = CompletionTimes(0.0, np.arange(outputs) / 100.0, outputs / 100.0, 130.0)
     assert estimate_capacity([few], 0.95) is None
     assert estimate_capacity([], 0.95) is None
 

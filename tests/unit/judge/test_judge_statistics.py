@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from nightly import noise, size
 from r2bspec.judge.statistics.autocorrelation import (
     lagged_products,
     serial_inflation,
@@ -57,12 +56,6 @@ class TestZeroFailures:
         assert doubt(needed) <= (1 - confidence) * (1 + 1e-6)
         assert needed == 1 or doubt(needed - 1) > (1 - confidence) * (1 - 1e-6)
 
-    @pytest.mark.parametrize("allowed", [0.001, 0.01, 0.05, 0.5])
-    def test_the_binomial_test_passes_with_it_and_not_with_less(self, allowed: float) -> None:
-        needed = min_sample_size(allowed, CONFIDENCE) or 0
-        assert upper_bound(0, needed, CONFIDENCE) <= allowed + 1e-12
-        assert upper_bound(0, needed - 1, CONFIDENCE) > allowed
-
     def test_no_number_shows_that_nothing_is_ever_lost(self) -> None:
         assert min_sample_size(0, CONFIDENCE) is None
         assert min_sample_size(0.01, 1.0) is None
@@ -71,11 +64,6 @@ class TestZeroFailures:
     def test_the_rule_of_three(self) -> None:
         assert zero_failure_bound(1000, 0.95) == pytest.approx(3 / 1000, rel=0.01)
         assert zero_failure_bound(300, 0.95) == pytest.approx(upper_bound(0, 300, 0.95))
-
-    @pytest.mark.parametrize(("n", "confidence"), [(0, 0.95), (10, 0.0), (10, 1.0)])
-    def test_nonsense_is_refused(self, n: int, confidence: float) -> None:
-        with pytest.raises(ValueError, match="must be positive, and the confidence between"):
-            zero_failure_bound(n, confidence)
 
 
 class TestBinomial:
@@ -88,14 +76,6 @@ class TestBinomial:
             )
             expected = interval.high if alternative == "less" else interval.low
             assert bound(k, n, confidence) == pytest.approx(expected, rel=1e-9)
-
-    @pytest.mark.parametrize("n", [1, 5, 29, 298, 299, 300, 3000])
-    @pytest.mark.parametrize("allowed", [0.5, 0.1, 0.01, 0.001])
-    def test_comparing_bounds_is_the_test(self, n: int, allowed: float) -> None:
-        for k in {*range(min(n, 40) + 1), n // 2, n}:
-            few, many = stats.binom.cdf(k, n, allowed), stats.binom.sf(k - 1, n, allowed)
-            assert (upper_bound(k, n, 0.95) <= allowed) == (few <= 0.05)
-            assert (lower_bound(k, n, 0.95) >= allowed) == (many <= 0.05)
 
     @pytest.mark.parametrize(
         ("quantile", "needed"),
@@ -157,16 +137,6 @@ class TestPercentileInterval:
         values = np.random.default_rng(1).permutation([1.0] * 97 + [np.inf] * 3)
         interval = percentile_interval([values], 0.95, 0.95)
         assert (interval.estimate, interval.upper) == (1.0, np.inf)
-
-    def test_coverage(self) -> None:
-        rng = np.random.default_rng(5)
-        true_p90 = stats.expon.ppf(0.9)
-        bounds = [
-            percentile_interval([rng.exponential(size=200)], 0.9, 0.95)
-            for _ in range(size(40, 1000))
-        ]
-        assert np.mean([bound.upper < true_p90 for bound in bounds]) < 0.06 + noise(0.03)
-        assert np.mean([bound.lower > true_p90 for bound in bounds]) < 0.06 + noise(0.03)
 
 
 class TestEffective:
@@ -239,15 +209,12 @@ class TestMeanInterval:
 
 
 class TestSerial:
-    def test_two_values_say_nothing(self) -> None:
-        assert serial_inflation([1.0, 2.0]) == 1.0
-
     @pytest.mark.parametrize("m", [3, 4, 5, 10, 100])
     def test_some_information_always_remains(self, m: int) -> None:
         assert serial_inflation([float(n) for n in range(m)]) <= m - 1 + 1e-6
 
     @pytest.mark.parametrize(
-        "values", [[1.0] * 10, [1.0, -1.0] * 10, [3.0, 1.0, 2.0, 5.0, 1.0, 4.0]]
+        "values", [[1.0, 2.0], [1.0] * 10, [1.0, -1.0] * 10, [3.0, 1.0, 2.0, 5.0, 1.0, 4.0]]
     )
     def test_what_chance_explains_costs_nothing(self, values: list[float]) -> None:
         assert serial_inflation(values) == 1.0

@@ -119,25 +119,36 @@ def end(script: Script, sent: int) -> None:
     script.take("monitor", "/out", sent + 20, sent, "/r2bspec/monitor")
 
 
+def asks(script: Script, at: int, number: int) -> None:
+    """A request that is sent 40 µs later, and answered by another node."""
+    client, service = ("client", "/add", "/r2b/ask"), ("service", "/add", "/r2b/answer")
+    for process, kind, began, took, of, received in (
+        ("ask", AnatomyKind.SEND_REQUEST, at + 40, 4, client, None),
+        ("answer", AnatomyKind.TAKE_REQUEST, at + 60, 2, service, at + 50),
+        ("answer", AnatomyKind.SEND_RESPONSE, at + 90, 4, service, None),
+        ("ask", AnatomyKind.TAKE_RESPONSE, at + 110, 2, client, at + 104),
+    ):
+        script.add(process, kind, began, began + took, of, source=number, received=received)
+    script.callback("answer", at + 65, at + 100)
+
+
+THROUGH_SERVICE = (
+    *("player", "/in", "/r2b/ask", "/add", "/r2b/answer", "/add", "/r2b/ask", "/out"),
+)
+
+
 def test_a_path_leads_through_a_service() -> None:
     script = Script()
     script.publish("player", "/in", 0, "/r2bspec/player")
     script.take("ask", "/in", 20, 0)
     script.callback("ask", 25, 60)
-    client, service = ("client", "/add", "/r2b/ask"), ("service", "/add", "/r2b/answer")
-    script.add("ask", AnatomyKind.SEND_REQUEST, 40, 44, client, source=7)
-    script.add("answer", AnatomyKind.TAKE_REQUEST, 60, 62, service, source=7, received=50)
-    script.callback("answer", 65, 100)
-    script.add("answer", AnatomyKind.SEND_RESPONSE, 90, 94, service, source=7)
-    script.add("ask", AnatomyKind.TAKE_RESPONSE, 110, 112, client, source=7, received=104)
+    asks(script, 0, 7)
     script.callback("ask", 115, 150)
     script.publish("ask", "/out", 140)
     end(script, 140)
     found = script.joined()
     (path,) = found.paths["out"]
-    assert path.hops == (
-        *("player", "/in", "/r2b/ask", "/add", "/r2b/answer", "/add", "/r2b/ask", "/out"),
-    )
+    assert path.hops == THROUGH_SERVICE
     got = parts(found)
     assert got["/r2b/answer callback"] == 90 - 65
     assert got["/r2b/answer wait"] == 60 - 50
@@ -149,34 +160,37 @@ def test_a_path_leads_through_a_service_whose_response_is_awaited_outside_of_cal
     header: int,
 ) -> None:
     script = Script()
-    client, service = ("client", "/add", "/r2b/ask"), ("service", "/add", "/r2b/answer")
     for number in range(3):
         at, stamp = 1000 * number, header and header + number
         script.publish("player", "/in", at, "/r2bspec/player", header=stamp)
         script.take("ask", "/in", at + 20, at, header=stamp)
         script.callback("ask", at + 25, at + 60)
-        script.add("ask", AnatomyKind.SEND_REQUEST, at + 40, at + 44, client, source=number)
-        script.add(
-            *("answer", AnatomyKind.TAKE_REQUEST, at + 60, at + 62, service),
-            source=number,
-            received=at + 50,
-        )
-        script.callback("answer", at + 65, at + 100)
-        script.add("answer", AnatomyKind.SEND_RESPONSE, at + 90, at + 94, service, source=number)
-        script.add("ask", AnatomyKind.TAKE_RESPONSE, at + 110, at + 112, client, source=number)
+        asks(script, at, number)
         script.callback("ask", at + 115, at + 120)
         script.publish("ask", "/out", at + 140, header=stamp)
         end(script, at + 140)
     found = script.joined()
     path = found.paths["out"][0]
-    assert path.hops == (
-        *("player", "/in", "/r2b/ask", "/add", "/r2b/answer", "/add", "/r2b/ask", "/out"),
-    )
+    assert path.hops == THROUGH_SERVICE
     assert path.last.tolist() == [True] * 3
     assert path.by_timer.any() == (not header)
     got = parts(found)
     assert got["/r2b/answer callback"] == 90 - 65
     assert got["/r2b/ask held"] == 140 - 120
+
+
+OF_ACTION = "/plan/_action"
+
+
+def ends_of_action(role: str) -> dict[str, tuple[tuple[str, str, str], tuple[str, str, str]]]:
+    """The client and the service behind each call of an action."""
+    return {
+        what: (
+            ("client", f"{OF_ACTION}/{what}", f"/r2bspec/{role}"),
+            ("service", f"{OF_ACTION}/{what}", "/r2b/server"),
+        )
+        for what in ("send_goal", "get_result")
+    }
 
 
 def calls_action() -> Plan:
@@ -191,14 +205,11 @@ def calls_action() -> Plan:
 
 
 @pytest.mark.parametrize("role", ["player", "caller"])
-def test_acceptance_feedback_and_result_of_an_action_have_a_path_each(
-    role: str,
-) -> None:
+def test_acceptance_feedback_and_result_of_an_action_have_a_path_each(role: str) -> None:
     script = Script()
     at = 0
     for what, number in (("send_goal", 1), ("get_result", 2)):
-        name = f"/plan/_action/{what}"
-        client, service = ("client", name, f"/r2bspec/{role}"), ("service", name, "/r2b/server")
+        client, service = ends_of_action(role)[what]
         script.add(role, AnatomyKind.SEND_REQUEST, at, at + 4, client, source=number)
         script.add("server", AnatomyKind.TAKE_REQUEST, at + 20, at + 22, service, source=number)
         script.callback("server", at + 25, at + 60)
@@ -222,40 +233,30 @@ def test_acceptance_feedback_and_result_of_an_action_have_a_path_each(
 
 def test_requests_that_were_taken_together_cause_their_own_responses_and_no_feedback() -> None:
     script = Script()
-    of_action = "/plan/_action"
-    ends = {
-        what: (("client", name, "/r2bspec/player"), ("service", name, "/r2b/server"))
-        for what in ("send_goal", "get_result")
-        for name in (f"{of_action}/{what}",)
-    }
+    ends = ends_of_action("player")
     for what, at in (("send_goal", 0), ("get_result", 10)):
         script.add("player", AnatomyKind.SEND_REQUEST, at, at + 4, ends[what][0], source=2)
     for what, at in (("send_goal", 50), ("get_result", 54)):
         script.add("server", AnatomyKind.TAKE_REQUEST, at, at + 2, ends[what][1], source=2)
     script.callback("server", 60, 100)
     script.add("server", AnatomyKind.SEND_RESPONSE, 70, 74, ends["send_goal"][1], source=2)
-    script.publish("server", f"{of_action}/feedback", 80, "/r2b/server")
+    script.publish("server", f"{OF_ACTION}/feedback", 80, "/r2b/server")
     script.add("server", AnatomyKind.SEND_RESPONSE, 90, 94, ends["get_result"][1], source=2)
-    script.take("player", f"{of_action}/feedback", 110, 80, "/r2bspec/player")
+    script.take("player", f"{OF_ACTION}/feedback", 110, 80, "/r2bspec/player")
     for what, at in (("send_goal", 120), ("get_result", 130)):
         script.add("player", AnatomyKind.TAKE_RESPONSE, at, at + 2, ends[what][0], source=2)
     found = script.joined(calls_action())
     first = {name: [path.hops[1] for path in paths] for name, paths in found.paths.items()}
     assert first == {
-        "it": [f"{of_action}/get_result"],
-        "it_accepted": [f"{of_action}/send_goal"],
-        "it_feedback": [f"{of_action}/send_goal"],
+        "it": [f"{OF_ACTION}/get_result"],
+        "it_accepted": [f"{OF_ACTION}/send_goal"],
+        "it_feedback": [f"{OF_ACTION}/send_goal"],
     }
 
 
 def test_results_begin_with_their_own_goals_however_they_are_asked_for() -> None:
     script = Script()
-    of_action = "/plan/_action"
-    ends = {
-        what: (("client", name, "/r2bspec/player"), ("service", name, "/r2b/server"))
-        for what in ("send_goal", "get_result")
-        for name in (f"{of_action}/{what}",)
-    }
+    ends = ends_of_action("player")
     # The second goal is executed first, and its result is asked for under the number of the first.
     goals = {1: (71, 0), 2: (72, 5)}
     for number, (goal, at) in goals.items():
@@ -282,7 +283,7 @@ def test_results_begin_with_their_own_goals_however_they_are_asked_for() -> None
             source=number,
             header=goal,
         )
-        feedback = f"{of_action}/feedback"
+        feedback = f"{OF_ACTION}/feedback"
         script.publish("server", feedback, 200 + 100 * number, "/r2b/server", thread=9, header=goal)
         script.take(
             *("player", feedback, 220 + 100 * number, 200 + 100 * number, "/r2bspec/player"),
@@ -301,7 +302,7 @@ def test_results_begin_with_their_own_goals_however_they_are_asked_for() -> None
     for monitor, last in (("it", "get_result"), ("it_feedback", "feedback")):
         (path,) = found.paths[monitor]
         assert path.hops == (
-            *("player", f"{of_action}/send_goal", "/r2b/server", f"{of_action}/{last}"),
+            *("player", f"{OF_ACTION}/send_goal", "/r2b/server", f"{OF_ACTION}/{last}"),
         )
         # That of the second goal came first.
         first, second = (path.ended_ns - path.began_ns).tolist()
@@ -314,7 +315,7 @@ def test_results_begin_with_their_own_goals_however_they_are_asked_for() -> None
     (path,) = found.paths["it"]
     by_name = {(part.owner, part.name): part.seconds for part in path.parts}
     assert by_name["player", "publish"] == pytest.approx([1e-6, 1e-6])
-    assert by_name[f"{of_action}/send_goal", "transport"] == pytest.approx([0, 0])
+    assert by_name[f"{OF_ACTION}/send_goal", "transport"] == pytest.approx([0, 0])
     assert by_name["/r2b/server", "wait"] == pytest.approx([19e-6, 19e-6])
 
 

@@ -108,13 +108,6 @@ def test_without_samples_nothing_is_known() -> None:
     assert interference(short, used({0: 1.0}), 1, *window) is None
 
 
-def test_a_process_that_was_not_sampled_leaves_the_load_of_others_unknown() -> None:
-    rows = around((0, 0, 0, 0, 0), (4, 4, 0, 0, 0))
-    found = interference(rows, used({7: 1.0}), 1, EPOCH_NS, EPOCH_NS + 4 * S)
-    assert found is not None
-    assert found.foreign_cores is None
-
-
 def test_a_fresh_batch_is_compared_with_the_first_input_by_input() -> None:
     def at(latency_ns: int | None, topic: str = "/r2b/image") -> tuple[HarnessOverheadRecord, ...]:
         return (msgspec.structs.replace(FLOOR, topic=topic, latency_p50_ns=latency_ns),)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from r2bspec.judge.measure.matching import NO_MATCH, MatchedMonitor, StepRatio, match, ratio_of
-from r2bspec.judge.measure.metrics import measure_segments
+from r2bspec.judge.measure.metrics import measure_segment
 from r2bspec.judge.measure.samples import monitor_samples, step_times
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.rate_decision import Criterion, estimate_probe, judge_final, plan_interim_looks
@@ -44,15 +44,6 @@ def test_answers_are_expected_after_the_last_step_of_each_group(
     ratio: StepRatio, asked: list[int]
 ) -> None:
     assert ratio.trigger_steps(7).tolist() == asked
-
-
-def test_segments_in_a_row_expect_what_one_long_segment_would() -> None:
-    ratio, lengths, asked, before = StepRatio(inputs=3, outputs=2), (10, 1, 7, 4), [], 0
-    for steps in lengths:
-        part = StepRatio(ratio.inputs, ratio.outputs, before).trigger_steps(steps)
-        asked += (part + before).tolist()
-        before += steps
-    assert asked == ratio.trigger_steps(before).tolist()
 
 
 @pytest.mark.parametrize(
@@ -167,7 +158,7 @@ def test_drop_rate_is_of_the_answers_that_were_expected() -> None:
     latency = _thirds(90)
     latency[-1] = np.nan
     samples = _Ratioed(segments=[Played(30, latency)], match="order").samples()
-    found = measure_segments(samples.iterations[30][:1])[0].monitors["detections"]
+    found = measure_segment(samples.iterations[30][0]).monitors["detections"]
     assert (found.sent, found.expected, found.missed) == (90, 30, 1)
     assert found.drop_rate == pytest.approx(1 / 30)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -92,31 +93,30 @@ def reactions(
     return reacted(match_reactions(playback, matched, marks(events, met)))
 
 
-def test_the_first_output_that_meets_the_condition_is_the_reaction() -> None:
-    rows = received((2, 22), (3, 32), (4, 42), (5, 52))
-    assert reactions(10, rows, [2], [2, 3]) == {2: 22.0}
-
-
-def test_the_earliest_counts_and_not_the_one_of_the_earliest_step() -> None:
-    rows = received((4, 45), (3, 47))
-    assert reactions(10, rows, [3], [0, 1]) == {3: 15.0}
-
-
-def test_an_output_of_a_step_before_the_event_is_no_reaction_however_late() -> None:
-    rows = received((1, 35), (3, 38))
-    assert reactions(10, rows, [2], [0]) == {2: None}
-    assert reactions(10, rows, [2], [0, 1]) == {2: 18.0}
-
-
-def test_an_event_is_over_when_the_next_one_begins() -> None:
-    rows = received((1, 12), (6, 62))
-    assert reactions(10, rows, [1, 5], [1]) == {1: None, 5: 12.0}
-    assert reactions(10, rows, [1, 5], [0, 1]) == {1: 2.0, 5: 12.0}
-
-
-def test_without_a_condition_on_inputs_each_step_is_an_event() -> None:
-    rows = received((0, 1), (1, 11), (2, 21))
-    assert reactions(3, rows, [0, 1, 2], [1]) == {0: None, 1: 1.0, 2: None}
+@pytest.mark.parametrize(
+    ("outputs", "events", "met", "expected"),
+    [
+        # The first output that meets the condition, and not that of the earliest step.
+        ([(2, 22), (3, 32), (4, 42), (5, 52)], [2], [2, 3], {2: 22.0}),
+        ([(4, 45), (3, 47)], [3], [0, 1], {3: 15.0}),
+        # One of a step before the event is no reaction, however late.
+        ([(1, 35), (3, 38)], [2], [0], {2: None}),
+        ([(1, 35), (3, 38)], [2], [0, 1], {2: 18.0}),
+        # An event is over when the next one begins; each step may be one.
+        ([(1, 12), (6, 62)], [1, 5], [1], {1: None, 5: 12.0}),
+        ([(1, 12), (6, 62)], [1, 5], [0, 1], {1: 2.0, 5: 12.0}),
+        ([(0, 1), (1, 11), (2, 21)], [0, 1, 2], [1], {0: None, 1: 1.0, 2: None}),
+        # Damaged marks are passed over.
+        ([(2, 22)], [-1, 2, 70], [-3, 0, 9], {2: 2.0}),
+    ],
+)
+def test_the_reaction_to_an_event(
+    outputs: list[tuple[int, float]],
+    events: list[int],
+    met: list[int],
+    expected: dict[int, float | None],
+) -> None:
+    assert reactions(10, received(*outputs), events, met) == expected
 
 
 def test_outputs_at_a_pace_of_their_own_belong_to_the_last_step_before_them() -> None:
@@ -153,22 +153,14 @@ def test_an_output_that_meets_the_condition_before_an_event_is_no_reaction_to_it
     assert reactions(10, rows, [2, 6], met, monitor) == {2: 1.0}
 
 
-def test_damaged_marks_are_passed_over() -> None:
-    rows = received((2, 22))
-    assert reactions(3, rows, [-1, 2, 7], [-3, 0, 9]) == {2: 2.0}
-
-
 def test_metrics_count_events_and_what_is_missed() -> None:
-    simulation = Simulation()
-    monitor = msgspec.structs.replace(MONITOR, name="out")
-    plan = msgspec.structs.replace(simulation.plan(), monitors=(monitor,), inputs=(INPUT,))
     segment = Segment(
         id="a", kind="iteration", index=1, rate_hz=100.0, steps=10, began_ns=0,
         ended_ns=10 * PERIOD_NS, complete=True,
     )  # fmt: skip
     found = marks([1, 5], [1])
     rows = SegmentRows(played(10), {"out": received((1, 12), (3, 32))}, {}, marks={"out": found})
-    samples = segment_samples(plan, segment, rows)
+    samples = segment_samples(PLAN, segment, rows)
 
     def value(name: str) -> float | None:
         monitor_name, info = resolve(name, ["out"])
@@ -180,12 +172,8 @@ def test_metrics_count_events_and_what_is_missed() -> None:
     assert value("drop_rate") == 0.5
     assert value("sent") == 10
     unread = np.concatenate([found, marks_of(UNREADABLE, np.array([0]))])
-    again = segment_samples(plan, segment, with_marks(rows, unread))
+    again = segment_samples(PLAN, segment, replace(rows, marks={"out": unread}))
     assert again.monitors["out"].unreadable == 1
-
-
-def with_marks(rows: SegmentRows, found: Rows) -> SegmentRows:
-    return SegmentRows(rows.playback, rows.monitors, rows.taps, marks={"out": found})
 
 
 def test_lengths_go_on_in_the_next_round() -> None:
@@ -223,6 +211,8 @@ def rows_of(found: Rows, what: int) -> list[int]:
 
 
 VALUES = [0.0, 0.0, 1.0, 1.0, 0.0]
+CYCLE = CyclicSchedule(steps=tuple((place,) for place in range(5)))
+PLAN = msgspec.structs.replace(Simulation().plan(), monitors=(MONITOR,), inputs=(INPUT,))
 
 
 @pytest.mark.parametrize(
@@ -243,9 +233,7 @@ def test_an_event_begins_with_a_message_that_meets_the_condition_after_one_that_
     # One whose last messages are cut off by the end of the iteration does not count.
     buffered(tmp_path, VALUES)
     heads(tmp_path, [])
-    schedule = CyclicSchedule(steps=tuple((place,) for place in range(5)))
-    plan = msgspec.structs.replace(Simulation().plan(), monitors=(MONITOR,), inputs=(INPUT,))
-    marked = ReactionMarks(plan, MONITOR, schedule, tmp_path, tmp_path)
+    marked = ReactionMarks(PLAN, MONITOR, CYCLE, tmp_path, tmp_path)
     found = marked.marks(played(steps), before, numbers(0, 0))
     assert (rows_of(found, EVENT), rows_of(found, UNFINISHED)) == (events, unfinished)
 
@@ -290,9 +278,7 @@ def test_a_timeline_begins_anew_with_each_playback(tmp_path: Path) -> None:
 def test_outputs_are_read_segment_by_segment(tmp_path: Path) -> None:
     buffered(tmp_path, VALUES)
     heads(tmp_path, [1.0, 0.0, 1.0, 0.2])
-    schedule = CyclicSchedule(steps=tuple((place,) for place in range(5)))
-    plan = msgspec.structs.replace(Simulation().plan(), monitors=(MONITOR,), inputs=(INPUT,))
-    marked = ReactionMarks(plan, MONITOR, schedule, tmp_path, tmp_path)
+    marked = ReactionMarks(PLAN, MONITOR, CYCLE, tmp_path, tmp_path)
     assert rows_of(marked.marks(played(5), 0, numbers(1, 2)), MET) == [1]
     heads(tmp_path, [0.9])
     with heads_path(tmp_path, "out").open("ab") as file:

@@ -27,11 +27,6 @@ class TestMatching:
         assert found.answered.tolist() == [True, False, True, True]
         assert (found.missed, found.duplicates, found.unmatched) == (1, 2, 3)
 
-    def test_the_first_answer_counts(self) -> None:
-        playback, monitor = matched(Played(10, [0.01, 0.02], twice=(0,)))
-        found = match(playback, monitor, "stamp")
-        assert step_times(playback, monitor, found).latency == pytest.approx([0.01, 0.02], abs=1e-9)
-
     def test_an_overtaken_answer_is_reordered_and_not_lost(self) -> None:
         playback, monitor = matched(Played(10, [0.25, 0.01, 0.01, 0.01]))
         found = match(playback, monitor, "stamp")
@@ -75,11 +70,6 @@ class TestPercentiles:
         assert rank(0.07, 100) == 7
         assert rank(0.99, 100) == 99
         assert rank(0.999, 1000) == 999
-
-    def test_lost_messages_come_last(self) -> None:
-        values = np.arange(98.0)
-        assert percentile(values, 0.98, lost=2) == 97
-        assert percentile(values, 0.99, lost=2) == float("inf")
 
     def test_nothing_has_no_percentile(self) -> None:
         assert percentile(np.empty(0), 0.5) is None
@@ -131,14 +121,6 @@ class TestResources:
         assert sampled.used(EPOCH_NS + 2 * 10**9, EPOCH_NS + 3 * 10**9) == {}
         assert sampled.used(EPOCH_NS + 10**9, EPOCH_NS) == {}
         assert ProcessSamples(rows[:0]).used(EPOCH_NS, EPOCH_NS + 10**9) == {}
-
-    def test_processes_of_one_name_are_added(self) -> None:
-        rows = np.concatenate(
-            (self.sampled([0, 2], [0, 1]), self.sampled([0, 2], [0, 3], process=1))
-        )
-        used = total_use([*ProcessSamples(rows).used(EPOCH_NS, EPOCH_NS + 2 * 10**9).values()])
-        assert used.cpu_mean == pytest.approx(2.0)
-        assert used.memory_max_bytes == 200
 
     def test_the_maximum_of_a_sum_is_not_the_sum_of_the_maxima(self) -> None:
         # Two processes that are busy one after the other: one core at any time.

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from r2bspec.judge.measure.metric_catalogue import TAG_FALSE, TAG_MISSED, TAG_POSITION_ERROR
-from r2bspec.judge.measure.truth_accuracy import TagAccuracy, TagPose, angle_deg, offset
+from r2bspec.judge.measure.truth_accuracy import TagAccuracy, TagPose, angle_deg
 
 
 def turned(degrees: float) -> tuple[float, float, float, float]:
@@ -81,10 +81,6 @@ def test_a_quaternion_and_its_negative_are_one_rotation() -> None:
     same = TagPose(TRUE.position_m, (-x, -y, -z, -w))
     assert angle_deg(same, TRUE) == pytest.approx(0.0, abs=1e-5)
     assert angle_deg(at(degrees=55.0), TRUE) == pytest.approx(45.0)
-
-
-def test_the_offset_is_relative() -> None:
-    assert offset(at(0.05), TRUE) == pytest.approx(0.05)
 
 
 def test_nothing_compared_has_no_values() -> None:
