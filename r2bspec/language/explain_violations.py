@@ -18,7 +18,7 @@ from typing import Final
 from msgspec.structs import replace
 
 from r2bspec.diagnostics import Diagnostic, Edit, Path, Related, did_you_mean, format_path
-from r2bspec.diagnostics.quote import clip, first_words, join_words, quote
+from r2bspec.diagnostics.quote import clip, first_words, join_words, quote, unknown_name_help
 from r2bspec.language import names
 from r2bspec.language.comparison_grammar import ComparisonError, Condition, Requirement
 from r2bspec.language.declaration import NamePattern, ValueRule, language, rule_at
@@ -446,16 +446,13 @@ def _integer_help(node: ScalarNode) -> tuple[str, str]:
 
 def invalid_choice(violation: Violation) -> Diagnostic:
     """A word that is not one of the choices."""
-    words = violation.rule.words
-    close = did_you_mean(violation.value, words)
-    known = "choices: " if len(words) > 1 else "the only choice: "
-    known += comma_separated(words)
-    same = close and close == violation.value.strip().casefold().replace("-", "_")
+    words, value = violation.rule.words, violation.value
+    meant = value.strip().casefold().replace("-", "_")
     return violation.error(
         "R2B104",
-        f"unknown choice {quote(violation.value)} for {violation.name}",
-        f"did you mean {close}? {known}" if close else known,
-        repair=close if same else "",
+        f"unknown choice {quote(value)} for {violation.name}",
+        unknown_name_help(value, words, "choices"),
+        repair=meant if meant in words else "",
     )
 
 

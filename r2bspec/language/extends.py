@@ -307,13 +307,12 @@ class _Section:
         entries = self._entries.entries
         if base not in entries or not isinstance(entries[base].value, tree.MapNode):
             others = [other for other in entries if other != name]
-            known = "known entries: " + ", ".join(others[:12]) if others else "there are no others"
             self._error(
                 name,
                 "R2B136",
                 f"{quote(format_path(self._section))} has no entry {quote(base)} to extend",
                 span,
-                unknown_name_help(base, others, known),
+                unknown_name_help(base, others, "known entries", "there are no others"),
             )
             return None
         origin = Related(f"'{name}' extends '{base}' here", span)

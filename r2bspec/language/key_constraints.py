@@ -17,7 +17,6 @@ from r2bspec.language.node_kinds import NODE_KIND_KEYS, NODE_KINDS, kinds_help, 
 from r2bspec.language.quantities import QuantityError, Rate
 from r2bspec.language.spec_benchmark import ACCEPTED, FEEDBACK
 from r2bspec.language.spec_graph import PROCESS_KEYS
-from r2bspec.language.variables import declared_variables_help
 from r2bspec.safe_io.limits import MAX_PLANNED_ITERATIONS, MAX_RANGE_RATES, MAX_REQUIREMENTS
 
 _PROBES: Final = {
@@ -394,8 +393,7 @@ def _translations(document: _Document) -> Iterator[Diagnostic]:
         return
     for topic, entry in translations.entries.items():
         if topic not in inputs.entries and entry.key_resolved:
-            known = "inputs: " + ", ".join(list(inputs.entries)[:10])
-            help_text = unknown_name_help(topic, inputs.entries, known)
+            help_text = unknown_name_help(topic, inputs.entries, "inputs")
             yield document.error((*path, topic), f"unknown playback input '{topic}'", help_text)
 
 
@@ -502,8 +500,8 @@ def _conditions(document: _Document) -> Iterator[Diagnostic]:
     for path, _ in document.entries(("slos",)):
         for name in document.keys(*path, "when"):
             if name not in declared:
-                help_text = declared_variables_help(name, declared, "declare it under 'variables'")
-                message = f"unknown variable '{name}'"
+                message, if_none = f"unknown variable '{name}'", "declare it under 'variables'"
+                help_text = unknown_name_help(name, sorted(declared), "declared variables", if_none)
                 yield document.error((*path, "when", name), message, help_text, "R2B120")
 
 

@@ -277,12 +277,11 @@ def _select_cases(
     matching = tuple(matrix_case for matrix_case in matrix_cases if matrix_case.name == selected)
     if not matching:
         names = [matrix_case.name for matrix_case in matrix_cases]
-        known = "known cases: " + ", ".join(names[:12]) if names else "it has no matrix"
         document.problems.error(
             "R2B140",
             f"unknown case {quote(selected)}",
             matrix.span if matrix is not None else Span.of_file(document.file),
-            unknown_name_help(selected, names, known),
+            unknown_name_help(selected, names, "known cases", "it has no matrix"),
         )
     return matrix, matching
 

@@ -9,7 +9,7 @@ dataclass takes twenty times as long. Trees have no cycles, so the collector nee
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -83,6 +83,29 @@ def child(node: TreeNode | None, part: str | int) -> TreeNode | None:
     return None
 
 
+def entries_of(node: TreeNode | None) -> Mapping[str, Entry]:
+    """The entries of a map; of anything else none."""
+    return node.entries if isinstance(node, MapNode) else {}
+
+
+def items_of(node: TreeNode | None) -> Sequence[TreeNode]:
+    """The items of a list; of anything else none."""
+    return node.items if isinstance(node, ListNode) else ()
+
+
+def text_of(node: TreeNode | None) -> str:
+    """The text that a node is; empty for anything else."""
+    return node.value if isinstance(node, ScalarNode) and isinstance(node.value, str) else ""
+
+
+def children(node: TreeNode) -> Iterator[tuple[str | int, TreeNode]]:
+    """The values directly inside a map or a list, with their keys or indices."""
+    if isinstance(node, MapNode):
+        yield from ((key, entry.value) for key, entry in node.entries.items())
+    else:
+        yield from enumerate(items_of(node))
+
+
 def lookup(root: TreeNode | None, path: Path) -> TreeNode | None:
     """The value at a path, or None."""
     node = root
@@ -108,37 +131,14 @@ def replace_at(root: TreeNode, path: Path, value: TreeNode) -> TreeNode:
     return root
 
 
-def size_of(root: TreeNode) -> int:
-    """The number of values of a tree; one that an alias repeats counts every time."""
-    known: dict[int, int] = {}
-
-    def count(node: TreeNode) -> int:
-        if isinstance(node, ScalarNode | UnknownNode):
-            return 1
-        if id(node) not in known:
-            below = (
-                node.items
-                if isinstance(node, ListNode)
-                else (entry.value for entry in node.entries.values())
-            )
-            known[id(node)] = 1 + sum(map(count, below))
-        return known[id(node)]
-
-    return count(root)
-
-
 def count_values(root: TreeNode) -> int:
     """How many values a tree has, those that an alias repeats each time."""
     counts: dict[int, int] = {}
 
     def count(node: TreeNode) -> int:
-        if isinstance(node, MapNode):
-            below = [entry.value for entry in node.entries.values()]
-        else:
-            below = [*node.items] if isinstance(node, ListNode) else []
-        if below and id(node) not in counts:
-            counts[id(node)] = 1 + sum(map(count, below))
-        return counts.get(id(node), 1)
+        if id(node) not in counts:
+            counts[id(node)] = 1 + sum(count(below) for _, below in children(node))
+        return counts[id(node)]
 
     return count(root)
 
@@ -153,10 +153,7 @@ def scalars_with_paths(root: TreeNode) -> Iterator[tuple[Path, ScalarNode]]:
             yield path, node
         elif id(node) not in visited:
             visited.add(id(node))
-            if isinstance(node, MapNode):
-                pending += [((*path, key), value.value) for key, value in node.entries.items()]
-            elif isinstance(node, ListNode):
-                pending += [((*path, index), item) for index, item in enumerate(node.items)]
+            pending += [((*path, step), below) for step, below in children(node)]
 
 
 def without(node: MapNode, key: str) -> MapNode:
