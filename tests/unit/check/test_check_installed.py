@@ -393,19 +393,3 @@ def test_a_clock_is_needed_by_a_node_that_uses_it(folder: Path) -> None:
     unknown = example(graph=graph.replace("nodes: {", "nodes: {source: {command: [sh, ./x.sh]}, "))
     [found] = findings_of(folder, unknown, "R2B233")
     assert (found.severity, "nothing known publishes" in found.message) == ("info", True)
-
-
-def test_a_live_benchmark_publishes_no_clock(folder: Path) -> None:
-    text = """
-r2bspec: 1
-name: live
-playback: {mode: live, clock: true}
-graph: {nodes: {relay: {python: r2bspec.nodes.RelayNode}}}
-monitors: {out: {topic: output, format: sensor_msgs/msg/Image}}
-benchmark: {duration: 10 s}
-"""
-    file = folder / "live.r2b.yaml"
-    file.write_text(text, encoding="utf-8")
-    assert "'playback.clock' has no effect: a live benchmark plays nothing" in {
-        diagnostic.message for diagnostic in load_spec(file).diagnostics
-    }

@@ -356,57 +356,6 @@ def test_several_recordings_are_one(tmp_path: Path, spec_file: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "benchmark", ["{duration: 5 s}", "{duration: 5 s, iterations: 20, max_iterations: 40}"]
-)
-def test_a_live_graph_needs_nothing_that_is_played(benchmark: str, spec_file: str) -> None:
-    text = f"""
-r2bspec: 1
-name: live
-playback: {{mode: live}}
-graph:
-  nodes:
-    driver: {{command: [sh], publishes: {{image: sensor_msgs/msg/Image}}}}
-    relay: {{python: r2bspec.nodes.RelayNode, remappings: {{input: image}}}}
-monitors: {{output: {{topic: output, format: sensor_msgs/msg/Image}}}}
-benchmark: {benchmark}
-slos: {{steady: {{require: [latency.p50 < 1 s]}}}}
-"""
-    assert codes(text, file=spec_file) == []
-
-
-@pytest.mark.parametrize(
-    ("reaction", "said"),
-    [
-        ("when: height > 0, from: width > 9, input: image", ""),
-        ("when: height > 0, input: image", ""),
-        ("when: height > 0, from: depth > 9, input: image", "has no field 'depth'"),
-        ("when: height > 0, from: width > 9", "'input' has to name its topic"),
-        ("when: height > 0, input: imag", "no monitor sees 'imag'"),
-    ],
-)
-def test_a_live_graph_reacts_to_what_another_monitor_sees(
-    reaction: str, said: str, spec_file: str
-) -> None:
-    text = f"""
-r2bspec: 1
-name: live
-playback: {{mode: live}}
-graph:
-  nodes:
-    driver: {{command: [sh], publishes: {{image: sensor_msgs/msg/Image}}}}
-    relay: {{python: r2bspec.nodes.RelayNode, remappings: {{input: image}}}}
-monitors:
-  seen: {{topic: image, format: sensor_msgs/msg/Image}}
-  out: {{topic: output, format: sensor_msgs/msg/Image, reaction: {{{reaction}}}}}
-benchmark: {{duration: 5 s}}
-slos: {{quick: {{require: [out.reaction.p50 < 1 s, out.missed == 0]}}}}
-"""
-    found = findings(text, file=spec_file)
-    assert [each.code for each in found] == (["R2B417"] if said else [])
-    assert all(said in each.message for each in found)
-
-
-@pytest.mark.parametrize(
     ("rmw", "transport", "refused"),
     [
         ("rmw_cyclonedds_cpp", "shared_memory", True),
