@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
 
 import msgspec
 
@@ -51,9 +50,8 @@ def bound_unit_mismatch(context: Context) -> Findings:
 
 def _without_unit(metric: KnownMetric) -> Finding:
     """A number where a quantity is meant: the unit is what is missing, not the number wrong."""
-    written = str(metric.located.requirement.text)[
-        metric.located.requirement.bound_column :
-    ].split()[0]
+    requirement = metric.located.requirement
+    written = requirement.text[requirement.bound_column :].split()[0]
     return Finding(
         message=f"the bound {written} of {quote(metric.info.name)} has no unit",
         path=metric.located.path,
@@ -71,44 +69,41 @@ _Limit = tuple[float, bool]
 """An end of the allowed values, and whether it is excluded."""
 
 
-class _EarlierBounds(msgspec.Struct):
-    """The bounds of one metric so far; of each side those that are tighter than all before them.
+class _TightestBounds(msgspec.Struct):
+    """The tightest bounds of one metric so far, each with its limit."""
 
-    They get tighter along the list, so bisection finds the first that contradicts a new bound:
-    comparing all pairs of some thousand requirements takes minutes.
-    """
+    lower: tuple[_Limit, KnownMetric] | None = None
+    upper: tuple[_Limit, KnownMetric] | None = None
 
-    lower: list[tuple[_Limit, int, KnownMetric]] = msgspec.field(default_factory=list)
-    upper: list[tuple[_Limit, int, KnownMetric]] = msgspec.field(default_factory=list)
+    def contradicted(self, low: _Limit, high: _Limit) -> KnownMetric | None:
+        """A bound that no value between these limits meets."""
+        if self.lower is not None and _is_empty(self.lower[0], high):
+            return self.lower[1]
+        if self.upper is not None and _is_empty(low, self.upper[0]):
+            return self.upper[1]
+        return None
 
-    def first_contradiction(self, low: _Limit, high: _Limit) -> KnownMetric | None:
-        """The first bound that no value between these limits meets."""
-        above = bisect_left(self.lower, True, key=lambda limit: _is_empty(limit[0], high))
-        below = bisect_left(self.upper, True, key=lambda limit: _is_empty(low, limit[0]))
-        contradicted = [*self.lower[above : above + 1], *self.upper[below : below + 1]]
-        return min(contradicted, key=lambda limit: limit[1])[2] if contradicted else None
-
-    def add(self, position: int, metric: KnownMetric, low: _Limit, high: _Limit) -> None:
-        """Keep the limits of a bound that are tighter than all before them."""
-        if not self.lower or low > self.lower[-1][0]:
-            self.lower.append((low, position, metric))
-        if not self.upper or (-high[0], high[1]) > (-self.upper[-1][0][0], self.upper[-1][0][1]):
-            self.upper.append((high, position, metric))
+    def add(self, metric: KnownMetric, low: _Limit, high: _Limit) -> None:
+        """Keep the limits of a bound that are tighter than those before them."""
+        if self.lower is None or low > self.lower[0]:
+            self.lower = (low, metric)
+        if self.upper is None or (-high[0], high[1]) > (-self.upper[0][0], self.upper[0][1]):
+            self.upper = (high, metric)
 
 
 @rule("R2B514")
 def bound_contradiction(context: Context) -> Findings:
     """Bounds that no value can meet together."""
-    by_key: dict[tuple[object, ...], _EarlierBounds] = {}
-    for position, metric in enumerate(context.known_metrics):
+    by_key: dict[tuple[object, ...], _TightestBounds] = {}
+    for metric in context.known_metrics:
         located, bound = metric.located, metric.located.requirement.bound
         if bound is None or located.requirement.windows_share is not None:
             continue
         relative = (bound.of_offered, bound.of_baseline, bound.dimension)
         key = (located.role, located.at, metric.monitor, metric.info.name, relative)
-        earlier = by_key.setdefault(key, _EarlierBounds())
+        earlier = by_key.setdefault(key, _TightestBounds())
         low, high = _limits(located.requirement.op, bound.value)
-        other = earlier.first_contradiction(low, high)
+        other = earlier.contradicted(low, high)
         if other is not None:
             yield Finding(
                 message=f"{quote(located.requirement.text)} contradicts "
@@ -119,7 +114,7 @@ def bound_contradiction(context: Context) -> Findings:
                 related=(Pointer("the other bound", other.located.path),),
                 suppressed_by={located.subject},
             )
-        earlier.add(position, metric, low, high)
+        earlier.add(metric, low, high)
 
 
 def _is_empty(low: _Limit, high: _Limit) -> bool:

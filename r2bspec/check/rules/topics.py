@@ -227,15 +227,26 @@ def topic_without_subscription(context: Context) -> Findings:
     subscribed = [context.relative_name(name) for name in phase.topics if phase.subscriptions(name)]
     count = 0
     for publisher in phase.endpoints:
-        if (
-            publisher.is_publisher
-            and not phase.subscriptions(publisher.topic)
-            and _is_intended(publisher)
-        ):
-            count += 1
-            yield _unsubscribed_finding(
-                context, phase, publisher, subscribed if count <= MAX_SUGGESTIONS else []
-            )
+        if not publisher.is_publisher or phase.subscriptions(publisher.topic):
+            continue
+        if not _is_intended(publisher):
+            continue
+        count += 1
+        shown = context.relative_name(publisher.topic)
+        which = (
+            "which is played"
+            if publisher.owner == "player"
+            else f"to which {quote(publisher.own_name)} is remapped"
+        )
+        yield Finding(
+            message=f"no subscription to {quote(shown)}, {which}",
+            path=publisher.path,
+            key=publisher.topic_is_key,
+            help=suggestion(
+                shown, subscribed if count <= MAX_SUGGESTIONS else [], "subscribed topics"
+            ),
+            suppressed_by={topic_key(phase.phase, publisher.topic)},
+        )
 
 
 def _is_intended(publisher: WiredEndpoint) -> bool:
@@ -243,22 +254,6 @@ def _is_intended(publisher: WiredEndpoint) -> bool:
     if publisher.topic in SHARED_TOPICS:
         return False
     return publisher.owner == "player" or "remappings" in publisher.path
-
-
-def _unsubscribed_finding(
-    context: Context, phase: PhaseWiring, publisher: WiredEndpoint, subscribed: list[str]
-) -> Finding:
-    shown = context.relative_name(publisher.topic)
-    played = publisher.owner == "player"
-    return Finding(
-        message=f"no subscription to {quote(shown)}, which is played"
-        if played
-        else f"no subscription to {quote(shown)}, to which {quote(publisher.own_name)} is remapped",
-        path=publisher.path,
-        key=publisher.topic_is_key,
-        help=suggestion(shown, subscribed, "subscribed topics"),
-        suppressed_by={topic_key(phase.phase, publisher.topic)},
-    )
 
 
 _HARNESS_LABELS = {"loader": "the data loader", "player": "the player"}
