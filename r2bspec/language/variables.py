@@ -82,36 +82,25 @@ def references(text: str) -> Iterator[Reference | MalformedReference]:
             yield Reference(at, match.end(), kind, match[2], match.start(2))
             at = text.find(OPENING, match.end())
         else:
-            broken = _malformed(text, at)
-            yield broken
-            at = text.find(OPENING, max(broken.end, at + 2))
+            rough = _UNPARSED_REFERENCE.match(text, at)
+            end = rough.end() if rough is not None else at + 2
+            yield MalformedReference(at, end, *_why_malformed(text[at:end]))
+            at = text.find(OPENING, end)
 
 
-def _malformed(text: str, at: int) -> MalformedReference:
-    rough = _UNPARSED_REFERENCE.match(text, at)
-    end = rough.end() if rough is not None else at + 2
-    inside = text[at + 2 : end].removesuffix(")")
-    word, _, rest = inside.strip().partition(" ")
-    if not text[at:end].endswith(")"):
-        return MalformedReference(at, end, "unclosed '$('", "close it with ')'")
+def _why_malformed(reference: str) -> tuple[str, str]:
+    """What is wrong with a text that begins like a reference, and the fix."""
+    if not reference.endswith(")"):
+        return "unclosed '$('", "close it with ')'"
+    word, _, rest = reference[2:-1].strip().partition(" ")
     if word in ("var", "env"):
-        return MalformedReference(
-            at,
-            end,
-            f"$({word} ...) needs one name of letters, digits and underscores",
-            f"for example: $({word} rate)" if word == "var" else "for example: $(env HOME)",
-        )
-    if word in ("arg", "param") and rest:
-        return MalformedReference(
-            at, end, f"'$({word} ...)' is not supported", f"write $(var {rest.strip()})"
-        )
-    if word == "optenv" and rest:
-        return MalformedReference(
-            at, end, "'$(optenv ...)' is not supported", f"write $(env {rest.split()[0]})"
-        )
-    return MalformedReference(
-        at,
-        end,
+        example = "$(var rate)" if word == "var" else "$(env HOME)"
+        message = f"$({word} ...) needs one name of letters, digits and underscores"
+        return message, f"for example: {example}"
+    if word in ("arg", "param", "optenv") and rest:
+        meant = f"env {rest.split()[0]}" if word == "optenv" else f"var {rest.strip()}"
+        return f"'$({word} ...)' is not supported", f"write $({meant})"
+    return (
         "unknown reference; only $(var name) and $(env NAME) are supported",
         "for computed values, let a script write the spec, or pass them with --var",
     )

@@ -315,11 +315,9 @@ class _Composer:
         for event in parsed:
             kind = type(event)
             if kind is ev.ScalarEvent:
-                self._values += 1
                 start, end = event.start_mark, event.end_mark
                 span = Span(file, start.line + 1, start.column + 1, end.line + 1, end.column + 1)
-                if self._values > limits.MAX_YAML_VALUES:
-                    self._too_many_values(span)
+                self._count_value(span)
                 add(scalar(event, span), 1, event.anchor, span)
             elif kind is ev.MappingEndEvent or kind is ev.SequenceEndEvent:
                 done = self._open.pop()
@@ -346,13 +344,11 @@ class _Composer:
                 "a spec begins with 'r2bspec: 1' and 'name: ...'",
             )
 
-    def _too_many_values(self, span: Span) -> None:
-        self.problems.stop(
-            "R2B002",
-            f"the document has more than {limits.MAX_YAML_VALUES:,} keys and values",
-            span,
-            "check the path: a spec has a few hundred",
-        )
+    def _count_value(self, span: Span) -> None:
+        self._values += 1
+        if self._values > limits.MAX_YAML_VALUES:
+            message = f"the document has more than {limits.MAX_YAML_VALUES:,} keys and values"
+            self.problems.stop("R2B002", message, span, "check the path: a spec has a few hundred")
 
     def _scalar(self, event: Any, span: Span) -> TreeNode:
         if event.tag is not None:
@@ -371,9 +367,7 @@ class _Composer:
 
     def _start_collection(self, event: Any, *, is_map: bool) -> None:
         span = self._span(event)
-        self._values += 1
-        if self._values > limits.MAX_YAML_VALUES:
-            self._too_many_values(span)
+        self._count_value(span)
         if event.tag is not None:
             self._reject_tag(event, span)
         if len(self._open) >= limits.MAX_YAML_DEPTH:
@@ -384,30 +378,20 @@ class _Composer:
         name, span = event.anchor, self._span(event)
         contains_it = any(frame.anchor == name for frame in self._open)
         if contains_it or name not in self._anchors:
-            message, help_text = (
-                (
-                    f"alias '*{name}' refers to a value that contains it",
-                    "put the anchor on a smaller value, or write the value out",
-                )
-                if contains_it
-                else (
-                    f"alias '*{name}' has no anchor '&{name}' before it",
-                    f"add '&{name}' to an earlier value, or quote the text if it is not an alias",
-                )
-            )
+            message = f"alias '*{name}' has no anchor '&{name}' before it"
+            help_text = f"add '&{name}' to an earlier value, or quote the text if it is no alias"
+            if contains_it:
+                message = f"alias '*{name}' refers to a value that contains it"
+                help_text = "put the anchor on a smaller value, or write the value out"
             self.problems.error("R2B026", message, span, help_text)
             self._add(UnknownNode(span), 1, None, span)
             return
         node, size = self._anchors[name]
         self._shared += size
-        if self._shared > limits.MAX_YAML_EXPANDED_VALUES:
-            self.problems.stop(
-                "R2B027",
-                "the aliases of this document expand to more than "
-                f"{limits.MAX_YAML_EXPANDED_VALUES:,} values",
-                span,
-                "use aliases for smaller values",
-            )
+        most = limits.MAX_YAML_EXPANDED_VALUES
+        if self._shared > most:
+            message = f"the aliases of this document expand to more than {most:,} values"
+            self.problems.stop("R2B027", message, span, "use aliases for smaller values")
         self._add(node, size, None, span)
 
     def _add(self, node: TreeNode, size: int, anchor: str | None, used_at: Span) -> None:

@@ -256,7 +256,13 @@ def too_few_messages(context: Context) -> Findings:
             continue
         needed = min_sample_size(max_share, _last_confidence(context, located.confidence))
         if needed is None:
-            yield _unprovable(metric)
+            yield Finding(
+                message=f"no number of messages can confirm {quote(located.requirement.text)}",
+                path=located.path,
+                help="require 'missed == 0', which is about the observed messages, or allow a "
+                "small share",
+                suppressed_by={located.subject},
+            )
         elif located.at in context.spec.benchmark.rates:
             finding = _too_few(context, metric, located.at, needed)
             if finding is not None:
@@ -278,15 +284,6 @@ def _last_confidence(context: Context, confidence: float) -> float:
         spec.benchmark.iterations, spec.starts, spec.benchmark.max_iterations
     )
     return looks.confidence_at(len(looks), confidence)
-
-
-def _unprovable(metric: KnownMetric) -> Finding:
-    return Finding(
-        message=f"no number of messages can confirm {quote(metric.located.requirement.text)}",
-        path=metric.located.path,
-        help="require 'missed == 0', which is about the observed messages, or allow a small share",
-        suppressed_by={metric.located.subject},
-    )
 
 
 def _too_few(context: Context, metric: KnownMetric, at: Rate, needed: int) -> Finding | None:

@@ -390,12 +390,12 @@ def _launched_place(context: Context, place: PartPlacement, *, is_chosen: bool) 
             help=suggestion(place.program, labels, "its programs") or "it starts no nodes",
         )
     if len(labels) > 1 and not known.has_conditions and not is_chosen:
-        what = "the player" if place.path == ("harness",) else f"monitor {quote(place.part)}"
+        what, key, _ = _place_words(place)
         return Finding(
             message=f"the launch file of {place.process} starts {len(labels)} programs, and which "
             f"of them gets {what} is not said",
             path=path,
-            help=f"set '{_place_key(place)}' to one of them: "
+            help=f"set '{key}' to one of them: "
             f"{quoted_list(f'{place.process}/{each}' for each in labels)}",
         )
     return None
@@ -414,9 +414,15 @@ def _known_programs(context: Context, process: str) -> LaunchPrograms | None:
     return None if share is None else launch_programs(share / launch.file, share)
 
 
+def _place_words(place: PartPlacement) -> tuple[str, str, str]:
+    """The part of the harness, its key, and what the process does in which it belongs."""
+    if place.path == ("harness",):
+        return "the player", "harness.in", "read the inputs"
+    return f"monitor {quote(place.part)}", f"monitors.{place.part}.in", "publish its topic"
+
+
 def _place_message(place: PartPlacement) -> str:
-    what = "the player" if place.path == ("harness",) else f"monitor {quote(place.part)}"
-    does = "read the inputs" if place.path == ("harness",) else "publish its topic"
+    what, _, does = _place_words(place)
     if place.named:
         return f"no process of the graph is, or has a node, named {quote(place.named)}"
     if place.external:
@@ -427,11 +433,8 @@ def _place_message(place: PartPlacement) -> str:
 def _place_help(place: PartPlacement) -> str:
     if place.external or not place.choices:
         return "let r2bspec start the nodes, or write 'harness: {placement: separate}'"
-    return f"set '{_place_key(place)}' to one of the processes: {quoted_list(place.choices)}"
-
-
-def _place_key(place: PartPlacement) -> str:
-    return "harness.in" if place.path == ("harness",) else f"monitors.{place.part}.in"
+    key = _place_words(place)[1]
+    return f"set '{key}' to one of the processes: {quoted_list(place.choices)}"
 
 
 _TYPICAL = (

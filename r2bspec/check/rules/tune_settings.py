@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
@@ -244,7 +244,7 @@ def _space(context: Context, tune: Tune) -> TuningSpace:
     return derive_space(spec, context.wiring, scheduling_facts())
 
 
-class _Tried:
+class _Tried(NamedTuple):
     """What a value of `tune.values` leads to.
 
     Attributes:
@@ -252,9 +252,8 @@ class _Tried:
         same_plan: whether it leaves the plan as it is.
     """
 
-    def __init__(self, new: list[Diagnostic], *, same_plan: bool) -> None:
-        self.new = new
-        self.same_plan = same_plan
+    new: list[Diagnostic]
+    same_plan: bool
 
 
 def _tried(context: Context) -> Iterator[tuple[Path, str, _Tried]]:
@@ -281,7 +280,7 @@ def _tried(context: Context) -> Iterator[tuple[Path, str, _Tried]]:
         findings, plan = _with(context, files, text, (assignment(parse_path(name), value),))
         new = [each for each in findings if (each.code, each.message) not in known]
         same = plan is not None and today is not None and not diff_plans(today, plan)
-        yield path, value_text(value), _Tried(new, same_plan=same)
+        yield path, value_text(value), _Tried(new, same)
 
 
 def _with(
