@@ -114,21 +114,29 @@ def lookup(root: TreeNode | None, path: Path) -> TreeNode | None:
     return node
 
 
-def replace_at(root: TreeNode, path: Path, value: TreeNode) -> TreeNode:
-    """The tree with the value at an existing path replaced; everything else is shared."""
+def replace_at(
+    root: TreeNode | None, path: Path, value: TreeNode, made_at: Sequence[Span] = ()
+) -> TreeNode:
+    """The tree with the value at a path replaced; everything else is shared.
+
+    Args:
+        root: the tree.
+        path: of the value.
+        value: the new one.
+        made_at: a place for each key of the path: maps and keys that are missing are made there.
+    """
     if not path:
         return value
-    part, rest = path[0], path[1:]
-    if isinstance(root, MapNode):
-        old = root.entries[str(part)]
-        new = old.with_value(replace_at(old.value, rest, value))
-        return MapNode({**root.entries, str(part): new}, root.span)
+    part = path[0]
+    changed = replace_at(child(root, part), path[1:], value, made_at[1:])
     if isinstance(root, ListNode):
-        index = int(part)
         items = list(root.items)
-        items[index] = replace_at(items[index], rest, value)
+        items[int(part)] = changed
         return ListNode(tuple(items), root.span)
-    return root
+    entries = dict(entries_of(root))
+    old = entries.get(str(part))
+    entries[str(part)] = Entry(made_at[0], changed) if old is None else old.with_value(changed)
+    return MapNode(entries, root.span if isinstance(root, MapNode) else made_at[0])
 
 
 def count_values(root: TreeNode) -> int:

@@ -262,9 +262,15 @@ class _Option(msgspec.Struct, frozen=True):
     """The text of an option, its path, and the offsets of each part and of the value."""
 
     source: Source
-    path: Path
-    offsets: tuple[int, ...]
-    value_offset: int
+    path: Path = ()
+    offsets: tuple[int, ...] = ()
+    value_offset: int = 0
+
+    @property
+    def places(self) -> list[Span]:
+        """The place of each part of the path."""
+        parts = zip(self.offsets, self.path, strict=True)
+        return [self.span(offset, offset + len(str(part))) for offset, part in parts]
 
     def span(self, start: int, end: int) -> Span:
         return Span(self.source.file, 1, start + 1, 1, max(end, start + 1) + 1)
@@ -309,16 +315,14 @@ def _apply_set(document: Document, text: str) -> None:
     for depth, part in enumerate(option.path):
         below = child(node, part)
         if below is None and not _can_add(node, option, option.path[: depth + 1]):
-            start = option.offsets[depth]
-            wrong = format_path(option.path[: depth + 1])
-            span = option.span(start, start + len(str(part)))
-            message = f"the document has no '{wrong}' to replace"
-            help_text = _path_suggestion(node, option.path[: depth + 1])
-            document.problems.error("R2B127", message, span, help_text)
+            wrong = option.path[: depth + 1]
+            message = f"the document has no '{format_path(wrong)}' to replace"
+            help_text = _path_suggestion(node, wrong)
+            document.problems.error("R2B127", message, option.places[depth], help_text)
             return
         node = below
     value = _value(document, option)
-    document.tree = _with_value(document.tree, option, 0, value)
+    document.tree = replace_at(document.tree, option.path, value, option.places)
 
 
 def _can_add(node: TreeNode | None, option: _Option, path: Path) -> bool:
@@ -347,20 +351,6 @@ def _can_add(node: TreeNode | None, option: _Option, path: Path) -> bool:
         return True
     whole = path == option.path and option.source.text[option.value_offset :].startswith("{")
     return whole and path[:-1] == ("containers",)
-
-
-def _with_value(root: TreeNode | None, option: _Option, depth: int, value: TreeNode) -> TreeNode:
-    """The tree with the value at the option's path, and the maps above it that were missing."""
-    if depth == len(option.path):
-        return value
-    part = option.path[depth]
-    below = child(root, part)
-    changed = _with_value(below, option, depth + 1, value)
-    if root is not None and below is not None:
-        return replace_at(root, (part,), changed)
-    span = option.span(option.offsets[depth], option.offsets[depth] + len(str(part)))
-    place = root.span if isinstance(root, MapNode) else span
-    return MapNode({**entries_of(root), str(part): Entry(span, changed)}, place)
 
 
 def _apply_variable(document: Document, name: str, text: str) -> None:
@@ -399,13 +389,13 @@ def _parse(text: str) -> _Option:
     while at < len(text) and text[at] != "=":
         match = _PART.match(text, at)
         if match is None:
-            return _Option(Source("--set", text), (), (), 0)
+            return _Option(Source("--set", text))
         index, quoted, name = match.groups()
         path.append(int(index) if index is not None else quoted if quoted is not None else name)
         offsets.append(match.start(match.lastindex or 0))
         at = match.end()
     if at >= len(text):
-        return _Option(Source("--set", text), (), (), 0)
+        return _Option(Source("--set", text))
     source = Source(f"--set {text[:at]}", text)
     return _Option(source, tuple(path), tuple(offsets), at + 1)
 
