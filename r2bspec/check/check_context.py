@@ -284,7 +284,7 @@ class Context:
 
     def value_at(self, path: Path) -> TreeNode | None:
         """The value at a path of the document, or None."""
-        return lookup(self.loaded.tree, path) if self.loaded.tree is not None else None
+        return lookup(self.loaded.tree, path)
 
     def parameter_path(self, node: NodeWiring, name: str) -> Path | None:
         """Where the spec sets a parameter of a node; None for one from a parameter file.
@@ -352,10 +352,6 @@ class Context:
             monitors=tuple(self.spec.outputs),
             namespace=self.wiring.namespace.strip("/"),
         )
-
-    def harness_topic(self, name: str) -> str:
-        """The full name of a topic that the spec names outside of any node."""
-        return self.wiring.topic(name)
 
     def relative_name(self, topic: str, namespace: str = "") -> str:
         """A topic name relative to a namespace, by default that of the spec."""

@@ -263,13 +263,13 @@ def _span(finding: Finding, loaded: LoadedSpec) -> Span:
 
 def _origin(path: Path, loaded: LoadedSpec) -> list[Related]:
     """Where the variable is set from which the value at `path` comes."""
-    node = lookup(loaded.tree, path) if loaded.tree is not None else None
+    node = lookup(loaded.tree, path)
     return [node.origin] if isinstance(node, ScalarNode) and node.origin is not None else []
 
 
 def _edit(finding: Finding, span: Span, loaded: LoadedSpec) -> Edit | None:
     """The replacement, if the text at `span` is exactly the text to replace."""
-    if finding.replacement is None or loaded.tree is None or span.line != span.end_line:
+    if finding.replacement is None or span.line != span.end_line:
         return None
     node = lookup(loaded.tree, finding.path)
     source = loaded.sources.get(span.file)

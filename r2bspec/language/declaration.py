@@ -343,6 +343,20 @@ def rule_at(path: Path) -> ValueRule | None:
     return rule
 
 
+def unknown_step(path: Path) -> int | None:
+    """The position of the first step of a path that the language does not have; None if it has all.
+
+    What is below a value of any form is not of the language.
+    """
+    rule = language()
+    for position, step in enumerate(path):
+        below = rule.below(step)
+        if below is None:
+            return position if rule.kinds else None
+        rule = below
+    return None
+
+
 def change_at(path: Path) -> Change:
     """What the key at a path changes, by its own declaration or by that of the nearest section.
 

@@ -23,7 +23,7 @@ from r2bspec.language import names
 from r2bspec.language.comparison_grammar import ComparisonError, Condition, Requirement
 from r2bspec.language.declaration import NamePattern, ValueRule, language, rule_at
 from r2bspec.language.document import MAX_PROBLEMS, inner_span
-from r2bspec.language.located_tree import MapNode, ScalarNode, lookup, span_at, to_plain
+from r2bspec.language.located_tree import MapNode, ScalarNode, entries_of, lookup, span_at, to_plain
 from r2bspec.language.quantities import Quantity, QuantityError, Share
 from r2bspec.language.read_spec import Violation
 from r2bspec.language.yaml_document import ScalarError, resolve
@@ -66,7 +66,7 @@ def _is_explained(path: Path, explained: set[Path]) -> bool:
 def missing_keys(violation: Violation, renamed: set[Path]) -> Iterator[Diagnostic]:
     """One diagnostic for all keys that a map lacks."""
     keys = violation.rule.keys or {}
-    present = violation.node.entries if isinstance(violation.node, MapNode) else {}
+    present = entries_of(violation.node)
     missing = [
         key
         for key in violation.required

@@ -206,7 +206,7 @@ def pays_for_images(context: Context, process: ProcessPlan) -> bool:
 def _is_played_unchanged(context: Context, bag_topic: str) -> bool:
     """Whether messages are played in their recorded size."""
     return any(
-        direct_bag_topic(context.harness_topic(played.source), context.spec, context.wiring)
+        direct_bag_topic(context.wiring.topic(played.source), context.spec, context.wiring)
         == bag_topic
         for played in context.spec.playback.inputs.values()
     )

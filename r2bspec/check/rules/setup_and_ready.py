@@ -16,7 +16,7 @@ def ready_topic_without_publisher(context: Context) -> Findings:
     """Ready probes that wait for a topic without a publisher."""
     phase = context.wiring.measure
     for name, probe in context.spec.ready.items():
-        topic = context.harness_topic(probe.topic) if probe.topic else ""
+        topic = context.wiring.topic(probe.topic) if probe.topic else ""
         if not topic or phase.publishers(topic):
             continue
         unknown = phase.possible_publishers

@@ -36,7 +36,7 @@ def private_topic_without_node(context: Context) -> Findings:
         if not name.startswith("~"):
             continue
         private = [topic for topic in _private_topics(context, phase) if topic.endswith(name[1:])]
-        topics = (*private, context.harness_topic(name))
+        topics = (*private, context.wiring.topic(name))
         yield Finding(
             message=f"private topic {quote(name)} is used outside of a node",
             path=path,
