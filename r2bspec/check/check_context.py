@@ -113,17 +113,16 @@ def located_requirements(spec: Spec) -> Iterator[LocatedRequirement]:
             )
 
 
-class KnownMetric(msgspec.Struct, frozen=True):
+class KnownMetric(LocatedRequirement, frozen=True, kw_only=True):
     """A requirement whose metric exists; `monitor` is None if it applies to no single monitor."""
 
-    located: LocatedRequirement
     monitor: str | None
     info: MetricInfo
 
 
 def max_wrong_share(metric: KnownMetric) -> float | None:
     """The share of messages that may violate the bound; None if no share decides."""
-    requirement, info = metric.located.requirement, metric.info
+    requirement, info = metric.requirement, metric.info
     if requirement.bound is None or requirement.windows_share is not None:
         return None
     if requirement.bound.of_baseline or requirement.op not in {"<", "<=", ">", ">="}:
@@ -330,7 +329,8 @@ class Context:
             MetricError: the metric or the monitor does not exist.
         """
         metric = located.requirement.metric
-        return KnownMetric(located, *resolve(metric, self.spec.outputs, self.subjects))
+        monitor, info = resolve(metric, self.spec.outputs, self.subjects)
+        return KnownMetric(**msgspec.structs.asdict(located), monitor=monitor, info=info)
 
     @cached_property
     def known_metrics(self) -> list[KnownMetric]:

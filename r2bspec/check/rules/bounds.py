@@ -26,7 +26,7 @@ _UNITS = {"time": "ms", "rate": "Hz", "size": "MiB", "share": "%"}
 def bound_unit_mismatch(context: Context) -> Findings:
     """Bounds whose unit does not fit the metric."""
     for metric in context.known_metrics:
-        bound = metric.located.requirement.bound
+        bound = metric.requirement.bound
         if bound is not None and not metric.info.accepts(bound):
             if bound.dimension == "count" and metric.info.dimension in _UNITS:
                 yield _without_unit(metric)
@@ -41,23 +41,23 @@ def bound_unit_mismatch(context: Context) -> Findings:
             yield Finding(
                 message=f"{quote(metric.info.name)} is {_noun(metric.info.dimension)}, but its "
                 f"bound is {written}",
-                path=metric.located.path,
-                part=metric.located.bound_part,
+                path=metric.path,
+                part=metric.bound_part,
                 help=f"use {_EXAMPLES[metric.info.dimension]}",
-                suppresses={metric.located.subject},
+                suppresses={metric.subject},
             )
 
 
 def _without_unit(metric: KnownMetric) -> Finding:
     """A number where a quantity is meant: the unit is what is missing, not the number wrong."""
-    requirement = metric.located.requirement
+    requirement = metric.requirement
     written = requirement.text[requirement.bound_column :].split()[0]
     return Finding(
         message=f"the bound {written} of {quote(metric.info.name)} has no unit",
-        path=metric.located.path,
-        part=metric.located.bound_part,
+        path=metric.path,
+        part=metric.bound_part,
         help=f"write {written} {_UNITS[metric.info.dimension]}",
-        suppresses={metric.located.subject},
+        suppresses={metric.subject},
     )
 
 
@@ -96,23 +96,23 @@ def bound_contradiction(context: Context) -> Findings:
     """Bounds that no value can meet together."""
     by_key: dict[tuple[object, ...], _TightestBounds] = {}
     for metric in context.known_metrics:
-        located, bound = metric.located, metric.located.requirement.bound
-        if bound is None or located.requirement.windows_share is not None:
+        bound = metric.requirement.bound
+        if bound is None or metric.requirement.windows_share is not None:
             continue
         relative = (bound.of_offered, bound.of_baseline, bound.dimension)
-        key = (located.role, located.at, metric.monitor, metric.info.name, relative)
+        key = (metric.role, metric.at, metric.monitor, metric.info.name, relative)
         earlier = by_key.setdefault(key, _TightestBounds())
-        low, high = _limits(located.requirement.op, bound.value)
+        low, high = _limits(metric.requirement.op, bound.value)
         other = earlier.contradicted(low, high)
         if other is not None:
             yield Finding(
-                message=f"{quote(located.requirement.text)} contradicts "
-                f"{quote(other.located.requirement.text)}",
-                path=located.path,
-                part=located.bound_part,
+                message=f"{quote(metric.requirement.text)} contradicts "
+                f"{quote(other.requirement.text)}",
+                path=metric.path,
+                part=metric.bound_part,
                 help="correct one of the bounds",
-                related=(Pointer("the other bound", other.located.path),),
-                suppressed_by={located.subject},
+                related=(Pointer("the other bound", other.path),),
+                suppressed_by={metric.subject},
             )
         earlier.add(metric, low, high)
 
@@ -136,7 +136,7 @@ _SIGNED = frozenset({"latency", "latency_from_due", "reaction", "age"})
 def bound_with_constant_outcome(context: Context) -> Findings:
     """Bounds that every value meets, or none."""
     for metric in context.known_metrics:
-        requirement = metric.located.requirement
+        requirement = metric.requirement
         if requirement.bound is None or requirement.bound.of_baseline:
             continue
         outcome = _constant_outcome(metric, requirement.bound.value)
@@ -145,13 +145,13 @@ def bound_with_constant_outcome(context: Context) -> Findings:
                 message=f"{quote(requirement.text)} always passes"
                 if outcome
                 else f"{quote(requirement.text)} never passes",
-                path=metric.located.path,
-                part=metric.located.bound_part,
+                path=metric.path,
+                part=metric.bound_part,
                 help=f"{quote(metric.info.name)} is between 0 % and 100 %"
                 if metric.info.name == "drop_rate"
                 else f"{quote(metric.info.name)} is never below 0",
                 severity="warning" if outcome else "error",
-                suppressed_by={metric.located.subject},
+                suppressed_by={metric.subject},
             )
 
 
@@ -159,7 +159,7 @@ def _constant_outcome(metric: KnownMetric, value: float) -> bool | None:
     """The outcome of every run; None if it depends on the run."""
     if metric.info.family in _SIGNED and metric.info.statistic == "mean":
         return None
-    op = metric.located.requirement.op
+    op = metric.requirement.op
     # The CPU share of several cores adds up to more than 100 %.
     max_value = 1.0 if metric.info.name == "drop_rate" else math.inf
     if (op == ">=" and value <= 0) or (op == ">" and value < 0):
