@@ -98,7 +98,10 @@ def _expand_cases(
     values_in_case: int,
 ) -> tuple[MatrixCase, ...]:
     problems = found.problems
-    lists = {name: _scalars(entry.value) for name, entry in axes.items()}
+    lists = {
+        name: [item for item in tree.items_of(entry.value) if isinstance(item, tree.ScalarNode)]
+        for name, entry in axes.items()
+    }
     number = len(cases) + (math.prod(map(len, lists.values())) if lists else 0)
     if number > MAX_CASES:
         message = f"the matrix has {number:,} cases; the limit is {MAX_CASES:,}"
@@ -148,10 +151,6 @@ def _expand_cases(
     return tuple(made)
 
 
-def _scalars(axis: tree.TreeNode) -> tuple[tree.ScalarNode, ...]:
-    return tuple(item for item in tree.items_of(axis) if isinstance(item, tree.ScalarNode))
-
-
 def _chosen(values: Values) -> frozenset[tuple[str, bool, object]]:
     """Names with their values, to be compared; unlike in Python, true is not 1."""
     return frozenset(
@@ -160,7 +159,7 @@ def _chosen(values: Values) -> frozenset[tuple[str, bool, object]]:
 
 
 def _check_duplicate_values(
-    problems: DiagnosticCollector, name: str, values: tuple[tree.ScalarNode, ...]
+    problems: DiagnosticCollector, name: str, values: Sequence[tree.ScalarNode]
 ) -> None:
     seen: dict[str, tree.ScalarNode] = {}
     for value in values:

@@ -6,7 +6,7 @@ from r2bspec.bags.message_types import begins_with_header
 from r2bspec.check.check_context import Context
 from r2bspec.check.input_events import event_input
 from r2bspec.check.rule import MEASURE_FLOW, Finding, Findings, Pointer, rule, topic_key, value_key
-from r2bspec.datasets.catalogue import TruthNames, truth_names
+from r2bspec.datasets.catalogue import truth_names
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, quote, quoted_list, suggestion
 from r2bspec.judge.measure.metric_catalogue import TRUTHS
@@ -204,7 +204,7 @@ def _wrong_name(context: Context, name: str, truth: Truth) -> Finding | None:
         return None
     topics = tuple(context.spec.data_loader.topics)
     truths = [truth_names(bag.location, topics) for bag in recordings if bag.location]
-    names = [name for of_bag in truths if of_bag for name in _of_kind(of_bag, truth)]
+    names = [name for of_bag in truths if of_bag for name in getattr(of_bag, truth.kind)]
     if truth.name in names or f"/{truth.name}" in names:
         return None
     path = ("monitors", name, "truth", "name")
@@ -222,10 +222,6 @@ def _wrong_name(context: Context, name: str, truth: Truth) -> Finding | None:
         path=path,
         help=f"did you mean {quote(close)}?" if close else f"it is the name of {what}; {advice}",
     )
-
-
-def _of_kind(names: TruthNames, truth: Truth) -> tuple[str, ...]:
-    return names.disparity if truth.kind == "disparity" else names.tag
 
 
 @rule("R2B417")

@@ -17,7 +17,6 @@ from r2bspec.language.spec import Container, Node, ProcessSettings
 from r2bspec.language.spec_graph import PROCESS_KEYS
 from r2bspec.plan import installed_packages
 from r2bspec.plan.launch_programs import LaunchPrograms, launch_programs
-from r2bspec.plan.plan import ProcessPlan
 from r2bspec.plan.process_plans import PartPlacement, find_places, graph_processes, reserved_names
 from r2bspec.plan.wiring.python_files import source_folder
 from r2bspec.plan.wiring.wiring import NodeWiring, PhaseWiring
@@ -450,7 +449,10 @@ def harness_outside_process(context: Context) -> Findings:
     if spec.harness.placement == "graph" or spec.graph.placement == "harness":
         return
     processes = tuple(graph_processes(spec, context.wiring))
-    if len(processes) != 1 or spec.has_external_nodes or not _shared_by_design(processes[0]):
+    if len(processes) != 1 or spec.has_external_nodes:
+        return
+    # A process for several nodes: one that a robot shares between nodes, too.
+    if processes[0].role != "container" and len(processes[0].nodes) < 2:
         return
     if pays_for_images(context, processes[0]):
         return
@@ -464,8 +466,3 @@ def harness_outside_process(context: Context) -> Findings:
         "'r2bspec run --scan harness.placement=separate,graph' shows both. "
         f"Typical overheads (docs/performance.md): {_TYPICAL}",
     )
-
-
-def _shared_by_design(process: ProcessPlan) -> bool:
-    """Whether it is a process for several nodes: one that a robot shares between nodes, too."""
-    return process.role == "container" or len(process.nodes) > 1

@@ -100,11 +100,7 @@ def lifecycle_node_not_activated(context: Context) -> Findings:
 
 def _may_manage(node: NodeWiring) -> bool:
     """Whether a node may change the states of others; what a source says of topics is no answer."""
-    return not (node.interface.is_lifecycle or _is_known_node(node))
-
-
-def _is_known_node(node: NodeWiring) -> bool:
-    return node.interface.publishes_from == "table"
+    return not (node.interface.is_lifecycle or node.interface.publishes_from == "table")
 
 
 @rule("R2B238")

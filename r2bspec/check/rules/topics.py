@@ -344,7 +344,8 @@ def clock_without_publisher(context: Context) -> Findings:
             if place is None or phase.publishers(_CLOCK):
                 continue
             path, key = place
-            certain = not _other_publishers(phase, node)
+            # Another node may publish it where its publishers are unknown.
+            certain = all(publisher is node for publisher in phase.possible_publishers)
             yield Finding(
                 message=f"{node.key} has {quote('use_sim_time: true')} and waits for /clock, "
                 f"which nothing {'' if certain else 'known '}publishes",
@@ -367,8 +368,3 @@ def _clock_setting(context: Context, node: NodeWiring) -> tuple[Path, bool] | No
     if str(given).lower() == "true":
         return (*node.path, "launch", "arguments", _CLOCK_PARAMETER), False
     return None
-
-
-def _other_publishers(phase: PhaseWiring, node: NodeWiring) -> bool:
-    """Whether another node may publish /clock, because its publishers are unknown."""
-    return any(publisher is not node for publisher in phase.possible_publishers)

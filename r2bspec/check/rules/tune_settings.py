@@ -27,10 +27,6 @@ from r2bspec.plan.tuning_space import TuningSpace, assignment, value_text
 _SECTIONS: Final = ("graph", "containers", "transport")
 
 
-def _is_written(context: Context) -> bool:
-    return context.value_at(("tune",)) is not None
-
-
 @rule("R2B801")
 def tune_node_unknown(context: Context) -> Findings:
     """Nodes that must not change, and are not in the graph."""
@@ -163,7 +159,7 @@ def _too_many(path: Path, threads: int, cores: int) -> Finding:
 @rule("R2B806")
 def tune_metric_unknown(context: Context) -> Findings:
     """Metrics to minimize that do not exist, are better when larger, or are of no one monitor."""
-    if not _is_written(context):
+    if context.value_at(("tune",)) is None:
         return
     spec = context.spec
     problem = goal_problem(
