@@ -20,7 +20,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
+from itertools import chain
 from typing import Any, cast
 
 import msgspec
@@ -133,25 +134,6 @@ def to_yaml(plain: Any) -> str:
     return written
 
 
-class Merge(msgspec.Struct, frozen=True):
-    """A map to be merged, and the place of its ``<<``."""
-
-    span: Span
-    source: MapNode
-
-
-def merge_entries(merges: Iterable[Merge], own: dict[str, Entry]) -> dict[str, Entry]:
-    """The entries of a map with `merges`; its own have precedence, then those of earlier merges.
-
-    Merged entries come first and keep the place where they are written.
-    """
-    entries: dict[str, Entry] = {}
-    for merge in merges:
-        for key, entry in merge.source.entries.items():
-            entries.setdefault(key, entry)
-    return entries | own
-
-
 _TYPE_NAMES = {bool: "a boolean", int: "a number", float: "a number"}
 
 
@@ -170,7 +152,7 @@ class CollectionBuilder(msgspec.Struct):
     size: int = 1
     items: list[TreeNode] = msgspec.field(default_factory=list)
     entries: dict[str, Entry] = msgspec.field(default_factory=dict)
-    merges: list[Merge] = msgspec.field(default_factory=list)
+    merges: list[MapNode] = msgspec.field(default_factory=list)
     key: TreeNode | None = None
 
     def add(self, node: TreeNode, size: int, span: Span) -> None:
@@ -200,9 +182,13 @@ class CollectionBuilder(msgspec.Struct):
         """The finished collection."""
         if not self.is_map:
             return ListNode(tuple(self.items), span)
-        return MapNode(
-            merge_entries(self.merges, self.entries) if self.merges else self.entries, span
-        )
+        if not self.merges:
+            return MapNode(self.entries, span)
+        # What is merged comes first, and keeps its place; what is written first has precedence.
+        merged: dict[str, Entry] = {}
+        for key, entry in chain.from_iterable(source.entries.items() for source in self.merges):
+            merged.setdefault(key, entry)
+        return MapNode(merged | self.entries, span)
 
     def _add_entry(self, key: TreeNode, value: TreeNode, span: Span) -> None:
         if not isinstance(key, ScalarNode):
@@ -241,7 +227,7 @@ class CollectionBuilder(msgspec.Struct):
             return
         for part in value.items if isinstance(value, ListNode) else (value,):
             if isinstance(part, MapNode):
-                self.merges.append(Merge(key.span, part))
+                self.merges.append(part)
             elif not isinstance(part, UnknownNode):
                 self.problems.error(
                     "R2B028",
