@@ -131,7 +131,6 @@ class Requirement(ParsedText):
         bound_column: offset of the bound into `text`.
         windows_share: the share of windows of `window_ns` in which the comparison must be true,
             as a fraction; None if it applies to all measurements at once.
-        windows_column: offset of ``in`` into `text`.
     """
 
     kind: ClassVar[str] = "requirement"
@@ -144,7 +143,6 @@ class Requirement(ParsedText):
     bound_column: int = 0
     windows_share: float | None = None
     window_ns: int = 0
-    windows_column: int = 0
 
     @classmethod
     def parse(cls, text: str) -> Requirement:
@@ -243,7 +241,6 @@ def parse_requirement(text: str) -> Requirement:
         bound_column=column,
         windows_share=share,
         window_ns=window_ns,
-        windows_column=windows.start() + 1 if windows is not None else 0,
     )
 
 
