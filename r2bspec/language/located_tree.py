@@ -98,12 +98,11 @@ def text_of(node: TreeNode | None) -> str:
     return node.value if isinstance(node, ScalarNode) and isinstance(node.value, str) else ""
 
 
-def children(node: TreeNode) -> Iterator[tuple[str | int, TreeNode]]:
+def children(node: TreeNode) -> Sequence[tuple[str | int, TreeNode]]:
     """The values directly inside a map or a list, with their keys or indices."""
     if isinstance(node, MapNode):
-        yield from ((key, entry.value) for key, entry in node.entries.items())
-    else:
-        yield from enumerate(items_of(node))
+        return [(key, entry.value) for key, entry in node.entries.items()]
+    return list(enumerate(items_of(node)))
 
 
 def lookup(root: TreeNode | None, path: Path) -> TreeNode | None:
