@@ -13,15 +13,14 @@ rate; if the estimate is low, the messages are read.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import cache, cached_property
 from itertools import islice
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeVar
 
 import msgspec
 
@@ -40,7 +39,7 @@ from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.judge.measure.metric_catalogue import MetricError, MetricInfo, Subjects, resolve
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.comparison_grammar import Requirement
-from r2bspec.language.located_tree import ListNode, MapNode, TreeNode, child, count_values, lookup
+from r2bspec.language.located_tree import MapNode, TreeNode, child, count_values, items_of, lookup
 from r2bspec.language.quantities import Rate
 from r2bspec.language.spec import Spec
 from r2bspec.plan.installed_packages import package_version
@@ -114,17 +113,16 @@ def located_requirements(spec: Spec) -> Iterator[LocatedRequirement]:
             )
 
 
-class KnownMetric(msgspec.Struct, frozen=True):
+class KnownMetric(LocatedRequirement, frozen=True, kw_only=True):
     """A requirement whose metric exists; `monitor` is None if it applies to no single monitor."""
 
-    located: LocatedRequirement
     monitor: str | None
     info: MetricInfo
 
 
 def max_wrong_share(metric: KnownMetric) -> float | None:
     """The share of messages that may violate the bound; None if no share decides."""
-    requirement, info = metric.located.requirement, metric.info
+    requirement, info = metric.requirement, metric.info
     if requirement.bound is None or requirement.windows_share is not None:
         return None
     if requirement.bound.of_baseline or requirement.op not in {"<", "<=", ">", ">="}:
@@ -285,7 +283,7 @@ class Context:
 
     def value_at(self, path: Path) -> TreeNode | None:
         """The value at a path of the document, or None."""
-        return lookup(self.loaded.tree, path) if self.loaded.tree is not None else None
+        return lookup(self.loaded.tree, path)
 
     def parameter_path(self, node: NodeWiring, name: str) -> Path | None:
         """Where the spec sets a parameter of a node; None for one from a parameter file.
@@ -296,13 +294,12 @@ class Context:
         parameters_node = self.value_at(place)
         if isinstance(parameters_node, MapNode) or parameters_node is None:
             return (*place, name) if name in node.node.parameters else None
-        path = None
-        for index, part in enumerate(
-            parameters_node.items if isinstance(parameters_node, ListNode) else ()
-        ):
-            if child(part, name) is not None:
-                path = (*place, index, name)
-        return path
+        setting = [
+            (*place, index, name)
+            for index, part in enumerate(items_of(parameters_node))
+            if child(part, name) is not None
+        ]
+        return setting[-1] if setting else None
 
     def record_versions(self, node: NodeWiring) -> tuple[str, str] | None:
         """The versions of a package in a recorded interface and on this machine, if they differ."""
@@ -332,16 +329,17 @@ class Context:
             MetricError: the metric or the monitor does not exist.
         """
         metric = located.requirement.metric
-        return KnownMetric(located, *resolve(metric, self.spec.outputs, self.subjects))
+        monitor, info = resolve(metric, self.spec.outputs, self.subjects)
+        return KnownMetric(**msgspec.structs.asdict(located), monitor=monitor, info=info)
 
     @cached_property
     def known_metrics(self) -> list[KnownMetric]:
         """The requirements whose metric and monitor exist."""
-        names = []
+        known = []
         for located in self.requirements:
             with suppress(MetricError):
-                names.append(self.resolve(located))
-        return names
+                known.append(self.resolve(located))
+        return known
 
     @cached_property
     def subjects(self) -> Subjects:
@@ -354,10 +352,6 @@ class Context:
             monitors=tuple(self.spec.outputs),
             namespace=self.wiring.namespace.strip("/"),
         )
-
-    def harness_topic(self, name: str) -> str:
-        """The full name of a topic that the spec names outside of any node."""
-        return self.wiring.topic(name)
 
     def relative_name(self, topic: str, namespace: str = "") -> str:
         """A topic name relative to a namespace, by default that of the spec."""
@@ -387,7 +381,7 @@ def cached_index(location: BagLocation) -> BagIndex:
     # What was indexed under other limits may be more than the user allows now.
     if entry is None or chosen_max_bytes() is not None:
         return index_location(location)
-    with contextlib.suppress(OSError, msgspec.DecodeError):
+    with suppress(OSError, msgspec.DecodeError):
         return read_json(entry, BagIndex, max_bytes=MAX_BAG_INDEX_BYTES)
     content = index_location(location)
     _store(entry, msgspec.json.encode(content))
@@ -407,7 +401,7 @@ def _cache_file(bag: FilePath) -> FilePath | None:
     for file, stat in stats:
         values = (file.name, stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns)
         identity.update(repr(values).encode())
-    with contextlib.suppress(OSError):
+    with suppress(OSError):
         return cache_folder("indexes") / f"{identity.hexdigest()}.json"
     return None
 
@@ -473,15 +467,10 @@ def _count_rendered(name: str, topic: str, start_ns: int, end_ns: int) -> int:
 
 def _count_by_reading(context: Context, topic: str) -> MessageCount:
     """Count by reading, up to _MIN_ESTIMATED_MESSAGES."""
-    path = context.bag_location.path if context.bag_location is not None else None
-    if path is None:
-        # Several bags are not read; a rendered one is counted without reading.
-        return MessageCount(_MIN_ESTIMATED_MESSAGES, exact=False)
-    try:
-        messages = islice(_messages_in_window(context, path, {topic}), _MIN_ESTIMATED_MESSAGES)
-        counted = sum(1 for _ in messages)
-    except DataError:
-        # Other rules report unreadable bags and windows outside of the bag.
+    counted = _in_window(
+        context, {topic}, lambda messages: len([*islice(messages, _MIN_ESTIMATED_MESSAGES)])
+    )
+    if counted is None:
         return MessageCount(_MIN_ESTIMATED_MESSAGES, exact=False)
     return MessageCount(counted, exact=counted < _MIN_ESTIMATED_MESSAGES)
 
@@ -490,20 +479,17 @@ def window_stamps(context: Context, topics: set[str]) -> dict[str, list[int]] | 
     """The header stamps in the window by bag topic; None if they are not read."""
     from r2bspec.ipc.buffers import STAMP_BYTES, read_stamp
 
-    path = context.bag_location.path if context.bag_location is not None else None
-    if context.bag is None or path is None or _size(path) > MAX_STAMPS_BYTES:
-        return None
     by_name = {topic.lstrip("/"): topic for topic in topics}
-    stamps: dict[str, list[int]] = {topic: [] for topic in topics}
-    try:
-        for message in _messages_in_window(context, path, topics):
+
+    def read(messages: Iterator[RecordedMessage]) -> dict[str, list[int]] | None:
+        stamps: dict[str, list[int]] = {topic: [] for topic in topics}
+        for message in messages:
             if len(message.data) < STAMP_BYTES:
                 return None
             stamps[by_name[message.topic.lstrip("/")]].append(read_stamp(message.data))
-    except DataError:
-        # Other rules report bags and windows that cannot be read.
-        return None
-    return stamps
+        return stamps
+
+    return _in_window(context, topics, read) if _is_small(context) else None
 
 
 def window_holds(
@@ -515,47 +501,54 @@ def window_holds(
     """
     key = (topic, condition.condition.text)
     if key not in context.held:
-        context.held[key] = _read_held(context, topic, condition)
+
+        def read(messages: Iterator[RecordedMessage]) -> list[bool]:
+            return [condition.holds(message.data) for message in messages]
+
+        context.held[key] = _in_window(context, {topic}, read) if _is_small(context) else None
     return context.held[key]
-
-
-def _read_held(context: Context, topic: str, condition: MessageCondition) -> list[bool] | None:
-    path = context.bag_location.path if context.bag_location is not None else None
-    if context.bag is None or path is None or _size(path) > MAX_STAMPS_BYTES:
-        return None
-    try:
-        messages = _messages_in_window(context, path, {topic})
-        return [condition.holds(message.data) for message in messages]
-    except (DataError, UnreadableError):
-        return None
 
 
 def has_recorded_requests(context: Context, topic: str) -> bool | None:
     """Whether the events of a service have requests in the window; None if they are not read."""
+    return _in_window(
+        context,
+        {topic},
+        lambda events: any(request_kind(event.data) is not None for event in events),
+    )
+
+
+_Read = TypeVar("_Read")
+
+
+def _in_window(
+    context: Context, topics: set[str], read: Callable[[Iterator[RecordedMessage]], _Read]
+) -> _Read | None:
+    """What is read of the messages of some topics in the window.
+
+    None where several bags, or a rendered one, are not read, and where the bag or the window cannot
+    be read, which other rules report.
+    """
+    from r2bspec.bags.bag_reader import read_messages
+
     path = context.bag_location.path if context.bag_location is not None else None
     if path is None:
         return None
+    window = context.spec.data_loader.window
+    part = TimeWindow(start_ns=window.start.ns, end_ns=window.end.ns if window.end else None)
     try:
-        events = _messages_in_window(context, path, {topic})
-        return any(request_kind(event.data) is not None for event in events)
-    except DataError:
-        # Other rules report bags and windows that cannot be read.
+        return read(read_messages(path, topics, part))
+    except (DataError, UnreadableError):
         return None
 
 
-def _messages_in_window(
-    context: Context, bag: FilePath, topics: set[str]
-) -> Iterator[RecordedMessage]:
-    from r2bspec.bags.bag_reader import read_messages
-
-    window = context.spec.data_loader.window
-    end_ns = window.end.ns if window.end else None
-    return read_messages(bag, topics, TimeWindow(start_ns=window.start.ns, end_ns=end_ns))
-
-
-def _size(path: FilePath) -> int:
+def _is_small(context: Context) -> bool:
+    """Whether all messages of the bag may be read."""
+    path = context.bag_location.path if context.bag_location is not None else None
+    if context.bag is None or path is None:
+        return False
     try:
         files = [file for file in path.iterdir() if file.is_file()] if path.is_dir() else [path]
-        return sum(file.stat().st_size for file in files)
+        return sum(file.stat().st_size for file in files) <= MAX_STAMPS_BYTES
     except OSError:
-        return MAX_STAMPS_BYTES + 1
+        return False

@@ -14,8 +14,8 @@ from r2bspec.plan.topic_plans import direct_bag_topic
 def event_input(context: Context, reaction: Reaction) -> PlaybackInput | None:
     """The input of the events; None if there is none."""
     inputs = context.spec.playback.inputs
-    wanted = context.harness_topic(reaction.input) if reaction.input else ""
-    named = (each for name, each in inputs.items() if context.harness_topic(name) == wanted)
+    wanted = context.wiring.topic(reaction.input) if reaction.input else ""
+    named = (each for name, each in inputs.items() if context.wiring.topic(name) == wanted)
     return next(named, None) or next(iter(inputs.values()), None)
 
 
@@ -28,7 +28,7 @@ def most_events(context: Context, monitor: Monitor, steps: int) -> int | None:
     played = None if reaction is None else event_input(context, reaction)
     if reaction is None or reaction.source is None or played is None:
         return None
-    topic = direct_bag_topic(context.harness_topic(played.source), spec, context.wiring)
+    topic = direct_bag_topic(context.wiring.topic(played.source), spec, context.wiring)
     condition = message_condition(reaction.source, played.format)
     if not topic or not isinstance(condition, MessageCondition):
         return None

@@ -237,11 +237,18 @@ def to_diagnostic(
     finding: Finding, code: str, severity: Severity, loaded: LoadedSpec
 ) -> Diagnostic:
     """The diagnostic of a finding; code and severity of the rule are the defaults."""
-    span = _span(finding, loaded)
+    if finding.part is not None:
+        span = loaded.span_inside(finding.path, *finding.part)
+    else:
+        span = loaded.span(finding.path, key=finding.key)
     related = [
         Related(pointer.message, loaded.span(pointer.path, key=pointer.key))
         for pointer in finding.related
     ]
+    # Where the variable is set from which the value comes.
+    node = lookup(loaded.tree, finding.path)
+    if isinstance(node, ScalarNode) and node.origin is not None and not finding.key:
+        related.append(node.origin)
     return Diagnostic(
         code=finding.code or code,
         severity=Severity(finding.severity or severity),
@@ -249,27 +256,15 @@ def to_diagnostic(
         span=span,
         path=finding.path,
         help=finding.help,
-        related=tuple(related + ([] if finding.key else _origin(finding.path, loaded))),
+        related=tuple(related),
         edit=_edit(finding, span, loaded),
         certainty=Certainty.ENVIRONMENT if finding.machine_dependent else Certainty.CERTAIN,
     )
 
 
-def _span(finding: Finding, loaded: LoadedSpec) -> Span:
-    if finding.part is not None:
-        return loaded.span_inside(finding.path, *finding.part)
-    return loaded.span(finding.path, key=finding.key)
-
-
-def _origin(path: Path, loaded: LoadedSpec) -> list[Related]:
-    """Where the variable is set from which the value at `path` comes."""
-    node = lookup(loaded.tree, path) if loaded.tree is not None else None
-    return [node.origin] if isinstance(node, ScalarNode) and node.origin is not None else []
-
-
 def _edit(finding: Finding, span: Span, loaded: LoadedSpec) -> Edit | None:
     """The replacement, if the text at `span` is exactly the text to replace."""
-    if finding.replacement is None or loaded.tree is None or span.line != span.end_line:
+    if finding.replacement is None or span.line != span.end_line:
         return None
     node = lookup(loaded.tree, finding.path)
     source = loaded.sources.get(span.file)

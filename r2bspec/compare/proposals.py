@@ -85,7 +85,7 @@ def propose_limits(loaded: LoadedSpec, found: Calibration, text: str) -> tuple[s
             continue
         finding = Finding(
             message="",
-            path=narrow_margin.known_metric.located.path,
+            path=narrow_margin.known_metric.path,
             part=narrow_margin.part,
             replacement=narrow_margin.proposed,
         )
@@ -96,7 +96,7 @@ def propose_limits(loaded: LoadedSpec, found: Calibration, text: str) -> tuple[s
             edits.append(edit)
         else:
             left.append(
-                f"the limit of '{narrow_margin.known_metric.located.requirement.text}' is set in "
+                f"the limit of '{narrow_margin.known_metric.requirement.text}' is set in "
                 f"another file: change it to {narrow_margin.proposed} there"
             )
     return apply_edits(text, edits), left
@@ -104,7 +104,7 @@ def propose_limits(loaded: LoadedSpec, found: Calibration, text: str) -> tuple[s
 
 def _too_noisy(each: NarrowMargin) -> str:
     return (
-        f"'{each.known_metric.located.requirement.text}': {each.detectable_text}; increase "
+        f"'{each.known_metric.requirement.text}': {each.detectable_text}; increase "
         "'benchmark.iterations', make iterations longer, or use a quieter machine"
     )
 

@@ -27,12 +27,10 @@ class FixResult:
     Attributes:
         text: the edited text; the original if there was no edit to apply.
         applied: the findings whose edits were applied, in the order of the rounds.
-        remaining: the findings in `text`.
     """
 
     text: str
     applied: tuple[Diagnostic, ...]
-    remaining: tuple[Diagnostic, ...]
 
 
 def fix(text: str, file: str, findings_of: Callable[[str], Sequence[Diagnostic]]) -> FixResult:
@@ -59,7 +57,7 @@ def fix(text: str, file: str, findings_of: Callable[[str], Sequence[Diagnostic]]
         applied += [finding for finding in findings if finding.edit in edits]
         seen.add(edited)
         text, findings = edited, after
-    return FixResult(text, tuple(applied), tuple(findings))
+    return FixResult(text, tuple(applied))
 
 
 def apply_edits(text: str, edits: Iterable[Edit]) -> str:

@@ -7,7 +7,6 @@ or is called. Bidirectional marks show text in another order than it has. A line
 
 from __future__ import annotations
 
-import dataclasses
 import re
 from functools import cache
 from typing import Any, Final, TypeVar
@@ -139,12 +138,4 @@ def _plain_value(value: Any) -> Any:
         fields = {name: _plain_value(getattr(value, name)) for name in _text_fields(type(value))}
         given = {name: entry for name, entry in fields.items() if entry is not None}
         return msgspec.structs.replace(value, **given) if given else None
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        named = {
-            field.name: _plain_value(getattr(value, field.name))
-            for field in dataclasses.fields(value)
-            if field.init
-        }
-        given = {name: entry for name, entry in named.items() if entry is not None}
-        return dataclasses.replace(value, **given) if given else None
     return None

@@ -17,6 +17,8 @@ _MAX_NAME_LENGTH = 100
 MAX_LISTED_NAMES = 8
 """The maximum number of names in a message."""
 
+_MAX_KNOWN_NAMES = 16
+
 MAX_SUGGESTIONS = 50
 """The maximum number of findings of a rule for which close names are searched. A search takes time,
 and many errors of one kind usually have one cause."""
@@ -61,10 +63,21 @@ def did_you_mean(wrong: str, known: Iterable[str]) -> str:
     return _closest(wrong, tuple(islice(known, _MAX_CANDIDATES)))
 
 
-def unknown_name_help(wrong: str, known: Iterable[str], otherwise: str) -> str:
-    """Help for an unknown name: the most similar known one, if any, and what is said otherwise."""
-    close = did_you_mean(wrong, known)
-    return f"did you mean '{close}'? {otherwise}" if close else otherwise
+def unknown_name_help(wrong: str, known: Iterable[str], what: str, if_none: str = "") -> str:
+    """Help for an unknown name: the most similar known one, if any, and which there are.
+
+    Args:
+        wrong: the unknown name.
+        known: the known names.
+        what: what they are, such as ``known keys``.
+        if_none: what is said where there are none.
+    """
+    names = list(known)
+    if not names:
+        return if_none
+    close = did_you_mean(wrong, names)
+    listed = f"{what}: {first_words([clip(name) for name in names], _MAX_KNOWN_NAMES)}"
+    return f"did you mean '{close}'? {listed}" if close else listed
 
 
 @lru_cache(maxsize=200)  # many specs name the same thing that is not installed

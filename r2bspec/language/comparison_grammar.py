@@ -25,7 +25,7 @@ import operator
 import re
 from collections.abc import Callable, Mapping
 from functools import lru_cache
-from typing import Any, ClassVar, Final, Literal, TypeVar
+from typing import Any, ClassVar, Final, Literal, TypeVar, dataclass_transform
 
 import msgspec
 
@@ -89,16 +89,18 @@ class Bound(msgspec.Struct, frozen=True, kw_only=True):
     of_baseline: bool = False
 
 
+@dataclass_transform(kw_only_default=True, eq_default=False)
 class ParsedText:
-    """A text that a grammar has parsed: immutable, and equal to any other with the same text.
+    """A text that a grammar has parsed: equal to any other of its class with the same text.
 
-    Not a struct: in every document it is a string (see `r2bspec.language.declaration`).
+    Its fields are annotated in its classes. Neither a struct nor a dataclass: in every document it
+    is a string (see `r2bspec.language.declaration`).
     """
 
-    __slots__ = ("text",)
+    text: str
 
-    def __init__(self, text: str) -> None:
-        self.text = text
+    def __init__(self, **fields: object) -> None:
+        vars(self).update(fields)
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and other.text == self.text
@@ -129,44 +131,18 @@ class Requirement(ParsedText):
         bound_column: offset of the bound into `text`.
         windows_share: the share of windows of `window_ns` in which the comparison must be true,
             as a fraction; None if it applies to all measurements at once.
-        windows_column: offset of ``in`` into `text`.
     """
-
-    __slots__ = (
-        "bound",
-        "bound_column",
-        "metric",
-        "metric_column",
-        "op",
-        "window_ns",
-        "windows_column",
-        "windows_share",
-    )
 
     kind: ClassVar[str] = "requirement"
 
-    def __init__(
-        self,
-        *,
-        text: str,
-        metric: str,
-        op: Operator | None = None,
-        bound: Bound | None = None,
-        metric_column: int = 0,
-        bound_column: int = 0,
-        windows_share: float | None = None,
-        window_ns: int = 0,
-        windows_column: int = 0,
-    ) -> None:
-        super().__init__(text)
-        self.metric = metric
-        self.op = op
-        self.bound = bound
-        self.metric_column = metric_column
-        self.bound_column = bound_column
-        self.windows_share = windows_share
-        self.window_ns = window_ns
-        self.windows_column = windows_column
+    text: str
+    metric: str
+    op: Operator | None = None
+    bound: Bound | None = None
+    metric_column: int = 0
+    bound_column: int = 0
+    windows_share: float | None = None
+    window_ns: int = 0
 
     @classmethod
     def parse(cls, text: str) -> Requirement:
@@ -204,29 +180,16 @@ class Condition(ParsedText):
         literal_column: offset of the literal into `text`.
     """
 
-    __slots__ = ("literal", "literal_column", "of_length", "op", "path", "path_column")
-
     kind: ClassVar[str] = "condition on a message"
     example: ClassVar[str] = _CONDITION_EXAMPLE
 
-    def __init__(
-        self,
-        *,
-        text: str,
-        path: tuple[Step, ...],
-        of_length: bool,
-        op: Operator,
-        literal: float | bool | str,
-        path_column: int = 0,
-        literal_column: int = 0,
-    ) -> None:
-        super().__init__(text)
-        self.path = path
-        self.of_length = of_length
-        self.op: Operator = op
-        self.literal = literal
-        self.path_column = path_column
-        self.literal_column = literal_column
+    text: str
+    path: tuple[Step, ...]
+    of_length: bool
+    op: Operator
+    literal: float | bool | str
+    path_column: int = 0
+    literal_column: int = 0
 
     @classmethod
     def parse(cls, text: str) -> Condition:
@@ -278,7 +241,6 @@ def parse_requirement(text: str) -> Requirement:
         bound_column=column,
         windows_share=share,
         window_ns=window_ns,
-        windows_column=windows.start() + 1 if windows is not None else 0,
     )
 
 

@@ -217,17 +217,14 @@ class ValueRule(msgspec.Struct, eq=False, dict=True, kw_only=True):
             or (not rule.loader and rule.is_required)
         )
 
-    @cached_property
-    def required_if_live(self) -> tuple[str, ...]:
-        """The keys that a map must have in a live benchmark."""
-        keys = self.keys or {}
-        return tuple(name for name in self.required if not keys[name].about.unless_live)
-
-    @cached_property
-    def required_if_calls(self) -> tuple[str, ...]:
-        """The keys that a map must have in a benchmark of services, and in any other one."""
-        keys = self.keys or {}
-        return tuple(name for name in self.required_if_live if not keys[name].about.unless_calls)
+    def required_unless(self, *, live: bool, calls: bool) -> tuple[str, ...]:
+        """The keys that a map must have where nothing is played, or services are called."""
+        about = {name: rule.about for name, rule in (self.keys or {}).items()}
+        return tuple(
+            name
+            for name in self.required
+            if not (live and about[name].unless_live) and not (calls and about[name].unless_calls)
+        )
 
     @property
     def is_required(self) -> bool:
@@ -344,6 +341,20 @@ def rule_at(path: Path) -> ValueRule | None:
     for step in path:
         rule = rule.below(step) if rule is not None else None
     return rule
+
+
+def unknown_step(path: Path) -> int | None:
+    """The position of the first step of a path that the language does not have; None if it has all.
+
+    What is below a value of any form is not of the language.
+    """
+    rule = language()
+    for position, step in enumerate(path):
+        below = rule.below(step)
+        if below is None:
+            return position if rule.kinds else None
+        rule = below
+    return None
 
 
 def change_at(path: Path) -> Change:

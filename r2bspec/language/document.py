@@ -155,12 +155,11 @@ def read_text(text: str, file: str) -> Source:
     wrong = (_FORBIDDEN_ASCII if text.isascii() else _forbidden()).search(text)
     if wrong is not None:
         place = source.span_at(wrong.start())
-        if wrong[0] == "\0":
-            message = "a NUL byte is not allowed in YAML"
-            problems.error("R2B003", message, place, "is this a text file?")
-        else:
-            message = f"the character U+{ord(wrong[0]):04X} is not allowed in YAML"
-            problems.error("R2B003", message, place, "remove it", edit=Edit(place, ""))
+        message = f"the character U+{ord(wrong[0]):04X} is not allowed in YAML"
+        is_text = wrong[0] != "\0"
+        help_text = "remove it" if is_text else "is this a text file?"
+        edit = Edit(place, "") if is_text else None
+        problems.error("R2B003", message, place, help_text, edit=edit)
     return Source(file, text, tuple(problems.diagnostics))
 
 

@@ -18,12 +18,20 @@ from typing import Final
 from msgspec.structs import replace
 
 from r2bspec.diagnostics import Diagnostic, Edit, Path, Related, did_you_mean, format_path
-from r2bspec.diagnostics.quote import clip, first_words, join_words, quote
+from r2bspec.diagnostics.quote import clip, first_words, join_words, quote, unknown_name_help
 from r2bspec.language import names
 from r2bspec.language.comparison_grammar import ComparisonError, Condition, Requirement
 from r2bspec.language.declaration import NamePattern, ValueRule, language, rule_at
 from r2bspec.language.document import MAX_PROBLEMS, inner_span
-from r2bspec.language.located_tree import MapNode, ScalarNode, lookup, span_at, to_plain
+from r2bspec.language.located_tree import (
+    ListNode,
+    MapNode,
+    ScalarNode,
+    TreeNode,
+    entries_of,
+    lookup,
+    span_at,
+)
 from r2bspec.language.quantities import Quantity, QuantityError, Share
 from r2bspec.language.read_spec import Violation
 from r2bspec.language.yaml_document import ScalarError, resolve
@@ -66,7 +74,7 @@ def _is_explained(path: Path, explained: set[Path]) -> bool:
 def missing_keys(violation: Violation, renamed: set[Path]) -> Iterator[Diagnostic]:
     """One diagnostic for all keys that a map lacks."""
     keys = violation.rule.keys or {}
-    present = violation.node.entries if isinstance(violation.node, MapNode) else {}
+    present = entries_of(violation.node)
     missing = [
         key
         for key in violation.required
@@ -158,59 +166,52 @@ def swapped_keys(violations: Sequence[Violation]) -> Iterator[tuple[tuple[Path, 
         for depth, key in enumerate(violation.path):
             if isinstance(key, str):
                 broken.setdefault(violation.path[:depth], {}).setdefault(key, violation)
-    for owner, keys in list(broken.items())[:_MAX_OWNERS]:
-        rule = rule_at(owner)
+    for path, keys in list(broken.items())[:_MAX_OWNERS]:
+        rule, owner = rule_at(path), lookup(violations[0].root, path)
         known = (rule.keys if rule is not None else None) or {}
-        candidates = [key for key in keys if key in known][:_MAX_KEYS]
+        if not isinstance(owner, MapNode):
+            continue
+        # In the order of the document.
+        candidates = [key for key in owner.entries if key in keys and key in known][:_MAX_KEYS]
         for first, second in combinations(candidates, 2):
-            if _are_swapped(keys[first], owner, (first, second), known):
-                paths = ((*owner, first), (*owner, second))
-                yield paths, _swapped(keys[first], owner, (first, second))
+            if _are_swapped(owner, known, first, second):
+                paths = ((*path, first), (*path, second))
+                yield (
+                    paths,
+                    keys[first].error(
+                        "R2B150",
+                        f"'{first}' and '{second}' have each other's content",
+                        "swap the two keys",
+                        span=owner.entries[first].key_span,
+                        path=paths[0],
+                        related=(Related("the other key", owner.entries[second].key_span),),
+                    ),
+                )
 
 
-def _are_swapped(
-    violation: Violation, owner: Path, keys: tuple[str, str], known: dict[str, ValueRule]
-) -> bool:
-    first, second = (lookup(violation.root, (*owner, key)) for key in keys)
-    if first is None or second is None:
+def _are_swapped(owner: MapNode, known: Mapping[str, ValueRule], first: str, second: str) -> bool:
+    one, other = owner.entries[first].value, owner.entries[second].value
+    if not (isinstance(one, MapNode | ListNode) and isinstance(other, MapNode | ListNode)):
         return False
-    value, other = to_plain(first), to_plain(second)
-    if not (isinstance(value, dict | list) and isinstance(other, dict | list)):
-        return False
-    here, there = known[keys[0]], known[keys[1]]
-    wrong_here = not _has_shape(value, here) and not _has_shape(other, there)
-    return wrong_here and _has_shape(value, there) and _has_shape(other, here)
+    here, there = known[first], known[second]
+    wrong_here = not _has_shape(one, here) and not _has_shape(other, there)
+    return wrong_here and _has_shape(one, there) and _has_shape(other, here)
 
 
-def _has_shape(plain: object, rule: ValueRule | None) -> bool:
+def _has_shape(node: TreeNode, rule: ValueRule | None) -> bool:
     """Whether a value has the keys and levels that a rule requires; scalars are ignored.
 
     Below unknown keys, references to variables are not replaced, so scalars cannot be validated.
     """
     if rule is None:
         return False
-    if isinstance(plain, list):
-        return "array" in rule.kinds and all(_has_shape(item, rule.items) for item in plain)
-    if not isinstance(plain, dict):
+    if isinstance(node, ListNode):
+        return "array" in rule.kinds and all(_has_shape(item, rule.items) for item in node.items)
+    if not isinstance(node, MapNode):
         return not rule.kinds or bool(set(rule.kinds) - {"array", "object"})
-    if "object" not in rule.kinds or any(key not in plain for key in rule.required):
+    if "object" not in rule.kinds or any(key not in node.entries for key in rule.required):
         return False
-    return all(_has_shape(below, rule.below(key)) for key, below in plain.items())
-
-
-def _swapped(violation: Violation, owner: Path, keys: tuple[str, str]) -> Diagnostic:
-    holder = lookup(violation.root, owner)
-    assert isinstance(holder, MapNode)  # noqa: S101 - both keys were found in it
-    # In the order of the document.
-    first, second = (key for key in holder.entries if key in keys)
-    return violation.error(
-        "R2B150",
-        f"'{first}' and '{second}' have each other's content",
-        "swap the two keys",
-        span=holder.entries[first].key_span,
-        path=(*owner, first),
-        related=(Related("the other key", holder.entries[second].key_span),),
-    )
+    return all(_has_shape(entry.value, rule.below(key)) for key, entry in node.entries.items())
 
 
 _SYNONYMS = {
@@ -446,16 +447,13 @@ def _integer_help(node: ScalarNode) -> tuple[str, str]:
 
 def invalid_choice(violation: Violation) -> Diagnostic:
     """A word that is not one of the choices."""
-    words = violation.rule.words
-    close = did_you_mean(violation.value, words)
-    known = "choices: " if len(words) > 1 else "the only choice: "
-    known += comma_separated(words)
-    same = close and close == violation.value.strip().casefold().replace("-", "_")
+    words, value = violation.rule.words, violation.value
+    meant = value.strip().casefold().replace("-", "_")
     return violation.error(
         "R2B104",
-        f"unknown choice {quote(violation.value)} for {violation.name}",
-        f"did you mean {close}? {known}" if close else known,
-        repair=close if same else "",
+        f"unknown choice {quote(value)} for {violation.name}",
+        unknown_name_help(value, words, "choices"),
+        repair=meant if meant in words else "",
     )
 
 

@@ -88,10 +88,9 @@ KEY = "extends"
 
 
 class _FileContext(msgspec.Struct, frozen=True):
-    """A document that is being read: its file name, its real path, and the places leading to it."""
+    """A document that is being read: its file name, the places that led to it, and real paths."""
 
     file: str
-    real: FilePath
     trace: tuple[Related, ...]
     ancestors: tuple[FilePath, ...]
 
@@ -103,7 +102,7 @@ def extend_files(document: Document, allowed: Iterable[FilePath] = ()) -> None:
         home = document.base_dir.resolve()
         work = _FileMerger(document, (home, *(FilePath(folder).resolve() for folder in allowed)))
         real = home / FilePath(document.file).name
-        document.tree = work.merge(root, _FileContext(document.file, real, (), (real,)))
+        document.tree = work.merge(root, _FileContext(document.file, (), (real,)))
 
 
 class _FileMerger:
@@ -170,7 +169,7 @@ class _FileMerger:
         below = self._compose_file(node, file)
         if below is None:
             return None
-        inner = _FileContext(file, real, trace, (*place.ancestors, real))
+        inner = _FileContext(file, trace, (*place.ancestors, real))
         whole = self.merge(below, inner) if KEY in below.entries else below
         moved = posixpath.dirname(posixpath.normpath(text))
         if not moved:
@@ -307,13 +306,12 @@ class _Section:
         entries = self._entries.entries
         if base not in entries or not isinstance(entries[base].value, tree.MapNode):
             others = [other for other in entries if other != name]
-            known = "known entries: " + ", ".join(others[:12]) if others else "there are no others"
             self._error(
                 name,
                 "R2B136",
                 f"{quote(format_path(self._section))} has no entry {quote(base)} to extend",
                 span,
-                unknown_name_help(base, others, known),
+                unknown_name_help(base, others, "known entries", "there are no others"),
             )
             return None
         origin = Related(f"'{name}' extends '{base}' here", span)

@@ -120,7 +120,7 @@ def _known_keys(rule: ValueRule) -> Schema:
         "additionalProperties": False,
         "patternProperties": {"^x-": {"description": "Ignored."}},
     }
-    required = list(rule.required_if_calls)
+    required = list(rule.required_unless(live=True, calls=True))
     if required and "extends" in keys:
         # Required keys may come from the extended entry.
         return schema | {"if": {"not": {"required": ["extends"]}}, "then": {"required": required}}

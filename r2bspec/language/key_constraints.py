@@ -13,11 +13,10 @@ from typing import Final
 from r2bspec.diagnostics import Diagnostic, Path, Related, Span, format_path
 from r2bspec.diagnostics.quote import unknown_name_help
 from r2bspec.language import located_tree as tree
-from r2bspec.language.node_kinds import NODE_KIND_KEYS, NODE_KINDS, kinds_help, members
+from r2bspec.language.node_kinds import NODE_KIND_KEYS, NODE_KINDS, Refusal, kinds_help, members
 from r2bspec.language.quantities import QuantityError, Rate
 from r2bspec.language.spec_benchmark import ACCEPTED, FEEDBACK
 from r2bspec.language.spec_graph import PROCESS_KEYS
-from r2bspec.language.variables import declared_variables_help
 from r2bspec.safe_io.limits import MAX_PLANNED_ITERATIONS, MAX_RANGE_RATES, MAX_REQUIREMENTS
 
 _PROBES: Final = {
@@ -30,6 +29,8 @@ _NODE_MAPS: Final[tuple[Path, ...]] = (("preprocessors",), ("graph", "nodes"))
 _GROUPS: Final = {key: kind.group for kind in NODE_KINDS for key in kind.keys}
 _INTRA_PROCESS: Final = "use_intra_process_comms"
 _KIND_HELP: Final = f"use one of {kinds_help()}"
+_NOT_STARTED: Final = Refusal("r2bspec does not start its processes")
+_SHARED: Final = Refusal("it shares its process with other nodes", "move it to the container")
 
 
 def key_constraint_errors(
@@ -50,12 +51,11 @@ def key_constraint_errors(
             yield from _policies(document, path)
             yield from _launch(document, (*path, "launch"))
     for path, _ in document.entries(("containers",)):
+        yield from _policies(document, path)
         if document.word(*path, "executable") == "python":
             why = ": a container of Python nodes has no arguments"
             yield from document.without_effect([(*path, "arguments")], why, "remove '{key}'")
     yield from _bags(document)
-    for path, _ in document.entries(("containers",)):
-        yield from _policies(document, path)
     for name, keys in _PROBES.items():
         listed = ", ".join(f"'{key}'" for key in keys[:-1]) + f" or '{keys[-1]}'"
         for path, _ in document.entries((name,)):
@@ -85,24 +85,17 @@ class _Document:
 
     def keys(self, *path: str | int) -> Sequence[str]:
         """The keys of the map at a path; none if there is no map."""
-        node = self.map_at(*path)
-        return tuple(node.entries) if node is not None else ()
+        return tuple(tree.entries_of(tree.lookup(self.root, path)))
 
     def entries(self, section: Path) -> Iterator[tuple[Path, tree.MapNode]]:
         """The entries of a section that are maps, with their paths."""
-        for name in self.keys(*section):
-            entry = self.map_at(*section, name)
-            if entry is not None:
-                yield (*section, name), entry
+        for name, entry in tree.entries_of(tree.lookup(self.root, section)).items():
+            if isinstance(entry.value, tree.MapNode):
+                yield (*section, name), entry.value
 
     def word(self, *path: str | int) -> str:
         """The text at a path, or an empty one."""
-        value = tree.lookup(self.root, path)
-        return (
-            value.value
-            if isinstance(value, tree.ScalarNode) and isinstance(value.value, str)
-            else ""
-        )
+        return tree.text_of(tree.lookup(self.root, path))
 
     def number(self, path: Path, default: int) -> int | None:
         """The integer at a path, its default, or None for another value."""
@@ -176,33 +169,25 @@ def _node(document: _Document, node: tree.MapNode, path: Path) -> Iterator[Diagn
             message = f"{name} does not define what to run"
             yield document.error(path, message, _KIND_HELP, "R2B113")
         return
-    if len(first_of) > 1:
-        yield document.both(path, list(first_of.values()), _KIND_HELP, "R2B113")
-        return
     group = next(iter(first_of))
+    several = [*first_of.values()] if len(first_of) > 1 else [key for key in given if key != group]
+    if len(several) > 1:
+        yield document.both(path, several, _KIND_HELP, "R2B113")
+        return
     alike = members(group)
-    if len(alike) > 1:
-        markers = [key for key in given if key != group]
-        if len(markers) > 1:
-            yield document.both(path, markers, _KIND_HELP, "R2B113")
-            return
-        if len(given) == 1 and path not in document.misspelt:
-            yield _incomplete(document, path, given[0], group)
-            return
+    if len(alike) > 1 and len(given) == 1 and path not in document.misspelt:
+        yield _incomplete(document, path, given[0], group)
+        return
     kind = next((kind_ for kind_ in alike if kind_.marker in given), alike[-1])
-    refused = {
-        key: (rule.why, rule.help or f"remove '{key}'") for key, rule in kind.refuses.items()
-    }
+    refused = dict(kind.refuses)
     if kind.by_others:
-        for key in PROCESS_KEYS:
-            refused[key] = "r2bspec does not start its processes", f"remove '{key}'"
+        refused |= dict.fromkeys(PROCESS_KEYS, _NOT_STARTED)
     if "container" in node.entries:
-        for key in (*PROCESS_KEYS, "env"):
-            why = "it shares its process with other nodes"
-            refused.setdefault(key, (why, f"move '{key}' to the container"))
-    for key, (why, help_text) in refused.items():
+        refused = dict.fromkeys((*PROCESS_KEYS, "env"), _SHARED) | refused
+    for key, refusal in refused.items():
         if key in node.entries:
-            yield document.error((*path, key), f"{name} cannot have '{key}': {why}", help_text)
+            message = f"{name} cannot have '{key}': {refusal.why}"
+            yield document.error((*path, key), message, refusal.help or f"remove '{key}'")
     if _INTRA_PROCESS in document.keys(*path, "extra_arguments"):
         message = f"'{_INTRA_PROCESS}' of {name} has a key of its own"
         help_text = "write 'intra_process' in the node instead"
@@ -212,9 +197,9 @@ def _node(document: _Document, node: tree.MapNode, path: Path) -> Iterator[Diagn
 def _policies(document: _Document, path: Path) -> Iterator[Diagnostic]:
     """Policies of real time have a priority, and others have none."""
     scheduling = (*path, "scheduling")
-    threads = tree.lookup(document.root, (*scheduling, "threads"))
-    number = len(threads.items) if isinstance(threads, tree.ListNode) else 0
-    for place in (scheduling, *((*scheduling, "threads", index) for index in range(number))):
+    threads = (*scheduling, "threads")
+    number = len(tree.items_of(tree.lookup(document.root, threads)))
+    for place in (scheduling, *((*threads, index) for index in range(number))):
         policy, priority = document.word(*place, "policy"), document.number((*place, "priority"), 0)
         if policy in {"fifo", "rr"}:
             if priority == 0:
@@ -274,11 +259,11 @@ def _bags(document: _Document) -> Iterator[Diagnostic]:
         help_text = "add 'bag: r2b_storage', or 'bag: ./a/bag'"
         yield document.error(place, "'data_loader' needs 'bag' or 'bags'", help_text, "R2B114")
     bags = tree.child(loader, "bags")
-    items = bags.items if isinstance(bags, tree.ListNode) else ()
-    if isinstance(bags, tree.ListNode) and not items:
+    if isinstance(bags, tree.ListNode) and not bags.items:
         message = "'data_loader.bags' must not be empty"
         yield document.error((*place, "bags"), message, "for example: [./a/bag]", "R2B108")
-    for path in ((*place, "bag"), *((*place, "bags", index) for index in range(len(items)))):
+    number = len(tree.items_of(bags))
+    for path in ((*place, "bag"), *((*place, "bags", index) for index in range(number))):
         if document.map_at(*path) is not None:
             help_text = "add 'dataset: r2b_storage', or 'path: ./a/bag'"
             keys = ("dataset", "path")
@@ -318,11 +303,7 @@ def _calls(document: _Document, mode: str) -> Iterator[Diagnostic]:
             calls, "'playback.calls' must not be empty", "name a service", "R2B108"
         )
     plays = document.map_at("playback", "inputs") is not None
-    recorded = [
-        (*calls, name, "from")
-        for name in document.keys(*calls)
-        if "from" in document.keys(*calls, name)
-    ]
+    recorded = [(*path, "from") for path, call in document.entries(calls) if "from" in call.entries]
     if not plays:
         keys = ("buffer", "unpaired", "pairing", "clock", "record_timeline", "tf")
         unused: list[Path] = [("preprocessors",), *(("playback", key) for key in keys)]
@@ -389,13 +370,10 @@ def _recorded_rates(document: _Document, mode: str) -> Iterator[Diagnostic]:
 def _translations(document: _Document) -> Iterator[Diagnostic]:
     inputs = document.map_at("playback", "inputs")
     path = ("playback", "timeline", "translations")
-    translations = document.map_at(*path)
-    if inputs is None or translations is None:
-        return
-    for topic, entry in translations.entries.items():
-        if topic not in inputs.entries and entry.key_resolved:
-            known = "inputs: " + ", ".join(list(inputs.entries)[:10])
-            help_text = unknown_name_help(topic, inputs.entries, known)
+    translations = tree.entries_of(tree.lookup(document.root, path))
+    for topic, entry in translations.items():
+        if inputs is not None and topic not in inputs.entries and entry.key_resolved:
+            help_text = unknown_name_help(topic, inputs.entries, "inputs")
             yield document.error((*path, topic), f"unknown playback input '{topic}'", help_text)
 
 
@@ -472,15 +450,8 @@ def _number_of_rates(document: _Document) -> int:
 
 def _range(document: _Document) -> Iterator[Diagnostic]:
     path: Path = ("benchmark", "rates")
-    unclear = list(
-        document.one_of(
-            path,
-            ("step", "count"),
-            "R2B118",
-            "'step' or 'count'",
-            "add 'step: 10 Hz', or 'count: 6'",
-        )
-    )
+    keys, help_text = ("step", "count"), "add 'step: 10 Hz', or 'count: 6'"
+    unclear = list(document.one_of(path, keys, "R2B118", "'step' or 'count'", help_text))
     first, last, step = (document.rate(*path, key) for key in ("from", "to", "step"))
     if unclear or first is None or last is None:
         yield from unclear
@@ -502,15 +473,15 @@ def _conditions(document: _Document) -> Iterator[Diagnostic]:
     for path, _ in document.entries(("slos",)):
         for name in document.keys(*path, "when"):
             if name not in declared:
-                help_text = declared_variables_help(name, declared, "declare it under 'variables'")
-                message = f"unknown variable '{name}'"
+                message, if_none = f"unknown variable '{name}'", "declare it under 'variables'"
+                help_text = unknown_name_help(name, sorted(declared), "declared variables", if_none)
                 yield document.error((*path, "when", name), message, help_text, "R2B120")
 
 
 def _requirements(document: _Document) -> Iterator[Diagnostic]:
     """The requirements of all objectives together have a limit."""
     lists = (tree.child(objective, "require") for _, objective in document.entries(("slos",)))
-    number = sum(len(list_.items) for list_ in lists if isinstance(list_, tree.ListNode))
+    number = sum(len(tree.items_of(listed)) for listed in lists)
     if number > MAX_REQUIREMENTS:
         message = f"{number:,} requirements; the limit is {MAX_REQUIREMENTS:,}"
         yield document.error(("slos",), message, "split the spec", "R2B129")

@@ -37,7 +37,7 @@ from r2bspec.language.matrix import MatrixCase, MatrixCases, matrix_of
 from r2bspec.language.read_spec import read_spec
 from r2bspec.language.spec import Spec
 from r2bspec.language.substitution import substitute
-from r2bspec.language.variables import OPENING, apply_overrides, with_variables
+from r2bspec.language.variables import apply_overrides, with_variables
 from r2bspec.language.yaml_document import compose, to_yaml
 from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
 
@@ -217,28 +217,18 @@ def _without_notes(root: located_tree.TreeNode, rule: ValueRule) -> located_tree
     done: dict[tuple[int, int], located_tree.TreeNode] = {}
 
     def strip(node: located_tree.TreeNode, rule: ValueRule | None) -> located_tree.TreeNode:
-        if rule is None or not isinstance(node, located_tree.MapNode):
+        if rule is None or type(node) is not located_tree.MapNode:
             return node
         name = (id(node), id(rule))
         if name not in done:
-            done[name] = strip_map(node, rule)
+            entries = {}
+            for key, entry in node.entries.items():
+                if rule.keys is None or not key.startswith("x-"):
+                    value = strip(entry.value, rule.below(key))
+                    entries[key] = entry if value is entry.value else entry.with_value(value)
+            same = all(entries.get(key) is entry for key, entry in node.entries.items())
+            done[name] = node if same else located_tree.MapNode(entries, node.span)
         return done[name]
-
-    def strip_map(node: located_tree.MapNode, rule: ValueRule) -> located_tree.MapNode:
-        known = rule.keys
-        entries: dict[str, located_tree.Entry] = {}
-        changed = False
-        for key, entry in node.entries.items():
-            if known is not None and key.startswith("x-"):
-                changed = True
-                continue
-            if type(entry.value) is located_tree.MapNode:
-                value = strip(entry.value, rule.below(key))
-                if value is not entry.value:
-                    changed = True
-                    entry = entry.with_value(value)
-            entries[key] = entry
-        return located_tree.MapNode(entries, node.span) if changed else node
 
     return strip(root, rule)
 
@@ -246,19 +236,13 @@ def _without_notes(root: located_tree.TreeNode, rule: ValueRule) -> located_tree
 def _drop_checked_matrix(document: Document, first: LoadedSpec) -> None:
     """Remove the matrix once one case was loaded: it is the same, and as long, in every case.
 
-    Its problems are those of the document. A matrix with references, which is rare, stays: what
-    they refer to may differ.
+    Its problems are those of the document.
     """
-    tree = document.tree
-    if not isinstance(tree, located_tree.MapNode) or MATRIX not in tree.entries:
-        return
-    scalars = located_tree.scalars_with_paths(tree.entries[MATRIX].value)
-    if any(OPENING in scalar.text for _, scalar in scalars):
-        return
-    document.problems.diagnostics += [
-        problem for problem in first.diagnostics if problem.path[:1] == (MATRIX,)
-    ]
-    document.tree = located_tree.without(tree, MATRIX)
+    if isinstance(document.tree, located_tree.MapNode):
+        document.problems.diagnostics += [
+            problem for problem in first.diagnostics if problem.path[:1] == (MATRIX,)
+        ]
+        document.tree = located_tree.without(document.tree, MATRIX)
 
 
 def _select_cases(
@@ -277,12 +261,11 @@ def _select_cases(
     matching = tuple(matrix_case for matrix_case in matrix_cases if matrix_case.name == selected)
     if not matching:
         names = [matrix_case.name for matrix_case in matrix_cases]
-        known = "known cases: " + ", ".join(names[:12]) if names else "it has no matrix"
         document.problems.error(
             "R2B140",
             f"unknown case {quote(selected)}",
             matrix.span if matrix is not None else Span.of_file(document.file),
-            unknown_name_help(selected, names, known),
+            unknown_name_help(selected, names, "known cases", "it has no matrix"),
         )
     return matrix, matching
 
@@ -353,14 +336,11 @@ def _is_consequence(problem: Diagnostic, incomplete: set[Path]) -> bool:
 
 def _condition_variables(root: located_tree.TreeNode) -> frozenset[str]:
     """The variables in the `when` of objectives."""
-    slos = located_tree.child(root, "slos")
-    objectives = slos.entries.values() if isinstance(slos, located_tree.MapNode) else ()
-    conditions = (located_tree.child(objective.value, "when") for objective in objectives)
+    objectives = located_tree.entries_of(located_tree.child(root, "slos")).values()
     return frozenset(
         name
-        for condition in conditions
-        if isinstance(condition, located_tree.MapNode)
-        for name in condition.entries
+        for objective in objectives
+        for name in located_tree.entries_of(located_tree.child(objective.value, "when"))
     )
 
 

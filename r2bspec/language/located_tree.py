@@ -9,7 +9,7 @@ dataclass takes twenty times as long. Trees have no cycles, so the collector nee
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -83,6 +83,28 @@ def child(node: TreeNode | None, part: str | int) -> TreeNode | None:
     return None
 
 
+def entries_of(node: TreeNode | None) -> Mapping[str, Entry]:
+    """The entries of a map; of anything else none."""
+    return node.entries if isinstance(node, MapNode) else {}
+
+
+def items_of(node: TreeNode | None) -> Sequence[TreeNode]:
+    """The items of a list; of anything else none."""
+    return node.items if isinstance(node, ListNode) else ()
+
+
+def text_of(node: TreeNode | None) -> str:
+    """The text that a node is; empty for anything else."""
+    return node.value if isinstance(node, ScalarNode) and isinstance(node.value, str) else ""
+
+
+def children(node: TreeNode) -> Sequence[tuple[str | int, TreeNode]]:
+    """The values directly inside a map or a list, with their keys or indices."""
+    if isinstance(node, MapNode):
+        return [(key, entry.value) for key, entry in node.entries.items()]
+    return list(enumerate(items_of(node)))
+
+
 def lookup(root: TreeNode | None, path: Path) -> TreeNode | None:
     """The value at a path, or None."""
     node = root
@@ -91,40 +113,29 @@ def lookup(root: TreeNode | None, path: Path) -> TreeNode | None:
     return node
 
 
-def replace_at(root: TreeNode, path: Path, value: TreeNode) -> TreeNode:
-    """The tree with the value at an existing path replaced; everything else is shared."""
+def replace_at(
+    root: TreeNode | None, path: Path, value: TreeNode, made_at: Sequence[Span] = ()
+) -> TreeNode:
+    """The tree with the value at a path replaced; everything else is shared.
+
+    Args:
+        root: the tree.
+        path: of the value.
+        value: the new one.
+        made_at: a place for each key of the path: maps and keys that are missing are made there.
+    """
     if not path:
         return value
-    part, rest = path[0], path[1:]
-    if isinstance(root, MapNode):
-        old = root.entries[str(part)]
-        new = old.with_value(replace_at(old.value, rest, value))
-        return MapNode({**root.entries, str(part): new}, root.span)
+    part = path[0]
+    changed = replace_at(child(root, part), path[1:], value, made_at[1:])
     if isinstance(root, ListNode):
-        index = int(part)
         items = list(root.items)
-        items[index] = replace_at(items[index], rest, value)
+        items[int(part)] = changed
         return ListNode(tuple(items), root.span)
-    return root
-
-
-def size_of(root: TreeNode) -> int:
-    """The number of values of a tree; one that an alias repeats counts every time."""
-    known: dict[int, int] = {}
-
-    def count(node: TreeNode) -> int:
-        if isinstance(node, ScalarNode | UnknownNode):
-            return 1
-        if id(node) not in known:
-            below = (
-                node.items
-                if isinstance(node, ListNode)
-                else (entry.value for entry in node.entries.values())
-            )
-            known[id(node)] = 1 + sum(map(count, below))
-        return known[id(node)]
-
-    return count(root)
+    entries = dict(entries_of(root))
+    old = entries.get(str(part))
+    entries[str(part)] = Entry(made_at[0], changed) if old is None else old.with_value(changed)
+    return MapNode(entries, root.span if isinstance(root, MapNode) else made_at[0])
 
 
 def count_values(root: TreeNode) -> int:
@@ -132,13 +143,9 @@ def count_values(root: TreeNode) -> int:
     counts: dict[int, int] = {}
 
     def count(node: TreeNode) -> int:
-        if isinstance(node, MapNode):
-            below = [entry.value for entry in node.entries.values()]
-        else:
-            below = [*node.items] if isinstance(node, ListNode) else []
-        if below and id(node) not in counts:
-            counts[id(node)] = 1 + sum(map(count, below))
-        return counts.get(id(node), 1)
+        if id(node) not in counts:
+            counts[id(node)] = 1 + sum(count(below) for _, below in children(node))
+        return counts[id(node)]
 
     return count(root)
 
@@ -153,10 +160,7 @@ def scalars_with_paths(root: TreeNode) -> Iterator[tuple[Path, ScalarNode]]:
             yield path, node
         elif id(node) not in visited:
             visited.add(id(node))
-            if isinstance(node, MapNode):
-                pending += [((*path, key), value.value) for key, value in node.entries.items()]
-            elif isinstance(node, ListNode):
-                pending += [((*path, index), item) for index, item in enumerate(node.items)]
+            pending += [((*path, step), below) for step, below in children(node)]
 
 
 def without(node: MapNode, key: str) -> MapNode:

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING
 import msgspec
 from msgspec.structs import replace
 
-from r2bspec.diagnostics import Diagnostic, Related, Severity, Span, did_you_mean
-from r2bspec.diagnostics.quote import clip, first_words, quote
+from r2bspec.diagnostics import Diagnostic, Related, Severity, Span
+from r2bspec.diagnostics.quote import clip, first_words, quote, unknown_name_help
 from r2bspec.language import located_tree as tree
 from r2bspec.language.declaration import language
 from r2bspec.language.document import DiagnosticCollector
@@ -71,30 +71,21 @@ def matrix_of(root: tree.TreeNode) -> MatrixCases | None:
     value, _ = read_value(node, (language().keys or {})[KEY])
     if value is INVALID:
         return matrix
-    axes = _entries(node, "axes")
-    cases = {
-        name: (entry.key_span, _values(entry.value))
-        for name, entry in _entries(node, "cases").items()
-    }
-    listed = tree.child(node, "exclude")
-    rules = listed.items if isinstance(listed, tree.ListNode) else ()
-    excluded = [(rule.span, _values(rule)) for rule in rules]
-    if _check_names(matrix.problems, _entries(root, "variables"), axes, cases, excluded):
-        size = tree.size_of(tree.without(root, KEY))
+    axes = tree.entries_of(tree.child(node, "axes"))
+    named = tree.entries_of(tree.child(node, "cases"))
+    cases = {name: (entry.key_span, _values(entry.value)) for name, entry in named.items()}
+    excluded = [(rule.span, _values(rule)) for rule in tree.items_of(tree.child(node, "exclude"))]
+    variables = tree.entries_of(tree.child(root, "variables"))
+    if _check_names(matrix.problems, variables, axes, cases, excluded):
+        size = tree.count_values(tree.without(root, KEY))
         matrix.matrix_cases = _expand_cases(matrix, axes, cases, excluded, size)
     return matrix
 
 
-def _entries(node: tree.TreeNode, key: str) -> Mapping[str, tree.Entry]:
-    below = tree.child(node, key)
-    return below.entries if isinstance(below, tree.MapNode) else {}
-
-
 def _values(node: tree.TreeNode) -> Values:
-    entries = node.entries if isinstance(node, tree.MapNode) else {}
     return {
         name: entry.value
-        for name, entry in entries.items()
+        for name, entry in tree.entries_of(node).items()
         if isinstance(entry.value, tree.ScalarNode)
     }
 
@@ -107,7 +98,10 @@ def _expand_cases(
     values_in_case: int,
 ) -> tuple[MatrixCase, ...]:
     problems = found.problems
-    lists = {name: _scalars(entry.value) for name, entry in axes.items()}
+    lists = {
+        name: [item for item in tree.items_of(entry.value) if isinstance(item, tree.ScalarNode)]
+        for name, entry in axes.items()
+    }
     number = len(cases) + (math.prod(map(len, lists.values())) if lists else 0)
     if number > MAX_CASES:
         message = f"the matrix has {number:,} cases; the limit is {MAX_CASES:,}"
@@ -121,15 +115,15 @@ def _expand_cases(
         _check_duplicate_values(problems, name, listed)
     made: list[MatrixCase] = []
     used: set[int] = set()
-    rules = _rules_by_values(excluded)
+    rules = [_chosen(rule) for _, rule in excluded]
     for combination in itertools.product(*lists.values()) if lists else ():
         values: Values = dict(zip(lists, combination, strict=True))
-        matching = _matching_rules(rules, values)
+        chosen = _chosen(values)
+        matching = [index for index, rule in enumerate(rules) if rule <= chosen]
         used.update(matching)
         if not matching:
             name = ",".join(f"{key}={value.text}" for key, value in values.items())
-            span = combination[-1].span
-            made.append(MatrixCase(name, values, span))
+            made.append(MatrixCase(name, values, combination[-1].span))
     for index, (span, _) in enumerate(excluded):
         if index not in used:
             problems.diagnostics.append(
@@ -157,37 +151,15 @@ def _expand_cases(
     return tuple(made)
 
 
-def _scalars(axis: tree.TreeNode) -> tuple[tree.ScalarNode, ...]:
-    items = axis.items if isinstance(axis, tree.ListNode) else ()
-    return tuple(item for item in items if isinstance(item, tree.ScalarNode))
-
-
-_RulesByValues = Mapping[tuple[str, ...], Mapping[tuple[object, ...], list[int]]]
-"""Positions of exclusions, by the axes that they name and the values of these."""
-
-
-def _rules_by_values(excluded: list[tuple[Span, Values]]) -> _RulesByValues:
-    rules: dict[tuple[str, ...], dict[tuple[object, ...], list[int]]] = {}
-    for index, (_, rule) in enumerate(excluded):
-        names = tuple(sorted(rule))
-        rules.setdefault(names, {}).setdefault(_key(names, rule), []).append(index)
-    return rules
-
-
-def _matching_rules(rules: _RulesByValues, values: Values) -> list[int]:
-    """The positions of the exclusions that match a combination."""
-    return [
-        index for names, by_key in rules.items() for index in by_key.get(_key(names, values), ())
-    ]
-
-
-def _key(names: tuple[str, ...], values: Values) -> tuple[object, ...]:
-    """The values of some axes; unlike in Python, true is not 1."""
-    return tuple((isinstance(values[name].value, bool), values[name].value) for name in names)
+def _chosen(values: Values) -> frozenset[tuple[str, bool, object]]:
+    """Names with their values, to be compared; unlike in Python, true is not 1."""
+    return frozenset(
+        (name, isinstance(node.value, bool), node.value) for name, node in values.items()
+    )
 
 
 def _check_duplicate_values(
-    problems: DiagnosticCollector, name: str, values: tuple[tree.ScalarNode, ...]
+    problems: DiagnosticCollector, name: str, values: Sequence[tree.ScalarNode]
 ) -> None:
     seen: dict[str, tree.ScalarNode] = {}
     for value in values:
@@ -214,20 +186,16 @@ def _check_names(
         *((name, value.span) for _, case in cases.values() for name, value in case.items()),
     ]
     named_axes = [(name, value.span) for _, rule in excluded for name, value in rule.items()]
-    declare = "declare it under 'variables' with a default value"
-    exclude = "the keys of an exclusion are axes of the matrix"
-    is_valid = True
-    for noun, places, valid, help_text in (
-        ("variable", variables, known, declare),
-        ("axis", named_axes, axes, exclude),
-    ):
-        for name, span in places:
-            if name not in valid:
-                close = did_you_mean(name, valid)
-                meant = f"did you mean '{close}'?" if close else help_text
-                problems.error("R2B137", f"unknown {noun} {quote(name)}", span, meant)
-                is_valid = False
-    return is_valid
+    unknown_variables = [place for place in variables if place[0] not in known]
+    for name, span in unknown_variables:
+        declare = "declare it under 'variables' with a default value"
+        help_text = unknown_name_help(name, known, "declared variables", declare)
+        problems.error("R2B137", f"unknown variable {quote(name)}", span, help_text)
+    unknown_axes = [place for place in named_axes if place[0] not in axes]
+    for name, span in unknown_axes:
+        help_text = unknown_name_help(name, axes, "axes of the matrix", "the matrix has no axes")
+        problems.error("R2B137", f"unknown axis {quote(name)}", span, help_text)
+    return not unknown_variables and not unknown_axes
 
 
 _MAX_NAMED_CASES = 5

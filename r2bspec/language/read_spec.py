@@ -28,6 +28,7 @@ from r2bspec.language.located_tree import (
     UnknownNode,
     lookup,
     span_at,
+    text_of,
     to_plain,
 )
 from r2bspec.language.spec import Spec
@@ -133,14 +134,11 @@ def read_value(
 
 def required_keys(rule: ValueRule, root: TreeNode) -> tuple[str, ...]:
     """The keys that a map of a document must have: fewer where nothing is played, or called."""
-    if lookup(root, ("playback", "calls")) is not None:
-        if lookup(root, ("playback", "inputs")) is None:
-            return rule.required_if_calls
-        # What is called is monitored; what is played is loaded.
-        return tuple(name for name in rule.required if name != "monitors")
-    mode = lookup(root, ("playback", "mode"))
-    live = isinstance(mode, ScalarNode) and mode.value == "live"
-    return rule.required_if_live if live else rule.required
+    # What is called is monitored; what is played is loaded.
+    calls = lookup(root, ("playback", "calls")) is not None
+    mode = text_of(lookup(root, ("playback", "mode")))
+    live = lookup(root, ("playback", "inputs")) is None if calls else mode == "live"
+    return rule.required_unless(live=live, calls=calls)
 
 
 class _Reader:
@@ -238,7 +236,8 @@ class _Reader:
                 values[below.field] = value
         if unknown:
             self._refuse("unknown", node, rule, path)
-        if not all(name in entries for name in required_keys(rule, self._root)):
+        lacks = any(name not in entries for name in rule.required)
+        if lacks and any(name not in entries for name in required_keys(rule, self._root)):
             self._refuse("required", node, rule, path)
             invalid = True
         if invalid or unknown:

@@ -191,14 +191,6 @@ _ExtendedFiles = Annotated[
     key("base.yaml", ["camera.yaml", "robot.yaml"], at_least=1, loader=True),
 ]
 
-_EXAMPLE_PROBE: Any = {"log": {"process": "detector", "pattern": "model loaded"}}
-_EXAMPLE_SETUP: Any = {
-    "model": {
-        "command": ["trtexec", "--onnx=model.onnx", "--saveEngine=model.plan"],
-        "creates": "model.plan",
-    }
-}
-
 
 class Spec(Record, frozen=True, kw_only=True):
     """A benchmark of a ROS 2 graph, for r2bspec.
@@ -281,25 +273,22 @@ class Spec(Record, frozen=True, kw_only=True):
     ] = {}
     setup: Annotated[
         dict[names.Name, SetupStep],
-        key(_EXAMPLE_SETUP, changes="graph"),
+        key({"model": SetupStep.about.examples[0]}, changes="graph"),
     ] = {}
     playback: Annotated[Playback, key(changes="load")]
     graph: Annotated[Graph, key(changes="graph")]
     ready: Annotated[
         dict[names.Name, ReadyProbe],
-        key({"model_loaded": _EXAMPLE_PROBE}, changes="graph"),
+        key({"model_loaded": ReadyProbe.about.examples[0]}, changes="graph"),
     ] = {}
     after_ready: Annotated[
         dict[names.Name, AfterReadyStep],
-        key(
-            {"enable": {"service": {"name": "detector/enable", "type": "std_srvs/srv/Trigger"}}},
-            changes="graph",
-        ),
+        key({"enable": AfterReadyStep.about.examples[0]}, changes="graph"),
     ] = {}
     monitors: Annotated[
         dict[names.MonitorName, Monitor],
         key(
-            {"detections": {"topic": "tag_detections", "format": "geometry_msgs/msg/PoseArray"}},
+            {"detections": Monitor.about.examples[0]},
             at_least=1,
             at_most=MAX_SPEC_ENTRIES,
             unless_calls=True,
@@ -309,10 +298,7 @@ class Spec(Record, frozen=True, kw_only=True):
     benchmark: Annotated[Benchmark, key(changes="load")] = Benchmark()
     slos: Annotated[
         dict[names.Name, Objective],
-        key(
-            {"keeps_up": {"at": "30 Hz", "require": ["latency.p99 < 50 ms"]}},
-            changes="neither",
-        ),
+        key({"keeps_up": Objective.about.examples[0]}, changes="neither"),
     ] = {}
     tune: Annotated[Tune, key(changes="neither")] = Tune()
 

@@ -18,9 +18,9 @@ from r2bspec.language.spec_graph import (
     QoS,
     Repeat,
     RequestFields,
-    Scalar,
     ServiceCall,
     Sibling,
+    Variables,
     repeated,
     sibling,
 )
@@ -103,11 +103,7 @@ class DataLoader(Record, frozen=True, kw_only=True):
             names.Topic,
             Annotated[
                 names.Topic,
-                key(
-                    "data_loader/image",
-                    description="The topic in the graph; a relative name is in the namespace of "
-                    "the benchmark.",
-                ),
+                key("data_loader/image", description="The topic in the graph."),
             ],
         ],
         key(
@@ -477,9 +473,11 @@ class Monitor(MonitorSettings, frozen=True, kw_only=True):
     process: Annotated[names.ProcessName, key("detector")] = msgspec.field(name="in", default="")
 
 
-_Condition = Annotated[
+_Requirement = Annotated[
     Requirement,
-    key("drop_rate <= 5 %", description="A condition on one probe of a rate."),
+    key(
+        *("latency.p99 < 50 ms", "drop_rate <= 0.5 %", "sustained"), description="One requirement."
+    ),
 ]
 
 
@@ -505,7 +503,7 @@ class Search(Record, frozen=True, kw_only=True):
     precision: Annotated[Share, key("2 %", positive=True)] = Share(0.02)
     holds: Annotated[
         tuple[Requirement, ...],
-        Written(tuple[_Condition, ...] | _Condition),
+        Written(tuple[_Requirement, ...] | _Requirement),
         key("drop_rate <= 5 %", ["drop_rate <= 5 %", "latency.p99 < 100 ms"]),
     ] = ()
     probe: Annotated[Duration, key(str(PROBE), positive=True)] = PROBE
@@ -729,27 +727,10 @@ class Objective(Record, frozen=True, kw_only=True):
         key("30 Hz", "peak", positive=True),
     ] = None
     level: Literal["error", "warn", "info", "off"] = "error"
-    when: Annotated[
-        dict[
-            names.VariableName,
-            Annotated[
-                Scalar, key(2, "30 Hz", description="The value that the variable must have.")
-            ],
-        ],
-        key({"threads": 2}),
-    ] = {}
+    when: Variables = {}
     confidence: Annotated[Share | None, key("99 %", positive=True)] = None
     require: Annotated[
-        tuple[
-            Annotated[
-                Requirement,
-                key(
-                    *("latency.p99 < 50 ms", "drop_rate <= 0.5 %", "sustained"),
-                    description="One requirement.",
-                ),
-            ],
-            ...,
-        ],
+        tuple[_Requirement, ...],
         key(["latency.p99 < 50 ms", "drop_rate <= 0.5 %"], at_least=1),
     ]
     at_peak: Annotated[bool, key(derived=True)] = False

@@ -24,13 +24,7 @@ Variables = Annotated[
 Repeat = Annotated[
     dict[
         Annotated[str, names.INSTANCE],
-        Annotated[
-            dict[
-                names.VariableName,
-                Annotated[Scalar, key(2, "30 Hz", description="The value of the variable.")],
-            ],
-            key({"threads": 2}, description="The variables of one instance."),
-        ],
+        Annotated[Variables, key(description="The variables of one instance.")],
     ],
     key({"left": {"side": "left"}, "right": {"side": "right"}}, at_least=1, loader=True),
 ]
@@ -51,6 +45,7 @@ def repeated(what: str) -> str:
 
 
 Word = Annotated[str, key("--fast", description="An argument.", deferrable=True)]
+Command = Annotated[tuple[Word, ...], key(at_least=1)]
 Environment = Annotated[
     dict[
         names.EnvironmentName,
@@ -154,10 +149,7 @@ class StartedProcess(ProcessSettings, frozen=True, kw_only=True):
         memory_limit: The maximum resident memory of the process; if it is exceeded, the run fails.
     """
 
-    prefix: Annotated[
-        tuple[Annotated[Word, key("perf")], ...],
-        key(["perf", "record", "-g"]),
-    ] = ()
+    prefix: Annotated[tuple[Word, ...], key(["perf", "record", "-g"])] = ()
     memory_limit: Annotated[Size | None, key("2 GiB", positive=True)] = None
 
 
@@ -392,10 +384,7 @@ class Node(StartedProcess, frozen=True, kw_only=True):
     package: Annotated[names.PackageName, key("image_proc")] = ""
     plugin: Annotated[str, names.PLUGIN, key("image_proc::ResizeNode")] = ""
     executable: Annotated[str, names.FILE_NAME, key("rectify_node")] = ""
-    command: Annotated[
-        tuple[Annotated[Word, key("./build/detector")], ...],
-        key(["./build/detector", "--fast"], at_least=1),
-    ] = ()
+    command: Annotated[Command, key(["./build/detector", "--fast"])] = ()
     launch: Launch | None = None
     external: bool = False
     container: Annotated[names.NodeName, key("vision")] = ""
@@ -419,18 +408,7 @@ class Node(StartedProcess, frozen=True, kw_only=True):
     subscribes: Annotated[
         dict[names.Topic, _Type], key({"image": "sensor_msgs/msg/Image"}, topics=True)
     ] = {}
-    qos: Annotated[
-        dict[
-            names.Topic,
-            Annotated[
-                QoS,
-                key(
-                    description="The QoS profile of the topic. The name of a ROS profile, or a map."
-                ),
-            ],
-        ],
-        key({"image": "sensor_data"}, topics=True),
-    ] = {}
+    qos: Annotated[dict[names.Topic, QoS], key({"image": "sensor_data"}, topics=True)] = {}
     env: Environment = {}
     parameter_sources: Annotated[tuple[ParameterSource, ...], key(derived=True)] = ()
 
@@ -488,12 +466,6 @@ class Graph(Record, frozen=True, kw_only=True):
     nodes: Nodes
 
 
-_MODEL: Final = {
-    "command": ["trtexec", "--onnx=model.onnx", "--saveEngine=model.plan"],
-    "creates": "model.plan",
-}
-
-
 class SetupStep(Record, frozen=True, kw_only=True):
     """A command that runs before anything else is started.
 
@@ -505,11 +477,14 @@ class SetupStep(Record, frozen=True, kw_only=True):
         directory: The working directory; default: the folder of this file.
     """
 
-    about = key(_MODEL)
+    about = key(
+        {
+            "command": ["trtexec", "--onnx=model.onnx", "--saveEngine=model.plan"],
+            "creates": "model.plan",
+        }
+    )
 
-    command: Annotated[
-        tuple[Annotated[Word, key("./build_model.sh")], ...], key(["./build_model.sh"], at_least=1)
-    ]
+    command: Annotated[Command, key(["./build_model.sh"])]
     creates: Annotated[str, key("model.plan", path=True)] = ""
     timeout: Annotated[Duration, key("10 min", default="10 min", positive=True)] = Duration(
         600 * 10**9
@@ -612,9 +587,6 @@ class AfterReadyStep(Record, frozen=True, kw_only=True):
 
     about = key({"service": {"name": "detector/enable", "type": "std_srvs/srv/Trigger"}})
 
-    command: Annotated[
-        tuple[Annotated[Word, key("ros2")], ...],
-        key(["ros2", "lifecycle", "set", "/r2b/detector", "activate"], at_least=1),
-    ] = ()
+    command: Annotated[Command, key(["ros2", "lifecycle", "set", "/r2b/detector", "activate"])] = ()
     service: ServiceCall | None = None
     timeout: Annotated[Duration, key("30 s", positive=True)] = Duration(30 * 10**9)

@@ -25,7 +25,7 @@ from msgspec.structs import replace
 
 from r2bspec.diagnostics import Certainty, Related, Span, did_you_mean
 from r2bspec.diagnostics import Path as TreePath
-from r2bspec.diagnostics.quote import quote
+from r2bspec.diagnostics.quote import quote, unknown_name_help
 from r2bspec.language import variables
 from r2bspec.language.declaration import ValueRule
 from r2bspec.language.document import DiagnosticCollector, Source, inner_span
@@ -37,12 +37,17 @@ from r2bspec.language.located_tree import (
     TreeNode,
     UnknownNode,
     child,
+    entries_of,
+    items_of,
+    without,
 )
+from r2bspec.language.read_spec import INVALID, read_value
 from r2bspec.language.secrets import is_secret_variable, secret_reference
 from r2bspec.language.yaml_document import parse_unquoted
 from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES, MAX_REFERENCES, MAX_YAML_EXPANDED_VALUES
 
 _DECLARATIONS = frozenset({"variables", "environment", "r2bspec"})
+_REPEAT = "repeat"
 
 
 def substitute(
@@ -73,7 +78,7 @@ def substitute(
 @cache
 def _sections(rule: ValueRule, path: TreePath = ()) -> dict[int, TreePath]:
     """The sections whose entries may have `repeat`, by the rule of the section."""
-    if rule.values is not None and "repeat" in (rule.values.keys or ()):
+    if rule.values is not None and rule.values.below(_REPEAT) is not None:
         return {id(rule): path}
     return {
         name: place
@@ -110,7 +115,6 @@ class Substitution:
         self.origins: dict[TreePath, tuple[Related, ...]] = {}
         self._sections = sections
         self._local: Mapping[str, TreeNode] = {}
-        self._scope: object = None
         self._instance_origin: tuple[Related, ...] = ()
         self._repeated = 0
         self._done: dict[tuple[int, int, int], TreeNode] = {}
@@ -157,9 +161,9 @@ class Substitution:
             return text
         if isinstance(node, UnknownNode):
             return node
-        name = (id(node), id(rule), id(self._scope))
+        name = (id(node), id(rule), id(self._local))
         if name not in self._done:
-            if self._scope is not None:
+            if self._instance_origin:
                 self._count(node)
             if isinstance(node, MapNode):
                 self._done[name] = self._map(node, rule)
@@ -198,31 +202,35 @@ class Substitution:
     def _instances(
         self, section: TreePath, key: str, entry: Entry, rule: ValueRule | None
     ) -> dict[str, Entry] | None:
-        """The entries that `repeat` makes of one, or None without `repeat`."""
-        repeat = variables.parse_repeat(entry.value) if isinstance(entry.value, MapNode) else None
-        if repeat is None:
+        """The entries that `repeat` makes of one; None without it, or if the schema refuses it."""
+        repeat = child(entry.value, _REPEAT)
+        form = rule.below(_REPEAT) if rule is not None else None
+        if not isinstance(entry.value, MapNode) or repeat is None or form is None:
+            return None
+        if read_value(repeat, form)[0] is INVALID:
             return None
         instances: dict[str, Entry] = {}
-        self._keep_alive.append(repeat)
-        for name, instance in repeat.instances.items():
+        repeated, outside = without(entry.value, _REPEAT), self._local
+        for name, instance in entries_of(repeat).items():
             if self._repeated > MAX_YAML_EXPANDED_VALUES:
                 break
-            local = {name: self._scalar(value) for name, value in instance.variables.items()}
-            self._local, self._scope = local, instance
-            whole = f"{key}_{name}"
-            self._instance_origin = (Related(f"the instance '{name}' of '{key}'", instance.span),)
+            self._local = {
+                variable: self._scalar(given.value)
+                for variable, given in entries_of(instance.value).items()
+                if isinstance(given.value, ScalarNode)
+            }
+            self._keep_alive.append((repeated, self._local))
+            whole, place = f"{key}_{name}", instance.key_span
+            self._instance_origin = (Related(f"the instance '{name}' of '{key}'", place),)
             self.origins[(*section, whole)] = self._instance_origin
-            instances[whole] = Entry(
-                instance.span, self.walk(repeat.entry, rule), entry.key_resolved
-            )
-            self._local, self._scope, self._instance_origin = {}, None, ()
+            instances[whole] = Entry(place, self.walk(repeated, rule), entry.key_resolved)
+            self._local, self._instance_origin = outside, ()
         return instances
 
     def _count(self, node: TreeNode) -> None:
         """Limit the size of the document that `repeat` makes."""
         before = self._repeated
-        if isinstance(node, MapNode | ListNode):
-            self._repeated += 1 + len(node.entries if isinstance(node, MapNode) else node.items)
+        self._repeated += 1 + len(entries_of(node)) + len(items_of(node))
         if before <= MAX_YAML_EXPANDED_VALUES < self._repeated:
             message = f"'repeat' expands to more than {MAX_YAML_EXPANDED_VALUES:,} values"
             self.problems.error("R2B129", message, node.span, "use fewer instances")
@@ -337,9 +345,10 @@ class Substitution:
         if name not in declared:
             if not self.problems.full:
                 span = self._inner(node, found.name_start, len(name))
-                help_text = variables.declared_variables_help(
+                help_text = unknown_name_help(
                     name,
-                    {**declared, **self._local},
+                    sorted({*declared, *self._local}),
+                    "declared variables",
                     f"declare it: 'variables: {{{name}: ...}}' at the top of the document",
                 )
                 close = did_you_mean(name, declared)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from r2bspec.diagnostics import Path, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import clip, quote
 from r2bspec.language import located_tree
-from r2bspec.language.declaration import rule_at
+from r2bspec.language.declaration import rule_at, unknown_step
 from r2bspec.language.explain_violations import to_flow_yaml
 from r2bspec.language.load_spec import LoadedSpec
 from r2bspec.language.variables import parse_path
@@ -124,15 +124,13 @@ def _is_inside(span: Span, outer: Span) -> bool:
 
 def _default_provenance(root: located_tree.TreeNode, path: Path, text: str) -> Provenance:
     """The default of a key that the document does not have."""
-    for length in range(1, len(path) + 1):
-        if rule_at(path[:length]) is not None:
-            continue
-        above = rule_at(path[: length - 1])
-        names = list((above.keys if above is not None else None) or ())
-        close = did_you_mean(str(path[length - 1]), names)
-        where = f"'{format_path(path[: length - 1])}'" if length > 1 else "the document"
+    position = unknown_step(path)
+    if position is not None:
+        above, step = rule_at(path[:position]), str(path[position])
+        close = did_you_mean(step, (above.keys if above is not None else None) or ())
+        where = f"'{format_path(path[:position])}'" if position else "the document"
         hint = f"did you mean '{close}'?" if close else ""
-        raise UnknownPathError(f"{where} has no {quote(str(path[length - 1]))}", hint)
+        raise UnknownPathError(f"{where} has no {quote(step)}", hint)
     for length in range(1, len(path) + 1):
         owner = located_tree.lookup(root, path[:length])
         above = rule_at(path[: length - 1])

@@ -6,8 +6,7 @@
 
 The value, whether from the file, ``--var`` or a case of the matrix, must be of the declared type
 and one of the choices. A text refers to it with ``$(var width)``, and to a variable of the
-environment with ``$(env NAME)``. `repeat` makes named instances of one entry, each with variables
-of its own. What becomes of references is in `r2bspec.language.substitution`.
+environment with ``$(env NAME)``. What becomes of references is in `r2bspec.language.substitution`.
 
 ``--set a.b.c=v`` and ``--var x=v`` are sources of their own: a finding in one shows the option with
 a caret. A value that begins with a bracket, a brace or a quote is read as YAML, any other as an
@@ -17,13 +16,13 @@ unquoted scalar.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Literal
 
 import msgspec
 from msgspec.structs import replace
 
-from r2bspec.diagnostics import Path, Related, Span, did_you_mean, format_path
+from r2bspec.diagnostics import Path, Related, Span, format_path
 from r2bspec.diagnostics.quote import quote, unknown_name_help
 from r2bspec.language.declaration import rule_at
 from r2bspec.language.document import DiagnosticCollector, Document, Source, has_errors, read_text
@@ -35,11 +34,12 @@ from r2bspec.language.located_tree import (
     TreeNode,
     UnknownNode,
     child,
+    entries_of,
+    items_of,
     lookup,
     replace_at,
-    without,
+    text_of,
 )
-from r2bspec.language.names import INSTANCE, VARIABLE
 from r2bspec.language.quantities import QUANTITIES, QuantityError
 from r2bspec.language.yaml_document import compose, parse_unquoted
 
@@ -82,36 +82,25 @@ def references(text: str) -> Iterator[Reference | MalformedReference]:
             yield Reference(at, match.end(), kind, match[2], match.start(2))
             at = text.find(OPENING, match.end())
         else:
-            broken = _malformed(text, at)
-            yield broken
-            at = text.find(OPENING, max(broken.end, at + 2))
+            rough = _UNPARSED_REFERENCE.match(text, at)
+            end = rough.end() if rough is not None else at + 2
+            yield MalformedReference(at, end, *_why_malformed(text[at:end]))
+            at = text.find(OPENING, end)
 
 
-def _malformed(text: str, at: int) -> MalformedReference:
-    rough = _UNPARSED_REFERENCE.match(text, at)
-    end = rough.end() if rough is not None else at + 2
-    inside = text[at + 2 : end].removesuffix(")")
-    word, _, rest = inside.strip().partition(" ")
-    if not text[at:end].endswith(")"):
-        return MalformedReference(at, end, "unclosed '$('", "close it with ')'")
+def _why_malformed(reference: str) -> tuple[str, str]:
+    """What is wrong with a text that begins like a reference, and the fix."""
+    if not reference.endswith(")"):
+        return "unclosed '$('", "close it with ')'"
+    word, _, rest = reference[2:-1].strip().partition(" ")
     if word in ("var", "env"):
-        return MalformedReference(
-            at,
-            end,
-            f"$({word} ...) needs one name of letters, digits and underscores",
-            f"for example: $({word} rate)" if word == "var" else "for example: $(env HOME)",
-        )
-    if word in ("arg", "param") and rest:
-        return MalformedReference(
-            at, end, f"'$({word} ...)' is not supported", f"write $(var {rest.strip()})"
-        )
-    if word == "optenv" and rest:
-        return MalformedReference(
-            at, end, "'$(optenv ...)' is not supported", f"write $(env {rest.split()[0]})"
-        )
-    return MalformedReference(
-        at,
-        end,
+        example = "$(var rate)" if word == "var" else "$(env HOME)"
+        message = f"$({word} ...) needs one name of letters, digits and underscores"
+        return message, f"for example: {example}"
+    if word in ("arg", "param", "optenv") and rest:
+        meant = f"env {rest.split()[0]}" if word == "optenv" else f"var {rest.strip()}"
+        return f"'$({word} ...)' is not supported", f"write $({meant})"
+    return (
         "unknown reference; only $(var name) and $(env NAME) are supported",
         "for computed values, let a script write the spec, or pass them with --var",
     )
@@ -128,11 +117,10 @@ _PLAIN_TYPES: dict[str, tuple[str, tuple[type, ...]]] = {
 
 def listed_environment(root: TreeNode) -> dict[str, ScalarNode]:
     """The environment variables that a document lists under `environment`, by name."""
-    listed = child(root, "environment")
-    items = listed.items if isinstance(listed, ListNode) else ()
+    listed = items_of(child(root, "environment"))
     return {
         item.value: item
-        for item in items
+        for item in listed
         if isinstance(item, ScalarNode) and isinstance(item.value, str)
     }
 
@@ -159,27 +147,15 @@ def with_value(declared: TreeNode, value: TreeNode) -> TreeNode:
 
 def with_variables(root: TreeNode, values: Mapping[str, TreeNode]) -> TreeNode:
     """The document with other values for those variables that it declares."""
-    declared = child(root, "variables")
-    if not isinstance(declared, MapNode):
-        return root
-    changed = {
-        name: replace(entry, value=with_value(entry.value, values[name]))
-        for name, entry in declared.entries.items()
-        if name in values
-    }
-    return replace_at(root, ("variables",), replace(declared, entries=declared.entries | changed))
-
-
-def declared_variables_help(name: str, declared: Collection[str], if_none: str) -> str:
-    """Help for a variable that is not declared."""
-    known = "declared variables: " + ", ".join(sorted(declared)[:10])
-    return unknown_name_help(name, declared, known if declared else if_none)
+    for name, entry in entries_of(child(root, "variables")).items():
+        if name in values:
+            root = replace_at(root, ("variables", name), with_value(entry.value, values[name]))
+    return root
 
 
 def is_declared_text(declared: TreeNode) -> bool:
     """Whether a variable is declared as a string, so that a value such as 010 is a string."""
-    kind = child(declared, "type")
-    return isinstance(kind, ScalarNode) and kind.value == "string"
+    return text_of(child(declared, "type")) == "string"
 
 
 def restricts_value(declared: MapNode) -> bool:
@@ -216,33 +192,24 @@ def check_declaration(
         problems.error("R2B132", message, span, help_text)
         return True
     kind = child(declared, "type")
-    known = kind.value if isinstance(kind, ScalarNode) and isinstance(kind.value, str) else ""
-    choices = child(declared, "choices")
-    items = choices.items if isinstance(choices, ListNode) else ()
     # A list, a map or null: reported by the schema.
     scalars = [
-        node for node in (value, *items) if isinstance(node, ScalarNode) and node.value is not None
+        node
+        for node in (value, *items_of(child(declared, "choices")))
+        if isinstance(node, ScalarNode) and node.value is not None
     ]
     ok = True
-    for scalar in scalars if known else ():
-        ok &= _check_type(name, scalar, known, kind, problems)
+    for scalar in scalars:
+        message, help_text = _mismatch(scalar, text_of(kind))
+        if message and kind is not None:
+            ok = False
+            related = [Related("the declared type", kind.span), scalar.origin]
+            message = f"variable {quote(name)}: {message}"
+            places = tuple(place for place in related if place is not None)
+            problems.error("R2B130", message, scalar.span, help_text, related=places)
     if ok and len(scalars) > 1 and scalars[0] is value:
         _check_choice(name, scalars[0], scalars[1:], problems)
     return ok
-
-
-def _check_type(
-    name: str, node: ScalarNode, kind: str, declared: TreeNode | None, problems: DiagnosticCollector
-) -> bool:
-    message, help_text = _mismatch(node, kind)
-    if message and declared is not None:
-        related = (
-            Related("the declared type", declared.span),
-            *((node.origin,) if node.origin else ()),
-        )
-        message = f"variable {quote(name)}: {message}"
-        problems.error("R2B130", message, node.span, help_text, related=related)
-    return not message
 
 
 def _mismatch(node: ScalarNode, kind: str) -> tuple[str, str]:
@@ -279,57 +246,13 @@ def _check_choice(
         return
     last = choices[-1].span
     enclosing = replace(choices[0].span, end_line=last.end_line, end_column=last.end_column)
-    texts = [choice.text for choice in choices]
-    close = did_you_mean(value.text, texts)
-    known = "choices: " + ", ".join(texts[:12])
     problems.error(
         "R2B131",
         f"variable {quote(name)}: {quote(value.text)} is not one of its choices",
         value.span,
-        f"did you mean {close}? {known}" if close else known,
+        unknown_name_help(value.text, [choice.text for choice in choices], "choices"),
         related=(Related("the choices", enclosing),),
     )
-
-
-KEY = "repeat"
-
-
-class RepeatedEntry(msgspec.Struct, frozen=True):
-    """An entry without its `repeat`, and its instances."""
-
-    entry: MapNode
-    instances: dict[str, RepeatInstance]
-
-
-class RepeatInstance(msgspec.Struct, frozen=True):
-    """The place of an instance, and its variables."""
-
-    span: Span
-    variables: dict[str, ScalarNode]
-
-
-def parse_repeat(node: MapNode) -> RepeatedEntry | None:
-    """The instances of an entry; None without `repeat`, or if the schema refuses it."""
-    named = child(node, KEY)
-    if not isinstance(named, MapNode) or not named.entries:
-        return None
-    found = {name: _instance(name, entry) for name, entry in named.entries.items()}
-    instances = {name: instance for name, instance in found.items() if instance is not None}
-    return RepeatedEntry(without(node, KEY), instances) if len(instances) == len(found) else None
-
-
-def _instance(name: str, entry: Entry) -> RepeatInstance | None:
-    if not INSTANCE.matches(name) or not entry.key_resolved or not isinstance(entry.value, MapNode):
-        return None
-    values: dict[str, ScalarNode] = {}
-    for variable, inner in entry.value.entries.items():
-        value = inner.value
-        if not VARIABLE.matches(variable) or not isinstance(value, ScalarNode):
-            return None
-        if value.value is None:
-            return None
-        values[variable] = value
-    return RepeatInstance(entry.key_span, values)
 
 
 _PART = re.compile(r"\[(\d{1,9})\]|\['([^']*)'\]|(?:^|\.)([^.\[\]'=]+)")
@@ -339,9 +262,15 @@ class _Option(msgspec.Struct, frozen=True):
     """The text of an option, its path, and the offsets of each part and of the value."""
 
     source: Source
-    path: Path
-    offsets: tuple[int, ...]
-    value_offset: int
+    path: Path = ()
+    offsets: tuple[int, ...] = ()
+    value_offset: int = 0
+
+    @property
+    def places(self) -> list[Span]:
+        """The place of each part of the path."""
+        parts = zip(self.offsets, self.path, strict=True)
+        return [self.span(offset, offset + len(str(part))) for offset, part in parts]
 
     def span(self, start: int, end: int) -> Span:
         return Span(self.source.file, 1, start + 1, 1, max(end, start + 1) + 1)
@@ -386,16 +315,14 @@ def _apply_set(document: Document, text: str) -> None:
     for depth, part in enumerate(option.path):
         below = child(node, part)
         if below is None and not _can_add(node, option, option.path[: depth + 1]):
-            start = option.offsets[depth]
-            wrong = format_path(option.path[: depth + 1])
-            span = option.span(start, start + len(str(part)))
-            message = f"the document has no '{wrong}' to replace"
-            help_text = _path_suggestion(node, option.path[: depth + 1])
-            document.problems.error("R2B127", message, span, help_text)
+            wrong = option.path[: depth + 1]
+            message = f"the document has no '{format_path(wrong)}' to replace"
+            help_text = _path_suggestion(node, wrong)
+            document.problems.error("R2B127", message, option.places[depth], help_text)
             return
         node = below
     value = _value(document, option)
-    document.tree = _with_value(document.tree, option, 0, value)
+    document.tree = replace_at(document.tree, option.path, value, option.places)
 
 
 def _can_add(node: TreeNode | None, option: _Option, path: Path) -> bool:
@@ -426,21 +353,6 @@ def _can_add(node: TreeNode | None, option: _Option, path: Path) -> bool:
     return whole and path[:-1] == ("containers",)
 
 
-def _with_value(root: TreeNode | None, option: _Option, depth: int, value: TreeNode) -> TreeNode:
-    """The tree with the value at the option's path, and the maps above it that were missing."""
-    if depth == len(option.path):
-        return value
-    part = option.path[depth]
-    below = child(root, part)
-    changed = _with_value(below, option, depth + 1, value)
-    if root is not None and below is not None:
-        return replace_at(root, (part,), changed)
-    span = option.span(option.offsets[depth], option.offsets[depth] + len(str(part)))
-    entries = root.entries if isinstance(root, MapNode) else {}
-    place = root.span if isinstance(root, MapNode) else span
-    return MapNode({**entries, str(part): Entry(span, changed)}, place)
-
-
 def _apply_variable(document: Document, name: str, text: str) -> None:
     source = Source(f"--var {name}", f"{name}={text}")
     option = _Option(source, ("variables", name), (0, 0), len(name) + 1)
@@ -457,10 +369,10 @@ def _apply_variable(document: Document, name: str, text: str) -> None:
             + quote(f"--set matrix.axes.{name}=[{text}]"),
         )
         return
-    declared = child(root, "variables")
-    known = declared.entries if isinstance(declared, MapNode) else {}
+    known = entries_of(child(root, "variables"))
     if name not in known:
-        help_text = declared_variables_help(name, known, "the document declares no variables")
+        if_none = "the document declares no variables"
+        help_text = unknown_name_help(name, sorted(known), "declared variables", if_none)
         message = f"unknown variable {quote(name)}"
         document.problems.error("R2B128", message, option.span(0, len(name)), help_text)
         return
@@ -477,13 +389,13 @@ def _parse(text: str) -> _Option:
     while at < len(text) and text[at] != "=":
         match = _PART.match(text, at)
         if match is None:
-            return _Option(Source("--set", text), (), (), 0)
+            return _Option(Source("--set", text))
         index, quoted, name = match.groups()
         path.append(int(index) if index is not None else quoted if quoted is not None else name)
         offsets.append(match.start(match.lastindex or 0))
         at = match.end()
     if at >= len(text):
-        return _Option(Source("--set", text), (), (), 0)
+        return _Option(Source("--set", text))
     source = Source(f"--set {text[:at]}", text)
     return _Option(source, tuple(path), tuple(offsets), at + 1)
 
@@ -508,9 +420,9 @@ def _path_suggestion(node: TreeNode | None, path: Path) -> str:
     if isinstance(node, ListNode):
         return f"the list has {len(node.items)} items, the first is [0]"
     parent = rule_at(path[:-1])
-    written = list(node.entries) if isinstance(node, MapNode) else []
+    written = list(entries_of(node))
     of_language = parent.keys or () if parent is not None and (node is None or written) else ()
     keys = list(dict.fromkeys([*written, *of_language]))
     if keys:
-        return unknown_name_help(str(path[-1]), keys, "known keys: " + ", ".join(keys[:12]))
+        return unknown_name_help(str(path[-1]), keys, "known keys")
     return "--set can only replace values that the document has, or set keys of the language"

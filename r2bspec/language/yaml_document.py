@@ -20,7 +20,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
+from itertools import chain
 from typing import Any, cast
 
 import msgspec
@@ -133,25 +134,6 @@ def to_yaml(plain: Any) -> str:
     return written
 
 
-class Merge(msgspec.Struct, frozen=True):
-    """A map to be merged, and the place of its ``<<``."""
-
-    span: Span
-    source: MapNode
-
-
-def merge_entries(merges: Iterable[Merge], own: dict[str, Entry]) -> dict[str, Entry]:
-    """The entries of a map with `merges`; its own have precedence, then those of earlier merges.
-
-    Merged entries come first and keep the place where they are written.
-    """
-    entries: dict[str, Entry] = {}
-    for merge in merges:
-        for key, entry in merge.source.entries.items():
-            entries.setdefault(key, entry)
-    return entries | own
-
-
 _TYPE_NAMES = {bool: "a boolean", int: "a number", float: "a number"}
 
 
@@ -170,7 +152,7 @@ class CollectionBuilder(msgspec.Struct):
     size: int = 1
     items: list[TreeNode] = msgspec.field(default_factory=list)
     entries: dict[str, Entry] = msgspec.field(default_factory=dict)
-    merges: list[Merge] = msgspec.field(default_factory=list)
+    merges: list[MapNode] = msgspec.field(default_factory=list)
     key: TreeNode | None = None
 
     def add(self, node: TreeNode, size: int, span: Span) -> None:
@@ -200,9 +182,13 @@ class CollectionBuilder(msgspec.Struct):
         """The finished collection."""
         if not self.is_map:
             return ListNode(tuple(self.items), span)
-        return MapNode(
-            merge_entries(self.merges, self.entries) if self.merges else self.entries, span
-        )
+        if not self.merges:
+            return MapNode(self.entries, span)
+        # What is merged comes first, and keeps its place; what is written first has precedence.
+        merged: dict[str, Entry] = {}
+        for key, entry in chain.from_iterable(source.entries.items() for source in self.merges):
+            merged.setdefault(key, entry)
+        return MapNode(merged | self.entries, span)
 
     def _add_entry(self, key: TreeNode, value: TreeNode, span: Span) -> None:
         if not isinstance(key, ScalarNode):
@@ -241,7 +227,7 @@ class CollectionBuilder(msgspec.Struct):
             return
         for part in value.items if isinstance(value, ListNode) else (value,):
             if isinstance(part, MapNode):
-                self.merges.append(Merge(key.span, part))
+                self.merges.append(part)
             elif not isinstance(part, UnknownNode):
                 self.problems.error(
                     "R2B028",
@@ -315,11 +301,9 @@ class _Composer:
         for event in parsed:
             kind = type(event)
             if kind is ev.ScalarEvent:
-                self._values += 1
                 start, end = event.start_mark, event.end_mark
                 span = Span(file, start.line + 1, start.column + 1, end.line + 1, end.column + 1)
-                if self._values > limits.MAX_YAML_VALUES:
-                    self._too_many_values(span)
+                self._count_value(span)
                 add(scalar(event, span), 1, event.anchor, span)
             elif kind is ev.MappingEndEvent or kind is ev.SequenceEndEvent:
                 done = self._open.pop()
@@ -346,13 +330,11 @@ class _Composer:
                 "a spec begins with 'r2bspec: 1' and 'name: ...'",
             )
 
-    def _too_many_values(self, span: Span) -> None:
-        self.problems.stop(
-            "R2B002",
-            f"the document has more than {limits.MAX_YAML_VALUES:,} keys and values",
-            span,
-            "check the path: a spec has a few hundred",
-        )
+    def _count_value(self, span: Span) -> None:
+        self._values += 1
+        if self._values > limits.MAX_YAML_VALUES:
+            message = f"the document has more than {limits.MAX_YAML_VALUES:,} keys and values"
+            self.problems.stop("R2B002", message, span, "check the path: a spec has a few hundred")
 
     def _scalar(self, event: Any, span: Span) -> TreeNode:
         if event.tag is not None:
@@ -371,9 +353,7 @@ class _Composer:
 
     def _start_collection(self, event: Any, *, is_map: bool) -> None:
         span = self._span(event)
-        self._values += 1
-        if self._values > limits.MAX_YAML_VALUES:
-            self._too_many_values(span)
+        self._count_value(span)
         if event.tag is not None:
             self._reject_tag(event, span)
         if len(self._open) >= limits.MAX_YAML_DEPTH:
@@ -384,30 +364,20 @@ class _Composer:
         name, span = event.anchor, self._span(event)
         contains_it = any(frame.anchor == name for frame in self._open)
         if contains_it or name not in self._anchors:
-            message, help_text = (
-                (
-                    f"alias '*{name}' refers to a value that contains it",
-                    "put the anchor on a smaller value, or write the value out",
-                )
-                if contains_it
-                else (
-                    f"alias '*{name}' has no anchor '&{name}' before it",
-                    f"add '&{name}' to an earlier value, or quote the text if it is not an alias",
-                )
-            )
+            message = f"alias '*{name}' has no anchor '&{name}' before it"
+            help_text = f"add '&{name}' to an earlier value, or quote the text if it is no alias"
+            if contains_it:
+                message = f"alias '*{name}' refers to a value that contains it"
+                help_text = "put the anchor on a smaller value, or write the value out"
             self.problems.error("R2B026", message, span, help_text)
             self._add(UnknownNode(span), 1, None, span)
             return
         node, size = self._anchors[name]
         self._shared += size
-        if self._shared > limits.MAX_YAML_EXPANDED_VALUES:
-            self.problems.stop(
-                "R2B027",
-                "the aliases of this document expand to more than "
-                f"{limits.MAX_YAML_EXPANDED_VALUES:,} values",
-                span,
-                "use aliases for smaller values",
-            )
+        most = limits.MAX_YAML_EXPANDED_VALUES
+        if self._shared > most:
+            message = f"the aliases of this document expand to more than {most:,} values"
+            self.problems.stop("R2B027", message, span, "use aliases for smaller values")
         self._add(node, size, None, span)
 
     def _add(self, node: TreeNode, size: int, anchor: str | None, used_at: Span) -> None:

@@ -118,19 +118,19 @@ def _about_requirement(analysis: Analysis, path: Path) -> Iterator[str]:
     if context is None:
         return
     for metric in context.known_metrics:
-        if metric.located.path != path:
+        if metric.path != path:
             continue
-        requirement = metric.located.requirement
+        requirement = metric.requirement
         yield f"`{requirement.text.strip()}`: {metric.info.description}"
         about = definition(metric.info)
         yield f"{about.text}\n\nFormula: {about.formula}"
-        at, benchmark = metric.located.at, context.spec.benchmark
+        at, benchmark = metric.at, context.spec.benchmark
         if at is not None:
             played = round(at.hz * benchmark.duration.seconds) * benchmark.iterations
             yield (
                 f"Judged at {at} from {played:,} steps "
                 f"({benchmark.iterations} iterations of {benchmark.duration}), "
-                f"at {metric.located.confidence:.0%} confidence."
+                f"at {metric.confidence:.0%} confidence."
             )
         yield from _about_sample(metric)
 
@@ -139,7 +139,7 @@ def _about_sample(each: KnownMetric) -> Iterator[str]:
     share = max_wrong_share(each)
     if share is None:
         return
-    needed = min_sample_size(share, each.located.confidence)
+    needed = min_sample_size(share, each.confidence)
     if needed is None:
         yield "No number of messages can confirm it."
     else:

@@ -223,13 +223,13 @@ def _counts_by_input(context: Context) -> dict[str, MessageCount]:
     Preprocessors are assumed to publish at most one message for each loaded one.
     """
     loaded = {
-        context.harness_topic(context.spec.data_loader.topics[name]): message_count
+        context.wiring.topic(context.spec.data_loader.topics[name]): message_count
         for name, message_count in window_message_counts(context).items()
     }
     reached = {topic: context.wiring.preprocess.downstream_of([topic]) for topic in loaded}
     counts = {}
     for name, played in context.spec.playback.inputs.items():
-        source = context.harness_topic(played.source)
+        source = context.wiring.topic(played.source)
         feeding = [loaded[topic] for topic, below in reached.items() if source in below]
         if feeding:
             counts[name] = max(feeding, key=lambda message_count: message_count.messages)

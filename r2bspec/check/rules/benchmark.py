@@ -62,7 +62,7 @@ def rate_without_effect(context: Context) -> Findings:
 def benchmark_without_rate(context: Context) -> Findings:
     """Benchmarks without a rate or a search."""
     benchmark = context.spec.benchmark
-    sustained = any(located.requirement.metric == "sustained" for located in context.requirements)
+    sustained = any(each.requirement.metric == "sustained" for each in context.requirements)
     own = context.spec.has_own_rate
     if not own and not benchmark.rates and benchmark.search is None and not sustained:
         at = {value_key(("slos", name, "at")) for name in context.spec.slos}
@@ -110,15 +110,14 @@ def requirement_without_rate(context: Context) -> Findings:
         return
     rates = ", ".join(str(rate) for rate in context.spec.benchmark.rates)
     for metric in context.known_metrics:
-        located = metric.located
-        if located.needs_rate and metric.info.statistic not in {"search", "truth"}:
+        if metric.needs_rate and metric.info.statistic not in {"search", "truth"}:
             yield Finding(
                 message=f"requirement on {quote(metric.info.name)} has no rate",
-                path=located.path,
-                part=located.metric_part,
-                help=f"add 'at:' to the objective {quote(located.objective)}"
+                path=metric.path,
+                part=metric.metric_part,
+                help=f"add 'at:' to the objective {quote(metric.objective)}"
                 + (f"; played rates: {rates}" if rates else ""),
-                suppresses={located.subject},
+                suppresses={metric.subject},
             )
 
 
@@ -139,10 +138,10 @@ def peak_without_search(context: Context) -> Findings:
         if metric.info.statistic == "search":
             yield Finding(
                 message=f"{quote(metric.info.name)} is required, but 'benchmark' has no search",
-                path=metric.located.path,
-                part=metric.located.metric_part,
+                path=metric.path,
+                part=metric.metric_part,
                 help="add one under 'benchmark': 'search: {min: 5 Hz, max: 200 Hz}'",
-                suppresses={metric.located.subject},
+                suppresses={metric.subject},
             )
 
 
@@ -156,7 +155,7 @@ def peak_outside_search(context: Context) -> Findings:
     if search is None or search.min.hz >= search.max.hz:
         return
     for metric in context.known_metrics:
-        bound = metric.located.requirement.bound
+        bound = metric.requirement.bound
         if metric.info.statistic != "search" or bound is None or bound.dimension != "rate":
             continue
         if search.min.hz < bound.value <= search.max.hz:
@@ -165,9 +164,9 @@ def peak_outside_search(context: Context) -> Findings:
         limit = search.max if end == "max" else search.min
         yield Finding(
             message=f"a search from {search.min} to {search.max} cannot decide "
-            f"{quote(metric.located.requirement.text)}",
-            path=metric.located.path,
-            part=metric.located.bound_part,
+            f"{quote(metric.requirement.text)}",
+            path=metric.path,
+            part=metric.bound_part,
             help=f"set {quote(end)} of the search {'above' if end == 'max' else 'below'} "
             f"{bound.value:g} Hz",
             related=(
@@ -175,7 +174,7 @@ def peak_outside_search(context: Context) -> Findings:
                     f"the search {'ends' if end == 'max' else 'begins'} at {limit}", (*_SEARCH, end)
                 ),
             ),
-            suppressed_by={metric.located.subject},
+            suppressed_by={metric.subject},
         )
 
 
@@ -247,18 +246,23 @@ _LOST_SAMPLES = {"interval": 1, "jitter": 2}
 def too_few_messages(context: Context) -> Findings:
     """Requirements that a run of the declared length cannot confirm."""
     for metric in context.known_metrics:
-        located = metric.located
         max_share = max_wrong_share(metric)
-        if located.role != "objective" or located.at is None or max_share is None:
+        if metric.role != "objective" or metric.at is None or max_share is None:
             continue
         if any(each.own_pace for each in _monitors_of(metric, context)):
             # How many messages come is not known.
             continue
-        needed = min_sample_size(max_share, _last_confidence(context, located.confidence))
+        needed = min_sample_size(max_share, _last_confidence(context, metric.confidence))
         if needed is None:
-            yield _unprovable(metric)
-        elif located.at in context.spec.benchmark.rates:
-            finding = _too_few(context, metric, located.at, needed)
+            yield Finding(
+                message=f"no number of messages can confirm {quote(metric.requirement.text)}",
+                path=metric.path,
+                help="require 'missed == 0', which is about the observed messages, or allow a "
+                "small share",
+                suppressed_by={metric.subject},
+            )
+        elif metric.at in context.spec.benchmark.rates:
+            finding = _too_few(context, metric, metric.at, needed)
             if finding is not None:
                 yield finding
 
@@ -280,15 +284,6 @@ def _last_confidence(context: Context, confidence: float) -> float:
     return looks.confidence_at(len(looks), confidence)
 
 
-def _unprovable(metric: KnownMetric) -> Finding:
-    return Finding(
-        message=f"no number of messages can confirm {quote(metric.located.requirement.text)}",
-        path=metric.located.path,
-        help="require 'missed == 0', which is about the observed messages, or allow a small share",
-        suppressed_by={metric.located.subject},
-    )
-
-
 def _too_few(context: Context, metric: KnownMetric, at: Rate, needed: int) -> Finding | None:
     benchmark = context.spec.benchmark
     steps = round(at.hz * benchmark.duration.seconds)
@@ -306,15 +301,15 @@ def _too_few(context: Context, metric: KnownMetric, at: Rate, needed: int) -> Fi
     enough = math.ceil(needed / per_iteration) if per_iteration > 0 else 0
     return Finding(
         message=f"{at_most}{counted:,} {things} at {at} cannot confirm "
-        f"{quote(metric.located.requirement.text)}: at least {needed:,} are needed",
-        path=metric.located.path,
+        f"{quote(metric.requirement.text)}: at least {needed:,} are needed",
+        path=metric.path,
         help=(
             f"set 'benchmark.iterations' to {enough} or more, or increase 'benchmark.duration'"
             if enough
             else "increase 'benchmark.duration'"
         )
         + f"; if some {things.split()[0]} violate the bound, several times as many are needed",
-        suppressed_by={metric.located.subject, value_key(("slos", metric.located.objective, "at"))},
+        suppressed_by={metric.subject, value_key(("slos", metric.objective, "at"))},
     )
 
 
@@ -325,15 +320,14 @@ def too_few_iterations(context: Context) -> Findings:
     if max(benchmark.iterations, benchmark.max_iterations) > 1:
         return
     for metric in context.known_metrics:
-        located = metric.located
-        compared = located.requirement.op in {"<", "<=", ">", ">="}
-        if metric.info.statistic == "mean" and compared and located.role == "objective":
+        compared = metric.requirement.op in {"<", "<=", ">", ">="}
+        if metric.info.statistic == "mean" and compared and metric.role == "objective":
             yield Finding(
-                message=f"one iteration cannot confirm {quote(located.requirement.text)}",
-                path=located.path,
+                message=f"one iteration cannot confirm {quote(metric.requirement.text)}",
+                path=metric.path,
                 help="set 'benchmark.iterations' to 2 or more; 5 or more give a useful interval",
                 related=(Pointer("'iterations' is 1", ("benchmark", "iterations")),),
-                suppressed_by={located.subject, value_key(("slos", located.objective, "at"))},
+                suppressed_by={metric.subject, value_key(("slos", metric.objective, "at"))},
             )
 
 
@@ -362,12 +356,11 @@ def too_few_windows(context: Context) -> Findings:
     benchmark = context.spec.benchmark
     iterations = max(benchmark.iterations, benchmark.max_iterations)
     for metric in context.known_metrics:
-        located = metric.located
-        requirement = located.requirement
-        if requirement.windows_share is None or located.role != "objective":
+        requirement = metric.requirement
+        if requirement.windows_share is None or metric.role != "objective":
             continue
         windows = benchmark.duration.ns // requirement.window_ns * iterations
-        confidence = _last_confidence(context, located.confidence)
+        confidence = _last_confidence(context, metric.confidence)
         needed = min_sample_size(1 - requirement.windows_share, confidence)
         if needed is not None and windows >= needed:
             continue
@@ -376,7 +369,7 @@ def too_few_windows(context: Context) -> Findings:
             message=f"{pluralize(windows, 'window')} of {length} cannot confirm "
             f"{quote(requirement.text)}"
             + (f": at least {needed:,} are needed" if needed is not None else ""),
-            path=located.path,
+            path=metric.path,
             help="allow a small share of windows to violate the bound"
             if needed is None
             else "increase 'duration' or 'iterations', use shorter windows, or require a smaller "
@@ -384,7 +377,7 @@ def too_few_windows(context: Context) -> Findings:
             related=(
                 Pointer(f"an iteration takes {benchmark.duration}", ("benchmark", "duration")),
             ),
-            suppressed_by={located.subject},
+            suppressed_by={metric.subject},
         )
 
 

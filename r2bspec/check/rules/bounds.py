@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
 
 import msgspec
 
@@ -27,7 +26,7 @@ _UNITS = {"time": "ms", "rate": "Hz", "size": "MiB", "share": "%"}
 def bound_unit_mismatch(context: Context) -> Findings:
     """Bounds whose unit does not fit the metric."""
     for metric in context.known_metrics:
-        bound = metric.located.requirement.bound
+        bound = metric.requirement.bound
         if bound is not None and not metric.info.accepts(bound):
             if bound.dimension == "count" and metric.info.dimension in _UNITS:
                 yield _without_unit(metric)
@@ -42,24 +41,23 @@ def bound_unit_mismatch(context: Context) -> Findings:
             yield Finding(
                 message=f"{quote(metric.info.name)} is {_noun(metric.info.dimension)}, but its "
                 f"bound is {written}",
-                path=metric.located.path,
-                part=metric.located.bound_part,
+                path=metric.path,
+                part=metric.bound_part,
                 help=f"use {_EXAMPLES[metric.info.dimension]}",
-                suppresses={metric.located.subject},
+                suppresses={metric.subject},
             )
 
 
 def _without_unit(metric: KnownMetric) -> Finding:
     """A number where a quantity is meant: the unit is what is missing, not the number wrong."""
-    written = str(metric.located.requirement.text)[
-        metric.located.requirement.bound_column :
-    ].split()[0]
+    requirement = metric.requirement
+    written = requirement.text[requirement.bound_column :].split()[0]
     return Finding(
         message=f"the bound {written} of {quote(metric.info.name)} has no unit",
-        path=metric.located.path,
-        part=metric.located.bound_part,
+        path=metric.path,
+        part=metric.bound_part,
         help=f"write {written} {_UNITS[metric.info.dimension]}",
-        suppresses={metric.located.subject},
+        suppresses={metric.subject},
     )
 
 
@@ -71,55 +69,52 @@ _Limit = tuple[float, bool]
 """An end of the allowed values, and whether it is excluded."""
 
 
-class _EarlierBounds(msgspec.Struct):
-    """The bounds of one metric so far; of each side those that are tighter than all before them.
+class _TightestBounds(msgspec.Struct):
+    """The tightest bounds of one metric so far, each with its limit."""
 
-    They get tighter along the list, so bisection finds the first that contradicts a new bound:
-    comparing all pairs of some thousand requirements takes minutes.
-    """
+    lower: tuple[_Limit, KnownMetric] | None = None
+    upper: tuple[_Limit, KnownMetric] | None = None
 
-    lower: list[tuple[_Limit, int, KnownMetric]] = msgspec.field(default_factory=list)
-    upper: list[tuple[_Limit, int, KnownMetric]] = msgspec.field(default_factory=list)
+    def contradicted(self, low: _Limit, high: _Limit) -> KnownMetric | None:
+        """A bound that no value between these limits meets."""
+        if self.lower is not None and _is_empty(self.lower[0], high):
+            return self.lower[1]
+        if self.upper is not None and _is_empty(low, self.upper[0]):
+            return self.upper[1]
+        return None
 
-    def first_contradiction(self, low: _Limit, high: _Limit) -> KnownMetric | None:
-        """The first bound that no value between these limits meets."""
-        above = bisect_left(self.lower, True, key=lambda limit: _is_empty(limit[0], high))
-        below = bisect_left(self.upper, True, key=lambda limit: _is_empty(low, limit[0]))
-        contradicted = [*self.lower[above : above + 1], *self.upper[below : below + 1]]
-        return min(contradicted, key=lambda limit: limit[1])[2] if contradicted else None
-
-    def add(self, position: int, metric: KnownMetric, low: _Limit, high: _Limit) -> None:
-        """Keep the limits of a bound that are tighter than all before them."""
-        if not self.lower or low > self.lower[-1][0]:
-            self.lower.append((low, position, metric))
-        if not self.upper or (-high[0], high[1]) > (-self.upper[-1][0][0], self.upper[-1][0][1]):
-            self.upper.append((high, position, metric))
+    def add(self, metric: KnownMetric, low: _Limit, high: _Limit) -> None:
+        """Keep the limits of a bound that are tighter than those before them."""
+        if self.lower is None or low > self.lower[0]:
+            self.lower = (low, metric)
+        if self.upper is None or (-high[0], high[1]) > (-self.upper[0][0], self.upper[0][1]):
+            self.upper = (high, metric)
 
 
 @rule("R2B514")
 def bound_contradiction(context: Context) -> Findings:
     """Bounds that no value can meet together."""
-    by_key: dict[tuple[object, ...], _EarlierBounds] = {}
-    for position, metric in enumerate(context.known_metrics):
-        located, bound = metric.located, metric.located.requirement.bound
-        if bound is None or located.requirement.windows_share is not None:
+    by_key: dict[tuple[object, ...], _TightestBounds] = {}
+    for metric in context.known_metrics:
+        bound = metric.requirement.bound
+        if bound is None or metric.requirement.windows_share is not None:
             continue
         relative = (bound.of_offered, bound.of_baseline, bound.dimension)
-        key = (located.role, located.at, metric.monitor, metric.info.name, relative)
-        earlier = by_key.setdefault(key, _EarlierBounds())
-        low, high = _limits(located.requirement.op, bound.value)
-        other = earlier.first_contradiction(low, high)
+        key = (metric.role, metric.at, metric.monitor, metric.info.name, relative)
+        earlier = by_key.setdefault(key, _TightestBounds())
+        low, high = _limits(metric.requirement.op, bound.value)
+        other = earlier.contradicted(low, high)
         if other is not None:
             yield Finding(
-                message=f"{quote(located.requirement.text)} contradicts "
-                f"{quote(other.located.requirement.text)}",
-                path=located.path,
-                part=located.bound_part,
+                message=f"{quote(metric.requirement.text)} contradicts "
+                f"{quote(other.requirement.text)}",
+                path=metric.path,
+                part=metric.bound_part,
                 help="correct one of the bounds",
-                related=(Pointer("the other bound", other.located.path),),
-                suppressed_by={located.subject},
+                related=(Pointer("the other bound", other.path),),
+                suppressed_by={metric.subject},
             )
-        earlier.add(position, metric, low, high)
+        earlier.add(metric, low, high)
 
 
 def _is_empty(low: _Limit, high: _Limit) -> bool:
@@ -141,7 +136,7 @@ _SIGNED = frozenset({"latency", "latency_from_due", "reaction", "age"})
 def bound_with_constant_outcome(context: Context) -> Findings:
     """Bounds that every value meets, or none."""
     for metric in context.known_metrics:
-        requirement = metric.located.requirement
+        requirement = metric.requirement
         if requirement.bound is None or requirement.bound.of_baseline:
             continue
         outcome = _constant_outcome(metric, requirement.bound.value)
@@ -150,13 +145,13 @@ def bound_with_constant_outcome(context: Context) -> Findings:
                 message=f"{quote(requirement.text)} always passes"
                 if outcome
                 else f"{quote(requirement.text)} never passes",
-                path=metric.located.path,
-                part=metric.located.bound_part,
+                path=metric.path,
+                part=metric.bound_part,
                 help=f"{quote(metric.info.name)} is between 0 % and 100 %"
                 if metric.info.name == "drop_rate"
                 else f"{quote(metric.info.name)} is never below 0",
                 severity="warning" if outcome else "error",
-                suppressed_by={metric.located.subject},
+                suppressed_by={metric.subject},
             )
 
 
@@ -164,7 +159,7 @@ def _constant_outcome(metric: KnownMetric, value: float) -> bool | None:
     """The outcome of every run; None if it depends on the run."""
     if metric.info.family in _SIGNED and metric.info.statistic == "mean":
         return None
-    op = metric.located.requirement.op
+    op = metric.requirement.op
     # The CPU share of several cores adds up to more than 100 %.
     max_value = 1.0 if metric.info.name == "drop_rate" else math.inf
     if (op == ">=" and value <= 0) or (op == ">" and value < 0):

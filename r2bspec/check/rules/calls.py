@@ -108,9 +108,9 @@ def service_events_loaded(context: Context) -> Findings:
                 help=f"call the service under 'playback.calls', with {quote(f'from: {loaded}')}",
                 suppresses={
                     value_key(("data_loader", "topics", name)),
-                    topic_key("preprocess", context.harness_topic(loaded)),
+                    topic_key("preprocess", context.wiring.topic(loaded)),
                     *(value_key(("playback", "inputs", key, "format")) for key in played),
-                    *(topic_key("measure", context.harness_topic(key)) for key in played),
+                    *(topic_key("measure", context.wiring.topic(key)) for key in played),
                 },
             )
 

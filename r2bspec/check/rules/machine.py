@@ -11,7 +11,7 @@ import msgspec
 from r2bspec.check.check_context import Context
 from r2bspec.check.rule import Finding, Findings, Pointer, rule
 from r2bspec.diagnostics.diagnostic import Path
-from r2bspec.diagnostics.quote import did_you_mean, quote
+from r2bspec.diagnostics.quote import quote, unknown_name_help
 from r2bspec.language.located_tree import ListNode
 from r2bspec.language.quantities import Size
 from r2bspec.language.spec import ProcessSettings, Requires
@@ -72,24 +72,18 @@ def required_machine_unknown(context: Context) -> Findings:
     requires = context.spec.requires
     if requires is None:
         return
-    if requires.arch and requires.arch not in machine.ARCHITECTURES:
-        close = _OTHER_NAMES.get(requires.arch.lower()) or did_you_mean(
-            requires.arch, machine.ARCHITECTURES
-        )
-        yield Finding(
-            message=f"no machine has the architecture {requires.arch!r}",
-            path=("requires", "arch"),
-            help=f"write {close!r}" if close else f"known: {', '.join(machine.ARCHITECTURES)}",
-        )
-    if requires.ros_distro and requires.ros_distro not in machine.ROS_DISTROS:
-        close = did_you_mean(requires.ros_distro, machine.ROS_DISTROS)
-        yield Finding(
-            message=f"there is no ROS distribution {requires.ros_distro!r}",
-            path=("requires", "ros_distro"),
-            help=f"did you mean {close!r}?"
-            if close
-            else f"known: {', '.join(machine.ROS_DISTROS)}",
-        )
+    arch = _OTHER_NAMES.get(requires.arch.lower(), requires.arch)
+    for key, meant, known, lack in (
+        ("arch", arch, machine.ARCHITECTURES, "no machine has the architecture"),
+        ("ros_distro", requires.ros_distro, machine.ROS_DISTROS, "there is no ROS distribution"),
+    ):
+        written = getattr(requires, key)
+        if written and written not in known:
+            yield Finding(
+                message=f"{lack} {quote(written)}",
+                path=("requires", key),
+                help=unknown_name_help(meant, known, "known"),
+            )
 
 
 @rule("R2B675")
@@ -212,7 +206,7 @@ def pays_for_images(context: Context, process: ProcessPlan) -> bool:
 def _is_played_unchanged(context: Context, bag_topic: str) -> bool:
     """Whether messages are played in their recorded size."""
     return any(
-        direct_bag_topic(context.harness_topic(played.source), context.spec, context.wiring)
+        direct_bag_topic(context.wiring.topic(played.source), context.spec, context.wiring)
         == bag_topic
         for played in context.spec.playback.inputs.values()
     )

@@ -57,8 +57,8 @@ def metric_without_monitor(context: Context) -> Findings:
             first = next(iter(monitors))
             yield Finding(
                 message=f"{quote(name)} is required of every monitor: {quoted_list(monitors)}",
-                path=metric.located.path,
-                part=metric.located.metric_part,
+                path=metric.path,
+                part=metric.metric_part,
                 help=f"to select one monitor, write for example {quote(f'{first}.{name}')}",
             )
 
@@ -70,15 +70,15 @@ _PROBE_SCOPES = ("monitor", "playback")
 def search_condition_unsupported(context: Context) -> Findings:
     """Conditions of a search that a probe does not measure."""
     for metric in context.known_metrics:
-        if metric.located.role == "holds" and metric.info.scope not in _PROBE_SCOPES:
+        if metric.role == "holds" and metric.info.scope not in _PROBE_SCOPES:
             yield Finding(
                 message=f"probes of a search do not measure {quote(metric.info.name)}",
-                path=metric.located.path,
-                part=metric.located.metric_part,
+                path=metric.path,
+                part=metric.metric_part,
                 help="remove it: every probe checks that the backlog does not grow"
                 if metric.info.scope == "probe"
                 else "use a metric of a monitor, such as 'drop_rate <= 5 %'",
-                suppresses={metric.located.subject},
+                suppresses={metric.subject},
             )
 
 
@@ -97,12 +97,12 @@ def count_with_order_matching(context: Context) -> Findings:
                 yield Finding(
                     message=f"monitor {name} matches by order, which cannot count "
                     f"{quote(metric.info.name)}",
-                    path=metric.located.path,
-                    part=metric.located.metric_part,
+                    path=metric.path,
+                    part=metric.metric_part,
                     help="require it of a monitor that matches by stamp, or require 'missed' and "
                     "'unmatched' instead",
                     related=(Pointer("matched by order here", ("monitors", name, "match")),),
-                    suppressed_by={metric.located.subject},
+                    suppressed_by={metric.subject},
                 )
 
 
@@ -128,12 +128,12 @@ def metric_unobserved(context: Context) -> Findings:
         yield Finding(
             message=f"{quote(metric.info.name)} is only known if a run observes "
             f"{f'the process of {subject}' if is_part else 'its processes'} from inside",
-            path=metric.located.path,
-            part=metric.located.metric_part,
+            path=metric.path,
+            part=metric.metric_part,
             help=f"add {subject} to 'anatomy' of 'benchmark'"
             if is_part
             else "add 'anatomy: true' to 'benchmark'",
-            suppresses={metric.located.subject},
+            suppresses={metric.subject},
         )
 
 
@@ -162,9 +162,9 @@ def metric_unavailable(context: Context) -> Findings:
             message, help_text = problem
             yield Finding(
                 message=message,
-                path=metric.located.path,
+                path=metric.path,
                 help=help_text,
-                suppressed_by={metric.located.subject},
+                suppressed_by={metric.subject},
             )
 
 
@@ -213,7 +213,7 @@ def _why_unavailable_at_own_pace(context: Context, metric: KnownMetric) -> tuple
     found = next((each for each in named if paces.get(each)), None)
     if metric.info.scope != "monitor" or found is None:
         return None
-    bound = metric.located.requirement.bound
+    bound = metric.requirement.bound
     if bound is not None and bound.of_offered:
         return (
             f"monitor {found} has a pace of its own: {name} cannot be 'of offered'",
@@ -230,7 +230,7 @@ def _why_unavailable_at_own_pace(context: Context, metric: KnownMetric) -> tuple
 def _why_unavailable(context: Context, metric: KnownMetric) -> tuple[str, str] | None:
     """Message and help; None if the metric is available."""
     name, mode = quote(metric.info.name), context.spec.playback.mode
-    bound = metric.located.requirement.bound
+    bound = metric.requirement.bound
     if bound is not None and bound.of_offered:
         return (
             f"'mode: {mode}' has no offered rate, so the bound of {name} cannot be a share of it",
@@ -284,11 +284,11 @@ def accuracy_without_truth(context: Context) -> Findings:
         lack = "no truth of that kind" if metric.monitor else "a truth of that kind"
         yield Finding(
             message=f"{quote(metric.info.name)} has no value: {whose} {lack}",
-            path=metric.located.path,
-            part=metric.located.metric_part,
+            path=metric.path,
+            part=metric.metric_part,
             help=f"add 'truth: {{kind: {kind}, name: ...}}' to a monitor of type "
             f"{metric_catalogue.TRUTHS[kind].format}",
-            suppressed_by={metric.located.subject},
+            suppressed_by={metric.subject},
         )
 
 
@@ -335,10 +335,10 @@ def margin_below_noise(context: Context) -> Findings:
     for margin in narrow_margins(context):
         noise = margin.calibration
         yield Finding(
-            message=f"margin of {quote(margin.known_metric.located.requirement.text)} is "
+            message=f"margin of {quote(margin.known_metric.requirement.text)} is "
             f"{show(margin.margin, 'share')}, but {margin.detectable_text} on {noise.machine} "
             f"(calibrated {noise.started_at[:10]})",
-            path=margin.known_metric.located.path,
+            path=margin.known_metric.path,
             part=margin.part,
             help=f"{f'write {margin.proposed!r}, ' if margin.proposed else ''}increase "
             "'benchmark.iterations', or find the cause of the noise",
@@ -378,13 +378,12 @@ def narrow_margins(context: Context) -> Iterator[NarrowMargin]:
 def _narrow(
     known_metric: KnownMetric, calibration: Calibration, noise: MetricNoise, pairs: int
 ) -> NarrowMargin | None:
-    located = known_metric.located
-    requirement, bound = located.requirement, located.requirement.bound
+    requirement, bound = known_metric.requirement, known_metric.requirement.bound
     if bound is None or not bound.of_baseline or requirement.windows_share is not None:
         return None
     if requirement.op not in {"<", "<=", ">", ">="} or bound.value <= 0:
         return None
-    at_hz = located.at.hz if located.at is not None else None
+    at_hz = known_metric.at.hz if known_metric.at is not None else None
     if (noise.metric, noise.at_hz) != (known_metric.info.name, at_hz):
         return None
     if known_metric.monitor is not None and noise.monitor != known_metric.monitor:

@@ -6,7 +6,7 @@ from r2bspec.bags.message_types import begins_with_header
 from r2bspec.check.check_context import Context
 from r2bspec.check.input_events import event_input
 from r2bspec.check.rule import MEASURE_FLOW, Finding, Findings, Pointer, rule, topic_key, value_key
-from r2bspec.datasets.catalogue import TruthNames, truth_names
+from r2bspec.datasets.catalogue import truth_names
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, quote, quoted_list, suggestion
 from r2bspec.judge.measure.metric_catalogue import TRUTHS
@@ -85,7 +85,7 @@ def monitor_duplicate(context: Context) -> Findings:
     """Monitors that measure the same topic."""
     first: dict[tuple[str, str], str] = {}
     for name, monitor in context.spec.monitors.items():
-        topic = context.harness_topic(monitor.topic)
+        topic = context.wiring.topic(monitor.topic)
         # One of them may measure the latency, and any other a reaction.
         if monitor.reaction is not None:
             continue
@@ -144,7 +144,7 @@ def _any_stamp(context: Context) -> bool:
 def answered_input_unknown(context: Context) -> Findings:
     """Inputs in `answers` that do not exist, and `answers` without effect."""
     spec = context.spec
-    inputs = {context.harness_topic(name): name for name in spec.playback.inputs}
+    inputs = {context.wiring.topic(name): name for name in spec.playback.inputs}
     for name, monitor in spec.monitors.items():
         path = ("monitors", name, "answers")
         if monitor.answers and spec.playback.mode != "timeline":
@@ -157,7 +157,7 @@ def answered_input_unknown(context: Context) -> Findings:
             )
             continue
         for index, answered in enumerate(monitor.answers):
-            if context.harness_topic(answered) not in inputs:
+            if context.wiring.topic(answered) not in inputs:
                 yield Finding(
                     message=f"'answers' of monitor {name} lists {quote(answered)}, which is not a "
                     "playback input",
@@ -204,7 +204,7 @@ def _wrong_name(context: Context, name: str, truth: Truth) -> Finding | None:
         return None
     topics = tuple(context.spec.data_loader.topics)
     truths = [truth_names(bag.location, topics) for bag in recordings if bag.location]
-    names = [name for of_bag in truths if of_bag for name in _of_kind(of_bag, truth)]
+    names = [name for of_bag in truths if of_bag for name in getattr(of_bag, truth.kind)]
     if truth.name in names or f"/{truth.name}" in names:
         return None
     path = ("monitors", name, "truth", "name")
@@ -222,10 +222,6 @@ def _wrong_name(context: Context, name: str, truth: Truth) -> Finding | None:
         path=path,
         help=f"did you mean {quote(close)}?" if close else f"it is the name of {what}; {advice}",
     )
-
-
-def _of_kind(names: TruthNames, truth: Truth) -> tuple[str, ...]:
-    return names.disparity if truth.kind == "disparity" else names.tag
 
 
 @rule("R2B417")
@@ -249,9 +245,9 @@ def reaction_unusable(context: Context) -> Findings:
 
 def _event_monitor(context: Context, reaction: Reaction) -> Monitor:
     """The monitor whose messages begin the events of a live graph, which exists."""
-    wanted = context.harness_topic(reaction.input)
+    wanted = context.wiring.topic(reaction.input)
     monitors = context.spec.outputs.values()
-    return next(each for each in monitors if context.harness_topic(each.topic) == wanted)
+    return next(each for each in monitors if context.wiring.topic(each.topic) == wanted)
 
 
 def _wrong_input_of_a_live_graph(
@@ -266,7 +262,7 @@ def _wrong_input_of_a_live_graph(
             key=True,
             help="monitor the topic that the graph reacts to, and add 'input:' with it",
         )
-    if context.harness_topic(reaction.input) in map(context.harness_topic, topics):
+    if context.wiring.topic(reaction.input) in map(context.wiring.topic, topics):
         return None
     return Finding(
         message=f"no monitor sees {quote(reaction.input)}, and with 'mode: live' nothing else "
@@ -278,10 +274,10 @@ def _wrong_input_of_a_live_graph(
 
 def _wrong_input(context: Context, path: Path, reaction: Reaction) -> Finding | None:
     """What is wrong with the input of the events."""
-    inputs = {context.harness_topic(name): name for name in context.spec.playback.inputs}
+    inputs = {context.wiring.topic(name): name for name in context.spec.playback.inputs}
     if context.spec.live:
         return _wrong_input_of_a_live_graph(context, path, reaction)
-    if reaction.input and context.harness_topic(reaction.input) not in inputs:
+    if reaction.input and context.wiring.topic(reaction.input) not in inputs:
         return Finding(
             message=f"{quote(reaction.input)} is not a playback input",
             path=(*path, "input"),

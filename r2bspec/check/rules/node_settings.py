@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import msgspec
 
@@ -266,67 +266,53 @@ def remapping_unmatched(context: Context) -> Findings:
     """Remappings that match no topic of their node."""
     count = 0
     for phase, node in context.nodes:
-        topics = _NodeTopics(phase, node)
+        known = _remappable(node)
+        used: dict[str, str] = {}
         for left, right in node.node.remappings.items():
             if left in _NODE_REMAPPINGS:
                 yield _node_remapping_finding(phase, node, left)
-            elif topics.known is not None and node.names.full(left) not in topics.known:
+            elif known is not None and node.names.full(left) not in known:
                 count += 1
-                finding = _unmatched_finding(topics, left, right, suggest=count <= MAX_SUGGESTIONS)
+                used = used or {
+                    name: node.names.resolve(name).name for name in node.interface.topics or ()
+                }
+                close = did_you_mean(left, used) if count <= MAX_SUGGESTIONS else ""
+                finding = _unmatched_finding(phase, node, (left, right), close, used)
                 interface = node.interface
                 sources = (interface.subscribes_from, interface.publishes_from)
                 yield with_record(context, finding, *((node, source) for source in sources))
 
 
-class _NodeTopics:
-    """The topics of one node, expanded and remapped once for all of its remappings.
+def _remappable(node: NodeWiring) -> frozenset[str] | None:
+    """The full names that a remapping of a node may have; None if they are not all known."""
+    topics = node.interface.topics
+    if topics is None or node.node.kind.names_own_nodes or not node.node.remappings:
+        return None
+    names = (*topics, *node.interface.other_remappable_names)
+    return frozenset((*NODE_TOPICS, "/clock", *map(node.names.full, names)))
 
-    Attributes:
-        phase: the name of the phase of the node.
-        node: the node.
-        own: the topics in the code of the node.
-        known: the full names that a remapping may have; None if they are not all known.
+
+def _unmatched_finding(
+    phase: str, node: NodeWiring, remapping: tuple[str, str], close: str, used: Mapping[str, str]
+) -> Finding:
+    """What is said of a remapping; `used` are the topics of the node, by their names in its code.
+
+    Without a close name, any of them may be used instead of the intended one.
     """
-
-    def __init__(self, phase: str, node: NodeWiring) -> None:
-        self.phase = phase
-        self.node = node
-        self.own = node.interface.topics or ()
-        self.known: frozenset[str] | None = None
-        all_known = node.interface.topics is not None and not node.node.kind.names_own_nodes
-        if node.node.remappings and all_known:
-            names = (*self.own, *node.interface.other_remappable_names)
-            self.known = frozenset((*NODE_TOPICS, "/clock", *map(node.names.full, names)))
-        self._remapped: frozenset[str] | None = None
-
-    def used_instead(self, close: str) -> frozenset[str]:
-        """The topics that may be used instead of the intended one.
-
-        Without a close name these are all topics of the node. They are given once: what one finding
-        suppresses, later ones need not name again.
-        """
-        if not close and self._remapped is not None:
-            return frozenset()
-        own = (close,) if close else self.own
-        names = frozenset(self.node.names.resolve(name).name for name in own)
-        if not close:
-            self._remapped = names
-        return names
-
-
-def _unmatched_finding(topics: _NodeTopics, left: str, right: str, *, suggest: bool) -> Finding:
-    node, own = topics.node, topics.own
-    close = did_you_mean(left, own) if suggest else ""
+    left, right = remapping
     # The spec may state topics only; services are remapped in the same way.
     sources = {node.interface.subscribes_from, node.interface.publishes_from}
-    instead = {node.names.full(left), node.names.full(right), *topics.used_instead(close)}
+    instead = {
+        *map(node.names.full, remapping),
+        *([used[close]] if close else used.values()),
+    }
     finding = Finding(
         message=f"{node.key} has no topic {quote(left)} to remap",
         path=(*node.path, "remappings", left),
         key=True,
-        help=_unmatched_help(left, right, close, own),
+        help=_unmatched_help(left, right, close, tuple(used)),
         severity=None if sources <= COMPLETE_SOURCES else "warning",
-        suppresses={flow_key(topics.phase), *(topic_key(topics.phase, topic) for topic in instead)},
+        suppresses={flow_key(phase), *(topic_key(phase, topic) for topic in instead)},
     )
     return as_version_warning(node.interface, finding) if "catalogue" in sources else finding
 

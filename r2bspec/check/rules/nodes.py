@@ -17,7 +17,6 @@ from r2bspec.language.spec import Container, Node, ProcessSettings
 from r2bspec.language.spec_graph import PROCESS_KEYS
 from r2bspec.plan import installed_packages
 from r2bspec.plan.launch_programs import LaunchPrograms, launch_programs
-from r2bspec.plan.plan import ProcessPlan
 from r2bspec.plan.process_plans import PartPlacement, find_places, graph_processes, reserved_names
 from r2bspec.plan.wiring.python_files import source_folder
 from r2bspec.plan.wiring.wiring import NodeWiring, PhaseWiring
@@ -390,12 +389,12 @@ def _launched_place(context: Context, place: PartPlacement, *, is_chosen: bool) 
             help=suggestion(place.program, labels, "its programs") or "it starts no nodes",
         )
     if len(labels) > 1 and not known.has_conditions and not is_chosen:
-        what = "the player" if place.path == ("harness",) else f"monitor {quote(place.part)}"
+        what, key, _ = _place_words(place)
         return Finding(
             message=f"the launch file of {place.process} starts {len(labels)} programs, and which "
             f"of them gets {what} is not said",
             path=path,
-            help=f"set '{_place_key(place)}' to one of them: "
+            help=f"set '{key}' to one of them: "
             f"{quoted_list(f'{place.process}/{each}' for each in labels)}",
         )
     return None
@@ -414,9 +413,15 @@ def _known_programs(context: Context, process: str) -> LaunchPrograms | None:
     return None if share is None else launch_programs(share / launch.file, share)
 
 
+def _place_words(place: PartPlacement) -> tuple[str, str, str]:
+    """The part of the harness, its key, and what the process does in which it belongs."""
+    if place.path == ("harness",):
+        return "the player", "harness.in", "read the inputs"
+    return f"monitor {quote(place.part)}", f"monitors.{place.part}.in", "publish its topic"
+
+
 def _place_message(place: PartPlacement) -> str:
-    what = "the player" if place.path == ("harness",) else f"monitor {quote(place.part)}"
-    does = "read the inputs" if place.path == ("harness",) else "publish its topic"
+    what, _, does = _place_words(place)
     if place.named:
         return f"no process of the graph is, or has a node, named {quote(place.named)}"
     if place.external:
@@ -427,11 +432,8 @@ def _place_message(place: PartPlacement) -> str:
 def _place_help(place: PartPlacement) -> str:
     if place.external or not place.choices:
         return "let r2bspec start the nodes, or write 'harness: {placement: separate}'"
-    return f"set '{_place_key(place)}' to one of the processes: {quoted_list(place.choices)}"
-
-
-def _place_key(place: PartPlacement) -> str:
-    return "harness.in" if place.path == ("harness",) else f"monitors.{place.part}.in"
+    key = _place_words(place)[1]
+    return f"set '{key}' to one of the processes: {quoted_list(place.choices)}"
 
 
 _TYPICAL = (
@@ -447,7 +449,10 @@ def harness_outside_process(context: Context) -> Findings:
     if spec.harness.placement == "graph" or spec.graph.placement == "harness":
         return
     processes = tuple(graph_processes(spec, context.wiring))
-    if len(processes) != 1 or spec.has_external_nodes or not _shared_by_design(processes[0]):
+    if len(processes) != 1 or spec.has_external_nodes:
+        return
+    # A process for several nodes: one that a robot shares between nodes, too.
+    if processes[0].role != "container" and len(processes[0].nodes) < 2:
         return
     if pays_for_images(context, processes[0]):
         return
@@ -461,8 +466,3 @@ def harness_outside_process(context: Context) -> Findings:
         "'r2bspec run --scan harness.placement=separate,graph' shows both. "
         f"Typical overheads (docs/performance.md): {_TYPICAL}",
     )
-
-
-def _shared_by_design(process: ProcessPlan) -> bool:
-    """Whether it is a process for several nodes: one that a robot shares between nodes, too."""
-    return process.role == "container" or len(process.nodes) > 1

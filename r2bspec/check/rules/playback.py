@@ -147,7 +147,7 @@ def timeline_without_timestamps(context: Context) -> Findings:
     if playback.mode != "timeline" or playback.record_timeline:
         return
     for name, played in playback.inputs.items():
-        source = context.harness_topic(played.source)
+        source = context.wiring.topic(played.source)
         preprocessed = not direct_bag_topic(source, context.spec, context.wiring)
         if preprocessed and begins_with_header(played.format) is False:
             yield Finding(
@@ -173,7 +173,7 @@ def input_messages_unpaired(context: Context) -> Findings:
         if not unplayed.is_warning:
             continue
         name = next(
-            name for name in spec.playback.inputs if context.harness_topic(name) == unplayed.topic
+            name for name in spec.playback.inputs if context.wiring.topic(name) == unplayed.topic
         )
         yield Finding(
             message=f"{unplayed.clause}{_COUNTS_ALONE if unplayed.at_least else ''}",
@@ -193,12 +193,12 @@ def _unplayed(context: Context) -> list[UnplayedMessages]:
     for name, played in playback.inputs.items():
         if begins_with_header(played.format) is False or played.rate == "recorded":
             continue
-        source = context.harness_topic(played.source)
+        source = context.wiring.topic(played.source)
         bag_topic = direct_bag_topic(source, context.spec, context.wiring)
         if not bag_topic or begins_with_header(played.format) is None:
             # What a preprocessor publishes, and with which stamps, only the run tells.
             return []
-        bag_topics[context.harness_topic(name)] = bag_topic
+        bag_topics[context.wiring.topic(name)] = bag_topic
         slops_ns.append((played.pairing or playback.pairing).slop.ns)
     if len(bag_topics) < 2:
         return []

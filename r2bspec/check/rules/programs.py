@@ -251,20 +251,22 @@ def plugin_not_found(context: Context) -> Findings:
 @rule("R2B624", early=True)
 def python_module_not_found(context: Context) -> Findings:
     """Python nodes whose file or module does not exist."""
+    for path, target in _python_targets(context):
+        finding = (
+            _missing_module(path, target)
+            if target.module
+            else _unusable_file(context, path, target)
+        )
+        if finding is not None:
+            yield replace(finding, suppresses={value_key(path), value_key(path[:-1])})
+
+
+def _python_targets(context: Context) -> Iterator[tuple[Path, installed_packages.PythonTarget]]:
+    """The path of each Python node in the spec, and what it names."""
     for _, node in context.nodes:
         if node.node.python:
             target = installed_packages.python_target(node.node.python, context.loaded.base_dir)
-            path = (*node.path, "python")
-            finding = (
-                _missing_module(path, target)
-                if target.module
-                else _unusable_file(context, path, target)
-            )
-            if finding is not None:
-                yield replace(
-                    finding,
-                    suppresses={value_key(path), value_key(node.path)},
-                )
+            yield (*node.path, "python"), target
 
 
 def _missing_module(path: Path, target: installed_packages.PythonTarget) -> Finding | None:
@@ -310,14 +312,10 @@ _REFERENCE_NODES = "r2bspec.nodes"
 @rule("R2B625", early=True)
 def python_name_not_found(context: Context) -> Findings:
     """Python nodes whose class or function is not in their file or module."""
-    for _, node in context.nodes:
-        if not node.node.python:
-            continue
-        target = installed_packages.python_target(node.node.python, context.loaded.base_dir)
+    for path, target in _python_targets(context):
         names = _defined_names(target)
         if names is None or target.name in names:
             continue
-        path = (*node.path, "python")
         # Another version of an installed module may have the name; files and the reference nodes
         # are the same on every machine.
         certain = not target.module or target.module == _REFERENCE_NODES
@@ -330,7 +328,7 @@ def python_name_not_found(context: Context) -> Findings:
             severity=None if certain else "warning",
             machine_dependent=not certain,
             suppressed_by={value_key(path)},
-            suppresses={value_key(node.path)},
+            suppresses={value_key(path[:-1])},
         )
 
 
@@ -361,18 +359,17 @@ def _public(names: frozenset[str]) -> list[str]:
 @rule("R2B680")
 def python_import_not_found(context: Context) -> Findings:
     """Python nodes whose file imports a module that is not on this machine."""
-    base_dir = context.loaded.base_dir
-    targets = {
-        (*node.path, "python"): installed_packages.python_target(node.node.python, base_dir)
-        for _, node in context.nodes
-        if node.node.python and not node.node.python.startswith(_REFERENCE_NODES)
-    }
+    targets = [
+        (path, target)
+        for path, target in _python_targets(context)
+        if target.module != _REFERENCE_NODES
+    ]
     # Without ROS no node can run here, and what is missing says nothing.
     if not targets or find_module("rclpy") is None:
         return
-    sources = source_folder(base_dir)
+    sources = source_folder(context.loaded.base_dir)
     reported: set[tuple[str, str]] = set()
-    for path, target in targets.items():
+    for path, target in targets:
         file, folder = _source_of(target, sources)
         for missing in installed_packages.missing_imports(file, folder) if file is not None else ():
             written = target.module or target.text.rpartition(":")[0]

@@ -16,7 +16,7 @@ def ready_topic_without_publisher(context: Context) -> Findings:
     """Ready probes that wait for a topic without a publisher."""
     phase = context.wiring.measure
     for name, probe in context.spec.ready.items():
-        topic = context.harness_topic(probe.topic) if probe.topic else ""
+        topic = context.wiring.topic(probe.topic) if probe.topic else ""
         if not topic or phase.publishers(topic):
             continue
         unknown = phase.possible_publishers
@@ -100,11 +100,7 @@ def lifecycle_node_not_activated(context: Context) -> Findings:
 
 def _may_manage(node: NodeWiring) -> bool:
     """Whether a node may change the states of others; what a source says of topics is no answer."""
-    return not (node.interface.is_lifecycle or _is_known_node(node))
-
-
-def _is_known_node(node: NodeWiring) -> bool:
-    return node.interface.publishes_from == "table"
+    return not (node.interface.is_lifecycle or node.interface.publishes_from == "table")
 
 
 @rule("R2B238")

@@ -13,7 +13,7 @@ from r2bspec.check.check_context import Context
 from r2bspec.check.rule import Finding, Findings, rule, value_key
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import quote
-from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
+from r2bspec.language.located_tree import MapNode, ScalarNode, TreeNode, child, children
 from r2bspec.language.secrets import is_secret_key
 
 _BOOLEAN_WORDS = frozenset({"yes", "no", "on", "off", "y", "n"})
@@ -45,16 +45,12 @@ def _plain_strings(
     if isinstance(node, ScalarNode):
         if inside and isinstance(node.value, str) and not node.style and node.origin is None:
             yield path, node
-    elif isinstance(node, MapNode):
-        for key, entry in node.entries.items():
-            below = inside or key in _UNTYPED_SECTIONS
-            # Most values are single ones in other sections.
-            if (below or type(entry.value) is not ScalarNode) and not key.startswith("x-"):
-                yield from _plain_strings(entry.value, (*path, key), inside=below)
-    elif isinstance(node, ListNode):
-        for index, item in enumerate(node.items):
-            if inside or type(item) is not ScalarNode:
-                yield from _plain_strings(item, (*path, index), inside=inside)
+        return
+    for step, value in children(node):
+        below = inside or step in _UNTYPED_SECTIONS
+        # Most values are single ones in other sections.
+        if below or type(value) is not ScalarNode:
+            yield from _plain_strings(value, (*path, step), inside=below)
 
 
 def _yaml_1_1_value(text: str) -> tuple[str, str] | None:
@@ -80,37 +76,29 @@ def secret_in_plain_text(context: Context) -> Findings:
 
 
 def _secrets_below(node: TreeNode, path: Path, *, inside: bool) -> Findings:
-    if isinstance(node, ListNode):
-        for index, item in enumerate(node.items):
-            if type(item) is not ScalarNode:
-                yield from _secrets_below(item, (*path, index), inside=inside)
-    if not isinstance(node, MapNode):
-        return
-    for key, entry in node.entries.items():
-        entry_path = (*path, key)
-        if not inside or not is_secret_key(key):
-            if type(entry.value) is not ScalarNode:
-                below = inside or key in _SECRET_SECTIONS
-                yield from _secrets_below(entry.value, entry_path, inside=below)
-        elif _is_secret(entry.value):
-            name = re.sub(r"\W", "_", key).upper()
-            yield Finding(
-                message=f"{quote(key)} looks like a secret in plain text",
-                path=entry_path,
-                help=f"write $(env {name}), list {name} under 'environment', and set it in the "
-                "environment of the run",
-            )
+    for step, value in children(node):
+        place = (*path, step)
+        if isinstance(step, str) and inside and is_secret_key(step):
+            if _is_secret(value):
+                name = re.sub(r"\W", "_", step).upper()
+                yield Finding(
+                    message=f"{quote(step)} looks like a secret in plain text",
+                    path=place,
+                    help=f"write $(env {name}), list {name} under 'environment', and set it in "
+                    "the environment of the run",
+                )
+        elif type(value) is not ScalarNode:
+            yield from _secrets_below(value, place, inside=inside or step in _SECRET_SECTIONS)
 
 
 def _is_secret(node: TreeNode) -> bool:
     """Whether a string is written in the file, rather than taken from the environment."""
-    if isinstance(node, MapNode):
-        return any(_is_secret(entry.value) for key, entry in node.entries.items() if key == "value")
+    value = child(node, "value") if isinstance(node, MapNode) else node
     return (
-        isinstance(node, ScalarNode)
-        and isinstance(node.value, str)
-        and node.origin is None
-        and node.text.lower() not in _PLACEHOLDERS
+        isinstance(value, ScalarNode)
+        and isinstance(value.value, str)
+        and value.origin is None
+        and value.text.lower() not in _PLACEHOLDERS
     )
 
 

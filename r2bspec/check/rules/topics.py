@@ -36,7 +36,7 @@ def private_topic_without_node(context: Context) -> Findings:
         if not name.startswith("~"):
             continue
         private = [topic for topic in _private_topics(context, phase) if topic.endswith(name[1:])]
-        topics = (*private, context.harness_topic(name))
+        topics = (*private, context.wiring.topic(name))
         yield Finding(
             message=f"private topic {quote(name)} is used outside of a node",
             path=path,
@@ -227,15 +227,26 @@ def topic_without_subscription(context: Context) -> Findings:
     subscribed = [context.relative_name(name) for name in phase.topics if phase.subscriptions(name)]
     count = 0
     for publisher in phase.endpoints:
-        if (
-            publisher.is_publisher
-            and not phase.subscriptions(publisher.topic)
-            and _is_intended(publisher)
-        ):
-            count += 1
-            yield _unsubscribed_finding(
-                context, phase, publisher, subscribed if count <= MAX_SUGGESTIONS else []
-            )
+        if not publisher.is_publisher or phase.subscriptions(publisher.topic):
+            continue
+        if not _is_intended(publisher):
+            continue
+        count += 1
+        shown = context.relative_name(publisher.topic)
+        which = (
+            "which is played"
+            if publisher.owner == "player"
+            else f"to which {quote(publisher.own_name)} is remapped"
+        )
+        yield Finding(
+            message=f"no subscription to {quote(shown)}, {which}",
+            path=publisher.path,
+            key=publisher.topic_is_key,
+            help=suggestion(
+                shown, subscribed if count <= MAX_SUGGESTIONS else [], "subscribed topics"
+            ),
+            suppressed_by={topic_key(phase.phase, publisher.topic)},
+        )
 
 
 def _is_intended(publisher: WiredEndpoint) -> bool:
@@ -243,22 +254,6 @@ def _is_intended(publisher: WiredEndpoint) -> bool:
     if publisher.topic in SHARED_TOPICS:
         return False
     return publisher.owner == "player" or "remappings" in publisher.path
-
-
-def _unsubscribed_finding(
-    context: Context, phase: PhaseWiring, publisher: WiredEndpoint, subscribed: list[str]
-) -> Finding:
-    shown = context.relative_name(publisher.topic)
-    played = publisher.owner == "player"
-    return Finding(
-        message=f"no subscription to {quote(shown)}, which is played"
-        if played
-        else f"no subscription to {quote(shown)}, to which {quote(publisher.own_name)} is remapped",
-        path=publisher.path,
-        key=publisher.topic_is_key,
-        help=suggestion(shown, subscribed, "subscribed topics"),
-        suppressed_by={topic_key(phase.phase, publisher.topic)},
-    )
 
 
 _HARNESS_LABELS = {"loader": "the data loader", "player": "the player"}
@@ -349,7 +344,8 @@ def clock_without_publisher(context: Context) -> Findings:
             if place is None or phase.publishers(_CLOCK):
                 continue
             path, key = place
-            certain = not _other_publishers(phase, node)
+            # Another node may publish it where its publishers are unknown.
+            certain = all(publisher is node for publisher in phase.possible_publishers)
             yield Finding(
                 message=f"{node.key} has {quote('use_sim_time: true')} and waits for /clock, "
                 f"which nothing {'' if certain else 'known '}publishes",
@@ -372,8 +368,3 @@ def _clock_setting(context: Context, node: NodeWiring) -> tuple[Path, bool] | No
     if str(given).lower() == "true":
         return (*node.path, "launch", "arguments", _CLOCK_PARAMETER), False
     return None
-
-
-def _other_publishers(phase: PhaseWiring, node: NodeWiring) -> bool:
-    """Whether another node may publish /clock, because its publishers are unknown."""
-    return any(publisher is not node for publisher in phase.possible_publishers)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
@@ -13,7 +13,7 @@ from r2bspec.check.rule import Finding, Findings, rule
 from r2bspec.diagnostics.diagnostic import Certainty, Diagnostic, Path, Severity, format_path
 from r2bspec.diagnostics.quote import pluralize, quote, quoted_list, suggestion
 from r2bspec.judge.measure.metric_catalogue import MetricError, Subjects, resolve
-from r2bspec.language.declaration import ValueRule, rule_at
+from r2bspec.language.declaration import rule_at, unknown_step
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import MapNode, to_plain, without
 from r2bspec.language.spec_tune import Tune
@@ -25,10 +25,6 @@ from r2bspec.plan.this_machine import scheduling_facts
 from r2bspec.plan.tuning_space import TuningSpace, assignment, value_text
 
 _SECTIONS: Final = ("graph", "containers", "transport")
-
-
-def _is_written(context: Context) -> bool:
-    return context.value_at(("tune",)) is not None
 
 
 @rule("R2B801")
@@ -59,15 +55,12 @@ def _path_problem(context: Context, name: str) -> tuple[str, str] | None:
     if not path or path[0] not in _SECTIONS:
         help_text = "write one such as graph.nodes.NODE.threads: others change what is measured"
         return f"{quote(name)} is not the path of a key of {quoted_list(_SECTIONS)}", help_text
-    for length in range(1, len(path) + 1):
-        if rule_at(path[:length]) is None and not _is_value(path[: length - 1]):
-            parent = rule_at(path[: length - 1])
-            known = list(parent.keys or ()) if parent is not None else []
-            where = format_path(path[: length - 1])
-            return (
-                f"{quote(where)} has no key {quote(str(path[length - 1]))}",
-                suggestion(str(path[length - 1]), known, "its keys"),
-            )
+    position = unknown_step(path)
+    if position is not None:
+        above, step = rule_at(path[:position]), str(path[position])
+        known = (above.keys if above is not None else None) or ()
+        message = f"{quote(format_path(path[:position]))} has no key {quote(step)}"
+        return message, suggestion(step, known, "its keys")
     for section, owners in (
         (("graph", "nodes"), context.spec.graph.nodes),
         (("containers",), context.spec.containers),
@@ -77,12 +70,6 @@ def _path_problem(context: Context, name: str) -> tuple[str, str] | None:
             what = "node" if section[0] == "graph" else "container"
             return f"there is no {what} {quote(owner)}", suggestion(owner, owners, f"{what}s")
     return None
-
-
-def _is_value(path: Path) -> bool:
-    """Whether what is below a path is not of the language: a value of any form."""
-    found: ValueRule | None = rule_at(path)
-    return found is not None and not found.kinds
 
 
 @rule("R2B803")
@@ -172,7 +159,7 @@ def _too_many(path: Path, threads: int, cores: int) -> Finding:
 @rule("R2B806")
 def tune_metric_unknown(context: Context) -> Findings:
     """Metrics to minimize that do not exist, are better when larger, or are of no one monitor."""
-    if not _is_written(context):
+    if context.value_at(("tune",)) is None:
         return
     spec = context.spec
     problem = goal_problem(
@@ -244,7 +231,7 @@ def _space(context: Context, tune: Tune) -> TuningSpace:
     return derive_space(spec, context.wiring, scheduling_facts())
 
 
-class _Tried:
+class _Tried(NamedTuple):
     """What a value of `tune.values` leads to.
 
     Attributes:
@@ -252,9 +239,8 @@ class _Tried:
         same_plan: whether it leaves the plan as it is.
     """
 
-    def __init__(self, new: list[Diagnostic], *, same_plan: bool) -> None:
-        self.new = new
-        self.same_plan = same_plan
+    new: list[Diagnostic]
+    same_plan: bool
 
 
 def _tried(context: Context) -> Iterator[tuple[Path, str, _Tried]]:
@@ -281,7 +267,7 @@ def _tried(context: Context) -> Iterator[tuple[Path, str, _Tried]]:
         findings, plan = _with(context, files, text, (assignment(parse_path(name), value),))
         new = [each for each in findings if (each.code, each.message) not in known]
         same = plan is not None and today is not None and not diff_plans(today, plan)
-        yield path, value_text(value), _Tried(new, same_plan=same)
+        yield path, value_text(value), _Tried(new, same)
 
 
 def _with(

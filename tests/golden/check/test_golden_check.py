@@ -2,6 +2,7 @@
 
 ``CODE.out`` is what a user sees of the failing example on the page of that code. ``NAME.yaml`` is a
 case with several mistakes, or with one that many rules could trip over, beside its ``NAME.out``.
+``companions/NAME.r2b.yaml`` names other files of that folder.
 With ``R2BSPEC_REWRITE=1`` in the environment the outputs are written instead of compared; look at
 the difference before you commit it.
 """
@@ -22,6 +23,7 @@ from r2bspec.report.findings_text import render_text
 HERE = Path(__file__).parent
 WITH_EXAMPLES = [rule.page for rule in all_rules() if rule.page.failing]
 CASES = sorted(HERE.glob("*.yaml"))
+WITH_FILES = sorted(HERE.glob("*/*.r2b.yaml"))
 
 
 @pytest.fixture(autouse=True)
@@ -60,3 +62,10 @@ def test_nothing_is_said_about_the_passing_example_of_a_rule(page: Page) -> None
 def test_a_case(file: Path) -> None:
     said = said_about(file.read_text(encoding="utf-8"), file.name)
     compare(said, file.with_suffix(".out"))
+
+
+@pytest.mark.parametrize("file", WITH_FILES, ids=lambda file: file.name.partition(".")[0])
+def test_a_case_with_other_files(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(file.parent)
+    loaded = load_spec(Path(file.name), environ={})
+    compare(render_text(check(loaded), loaded.texts), file.with_suffix("").with_suffix(".out"))

@@ -65,7 +65,8 @@ def is_for_schemas(violation: Violation) -> bool:
     if violation.kind in ("quantity", "at_most"):
         return False
     if violation.kind == "required":
-        missing = set(violation.rule.required_if_calls) - set(violation.value)
+        always = violation.rule.required_unless(live=True, calls=True)
+        missing = set(always) - set(violation.value)
         return bool(missing) and "extends" not in violation.value
     return not isinstance(violation.value, float)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from check_specs import findings
 
 from r2bspec.check.rule import differences_to_diagnostics
 from r2bspec.diagnostics.diagnostic import Severity
@@ -70,13 +69,3 @@ def test_what_did_no_harm_is_a_warning_and_all_are_sorted_by_place() -> None:
         (14, Severity.WARNING),
         (20, Severity.ERROR),
     ]
-
-
-def test_taps_of_messages_without_a_stamp_find_nothing() -> None:
-    text = SPEC.replace(
-        "format: sensor_msgs/msg/Image}\ngraph", "format: std_msgs/msg/String}\ngraph"
-    )
-    text = text.replace("topic: last, format: sensor_msgs/msg/Image", "topic: last, taps: true, "
-                        "format: std_msgs/msg/String, match: order")  # fmt: skip
-    said = [each.message for each in findings(text, offline=True) if each.code == "R2B412"]
-    assert said == ["taps match messages by stamp, but no playback input has one"]

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import ast
-import contextlib
-import importlib
-import pkgutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,51 +10,65 @@ import r2bspec
 from r2bspec.errors import R2bspecError
 
 PACKAGE = Path(r2bspec.__file__).parent
+# What the language server refuses is shown by an editor, which has no place for a way out.
+MODULES = {
+    file.relative_to(PACKAGE): ast.parse(file.read_text(encoding="utf-8"))
+    for file in sorted(PACKAGE.rglob("*.py"))
+    if "language_server" not in file.parts
+}
+CLASSES = {
+    node.name: node
+    for module in MODULES.values()
+    for node in ast.walk(module)
+    if isinstance(node, ast.ClassDef)
+}
 
 
-def error_classes() -> dict[str, type[R2bspecError]]:
-    """Those whose way out is that of each error: they make none of their own.
+def lineage(name: str) -> Iterator[str]:
+    """A class and all those that it extends, by their names."""
+    yield name
+    for base in CLASSES[name].bases if name in CLASSES else ():
+        yield from lineage(ast.unparse(base).rpartition(".")[2])
 
-    What is a built-in error, too, is a reason that another error gives, with its way out. What the
-    language server refuses is shown by an editor, which has no place for one.
+
+def defines(name: str, attribute: str) -> bool:
+    """Whether a class itself has a function, or a value that is not empty, of this name."""
+    for node in CLASSES[name].body if name in CLASSES else ():
+        if isinstance(node, ast.FunctionDef) and node.name == attribute:
+            return True
+        if isinstance(node, ast.Assign | ast.AnnAssign) and isinstance(node.value, ast.Constant):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            if any(ast.unparse(target) == attribute for target in targets):
+                return bool(node.value.value)
+    return False
+
+
+def needs_a_hint(name: str) -> bool:
+    """Whether nothing but a hint can say what to do about an error of this class.
+
+    A class that makes its own errors says it there. What is a built-in error, too, is a reason that
+    another error gives, with its way out.
     """
-    for module in pkgutil.walk_packages(r2bspec.__path__, "r2bspec."):
-        if not module.name.endswith("__main__"):
-            with contextlib.suppress(ImportError):  # of ROS or of an extra
-                importlib.import_module(module.name)
-    found: dict[str, type[R2bspecError]] = {}
-    waiting: list[type[R2bspecError]] = [R2bspecError]
-    while waiting:
-        kind = waiting.pop()
-        waiting += kind.__subclasses__()
-        if kind.__module__.startswith("r2bspec.language_server"):
-            continue
-        makes_it = kind is not R2bspecError and "__init__" in vars(kind)
-        if not makes_it and not issubclass(kind, OSError | ValueError):
-            found[kind.__name__] = kind
-    return found
-
-
-def calls() -> Iterator[tuple[str, str, ast.Call]]:
-    for file in sorted(PACKAGE.rglob("*.py")):
-        if "language_server" in file.parts:
-            continue
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call):
-                # `click.UsageError` prints the usage, and where the help is.
-                name = ast.unparse(node.func).removeprefix("errors.")
-                yield f"{file.relative_to(PACKAGE)}:{node.lineno}", name, node
+    kinds = [*lineage(name)]
+    if "R2bspecError" not in kinds or {"OSError", "ValueError"} & {*kinds}:
+        return False
+    makes_it = name != "R2bspecError" and defines(name, "__init__")
+    return not makes_it and not any(defines(kind, "way_out") for kind in kinds)
 
 
 def test_every_error_has_a_way_out() -> None:
-    known = error_classes()
-    assert "UsageError" in known
+    assert needs_a_hint("UsageError")
+    calls = (
+        (f"{file}:{node.lineno}", ast.unparse(node.func).removeprefix("errors."), node.keywords)
+        for file, module in MODULES.items()
+        for node in ast.walk(module)
+        if isinstance(node, ast.Call)
+    )
+    # `click.UsageError` prints the usage, and where the help is.
     without = [
         f"{place}: {name}"
-        for place, name, call in calls()
-        if name in known
-        and not known[name].way_out
-        and not any(word.arg in {"hint", None} for word in call.keywords)
+        for place, name, keywords in calls
+        if needs_a_hint(name) and not any(word.arg in {"hint", None} for word in keywords)
     ]
     assert without == []
 

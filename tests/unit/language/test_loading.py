@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.diagnostics import Severity
 from r2bspec.language.comparison_grammar import parse_requirement
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.quantities import Duration, Rate
@@ -67,14 +66,6 @@ def test_where_a_text_and_a_file_stand(tmp_path: Path) -> None:
     assert text.texts == {"specs/b.r2b.yaml": "x: 1"}
 
 
-def test_all_problems_at_once_sorted_by_place() -> None:
-    loaded = load_spec(GOLDEN / "everything_wrong.yaml", environ={})
-    places = [(found.span.line, found.span.column) for found in loaded.diagnostics]
-    assert places == sorted(places)
-    assert len(places) > 40
-    assert loaded.spec is None
-
-
 def test_the_same_words_in_every_process() -> None:
     code = (
         "import sys; from pathlib import Path; from r2bspec.language.load_spec import load_spec;"
@@ -90,12 +81,6 @@ def test_the_same_words_in_every_process() -> None:
         for seed in range(4)
     }
     assert len(said) == 1
-
-
-def test_a_warning_does_not_stop_anything() -> None:
-    loaded = load_spec(GOLDEN / "yaml_bom.yaml")
-    assert [found.severity for found in loaded.diagnostics] == [Severity.WARNING]
-    assert loaded.spec is not None
 
 
 def test_places_that_rules_ask_for() -> None:

@@ -132,7 +132,6 @@ def test_a_share_of_windows() -> None:
     found = parse_requirement("tags.latency.p99 < 60 ms in 99 % of 500 ms windows")
     assert (found.windows_share, found.window_ns) == (0.99, 500_000_000)
     assert found.bound == Bound(value=0.06, dimension="time")
-    assert found.text[found.windows_column :].startswith("in 99 %")
     whole = parse_requirement("latency.p99 < 60 ms")
     assert (whole.windows_share, whole.window_ns) == (None, 0)
 

@@ -3,11 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import re
-import shutil
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
@@ -19,16 +14,10 @@ import pytest
 from r2bspec.diagnostics import Path as TreePath
 from r2bspec.language.declaration import Record, ValueRule, language, rule_at
 from r2bspec.language.document import Source
-from r2bspec.language.json_schema import published_schema, published_schema_text
+from r2bspec.language.json_schema import published_schema
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.located_tree import TreeNode, to_plain
-from r2bspec.language.node_kinds import (
-    NODE_KIND_KEYS,
-    NODE_KINDS,
-    NodeKindName,
-    kinds_help,
-    kinds_text,
-)
+from r2bspec.language.node_kinds import NODE_KIND_KEYS, NODE_KINDS, NodeKindName
 from r2bspec.language.quantities import Duration
 from r2bspec.language.read_spec import INVALID, read_value
 from r2bspec.language.spec import Node
@@ -71,11 +60,6 @@ def test_every_field_is_a_key_or_made_of_keys() -> None:
         assert written <= set(rule.record.__struct_fields__), path
         made = set(rule.record.__struct_fields__) - written
         assert made <= {"parameter_sources", "at_peak"}, path
-
-
-def test_keys_that_are_no_fields_are_evaluated_while_loading() -> None:
-    names = {path[-1] for path, rule in ALL if rule.loader}
-    assert names == {"extends", "matrix", "repeat", "profile"}
 
 
 def test_an_example_of_every_value_is_read() -> None:
@@ -148,12 +132,6 @@ def test_it_is_draft_07() -> None:
     jsonschema.Draft7Validator.check_schema(published_schema())
 
 
-def test_nothing_private_is_published() -> None:
-    text = published_schema_text()
-    assert "r2b-" not in re.sub(r"r2b-(?=v1)", "", text)
-    assert "oneOf" not in text
-
-
 def test_references_are_accepted_wherever_a_scalar_stands() -> None:
     loaded = load_spec(GOLDEN / "ok_full.yaml", environ={})
     assert loaded.tree is not None
@@ -223,74 +201,6 @@ def test_the_kind_that_is_meant_stands_before_null() -> None:
             assert kinds.count("null") <= 1
 
 
-# A key that only the executor reads costs its declaration; all else follows from that.
-
-
-DECLARATION = "r2bspec/language/spec_benchmark.py"
-FIELD = '    cool_down: Annotated[Duration, key("2 s", changes="neither")] = Duration(0)\n'
-SENTENCE = "        cool_down: How long is waited.\n"
-SPEC = (ROOT / "specs" / "relay.r2b.yaml").read_text(encoding="utf-8")
-ASK = """
-import msgspec
-from r2bspec.cli.main import main
-main(["validate", "--offline", "example.r2b.yaml"])
-for arguments in (["plan", "example.r2b.yaml"], ["schema", "spec"], ["schema", "plan"]):
-    main(arguments)
-    print("-----")
-from key_tables import key_table
-from r2bspec.language.declaration import rule_at
-from r2bspec.language.quantities import Duration
-from r2bspec.plan.comparability import change_of, graph_differences
-from r2bspec.plan.smoke_plan import smoke_plan
-from run_simulation import Simulation
-plan = Simulation().plan()
-other = msgspec.structs.replace(plan, cool_down=Duration(2 * 10**9))
-print(change_of("cool_down"), graph_differences(plan, other), smoke_plan(other).cool_down)
-print(rule_at(("benchmark", "cool_down")).shown_default)
-print(key_table("benchmark"))
-"""
-
-
-@pytest.fixture
-def package(tmp_path: Path) -> Path:
-    """A folder with a copy of the package, in which one file has one more key."""
-    ignored = shutil.ignore_patterns("__pycache__")
-    shutil.copytree(ROOT / "r2bspec", tmp_path / "r2bspec", ignore=ignored)
-    file = tmp_path / DECLARATION
-    text = file.read_text(encoding="utf-8")
-    for before, added in (
-        ("    drain_timeout: Annotated[", FIELD),
-        ("        drain_timeout: How long", SENTENCE),
-    ):
-        assert text.count(before) == 1
-        text = text.replace(before, f"{added}{before}")
-    file.write_text(text, encoding="utf-8")
-    return tmp_path
-
-
-def test_a_declaration_is_enough(package: Path) -> None:
-    text = SPEC.replace("benchmark:\n", "benchmark:\n  cool_down: 2 s\n")
-    (package / "example.r2b.yaml").write_text(text)
-    paths = os.pathsep.join([str(package), str(ROOT / "tests" / "support")])
-    said = subprocess.run(
-        [sys.executable, "-c", ASK],
-        cwd=package,
-        env={**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"},
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
-    validated, plan = said.split("-----\n")[0].split("{", 1)
-    assert "no problems" in validated
-    assert json.loads("{" + plan)["cool_down"] == "2 s"
-    for schema in said.split("-----\n")[1:3]:
-        assert '"cool_down": {' in schema
-    answers = said.split("-----\n")[3]
-    assert answers.startswith("neither [] 2 s\n0 s\n")
-    row = "| `cool_down` | duration, default `0 s` | How long is waited. Example: `2 s`. |"
-    assert row in answers
-
-
 # The kinds of node are listed once.
 
 
@@ -298,14 +208,3 @@ def test_the_table_is_complete() -> None:
     assert [each.name for each in NODE_KINDS] == list(get_args(NodeKindName))
     assert set(NODE_KIND_KEYS) <= set(Node.__struct_fields__)
     assert set(command_lines._ARGV) == {each.name for each in NODE_KINDS if each.role is not None}
-
-
-def test_the_kinds_in_words() -> None:
-    assert kinds_text() == (
-        "'python', 'package' with 'plugin', 'package' with 'executable', 'command', 'launch', or "
-        "'external'"
-    )
-    assert kinds_help() == (
-        "'python', 'package' with 'plugin' or 'executable', 'command', 'launch', or "
-        "'external: true'"
-    )
