@@ -28,10 +28,9 @@ from r2bspec.interop.script_import.launch_parts import (
     NodeAction,
 )
 from r2bspec.interop.script_import.launch_scope import Scope, changed_scope
-from r2bspec.interop.script_import.launch_texts import performed
+from r2bspec.interop.script_import.launch_texts import condition_value, performed
 from r2bspec.interop.script_import.source_files import missing_module
 from r2bspec.interop.script_import.spec_text import identifier
-from r2bspec.interop.script_import.substitutions import condition_value
 from r2bspec.interop.script_import.values import (
     Construct,
     Foreign,

@@ -18,8 +18,7 @@ from r2bspec.diagnostics.quote import clip
 from r2bspec.interop.script_import import source_files
 from r2bspec.interop.script_import.evaluator import Evaluator
 from r2bspec.interop.script_import.launch_nodes import listed
-from r2bspec.interop.script_import.launch_texts import performed
-from r2bspec.interop.script_import.substitutions import condition_value
+from r2bspec.interop.script_import.launch_texts import condition_value, performed
 from r2bspec.interop.script_import.values import (
     Construct,
     ImportNote,

@@ -6,7 +6,7 @@ order of the file. A group ends what is set inside of it, unless it is not scope
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -32,10 +32,51 @@ class Scope:
     arguments: Mapping[str, Any] = field(default_factory=dict)
 
 
+_TEXTS: Final = {
+    "PushRosNamespace": ("namespace",),
+    "PushROSNamespace": ("namespace",),
+    "SetRemap": ("src", "dst"),
+    "SetParametersFromFile": ("filename",),
+    "SetEnvironmentVariable": ("name", "value"),
+    "SetROSLogDir": ("new_log_dir",),
+    "SetParameter": ("name",),
+    "SetUseSimTime": (),
+}
+"""The actions that change the scope, and their arguments that are texts, by position."""
+
+
 def changed_scope(action: Construct, scope: Scope, steps: StepCounter) -> Scope | Unknown | None:
     """The scope after an action; None for an action that changes none, or why it is not known."""
-    change = _CHANGES.get(action.short_name)
-    return None if change is None else change(action, scope, steps)
+    kind = action.short_name
+    if kind not in _TEXTS:
+        return None
+    values = [
+        performed(action.get(key, position, "" if key == "namespace" else None), action, steps)
+        for position, key in enumerate(_TEXTS[kind])
+    ]
+    if kind in {"SetParameter", "SetUseSimTime"}:
+        values.append(parameter_value(action.get("value", len(values)), action, steps))
+    if kind == "SetParametersFromFile" and action.keywords.keys() - {"filename", "condition"}:
+        values.append(Unknown("it is for some nodes", action.place))
+    unknown = next((value for value in values if isinstance(value, Unknown)), None)
+    if unknown is not None:
+        return unknown
+    match kind, values:
+        case "SetRemap", [source, target]:
+            node, _, name = source.rpartition(":")
+            remapping = Remapping(name, target, action.place, node)
+            return replace(scope, remappings=(*scope.remappings, remapping))
+        case "SetParameter", [name, value]:
+            return replace(scope, parameters=(*scope.parameters, {name: value}))
+        case "SetUseSimTime", [value]:
+            return replace(scope, parameters=(*scope.parameters, {"use_sim_time": value}))
+        case "SetParametersFromFile", [file]:
+            return replace(scope, parameters=(*scope.parameters, file))
+        case "SetEnvironmentVariable", [name, value]:
+            return replace(scope, environment={**scope.environment, name: str(value)})
+        case "SetROSLogDir", [folder]:
+            return replace(scope, environment={**scope.environment, "ROS_LOG_DIR": str(folder)})
+    return replace(scope, namespace=join_namespaces(scope.namespace, str(values[0])))
 
 
 def join_namespaces(above: str, namespace: str) -> str:
@@ -43,74 +84,3 @@ def join_namespaces(above: str, namespace: str) -> str:
     if namespace.startswith("/") or not above:
         return namespace
     return f"{above.rstrip('/')}/{namespace}" if namespace else above
-
-
-def _namespace(action: Construct, scope: Scope, steps: StepCounter) -> Scope | Unknown:
-    name = performed(action.get("namespace", 0, ""), action, steps)
-    if isinstance(name, Unknown):
-        return name
-    return replace(scope, namespace=join_namespaces(scope.namespace, str(name)))
-
-
-def _first_unknown(*values: object) -> Unknown | None:
-    """The first of the values that is not known; None if all are."""
-    return next((value for value in values if isinstance(value, Unknown)), None)
-
-
-def _remapping(action: Construct, scope: Scope, steps: StepCounter) -> Scope | Unknown:
-    names = [performed(action.get(key, at), action, steps) for at, key in enumerate(("src", "dst"))]
-    if unknown := _first_unknown(*names):
-        return unknown
-    node, _, source = names[0].rpartition(":")
-    remapping = Remapping(source, names[1], action.place, node)
-    return replace(scope, remappings=(*scope.remappings, remapping))
-
-
-def _parameter(action: Construct, scope: Scope, steps: StepCounter) -> Scope | Unknown:
-    name = performed(action.get("name", 0), action, steps)
-    value = parameter_value(action.get("value", 1), action, steps)
-    if unknown := _first_unknown(name, value):
-        return unknown
-    return replace(scope, parameters=(*scope.parameters, {name: value}))
-
-
-def _simulated_time(action: Construct, scope: Scope, steps: StepCounter) -> Scope | Unknown:
-    value = parameter_value(action.get("value", 0), action, steps)
-    if isinstance(value, Unknown):
-        return value
-    return replace(scope, parameters=(*scope.parameters, {"use_sim_time": value}))
-
-
-def _parameter_file(action: Construct, scope: Scope, steps: StepCounter) -> Scope | Unknown:
-    file = performed(action.get("filename", 0), action, steps)
-    others = action.keywords.keys() - {"filename", "condition"}
-    if isinstance(file, Unknown) or others:
-        return file if isinstance(file, Unknown) else Unknown("it is for some nodes", action.place)
-    return replace(scope, parameters=(*scope.parameters, file))
-
-
-def _variable(action: Construct, scope: Scope, steps: StepCounter) -> Scope | Unknown:
-    name = performed(action.get("name", 0), action, steps)
-    value = performed(action.get("value", 1), action, steps)
-    if unknown := _first_unknown(name, value):
-        return unknown
-    return replace(scope, environment={**scope.environment, name: str(value)})
-
-
-def _log_folder(action: Construct, scope: Scope, steps: StepCounter) -> Scope | Unknown:
-    folder = performed(action.get("new_log_dir", 0), action, steps)
-    if isinstance(folder, Unknown):
-        return folder
-    return replace(scope, environment={**scope.environment, "ROS_LOG_DIR": str(folder)})
-
-
-_CHANGES: Final[dict[str, Callable[[Construct, Scope, StepCounter], Scope | Unknown]]] = {
-    "PushRosNamespace": _namespace,
-    "PushROSNamespace": _namespace,
-    "SetRemap": _remapping,
-    "SetParameter": _parameter,
-    "SetParametersFromFile": _parameter_file,
-    "SetUseSimTime": _simulated_time,
-    "SetEnvironmentVariable": _variable,
-    "SetROSLogDir": _log_folder,
-}

@@ -18,8 +18,9 @@ import yaml
 from r2bspec.diagnostics import Span
 from r2bspec.diagnostics.quote import clip
 from r2bspec.interop.script_import.launch_files import LaunchArgument, LaunchFile
+from r2bspec.interop.script_import.launch_texts import condition_value
 from r2bspec.interop.script_import.source_files import SYNTAX, ScriptReader, UnusableScriptError
-from r2bspec.interop.script_import.substitutions import condition_value, split_words, substituted
+from r2bspec.interop.script_import.substitutions import split_words, substituted
 from r2bspec.interop.script_import.values import Construct, ImportNote, LaunchText, Unknown
 from r2bspec.safe_io.limits import MAX_MARKUP_DEPTH
 from r2bspec.safe_io.safe_yaml import load_values
