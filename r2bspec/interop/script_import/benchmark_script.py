@@ -258,10 +258,9 @@ class _ScriptEvaluation:
     def benchmark(self) -> BenchmarkScript:
         self.evaluator.run_module(self.module)
         kind, config = self._test_class()
-        trace = self.evaluator.trace
-        trace.effects.clear()
+        self.evaluator.take_effects()
         actions = self._actions(self.module.scope.place(kind.node))
-        preparation = trace.take_effects()
+        preparation = self.evaluator.take_effects()
         clients = self._clients(kind)
         # The test of a script that sends goals does that instead of what ros2_benchmark does.
         runs_hooks = all(client.kind != "action" for client in clients)
@@ -278,7 +277,7 @@ class _ScriptEvaluation:
             clients=clients,
             comments=source_files.read_comments(self.module.file, self.module.text),
             notes=[*self.evaluator.notes, *self.notes],
-            imports=trace.imports,
+            imports=self.evaluator.imports,
             texts=self.reader.texts,
         )
 
@@ -330,7 +329,7 @@ class _ScriptEvaluation:
             ):
                 method = self.evaluator.attribute(instance, name)
                 self.evaluator.call(method, place=self.module.scope.place(kind.node))
-        return self.evaluator.trace.take_effects()
+        return self.evaluator.take_effects()
 
     def _clients(self, kind: ScriptClass) -> list[ScriptClient]:
         """The clients that the class and its bases make, each once."""

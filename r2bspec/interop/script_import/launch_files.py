@@ -145,7 +145,7 @@ class _Evaluation:
         self.launch.values = dict(given)
         self._follow(self.launch.actions, 0)
         self.launch.notes += self.evaluator.notes
-        for effect in self.evaluator.trace.effects:
+        for effect in self.evaluator.effects:
             if not effect.name.startswith(_HARMLESS):
                 reason = f"what {clip(effect.name)} does before the launch"
                 self.launch.notes.append(ImportNote(reason, effect.place))

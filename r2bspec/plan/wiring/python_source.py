@@ -251,15 +251,8 @@ def own_nodes(statements: Iterable[ast.AST]) -> Iterator[ast.AST]:
 _PROGRAM_CALLS = frozenset(
     f"rclpy.{name}"
     for name in (
-        *(
-            "init",
-            "ok",
-            "shutdown",
-            "try_shutdown",
-            "spin",
-            "spin_once",
-            "spin_until_future_complete",
-        ),
+        *("init", "ok", "shutdown", "try_shutdown"),
+        *("spin", "spin_once", "spin_until_future_complete"),
         *("executors.SingleThreadedExecutor", "executors.MultiThreadedExecutor"),
     )
 )

@@ -8,6 +8,7 @@ import pytest
 from wiring_specs import IMAGE, INFO, spec
 
 from r2bspec.plan.wiring.build_wiring import build_wiring
+from r2bspec.plan.wiring.companion_files import CompanionFiles
 from r2bspec.plan.wiring.node_interface import (
     Interface,
     InterfaceEntry,
@@ -30,13 +31,12 @@ TABLE = {
         },
     ),
 }
-
-
+FILES = CompanionFiles(sources=TABLE)
 FILTER = {"filter": {"python": "nodes.Filter", "remappings": {"in": "image"}}}
 
 
 def wired(nodes: dict[str, Any]) -> PhaseWiring:
-    return build_wiring(spec(nodes), table=TABLE).measure
+    return build_wiring(spec(nodes), companion_files=FILES).measure
 
 
 def interface(node: dict[str, Any]) -> Interface:
@@ -48,7 +48,7 @@ def owners(endpoints: tuple[WiredEndpoint, ...]) -> list[str]:
 
 
 def test_the_harness_meets_the_nodes_on_topics() -> None:
-    wiring = build_wiring(spec(FILTER), table=TABLE)
+    wiring = build_wiring(spec(FILTER), companion_files=FILES)
     before, measure = wiring.phases
     assert owners(before.publishers("/r2b/raw")) == ["loader"]
     assert owners(before.subscriptions("/r2b/raw")) == ["recorder"]
@@ -62,7 +62,7 @@ def test_the_harness_meets_the_nodes_on_topics() -> None:
 
 
 def test_the_bag_tells_the_type_of_what_is_loaded() -> None:
-    wiring = build_wiring(spec(FILTER), table=TABLE, bag_types={"/camera": INFO})
+    wiring = build_wiring(spec(FILTER), companion_files=FILES, bag_types={"/camera": INFO})
     assert wiring.preprocess.publishers("/r2b/raw")[0].type == INFO
 
 
