@@ -77,9 +77,9 @@ class NodeReader:
         """Note something that a run does in another way."""
         self.parts.changes.append(ImportNote(what, action.place))
 
-    def text(self, action: Construct, key: str, position: int | None = None) -> str:
+    def text(self, action: Construct, key: str) -> str:
         """A keyword argument that is a text; empty, with a note, where it is not known."""
-        value = action.get(key, position)
+        value = action.get(key)
         if value is None:
             return ""
         text = performed(value, action, self.steps)
@@ -230,17 +230,12 @@ class NodeReader:
                 self.change("'env' of launch has no other variables; here they are added", action)
         if self._is_set(action, "respawn"):
             self.change("'respawn' is left out: a run fails when a process ends", action)
-        if action.get("on_exit") is not None:
-            self.on_exit(action.get("on_exit"), action)
+        if not all(map(is_quiet, listed(action.get("on_exit")))):
+            self.lose("what is started when another process has ended", action)
+        elif action.get("on_exit") is not None:
+            self.change("what 'on_exit' does is left out: a run fails when a process ends", action)
         prefix = self.text(action, "prefix")
         return ProcessSettings(environment, tuple(split_words(prefix)))
-
-    def on_exit(self, value: Any, action: Construct) -> None:
-        """Note what launch does when a process has ended."""
-        if all(is_quiet(part) for part in listed(value)):
-            self.change("what 'on_exit' does is left out: a run fails when a process ends", action)
-        else:
-            self.lose("what is started when another process has ended", action)
 
     def _is_set(self, action: Construct, key: str) -> bool:
         value = action.get(key)
@@ -286,13 +281,11 @@ class NodeReader:
         """Remappings that a group sets come first."""
         own = []
         for pair in listed(action.get("remappings")):
-            if isinstance(pair, Unknown) or not isinstance(pair, list | tuple) or len(pair) != 2:
-                why = (
-                    pair if isinstance(pair, Unknown) else ImportNote("it is no pair", action.place)
-                )
-                self.parts.ignored.append(ImportNote(f"a remapping: {why.reason}", why.place))
-                continue
-            names = [performed(part, action, self.steps) for part in pair]
+            if isinstance(pair, list | tuple) and len(pair) == 2:
+                names = [performed(part, action, self.steps) for part in pair]
+            else:
+                is_known = not isinstance(pair, Unknown)
+                names = [Unknown("it is no pair", action.place) if is_known else pair]
             lost = next((part for part in names if isinstance(part, Unknown)), None)
             if lost is not None:
                 self.parts.ignored.append(ImportNote(f"a remapping: {lost.reason}", lost.place))

@@ -288,38 +288,36 @@ class _Markup:
         return actions
 
     def _add_children(self, keywords: dict[str, Any], entity: _Entity) -> None:
-        components = entity.all("composable_node")
-        if components:
-            keywords["composable_node_descriptions"] = [
-                self._construct("ComposableNode", child) for child in components
-            ]
-        if entity.all("remap"):
-            keywords["remappings"] = [
-                (self._text(remap.get("from")), self._text(remap.get("to")))
-                for remap in entity.all("remap")
-            ]
-        if entity.all("param"):
-            keywords["parameters"] = [self._source(param) for param in entity.all("param")]
-        if entity.all("env"):
-            keywords["additional_env"] = [
-                (self._text(each.get("name")), self._text(each.get("value")))
-                for each in entity.all("env")
-            ]
-        if entity.all("extra_arg"):
-            keywords["extra_arguments"] = [
-                {self._text(each.get("name")): self._value(each)}
-                for each in entity.all("extra_arg")
-            ]
+        value: Any
         for child in entity.children:
-            if child.name not in {"remap", "param", "env", "extra_arg", "composable_node"}:
-                self.place = child.place
-                self._lose(f"<{clip(child.name)}> in <{clip(entity.name)}> has no form in a spec")
+            self.place = child.place
+            match child.name:
+                case "composable_node":
+                    key = "composable_node_descriptions"
+                    value = self._construct("ComposableNode", child)
+                case "remap":
+                    key, value = "remappings", self._pair(child, "from", "to")
+                case "param":
+                    key, value = "parameters", self._source(child)
+                case "env":
+                    key, value = "additional_env", self._pair(child, "name", "value")
+                case "extra_arg":
+                    key, value = "extra_arguments", self._named_value(child)
+                case name:
+                    self._lose(f"<{clip(name)}> in <{clip(entity.name)}> has no form in a spec")
+                    continue
+            keywords.setdefault(key, []).append(value)
+
+    def _pair(self, entity: _Entity, first: str, second: str) -> tuple[Any, Any]:
+        return self._text(entity.get(first)), self._text(entity.get(second))
+
+    def _named_value(self, entity: _Entity) -> dict[Any, Any]:
+        return {self._text(entity.get("name")): self._value(entity)}
 
     def _source(self, entity: _Entity) -> Any:
         """The parameters of ``<param>``: a file, or a map."""
-        self.place = entity.place
         if "from" not in entity.values:
-            return {self._text(entity.get("name")): self._value(entity)}
+            return self._named_value(entity)
         file = self._text(entity.get("from"))
         allowed = self._text(entity.get("allow_substs") or "false")
         if allowed in {"false", "False", "0"}:
@@ -328,7 +326,7 @@ class _Markup:
         return Construct("ParameterFile", [], keywords, self.place)
 
     def _argument(self, entity: _Entity) -> tuple[Any, Any]:
-        name, value = self._text(entity.get("name")), self._text(entity.get("value"))
+        name, value = self._pair(entity, "name", "value")
         return name, LaunchText(value) if isinstance(value, str) else value
 
     def _value(self, entity: _Entity) -> Any:
