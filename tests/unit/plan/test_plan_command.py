@@ -29,13 +29,12 @@ def without_real_datasets(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("R2B_DATASETS", raising=False)
 
 
-def test_the_plan_goes_to_standard_output(call: Call) -> None:
+def test_the_plan_goes_to_standard_output_or_to_a_file_that_is_a_plan_again(
+    tmp_path: Path, call: Call
+) -> None:
     said = call("plan", RELAY, status=0)
     assert json.loads(said.out)["name"] == "relay"
     assert said.err.startswith("a run takes about ")
-
-
-def test_or_to_a_file_that_is_a_plan_again(tmp_path: Path, call: Call) -> None:
     file = tmp_path / "relay.json"
     assert call("plan", RELAY, "-o", file, status=0).out == ""
     assert read_plan(file).name == "relay"
@@ -77,9 +76,6 @@ def test_options_change_the_plan_and_the_difference_shows_it(call: Call) -> None
         "play['50.0'].iterations: 10 -> 3",
         "starts: 5 -> 1",
     ]
-
-
-def test_without_a_difference_nothing_is_shown(call: Call) -> None:
     assert call("plan", RELAY, "--diff", RELAY, status=0).out == ""
 
 
@@ -94,12 +90,6 @@ def test_an_invalid_spec_is_wrong_usage_and_its_findings_are_shown(
     assert f"{broken}:" in said.err
     assert f"error[{code_with_slug('R2B207')}]" in said.err
     assert "did you mean 'camera_info'?" in said.err
-
-
-def test_a_foreign_file_is_wrong_usage(tmp_path: Path, call: Call) -> None:
-    foreign = tmp_path / "package.json"
-    foreign.write_text('{"name": "x"}', encoding="utf-8")
-    assert "error[R2B611 unsupported-plan]" in call("plan", foreign, status=2).err
 
 
 def test_drawing_and_comparing_exclude_each_other(call: Call) -> None:
