@@ -265,17 +265,13 @@ class _Collector:
         containers = self.parts.containers.values()
         for node, target in self.targets:
             if isinstance(target, Construct):
-                same = [container for container in containers if container.source is target]
+                same = [each for each in containers if each.source is target]
                 last = self.reader.text(target, "name")
             else:
                 last = target.rpartition("/")[2]
                 full = f"/{target.strip('/')}"
-                same = [container for container in containers if container.full_name == full]
-            alike = [
-                container
-                for container in containers
-                if container.full_name.rpartition("/")[2] == last
-            ]
+                same = [each for each in containers if each.full_name == full]
+            alike = [each for each in containers if each.full_name.rpartition("/")[2] == last]
             if same or len(alike) == 1:
                 node.container = (same or alike)[0].name
                 continue

@@ -217,10 +217,7 @@ class _Markup:
         self.place = entity.place
         if entity.children:
             self.steps.count(len(entity.children))
-            return {
-                self._text(parameter.get("name")): self._value(parameter)
-                for parameter in entity.all("param")
-            }
+            return {self._text(each.get("name")): self._value(each) for each in entity.all("param")}
         value = entity.values.get("value", "")
         text = self._text(value) if isinstance(value, str) else value
         if not isinstance(text, str):
