@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -101,6 +102,20 @@ class ScriptClient:
     kind: str
     type: str
     name: str
+    place: Span
+
+
+@dataclass(frozen=True, slots=True)
+class ListedMonitor:
+    """A monitor in the configuration of a script.
+
+    Attributes:
+        index: that its service is named after; None if it is not known.
+        prefixes: of its figures in reports, each with the place of its calculator.
+    """
+
+    index: int | None
+    prefixes: list[tuple[str, Span]]
     place: Span
 
 
@@ -200,22 +215,23 @@ class Settings:
         place = self.script.config.keyword_places.get(key)
         return self.script.comments.at(place) if place is not None else []
 
-    def report_prefixes(self) -> Iterator[tuple[str, str, Span]]:
-        """The service, the prefix in reports, and the place of each calculator of a monitor."""
+    def listed_monitors(self) -> Iterator[ListedMonitor]:
+        """The monitors that the configuration lists."""
         infos = self.value("monitor_info_list")
         for info in infos if isinstance(infos, list | tuple) else []:
-            calculators = info.get("calculators", 1) if isinstance(info, Construct) else None
-            for calculator in calculators if isinstance(calculators, list | tuple) else []:
-                config = (
-                    calculator.get("config", 0, {}) if isinstance(calculator, Construct) else None
-                )
-                prefix = config.get("report_prefix", "") if isinstance(config, dict) else None
-                if isinstance(prefix, str):
-                    yield (
-                        str(info.get("service_name", 0, "monitor_node0")),
-                        prefix,
-                        calculator.place,
-                    )
+            is_known = isinstance(info, Construct)
+            service = str(info.get("service_name", 0, "monitor_node0")) if is_known else ""
+            number = re.fullmatch(r"monitor_node(\d{1,6})", service)
+            calculators = info.get("calculators", 1) if is_known else None
+            prefixes = [
+                (prefix, calculator.place)
+                for calculator in (calculators if isinstance(calculators, list | tuple) else [])
+                if isinstance(calculator, Construct)
+                and isinstance(config := calculator.get("config", 0, {}), dict)
+                and isinstance(prefix := config.get("report_prefix", ""), str)
+            ]
+            place = info.place if is_known else self.script.config.place
+            yield ListedMonitor(int(number[1]) if number else None, prefixes, place)
 
     def note_rest(self) -> None:
         """Note the keys that no part of a spec is made from."""

@@ -7,6 +7,7 @@ the script does not determine the answer.
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections import Counter
@@ -19,7 +20,7 @@ from r2bspec.interop.script_import.benchmark_script import BenchmarkScript, Sett
 from r2bspec.interop.script_import.launch_actions import topic_in
 from r2bspec.interop.script_import.launch_parts import NodeAction, Remapping
 from r2bspec.interop.script_import.node_roles import HARNESS_PACKAGES, divide_by_role, played_inputs
-from r2bspec.interop.script_import.values import Construct, PlacedDict
+from r2bspec.interop.script_import.values import PlacedDict
 from r2bspec.plan.wiring.node_interface import catalogue_nodes
 
 _WORDS: Final = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
@@ -171,19 +172,14 @@ class _Mistakes:
             return {} if self.script.sends_goals else {0: self.config.place}
         if not isinstance(given, list | tuple):
             return None
-        indices: dict[int, Span] = {}
-        for info in given:
-            is_call = isinstance(info, Construct)
-            service = info.get("service_name", 0, "monitor_node0") if is_call else None
-            number = re.fullmatch(r"monitor_node(\d{1,6})", str(service))
-            if number is None:
-                return None
-            indices[int(number[1])] = info.place
-        return indices
+        listed = list(self.settings.listed_monitors())
+        indices = {each.index: each.place for each in listed if each.index is not None}
+        return None if any(each.index is None for each in listed) else indices
 
     def shared_prefixes(self) -> Iterator[Diagnostic]:
         prefixes: set[str] = set()
-        for _, prefix, place in self.settings.report_prefixes():
+        reported = (each.prefixes for each in self.settings.listed_monitors())
+        for prefix, place in itertools.chain.from_iterable(reported):
             if prefix in prefixes:
                 yield _finding(
                     "R2B725",

@@ -152,22 +152,22 @@ class ScriptReader:
 
     def find_package(self, package: str) -> Path | None:
         """The source folder of a package that is next to the script or above."""
-        for root in self._roots:
-            for folder in (root, root / package):
-                if folder.name == package and safe_file.is_regular(folder / "package.xml"):
-                    return folder
-        return None
+        folders = self._package_folders(package)
+        return next((each for each in folders if safe_file.is_regular(each / "package.xml")), None)
 
     def find_share_file(self, package: str, file: str) -> Path | None:
         """A file of a package whose source folder is next to the script or above."""
         if not package or ".." in Path(file).parts or Path(file).is_absolute():
             return None
+        files = (folder / file for folder in self._package_folders(package))
+        return next(filter(safe_file.is_regular, files), None)
+
+    def _package_folders(self, package: str) -> Iterator[Path]:
+        """The folders that may be the source of a package."""
         for root in self._roots:
-            folders = [root / package] if root.name != package else [root, root / package]
-            for folder in folders:
-                if safe_file.is_regular(folder / file):
-                    return folder / file
-        return None
+            if root.name == package:
+                yield root
+            yield root / package
 
     def _candidates(self, name: str) -> Iterator[Path]:
         inside = Path(*name.split("."))
