@@ -97,10 +97,7 @@ class ScriptReader:
         except SyntaxError as error:
             line, column = error.lineno or 1, max(1, error.offset or 1)
             span = Span(str(file), line, column, line, column + 1)
-            # Of a number with too many digits, Python says how its limit is changed.
-            is_number = "integer string conversion" in error.msg
-            said = "a number has more than 4,300 digits" if is_number else error.msg
-            message = f"invalid Python syntax: {said}"
+            message = f"invalid Python syntax: {error.msg}"
             raise UnusableScriptError(SYNTAX, message, span) from error
         except (ValueError, RecursionError, MemoryError) as error:
             message = "the file cannot be parsed: it is nested too deeply"

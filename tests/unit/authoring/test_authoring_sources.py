@@ -57,7 +57,8 @@ def test_what_is_known_is_written(name: str) -> None:
     for old, new in case.get("replace", {}).items():
         assert old in content
         content = content.replace(old, new)
-    Path("node.py" if "source" in case else "a.launch.xml").write_text(content)
+    name_of_source = "cell.launch.py" if case.get("source") == "launch" else "node.py"
+    Path(name_of_source if "source" in case else "a.launch.xml").write_text(content)
     for file, written in case.get("files", {}).items():
         Path(file).write_text(written)
     # The fields of a type are known where its package is installed.
