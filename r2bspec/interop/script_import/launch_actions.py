@@ -15,7 +15,9 @@ from typing import Any, Final
 from r2bspec.interop.script_import.launch_files import LaunchFile
 from r2bspec.interop.script_import.launch_nodes import (
     NodeReader,
+    Scope,
     absolute,
+    changed_scope,
     changed_state,
     is_quiet,
     listed,
@@ -27,7 +29,6 @@ from r2bspec.interop.script_import.launch_parts import (
     Member,
     NodeAction,
 )
-from r2bspec.interop.script_import.launch_scope import Scope, changed_scope
 from r2bspec.interop.script_import.launch_texts import condition_value, performed
 from r2bspec.interop.script_import.source_files import missing_module
 from r2bspec.interop.script_import.spec_text import identifier

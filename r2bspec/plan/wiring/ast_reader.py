@@ -22,8 +22,13 @@ from r2bspec.language.spec import QoS
 from r2bspec.plan.wiring import literal_calls, python_files, self_references
 from r2bspec.plan.wiring.literal_calls import TopicNames
 from r2bspec.plan.wiring.node_interface import InterfaceEntry, ParameterInfo
-from r2bspec.plan.wiring.program_nodes import class_of_program
-from r2bspec.plan.wiring.python_source import SourceNames, nodes_below, own_nodes, program_class
+from r2bspec.plan.wiring.python_source import (
+    SourceNames,
+    class_of_program,
+    nodes_below,
+    own_nodes,
+    program_class,
+)
 from r2bspec.plan.wiring.self_references import is_name
 from r2bspec.safe_io.limits import MAX_BASE_CLASSES
 
