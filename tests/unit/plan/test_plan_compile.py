@@ -92,8 +92,8 @@ def test_without_a_bag_the_plan_says_what_the_spec_knows() -> None:
 
 
 def test_parameters_of_files_reach_nodes_merged_and_commands_as_files() -> None:
-    own = {"parameter_sources": [{"file": "p.yaml"}, {"values": {"own": 1}}]}
-    own |= {"parameters": {"own": 1}}
+    sources = [{"file": "p.yaml"}, {"values": {"own": 1}}]
+    own: dict[str, Any] = {"parameter_sources": sources, "parameters": {"own": 1}}
     nodes = {"a": {"python": "r2bspec.nodes.RelayNode", **own}, "c": {"command": ["x"], **own}}
     files = {"p.yaml": ParameterFile(nodes=(("/**", {"format": "sensor_msgs/msg/Imu"}),))}
     made = compile_plan(
