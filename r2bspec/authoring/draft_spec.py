@@ -97,19 +97,375 @@ class _Draft:
         timed: those of them that are published by a timer, with its period in seconds, if known.
         transforms: recorded topics of transforms that are published.
         calls: entries of ``playback.calls``: the services and actions of nodes without outputs.
+        measured: what is known of the nodes.
     """
 
     name: str
     nodes: DraftNodes
     recording: DraftRecording | None
     base_dir: Path
-    namespace: str = ""
     inputs: dict[str, TopicInfo] = field(default_factory=dict)
     outputs: dict[str, str] = field(default_factory=dict)
     timed: dict[str, float | None] = field(default_factory=dict)
     transforms: list[str] = field(default_factory=list)
     calls: Block = field(default_factory=Block)
     unknown: list[str] = field(default_factory=list)
+    namespace: str = field(init=False)
+    measured: PhaseWiring = field(init=False)
+
+    def complete(self) -> None:
+        """Find out what the nodes and the recording tell of inputs and outputs."""
+        self.unknown += self.nodes.unknown
+        self.namespace = "" if self.nodes.is_absolute else "/r2b"
+        if not self.nodes.nodes:
+            self._add_placeholder()
+        self.measured = self._wiring()
+        self.unknown += self._doubts()
+        if self.recording is not None:
+            self._select_inputs()
+        self._select_transforms()
+        self._select_outputs()
+        if self.calls and self.recording is not None and not self.inputs:
+            unused = self.recording.written
+            self.unknown.append(f"what {unused} is for: no node subscribes to any topic")
+            self.recording = None
+        self._add_missing_source()
+
+    def _add_placeholder(self) -> None:
+        """Without nodes, a relay of the largest topic shows the recording in use."""
+        entry = Block.of({"python": "r2bspec.nodes.RelayNode"})
+        topics = _data_topics(self.recording)
+        if topics:
+            main = max(topics, key=lambda each: (each.max_message_bytes or 0, each.count))
+            entry.add("parameters", {"format": main.type})
+            entry.add("remappings", {"input": main.name.lstrip("/"), "output": "relayed"})
+        above = ["A node that copies its input, in place of yours: see 'r2bspec init --list'."]
+        self.nodes.nodes.add("relay", entry, above)
+        self.unknown.append("the node under test: 'relay' takes its place")
+
+    def _add_missing_source(self) -> None:
+        """What nodes subscribe to and nothing publishes has to come from outside."""
+        needs = self._open_subscriptions()
+        missing = {
+            topic: kind for topic, kind in needs.items() if kind and topic not in self.inputs
+        }
+        if not missing or self.measured.possible_publishers:
+            return
+        entry = Block.of({"external": True, "publishes": Block.of(dict(sorted(missing.items())))})
+        above = [
+            "What publishes these topics must already run. A recording of them replaces it:",
+            "'r2bspec init --from-bag BAG' with the same sources.",
+        ]
+        self.nodes.nodes.add(unique_name("source", self.nodes.keys), entry, above)
+        self.unknown.append(f"the publishers of {', '.join(sorted(missing))}")
+
+    def _wiring(self) -> PhaseWiring:
+        """What is known of the nodes, from a spec that has nothing else."""
+        top = self._head()
+        top.add("containers", self.nodes.containers)
+        top.add("playback", {"mode": "live"})
+        top.add("graph", Block.of({"nodes": self.nodes.nodes}))
+        top.add("monitors", {"any": {"topic": "/rosout", "format": "rcl_interfaces/msg/Log"}})
+        loaded = load_spec(document(top, []), file=str(self.base_dir / f"{self.name}.r2b.yaml"))
+        if loaded.spec is None:
+            return PhaseWiring("measure", (), ())
+        files = read_companion_files(loaded.spec, self.base_dir)
+        return build_wiring(loaded.spec, companion_files=files).measure
+
+    def _doubts(self) -> list[str]:
+        """Why nodes may have more topics than are known, one line each."""
+        return [
+            f"whether {node.key} {does} other topics: {why}"
+            for node in self.measured.nodes
+            for does, why in (
+                ("subscribes to", node.interface.may_subscribe_more),
+                ("publishes", node.interface.may_publish_more),
+            )
+            if why
+        ]
+
+    def _select_inputs(self) -> None:
+        recorded = {f"/{each.name.lstrip('/')}": each for each in _data_topics(self.recording)}
+        needs = self._open_subscriptions()
+        for topic, kind in needs.items():
+            match = recorded.get(topic) or recorded.get(topic.removeprefix(self.namespace))
+            if match is not None and kind in {"", match.type}:
+                self.inputs[topic] = match
+        for topic, kind in needs.items():
+            if topic not in self.inputs:
+                self._match_by_type(topic, kind, list(recorded.values()))
+        uncertain = bool(self.measured.possible_subscribers)
+        if uncertain:
+            named = {topic: recorded[topic] for topic in self.nodes.topics if topic in recorded}
+            produced = self._topics(is_publisher=True).keys() | self.inputs.keys()
+            more = {topic: info for topic, info in named.items() if topic not in produced}
+            self.inputs |= more
+            if more:
+                shown = ", ".join(more)
+                self.unknown.append(
+                    f"whether the nodes read or write {shown}: they are inputs here, because the "
+                    "recording has them"
+                )
+        if not self.inputs and recorded and (uncertain or not self._offered()):
+            self.inputs = {f"{self.namespace}{name}": each for name, each in recorded.items()}
+            self.unknown.append(
+                "which topics the nodes subscribe to: all of the recording are inputs; remove "
+                "those that the graph publishes itself"
+            )
+
+    def _match_by_type(self, topic: str, kind: str, recorded: list[TopicInfo]) -> None:
+        """Take the recorded topic of this type whose name has most words of a subscription.
+
+        Of several, it is that whose name is most like those taken before, as of the same camera.
+        """
+        used = {input_.name for input_ in self.inputs.values()}
+        taken = {word for name in used for word in _words(name)}
+        words = _words(topic.removeprefix(self.namespace))
+        same = [each for each in recorded if each.type == kind and each.name not in used]
+        common = [len(words & _words(candidate.name)) for candidate in same]
+        most = max(common, default=0)
+        close = [each for each, number in zip(same, common, strict=True) if number == most]
+        close.sort(key=lambda candidate: -len(taken & _words(candidate.name)))
+        if not close:
+            self.unknown.append(f"what {topic} gets: the recording has no {kind or 'such topic'}")
+            return
+        self.inputs[topic] = close[0]
+        if len(close) > 1:
+            others = ", ".join(candidate.name for candidate in close[1:5])
+            self.unknown.append(f"whether {topic} is {close[0].name}; as well possible: {others}")
+
+    def _open_subscriptions(self) -> dict[str, str]:
+        """Topics that nodes subscribe to and no node publishes, with their types."""
+        published = self._topics(is_publisher=True)
+        subscribed = self._topics(is_publisher=False)
+        return {topic: kind for topic, kind in subscribed.items() if topic not in published}
+
+    def _select_transforms(self) -> None:
+        """Publish the recorded transforms that nodes read and no node publishes."""
+        endpoints = [each for each in self.measured.endpoints if each.is_node]
+        published = {endpoint.topic for endpoint in endpoints if endpoint.is_publisher}
+        needed = _TRANSFORMS.keys() & {endpoint.topic for endpoint in endpoints} - published
+        recorded = self.recording.index.topics.values() if self.recording else ()
+        there = {f"/{topic.name.lstrip('/')}" for topic in recorded if topic.count}
+        self.transforms = sorted(needed & there)
+        if needed and not needed & there:
+            self.unknown.append(
+                f"what publishes {' and '.join(sorted(needed))}, which a node reads"
+            )
+        possible = sorted(_TRANSFORMS.keys() & there - needed - published)
+        if possible and self.measured.possible_subscribers:
+            keys = " and ".join(f"'{_TRANSFORMS[topic]}: true'" for topic in possible)
+            self.unknown.append(f"whether the nodes need the recorded transforms: {keys}")
+
+    def _topics(self, *, is_publisher: bool) -> dict[str, str]:
+        """The topics that nodes publish, or to which they subscribe, with their types."""
+        return {
+            endpoint.topic: endpoint.type
+            for endpoint in self.measured.endpoints
+            if endpoint.is_node
+            and endpoint.is_publisher is is_publisher
+            and endpoint.topic not in _COMMON
+        }
+
+    def _select_outputs(self) -> None:
+        published = {
+            topic: kind
+            for topic, kind in self._topics(is_publisher=True).items()
+            if kind and topic not in self.inputs
+        }
+        last = {
+            topic: kind
+            for topic, kind in published.items()
+            if not any(reader.is_node for reader in self.measured.subscriptions(topic))
+        }
+        self.outputs = dict(list((last or published).items())[:_MOST_MONITORS])
+        left_out = len(last or published) - len(self.outputs)
+        if left_out > 0:
+            self.unknown.append(f"{left_out} more topics are published and not monitored here")
+        self.timed = {
+            topic: period_s
+            for node in self.measured.nodes
+            for name, period_s in node.interface.timed.items()
+            if (topic := node.names.resolve(name).name) in self.outputs
+        }
+        if not self.outputs:
+            self._select_calls()
+        if not self.outputs and not self.calls:
+            self.outputs = {"/rosout": "rcl_interfaces/msg/Log"}
+            self.unknown.append(
+                f"{UNKNOWN_OUTPUTS}: the monitor is on /rosout until you name an output; "
+                "'r2bspec interfaces' finds out what nodes publish. Of services and actions, the "
+                "answers are measured: 'playback.calls' instead of inputs and monitors"
+            )
+
+    def _offered(self) -> dict[str, str]:
+        """The services and actions of the nodes, with their types, as far as these are known."""
+        return {
+            node.names.resolve(name).name: kind
+            for node in self.measured.nodes
+            for name, kind in node.interface.services.items()
+            if re.search(TOPIC.pattern, name) and re.search(_OFFERED, kind)
+        }
+
+    def _select_calls(self) -> None:
+        names: set[str] = set()
+        for offered, kind in list(self._offered().items())[:_MOST_MONITORS]:
+            key, end = ("action", "_Goal") if "/action/" in kind else ("service", "_Request")
+            named = self._own(offered)
+            fields = list((installed_fields(f"{kind}{end}") or {}).items())
+            shown = ", ".join(f"{name} ({type_name})" for name, type_name in fields[:_MOST_FIELDS])
+            shown += ", ..." if len(fields) > _MOST_FIELDS else ""
+            what = "goal" if key == "action" else "request"
+            above = [
+                f"'{what}: {{FIELD: VALUE}}' sets fields other than to their defaults: {shown}"
+            ]
+            called = Block.of({key: {"name": named, "type": kind}})
+            self.calls.add(unique_name(identifier(named), names), called, above if shown else [])
+
+    def _head(self) -> Block:
+        top = Block.of({"r2bspec": 1, "name": self.name})
+        if self.nodes.is_absolute:
+            top.add(
+                "namespace", "/", ["Names of topics and nodes are those of the running system."]
+            )
+        top.add("environment", self.nodes.environment)
+        top.add("variables", Block.of(self.nodes.variables))
+        return top
+
+    def _own(self, topic: str) -> str:
+        """A topic as the spec writes it: relative where that is the same."""
+        inside = f"{self.namespace}/"
+        return topic.removeprefix(inside) if topic.startswith(inside) else topic
+
+    def text(self, sources: list[str]) -> str:
+        top = self._head()
+        if self.recording is not None:
+            top.add("data_loader", self._data_loader(self.recording))
+        top.add("containers", self.nodes.containers)
+        top.add("playback", self._playback())
+        top.add("graph", Block.of({"nodes": self.nodes.nodes}))
+        names: set[str] = set()
+        monitors = Block()
+        for topic, kind in self.outputs.items():
+            entry = Block.of({"topic": self._own(topic), "format": kind})
+            if topic in self.timed:
+                entry.add("match", "own_pace", after="a timer publishes it, whatever is played")
+            elif begins_with_header(kind) is False:
+                entry.add("match", "order", after="its messages have no header")
+            name = unique_name(identifier(self._own(topic).strip("/~")), names)
+            monitors.add(name if name[0].isalpha() else f"m{name}", entry)
+        top.add("monitors", monitors)
+        top.add("benchmark", self._benchmark())
+        top.add("slos", self._objectives([each.key for each in monitors.entries]))
+        if self.recording is not None and self.outputs:
+            top.below.append("After a run, 'r2bspec suggest SPEC RUN' proposes limits for latency.")
+        head = [f"Written by 'r2bspec init' from {', '.join(sources)}."]
+        if self.unknown:
+            head += [
+                "",
+                "Not known:",
+                *(f"- {sentence}" for sentence in dict.fromkeys(self.unknown)),
+            ]
+        return document(top, head)
+
+    def _data_loader(self, recording: DraftRecording) -> Block:
+        block = Block.of({"bag": recording.written})
+        seconds = recording.index.duration_ns / 1e9
+        if seconds > _LONGEST_WINDOW_S:
+            above = [f"The recording has {seconds:.1f} s; messages of the window are in memory."]
+            block.add("window", {"start": "0 s", "end": f"{_LONGEST_WINDOW_S} s"}, above)
+        topics = Block()
+        for each in dict.fromkeys(self.inputs.values()):
+            topics.add(f"/{each.name.lstrip('/')}", _loaded(each), after=_described(each))
+        used = {input_.name for input_ in self.inputs.values()}
+        used |= {name for topic in self.transforms for name in (topic, topic.lstrip("/"))}
+        others = [topic for topic in recording.index.topics.values() if topic.name not in used]
+        above = ["Also recorded:", *(f"  {other.name} ({other.type})" for other in others)]
+        block.add("topics", topics, above if others else [])
+        for topic in self.transforms:
+            block.add(_TRANSFORMS[topic], True, after="a node reads them")
+        return block
+
+    def _is_timeline(self) -> bool:
+        rates = [input_.rate_hz for input_ in self.inputs.values()]
+        return bool(rates) and (min(rates) <= 0 or max(rates) > _SAME_RATE * min(rates))
+
+    def _playback(self) -> Block:
+        block = Block.of({"calls": self.calls})
+        if self.calls and not self.inputs:
+            return block
+        if self.recording is None:
+            above = ["Without a recording, the graph has a source of its own (or use --from-bag)."]
+            block.add("mode", "live", above)
+        elif self._is_timeline():
+            block.add("mode", "timeline", ["The inputs have rates of their own."])
+        inputs = {
+            self._own(topic): {"from": _loaded(recorded), "format": recorded.type}
+            for topic, recorded in self.inputs.items()
+        }
+        block.add("inputs", Block.of(inputs))
+        return block
+
+    def _rate_hz(self) -> float:
+        rates = [input_.rate_hz for input_ in self.inputs.values() if input_.rate_hz > 0]
+        return float(f"{min(rates):.3g}") if rates else 10.0
+
+    def _effort(self) -> tuple[float, int | None]:
+        """The seconds of an iteration, and the lost messages in percent that a run can confirm.
+
+        None where no share can be confirmed: the messages of a timeline are too few.
+        """
+        rate_hz = self._rate_hz()
+        longest = self._window_s() if self._is_timeline() else _LONGEST_ITERATION_S
+        seconds = _SHORTEST_ITERATION_S
+        looks = InterimLooks.planned(_ITERATIONS, default_starts(_ITERATIONS))
+        confidence = looks.confidence_at(len(looks))
+        for percent in _LOST_PERCENT:
+            needed = min_sample_size(percent / 100, confidence) or 1
+            # Whole messages in each iteration, in steps of half a second.
+            in_each = math.ceil(needed / _ITERATIONS)
+            seconds = max(_SHORTEST_ITERATION_S, math.ceil(2 * in_each / rate_hz) / 2)
+            if seconds <= longest:
+                return seconds, percent
+        return (seconds, None) if self._is_timeline() else (seconds, _LOST_PERCENT[-1])
+
+    def _window_s(self) -> float:
+        recorded = self.recording.index.duration_ns / 1e9 if self.recording is not None else 0.0
+        return min(recorded, _LONGEST_WINDOW_S)
+
+    def _benchmark(self) -> Block:
+        block = Block()
+        has_load = self.recording is not None or bool(self.calls)
+        has_rate = has_load and not self._is_timeline()
+        seconds, percent = self._effort() if has_rate else (_SHORTEST_ITERATION_S, None)
+        is_long = seconds > _SHORTEST_ITERATION_S
+        above = [f"Long enough to confirm that at most {percent} % are lost."] if is_long else []
+        block.add("duration", f"{seconds:g} s", above)
+        block.add("iterations", _ITERATIONS)
+        if has_rate:
+            of_calls = "How often it is called, whether or not earlier calls are answered."
+            above = ["The rate of the recording." if self.inputs else of_calls]
+            block.add("rates", [f"{self._rate_hz():g} Hz"], above)
+        return block
+
+    def _objectives(self, monitors: list[str]) -> Block | None:
+        seconds, percent = self._effort()
+        has_load = self.recording is not None or self.calls
+        if not has_load or percent is None or "/rosout" in self.outputs:
+            return None
+        rate = None if self._is_timeline() else f"{self._rate_hz():g} Hz"
+        # Of several outputs the first: the others may not answer each input.
+        calls = [entry.key for entry in self.calls.entries]
+        named = calls or (monitors[:1] if len(monitors) > 1 else [])
+        required = f"drop_rate <= {percent} %"
+        first = next(iter(self.outputs), "")
+        if first in self.timed:
+            period_s = self.timed[first]
+            if not period_s or seconds < _FEWEST_TICKS * period_s:
+                return None
+            required = f"throughput.mean >= {_KEPT_SHARE / period_s:.3g} Hz"
+        requirements = [f"{prefix}{required}" for prefix in [f"{name}." for name in named] or [""]]
+        return Block.of({"keeps_up": Block.of({"at": rate, "require": requirements})})
 
 
 def draft_text(
@@ -128,311 +484,25 @@ def draft_text(
         recording: the recording; None for a benchmark of a graph with a source of its own.
         base_dir: the folder of the spec.
     """
-    draft = _Draft(name, nodes, recording, base_dir, unknown=list(nodes.unknown))
-    draft.namespace = "" if nodes.is_absolute else "/r2b"
-    if not nodes.nodes:
-        _add_placeholder(draft)
-    measured = _wiring(draft)
-    draft.unknown += _doubts(measured)
-    if recording is not None:
-        _select_inputs(draft, measured)
-    _select_transforms(draft, measured)
-    _select_outputs(draft, measured)
-    if draft.calls and recording is not None and not draft.inputs:
-        draft.recording = None
-        draft.unknown.append(f"what {recording.written} is for: no node subscribes to any topic")
-    _add_missing_source(draft, measured)
-    return _text(draft, sources)
-
-
-def _add_placeholder(draft: _Draft) -> None:
-    """Without nodes, a relay of the largest topic shows the recording in use."""
-    entry = Block.of({"python": "r2bspec.nodes.RelayNode"})
-    topics = _data_topics(draft.recording)
-    if topics:
-        main = max(topics, key=lambda each: (each.max_message_bytes or 0, each.count))
-        entry.add("parameters", {"format": main.type})
-        entry.add("remappings", {"input": main.name.lstrip("/"), "output": "relayed"})
-    above = ["A node that copies its input, in place of yours: see 'r2bspec init --list'."]
-    draft.nodes.nodes.add("relay", entry, above)
-    draft.unknown.append("the node under test: 'relay' takes its place")
-
-
-def _add_missing_source(draft: _Draft, measured: PhaseWiring | None) -> None:
-    """What nodes subscribe to and nothing publishes has to come from outside of the benchmark."""
-    needs = _open_subscriptions(measured)
-    missing = {topic: kind for topic, kind in needs.items() if kind and topic not in draft.inputs}
-    if not missing or (measured is not None and measured.possible_publishers):
-        return
-    entry = Block.of({"external": True, "publishes": Block.of(dict(sorted(missing.items())))})
-    above = [
-        "What publishes these topics must already run. A recording of them replaces it:",
-        "'r2bspec init --from-bag BAG' with the same sources.",
-    ]
-    draft.nodes.nodes.add(unique_name("source", draft.nodes.keys), entry, above)
-    draft.unknown.append(f"the publishers of {', '.join(sorted(missing))}")
-
-
-def _wiring(draft: _Draft) -> PhaseWiring | None:
-    """What is known of the nodes, from a spec that has nothing else."""
-    top = _head(draft)
-    top.add("containers", draft.nodes.containers)
-    top.add("playback", {"mode": "live"})
-    top.add("graph", Block.of({"nodes": draft.nodes.nodes}))
-    top.add("monitors", {"any": {"topic": "/rosout", "format": "rcl_interfaces/msg/Log"}})
-    loaded = load_spec(document(top, []), file=str(draft.base_dir / f"{draft.name}.r2b.yaml"))
-    if loaded.spec is None:
-        return None
-    files = read_companion_files(loaded.spec, draft.base_dir)
-    return build_wiring(loaded.spec, companion_files=files).measure
-
-
-def _doubts(measured: PhaseWiring | None) -> list[str]:
-    """Why nodes may have more topics than are known, one line each."""
-    return [
-        f"whether {node.key} {does} other topics: {why}"
-        for node in (measured.nodes if measured is not None else ())
-        for does, why in (
-            ("subscribes to", node.interface.may_subscribe_more),
-            ("publishes", node.interface.may_publish_more),
-        )
-        if why
-    ]
+    draft = _Draft(name, nodes, recording, base_dir)
+    draft.complete()
+    return draft.text(sources)
 
 
 def _data_topics(recording: DraftRecording | None) -> list[TopicInfo]:
     return [
-        data_topic
-        for name, data_topic in (recording.index.topics.items() if recording else ())
+        each
+        for name, each in (recording.index.topics.items() if recording else ())
         if f"/{name.lstrip('/')}" not in _COMMON
-        and data_topic.count
-        and re.search(MESSAGE_TYPE.pattern, data_topic.type)
-        and re.search(TOPIC.pattern, data_topic.name)
+        and each.count
+        and re.search(MESSAGE_TYPE.pattern, each.type)
+        and re.search(TOPIC.pattern, each.name)
     ]
-
-
-def _select_inputs(draft: _Draft, measured: PhaseWiring | None) -> None:
-    recorded = {
-        f"/{data_topic.name.lstrip('/')}": data_topic
-        for data_topic in _data_topics(draft.recording)
-    }
-    needs = _open_subscriptions(measured)
-    for topic, kind in needs.items():
-        match = recorded.get(topic) or recorded.get(topic.removeprefix(draft.namespace))
-        if match is not None and kind in {"", match.type}:
-            draft.inputs[topic] = match
-    for topic, kind in needs.items():
-        if topic not in draft.inputs:
-            _match_by_type(draft, topic, kind, list(recorded.values()))
-    uncertain = measured is None or bool(measured.possible_subscribers)
-    if uncertain:
-        named = {topic: recorded[topic] for topic in draft.nodes.topics if topic in recorded}
-        produced = _publishers(measured).keys() | draft.inputs.keys()
-        more = {topic: info for topic, info in named.items() if topic not in produced}
-        draft.inputs |= more
-        if more:
-            shown = ", ".join(more)
-            draft.unknown.append(
-                f"whether the nodes read or write {shown}: they are inputs here, because the "
-                "recording has them"
-            )
-    if not draft.inputs and recorded and (uncertain or not _offered(measured)):
-        draft.inputs = {
-            f"{draft.namespace}{name}": planned_topic for name, planned_topic in recorded.items()
-        }
-        draft.unknown.append(
-            "which topics the nodes subscribe to: all of the recording are inputs; remove those "
-            "that the graph publishes itself"
-        )
-
-
-def _match_by_type(draft: _Draft, topic: str, kind: str, recorded: list[TopicInfo]) -> None:
-    """Take the recorded topic of this type whose name has most words of a subscription.
-
-    Of several, it is that whose name is most like those taken before, as of the same camera.
-    """
-    used = {input_.name for input_ in draft.inputs.values()}
-    taken = {word for name in used for word in _words(name)}
-    words = _words(topic.removeprefix(draft.namespace))
-    same = [
-        candidate for candidate in recorded if candidate.type == kind and candidate.name not in used
-    ]
-    common = [len(words & _words(candidate.name)) for candidate in same]
-    most = max(common, default=0)
-    close = [each for each, number in zip(same, common, strict=True) if number == most]
-    close.sort(key=lambda candidate: -len(taken & _words(candidate.name)))
-    if not close:
-        draft.unknown.append(f"what {topic} gets: the recording has no {kind or 'such topic'}")
-        return
-    draft.inputs[topic] = close[0]
-    if len(close) > 1:
-        others = ", ".join(candidate.name for candidate in close[1:5])
-        draft.unknown.append(f"whether {topic} is {close[0].name}; as well possible: {others}")
 
 
 def _words(topic: str) -> set[str]:
     """The words of a topic's name: of ``left/image_rect`` left, image and rect."""
     return set(re.split(r"[/_]", topic.lower())) - {""}
-
-
-def _open_subscriptions(measured: PhaseWiring | None) -> dict[str, str]:
-    """Topics that nodes subscribe to and no node publishes, with their types."""
-    published = _publishers(measured)
-    subscribed = _topics_of_nodes(measured, is_publisher=False)
-    return {topic: kind for topic, kind in subscribed.items() if topic not in published}
-
-
-def _select_transforms(draft: _Draft, measured: PhaseWiring | None) -> None:
-    """Publish the recorded transforms that nodes read and no node publishes."""
-    endpoints = [each for each in measured.endpoints if each.is_node] if measured else []
-    published = {endpoint.topic for endpoint in endpoints if endpoint.is_publisher}
-    needed = _TRANSFORMS.keys() & {endpoint.topic for endpoint in endpoints} - published
-    recorded = draft.recording.index.topics.values() if draft.recording else ()
-    there = {f"/{topic.name.lstrip('/')}" for topic in recorded if topic.count}
-    draft.transforms = sorted(needed & there)
-    if needed and not needed & there:
-        draft.unknown.append(f"what publishes {' and '.join(sorted(needed))}, which a node reads")
-    possible = sorted(_TRANSFORMS.keys() & there - needed - published)
-    if possible and measured is not None and measured.possible_subscribers:
-        keys = " and ".join(f"'{_TRANSFORMS[topic]}: true'" for topic in possible)
-        draft.unknown.append(f"whether the nodes need the recorded transforms: {keys}")
-
-
-def _publishers(measured: PhaseWiring | None) -> dict[str, str]:
-    """The topics that nodes publish, with their types."""
-    return _topics_of_nodes(measured, is_publisher=True)
-
-
-def _topics_of_nodes(measured: PhaseWiring | None, *, is_publisher: bool) -> dict[str, str]:
-    return {
-        endpoint.topic: endpoint.type
-        for endpoint in (measured.endpoints if measured is not None else ())
-        if endpoint.is_node
-        and endpoint.is_publisher is is_publisher
-        and endpoint.topic not in _COMMON
-    }
-
-
-def _select_outputs(draft: _Draft, measured: PhaseWiring | None) -> None:
-    published = {
-        topic: kind
-        for topic, kind in _publishers(measured).items()
-        if kind and topic not in draft.inputs
-    }
-    last = {
-        topic: kind
-        for topic, kind in published.items()
-        if measured is not None
-        and not any(subscription.is_node for subscription in measured.subscriptions(topic))
-    }
-    draft.outputs = dict(list((last or published).items())[:_MOST_MONITORS])
-    left_out = len(last or published) - len(draft.outputs)
-    if left_out > 0:
-        draft.unknown.append(f"{left_out} more topics are published and not monitored here")
-    if measured is not None:
-        draft.timed = {
-            topic: period_s
-            for node in measured.nodes
-            for name, period_s in node.interface.timed.items()
-            if (topic := node.names.resolve(name).name) in draft.outputs
-        }
-    if not draft.outputs:
-        _select_calls(draft, measured)
-    if not draft.outputs and not draft.calls:
-        draft.outputs = {"/rosout": "rcl_interfaces/msg/Log"}
-        draft.unknown.append(
-            f"{UNKNOWN_OUTPUTS}: the monitor is on /rosout until you name an output; "
-            "'r2bspec interfaces' finds out what nodes publish. Of services and actions, the "
-            "answers are measured: 'playback.calls' instead of inputs and monitors"
-        )
-
-
-def _offered(measured: PhaseWiring | None) -> dict[str, str]:
-    """The services and actions of the nodes, with their types, as far as these are known."""
-    return {
-        node.names.resolve(name).name: kind
-        for node in (measured.nodes if measured is not None else ())
-        for name, kind in node.interface.services.items()
-        if re.search(TOPIC.pattern, name) and re.search(_OFFERED, kind)
-    }
-
-
-def _select_calls(draft: _Draft, measured: PhaseWiring | None) -> None:
-    names: set[str] = set()
-    for offered, kind in list(_offered(measured).items())[:_MOST_MONITORS]:
-        key, end = ("action", "_Goal") if "/action/" in kind else ("service", "_Request")
-        named = _own(draft, offered)
-        fields = list((installed_fields(f"{kind}{end}") or {}).items())
-        shown = ", ".join(f"{name} ({type_name})" for name, type_name in fields[:_MOST_FIELDS])
-        shown += ", ..." if len(fields) > _MOST_FIELDS else ""
-        what = "goal" if key == "action" else "request"
-        above = [f"'{what}: {{FIELD: VALUE}}' sets fields other than to their defaults: {shown}"]
-        called = Block.of({key: {"name": named, "type": kind}})
-        draft.calls.add(unique_name(identifier(named), names), called, above if shown else [])
-
-
-def _head(draft: _Draft) -> Block:
-    top = Block.of({"r2bspec": 1, "name": draft.name})
-    if draft.nodes.is_absolute:
-        top.add("namespace", "/", ["Names of topics and nodes are those of the running system."])
-    top.add("environment", draft.nodes.environment)
-    top.add("variables", Block.of(draft.nodes.variables))
-    return top
-
-
-def _own(draft: _Draft, topic: str) -> str:
-    """A topic as the spec writes it: relative where that is the same."""
-    inside = f"{draft.namespace}/"
-    return topic.removeprefix(inside) if topic.startswith(inside) else topic
-
-
-def _text(draft: _Draft, sources: list[str]) -> str:
-    top = _head(draft)
-    if draft.recording is not None:
-        top.add("data_loader", _data_loader(draft, draft.recording))
-    top.add("containers", draft.nodes.containers)
-    top.add("playback", _playback(draft))
-    top.add("graph", Block.of({"nodes": draft.nodes.nodes}))
-    names: set[str] = set()
-    monitors = Block()
-    for topic, kind in draft.outputs.items():
-        entry = Block.of({"topic": _own(draft, topic), "format": kind})
-        if topic in draft.timed:
-            entry.add("match", "own_pace", after="a timer publishes it, whatever is played")
-        elif begins_with_header(kind) is False:
-            entry.add("match", "order", after="its messages have no header")
-        name = unique_name(identifier(_own(draft, topic).strip("/~")), names)
-        monitors.add(name if name[0].isalpha() else f"m{name}", entry)
-    top.add("monitors", monitors)
-    top.add("benchmark", _benchmark(draft))
-    top.add("slos", _objectives(draft, [each.key for each in monitors.entries]))
-    if draft.recording is not None and draft.outputs:
-        top.below.append("After a run, 'r2bspec suggest SPEC RUN' proposes limits for latency.")
-    head = [f"Written by 'r2bspec init' from {', '.join(sources)}."]
-    if draft.unknown:
-        head += ["", "Not known:", *(f"- {sentence}" for sentence in dict.fromkeys(draft.unknown))]
-    return document(top, head)
-
-
-def _data_loader(draft: _Draft, recording: DraftRecording) -> Block:
-    block = Block.of({"bag": recording.written})
-    seconds = recording.index.duration_ns / 1e9
-    if seconds > _LONGEST_WINDOW_S:
-        above = [f"The recording has {seconds:.1f} s; messages of the window are in memory."]
-        block.add("window", {"start": "0 s", "end": f"{_LONGEST_WINDOW_S} s"}, above)
-    topics = Block()
-    for data_topic in dict.fromkeys(draft.inputs.values()):
-        topics.add(
-            f"/{data_topic.name.lstrip('/')}", _loaded(data_topic), after=_described(data_topic)
-        )
-    used = {input_.name for input_ in draft.inputs.values()}
-    used |= {name for topic in draft.transforms for name in (topic, topic.lstrip("/"))}
-    others = [topic for topic in recording.index.topics.values() if topic.name not in used]
-    above = ["Also recorded:", *(f"  {other.name} ({other.type})" for other in others)]
-    block.add("topics", topics, above if others else [])
-    for topic in draft.transforms:
-        block.add(_TRANSFORMS[topic], True, after="a node reads them")
-    return block
 
 
 def _loaded(topic: TopicInfo) -> str:
@@ -443,98 +513,3 @@ def _described(topic: TopicInfo) -> str:
     size = topic.max_message_bytes
     shown = f", at most {size:,} bytes" if size else ""
     return f"{topic.rate_hz:.4g} Hz, {topic.count} messages{shown}"
-
-
-def _is_timeline(draft: _Draft) -> bool:
-    rates = [input_.rate_hz for input_ in draft.inputs.values()]
-    positive_rates = [rate for rate in rates if rate > 0]
-    return len(positive_rates) < len(rates) or (
-        bool(positive_rates) and max(positive_rates) > _SAME_RATE * min(positive_rates)
-    )
-
-
-def _playback(draft: _Draft) -> Block:
-    block = Block.of({"calls": draft.calls})
-    if draft.calls and not draft.inputs:
-        return block
-    if draft.recording is None:
-        above = ["Without a recording, the graph has a source of its own (or use --from-bag)."]
-        block.add("mode", "live", above)
-    elif _is_timeline(draft):
-        block.add("mode", "timeline", ["The inputs have rates of their own."])
-    inputs = {
-        _own(draft, topic): {"from": _loaded(recorded), "format": recorded.type}
-        for topic, recorded in draft.inputs.items()
-    }
-    block.add("inputs", Block.of(inputs))
-    return block
-
-
-def _rate_hz(draft: _Draft) -> float:
-    rates = [input_.rate_hz for input_ in draft.inputs.values() if input_.rate_hz > 0]
-    return float(f"{min(rates):.3g}") if rates else 10.0
-
-
-def _effort(draft: _Draft) -> tuple[float, int | None]:
-    """The seconds of an iteration, and the lost messages in percent that a run can confirm.
-
-    None where no share can be confirmed: the messages of a timeline are too few.
-    """
-    rate_hz = _rate_hz(draft)
-    longest = _window_s(draft) if _is_timeline(draft) else _LONGEST_ITERATION_S
-    seconds = _SHORTEST_ITERATION_S
-    looks = InterimLooks.planned(_ITERATIONS, default_starts(_ITERATIONS))
-    confidence = looks.confidence_at(len(looks))
-    for percent in _LOST_PERCENT:
-        needed = min_sample_size(percent / 100, confidence) or 1
-        # Whole messages in each iteration, in steps of half a second.
-        in_each = math.ceil(needed / _ITERATIONS)
-        seconds = max(_SHORTEST_ITERATION_S, math.ceil(2 * in_each / rate_hz) / 2)
-        if seconds <= longest:
-            return seconds, percent
-    return (seconds, None) if _is_timeline(draft) else (seconds, _LOST_PERCENT[-1])
-
-
-def _window_s(draft: _Draft) -> float:
-    recorded = draft.recording.index.duration_ns / 1e9 if draft.recording is not None else 0.0
-    return min(recorded, _LONGEST_WINDOW_S)
-
-
-def _benchmark(draft: _Draft) -> Block:
-    block = Block()
-    has_rate = _has_rate(draft)
-    seconds, percent = _effort(draft) if has_rate else (_SHORTEST_ITERATION_S, None)
-    is_long = seconds > _SHORTEST_ITERATION_S
-    above = [f"Long enough to confirm that at most {percent} % are lost."] if is_long else []
-    block.add("duration", f"{seconds:g} s", above)
-    block.add("iterations", _ITERATIONS)
-    if has_rate:
-        of_calls = "How often it is called, whether or not earlier calls are answered."
-        above = ["The rate of the recording." if draft.inputs else of_calls]
-        block.add("rates", [f"{_rate_hz(draft):g} Hz"], above)
-    return block
-
-
-def _has_rate(draft: _Draft) -> bool:
-    has_load = draft.recording is not None or bool(draft.calls)
-    return has_load and not _is_timeline(draft)
-
-
-def _objectives(draft: _Draft, monitors: list[str]) -> Block | None:
-    seconds, percent = _effort(draft)
-    has_load = draft.recording is not None or draft.calls
-    if not has_load or percent is None or "/rosout" in draft.outputs:
-        return None
-    rate = None if _is_timeline(draft) else f"{_rate_hz(draft):g} Hz"
-    # Of several outputs the first: the others may not answer each input.
-    calls = [entry.key for entry in draft.calls.entries]
-    named = calls or (monitors[:1] if len(monitors) > 1 else [])
-    required = f"drop_rate <= {percent} %"
-    first = next(iter(draft.outputs), "")
-    if first in draft.timed:
-        period_s = draft.timed[first]
-        if not period_s or seconds < _FEWEST_TICKS * period_s:
-            return None
-        required = f"throughput.mean >= {_KEPT_SHARE / period_s:.3g} Hz"
-    requirements = [f"{prefix}{required}" for prefix in [f"{name}." for name in named] or [""]]
-    return Block.of({"keeps_up": Block.of({"at": rate, "require": requirements})})

@@ -308,10 +308,7 @@ def _add_interface(block: Block, node: NodeAction, folder: Path) -> None:
 def _program(node: NodeAction, folder: Path) -> Path | None:
     """The file of a program, if it can be found and may be Python."""
     if node.executable and node.package:
-        files = [
-            ament_prefix / "lib" / node.package / node.executable
-            for ament_prefix in ament_prefixes()
-        ]
+        files = [each / "lib" / node.package / node.executable for each in ament_prefixes()]
     else:
         words = [each.replace("$(script)", str(folder)) for each in node.command[:2]]
         files = [Path(word) for word in words if word.endswith(".py")]

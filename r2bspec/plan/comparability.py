@@ -169,24 +169,18 @@ def graph_differences(base: Plan, head: Plan) -> list[PlanDifference]:
 
     Parameters of a node stand in the command line of its process, too.
     """
-    differences = [
-        diff_plan for diff_plan in diff_plans(base, head) if _change(diff_plan) != "neither"
-    ]
-    changed: dict[object, set[str]] = defaultdict(set)
+    differences = [each for each in diff_plans(base, head) if _change(each) != "neither"]
+    changed: dict[str, set[str]] = defaultdict(set)
     for difference in differences:
         match difference.path:
             case ("processes", process, "nodes", _, "parameters", name, *_):
-                changed[process].add(str(name))
-    arguments = [
-        {process.name: process.argv for process in plan.processes} for plan in (base, head)
-    ]
+                changed[str(process)].add(str(name))
+    before, after = ({each.name: each.argv for each in plan.processes} for plan in (base, head))
     repeating = {
         process
         for process, names in changed.items()
-        if len(
-            {_without_parameters(argument.get(str(process), ()), names) for argument in arguments}
-        )
-        == 1
+        if _without_parameters(before.get(process, ()), names)
+        == _without_parameters(after.get(process, ()), names)
     }
     return [
         difference

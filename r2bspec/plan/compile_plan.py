@@ -19,7 +19,6 @@ from r2bspec.plan.process_plans import plan_external, plan_lifecycle, plan_proce
 from r2bspec.plan.topic_plans import plan_inputs, plan_monitors, plan_topics
 from r2bspec.plan.wiring.build_wiring import build_wiring
 from r2bspec.plan.wiring.companion_files import NO_COMPANION_FILES, CompanionFiles
-from r2bspec.plan.wiring.node_interface import InterfaceTable
 from r2bspec.plan.wiring.wiring import Wiring
 
 if TYPE_CHECKING:
@@ -30,7 +29,6 @@ def compile_plan(
     spec: Spec,
     bag: BagIndex | Sequence[BagIndex | None] | None,
     *,
-    table: InterfaceTable | None = None,
     companion_files: CompanionFiles = NO_COMPANION_FILES,
     wiring: Wiring | None = None,
 ) -> plans.Plan:
@@ -44,7 +42,6 @@ def compile_plan(
             must not be run.
         bag: the index of the bag, or of each of several; None if unknown: the types of bag topics
             are then empty and their counts zero.
-        table: interfaces of Python nodes; by default those of the reference nodes.
         companion_files: the companion files of the spec, such as parameter files; by default none.
         wiring: the wiring of the spec with these types and companion files, where the caller has
             built it already.
@@ -52,9 +49,7 @@ def compile_plan(
     bags = list(bag) if isinstance(bag, Sequence) else [bag]
     together = merge_indexes([index for index in bags if index is not None])
     types = together.types(spec.data_loader.topics) if together is not None else None
-    wiring = wiring or build_wiring(
-        spec, bag_types=types, table=table, companion_files=companion_files
-    )
+    wiring = wiring or build_wiring(spec, bag_types=types, companion_files=companion_files)
     # An unknown recording is assumed to have all topics.
     sources = spec.data_loader.sources or (BagSource(),)
     known = [*bags, *[None] * len(sources)][: len(sources)]

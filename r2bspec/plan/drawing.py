@@ -73,11 +73,7 @@ def figure(plan: Plan) -> Figure:
     sources = tuple(dataset.source for dataset in plan.datasets) or (plan.dataset.source,)
     played = any(sources)
     bag = FigureBox(sketch.id_of("", "bag", ""), "bag", sources)
-    phases = [
-        phase
-        for phase in ("preprocess", "measure")
-        if any(process.phase == phase for process in plan.processes)
-    ]
+    phases = [phase for phase in ("preprocess", "measure") if plan.processes_in(phase)]
     groups = tuple(_group(sketch, phase) for phase in phases)
     if played:
         _join_phases(sketch, bag.id)
@@ -87,17 +83,13 @@ def figure(plan: Plan) -> Figure:
 
 def _group(sketch: _FigureBuilder, phase: str) -> Group:
     plan = sketch.plan
-    topics = [planned_topic for planned_topic in plan.topics if planned_topic.phase == phase]
-    seen = {
-        owner
-        for planned_topic in topics
-        for owner in (*planned_topic.writers, *planned_topic.readers)
-    }
-    boxes = [*_harness_boxes(sketch, phase, seen)]
+    topics = [each for each in plan.topics if each.phase == phase]
+    seen = {owner for each in topics for owner in (*each.writers, *each.readers)}
+    boxes = _harness_boxes(sketch, phase, seen)
     nodes = [
         (node.name, node.target or node.plugin or _program(process.argv[0]))
-        for process in plan.processes
-        for node in (process.nodes if process.phase == phase else ())
+        for process in plan.processes_in(phase)
+        for node in process.nodes
     ]
     nodes += [(node.name, "already runs") for node in plan.external if node.phase == phase]
     for name, what in nodes:

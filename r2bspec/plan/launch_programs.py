@@ -7,7 +7,7 @@ makes them unknown.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -114,43 +114,11 @@ def _literal(node: ast.expr) -> object:
     return node.value if isinstance(node, ast.Constant) else [ast.unparse(node)]
 
 
-def _markup(file: Path, folder: Path) -> list[tuple[str, _Attributes]]:
+def _markup(file: Path, folder: Path) -> Sequence[tuple[str, _Attributes]]:
     """The entities of a file, and their attributes."""
+    from r2bspec.plan.launch_markup import read_markup
+
     text = read_text(file, max_bytes=MAX_SCRIPT_BYTES, folders=(folder,))
-    entities = _xml(text) if text.lstrip().startswith("<") else _yaml(text)
+    entities = [(each.name, each.values) for each in read_markup(text, file).below()]
     _refuse({name for name, _ in entities} & _OPAQUE)
     return entities
-
-
-def _xml(text: str) -> list[tuple[str, _Attributes]]:
-    from xml.parsers import expat
-
-    found: list[tuple[str, _Attributes]] = []
-    parser = expat.ParserCreate()
-    parser.StartDoctypeDeclHandler = lambda *_: _refuse(["DOCTYPE"])
-    parser.StartElementHandler = lambda name, attributes: found.append((name, attributes))
-    try:
-        parser.Parse(text, True)
-    except expat.ExpatError as error:
-        raise ValueError("no XML") from error
-    return found
-
-
-def _yaml(text: str) -> list[tuple[str, _Attributes]]:
-    import yaml
-
-    from r2bspec.safe_io.safe_yaml import load_values
-
-    try:
-        waiting = [load_values(text)]
-    except yaml.YAMLError as error:
-        raise ValueError("no YAML") from error
-    found: list[tuple[str, _Attributes]] = []
-    while waiting:
-        item = waiting.pop()
-        if isinstance(item, dict):
-            found += [(str(key), each) for key, each in item.items() if isinstance(each, dict)]
-            waiting += reversed(item.values())
-        elif isinstance(item, list):
-            waiting += reversed(item)
-    return found

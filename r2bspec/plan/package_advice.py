@@ -29,31 +29,14 @@ _PYTHON_PACKAGES = {
 """The packages of Ubuntu and of PyPI with modules that nodes often import."""
 
 _ROS_MODULES = frozenset(
-    [
-        "action_tutorials_interfaces",
-        "ament_index_python",
-        "cv_bridge",
-        "example_interfaces",
-        "image_geometry",
-        "laser_geometry",
-        "launch",
-        "launch_ros",
-        "message_filters",
-        "pcl_ros",
-        "rclpy",
-        "ros2_numpy",
-        "rosbag2_py",
-        "rosidl_runtime_py",
-        "rqt_gui_py",
-        "sensor_msgs_py",
-        "tf2_geometry_msgs",
-        "tf2_kdl",
-        "tf2_py",
-        "tf2_ros",
-        "tf2_sensor_msgs",
-        "tf_transformations",
-        "vision_opencv",
-    ]
+    {
+        *("action_tutorials_interfaces", "ament_index_python", "cv_bridge"),
+        *("example_interfaces", "image_geometry", "laser_geometry", "launch", "launch_ros"),
+        *("message_filters", "pcl_ros", "rclpy", "ros2_numpy", "rosbag2_py"),
+        *("rosidl_runtime_py", "rqt_gui_py", "sensor_msgs_py", "tf2_geometry_msgs"),
+        *("tf2_kdl", "tf2_py", "tf2_ros", "tf2_sensor_msgs", "tf_transformations"),
+        *("vision_opencv"),
+    }
 )
 _INTERFACE_PACKAGE = re.compile(r"_(msgs|interfaces|msg|srvs)$")
 
@@ -77,23 +60,16 @@ def released_package(ros_package: str) -> str:
 def ros_package_advice(package: str) -> str:
     """How to get a ROS package: from where ROS itself is, or from a workspace."""
     known = package in catalogue_packages() or is_ros_module(package)
-    if has_wheels():
-        install = f"pip install {released_package(package)}"
-        return (
-            f"{install}, if there is such a wheel; or source a ROS 2 installation, or the "
-            "workspace, that contains it"
-            if known
-            else f"source the workspace that contains it; if there is a wheel of it: {install}"
-        )
-    install, workspace = (
-        f"sudo apt install {released_package(package)}",
-        "source the workspace that contains it",
-    )
-    return (
-        f"{install}, or {workspace}"
-        if known
-        else (f"{workspace}; if it is a released package: {install}")
-    )
+    released, workspace = released_package(package), "source the workspace that contains it"
+    if not has_wheels():
+        install = f"sudo apt install {released}"
+        if known:
+            return f"{install}, or {workspace}"
+        return f"{workspace}; if it is a released package: {install}"
+    if known:
+        workspace = "source a ROS 2 installation, or the workspace, that contains it"
+        return f"pip install {released}, if there is such a wheel; or {workspace}"
+    return f"{workspace}; if there is a wheel of it: pip install {released}"
 
 
 def is_ros_module(module: str) -> bool:

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Final, Literal
 
 import msgspec
 
-from r2bspec.language.benchmark_defaults import CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIDENCE, MAX_STARTS, MIN_CONFIDENCE
 from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.spec import (
     LifecycleState,
@@ -24,6 +24,9 @@ from r2bspec.language.spec import (
     Requires,
     Scalar,
 )
+
+_Confidence = Annotated[float, msgspec.Meta(ge=MIN_CONFIDENCE, lt=1)]
+_Count = Annotated[int, msgspec.Meta(ge=0)]
 
 
 class _Value(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -362,7 +365,7 @@ class SearchPlan(_Value, frozen=True, kw_only=True):
     precision: float
     probe_ns: int
     holds: tuple[Requirement, ...]
-    confidence: float = CONFIDENCE
+    confidence: _Confidence = CONFIDENCE
     confirm_ns: int = 0
 
 
@@ -373,10 +376,10 @@ class PlayPlan(_Value, frozen=True, kw_only=True):
     `max_iterations` is the limit if `iterations` do not decide; 0 means `iterations`.
     """
 
-    rate_hz: float
-    duration_ns: int
-    iterations: int
-    max_iterations: int = 0
+    rate_hz: Annotated[float, msgspec.Meta(ge=0)]
+    duration_ns: _Count
+    iterations: _Count
+    max_iterations: _Count = 0
 
 
 class TimelinePlan(_Value, frozen=True, kw_only=True):
@@ -403,7 +406,7 @@ class HarnessPlan(_Value, frozen=True, kw_only=True):
 class GatePlan(_Value, frozen=True, kw_only=True):
     """How verdicts are decided, and their consequences; a budget of 0 is none."""
 
-    confidence: float = CONFIDENCE
+    confidence: _Confidence = CONFIDENCE
     inconclusive: Literal["report", "pass", "fail"] = "report"
     confirm: bool = True
     time_budget_ns: int = 0
@@ -476,7 +479,7 @@ class Plan(Pacing, frozen=True, kw_only=True):
     gate: GatePlan = GatePlan()
     segment_bytes: int = 0
     play_at_peak: PlayPlan | None = None
-    starts: int = 1
+    starts: Annotated[int, msgspec.Meta(ge=1, le=MAX_STARTS)] = 1
     unpaired: Literal["refuse", "drop"] = "refuse"
     clock: bool = False
     requires: Requires | msgspec.UnsetType = msgspec.UNSET

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any, Final
 
 import msgspec
@@ -95,33 +95,18 @@ class ProcessLevers:
     def _executor(self, process: TunedProcess) -> Iterator[Lever]:
         now = process.settings
         if process.plan.role == "container" and isinstance(now, Container):
-            yield self._component_executor(process, now)
+            threaded, today = "component_container_mt", (now.executable, now.threads)
+            counts = self._thread_counts(default=today == (threaded, 0))
+            ways = [("component_container", 0), *((threaded, count) for count in counts)]
+            ways.append(("component_container_isolated", 0))
+            yield _executor_lever(process, "executable", "executable", today, ways)
         elif process.plan.role == "host" and process.own_executor:
             self.left_out.append(f"threads of {process.name}: its program has its own executor")
         elif process.plan.role == "host":
-            ways = {_executor_text("single_threaded", 0): ("single_threaded", 0)}
-            default = now.executor == "multi_threaded" and not now.threads
-            for count in self._thread_counts(default=default):
-                ways[_executor_text("multi_threaded", count)] = ("multi_threaded", count)
-            others = (
-                Setting(text=text, sets=process.changed({"executor": executor, "threads": threads}))
-                for text, (executor, threads) in ways.items()
-            )
-            today = _executor_text(now.executor, now.threads)
-            yield Lever.of(process.key("threads"), today, others)
-
-    def _component_executor(self, process: TunedProcess, now: Container) -> Lever:
-        threaded = "component_container_mt"
-        ways = {"component_container": ("component_container", 0)}
-        for count in self._thread_counts(default=(now.executable, now.threads) == (threaded, 0)):
-            ways[_container_text(threaded, count)] = (threaded, count)
-        ways["component_container_isolated"] = ("component_container_isolated", 0)
-        others = (
-            Setting(text=text, sets=process.changed({"executable": kind, "threads": threads}))
-            for text, (kind, threads) in ways.items()
-        )
-        today = _container_text(now.executable, now.threads)
-        return Lever.of(process.key("executable"), today, others)
+            now_threaded = (now.executor, now.threads)
+            counts = self._thread_counts(default=now_threaded == ("multi_threaded", 0))
+            hosts = [("single_threaded", 0), *(("multi_threaded", count) for count in counts)]
+            yield _executor_lever(process, "threads", "executor", now_threaded, hosts)
 
     def _thread_counts(self, *, default: bool) -> list[int]:
         """2, 4, 8, ... and the limit; if an executor has the default now, not what that is."""
@@ -209,16 +194,30 @@ class ProcessLevers:
             yield Lever.of(process.key("env", variable), now, others)
 
 
-def _executor_text(executor: str, threads: int) -> str:
-    if executor == "single_threaded":
+def _executor_lever(
+    process: TunedProcess,
+    name: str,
+    kind_key: str,
+    today: tuple[str, int],
+    ways: Iterable[tuple[str, int]],
+) -> Lever:
+    """The lever of a kind of executor or container, and of the number of its threads."""
+    others = (
+        Setting(
+            text=_executor_text(kind, threads),
+            sets=process.changed({kind_key: kind, "threads": threads}),
+        )
+        for kind, threads in ways
+    )
+    return Lever.of(process.key(name), _executor_text(*today), others)
+
+
+def _executor_text(kind: str, threads: int) -> str:
+    if kind == "single_threaded":
         return "single-threaded"
-    return f"{threads} threads" if threads else "multi-threaded"
-
-
-def _container_text(executable: str, threads: int) -> str:
-    if executable != "component_container_mt":
-        return executable
-    return f"{executable}, {threads} threads" if threads else executable
+    if kind == "multi_threaded":
+        return f"{threads} threads" if threads else "multi-threaded"
+    return f"{kind}, {threads} threads" if threads else kind
 
 
 def _cpus_text(cpus: tuple[int, ...]) -> str:

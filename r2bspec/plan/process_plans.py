@@ -100,9 +100,7 @@ def reserved_names(spec: Spec) -> tuple[str, ...]:
 
 def process_names(spec: Spec, wiring: Wiring) -> tuple[str, ...]:
     """The names of the processes that run during the measurement."""
-    return tuple(
-        process.name for process in plan_processes(spec, wiring) if process.phase == "measure"
-    )
+    return tuple(each.name for each in plan_processes(spec, wiring) if each.phase == "measure")
 
 
 def _preprocess(spec: Spec, wiring: Wiring) -> Iterator[ProcessPlan]:
@@ -195,12 +193,10 @@ def _joint_process(
     **rest: Any,
 ) -> ProcessPlan:
     """A process of several nodes; each of them adds to its environment."""
-    env = rest.pop("env", {})
+    rest = {"phase": "measure", "env": {}, **rest}
     for node in nodes:
-        env = env | node.node.env
-    rest = {"phase": "measure", **rest}
-    placed = tuple(_node(node) for node in nodes)
-    return ProcessPlan(name=name, role=role, argv=argv, env=env, nodes=placed, **rest)
+        rest["env"] = rest["env"] | node.node.env
+    return ProcessPlan(name=name, role=role, argv=argv, nodes=tuple(map(_node, nodes)), **rest)
 
 
 def _harness_process(
@@ -212,14 +208,14 @@ def _harness_process(
 
 def _single_harness(spec: Spec, wiring: Wiring) -> ProcessPlan:
     """The harness in one process, with the nodes of the graph that are placed in it."""
-    placed = [
+    python = [
         node
         for node in wiring.measure.nodes
         if spec.graph.placement == "harness"
         and node.node.container not in spec.containers
         and node.shares_process
+        and node.role == "host"
     ]
-    python = [process for process in placed if process.role == "host"]
     # Python nodes need an interpreter, whose process then hosts the native parts, too.
     argv = HARNESS_ARGV if python else NATIVE_ARGV
     return _joint_process(HARNESS_NAME, "harness", argv, python)

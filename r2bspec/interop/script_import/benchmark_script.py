@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -101,6 +102,20 @@ class ScriptClient:
     kind: str
     type: str
     name: str
+    place: Span
+
+
+@dataclass(frozen=True, slots=True)
+class ListedMonitor:
+    """A monitor in the configuration of a script.
+
+    Attributes:
+        index: that its service is named after; None if it is not known.
+        prefixes: of its figures in reports, each with the place of its calculator.
+    """
+
+    index: int | None
+    prefixes: list[tuple[str, Span]]
     place: Span
 
 
@@ -200,22 +215,23 @@ class Settings:
         place = self.script.config.keyword_places.get(key)
         return self.script.comments.at(place) if place is not None else []
 
-    def report_prefixes(self) -> Iterator[tuple[str, str, Span]]:
-        """The service, the prefix in reports, and the place of each calculator of a monitor."""
+    def listed_monitors(self) -> Iterator[ListedMonitor]:
+        """The monitors that the configuration lists."""
         infos = self.value("monitor_info_list")
         for info in infos if isinstance(infos, list | tuple) else []:
-            calculators = info.get("calculators", 1) if isinstance(info, Construct) else None
-            for calculator in calculators if isinstance(calculators, list | tuple) else []:
-                config = (
-                    calculator.get("config", 0, {}) if isinstance(calculator, Construct) else None
-                )
-                prefix = config.get("report_prefix", "") if isinstance(config, dict) else None
-                if isinstance(prefix, str):
-                    yield (
-                        str(info.get("service_name", 0, "monitor_node0")),
-                        prefix,
-                        calculator.place,
-                    )
+            is_known = isinstance(info, Construct)
+            service = str(info.get("service_name", 0, "monitor_node0")) if is_known else ""
+            number = re.fullmatch(r"monitor_node(\d{1,6})", service)
+            calculators = info.get("calculators", 1) if is_known else None
+            prefixes = [
+                (prefix, calculator.place)
+                for calculator in (calculators if isinstance(calculators, list | tuple) else [])
+                if isinstance(calculator, Construct)
+                and isinstance(config := calculator.get("config", 0, {}), dict)
+                and isinstance(prefix := config.get("report_prefix", ""), str)
+            ]
+            place = info.place if is_known else self.script.config.place
+            yield ListedMonitor(int(number[1]) if number else None, prefixes, place)
 
     def note_rest(self) -> None:
         """Note the keys that no part of a spec is made from."""
@@ -258,10 +274,9 @@ class _ScriptEvaluation:
     def benchmark(self) -> BenchmarkScript:
         self.evaluator.run_module(self.module)
         kind, config = self._test_class()
-        trace = self.evaluator.trace
-        trace.effects.clear()
+        self.evaluator.take_effects()
         actions = self._actions(self.module.scope.place(kind.node))
-        preparation = trace.take_effects()
+        preparation = self.evaluator.take_effects()
         clients = self._clients(kind)
         # The test of a script that sends goals does that instead of what ros2_benchmark does.
         runs_hooks = all(client.kind != "action" for client in clients)
@@ -278,7 +293,7 @@ class _ScriptEvaluation:
             clients=clients,
             comments=source_files.read_comments(self.module.file, self.module.text),
             notes=[*self.evaluator.notes, *self.notes],
-            imports=trace.imports,
+            imports=self.evaluator.imports,
             texts=self.reader.texts,
         )
 
@@ -330,7 +345,7 @@ class _ScriptEvaluation:
             ):
                 method = self.evaluator.attribute(instance, name)
                 self.evaluator.call(method, place=self.module.scope.place(kind.node))
-        return self.evaluator.trace.take_effects()
+        return self.evaluator.take_effects()
 
     def _clients(self, kind: ScriptClass) -> list[ScriptClient]:
         """The clients that the class and its bases make, each once."""

@@ -3,15 +3,15 @@
 Assignments, loops over what is known, conditions that are decided, and the script's own functions
 and classes have the effect that they have in Python. Where a condition is not known, neither branch
 counts, and the names that it binds are unknown; only the test whether a file exists is followed, as
-the condition of what it guards. The trace keeps what the script does for its effect, in order;
-notes tell what was not followed.
+the condition of what it guards. What the script does for its effect is kept in order; notes tell
+what was not followed.
 """
 
 from __future__ import annotations
 
 import ast
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from r2bspec.diagnostics import Span
@@ -43,38 +43,30 @@ class BlockExit:
     value: Any = None
 
 
-@dataclass(slots=True)
-class Trace:
-    """What an evaluation came across, in order.
-
-    Attributes:
-        effects: constructs that the script calls for their effect, such as ``time.sleep(5)``.
-        imports: the places of imports of modules that were not read, by the name of the module.
-    """
-
-    effects: list[Construct] = field(default_factory=list)
-    imports: dict[str, Span] = field(default_factory=dict)
-
-    def take_effects(self) -> list[Construct]:
-        """The effects since the last call."""
-        effects, self.effects = self.effects, []
-        return effects
-
-
 class Evaluator(Expressions):
     """Evaluates one script and the modules that it needs.
 
     Args:
         reader: reads the modules.
         launch_values: what ``LaunchConfiguration(name)`` is, by name.
+
+    Attributes:
+        effects: constructs that the script calls for their effect, such as ``time.sleep(5)``.
+        imports: the places of imports of modules that were not read, by the name of the module.
     """
 
     def __init__(self, reader: ScriptReader, launch_values: Mapping[str, Any] | None = None):
         super().__init__(launch_values or {}, reader.steps)
         self.reader = reader
-        self.trace = Trace()
+        self.effects: list[Construct] = []
+        self.imports: dict[str, Span] = {}
         self._depth = 0
         self._conditions: list[Any] = []
+
+    def take_effects(self) -> list[Construct]:
+        """The effects since the last call."""
+        effects, self.effects = self.effects, []
+        return effects
 
     def run_module(self, module: ScriptModule) -> None:
         """Evaluate the statements of a module.
@@ -214,7 +206,7 @@ class Evaluator(Expressions):
         if isinstance(value, Construct):
             if self._conditions:
                 value.condition = self._conditions[-1]
-            self.trace.effects.append(value)
+            self.effects.append(value)
 
     def _assign_all(self, targets: list[ast.expr], source: ast.expr, scope: Scope) -> None:
         value = self.value(source, scope)
@@ -300,12 +292,12 @@ class Evaluator(Expressions):
             else:
                 is_one = first == alias.name
                 scope.names[first] = self._module(first) if is_one else Foreign(first)
-            self.trace.imports.setdefault(first, scope.place(node))
+            self.imports.setdefault(first, scope.place(node))
 
     def _import_from(self, node: ast.ImportFrom, scope: Scope) -> None:
         base = node.module or ""
         module = self._relative(base, node.level, scope) if node.level else self._module(base)
-        self.trace.imports.setdefault(base.partition(".")[0], scope.place(node))
+        self.imports.setdefault(base.partition(".")[0], scope.place(node))
         for alias in node.names:
             if alias.name == "*":
                 is_read = isinstance(module, ScriptModule)

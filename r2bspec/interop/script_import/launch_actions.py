@@ -15,7 +15,9 @@ from typing import Any, Final
 from r2bspec.interop.script_import.launch_files import LaunchFile
 from r2bspec.interop.script_import.launch_nodes import (
     NodeReader,
+    Scope,
     absolute,
+    changed_scope,
     changed_state,
     is_quiet,
     listed,
@@ -27,11 +29,9 @@ from r2bspec.interop.script_import.launch_parts import (
     Member,
     NodeAction,
 )
-from r2bspec.interop.script_import.launch_scope import Scope, changed_scope
-from r2bspec.interop.script_import.launch_texts import performed
+from r2bspec.interop.script_import.launch_texts import condition_value, performed
 from r2bspec.interop.script_import.source_files import missing_module
 from r2bspec.interop.script_import.spec_text import identifier
-from r2bspec.interop.script_import.substitutions import condition_value
 from r2bspec.interop.script_import.values import (
     Construct,
     Foreign,
@@ -266,17 +266,13 @@ class _Collector:
         containers = self.parts.containers.values()
         for node, target in self.targets:
             if isinstance(target, Construct):
-                same = [container for container in containers if container.source is target]
+                same = [each for each in containers if each.source is target]
                 last = self.reader.text(target, "name")
             else:
                 last = target.rpartition("/")[2]
                 full = f"/{target.strip('/')}"
-                same = [container for container in containers if container.full_name == full]
-            alike = [
-                container
-                for container in containers
-                if container.full_name.rpartition("/")[2] == last
-            ]
+                same = [each for each in containers if each.full_name == full]
+            alike = [each for each in containers if each.full_name.rpartition("/")[2] == last]
             if same or len(alike) == 1:
                 node.container = (same or alike)[0].name
                 continue

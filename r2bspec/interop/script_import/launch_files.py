@@ -18,8 +18,7 @@ from r2bspec.diagnostics.quote import clip
 from r2bspec.interop.script_import import source_files
 from r2bspec.interop.script_import.evaluator import Evaluator
 from r2bspec.interop.script_import.launch_nodes import listed
-from r2bspec.interop.script_import.launch_texts import performed
-from r2bspec.interop.script_import.substitutions import condition_value
+from r2bspec.interop.script_import.launch_texts import condition_value, performed
 from r2bspec.interop.script_import.values import (
     Construct,
     ImportNote,
@@ -146,7 +145,7 @@ class _Evaluation:
         self.launch.values = dict(given)
         self._follow(self.launch.actions, 0)
         self.launch.notes += self.evaluator.notes
-        for effect in self.evaluator.trace.effects:
+        for effect in self.evaluator.effects:
             if not effect.name.startswith(_HARMLESS):
                 reason = f"what {clip(effect.name)} does before the launch"
                 self.launch.notes.append(ImportNote(reason, effect.place))

@@ -2,10 +2,16 @@
 
 What launch does around a process, such as starting it again when it has ended, is not what a run
 does: that is noted as a change. Arguments that nothing here knows are noted as lost.
+
+Namespaces, remappings, parameters and environment variables are also set by actions of their own,
+for the actions after them and for what is in groups; a group ends what is set inside of it, unless
+it is not scoped.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 from r2bspec.diagnostics.quote import clip
@@ -16,7 +22,6 @@ from r2bspec.interop.script_import.launch_parts import (
     ProcessSettings,
     Remapping,
 )
-from r2bspec.interop.script_import.launch_scope import Scope, join_namespaces
 from r2bspec.interop.script_import.launch_texts import parameter_value, performed
 from r2bspec.interop.script_import.substitutions import split_words
 from r2bspec.interop.script_import.values import (
@@ -77,9 +82,9 @@ class NodeReader:
         """Note something that a run does in another way."""
         self.parts.changes.append(ImportNote(what, action.place))
 
-    def text(self, action: Construct, key: str, position: int | None = None) -> str:
+    def text(self, action: Construct, key: str) -> str:
         """A keyword argument that is a text; empty, with a note, where it is not known."""
-        value = action.get(key, position)
+        value = action.get(key)
         if value is None:
             return ""
         text = performed(value, action, self.steps)
@@ -230,17 +235,12 @@ class NodeReader:
                 self.change("'env' of launch has no other variables; here they are added", action)
         if self._is_set(action, "respawn"):
             self.change("'respawn' is left out: a run fails when a process ends", action)
-        if action.get("on_exit") is not None:
-            self.on_exit(action.get("on_exit"), action)
+        if not all(map(is_quiet, listed(action.get("on_exit")))):
+            self.lose("what is started when another process has ended", action)
+        elif action.get("on_exit") is not None:
+            self.change("what 'on_exit' does is left out: a run fails when a process ends", action)
         prefix = self.text(action, "prefix")
         return ProcessSettings(environment, tuple(split_words(prefix)))
-
-    def on_exit(self, value: Any, action: Construct) -> None:
-        """Note what launch does when a process has ended."""
-        if all(is_quiet(part) for part in listed(value)):
-            self.change("what 'on_exit' does is left out: a run fails when a process ends", action)
-        else:
-            self.lose("what is started when another process has ended", action)
 
     def _is_set(self, action: Construct, key: str) -> bool:
         value = action.get(key)
@@ -286,13 +286,11 @@ class NodeReader:
         """Remappings that a group sets come first."""
         own = []
         for pair in listed(action.get("remappings")):
-            if isinstance(pair, Unknown) or not isinstance(pair, list | tuple) or len(pair) != 2:
-                why = (
-                    pair if isinstance(pair, Unknown) else ImportNote("it is no pair", action.place)
-                )
-                self.parts.ignored.append(ImportNote(f"a remapping: {why.reason}", why.place))
-                continue
-            names = [performed(part, action, self.steps) for part in pair]
+            if isinstance(pair, list | tuple) and len(pair) == 2:
+                names = [performed(part, action, self.steps) for part in pair]
+            else:
+                is_known = not isinstance(pair, Unknown)
+                names = [Unknown("it is no pair", action.place) if is_known else pair]
             lost = next((part for part in names if isinstance(part, Unknown)), None)
             if lost is not None:
                 self.parts.ignored.append(ImportNote(f"a remapping: {lost.reason}", lost.place))
@@ -334,3 +332,74 @@ def is_quiet(value: Any) -> bool:
 def absolute(namespace: str) -> str:
     """A namespace with its slash; empty for the root."""
     return f"/{namespace.strip('/')}" if namespace.strip("/") else ""
+
+
+@dataclass(frozen=True, slots=True)
+class Scope:
+    """What applies to the next action.
+
+    Attributes:
+        namespace: of the groups; empty for none.
+        parameters: maps and paths of files, which a node gets before its own.
+        arguments: the values of launch arguments, which an included file gets and changes.
+    """
+
+    namespace: str = ""
+    remappings: tuple[Remapping, ...] = ()
+    parameters: tuple[Any, ...] = ()
+    environment: dict[str, Any] = field(default_factory=dict)
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+
+
+_TEXTS: Final = {
+    "PushRosNamespace": ("namespace",),
+    "PushROSNamespace": ("namespace",),
+    "SetRemap": ("src", "dst"),
+    "SetParametersFromFile": ("filename",),
+    "SetEnvironmentVariable": ("name", "value"),
+    "SetROSLogDir": ("new_log_dir",),
+    "SetParameter": ("name",),
+    "SetUseSimTime": (),
+}
+"""The actions that change the scope, and their arguments that are texts, by position."""
+
+
+def changed_scope(action: Construct, scope: Scope, steps: StepCounter) -> Scope | Unknown | None:
+    """The scope after an action; None for an action that changes none, or why it is not known."""
+    kind = action.short_name
+    if kind not in _TEXTS:
+        return None
+    values = [
+        performed(action.get(key, position, "" if key == "namespace" else None), action, steps)
+        for position, key in enumerate(_TEXTS[kind])
+    ]
+    if kind in {"SetParameter", "SetUseSimTime"}:
+        values.append(parameter_value(action.get("value", len(values)), action, steps))
+    if kind == "SetParametersFromFile" and action.keywords.keys() - {"filename", "condition"}:
+        values.append(Unknown("it is for some nodes", action.place))
+    unknown = next((value for value in values if isinstance(value, Unknown)), None)
+    if unknown is not None:
+        return unknown
+    match kind, values:
+        case "SetRemap", [source, target]:
+            node, _, name = source.rpartition(":")
+            remapping = Remapping(name, target, action.place, node)
+            return replace(scope, remappings=(*scope.remappings, remapping))
+        case "SetParameter", [name, value]:
+            return replace(scope, parameters=(*scope.parameters, {name: value}))
+        case "SetUseSimTime", [value]:
+            return replace(scope, parameters=(*scope.parameters, {"use_sim_time": value}))
+        case "SetParametersFromFile", [file]:
+            return replace(scope, parameters=(*scope.parameters, file))
+        case "SetEnvironmentVariable", [name, value]:
+            return replace(scope, environment={**scope.environment, name: str(value)})
+        case "SetROSLogDir", [folder]:
+            return replace(scope, environment={**scope.environment, "ROS_LOG_DIR": str(folder)})
+    return replace(scope, namespace=join_namespaces(scope.namespace, str(values[0])))
+
+
+def join_namespaces(above: str, namespace: str) -> str:
+    """A namespace inside of another one."""
+    if namespace.startswith("/") or not above:
+        return namespace
+    return f"{above.rstrip('/')}/{namespace}" if namespace else above

@@ -69,20 +69,12 @@ class NodeAction:
 
     def parameter(self, name: str) -> Any:
         """The last value of a parameter in the script; None without one."""
-        values = [
-            source[name]
-            for source in self.parameters
-            if isinstance(source, dict) and name in source
-        ]
-        return values[-1] if values else None
+        maps = [each for each in self.parameters if isinstance(each, dict) and name in each]
+        return maps[-1][name] if maps else None
 
     def remapped(self, source: str) -> str:
         """What the node calls `source` in the graph; by default itself."""
-        targets = (
-            remapping.target
-            for remapping in self.remappings
-            if remapping.source.lstrip("/") == source
-        )
+        targets = (each.target for each in self.remappings if each.source.lstrip("/") == source)
         return next(targets, source)
 
 

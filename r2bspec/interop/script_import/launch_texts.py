@@ -1,4 +1,4 @@
-"""Texts and parameter values that launch makes of substitutions, before anything is started.
+"""Texts, conditions and parameters that launch makes of substitutions, before it starts anything.
 
 A text may be written in parts, some of which are substitutions: launch performs them and joins all.
 A parameter whose value has a substitution in it is read as YAML after that, so ``"10"`` becomes a
@@ -13,7 +13,7 @@ from typing import Any, Final
 import yaml
 
 from r2bspec.diagnostics.quote import clip
-from r2bspec.interop.script_import.substitutions import operation_text
+from r2bspec.interop.script_import.substitutions import OPERATIONS, operation_text, truth_of_text
 from r2bspec.interop.script_import.values import (
     Construct,
     Foreign,
@@ -88,10 +88,22 @@ def _substitution(value: Construct, source: Construct, steps: StepCounter, depth
         if isinstance(text, Unknown):
             return text if kind not in _REASONS else Unknown(_REASONS[kind], value.place)
         inner.append(text)
-    made = operation_text(kind, inner, steps)
+    made = operation_text(OPERATIONS.get(kind, ""), inner, steps)
     if made is None:
         return Unknown(_REASONS.get(kind, f"what {clip(kind)} gives is not known"), value.place)
     return LaunchText(made)
+
+
+def condition_value(condition: Any, steps: StepCounter) -> bool | None:
+    """Whether the condition of an action is met; None if that is not known."""
+    if condition is None or isinstance(condition, bool):
+        return condition is not False
+    if not isinstance(condition, Construct):
+        return None
+    decided = truth_of_text(performed(condition.get("predicate_expression", 0), condition, steps))
+    if decided is None or condition.short_name not in {"IfCondition", "UnlessCondition"}:
+        return None
+    return decided is (condition.short_name == "IfCondition")
 
 
 def parameter_value(value: Any, source: Construct, steps: StepCounter) -> Any:

@@ -1,12 +1,13 @@
 """Mistakes in scripts of ros2_benchmark that its runs do not show, and what they do to a result.
 
-Each check is a method that yields findings: what is wrong, at its place in the script, and as the
-help of the finding what that does to the figures. A check says nothing where the script does not
-determine the answer.
+Each check is a method that yields findings: what is wrong, at its place in the script. The help of
+a finding is what the page of its code says that it does to the figures. A check says nothing where
+the script does not determine the answer.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections import Counter
@@ -19,7 +20,7 @@ from r2bspec.interop.script_import.benchmark_script import BenchmarkScript, Sett
 from r2bspec.interop.script_import.launch_actions import topic_in
 from r2bspec.interop.script_import.launch_parts import NodeAction, Remapping
 from r2bspec.interop.script_import.node_roles import HARNESS_PACKAGES, divide_by_role, played_inputs
-from r2bspec.interop.script_import.values import Construct, PlacedDict
+from r2bspec.interop.script_import.values import PlacedDict
 from r2bspec.plan.wiring.node_interface import catalogue_nodes
 
 _WORDS: Final = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
@@ -68,9 +69,6 @@ class _Mistakes:
                     yield _finding(
                         "R2B720",
                         f"{owner!r} gets {remapping.target!r} as its {side} {remapping.source!r}",
-                        "both sides then process the same camera: disparity and matching have no "
-                        "work that a stereo pair would give, and the result is not that of the "
-                        "graph it is named after",
                         remapping.place,
                     )
         for input_ in self.inputs:
@@ -79,7 +77,6 @@ class _Mistakes:
                 yield _finding(
                     "R2B720",
                     f"the {side} buffer {input_.source!r} is played on {input_.topic!r}",
-                    "the graph gets the cameras exchanged",
                     input_.player.source.place_of("remappings"),
                 )
 
@@ -92,9 +89,6 @@ class _Mistakes:
                     "R2B721",
                     f"two nodes are named {node.namespace}/{node.name}; the other one is in line "
                     f"{seen[key].source.place.line}",
-                    "parameters, services and private topics of one reach the other; the container "
-                    "may refuse the second, which the tool only logs, and the run measures a graph "
-                    "without it",
                     node.source.place_of("name"),
                 )
             seen.setdefault(key, node)
@@ -108,8 +102,6 @@ class _Mistakes:
                     yield _finding(
                         "R2B722",
                         text,
-                        "the node keeps its own topic: if the remapping was meant to connect it, "
-                        "it gets no messages, and the run ends with '0 messages recorded'",
                         remapping.place,
                         Severity.INFO if is_identity else None,
                     )
@@ -142,8 +134,6 @@ class _Mistakes:
                         yield _finding(
                             "R2B723",
                             f"{node.plugin} has no parameter {name!r}",
-                            "the value is ignored without a word, so the node runs with its "
-                            "default",
                             places.get(name, default),
                         )
 
@@ -154,7 +144,6 @@ class _Mistakes:
                 yield _finding(
                     "R2B724",
                     f"{number} monitors have the index {index}, and so one service name",
-                    "the controller reads one of them; the topics of the others are not measured",
                     monitors[index].source.place_of("parameters"),
                 )
         listed = self._listed()
@@ -165,7 +154,6 @@ class _Mistakes:
                 yield _finding(
                     "R2B724",
                     f"no monitor of the script has the service monitor_node{index}",
-                    "the controller waits for the service until its timeout, and the run fails",
                     place,
                 )
         for index, node in monitors.items():
@@ -173,7 +161,6 @@ class _Mistakes:
                 yield _finding(
                     "R2B724",
                     f"{node.name!r} has the index {index}, which monitor_info_list does not have",
-                    "it costs processor time during the run, and its topic is in no report",
                     node.source.place_of("parameters"),
                     Severity.WARNING,
                 )
@@ -185,25 +172,18 @@ class _Mistakes:
             return {} if self.script.sends_goals else {0: self.config.place}
         if not isinstance(given, list | tuple):
             return None
-        indices: dict[int, Span] = {}
-        for info in given:
-            is_call = isinstance(info, Construct)
-            service = info.get("service_name", 0, "monitor_node0") if is_call else None
-            number = re.fullmatch(r"monitor_node(\d{1,6})", str(service))
-            if number is None:
-                return None
-            indices[int(number[1])] = info.place
-        return indices
+        listed = list(self.settings.listed_monitors())
+        indices = {each.index: each.place for each in listed if each.index is not None}
+        return None if any(each.index is None for each in listed) else indices
 
     def shared_prefixes(self) -> Iterator[Diagnostic]:
         prefixes: set[str] = set()
-        for _, prefix, place in self.settings.report_prefixes():
+        reported = (each.prefixes for each in self.settings.listed_monitors())
+        for prefix, place in itertools.chain.from_iterable(reported):
             if prefix in prefixes:
                 yield _finding(
                     "R2B725",
                     f"two monitors report under the prefix {prefix!r}",
-                    "their figures have the same keys in the report: the later ones replace "
-                    "the earlier ones",
                     place,
                 )
             prefixes.add(prefix)
@@ -218,8 +198,6 @@ class _Mistakes:
                 "R2B726",
                 f"the player has {len(formats)} formats, and remappings for {len(self.inputs)} "
                 "inputs",
-                "an input without a remapping is played on 'inputN', where nothing subscribes, or "
-                "waits for messages that do not come",
                 player.source.place_of("parameters"),
             )
 
@@ -239,8 +217,6 @@ class _Mistakes:
                     "R2B727",
                     f"nothing publishes {topic!r}, which input {input_.number} of the player "
                     "buffers",
-                    "the run ends with 'start_recording service returned with a timeout (0 "
-                    "messages recorded)'",
                     input_.player.source.place_of("remappings"),
                 )
 
@@ -252,8 +228,6 @@ class _Mistakes:
                 yield _finding(
                     "R2B728",
                     f"{node.name!r} monitors {topic!r}, which the player publishes",
-                    "it measures the transport from the player to the monitor, and nothing of the "
-                    "graph",
                     node.source.place_of("remappings"),
                 )
 
@@ -263,8 +237,6 @@ class _Mistakes:
             yield _finding(
                 "R2B729",
                 "one message is buffered, and played again and again",
-                "caches and branch predictors know it: the graph is faster than on a recording, "
-                "and work that depends on the content has no spread",
                 self.config.place_of(key),
             )
 
@@ -275,8 +247,6 @@ class _Mistakes:
         yield _finding(
             "R2B730",
             "messages have no keys (revise_timestamps_as_message_ids is off)",
-            "the latencies of the report are those of the first and the last message of a run: "
-            "there is no mean, no maximum and no percentile",
             self.config.place,
         )
 
@@ -293,10 +263,8 @@ class _Mistakes:
         if drop >= lower / 2:
             yield _finding(
                 "R2B731",
-                f"from {lower:g} Hz on, the search accepts {drop:g} Hz less than it sends",
-                f"at {lower:g} Hz that is {min(1.0, drop / lower):.0%} of the messages: the peak "
-                "can be a rate that the graph does not sustain; and it is the upper bound "
-                f"({upper:g} Hz) if the graph is faster",
+                f"the search accepts {drop:g} Hz less than it sends: at {lower:g} Hz, that is "
+                f"{min(1.0, drop / lower):.0%} of the messages",
                 self.config.place_of("publisher_lower_frequency"),
             )
 
@@ -306,8 +274,6 @@ class _Mistakes:
                 yield _finding(
                     "R2B733",
                     "the script sleeps until the graph should be ready",
-                    "on a slower machine the measurement starts before that: the first messages "
-                    "are lost or late, and count as those of the graph",
                     effect.place,
                 )
 
@@ -320,17 +286,14 @@ class _Mistakes:
             yield _finding(
                 "R2B734",
                 "transforms are an input of a timeline",
-                "every message of /tf counts as a frame that was sent, so most frames are "
-                "reported as missed",
                 player.source.place_of("parameters"),
             )
 
 
-def _finding(
-    code: str, what: str, effect: str, place: Span, severity: Severity | None = None
-) -> Diagnostic:
+def _finding(code: str, what: str, place: Span, severity: Severity | None = None) -> Diagnostic:
     """A mistake, of the severity of its code where no other one is given."""
-    return Diagnostic(code, severity or all_pages()[code].severity, what, place, help=effect)
+    page = all_pages()[code]
+    return Diagnostic(code, severity or page.severity, what, place, help=page.why)
 
 
 def _side(text: str) -> str:

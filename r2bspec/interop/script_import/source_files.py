@@ -97,10 +97,7 @@ class ScriptReader:
         except SyntaxError as error:
             line, column = error.lineno or 1, max(1, error.offset or 1)
             span = Span(str(file), line, column, line, column + 1)
-            # Of a number with too many digits, Python says how its limit is changed.
-            is_number = "integer string conversion" in error.msg
-            said = "a number has more than 4,300 digits" if is_number else error.msg
-            message = f"invalid Python syntax: {said}"
+            message = f"invalid Python syntax: {error.msg}"
             raise UnusableScriptError(SYNTAX, message, span) from error
         except (ValueError, RecursionError, MemoryError) as error:
             message = "the file cannot be parsed: it is nested too deeply"
@@ -152,22 +149,22 @@ class ScriptReader:
 
     def find_package(self, package: str) -> Path | None:
         """The source folder of a package that is next to the script or above."""
-        for root in self._roots:
-            for folder in (root, root / package):
-                if folder.name == package and safe_file.is_regular(folder / "package.xml"):
-                    return folder
-        return None
+        folders = self._package_folders(package)
+        return next((each for each in folders if safe_file.is_regular(each / "package.xml")), None)
 
     def find_share_file(self, package: str, file: str) -> Path | None:
         """A file of a package whose source folder is next to the script or above."""
         if not package or ".." in Path(file).parts or Path(file).is_absolute():
             return None
+        files = (folder / file for folder in self._package_folders(package))
+        return next(filter(safe_file.is_regular, files), None)
+
+    def _package_folders(self, package: str) -> Iterator[Path]:
+        """The folders that may be the source of a package."""
         for root in self._roots:
-            folders = [root / package] if root.name != package else [root, root / package]
-            for folder in folders:
-                if safe_file.is_regular(folder / file):
-                    return folder / file
-        return None
+            if root.name == package:
+                yield root
+            yield root / package
 
     def _candidates(self, name: str) -> Iterator[Path]:
         inside = Path(*name.split("."))

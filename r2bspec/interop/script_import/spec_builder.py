@@ -356,11 +356,12 @@ class _SpecBuilder:
 
     def _prefixes(self) -> dict[int, str]:
         """The titles of monitors in reports, by the index of the monitor."""
-        numbered = (
-            (re.search(r"(\d{1,6})$", service), prefix)
-            for service, prefix, _ in self.settings.report_prefixes()
-        )
-        return {int(number[1]): prefix for number, prefix in numbered if number and prefix}
+        return {
+            listed.index: prefix
+            for listed in self.settings.listed_monitors()
+            for prefix, _ in listed.prefixes
+            if listed.index is not None and prefix
+        }
 
     def _benchmark(self, monitors: list[str]) -> Block:
         block, number, comments = Block(), self.settings.number, self.settings.comments

@@ -128,11 +128,8 @@ class NodeWriter:
         keys: dict[str, Any] = {}
         if process.prefix:
             keys["prefix"] = [self.values.text(word) for word in process.prefix]
-        lost: list[str] = []
-        environment = self._map(process.environment, place, lost, ENVIRONMENT)
-        if environment:
-            keys["env"] = environment
-        return keys
+        environment = self._map(process.environment, place, [], ENVIRONMENT)
+        return keys | ({"env": environment} if environment else {})
 
     def _key(self, node: NodeAction) -> str:
         key = node.name if re.search(NODE_NAME.pattern, node.name) else identifier(node.name)
@@ -164,8 +161,7 @@ class NodeWriter:
             block.add("container", container)
             block.add("intra_process", node.intra_process or None)
             place = node.source.place_of("extra_arguments")
-            lost = block.below
-            block.add("extra_arguments", self._map(node.extra_arguments, place, lost))
+            block.add("extra_arguments", self._map(node.extra_arguments, place, block.below))
         namespace = node.namespace or ("/" if not node.command else self.values.namespace)
         if namespace != self.values.namespace:
             block.add("namespace", namespace)
@@ -174,8 +170,7 @@ class NodeWriter:
         block.add("lifecycle", node.lifecycle or None)
         self._parameters(block, node)
         self._remappings(block, node.remappings)
-        for key, value in self._process(node.process, node.source.place).items():
-            block.add(key, value)
+        block.add_all(self._process(node.process, node.source.place))
         return block
 
     def _include(self, include: IncludeAction) -> Block:
@@ -195,10 +190,8 @@ class NodeWriter:
         if include.namespace and include.namespace != self.values.namespace:
             block.add("namespace", include.namespace)
         self._remappings(block, include.remappings)
-        for key, value in self._process(
-            ProcessSettings(include.environment), include.source.place
-        ).items():
-            block.add(key, value)
+        process = ProcessSettings(include.environment)
+        block.add_all(self._process(process, include.source.place))
         return block
 
     def _parameters(self, block: Block, node: NodeAction) -> None:
@@ -217,7 +210,8 @@ class NodeWriter:
         if len(sources) == 1:
             block.add("parameters", sources[0], lost)
         elif sources:
-            block.add("parameters", [_as_block(source) for source in sources], lost)
+            maps = [Block.of(each) if isinstance(each, dict) else each for each in sources]
+            block.add("parameters", maps, lost)
         else:
             block.below += lost
 
@@ -277,15 +271,6 @@ def _flat(values: dict[Any, Any], above: str = "") -> dict[str, Any]:
         else:
             flat[name] = value
     return flat
-
-
-def _as_block(value: Any) -> Any:
-    if not isinstance(value, dict):
-        return value
-    block = Block()
-    for key, item in value.items():
-        block.add(key, item)
-    return block
 
 
 _CONVERTERS: Final = {

@@ -60,9 +60,13 @@ class Block:
     def of(cls, values: Mapping[str, Any]) -> Block:
         """A map with these keys."""
         block = cls()
-        for key, value in values.items():
-            block.add(key, value)
+        block.add_all(values)
         return block
+
+    def add_all(self, values: Mapping[str, Any]) -> None:
+        """Add keys without comments."""
+        for key, value in values.items():
+            self.add(key, value)
 
     def add(self, key: str, value: Any, above: Iterable[str] = (), after: str = "") -> None:
         """Add a key; empty values are left out."""
@@ -111,15 +115,12 @@ def flow(value: Any) -> str:
 
 def scalar(value: Any) -> str:
     """A scalar on one line, quoted where YAML needs it."""
-    if isinstance(value, str) and (_CONTROL.search(value) or value != value.strip()):
-        return _quoted(value)
-    plain: Any = str(value) if isinstance(value, str) else value
-    if isinstance(plain, int) and not isinstance(plain, bool):
-        plain = int(plain)
-    if isinstance(plain, str):
-        text = to_yaml([plain])
-        return text.removeprefix("- ").rstrip("\n") if text.count("\n") == 1 else _quoted(plain)
-    return to_yaml(plain).split("\n")[0]
+    if isinstance(value, str):
+        lines = to_yaml([str(value)]).removeprefix("- ").splitlines()
+        is_plain = len(lines) == 1 and value == value.strip() and not _CONTROL.search(value)
+        return lines[0] if is_plain else _quoted(value)
+    is_integer = isinstance(value, int) and not isinstance(value, bool)
+    return to_yaml(int(value) if is_integer else value).split("\n")[0]
 
 
 def _quoted(text: str) -> str:

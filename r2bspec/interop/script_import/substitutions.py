@@ -1,9 +1,10 @@
 """What the substitutions and conditions of a launch file say, in both of its notations.
 
-Python makes objects, such as ``EqualsSubstitution(side, "left")``, which are constructs here. XML
-and YAML have references in texts, ``$(equals $(var side) left)``, which may be nested. Both have
-the same operations, and for both a condition is true, false, or not known from the file alone: what
-only the machine decides stays a reference, as in `known_functions`, and is compared with nothing.
+Python makes objects, such as ``EqualsSubstitution(side, "left")``, which are constructs here, with
+their operands as texts (`launch_texts`). XML and YAML have references in texts,
+``$(equals $(var side) left)``, which may be nested. Both have the same operations, and for both a
+condition is true, false, or not known from the file alone: what only the machine decides stays a
+reference, as in `known_functions`, and is compared with nothing.
 """
 
 from __future__ import annotations
@@ -15,20 +16,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from r2bspec.diagnostics import Span
-from r2bspec.interop.script_import.expressions import Expressions, truth
-from r2bspec.interop.script_import.values import (
-    Construct,
-    ScriptLimitError,
-    ScriptModule,
-    StepCounter,
-    Unknown,
-)
+from r2bspec.interop.script_import.expressions import Expressions
+from r2bspec.interop.script_import.values import ScriptLimitError, ScriptModule, StepCounter
 from r2bspec.safe_io.limits import MAX_SUBSTITUTION_CHARACTERS, MAX_SUBSTITUTION_DEPTH
 
 _WORDS: Final = {"true": True, "1": True, "false": False, "0": False}
 """What launch takes for a condition, in any case; everything else is an error there."""
-_OPERATIONS: Final = {
+OPERATIONS: Final = {
     "PythonExpression": "eval",
     "EqualsSubstitution": "equals",
     "NotEqualsSubstitution": "not-equals",
@@ -37,88 +31,49 @@ _OPERATIONS: Final = {
     "AllSubstitution": "and",
     "OrSubstitution": "or",
     "AnySubstitution": "or",
+    "IfElseSubstitution": "if",
 }
 """The operations of texts, by the names of those in Python."""
 _BRACKETS: Final = re.compile(r"\$\(|[()]")
 
 
-def condition_value(condition: Any, steps: StepCounter) -> bool | None:
-    """Whether the condition of an action is met; None if that is not known."""
-    if condition is None or isinstance(condition, bool):
-        return condition is not False
-    if not isinstance(condition, Construct):
-        return None
-    decided = _truth_of(condition.get("predicate_expression", 0), steps)
-    if decided is None or condition.short_name not in {"IfCondition", "UnlessCondition"}:
-        return None
-    return decided is (condition.short_name == "IfCondition")
+def truth_of_text(text: Any) -> bool | None:
+    """Whether a text says true to launch; None if it says neither, or is not known."""
+    return _WORDS.get(text.strip().lower()) if isinstance(text, str) else None
 
 
-def _truth_of(value: Any, steps: StepCounter, depth: int = 0) -> bool | None:
-    """Whether a text, or a substitution that makes one, says true; None if that is not known."""
-    steps.count()
-    if isinstance(value, Construct):
-        operation = _OPERATIONS.get(value.short_name, "")
-        operands = [*value.arguments, *value.keywords.values()]
-        if depth < MAX_SUBSTITUTION_DEPTH:
-            return _operation_value(operation, operands, steps, depth + 1)
-        return None
-    text = _joined(value)
-    return None if text is None else _WORDS.get(text.strip().lower())
-
-
-def _operation_value(
-    operation: str, operands: list[Any], steps: StepCounter, depth: int = 0
-) -> bool | None:
-    """What an operation says of texts or substitutions; None if that is not known."""
+def operation_text(operation: str, operands: list[str], steps: StepCounter) -> str | None:
+    """The text that an operation makes of texts; None if that is not known."""
+    decided: bool | None = None
     match operation, operands:
         case "eval", [expression, *_]:
-            return truth(_expression_value(_joined(expression), steps))
-        case (("equals" | "not-equals"), [_, _]):
-            left, right = map(_joined, operands)
-            if left is None or right is None or "$(" in left + right:
-                return None
-            return (left == right) is (operation == "equals")
-        case "not", [operand]:
-            decided = _truth_of(operand, steps, depth)
-            return None if decided is None else not decided
-        case (("and" | "or"), _):
-            parts = [_truth_of(operand, steps, depth) for operand in operands]
-            ending = operation == "or"
-            return ending if ending in parts else None if None in parts else not ending
-    return None
-
-
-def operation_text(kind: str, operands: list[str], steps: StepCounter) -> str | None:
-    """The text that a substitution of Python makes of texts; None if that is not known."""
-    match kind, operands:
-        case "PythonExpression", [expression, *_]:
             value = _expression_value(expression, steps)
             return str(value) if isinstance(value, str | int | float) else None
-        case "IfElseSubstitution", [condition, chosen, other]:
-            decided = _truth_of(condition, steps)
+        case "if", [condition, chosen, other]:
+            decided = truth_of_text(condition)
             return None if decided is None else chosen if decided else other
-    return _word(_operation_value(_OPERATIONS.get(kind, ""), operands, steps))
+        case (("equals" | "not-equals"), [left, right]) if "$(" not in left + right:
+            decided = (left == right) is (operation == "equals")
+        case "not", [operand]:
+            decided = truth_of_text(operand)
+            decided = None if decided is None else not decided
+        case (("and" | "or"), _):
+            parts = [truth_of_text(operand) for operand in operands]
+            ending = operation == "or"
+            decided = ending if ending in parts else None if None in parts else not ending
+    return None if decided is None else str(decided).lower()
 
 
-def _expression_value(text: str | None, steps: StepCounter) -> Any:
-    """The value of an expression of constants; unknown for any other."""
-    if text is not None and len(text) <= MAX_SUBSTITUTION_CHARACTERS:
-        try:
-            tree = ast.parse(text.strip(), mode="eval")
-            module = ScriptModule(Path("expression"), text, ast.Module([], []))
-            return Expressions({}, steps).value(tree.body, module.scope)
-        except (SyntaxError, ValueError, RecursionError, MemoryError):
-            pass
-    return Unknown("this expression is not understood", Span.of_file("expression"))
-
-
-def _joined(value: Any) -> str | None:
-    """A text that may be written in parts."""
-    if isinstance(value, bool | int):
-        return str(value)
-    parts = value if isinstance(value, list | tuple) else [value]
-    return "".join(parts) if all(isinstance(part, str) for part in parts) else None
+def _expression_value(text: str, steps: StepCounter) -> Any:
+    """The value of an expression of constants; None or unknown for any other."""
+    if len(text) > MAX_SUBSTITUTION_CHARACTERS:
+        return None
+    try:
+        tree = ast.parse(text.strip(), mode="eval")
+        module = ScriptModule(Path("expression"), text, ast.Module([], []))
+        return Expressions({}, steps).value(tree.body, module.scope)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return None
 
 
 def substituted(
@@ -173,7 +128,7 @@ def _reference(inside: str, values: Mapping[str, Any], steps: StepCounter) -> st
     """The value of ``$(inside)``, which has no references inside any more."""
     kind, _, rest = inside.partition(" ")
     if kind == "eval":
-        return operation_text("PythonExpression", [_unquoted(rest.strip())], steps)
+        return operation_text("eval", [_unquoted(rest.strip())], steps)
     try:
         words = shlex.split(rest)
     except ValueError:
@@ -186,7 +141,7 @@ def _reference(inside: str, values: Mapping[str, Any], steps: StepCounter) -> st
             return f"$(share {package})"
         case "env", [name]:
             return f"$(env {name})"
-    return _word(_operation_value(kind, words, steps))
+    return operation_text(kind, words, steps)
 
 
 def split_words(text: str) -> list[str]:
@@ -211,7 +166,3 @@ def _unquoted(text: str) -> str:
     if len(text) > 1 and text[0] == text[-1] in {'"', "'"} and text[0] not in text[1:-1]:
         return text[1:-1]
     return text
-
-
-def _word(decided: bool | None) -> str | None:
-    return None if decided is None else str(decided).lower()

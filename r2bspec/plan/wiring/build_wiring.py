@@ -30,7 +30,6 @@ def build_wiring(
     spec: Spec,
     *,
     bag_types: Mapping[str, str] | None = None,
-    table: node_interface.InterfaceTable | None = None,
     companion_files: CompanionFiles = NO_COMPANION_FILES,
 ) -> Wiring:
     """Build the wiring of a spec: the endpoints of every topic in both phases.
@@ -38,14 +37,11 @@ def build_wiring(
     Args:
         spec: the spec; it may have any problem that a rule reports.
         bag_types: the known types of topics in the bag, by their names in the spec.
-        table: interfaces of Python nodes by path; by default those of the reference nodes.
         companion_files: the content of companion files; by default none.
     """
-    table = node_interface.reference_node_interfaces() if table is None else table
     namespace = join_namespaces("/", spec.namespace)
-    common = (namespace, table, companion_files)
-    before = tuple(_nodes(spec.preprocessors, ("preprocessors",), *common))
-    under_test = tuple(_nodes(spec.graph.nodes, ("graph", "nodes"), *common))
+    before = tuple(_nodes(spec.preprocessors, ("preprocessors",), namespace, companion_files))
+    under_test = tuple(_nodes(spec.graph.nodes, ("graph", "nodes"), namespace, companion_files))
     return Wiring(
         namespace=namespace,
         preprocess=PhaseWiring(
@@ -85,12 +81,9 @@ def _has_ros_settings(node: Node) -> bool:
 
 
 def _nodes(
-    nodes: Mapping[str, Node],
-    section: Path,
-    namespace: str,
-    table: node_interface.InterfaceTable,
-    files: CompanionFiles,
+    nodes: Mapping[str, Node], section: Path, namespace: str, files: CompanionFiles
 ) -> Iterator[NodeWiring]:
+    table = node_interface.reference_node_interfaces()
     for key, node in nodes.items():
         inner = join_namespaces(namespace, node.namespace)
         names = Remapper(node.remappings, key, inner)

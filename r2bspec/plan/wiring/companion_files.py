@@ -18,7 +18,8 @@ from pathlib import Path
 import msgspec
 
 from r2bspec.language.spec import Node, Spec
-from r2bspec.plan.this_machine import find_module
+from r2bspec.plan.installed_packages import python_target
+from r2bspec.plan.this_machine import module_file
 from r2bspec.plan.wiring.ast_reader import read_node_class, unknown_interface
 from r2bspec.plan.wiring.console_scripts import installed_script
 from r2bspec.plan.wiring.node_interface import (
@@ -158,31 +159,22 @@ def read_source(
         base_dir: the folder of the spec.
         budget: what this file and others may have together.
     """
-    place, colon, name = target.rpartition(":")
-    if colon:
-        file, folder = base_dir / place, source_folder(base_dir)
-    else:
-        place, _, name = target.rpartition(".")
-        module = find_module(place)
-        origin = module.origin if module is not None else None
-        if origin is None or not origin.endswith(".py"):
-            return unknown_interface(f"no source of {place} is found on this machine"), None
-        # A workspace that is built with links leads to its sources.
-        file = safe_file.real_path(Path(origin))
-        folder = module_of(file).folder
-    tree = read_python_file(file, folder, budget)
-    if tree is None:
-        return unknown_interface(_why_unread(place, file, folder)), None
+    python = python_target(target, base_dir)
+    place = python.module or target.rpartition(":")[0]
+    file = module_file(python.module) if python.module else python.file
+    if file is None:
+        return unknown_interface(f"no source of {place} is found on this machine"), None
+    # A workspace that is built with links leads to its sources.
     path = safe_file.real_path(file)
+    folder = module_of(path).folder if python.module else source_folder(base_dir)
+    if not python.module and not python.readable:
+        why = f"{place} is not read: it is in no git work tree or colcon workspace with the spec"
+        return unknown_interface(why), None
+    tree = read_python_file(path if python.module else file, folder, budget)
+    if tree is None:
+        return unknown_interface(f"{place} cannot be read as Python"), None
     try:
         read = partial(read_python_file, folder=folder, budget=budget)
-        return read_node_class(tree, name, path, read), read_node_start(tree, name)
+        return read_node_class(tree, python.name, path, read), read_node_start(tree, python.name)
     except RecursionError:
         return unknown_interface("its source is nested too deeply"), None
-
-
-def _why_unread(place: str, file: Path, folder: Path) -> str:
-    """Why the source of a node is not read, as `place` names it."""
-    if not safe_file.real_path(file).is_relative_to(safe_file.real_path(folder)):
-        return f"{place} is not read: it is in no git work tree or colcon workspace with the spec"
-    return f"{place} cannot be read as Python"

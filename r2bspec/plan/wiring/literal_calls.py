@@ -7,15 +7,14 @@ name, which is written ``$(parameter NAME)`` as in an interface file.
 from __future__ import annotations
 
 import ast
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterator
 from typing import Literal
 
 from r2bspec.language.spec import QoS
-from r2bspec.plan.wiring import self_references
 from r2bspec.plan.wiring.node_interface import ParameterInfo, ParameterType
 from r2bspec.plan.wiring.python_source import SourceNames, nodes_below
-from r2bspec.plan.wiring.self_references import is_name, is_self, method_of_self
+from r2bspec.plan.wiring.self_references import PUBLISHER_METHODS, is_name, is_self, method_of_self
 
 _TYPES: dict[type, ParameterType] = {bool: "bool", int: "integer", float: "double", str: "string"}
 
@@ -56,34 +55,34 @@ def qos_profile(call: ast.Call, position: int, names: SourceNames) -> QoS | None
     return QoS(depth=depth) if type(depth) is int and depth > 0 else None
 
 
-def declared_parameter(call: ast.Call) -> tuple[str, ParameterInfo] | None:
-    """The parameter of ``declare_parameter(name, value)``; None if its name is no literal."""
-    has_descriptor = (
-        any(keyword.arg == "descriptor" for keyword in call.keywords) or len(call.args) > 2
-    )
-    name, value = argument(call, 0, "name"), argument(call, 1, "value")
-    return _declared(name, value, has_descriptor=has_descriptor)
+def declared_parameters(call: ast.Call, method: str) -> list[tuple[str, ParameterInfo]] | None:
+    """The parameters of ``declare_parameter(name, value)`` or ``declare_parameters("", [...])``.
 
-
-def declared_parameters(call: ast.Call) -> list[tuple[str, ParameterInfo]] | None:
-    """The parameters of ``declare_parameters("", [(name, value), ...])``."""
-    match call:
-        case ast.Call(
-            args=[ast.Constant(value=""), ast.List(elts=items) | ast.Tuple(elts=items)], keywords=[]
-        ):
-            found = [
-                _declared(item.elts[0], item.elts[1], has_descriptor=len(item.elts) > 2)
-                if isinstance(item, ast.Tuple) and len(item.elts) > 1
-                else None
-                for item in items
-            ]
-            known = [each for each in found if each is not None]
-            return known if len(known) == len(found) else None
-    return None
+    None if their names are no literals.
+    """
+    if method == "declare_parameter":
+        described = any(each.arg == "descriptor" for each in call.keywords) or len(call.args) > 2
+        found = [_declared(argument(call, 0, "name"), argument(call, 1, "value"), described)]
+    else:
+        match call:
+            case ast.Call(
+                args=[ast.Constant(value=""), ast.List(elts=items) | ast.Tuple(elts=items)],
+                keywords=[],
+            ):
+                found = [
+                    _declared(item.elts[0], item.elts[1], len(item.elts) > 2)
+                    if isinstance(item, ast.Tuple) and len(item.elts) > 1
+                    else None
+                    for item in items
+                ]
+            case _:
+                return None
+    known = [each for each in found if each is not None]
+    return known if len(known) == len(found) else None
 
 
 def _declared(
-    name: ast.expr | None, value: ast.expr | None, *, has_descriptor: bool
+    name: ast.expr | None, value: ast.expr | None, has_descriptor: bool
 ) -> tuple[str, ParameterInfo] | None:
     if not isinstance(name, ast.Constant) or not isinstance(name.value, str):
         return None
@@ -107,9 +106,7 @@ def timer_outputs(found: ast.ClassDef, topics: TopicNames) -> Iterator[tuple[str
     methods = {part.name: part for part in found.body if isinstance(part, ast.FunctionDef)}
     for method in methods.values():
         for call in nodes_below(method):
-            if not isinstance(call, ast.Call) or (
-                self_references.method_of_self(call) != "create_timer"
-            ):
+            if not isinstance(call, ast.Call) or method_of_self(call) != "create_timer":
                 continue
             callback = _attribute(argument(call, 1, "callback"))
             if callback not in methods or mentioned[callback] != 1:
@@ -118,9 +115,7 @@ def timer_outputs(found: ast.ClassDef, topics: TopicNames) -> Iterator[tuple[str
             for publisher in _published_once(methods[callback]):
                 # Where it is stored, and here.
                 made = topics.stored(publisher) if mentioned[publisher] == 2 else None
-                if isinstance(made, ast.Call) and (
-                    self_references.method_of_self(made) in self_references.PUBLISHER_METHODS
-                ):
+                if isinstance(made, ast.Call) and method_of_self(made) in PUBLISHER_METHODS:
                     topic = topics.resolve(argument(made, 1, "topic"), method)
                     if topic is not None:
                         yield topic, period_s
@@ -132,8 +127,7 @@ def attributes_of_self(found: ast.ClassDef) -> Counter[str]:
 
 
 def _attribute(node: ast.AST | None) -> str:
-    is_own = isinstance(node, ast.Attribute) and self_references.is_self(node.value)
-    return node.attr if is_own and isinstance(node, ast.Attribute) else ""
+    return node.attr if isinstance(node, ast.Attribute) and is_self(node.value) else ""
 
 
 def _published_once(method: ast.FunctionDef) -> Iterator[str]:
@@ -236,42 +230,30 @@ class TopicNames:
 
 
 def _single_values(top: ast.AST, *, attributes: bool) -> dict[str, ast.expr | None]:
-    """The only value that each variable gets, or attribute of `self`; None if there are others."""
-    values: dict[str, list[ast.expr | None]] = defaultdict(list)
-    for node in nodes_below(top):
+    """The only value that each variable gets, or attribute of `self`; None if there are others.
+
+    What is bound by a loop, `with` or the like has no value here.
+    """
+    assigned: dict[int, ast.expr] = {}
+    values: dict[str, ast.expr | None] = {}
+    for node in nodes_below(top):  # a statement before its targets
         match node:
-            case ast.Assign(targets=[target], value=value):
-                _add(values, target, value, attributes=attributes)
-            case ast.AnnAssign(target=target, value=ast.expr() as value):
-                _add(values, target, value, attributes=attributes)
-            case ast.arg(arg=name) if not attributes:
-                values[name] += [None, None]
-    for node in nodes_below(top):
-        # What is bound by a loop, `with` or the like has no value here.
-        if isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store):
-            name = _bound(node, attributes=attributes)
-            stored = values[name] if name else []
-            stored.append(None)
-    # Each assignment was counted as one, and its target as another.
-    return {name: found[0] if len(found) == 2 else None for name, found in values.items()}
+            case (
+                ast.Assign(targets=[target], value=value)
+                | ast.AnnAssign(target=target, value=ast.expr() as value)
+            ):
+                assigned[id(target)] = value
+            case _:
+                if name := _bound(node, attributes=attributes):
+                    values[name] = None if name in values else assigned.get(id(node))
+    return values
 
 
-def _add(
-    values: dict[str, list[ast.expr | None]],
-    target: ast.expr,
-    value: ast.expr,
-    *,
-    attributes: bool,
-) -> None:
-    if name := _bound(target, attributes=attributes):
-        values[name].append(value)
-
-
-def _bound(target: ast.expr, *, attributes: bool) -> str:
-    """The variable, or the attribute of `self`, that a target binds; empty for another one."""
-    match target:
-        case ast.Name(id=name) if not attributes:
+def _bound(node: ast.AST, *, attributes: bool) -> str:
+    """The variable, or the attribute of `self`, that a node binds; empty for any other node."""
+    match node:
+        case ast.arg(arg=name) | ast.Name(id=name, ctx=ast.Store()) if not attributes:
             return name
-        case ast.Attribute(attr=name) if attributes and is_self(target.value):
+        case ast.Attribute(attr=name, ctx=ast.Store()) if attributes and is_self(node.value):
             return name
     return ""

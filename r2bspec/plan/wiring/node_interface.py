@@ -88,8 +88,7 @@ def origin_difference(origin: RecordOrigin, node: Node, base_dir: Path) -> str:
 
 _TABLE = Path(__file__).parents[2] / "nodes" / "interfaces.yaml"
 _PARAMETER = re.compile(r"\$\(parameter ([^)]*)\)")
-_DERIVED_TOPIC = re.compile(r"\$\((?:camera_info of|beside) ([^)]*)\)")
-"""With both spellings: records of interfaces may have the earlier one."""
+_DERIVED_TOPIC = re.compile(r"\$\(camera_info of ([^)]*)\)")
 
 ParameterType = Literal[
     "bool",

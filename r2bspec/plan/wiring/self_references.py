@@ -57,28 +57,18 @@ class NodeHelper(msgspec.Struct, frozen=True):
     answers: bool = False
 
 
-_LISTENER = NodeHelper(1, subscribes={"/tf": _TRANSFORMS, "/tf_static": _TRANSFORMS})
-_BROADCASTER = NodeHelper(publishes={"/tf": _TRANSFORMS})
-_STATIC_BROADCASTER = NodeHelper(publishes={"/tf_static": _TRANSFORMS})
-_ACTION_CLIENT = NodeHelper(names_action=True)
-_ACTION_SERVER = NodeHelper(names_action=True, answers=True)
-
-NODE_HELPERS: Final[Mapping[str, NodeHelper]] = {
+_NODE_HELPERS: Final[Mapping[str, NodeHelper]] = {
     "message_filters.Subscriber": NodeHelper(makes_subscription=True),
-    "rclpy.action.ActionClient": _ACTION_CLIENT,
-    "rclpy.action.ActionServer": _ACTION_SERVER,
-    "rclpy.action.client.ActionClient": _ACTION_CLIENT,
-    "rclpy.action.server.ActionServer": _ACTION_SERVER,
+    "rclpy.ActionClient": NodeHelper(names_action=True),
+    "rclpy.ActionServer": NodeHelper(names_action=True, answers=True),
     "tf2_ros.Buffer": NodeHelper(1),
-    "tf2_ros.StaticTransformBroadcaster": _STATIC_BROADCASTER,
-    "tf2_ros.TransformBroadcaster": _BROADCASTER,
-    "tf2_ros.TransformListener": _LISTENER,
-    "tf2_ros.buffer.Buffer": NodeHelper(1),
-    "tf2_ros.static_transform_broadcaster.StaticTransformBroadcaster": _STATIC_BROADCASTER,
-    "tf2_ros.transform_broadcaster.TransformBroadcaster": _BROADCASTER,
-    "tf2_ros.transform_listener.TransformListener": _LISTENER,
+    "tf2_ros.StaticTransformBroadcaster": NodeHelper(publishes={"/tf_static": _TRANSFORMS}),
+    "tf2_ros.TransformBroadcaster": NodeHelper(publishes={"/tf": _TRANSFORMS}),
+    "tf2_ros.TransformListener": NodeHelper(
+        1, subscribes={"/tf": _TRANSFORMS, "/tf_static": _TRANSFORMS}
+    ),
 }
-"""Helpers by their full names."""
+"""Helpers by their packages and names; which module of the package has them makes no difference."""
 
 CALLBACK_TAKERS: Final = frozenset({"functools.partial", "threading.Thread", "threading.Timer"})
 """Functions that get a method of a node only to call it."""
@@ -109,7 +99,8 @@ def is_name(node: ast.AST, name: str) -> bool:
 
 def helper_of(call: ast.Call, names: SourceNames) -> NodeHelper | None:
     """What a call makes that passes the node to a class of which that is known."""
-    helper = NODE_HELPERS.get(names.full_name(call.func))
+    package, _, inside = names.full_name(call.func).partition(".")
+    helper = _NODE_HELPERS.get(f"{package}.{inside.rpartition('.')[2]}")
     if helper is None:
         return None
     given = next((keyword.value for keyword in call.keywords if keyword.arg == "node"), None)

@@ -61,23 +61,16 @@ def test_a_report_is_read_in_si_units() -> None:
     assert report.custom == {"data_resolution": "HD (1280,720)"}
 
 
-def test_a_rate_counts_intervals_and_not_messages() -> None:
+def test_a_rate_counts_intervals_and_what_is_not_there_is_absent() -> None:
     figures = parsed(REPORT).rates["10.0"][""]
     assert figures.reported_hz == pytest.approx(10.204, abs=1e-3)
     assert figures.throughput_hz == pytest.approx(10.0, abs=1e-9)
-
-
-def test_what_is_not_there_is_absent() -> None:
-    figures = parsed(REPORT).rates["10.0"][""]
     assert figures.latency_mean is None
     assert figures.cpu_mean is None
     only = parsed({"BasicPerformanceMetrics.NUM_FRAMES_SENT": 5})
     assert only.peak[""].throughput_hz is None
     assert only.peak[""].drop_rate is None
     assert only.rates == {}
-
-
-def test_odd_values_say_nothing() -> None:
     report = parsed({**basic(10, 0, 900.0), "BasicPerformanceMetrics.MEAN_JITTER": "INVALID"})
     assert report.peak[""].jitter_mean is None
     assert parsed(basic(5, 0, float("inf"))).peak[""].throughput_hz is None

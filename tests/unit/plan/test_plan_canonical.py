@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -27,6 +28,7 @@ from r2bspec.plan.canonical_json import (
     read_plan,
 )
 from r2bspec.plan.comparability import ABSENT, PlanDifference, diff_plans
+from r2bspec.plan.plan import Plan
 
 # One way to write a plan, the same bytes everywhere, and reading it again.
 
@@ -41,19 +43,28 @@ SCALARS = st.one_of(
 )
 
 
+FULL = plan(STRAIGHT)
+
+
 @pytest.mark.parametrize("document", [PREPROCESSED, STRAIGHT], ids=["preprocessed", "straight"])
-def test_a_plan_reads_back_as_it_was(document: dict[str, object], tmp_path: Path) -> None:
+def test_a_plan_obeys_its_schema_and_reads_back_as_it_was(
+    document: dict[str, object], tmp_path: Path
+) -> None:
     path = tmp_path / "plan.json"
     path.write_bytes(canonical_json(plan(document)))
     assert read_plan(path) == plan(document)
     assert canonical_json(read_plan(path)) == canonical_json(plan(document))
+    Draft202012Validator.check_schema(plan_schema())
+    Draft202012Validator(plan_schema()).validate(json.loads(path.read_bytes()))
 
 
 @given(st.dictionaries(st.text(min_size=1, max_size=5), SCALARS, max_size=4))
 def test_parameters_of_any_value_read_back_with_their_type(parameters: dict[str, object]) -> None:
-    full = plan(STRAIGHT, graph={"nodes": {"n": {"python": "m.N", "parameters": parameters}}})
-    again = parse_plan(canonical_json(full), "plan")
-    read = again.processes[1].nodes[0].parameters
+    host = FULL.processes[1]
+    node = msgspec.structs.replace(host.nodes[0], parameters=parameters)
+    host = msgspec.structs.replace(host, nodes=(node,))
+    full = msgspec.structs.replace(FULL, processes=(host,))
+    read = parse_plan(canonical_json(full), "plan").processes[0].nodes[0].parameters
     assert read == parameters
     assert {key: type(value) for key, value in read.items()} == {
         key: type(value) for key, value in parameters.items()
@@ -101,15 +112,13 @@ def test_the_plan_has_the_same_bytes_in_every_place_and_environment(tmp_path: Pa
     spec.parent.mkdir()
     spec.write_bytes((ROOT / "specs" / "relay.r2b.yaml").read_bytes())
     seen = set()
-    for number, (cwd, name) in enumerate(
-        [(ROOT, str(spec)), (tmp_path, "deep/a.r2b.yaml"), (spec.parent, "a.r2b.yaml")]
-    ):
+    for number, (cwd, name) in enumerate([(ROOT, str(spec)), (spec.parent, "a.r2b.yaml")]):
         environment = {
             **os.environ,
             "PYTHONPATH": str(ROOT),
             "HOME": str(tmp_path / f"home{number}"),
             "PYTHONHASHSEED": str(number),
-            "TZ": ("UTC", "Asia/Tokyo", "America/Lima")[number],
+            "TZ": ("UTC", "Asia/Tokyo")[number],
         }
         done = subprocess.run(
             [sys.executable, "-c", SCRIPT, name],
@@ -153,39 +162,23 @@ def test_a_file_that_is_no_plan(content: bytes, code: str, says: str, tmp_path: 
     [
         ('"warm_up": "1 s"', '"warm_up": 1000000000', "$.warm_up"),
         ('"buffer": 10', '"bufer": 10', "bufer"),
-        ('"latency.p90', '"', "$.objectives"),
+        ("output.latency.p90 <", "output <<", "$.objectives"),
         ('"at": "30 Hz"', '"at": "30"', "no unit"),
         ('"at": "30 Hz"', '"at": 30', "$.objectives"),
         ('"role": "loader"', '"role": "driver"', "$.processes"),
     ],
 )
 def test_a_plan_with_a_fault_is_refused_with_its_place(before: str, after: str, says: str) -> None:
-    text = canonical_json(plan()).decode()
-    broken = text.replace(before, after).replace("output.latency.p90 <", "output <<")
-    assert broken != text
-    with pytest.raises(PlanError) as caught:
+    broken = canonical_json(plan()).decode().replace(before, after)
+    with pytest.raises(PlanError, match=re.escape(says)) as caught:
         parse_plan(broken.encode(), "plan.json")
     assert caught.value.code == "R2B612"
-    if "latency" not in before:
-        assert says in str(caught.value) or "$.objectives" in str(caught.value)
 
 
 def test_a_plan_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(PlanError) as caught:
         read_plan(tmp_path / "nowhere.json")
     assert caught.value.code == "R2B610"
-
-
-# Plans obey their schema.
-
-
-def test_the_schema_is_one() -> None:
-    Draft202012Validator.check_schema(plan_schema())
-
-
-@pytest.mark.parametrize("document", [PREPROCESSED, STRAIGHT], ids=["preprocessed", "straight"])
-def test_plans_obey_it(document: dict[str, Any]) -> None:
-    Draft202012Validator(plan_schema()).validate(json.loads(canonical_json(plan(document))))
 
 
 @pytest.mark.parametrize("change", [{"unknown": 1}, {"buffer": "10"}, {"r2bspec_plan": 2}])
@@ -195,10 +188,6 @@ def test_what_is_no_plan_does_not(change: dict[str, Any]) -> None:
 
 
 # Two plans, compared.
-
-
-def test_equal_plans_do_not_differ() -> None:
-    assert diff_plans(plan(), plan()) == []
 
 
 def test_a_value_that_differs_has_its_path() -> None:
@@ -213,20 +202,18 @@ def test_a_value_that_differs_has_its_path() -> None:
 
 
 def test_members_are_found_again_wherever_they_stand() -> None:
-    full = plan(STRAIGHT)
-    fewer = msgspec.structs.replace(full, processes=full.processes[1:])
-    (found,) = diff_plans(full, fewer)
+    fewer = msgspec.structs.replace(FULL, processes=FULL.processes[1:])
+    (found,) = diff_plans(FULL, fewer)
     assert found.path == ("processes", "player")
     assert found.after is ABSENT
     assert str(found).endswith("-> (absent)")
-    (added,) = diff_plans(fewer, full)
+    (added,) = diff_plans(fewer, FULL)
     assert added.before is ABSENT
 
 
 def test_another_order_is_a_difference() -> None:
-    full = plan(STRAIGHT)
-    turned = msgspec.structs.replace(full, processes=full.processes[::-1])
-    (found,) = diff_plans(full, turned)
+    turned = msgspec.structs.replace(FULL, processes=FULL.processes[::-1])
+    (found,) = diff_plans(FULL, turned)
     assert found.path == ("processes", "order")
     assert found.before == ["player", "relay", "monitor"]
 
@@ -241,7 +228,7 @@ def test_an_integer_is_not_a_double() -> None:
 
 def test_lists_without_identity_are_compared_by_place() -> None:
     other = plan(benchmark={"rates": ["10 Hz"]})
-    paths = {diff_plan.path for diff_plan in diff_plans(plan(), other)}
+    paths = {difference.path for difference in diff_plans(plan(), other)}
     assert ("phases", 6) in paths
     assert ("play", "30.0") in paths
     assert ("search",) in paths
@@ -251,12 +238,9 @@ def test_lists_without_identity_are_compared_by_place() -> None:
 def test_there_is_a_difference_if_and_only_if_plans_are_unequal(
     before: list[str], after: list[str]
 ) -> None:
-    full = plan(STRAIGHT)
-
-    def with_monitors(names: list[str]) -> Any:
-        monitor = full.monitors[0]
-        return msgspec.structs.replace(
-            full, monitors=tuple(msgspec.structs.replace(monitor, name=name) for name in names)
-        )
+    def with_monitors(names: list[str]) -> Plan:
+        monitor = FULL.monitors[0]
+        monitors = tuple(msgspec.structs.replace(monitor, name=name) for name in names)
+        return msgspec.structs.replace(FULL, monitors=monitors)
 
     assert bool(diff_plans(with_monitors(before), with_monitors(after))) == (before != after)

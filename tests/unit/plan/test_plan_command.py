@@ -6,6 +6,7 @@ import json
 import os
 import stat
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -29,13 +30,12 @@ def without_real_datasets(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("R2B_DATASETS", raising=False)
 
 
-def test_the_plan_goes_to_standard_output(call: Call) -> None:
+def test_the_plan_goes_to_standard_output_or_to_a_file_that_is_a_plan_again(
+    tmp_path: Path, call: Call
+) -> None:
     said = call("plan", RELAY, status=0)
     assert json.loads(said.out)["name"] == "relay"
     assert said.err.startswith("a run takes about ")
-
-
-def test_or_to_a_file_that_is_a_plan_again(tmp_path: Path, call: Call) -> None:
     file = tmp_path / "relay.json"
     assert call("plan", RELAY, "-o", file, status=0).out == ""
     assert read_plan(file).name == "relay"
@@ -77,9 +77,6 @@ def test_options_change_the_plan_and_the_difference_shows_it(call: Call) -> None
         "play['50.0'].iterations: 10 -> 3",
         "starts: 5 -> 1",
     ]
-
-
-def test_without_a_difference_nothing_is_shown(call: Call) -> None:
     assert call("plan", RELAY, "--diff", RELAY, status=0).out == ""
 
 
@@ -96,12 +93,6 @@ def test_an_invalid_spec_is_wrong_usage_and_its_findings_are_shown(
     assert "did you mean 'camera_info'?" in said.err
 
 
-def test_a_foreign_file_is_wrong_usage(tmp_path: Path, call: Call) -> None:
-    foreign = tmp_path / "package.json"
-    foreign.write_text('{"name": "x"}', encoding="utf-8")
-    assert "error[R2B611 unsupported-plan]" in call("plan", foreign, status=2).err
-
-
 def test_drawing_and_comparing_exclude_each_other(call: Call) -> None:
     ended = call("plan", RELAY, "--graph", "dot", "--diff", RELAY, status=2)
     assert "cannot be combined" in ended.err
@@ -110,74 +101,49 @@ def test_drawing_and_comparing_exclude_each_other(call: Call) -> None:
 # How long a run is expected to take.
 
 
-def plays(rates: int, iterations: int, seconds: float, most: int = 0) -> tuple[PlayPlan, ...]:
-    return tuple(
-        PlayPlan(
-            rate_hz=10.0 * number,
-            duration_ns=int(seconds * 1e9),
-            iterations=iterations,
-            max_iterations=most,
-        )
-        for number in range(1, rates + 1)
+BARE = msgspec.structs.replace(
+    plan(), play=(), search=None, sustained_hz=(), gate=GatePlan(confirm=False)
+)
+
+
+def plays(rates: int, seconds: int, iterations: int, most: int = 0) -> tuple[PlayPlan, ...]:
+    play = PlayPlan(
+        rate_hz=10.0, duration_ns=seconds * 10**9, iterations=iterations, max_iterations=most
+    )
+    return (play,) * rates
+
+
+def search(probe_s: int, confirm_s: int) -> SearchPlan:
+    probe_ns, confirm_ns = probe_s * 10**9, confirm_s * 10**9
+    return SearchPlan(
+        min_hz=10, max_hz=100, precision=0.02, probe_ns=probe_ns, holds=(), confirm_ns=confirm_ns
     )
 
 
-def test_what_is_declared_is_counted() -> None:
-    base = msgspec.structs.replace(plan(), play=(), search=None, gate=GatePlan(confirm=False))
-    without = estimate_time(base)
-    declared = estimate_time(msgspec.structs.replace(base, play=plays(2, 5, 10)))
-    assert 100 <= declared.seconds - without.seconds <= 110
-    assert declared.at_most_s == declared.seconds
-    more = estimate_time(msgspec.structs.replace(base, play=plays(2, 5, 10, most=20)))
-    assert more.seconds == declared.seconds
-    assert more.at_most_s - more.seconds == pytest.approx(300, abs=10)
-
-
-def test_a_confirmation_and_a_budget_bound_the_longest_time() -> None:
-    base = msgspec.structs.replace(plan(), play=plays(1, 10, 10), search=None)
-    once = estimate_time(msgspec.structs.replace(base, gate=GatePlan(confirm=False)))
-    twice = estimate_time(msgspec.structs.replace(base, gate=GatePlan(confirm=True)))
-    assert twice.seconds == once.seconds
-    assert twice.at_most_s > once.at_most_s + 100
-    budget = GatePlan(confirm=True, time_budget_ns=130_000_000_000)
-    limited = estimate_time(msgspec.structs.replace(base, gate=budget))
-    assert once.at_most_s < limited.at_most_s < twice.at_most_s
-
-
-def test_every_start_takes_time() -> None:
-    base = msgspec.structs.replace(plan(), play=plays(1, 10, 2), search=None)
-    one, five = (estimate_time(msgspec.structs.replace(base, starts=starts)) for starts in (1, 5))
-    later_s = (five.seconds - one.seconds) / 4
-    assert later_s > base.warm_up.seconds
-    assert later_s < one.seconds - one.phases["play"]
-    assert five.at_most_s - one.at_most_s == pytest.approx(2 * 4 * later_s)
-
-
-def test_a_search_takes_its_probes_and_its_whole_plays_at_most() -> None:
-    base = msgspec.structs.replace(plan(), play=(), sustained_hz=(), gate=GatePlan(confirm=False))
-    without = estimate_time(msgspec.structs.replace(base, search=None))
-
-    def added(probe_s: int, confirm_s: int) -> tuple[float, float]:
-        search = SearchPlan(
-            min_hz=10,
-            max_hz=100,
-            precision=0.02,
-            probe_ns=probe_s * 10**9,
-            holds=(),
-            confirm_ns=confirm_s * 10**9,
-        )
-        found = estimate_time(msgspec.structs.replace(base, search=search))
-        return found.seconds - without.seconds, found.at_most_s - without.at_most_s
-
-    assert added(10, 30) == pytest.approx((105, 210))
-    assert added(10, 0) == pytest.approx((60, 120))
-    assert added(5, 10) == pytest.approx((45, 90))
-
-
-def test_a_rate_that_must_be_sustained_is_played_whole() -> None:
-    base = msgspec.structs.replace(plan(), search=None, sustained_hz=())
-    asked = msgspec.structs.replace(base, sustained_hz=(10.0, 20.0))
-    assert estimate_time(asked).seconds - estimate_time(base).seconds == pytest.approx(20)
+@pytest.mark.parametrize(
+    ("changes", "expected_s", "longest_s"),
+    [
+        ({"play": plays(2, 10, 5)}, 102, 102),
+        ({"play": plays(2, 10, 5, most=20)}, 102, 408),
+        # The confirmation of a failure starts everything once more.
+        ({"play": plays(1, 10, 10), "gate": GatePlan()}, 102, 2 * 102 + 5.9),
+        ({"play": plays(1, 10, 10), "gate": GatePlan(time_budget_ns=130 * 10**9)}, 102, 130),
+        # Each of the later starts takes time, but less than the first.
+        ({"play": plays(1, 2, 10), "starts": 5}, 22 + 4 * 4.1, 22 + 4 * 4.1),
+        # A search ends when it can; its longest time is that of its probes and confirmations.
+        ({"search": search(10, 30)}, 105, 210),
+        ({"search": search(10, 0)}, 60, 120),
+        ({"search": search(5, 10)}, 45, 90),
+        # What must be sustained is played whole.
+        ({"sustained_hz": (10.0, 20.0)}, 20, 20),
+    ],
+)
+def test_what_a_plan_declares_takes_time(
+    changes: dict[str, Any], expected_s: float, longest_s: float
+) -> None:
+    bare, found = estimate_time(BARE), estimate_time(msgspec.structs.replace(BARE, **changes))
+    assert found.seconds - bare.seconds == pytest.approx(expected_s)
+    assert found.at_most_s - bare.at_most_s == pytest.approx(longest_s)
 
 
 @pytest.mark.parametrize(

@@ -129,6 +129,7 @@ PLAN = msgspec.structs.replace(
     play_at_peak=PLAY,
     search=SearchPlan(min_hz=1, max_hz=100, precision=0.02, probe_ns=10**9, holds=()),
     phases=("load", "start", "search", "play", "collect"),
+    starts=5,
 )
 
 
@@ -136,6 +137,7 @@ def test_a_run_of_a_pair_plays_everything_once_and_confirms_nothing() -> None:
     found = single_run_plan(PLAN)
     assert [(each.iterations, each.max_iterations) for each in found.play] == [(1, 0)]
     assert found.play_at_peak == msgspec.structs.replace(PLAY, iterations=1, max_iterations=0)
+    assert found.starts == 1
     assert not found.gate.confirm
     assert found.search is None
     assert "search" not in found.phases
@@ -201,25 +203,17 @@ def test_a_parameter_that_differs_is_one_difference() -> None:
     base = relay(["relay", "-p", "gain:=1", "-p", "name:=a"], gain=1, name="a")
     head = relay(["relay", "-p", "gain:=2", "-p", "name:=a"], gain=2, name="a")
     only = "processes.relay.nodes['/relay'].parameters.gain"
-    assert [str(graph_difference) for graph_difference in graph_differences(base, head)] == [
-        f"{only}: 1 -> 2"
-    ]
+    assert [str(each) for each in graph_differences(base, head)] == [f"{only}: 1 -> 2"]
     without = relay(["relay", "-p", "name:=a"], name="a")
-    assert [str(graph_difference) for graph_difference in graph_differences(without, head)] == [
-        f"{only}: (absent) -> 2"
-    ]
+    assert [str(each) for each in graph_differences(without, head)] == [f"{only}: (absent) -> 2"]
 
 
 def test_a_command_line_that_differs_in_more_than_parameters_is_shown() -> None:
     base = relay(["relay", "-p", "gain:=1"], gain=1)
     head = relay(["relay", "--fast", "-p", "gain:=2"], gain=2)
-    assert any(
-        graph_difference.path[2] == "argv" for graph_difference in graph_differences(base, head)
-    )
+    assert any(each.path[2] == "argv" for each in graph_differences(base, head))
     alone = relay(["relay", "-p", "gain:=2"], gain=1)
-    assert [graph_difference.path[2] for graph_difference in graph_differences(base, alone)] == [
-        "argv"
-    ]
+    assert [each.path[2] for each in graph_differences(base, alone)] == ["argv"]
 
 
 def test_a_graph_may_differ_where_its_load_may_not() -> None:

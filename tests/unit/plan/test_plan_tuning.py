@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 
 from r2bspec.check.check_context import DocumentFiles
 from r2bspec.check.engine import check, context_of
@@ -26,35 +28,9 @@ GROUPS = (
     *("transport", "intra_process", "environment"),
 )
 
-CHAIN = """\
-r2bspec: 1
-name: chain
-data_loader:
-  bag: r2b_storage
-  topics: {/d455_1_rgb_image: loaded, /d455_1_rgb_camera_info: info}
-playback:
-  inputs:
-    image: {from: loaded, format: sensor_msgs/msg/Image}
-    camera_info: {from: info, format: sensor_msgs/msg/CameraInfo}
-graph:
-  nodes:
-    small:
-      python: r2bspec.nodes.RelayNode
-      parameters: {format: sensor_msgs/msg/CameraInfo}
-      remappings: {input: camera_info, output: small_out}
-    first:
-      python: r2bspec.nodes.RelayNode
-      parameters: {format: sensor_msgs/msg/Image}
-      remappings: {input: image, output: between}
-    second:
-      python: r2bspec.nodes.RelayNode
-      parameters: {format: sensor_msgs/msg/Image}
-      remappings: {input: between, output: seen}
-monitors:
-  seen: {topic: seen, format: sensor_msgs/msg/Image}
-  small: {topic: small_out, format: sensor_msgs/msg/CameraInfo}
-benchmark: {rates: [30 Hz]}
-"""
+HERE = Path(__file__).parent
+CHAIN = (HERE / "chain.r2b.yaml").read_text(encoding="utf-8")
+CASES = yaml.safe_load((HERE / "levers.yaml").read_text(encoding="utf-8"))
 
 
 def space_of(
@@ -83,18 +59,16 @@ def with_placement(space: TuningSpace, one: Lever) -> tuple[str, ...]:
     )
 
 
-@pytest.mark.parametrize("levers", [(), GROUPS], ids=["default", "everything"])
 @pytest.mark.parametrize(
-    "spec",
+    ("spec", "levers"),
     [
-        "relay.r2b.yaml",
-        "suite/disparity_graph.r2b.yaml",
-        "suite/live_graph.r2b.yaml",
-        "reference/apriltag_graph.r2b.yaml",
-        "reference/live_graph.r2b.yaml",
-        "templates/components.r2b.yaml",
-        "templates/executable.r2b.yaml",
-        "templates/timeline.r2b.yaml",
+        ("relay.r2b.yaml", ()),
+        ("relay.r2b.yaml", GROUPS),
+        ("suite/disparity_graph.r2b.yaml", GROUPS),
+        ("reference/live_graph.r2b.yaml", GROUPS),
+        ("templates/components.r2b.yaml", GROUPS),
+        ("templates/executable.r2b.yaml", GROUPS),
+        ("templates/timeline.r2b.yaml", GROUPS),
     ],
 )
 def test_the_spec_is_valid_with_every_setting(spec: str, levers: tuple[str, ...]) -> None:
@@ -108,33 +82,23 @@ def test_the_spec_is_valid_with_every_setting(spec: str, levers: tuple[str, ...]
             assert errors(SPECS / spec, sets, files) == [], setting
 
 
-def test_without_a_word_nothing_is_varied_that_others_notice() -> None:
-    space = space_of(CHAIN, facts=FOUR_CPUS)
-    assert not [each for one in space.levers for each in one.settings if each.for_others]
-    assert not [one.name for one in space.levers if one.name.endswith((".cpus", ".scheduling"))]
-    assert any(why.startswith("scheduling: ") for why in space.left_out)
-    asked = space_of(CHAIN, "tune.levers=[cpus, nice, scheduling]", facts=FOUR_CPUS)
-    assert lever(asked, "graph.nodes.first.nice") == ["0", "10", "-10"]
-    assert lever(asked, "graph.nodes.first.cpus") == ["all CPUs", "CPUs 0, 1", "CPUs 2, 3"]
-    assert "fifo, priority 40" in lever(asked, "graph.nodes.first.scheduling")
-    choice = {"graph.nodes.first.nice": 2}
-    assert [*asked.deployment(choice).for_others()] != []
-
-
-def test_what_is_not_permitted_is_left_out_with_how_to_permit_it() -> None:
-    space = space_of(CHAIN, "tune.levers=[nice, scheduling]")
-    assert lever(space, "graph.nodes.first.nice") == ["0", "10"]
-    assert lever(space, "graph.nodes.first.scheduling") == ["other", "batch"]
-    assert any("rtprio" in why for why in space.left_out)
-
-
-def test_nodes_that_exchange_the_most_bytes_share_a_container_first() -> None:
-    assert lever(space_of(CHAIN), PLACEMENT) == [
-        "separate",
-        "shared",
-        "first and second in one container",
-        "small, first and second in one container",
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case["name"])
+def test_what_can_be_varied_and_what_is_left_out(case: dict[str, Any]) -> None:
+    sets = case.get("sets", [])
+    space = space_of(CHAIN, *sets, facts=FOUR_CPUS if case.get("permitted") else NO_PERMISSION)
+    assert {name: lever(space, name) for name in case["levers"]} == case["levers"]
+    for part in case.get("left_out", []):
+        assert any(part in why for why in space.left_out)
+    deployments = [
+        space.deployment({one.name: place})
+        for one in space.levers
+        for place in range(len(one.settings))
     ]
+    for_others = any([*each.for_others()] for each in deployments)
+    assert for_others == case.get("for_others", for_others)
+    for one in space.levers if case.get("valid") else ():
+        for setting in one.settings:
+            assert errors(CHAIN, (*sets, *with_placement(space, one), *setting.sets)) == []
 
 
 def test_a_setting_has_an_effect_only_where_its_process_is_there() -> None:
@@ -147,54 +111,6 @@ def test_a_setting_has_an_effect_only_where_its_process_is_there() -> None:
     # 2 threads or one, of 3 nodes; of none; of one node and a container; of one container.
     assert space.size == 2**3 + 1 + 2**2 + 2
     assert errors(CHAIN, space.deployment(moved).sets) == []
-
-
-@pytest.mark.parametrize(
-    ("sets", "left"),
-    [
-        (["tune.keep=[second]"], ["separate", "small and first in one container"]),
-        (["tune.limits.processes=2"], ["separate", "shared", "first and second in one container"]),
-        (
-            ["slos={fits: {at: 30 Hz, require: [cpu.small.mean < 50 %]}}"],
-            ["separate", "first and second in one container"],
-        ),
-        (["tune.minimize=cpu.small.mean"], ["separate", "first and second in one container"]),
-        (
-            ["graph.nodes.first.env={A: 1}"],
-            ["separate", "shared", "small and second in one container"],
-        ),
-        (["graph.nodes.first.nice=5"], ["separate", "small and second in one container"]),
-        (["graph.placement=shared"], ["shared", "separate"]),
-    ],
-    ids=[
-        "kept",
-        "few processes",
-        "process in a requirement",
-        "in the goal",
-        "environment",
-        "setting",
-        "shared",
-    ],
-)
-def test_nodes_stay_where_the_spec_needs_them(sets: list[str], left: list[str]) -> None:
-    space = space_of(CHAIN, *sets)
-    assert lever(space, PLACEMENT)[: len(left)] == left
-    for one in space.levers:
-        for setting in one.settings:
-            sets_of_all = (*sets, *with_placement(space, one), *setting.sets)
-            assert errors(CHAIN, sets_of_all) == []
-
-
-def test_own_levers_replace_those_that_are_derived() -> None:
-    space = space_of(
-        CHAIN,
-        "tune.values={graph.nodes.first.threads: [3], graph.nodes.first.parameters.depth: [1, 2],"
-        " transport.kind: [udp, shared_memory]}",
-    )
-    assert lever(space, "graph.nodes.first.threads") == ["0", "3"]
-    assert lever(space, "graph.nodes.first.parameters.depth") == ["as it is", "1", "2"]
-    assert lever(space, "transport.kind") == ["shared_memory", "udp"]
-    assert lever(space, "transport") == []
 
 
 @pytest.mark.parametrize(
@@ -235,12 +151,6 @@ def test_an_own_lever_replaces_all_that_it_would_disturb(
             found = usable.deployment({one.name: place})
             paths = [assigned_path(each) for each in found.sets]
             assert len({*paths}) == len(paths)
-
-
-def test_a_depth_that_the_spec_overrides_is_varied() -> None:
-    name = "qos_overrides./between.subscription.depth"
-    space = space_of(CHAIN, f"graph.nodes.second.parameters={{'{name}': 10, {name}x: 1}}")
-    assert lever(space, f"graph.nodes.second.parameters['{name}']") == ["10", "1", "100"]
 
 
 def test_of_many_nodes_few_have_levers() -> None:
@@ -296,16 +206,13 @@ def test_what_is_refused_is_left_out() -> None:
     def setting(name: str) -> Setting:
         return Setting(text=name, sets=(name,))
 
+    now = Setting(text="now")
     space = TuningSpace(
         levers=(
-            Lever(name=PLACEMENT, settings=(Setting(text="now"), setting("bad"), setting("good"))),
-            Lever(
-                name="a", settings=(Setting(text="now"), setting("a1")), only_with={PLACEMENT: (1,)}
-            ),
-            Lever(
-                name="b", settings=(Setting(text="now"), setting("b1")), only_with={PLACEMENT: (2,)}
-            ),
-            Lever(name="c", settings=(Setting(text="now"), setting("worse"), setting("c2"))),
+            Lever(name=PLACEMENT, settings=(now, setting("bad"), setting("good"))),
+            Lever(name="a", settings=(now, setting("a1")), only_with={PLACEMENT: (1,)}),
+            Lever(name="b", settings=(now, setting("b1")), only_with={PLACEMENT: (2,)}),
+            Lever(name="c", settings=(now, setting("worse"), setting("c2"))),
         )
     )
     tried: list[Sequence[str]] = []
@@ -315,11 +222,8 @@ def test_what_is_refused_is_left_out() -> None:
         return "R2B000: no" if {"bad", "worse"} & {*sets} else ""
 
     usable = without_refused(space, refusal)
-    assert [(one.name, len(one.settings)) for one in usable.levers] == [
-        (PLACEMENT, 2),
-        ("b", 2),
-        ("c", 2),
-    ]
+    left = [(one.name, len(one.settings)) for one in usable.levers]
+    assert left == [(PLACEMENT, 2), ("b", 2), ("c", 2)]
     assert usable.levers[1].only_with == {PLACEMENT: (1,)}
     assert usable.left_out == (f"{PLACEMENT} = bad and 1 more: R2B000: no",)
 

@@ -8,6 +8,7 @@ import pytest
 from wiring_specs import IMAGE, INFO, spec
 
 from r2bspec.plan.wiring.build_wiring import build_wiring
+from r2bspec.plan.wiring.companion_files import CompanionFiles
 from r2bspec.plan.wiring.node_interface import (
     Interface,
     InterfaceEntry,
@@ -30,13 +31,12 @@ TABLE = {
         },
     ),
 }
-
-
+FILES = CompanionFiles(sources=TABLE)
 FILTER = {"filter": {"python": "nodes.Filter", "remappings": {"in": "image"}}}
 
 
 def wired(nodes: dict[str, Any]) -> PhaseWiring:
-    return build_wiring(spec(nodes), table=TABLE).measure
+    return build_wiring(spec(nodes), companion_files=FILES).measure
 
 
 def interface(node: dict[str, Any]) -> Interface:
@@ -48,22 +48,16 @@ def owners(endpoints: tuple[WiredEndpoint, ...]) -> list[str]:
 
 
 def test_the_harness_meets_the_nodes_on_topics() -> None:
-    wiring = build_wiring(spec(FILTER), table=TABLE)
+    wiring = build_wiring(spec(FILTER), bag_types={"/camera": INFO}, companion_files=FILES)
     before, measure = wiring.phases
+    assert before.publishers("/r2b/raw")[0].type == INFO
     assert owners(before.publishers("/r2b/raw")) == ["loader"]
     assert owners(before.subscriptions("/r2b/raw")) == ["recorder"]
     assert owners(measure.publishers("/r2b/image")) == ["player"]
     assert owners(measure.subscriptions("/r2b/image")) == ["/r2b/filter"]
     assert owners(measure.publishers("/r2b/out")) == ["/r2b/filter"]
-    assert [subscription.monitor for subscription in measure.subscriptions("/r2b/out")] == [
-        "result"
-    ]
+    assert [each.monitor for each in measure.subscriptions("/r2b/out")] == ["result"]
     assert measure.topics == ("/r2b/image", "/r2b/out")
-
-
-def test_the_bag_tells_the_type_of_what_is_loaded() -> None:
-    wiring = build_wiring(spec(FILTER), table=TABLE, bag_types={"/camera": INFO})
-    assert wiring.preprocess.publishers("/r2b/raw")[0].type == INFO
 
 
 def test_an_endpoint_points_at_what_decides_its_topic() -> None:
@@ -147,19 +141,15 @@ def test_the_spec_knows_a_side_better_than_the_table() -> None:
 
 
 def test_parameters_decide_types_and_names() -> None:
-    known = interface({"python": "nodes.Any", "parameters": {"format": POSES}})
+    measure = wired({"any": {"python": "nodes.Any", "parameters": {"format": POSES}}})
+    endpoint = measure.endpoints_of("/r2b/any")[0]
+    assert endpoint.type_path == ("graph", "nodes", "any", "parameters", "format")
+    assert endpoint.type_parameter == "format"
+    known = measure.nodes[0].interface
     assert known.subscribes == {"in": POSES}
     assert known.publishes == {"any/out": POSES}
     assert known.type_parameters == {"in": "format", "any/out": "format"}
     assert interface({"python": "nodes.Any"}).subscribes == {"in": IMAGE}
-
-
-def test_a_type_that_a_parameter_decides_is_stated_where_the_parameter_is() -> None:
-    nodes = {"any": {"python": "nodes.Any", "parameters": {"format": POSES}}}
-    measure = wired(nodes)
-    endpoint = measure.endpoints_of("/r2b/any")[0]
-    assert endpoint.type_path == ("graph", "nodes", "any", "parameters", "format")
-    assert endpoint.type_parameter == "format"
 
 
 def test_nothing_is_known_of_a_node_that_no_one_describes() -> None:

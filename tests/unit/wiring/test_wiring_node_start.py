@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import ast
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
+import yaml
 
 from example_spec import example
 from r2bspec.check import check
@@ -16,44 +19,14 @@ from r2bspec.plan.plan import Plan
 from r2bspec.plan.wiring.companion_files import read_companion_files
 from r2bspec.plan.wiring.python_source import NodeStart, read_node_start
 
-CLASS = "from rclpy.node import Node\nclass N(Node):\n"
+NODES_FILE = Path(__file__).with_name("nodes.yaml")
+STARTS = yaml.safe_load(NODES_FILE.read_text(encoding="utf-8"))["starts"]
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        (CLASS + "    def __init__(self): ...", NodeStart("ros_arguments")),
-        (CLASS + "    def __init__(self, name='n', *, depth=1): ...", NodeStart("ros_arguments")),
-        (CLASS + "    def __init__(self, *args): ...", NodeStart("ros_arguments")),
-        (CLASS + "    def __init__(self, **kwargs): ...", NodeStart()),
-        (CLASS + "    def __init__(self, name, **k): ...", NodeStart("keywords", ("name",))),
-        (
-            CLASS + "    def __init__(self, name, /, a=1, *, b): ...",
-            NodeStart("ros_arguments", ("name", "b")),
-        ),
-        (
-            CLASS + "    def __init__(self, namespace, cli_args, use_global_arguments, "
-            "parameter_overrides): ...",
-            NodeStart(),
-        ),
-        ("class B:\n    def __init__(self): ...\nclass N(B): ...", NodeStart("ros_arguments")),
-        (CLASS + "    pass", None),
-        (CLASS + "    @wrap\n    def __init__(self): ...", None),
-        (CLASS + "    def __new__(cls): ...\n    def __init__(self): ...", None),
-        ("@wrap\n" + CLASS.splitlines()[1] + "\n    def __init__(self): ...", None),
-        (CLASS + "    def __init__(self): ...\nN = wrap(N)", None),
-        ("class N(N): ...", None),
-        ("from other import N", None),
-        ("def N(**kwargs): ...", NodeStart()),
-        ("def N(): return Node('n')", NodeStart("ros_arguments")),
-        ("def N():\n    rclpy.init()\n    rclpy.spin(Node('n'))", NodeStart("main")),
-        ("def N(args=None):\n    with rclpy.init(args=args):\n        return 0", NodeStart("main")),
-        ("def N():\n    rclpy.init()\n    return Node('n')", NodeStart("ros_arguments")),
-        ("def N(path):\n    rclpy.init()", NodeStart("main", ("path",))),
-    ],
-)
-def test_what_a_constructor_takes_decides(text: str, expected: NodeStart | None) -> None:
-    assert read_node_start(ast.parse(text), "N") == expected
+@pytest.mark.parametrize("case", STARTS, ids=lambda case: case["text"])
+def test_what_a_constructor_takes_decides(case: dict[str, Any]) -> None:
+    expected = case["start"] and msgspec.convert(case["start"], NodeStart)
+    assert read_node_start(ast.parse(case["text"]), "N") == expected
 
 
 NODES = """

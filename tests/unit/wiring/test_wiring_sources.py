@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from wiring_specs import IMAGE, INFO, node, spec
 
 from r2bspec.language.spec import Node, ParameterSource
@@ -25,6 +27,8 @@ from r2bspec.plan.wiring.node_interface import (
 from r2bspec.plan.wiring.parameter_files import merged_parameters, read_parameter_file
 from r2bspec.plan.wiring.python_files import read_python_file
 from r2bspec.plan.wiring.wiring import NodeWiring
+
+NODES = yaml.safe_load(Path(__file__).with_name("nodes.yaml").read_text(encoding="utf-8"))
 
 
 def read_node_source(file: Path, name: str) -> InterfaceEntry | None:
@@ -104,100 +108,24 @@ def literal(tmp_path: Path, body: str, base: str = "Node", after: str = "") -> A
     return read_node_source(file, "N")
 
 
-def test_literal_calls_are_understood(tmp_path: Path) -> None:
-    found = literal(
-        tmp_path,
-        "self.pub = self.create_publisher(m.Image, 'out', 5)\n"
-        "self.create_subscription(Text, topic='words', callback=print, qos_profile=1)\n"
-        "self.declare_parameter('gain', 0.5)\n"
-        "self.declare_parameter('name')",
-    )
-    assert found.publishes == {"out": IMAGE}
-    assert found.subscribes == {"words": "std_msgs/msg/String"}
-    assert found.qos["out"].depth == 5
-    assert found.parameters["gain"].type == "double"
-    assert found.parameters["name"].type == ""
-
-
-@pytest.mark.parametrize(
-    ("body", "publishes", "why"),
-    [
-        ("self.create_publisher(m.Image, NAME, 1)", {}, "line 7 makes a publisher whose topic"),
-        (
-            "if kwargs:\n    self.create_publisher(m.Image, 'out', 1)",
-            {"out": IMAGE},
-            "whether line 8 makes a publisher",
-        ),
-        (
-            "for t in 'ab':\n    self.create_publisher(m.Image, t, 1)",
-            {},
-            "line 8 makes a publisher",
-        ),
-        ("self.create_publisher(kwargs['type'], 'out', 1)", {"out": ""}, ""),
-        ("Helper(self)\nself.create_publisher(m.Image, 'out', 1)", {"out": IMAGE}, "Helper()"),
-        (
-            "make = self.create_publisher\nself.create_publisher(m.Image, 'out', 1)",
-            {"out": IMAGE},
-            "line 7 uses create_publisher other than by calling it",
-        ),
-        (
-            "if kwargs:\n    self.create_publisher(m.Image, 'out', 1)\n"  # noqa: ISC004
-            "self.create_publisher(Text, 'out', 1)",
-            {"out": ""},
-            "whether line 8",
-        ),
-    ],
-)
-def test_literal_topics_are_known_and_what_may_be_missing_has_a_reason(
-    body: str, publishes: Any, why: str, tmp_path: Path
-) -> None:
-    found = literal(tmp_path, body)
-    assert found.publishes == publishes
-    assert why in found.may_publish_more
-    assert bool(why) == bool(found.may_publish_more)
-
-
-@pytest.mark.parametrize(
-    ("body", "tick", "timed"),
-    [
-        ("self.create_timer(0.02, self.tick)", "self.pub.publish(1)", {"out": "0.02"}),
-        (
-            "period = 1 / 50\nself.create_timer(period, self.tick)",
-            "self.pub.publish(1)",
-            {"out": "1 / 50"},
-        ),
-        (
-            "self.create_timer(1 / self.get_parameter('hz').value, self.tick)",
-            "self.pub.publish(1)",
-            {"out": "1 / $(parameter hz)"},
-        ),
-        ("self.create_timer(kwargs['p'], self.tick)", "self.pub.publish(1)", {"out": None}),
-        ("self.create_timer(1, self.tick)", "if self.x: self.pub.publish(1)", {"out": "1"}),
-        ("self.create_timer(1, self.tick)", "while self.x: self.pub.publish(self.x.pop())", {}),
-        ("self.create_timer(1, self.tick)\nself.tick()", "self.pub.publish(1)", {}),
-        ("self.create_timer(1, self.tick)\nself.pub.publish(1)", "self.pub.publish(1)", {}),
-        ("self.create_timer(1, self.tick)", "print(1)", {}),
-    ],
-)
-def test_what_a_timer_publishes_has_its_pace(
-    body: str, tick: str, timed: Any, tmp_path: Path
-) -> None:
-    """Not in a loop, which may empty a queue of inputs, and not where inputs publish it, too."""
-    made = "self.pub = self.create_publisher(m.Image, 'out', 1)\nself.x = []"
-    found = literal(tmp_path, f"{made}\n{body}", after=f"    def tick(self):\n        {tick}\n")
-    assert found.timed == timed
-
-
-@pytest.mark.parametrize(
-    "body",
-    [
-        "topic = 'out'\nself.create_publisher(m.Image, topic, 1)",
-        "self.topic = 'out'\nself.create_publisher(m.Image, self.topic, 1)",
-    ],
-)
-def test_a_topic_is_followed_to_its_only_text(body: str, tmp_path: Path) -> None:
-    found = literal(tmp_path, body)
-    assert (found.publishes, found.may_publish_more) == ({"out": IMAGE}, "")
+@pytest.mark.parametrize("case", NODES["classes"], ids=lambda case: case["body"])
+def test_what_the_text_of_a_class_says(case: dict[str, Any], tmp_path: Path) -> None:
+    after = textwrap.indent(case.get("after", ""), "    ")
+    found = literal(tmp_path, case["body"], case.get("base", "Node"), after)
+    parameters = found.parameters
+    known = {
+        "publishes": found.publishes,
+        "subscribes": found.subscribes,
+        "timed": found.timed,
+        "depths": {topic: qos.depth for topic, qos in found.qos.items()},
+        "parameters": parameters and {name: each.type for name, each in parameters.items()},
+    }
+    expected = {key: value for key, value in case.items() if key in known}
+    assert {key: known[key] for key in expected} == expected
+    if "publishes" in case:
+        why = case.get("why", "")
+        assert why in found.may_publish_more
+        assert bool(why) == bool(found.may_publish_more)
 
 
 @pytest.mark.parametrize(
@@ -220,110 +148,29 @@ def test_a_parameter_names_a_topic(value: str, tmp_path: Path) -> None:
         assert node.interface.publishes_all
 
 
-@pytest.mark.parametrize(
-    ("body", "declared"),
-    [
-        ("self.declare_parameters('', [('a', 1), ('b', 'x')])", {"a", "b"}),
-        ("self.declare_parameters('', names)", None),
-        ("for name in 'ab':\n    self.declare_parameter(name, 1)", None),
-    ],
-)
-def test_parameters_are_known_together(body: str, declared: Any, tmp_path: Path) -> None:
-    found = literal(tmp_path, body).parameters
-    assert (None if found is None else set(found)) == declared
-
-
-@pytest.mark.parametrize("base", ["Other", "Node, Other"])
-def test_what_a_class_inherits_is_not_known(base: str, tmp_path: Path) -> None:
-    found = literal(tmp_path, "self.create_publisher(m.Image, 'out', 1)", base)
-    assert found.publishes == {"out": IMAGE}
-    assert found.may_publish_more == f"N inherits from {base}, which may have others"
-
-
-def test_a_class_with_methods_of_its_own_to_make_topics_is_unknown(tmp_path: Path) -> None:
-    body = "self.create_publisher(m.Image, 'out', 1)\nN.create_publisher = print"
-    found = literal(tmp_path, body)
-    assert found.publishes is None
-    assert "methods of its own" in found.may_publish_more
-
-
-MAKES_OUT = "rclpy.init()\nnode = rclpy.create_node('n')\nnode.create_publisher(Image, 'out', 5)\n"
-
-
 def program(tmp_path: Path, main: str) -> Any:
     """What is known of ``main`` with this body, in the file of a node in another folder."""
     file = tmp_path / "src/package/nodes.py"
     file.parent.mkdir(parents=True, exist_ok=True)
-    lines = "\n".join(f"    {line}" for line in main.splitlines())
     file.write_text(
         "import rclpy\nimport helpers\nfrom helpers import add\n"
         "from rclpy.executors import MultiThreadedExecutor\nfrom rclpy.node import Node\n"
         "from sensor_msgs.msg import Image\n"
         "class N(Node):\n    def __init__(self):\n        super().__init__('n')\n"
         "        self.pub = self.create_publisher(Image, 'out', 5)\n"
-        f"def main(args=None):\n{lines}\n",
+        f"def main(args=None):\n{textwrap.indent(main, '    ')}\n",
         encoding="utf-8",
     )
     return read_node_source(file, "main")
 
 
-@pytest.mark.parametrize(
-    "main",
-    [
-        "rclpy.init()\nrclpy.spin(N())",
-        (
-            "rclpy.init(args=args)\nnode = N()\ntry:\n    rclpy.spin(node)\n"
-            "except KeyboardInterrupt:\n    pass\nfinally:\n    node.destroy_node()\n"
-            "    if rclpy.ok():\n        rclpy.shutdown()"
-        ),
-        (
-            "with rclpy.init(args=args):\n    node = N()\n    executor = MultiThreadedExecutor()\n"
-            "    executor.add_node(node)\n    node.get_logger().info('spins')\n    executor.spin()"
-        ),
-        f"{MAKES_OUT}rclpy.spin(node)",
-        f"{MAKES_OUT.replace('rclpy.create_node', 'Node')}node.create_timer(1.0, lambda: None)",
-        (
-            "with rclpy.init(args=args):\n    node = rclpy.create_node('n')\n"
-            "    publisher = node.create_publisher(Image, 'out', 5)\n"
-            "    def on_timer():\n        publisher.publish(Image())\n"
-            "        node.get_logger().info('published')\n"
-            "    node.create_timer(1.0, on_timer)\n    executor = MultiThreadedExecutor()\n"
-            "    executor.add_node(node)\n    try:\n        executor.spin()\n"
-            "    finally:\n        node.destroy_node()"
-        ),
-    ],
-)
+@pytest.mark.parametrize("main", NODES["whole programs"])
 def test_a_program_has_the_interface_of_the_node_that_it_makes(main: str, tmp_path: Path) -> None:
     found = program(tmp_path, main)
     assert (found.publishes, found.may_publish_more) == ({"out": IMAGE}, "")
 
 
-@pytest.mark.parametrize(
-    "main",
-    [
-        "rclpy.init()\nnode = N()\nnode.create_publisher(Image, 'more', 1)\nrclpy.spin(node)",
-        "rclpy.init()\nnode = N()\nadd(node)\nrclpy.spin(node)",
-        "rclpy.init()\nnode = N()\nhelpers.spin(node)",
-        "rclpy.init()\nnode = N()\nnode = helpers\nnode.spin(N())",
-        "rclpy.init()\nN()\nrclpy.spin(N())",
-        "rclpy.init()\nfor name in 'ab':\n    rclpy.spin(N())",
-        "rclpy.init()\nif args:\n    rclpy.spin(N())",
-        "rclpy.init()\nrclpy.spin(N(args))",
-        "rclpy.init()\nrclpy.spin(Node('other'))",
-        f"{MAKES_OUT}add(node)",
-        f"{MAKES_OUT}timer = helpers.Timer(lambda: add(node))",
-        f"{MAKES_OUT}if args:\n    node.create_publisher(Image, 'out', 1)",
-        f"{MAKES_OUT}for name in args:\n    node.create_publisher(Image, name, 1)",
-        f"{MAKES_OUT}def more():\n    node.create_publisher(Image, 'out', 1)",
-        f"{MAKES_OUT}def more(node):\n    node.create_publisher(Image, 'more', 1)",
-        f"{MAKES_OUT}other = Node('other')\nother.create_publisher(Image, 'more', 1)",
-        f"{MAKES_OUT}rclpy.spin(helpers.other)",
-        f"{MAKES_OUT}node = helpers.other\nrclpy.spin(node)",
-        f"{MAKES_OUT}def change():\n    nonlocal node\n    node = helpers.other",
-        f"{MAKES_OUT}MultiThreadedExecutor().add_node(helpers.other)",
-        f"rclpy.init()\nif args:\n    {MAKES_OUT.splitlines()[1]}",
-    ],
-)
+@pytest.mark.parametrize("main", NODES["programs with more"])
 def test_what_a_program_does_besides_is_a_reason_for_more(main: str, tmp_path: Path) -> None:
     found = program(tmp_path, main)
     assert found.may_publish_more

@@ -1,0 +1,27 @@
+"""Everything that launch files say of what they start is in the spec, or named with its line.
+
+The spec of each file is stored beside it. With ``R2BSPEC_REWRITE=1`` in the environment it is
+written instead of compared.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from golden import compare
+from launch_specs import FOLDER, made, stored
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("conditions.launch.py", "conditions.launch.xml", "conditions.launch.yaml"),
+        *("contents.launch.py", "contents.launch.xml"),
+    ],
+)
+def test_the_spec_of_a_launch_file(name: str) -> None:
+    Path("more.launch.xml").write_text(stored("more.launch.xml"))
+    _, text = made(name, stored(name))
+    compare(text, FOLDER / f"{name}.r2b.yaml")
