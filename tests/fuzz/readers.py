@@ -311,6 +311,15 @@ def _scripts() -> Iterator[bytes]:
         yield file.read_bytes()
 
 
+MARKUP = """<launch>
+  <arg name="a" default="b"/>
+  <node_container pkg="rclcpp_components" exec="component_container" name="c" namespace="">
+    <composable_node pkg="p" plugin="p::P" name="n"><remap from="x" to="$(var a)"/>
+    </composable_node>
+  </node_container>
+  <group><push-ros-namespace namespace="s"/><node pkg="p" exec="e" args="$(env HOME)"/></group>
+</launch>
+"""
 _LAUNCH_WORDS = (
     *("launch", "node", "group", "include", "arg", "let", "param", "remap", "env", "set_env"),
     *("push_ros_namespace", "push-ros-namespace", "node_container", "composable_node", "timer"),
@@ -360,6 +369,12 @@ def _mcap_seeds() -> Iterator[bytes]:
 
 
 # ---- runs, results and reports ----
+
+
+def _history(data: bytes, folder: Path) -> None:
+    (folder / "history.sqlite").write_bytes(data)
+    listing = ("history", "list", "--file", "history.sqlite", "--format")
+    answered((*listing, "text"), (*listing, "json"))
 
 
 def _record(data: bytes, folder: Path) -> None:
@@ -757,6 +772,7 @@ READERS = {
             write_ros1, [{"compression": kind} for kind in ("none", "bz2", "lz4")], ".bag"
         ),
     ),
+    "history": Reader(_history, mutations.sqlite, lambda: (_prototypes().history.read_bytes(),)),
     "record": Reader(_record, _json, _record_seeds),
     "tuning": Reader(_tuning, _json, _tuning_seeds, _fonts),
     "arrays": Reader(_arrays, mutations.numbers, _arrays_seeds),
@@ -771,7 +787,7 @@ READERS = {
     "playback": Reader(_playback, _playback_mutation, _playback_seeds, _player),
     "lsp": Reader(_lsp, _json, _lsp_seeds),
     "script": Reader(_script, mutations.python, _scripts),
-    "launch": Reader(_launch, _files),
+    "launch": Reader(_launch, _files, lambda: (MARKUP.encode(),)),
     "fleet": Reader(
         _fleet, mutations.by_start({b"\x1f": mutations.archive}, _packed), _fleet_seeds
     ),

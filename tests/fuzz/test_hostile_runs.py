@@ -84,17 +84,17 @@ def test_a_hostile_spec_of_a_run_is_refused(kind: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["pipe", "zeros", "itself", "terabyte", "deep"])
-@pytest.mark.parametrize("verb", ["import", "compare", "report"])
-def test_a_hostile_result_or_report_is_refused(verb: str, kind: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "words",
+    [
+        *("import @", "compare @ @", "report @", "judge @", "plan @", "run @ --output out"),
+        *("data info @", "history list --file @"),
+    ],
+)
+def test_a_hostile_file_is_refused_by_every_verb(words: str, kind: str, tmp_path: Path) -> None:
     file = tmp_path / "result.json"
     file.write_bytes(DEEP) if kind == "deep" else make_special(file, kind)
-    arguments = (file, file) if verb == "compare" else (file,)
-    answered(verb, *arguments, cwd=tmp_path)
-
-
-def test_a_plan_that_is_a_pipe_is_refused(tmp_path: Path) -> None:
-    make_special(tmp_path / "plan.json", "pipe")
-    answered("run", "plan.json", "--output", "out", cwd=tmp_path)
+    answered(*words.replace("@", file.name).split(), cwd=tmp_path, status=(2, 4))
 
 
 @pytest.mark.parametrize(
