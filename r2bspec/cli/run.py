@@ -21,6 +21,7 @@ from r2bspec.report.output import echo
 from r2bspec.safe_io.limits import MAX_PLANNED_ITERATIONS
 
 if TYPE_CHECKING:
+    from r2bspec.api import HostLock
     from r2bspec.report.write_reports import ReportRequest
 
 
@@ -87,6 +88,11 @@ class RunArguments:
         from r2bspec.compare.base_tree import parse_base_reference
 
         return parse_base_reference(self.against).has_tree
+
+    @property
+    def lock(self) -> HostLock:
+        """What to do while this host runs another benchmark."""
+        return "off" if self.no_lock else "refuse" if self.no_wait else "wait"
 
     @property
     def needs_suite(self) -> bool:

@@ -126,13 +126,7 @@ def _run_here(
         }
         for needs_lock in (False, True):
             if needs_lock and unplayed:
-                stack.enter_context(
-                    locked_host(
-                        f"{len(entries)} benchmarks",
-                        lock=not options.no_lock,
-                        wait=not options.no_wait,
-                    )
-                )
+                stack.enter_context(locked_host(f"{len(entries)} benchmarks", options.lock))
             if gate is None:
                 continue
             for entry in unplayed:
