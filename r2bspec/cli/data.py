@@ -209,9 +209,11 @@ def _window(text: str | None, start: Duration | None, end: Duration | None) -> T
                 "--window cannot be combined with --start and --end", hint="Leave one of them out."
             )
         try:
-            first, last = (part.strip() for part in text.split(":"))
-            start = Duration.parse(first) if first else None
-            end = Duration.parse(last) if last else None
+            first, colon, last = text.partition(":")
+            if not colon:
+                raise ValueError("it has no colon")
+            start = Duration.parse(first) if first.strip() else None
+            end = Duration.parse(last) if last.strip() else None
         except ValueError as error:
             raise UsageError(
                 f"{text!r} is not a window: {error}", hint="Write START:END, such as '0 s:0.5 s'."
