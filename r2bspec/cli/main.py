@@ -94,28 +94,8 @@ _WORDS = ("COMP_WORDS", "COMP_CWORD")
 _MAX_WORD_DIGITS = 9
 
 
-class _OutputClosedError(Exception):
-    """A `BrokenPipeError`, which click would take for itself, and exit with 1."""
-
-
-@contextlib.contextmanager
-def _noticing_closed_output() -> Iterator[None]:
-    try:
-        yield
-    except BrokenPipeError as error:
-        raise _OutputClosedError from error
-
-
 class _Verbs(click.Group):
     """Imports a verb's module on demand, so that start-up pays for one verb only."""
-
-    def make_context(self, *args: Any, **more: Any) -> click.Context:
-        with _noticing_closed_output():
-            return super().make_context(*args, **more)
-
-    def invoke(self, ctx: click.Context) -> Any:
-        with _noticing_closed_output():
-            return super().invoke(ctx)
 
     def list_commands(self, _ctx: click.Context) -> list[str]:
         return list(VERBS)
@@ -175,7 +155,7 @@ def main(argv: list[str] | None = None) -> int:
         _spare_address_space()
         _require_arguments(sys.argv[1:] if argv is None else argv)
         with _notes_on_caches(), _interruptible():
-            status = command.main(args=argv, prog_name="r2bspec", standalone_mode=False)
+            status = _called(sys.argv[1:] if argv is None else argv)
         sys.stdout.flush()
     except R2bspecError as error:
         show_error(error)
@@ -191,7 +171,7 @@ def main(argv: list[str] | None = None) -> int:
         return ExitStatus.USAGE
     except click.exceptions.Exit as error:
         return error.exit_code
-    except (_OutputClosedError, BrokenPipeError):
+    except BrokenPipeError:
         # The reader of our output has closed the pipe, as `head` does; the interpreter must not
         # try to flush at exit.
         _discard_output()
@@ -222,6 +202,15 @@ def main(argv: list[str] | None = None) -> int:
         show_error(failure)
         return failure.exit_code
     return status if isinstance(status, int) else ExitStatus.OK
+
+
+def _called(arguments: list[str]) -> Any:
+    """What the verb returns."""
+    if _COMPLETE in os.environ:
+        return command.main(arguments, "r2bspec")
+    # Not `main` of click, which takes a `BrokenPipeError` for itself, and exits with 1.
+    with command.make_context("r2bspec", [*arguments]) as context:
+        return command.invoke(context)
 
 
 def _is_folder_gone() -> bool:

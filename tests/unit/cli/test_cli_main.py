@@ -126,10 +126,10 @@ def test_a_misspelt_verb_is_answered_with_the_right_one(call: Call) -> None:
 def test_an_error_is_a_line_a_hint_and_a_status(
     error: BaseException, status: int, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
-    def fail(**_: object) -> None:
+    def fail(_: object) -> None:
         raise error
 
-    monkeypatch.setattr(cli.command, "main", fail)
+    monkeypatch.setattr(cli.command, "invoke", fail)
     shown = call("validate", status=status).err
     assert "Traceback" not in shown
     if isinstance(error, R2bspecError):
@@ -141,13 +141,13 @@ def test_an_error_is_a_line_a_hint_and_a_status(
 def test_a_signal_ends_any_verb_as_interrupted(
     number: signal.Signals, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
-    def interrupted(**_: object) -> int:
+    def interrupted(_: object) -> int:
         os.kill(os.getpid(), number)
         time.sleep(60)
         return 0
 
     before = signal.getsignal(number)
-    monkeypatch.setattr(cli.command, "main", interrupted)
+    monkeypatch.setattr(cli.command, "invoke", interrupted)
     assert call("validate", status=130).err == "interrupted\n"
     assert signal.getsignal(number) is before
 

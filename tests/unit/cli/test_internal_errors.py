@@ -85,7 +85,7 @@ def test_what_a_limit_of_the_user_has_caused_is_no_crash(
     call: Call,
 ) -> None:
     error.add_note("run folder: there")
-    monkeypatch.setattr(cli.command, "main", lambda **_: _raise(error))
+    monkeypatch.setattr(cli.command, "invoke", lambda _: _raise(error))
     none = resource.RLIM_INFINITY
     monkeypatch.setattr(
         resource, "getrlimit", lambda of: (20, 20) if of == number else (none, none)
@@ -100,7 +100,7 @@ def test_what_a_limit_of_the_user_has_caused_is_no_crash(
 def test_a_crash_is_a_line_a_file_and_status_70(
     kind: str, temporary: Path, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
-    monkeypatch.setattr(cli.command, "main", lambda **_: CRASHES[kind]())
+    monkeypatch.setattr(cli.command, "invoke", lambda _: CRASHES[kind]())
     shown = call("validate", status=ExitStatus.INTERNAL_ERROR)
     assert shown.out == ""
     (line,) = shown.err.splitlines()
@@ -117,7 +117,7 @@ def test_the_line_has_nothing_of_the_input(
     temporary: Path, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
     crash = ValueError("\x1b[2J\n::error::hunter2")
-    monkeypatch.setattr(cli.command, "main", lambda **_: _raise(crash))
+    monkeypatch.setattr(cli.command, "invoke", lambda _: _raise(crash))
     shown = call("validate", status=ExitStatus.INTERNAL_ERROR).err
     assert "hunter2" not in shown
     assert "\x1b" not in shown
@@ -130,7 +130,7 @@ def test_without_room_for_the_traceback_the_line_is_said_all_the_same(
 ) -> None:
     full = OSError(28, "No space left on device")
     monkeypatch.setattr("tempfile.mkstemp", lambda **_: _raise(full))
-    monkeypatch.setattr(cli.command, "main", lambda **_: CRASHES["TypeError"]())
+    monkeypatch.setattr(cli.command, "invoke", lambda _: CRASHES["TypeError"]())
     (line,) = call("validate", status=ExitStatus.INTERNAL_ERROR).err.splitlines()
     assert "could not be written: No space left on device" in line
 
