@@ -136,13 +136,6 @@ def test_every_form_holds_hostile_names_and_texts(form: str, tmp_path: Path) -> 
     assert "\x1b" not in said
 
 
-def test_a_file_without_a_spec_suffix_and_a_device(tmp_path: Path) -> None:
-    for device in ("/dev/null", "/dev/zero", "/dev/ptmx"):
-        said = validate(Path(device))
-        assert "error[R2B001 file-unreadable]" in said
-        assert "it is a device, not a regular file" in said
-
-
 @pytest.mark.parametrize("kibibytes", [128, 511, 512])
 @pytest.mark.parametrize("document", ['{"a":' * 100_000, "a: " + "[" * 5_000], ids=["json", "yaml"])
 def test_a_small_stack_is_named_and_one_of_half_a_mebibyte_suffices(

@@ -26,31 +26,6 @@ from r2bspec.record.run_folder import Run, open_run
 
 SPEC = Path(__file__).parents[3] / "specs" / "relay.r2b.yaml"
 
-_MANY_BRANCHES = "if x == 0: pass\n" + "".join(f"{{0}}elif x == {n}: pass\n" for n in range(2500))
-
-SOURCES = {
-    "2,500 branches of a module": "x = 1\n" + _MANY_BRANCHES.format("") + "class Slow: ...\n",
-    "2,500 branches of a constructor": "from rclpy.node import Node\nclass Slow(Node):\n"
-    " def __init__(self, x=1):\n  " + _MANY_BRANCHES.format("  "),
-    "a list as the key of a default": "from rclpy.node import Node\nclass Slow(Node):\n"
-    " def __init__(self):\n  self.declare_parameter('a', {[]: 1})\n",
-    "an operator in a default": "from rclpy.node import Node\nclass Slow(Node):\n"
-    " def __init__(self):\n  self.declare_parameter('a', {{}: {[]}})\n",
-}
-
-
-@pytest.mark.parametrize("source", SOURCES.values(), ids=SOURCES)
-def test_the_source_of_a_node_breaks_nothing(
-    source: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "node.py").write_text(source)
-    file = tmp_path / "a.r2b.yaml"
-    file.write_text(example().replace("r2bspec.nodes.RelayNode", "./node.py:Slow"))
-    assert "./node.py:Slow" in file.read_text()
-    status = main(["validate", "--offline", str(file)])
-    assert status in {ExitStatus.OK, ExitStatus.FINDINGS_OR_FAILED}
-    assert "R2B690" not in capsys.readouterr().err
-
 
 @pytest.mark.parametrize("output_format", ["text", "json", "github", "sarif", "junit"])
 def test_a_file_name_that_is_not_utf_8(

@@ -170,24 +170,6 @@ def validate(many: list[str], call: Call) -> Call:
     return functools.partial(call, "validate", "--offline", *many, status=status)
 
 
-@TOGETHER
-@pytest.mark.parametrize("kind", CRASHES)
-def test_a_crash_while_a_file_is_checked_names_the_file(
-    kind: str,
-    together: bool,
-    many: list[str],
-    temporary: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    validate: Call,
-) -> None:
-    monkeypatch.setattr(check_files_module, "MIN_PARALLEL_FILES", 2 if together else 1000)
-    (chosen,) = _crash_on(monkeypatch, many, CRASHES[kind])
-    (line,) = validate().err.splitlines()
-    assert f"while checking '{chosen}'" in line
-    (file,) = temporary.iterdir()
-    assert "in load" in file.read_text()
-
-
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV, signal.SIGABRT])
 def test_a_worker_that_dies_is_an_error_that_names_its_file(
     number: signal.Signals, many: list[str], monkeypatch: pytest.MonkeyPatch, validate: Call
@@ -210,6 +192,7 @@ def test_a_crash_does_not_hide_the_findings_of_other_files(
     numbers: tuple[int, ...],
     together: bool,
     many: list[str],
+    temporary: Path,
     monkeypatch: pytest.MonkeyPatch,
     validate: Call,
 ) -> None:
@@ -221,7 +204,9 @@ def test_a_crash_does_not_hide_the_findings_of_other_files(
     shown = validate()
     assert [name for name in many if f"{name}:1:" in shown.out] == wrong
     assert f"{len(many) - len(numbers)} files, " in shown.out
+    assert f"while checking '{crashing[0]}'" in shown.err
     assert [name for name in crashing if repr(name) not in shown.err] == []
+    assert all("in load" in file.read_text() for file in temporary.iterdir())
 
 
 def test_when_every_check_crashes_the_rest_is_left(
