@@ -40,6 +40,9 @@ from r2bspec.execute.processes.environment import (
         "run s --smoke --control",
         "run s --smoke --history user",
         "run s t u --baseline run",
+        # What observes one more iteration is of one run on this host.
+        *("run s --anatomy --on cluster.json", "run s --profile perf --on cluster.json"),
+        "run s --anatomy --against main",
         # A gate needs a base with a work tree.
         *(
             f"run s {option} {against}"

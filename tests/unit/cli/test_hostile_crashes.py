@@ -6,20 +6,16 @@ import functools
 import json
 import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
 
 import r2bspec.cli.check_files as check_files_module
 from example_spec import example
 from r2bspec.api import prepare
 from r2bspec.cli.main import main
-from r2bspec.compare.report_input import ReportInput
 from r2bspec.errors import ExitStatus
-from r2bspec.judge.judge_run import from_json, to_json
 from r2bspec.plan.canonical_json import PlanError, canonical_json, parse_plan
 from r2bspec.record.files import RecordError
 from r2bspec.record.run_folder import Run, open_run
@@ -106,10 +102,7 @@ def _searching_plan() -> bytes:
     return canonical_json(prepare(spec).plan)
 
 
-EVERY_EXTREME = pytest.mark.parametrize("value", EXTREME, ids=lambda each: str(each)[:20])
-
-
-@EVERY_EXTREME
+@pytest.mark.parametrize("value", EXTREME, ids=lambda each: str(each)[:20])
 @pytest.mark.parametrize(
     "place",
     [
@@ -128,13 +121,3 @@ def test_a_number_that_no_record_has_is_refused(
     (tmp_path / "record.json").write_text(json.dumps(_put(record, place, value)))
     with pytest.raises(RecordError, match="is damaged"):
         open_run(tmp_path)
-
-
-@EVERY_EXTREME
-def test_a_number_that_no_result_has_is_refused(
-    value: object, reported: Callable[[str], ReportInput]
-) -> None:
-    result = json.loads(to_json(reported("usual").result))
-    changed = _put(result, ("verdict", "requirements", 0, "limit"), value)
-    with pytest.raises(msgspec.DecodeError):
-        from_json(json.dumps(changed).encode())

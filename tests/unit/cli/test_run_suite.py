@@ -383,18 +383,3 @@ def test_json_of_a_failed_run_is_that_of_what_was_measured(played: list[str], ca
     said = call("specs/broken.r2b.yaml", "-o", "out", "--format", "json", status=4)
     assert json.loads(said.out)["r2bspec_result"] == 1
     assert said.err.rstrip().endswith("run folder: out")
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ("--anatomy --on cluster.json", "--anatomy cannot be combined with --on"),
-        ("--profile perf --on cluster.json", "--profile cannot be combined with --on"),
-        ("--anatomy --against main", "--anatomy cannot be combined with --against"),
-    ],
-)
-def test_what_observes_one_more_iteration_is_of_one_run_on_this_host(
-    call: Call, words: str, said: str
-) -> None:
-    write_specs("a")
-    assert said in call("a.r2b.yaml", *words.split(), status=2).err

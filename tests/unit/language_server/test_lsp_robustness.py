@@ -261,10 +261,12 @@ def test_a_uri_that_names_no_document_gets_the_error_of_the_protocol(uri: str) -
         "r2bspec: 1\ndata_loader: {bag: 'http://[::1'}\n",
         "r2bspec: 1\nname: \0",
         f"r2bspec: 1\nname: {'9' * 5000}\n",
+        *("", "\ufeff", "a: [", "- x\n- y", "🤖", "x: &a [*a]", "\t", "r2bspec: 1\n%"),
     ],
 )
 def test_every_text_is_answered_about(text: str) -> None:
     methods = ("hover", "completion", "definition", "documentHighlight", "prepareRename")
+    methods += ("documentSymbol", "codeLens")
     asked = [about(number, method, line=1) for number, method in enumerate(methods)]
     assert {code for _, code in in_session(opened(text), *asked)} <= {RESULT, PARAMS}
 
