@@ -9,10 +9,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from hostile_calls import INSERT_RUN, change_database, make_history
+from hostile_calls import INSERT_RUN, change_database, make_history, small_run
 
 from data_bags import text, write_bag
-from run_simulation import Played, Simulation, objective
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -166,11 +165,7 @@ class Prototypes:
         messages = [("/a", number, text("x" * number)) for number in range(5)]
         self.bag = write_bag(folder / "bag", messages)
         self.packed = write_bag(folder / "packed", messages, compression="message")
-        self.run = folder / "run"
-        Simulation(
-            segments=[Played(10, [0.01, 0.02])],
-            objectives={"fast": objective("latency.p99 < 60 ms", at="10 Hz")},
-        ).write(self.run)
+        self.run = small_run(folder / "run")
         from r2bspec.judge.judge_run import result_of, to_json
         from r2bspec.record.run_folder import open_run
 

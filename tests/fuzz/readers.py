@@ -39,6 +39,7 @@ from rich.console import Console
 
 import tuning_results
 from data_bags import chatter, write_mcap, write_ros1
+from editor_messages import EXIT, INITIALIZE, SHUTDOWN, framed
 from r2bspec.check import check
 from r2bspec.cli.internal_error import Crash
 from r2bspec.cli.main import main
@@ -590,12 +591,11 @@ def _lsp(data: bytes, folder: Path) -> None:
 
     messages = _json_of(data)
     messages = messages if isinstance(messages, list) else [messages]
-    messages = [_request("initialize", capabilities={}), *messages[:20], _request("shutdown")]
     sent = b"".join(
-        message.encode("utf-8", "surrogatepass") if isinstance(message, str) else _framed(message)
-        for message in messages
+        message.encode("utf-8", "surrogatepass") if isinstance(message, str) else framed(message)
+        for message in messages[:20]
     )
-    sent += _framed({"jsonrpc": "2.0", "method": "exit"})
+    sent = INITIALIZE + sent + SHUTDOWN + EXIT
     defects: list[BaseException] = []
 
     def keep(error: BaseException) -> str:
@@ -615,15 +615,6 @@ def _lsp(data: bytes, folder: Path) -> None:
         assert b'"id":"shutdown"' in received.getvalue(), "no answer"
 
 
-def _framed(message: Any) -> bytes:
-    body = json.dumps(message).encode()
-    return b"Content-Length: %d\r\n\r\n" % len(body) + body
-
-
-def _request(method: str, **params: Any) -> dict[str, Any]:
-    return {"jsonrpc": "2.0", "id": method, "method": method, "params": params}
-
-
 def _lsp_seeds() -> Iterator[bytes]:
     from lsprotocol import types
 
@@ -636,7 +627,8 @@ def _lsp_seeds() -> Iterator[bytes]:
     opened = {"method": "textDocument/didOpen", "params": {"textDocument": item}, "jsonrpc": "2.0"}
     methods = [name for name in types.METHOD_TO_TYPES if name.startswith("textDocument/")]
     for method in methods:
-        asked = _request(method, **place, positions=[place["position"]])
+        params = place | {"positions": [place["position"]]}
+        asked = {"jsonrpc": "2.0", "id": method, "method": method, "params": params}
         yield json.dumps([opened, asked, "Content-Length: 2\n\n{}"]).encode()
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 from hostile_calls import LONGEST_S, answered, change_database, make_history, make_special
-from hostile_inputs import zeros
+from hostile_inputs import SPEC, zeros
 from mcap.writer import IndexType
 
 from data_bags import text, write_bag, write_mcap, write_ros1
@@ -25,21 +25,11 @@ pytestmark = pytest.mark.timeout(4 * LONGEST_S)
 BOMB_BYTES = 1_500 << 20
 MESSAGES = [("/a", number, text("x")) for number in range(5)]
 
-SPEC = """\
-r2bspec: 1
-name: hostile
-data_loader: {bag: PLACE, topics: {/a: a}}
-playback: {inputs: {image: {from: a, format: std_msgs/msg/String}}}
-graph: {nodes: {n: {command: [x], subscribes: {a: std_msgs/msg/String}}}}
-monitors: {output: {topic: output, format: std_msgs/msg/String}}
-benchmark: {rates: [30 Hz]}
-"""
-
 
 def refused(bag: Path, reason: str, *, code: str = "R2B30") -> None:
     """Every verb that reads a bag names the reason, and ends."""
     spec = bag.parent / "hostile.r2b.yaml"
-    spec.write_text(SPEC.replace("PLACE", f"./{bag.name}"), encoding="utf-8")
+    spec.write_text(SPEC.replace("./bag", f"./{bag.name}"), encoding="utf-8")
     for arguments in (("validate", spec), ("plan", spec), ("data", "info", bag)):
         said = answered(*arguments, cwd=bag.parent, status=(1, 2), says=reason)
         assert code in said

@@ -18,6 +18,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from editor_messages import EXIT, INITIALIZE, SHUTDOWN, URI, changed, framed, notice, request
+from editor_messages import opened as opened_text
 from r2bspec.cli.lsp import defects_in_files
 from r2bspec.language_server.positions import TextPositions, edited
 from r2bspec.language_server.protocol import Change, Connection, Message, Position, Range, decoded
@@ -30,7 +32,6 @@ from r2bspec.safe_io.limits import (
 
 _WAIT_S = 60.0
 SPEC = "r2bspec: 1\nname: 5\n"
-URI = "file:///a.r2b.yaml"
 
 PARSE, REQUEST, METHOD, PARAMS = -32700, -32600, -32601, -32602
 NOT_INITIALIZED, CANCELLED, INTERNAL = -32002, -32800, -32603
@@ -38,17 +39,8 @@ RESULT = 0
 """In place of the code of an error."""
 
 
-def framed(message: Any) -> bytes:
-    body = message if isinstance(message, bytes) else json.dumps(message).encode()
-    return b"Content-Length: %d\r\n\r\n" % len(body) + body
-
-
-def request(number: Any, method: str, **params: Any) -> bytes:
-    return framed({"jsonrpc": "2.0", "id": number, "method": method, "params": params})
-
-
-def notice(method: str, **params: Any) -> bytes:
-    return framed({"jsonrpc": "2.0", "method": method, "params": params})
+def opened(text: str = SPEC, uri: str = URI) -> bytes:
+    return opened_text(text, uri)
 
 
 def about(number: int, method: str, line: object = 0, uri: str = URI, **more: Any) -> bytes:
@@ -57,19 +49,6 @@ def about(number: int, method: str, line: object = 0, uri: str = URI, **more: An
     return request(number, f"textDocument/{method}", textDocument=document, position=place, **more)
 
 
-def opened(text: str = SPEC, uri: str = URI) -> bytes:
-    item = {"uri": uri, "languageId": "yaml", "version": 1, "text": text}
-    return notice("textDocument/didOpen", textDocument=item)
-
-
-def changed(*changes: Any, uri: str = URI) -> bytes:
-    document = {"uri": uri, "version": 2}
-    return notice("textDocument/didChange", textDocument=document, contentChanges=changes)
-
-
-INITIALIZE = request("initialize", "initialize", capabilities={})
-SHUTDOWN = request("shutdown", "shutdown")
-EXIT = notice("exit")
 LAST = request("last", "unknown")
 
 
