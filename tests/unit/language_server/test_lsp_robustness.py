@@ -15,13 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from editor_messages import EXIT, INITIALIZE, SHUTDOWN, URI, changed, framed, notice, request
 from editor_messages import opened as opened_text
 from r2bspec.cli.lsp import defects_in_files
-from r2bspec.language_server.positions import TextPositions, edited
+from r2bspec.language_server.positions import edited
 from r2bspec.language_server.protocol import Change, Connection, Message, Position, Range, decoded
 from r2bspec.language_server.server import create_server
 from r2bspec.safe_io.limits import (
@@ -384,29 +382,24 @@ def test_what_no_code_foresaw_is_a_line_and_its_traceback_is_in_one_file(
         assert "secret" not in answer["error"]["message"]
 
 
-PLACES = st.builds(Position, st.integers(0, 5), st.integers(0, 6))
-TEXTS = st.text("ab\n\r\u2028é😀", max_size=12)
-CHANGES = st.builds(Change, TEXTS, st.none() | st.builds(Range, PLACES, PLACES))
-
-
-@given(
-    text=TEXTS,
-    changes=st.lists(CHANGES, max_size=4),
-    encoding=st.sampled_from(["utf-8", "utf-16", "utf-32"]),
+@pytest.mark.parametrize(
+    ("text", "places", "expected"),
+    [
+        ("a\n😀b\r\nc", (1, 2, 1, 3), "a\n😀x\r\nc"),
+        ("a\nb", (1, 9, 7, 9), "a\nbx"),
+        ("a\nb", (9, 0, 9, 9), "a\nbx"),
+        ("abc", (0, 2, 0, 1), "abxc"),
+        ("a\u2028b\rc", (1, 0, 1, 1), "a\u2028b\rx"),
+        ("", (0, 0, 0, 0), "x"),
+    ],
 )
-def test_changes_are_those_of_the_whole_text(
-    text: str, changes: list[Change], encoding: str
+def test_a_range_is_that_of_the_protocol(
+    text: str, places: tuple[int, int, int, int], expected: str
 ) -> None:
-    """As the protocol defines them, each in the text that the ones before have left."""
-    expected = text
-    for change in changes:
-        if change.range is None:
-            expected = change.text
-            continue
-        positions = TextPositions(expected, encoding)
-        start, end = positions.offset(change.range.start), positions.offset(change.range.end)
-        expected = expected[:start] + change.text + expected[max(start, end) :]
-    assert edited(text, changes, encoding) == expected
+    """A range that ends before it begins is empty; what is beyond the text is at its end."""
+    where = Range(Position(*places[:2]), Position(*places[2:]))
+    twice = [Change("y", Range(Position(0, 0), Position(0, 0))), Change(text), Change("x", where)]
+    assert edited("before", twice, "utf-16") == expected
 
 
 def published(messages: list[dict[str, Any]], uri: str) -> list[dict[str, Any]]:
