@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import re
 import shlex
@@ -17,7 +16,6 @@ import click
 import msgspec
 import pytest
 
-import r2bspec.cli as verbs_package
 from command_line import Call
 from example_spec import example
 from r2bspec._version import __version__
@@ -79,17 +77,8 @@ def test_the_command_does_not_look_into_the_current_folder(
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_every_verb_has_help(verb: str, monkeypatch: pytest.MonkeyPatch, call: Call) -> None:
-    # click keeps the help option of the first call; one that another test made without the group
-    # has other names. So the verb is imported anew, and the one that others use is put back: in the
-    # table of modules and in the package, which both must have it before.
-    name = cli._PLACES.get(verb, verb).partition(":")[0]
-    importlib.import_module(f"r2bspec.cli.{name}")
-    monkeypatch.delitem(sys.modules, f"r2bspec.cli.{name}")
-    monkeypatch.delattr(verbs_package, name)
-    shown = call(verb, "--help", status=0).out
-    assert shown.startswith(f"Usage: r2bspec {verb}")
-    assert "-h, --help" in shown
+def test_every_verb_has_help(verb: str, call: Call) -> None:
+    assert call(verb, "-h", status=0).out.startswith(f"Usage: r2bspec {verb}")
 
 
 def test_the_help_lists_every_verb_and_every_status(call: Call) -> None:
