@@ -85,74 +85,59 @@ def document(content: Callable[[], object], name: str = "x.json") -> Callable[[P
     return write
 
 
+BAG: list[tuple[str, ...]] = [("data", "info"), ("data", "verify"), ("import",)]
+REPORT: list[tuple[str, ...]] = [("import",), ("compare", "@"), ("report",), ("plan",)]
+RUN: list[tuple[str, ...]] = [("judge",), ("compare", "@"), ("report", "--report", "markdown=-")]
+TEXT: list[tuple[str, ...]] = [("validate",), ("plan",)]
+
+BAGS: dict[str, Callable[[Path], str]] = {
+    "empty records of MCAP": mcap,
+    "fields of ROS 1": ros1(lambda: "".join(f"int8 f{n}\n" for n in range(100_000))),
+    "comments of ROS 1": ros1(lambda: "# x\n" * 2_000_000 + "int8 a\n"),
+    "brackets of QoS": profiles("[" * 50_000),
+    "profiles of QoS": profiles("- {depth: 1}\n" * 50_000),
+}
+REPORTS: dict[str, Callable[[], object]] = {
+    "rates of a report": lambda: {f"{n}.5fps": FIGURES for n in range(100_000)} | FIGURES,
+    "monitors of a report": lambda: {f"m{n}": FIGURES for n in range(50_000)} | FIGURES,
+    "shared figures of a report": lambda: (
+        {f"CPUProfilingMetrics.{n}": 1 for n in range(9_000)}
+        | {f"m{n}": FIGURES for n in range(9_000)}
+    ),
+    "a rate of many digits": lambda: {f"{'9' * 5_000_000}fps": FIGURES} | FIGURES,
+    "a name of a report": lambda: (
+        FIGURES | {"metadata": {"BenchmarkMetadata.NAME": "x" * 5_000_000}}
+    ),
+    "numbers": lambda: f"[{'1,' * 5_000_000}1]",
+    "empty maps": lambda: f"[{'{},' * 3_300_000}1]",
+    "keys": lambda: {f"k{n}": 1 for n in range(800_000)},
+}
+SPECS: dict[str, Callable[[], str]] = {
+    "comments": lambda: "# x\n" * 2_400_000,
+    "empty lines": lambda: "\n" * 9_900_000,
+    "words": lambda: f"title: '{'x ' * 4_900_000}'\n",
+    "lines of a text": lambda: "title: |\n" + "  x\n" * 2_400_000,
+    "escapes": lambda: 'title: "' + "\\x41" * 2_400_000 + '"\n',
+    "labels": lambda: f"labels: {{{', '.join(f'k{n}: 1' for n in range(190_000))}}}\n",
+    "references": lambda: "variables: {a: 1}\ntitle: '" + "$(var a)" * 1_200_000 + "'\n",
+    "open references": lambda: f"title: '{'$(' * 4_900_000}'\n",
+    "values of a search": lambda: (
+        f"labels: {{{', '.join(f'k{n}: 1' for n in range(5_000))}}}\n"
+        f"tune: {{values: {{graph.nodes.n.nice: [{', '.join(map(str, range(64)))}]}}}}\n"
+    ),
+    "unknown keys": lambda: "".join(f"k{n}: 1\n" for n in range(190_000)),
+}
+
+
 def spec(more: Callable[[], str]) -> Callable[[Path], str]:
     return document(lambda: SPEC + more(), "x.r2b.yaml")
 
 
-BAG: list[tuple[str, ...]] = [("data", "info"), ("data", "verify"), ("import",)]
-REPORT: list[tuple[str, ...]] = [("import",), ("compare", "@"), ("report",)]
-RUN: list[tuple[str, ...]] = [("judge",), ("compare", "@"), ("report", "--report", "markdown=-")]
-TEXT: list[tuple[str, ...]] = [("validate",), ("plan",)]
-
-COSTS: dict[str, tuple[Callable[[Path], str], list[tuple[str, ...]]]] = {
-    "empty records of MCAP": (mcap, BAG),
-    "fields of ROS 1": (ros1(lambda: "".join(f"int8 f{n}\n" for n in range(100_000))), BAG),
-    "comments of ROS 1": (ros1(lambda: "# x\n" * 2_000_000 + "int8 a\n"), BAG),
-    "brackets of QoS": (profiles("[" * 50_000), BAG),
-    "profiles of QoS": (profiles("- {depth: 1}\n" * 50_000), BAG),
+COSTS = {
+    **{name: (write, BAG) for name, write in BAGS.items()},
     "segments without samples": (run(1_500), RUN),
-    "rates of a report": (
-        document(lambda: {f"{n}.5fps": FIGURES for n in range(100_000)} | FIGURES),
-        REPORT,
-    ),
-    "monitors of a report": (
-        document(lambda: {f"m{n}": FIGURES for n in range(50_000)} | FIGURES),
-        REPORT,
-    ),
-    "shared figures of a report": (
-        document(
-            lambda: (
-                {f"CPUProfilingMetrics.{n}": 1 for n in range(9_000)}
-                | {f"m{n}": FIGURES for n in range(9_000)}
-            )
-        ),
-        REPORT,
-    ),
-    "a rate of many digits": (
-        document(lambda: {f"{'9' * 5_000_000}fps": FIGURES} | FIGURES),
-        REPORT,
-    ),
-    "a name of a report": (
-        document(lambda: FIGURES | {"metadata": {"BenchmarkMetadata.NAME": "x" * 5_000_000}}),
-        REPORT,
-    ),
-    "numbers": (document(lambda: f"[{'1,' * 5_000_000}1]"), [*REPORT, ("plan",)]),
-    "empty maps": (document(lambda: f"[{'{},' * 3_300_000}1]"), REPORT),
-    "keys": (document(lambda: {f"k{n}": 1 for n in range(800_000)}), REPORT),
-    "comments": (spec(lambda: "# x\n" * 2_400_000), TEXT),
-    "empty lines": (spec(lambda: "\n" * 9_900_000), TEXT),
-    "words": (spec(lambda: f"title: '{'x ' * 4_900_000}'\n"), TEXT),
-    "lines of a text": (spec(lambda: "title: |\n" + "  x\n" * 2_400_000), TEXT),
-    "escapes": (spec(lambda: 'title: "' + "\\x41" * 2_400_000 + '"\n'), TEXT),
-    "labels": (
-        spec(lambda: f"labels: {{{', '.join(f'k{n}: 1' for n in range(190_000))}}}\n"),
-        TEXT,
-    ),
-    "references": (
-        spec(lambda: "variables: {a: 1}\ntitle: '" + "$(var a)" * 1_200_000 + "'\n"),
-        TEXT,
-    ),
-    "open references": (spec(lambda: f"title: '{'$(' * 4_900_000}'\n"), TEXT),
-    "values of a search": (
-        spec(
-            lambda: (
-                f"labels: {{{', '.join(f'k{n}: 1' for n in range(5_000))}}}\n"
-                f"tune: {{values: {{graph.nodes.n.nice: [{', '.join(map(str, range(64)))}]}}}}\n"
-            )
-        ),
-        TEXT,
-    ),
-    "unknown keys": (spec(lambda: "".join(f"k{n}: 1\n" for n in range(190_000))), TEXT),
+    **{name: (document(content), REPORT) for name, content in REPORTS.items()},
+    **{name: (spec(more), TEXT) for name, more in SPECS.items()},
 }
 
 
