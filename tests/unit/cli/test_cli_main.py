@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import get_args
 
@@ -316,20 +317,24 @@ def test_the_unit_is_proposed(
 # What a shell proposes, and the pages that are installed.
 
 
-def proposed(*words: str) -> set[str]:
-    """What r2bspec proposes for the last of these words, as bash asks for it."""
-    environment = os.environ | {
-        "_R2BSPEC_COMPLETE": "bash_complete",
-        "COMP_WORDS": " ".join(["r2bspec", *words]),
-        "COMP_CWORD": str(len(words)),
-    }
-    asked = [sys.executable, "-m", "r2bspec"]
-    done = subprocess.run(asked, env=environment, capture_output=True, text=True, check=False)
-    assert done.stderr == ""
-    return {line.partition(",")[2] for line in done.stdout.splitlines() if line}
+@pytest.fixture
+def proposed(call: Call, monkeypatch: pytest.MonkeyPatch) -> Callable[..., set[str]]:
+    """What r2bspec proposes for the last of some words, as bash asks for it."""
+
+    def asked(*words: str) -> set[str]:
+        monkeypatch.setenv("_R2BSPEC_COMPLETE", "bash_complete")
+        monkeypatch.setenv("COMP_WORDS", " ".join(["r2bspec", *words]))
+        monkeypatch.setenv("COMP_CWORD", str(len(words)))
+        said = call(status=0)
+        assert said.err == ""
+        return {line.partition(",")[2] for line in said.out.splitlines() if line}
+
+    return asked
 
 
-def test_verbs_templates_codes_datasets_and_formats_are_proposed() -> None:
+def test_verbs_templates_codes_datasets_and_formats_are_proposed(
+    proposed: Callable[..., set[str]],
+) -> None:
     assert {"run", "report"} <= proposed("r")
     assert "minimal" in proposed("init", "--template", "m")
     assert {"R2B204", "R2B207"} <= proposed("explain", "R2B20")
@@ -339,16 +344,16 @@ def test_verbs_templates_codes_datasets_and_formats_are_proposed() -> None:
     assert {"html=", "hdrhistogram="} == proposed("run", "a.r2b.yaml", "--report", "h")
 
 
-def test_cases_and_variables_of_the_spec_are_proposed(tmp_path: Path) -> None:
+def test_cases_and_variables_of_the_spec_are_proposed(
+    proposed: Callable[..., set[str]], tmp_path: Path
+) -> None:
     spec = tmp_path / "a.r2b.yaml"
     matrix = "variables: {threads: 1}\nmatrix: {axes: {threads: [1, 2]}}\n"
     spec.write_text(example() + matrix)
     assert proposed("run", str(spec), "--case", "") == {"threads=1", "threads=2", "all"}
     assert proposed("plan", str(spec), "--var", "t") == {"threads="}
-
-
-def test_a_spec_that_cannot_be_read_proposes_nothing(tmp_path: Path) -> None:
-    assert proposed("run", str(tmp_path / "none.r2b.yaml"), "--case", "t") == set()
+    none = str(tmp_path / "none.r2b.yaml")
+    assert proposed("run", none, "--case", "t") == set(), "nothing, where nothing can be read"
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

@@ -242,8 +242,8 @@ def test_a_uri_that_names_no_document_gets_the_error_of_the_protocol(uri: str) -
     ],
 )
 def test_every_text_is_answered_about(text: str) -> None:
-    methods = ("hover", "completion", "definition", "documentHighlight", "prepareRename")
-    methods += ("documentSymbol", "codeLens")
+    of_places = ("hover", "completion", "definition", "documentHighlight", "prepareRename")
+    methods = (*of_places, "documentSymbol", "codeLens")
     asked = [about(number, method, line=1) for number, method in enumerate(methods)]
     assert {code for _, code in in_session(opened(text), *asked)} <= {RESULT, PARAMS}
 
