@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from r2bspec.cli import shared_options
-from r2bspec.cli.spec_selection import ALL_CASES, SpecSelection, is_file_list, run_items
+from r2bspec.cli.spec_selection import ALL_CASES, SpecSelection, is_file_list, suite_entries
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
 from r2bspec.safe_io.limits import MAX_PLANNED_ITERATIONS
@@ -395,8 +395,8 @@ def command(
     if files is None:
         files = spec_files(specs)
     selection = SpecSelection(Path(), **values)
-    items = run_items(selection, files, options.select, options.scan) if files else []
-    return run_suite(items, options, specs)
+    entries = suite_entries(selection, files, options.select, options.scan) if files else []
+    return run_suite(entries, options, specs)
 
 
 def _is_collection(path: str) -> bool:
