@@ -296,7 +296,7 @@ def run(
         abort_on_fail, record_outputs, anatomy, profile, profile_node, identity, tuple(gate)
     )
     with (
-        _locked(prepared.plan.name, lock, listener),
+        locked_host(prepared.plan.name, lock, listener.note),
         private_files(),
         RunFolder.create(output or default_run_folder(prepared.plan.name)) as folder,
     ):
@@ -320,18 +320,26 @@ def run(
 
 
 @contextlib.contextmanager
-def _locked(name: str, lock: HostLock, progress: Progress | None) -> Iterator[None]:
-    """The lock of the host, unless it is not wanted."""
+def locked_host(what: str, lock: HostLock, note: Callable[[str], None]) -> Iterator[None]:
+    """The lock of the host, unless it is not wanted.
+
+    Args:
+        what: is shown to those who wait, such as the name of the benchmark.
+        lock: as for `run`.
+        note: is told whom it is waited for.
+
+    Raises:
+        HostBusyError: another run has it, and is not waited for.
+    """
     if lock == "off":
         yield
         return
     from r2bspec.execute.processes.machine import host_lock
 
     def on_wait(holder: str) -> None:
-        if progress is not None:
-            progress.note(f"waiting for {holder}, which runs on this host")
+        note(f"waiting for {holder}, which runs on this host")
 
-    with host_lock(name, wait=lock == "wait", on_wait=on_wait):
+    with host_lock(what, wait=lock == "wait", on_wait=on_wait):
         yield
 
 
@@ -425,6 +433,7 @@ def run_pairs(
     from r2bspec.compare.interleaved_comparison import ComparisonSide, prepare_comparison
     from r2bspec.compare.interleaved_runs import compare
     from r2bspec.execute.processes.environment import applied_environment, workspace_environments
+    from r2bspec.execute.progress import Progress
 
     reference = parse_base_reference(against)
     environment = workspace_environments(reference.environments)
@@ -442,7 +451,8 @@ def run_pairs(
         *sides, against=reference.text, pairs=pairs, control=control, force=force
     )
     name = f"{head.plan.name}-pairs"
-    with _locked(name, lock, progress):
+    listener = progress or Progress()
+    with locked_host(name, lock, listener.note):
         return compare(comparison, output or default_run_folder(name), progress)
 
 
@@ -507,8 +517,10 @@ def run_gated(
     from r2bspec.compare.interleaved_comparison import BaseFailsError, GateCheck, prepare_comparison
     from r2bspec.compare.interleaved_runs import compare
     from r2bspec.compare.merge_gate import ALLOW_BASE
+    from r2bspec.execute.progress import Progress
 
     name = f"{head.plan.name}-pairs"
+    listener = progress or Progress()
     folder = output or default_run_folder(name)
     sides = gate.sides(selection, head, progress)
     if sides.base is not None:
@@ -521,7 +533,7 @@ def run_gated(
             gate=GateCheck(sides.sentences, gate.check_loaded_files),
         )
         try:
-            with _locked(name, lock, progress):
+            with locked_host(name, lock, listener.note):
                 return compare(comparison, folder, progress)
         except BaseFailsError as error:
             if ALLOW_BASE not in gate.settings.allow:

@@ -10,7 +10,6 @@ import json
 import os
 import secrets
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -47,16 +46,6 @@ _CREATE_TIMEOUT_S = 60.0
 _REPLY_SLACK_S = 60.0
 
 
-@dataclass(frozen=True, slots=True)
-class InterfaceResult:
-    """The result for one node: its interface as in the file, or the problem."""
-
-    node: str
-    interface: dict[str, Any] | None = None
-    problem: str = ""
-    hint: str = ""
-
-
 def record_interfaces(
     spec: Spec,
     base_dir: Path,
@@ -64,7 +53,7 @@ def record_interfaces(
     only: tuple[str, ...] = (),
     timeout_s: float = 20.0,
     on_node: Callable[[str], None] = lambda _: None,
-) -> Iterator[InterfaceResult]:
+) -> Iterator[tuple[str, dict[str, Any] | R2bspecError]]:
     """Start and inspect each node once.
 
     Args:
@@ -75,7 +64,8 @@ def record_interfaces(
         on_node: is called with the key of each node before it is started.
 
     Yields:
-        One result for each node, preprocessors first.
+        The key of each node with its interface, as in the file, or why there is none;
+        preprocessors first.
 
     Raises:
         InterruptedRunError: a signal has arrived.
@@ -94,17 +84,17 @@ def record_interfaces(
                 interfaces = _inspect(
                     plan, node, base_dir.absolute(), scratch, timeout_s, interrupts.check
                 )
-                yield InterfaceResult(node.key, _interface_entry(interfaces, node, base_dir))
+                yield node.key, _interface_entry(interfaces, node, base_dir)
             except R2bspecError as error:
                 if error.exit_code == ExitStatus.INTERRUPTED:
                     raise
-                yield _failed(node.key, error, str(scratch))
+                yield node.key, _told(node.key, error, str(scratch))
 
 
-def _failed(node: str, error: R2bspecError, scratch: str) -> InterfaceResult:
-    """The result of an error, with the real name of the node and without temporary files."""
+def _told(node: str, error: R2bspecError, scratch: str) -> R2bspecError:
+    """The error with the real name of the node, and without temporary files."""
     text = str(error).removeprefix(f"{node}: ").replace(f"{NAMESPACE}/{_INSPECTED_NAME}", node)
-    return InterfaceResult(node, problem=text, hint="" if scratch in error.hint else error.hint)
+    return R2bspecError(text, hint="" if scratch in error.hint else error.hint)
 
 
 def _inspect(

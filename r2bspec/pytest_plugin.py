@@ -31,7 +31,25 @@ if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
 
 _SUFFIX = ".r2b.yaml"
-_ALLOW_PATH = "--r2bspec-allow-path"
+_FLAGS = {
+    "--r2bspec": f"collect *{_SUFFIX} as tests",
+    "--r2bspec-no-wait": "fail instead of waiting while this host runs another benchmark",
+    "--r2bspec-no-lock": "run even while this host runs another benchmark",
+    "--r2bspec-untrusted": "specs are a stranger's: they may read no environment variable that "
+    "--r2bspec-base-ref does not list",
+}
+_VALUES = {
+    "--r2bspec-runs": ("DIR", "judge the run folders DIR/NAME instead of running the benchmarks"),
+    "--r2bspec-output": (
+        "DIR",
+        "write run folders to DIR/NAME, DIR/NAME-2 and so on  [default: runs/NAME-TIME]",
+    ),
+    "--r2bspec-base-ref": (
+        "REF",
+        "with --r2bspec-untrusted: the commit that the change is based on",
+    ),
+    "--r2bspec-max-bytes": ("SIZE", "the most that each file of a bag may unpack to"),
+}
 _ACCESS = pytest.StashKey[dict[str, Any]]()
 """The arguments of `load_spec` that say what a spec may read."""
 
@@ -43,44 +61,15 @@ class BenchmarkError(Exception):
 def pytest_addoption(parser: pytest.Parser) -> None:
     """The options, in a group of their own."""
     group = parser.getgroup("r2bspec", "benchmarks of ROS 2 graphs")
-    group.addoption("--r2bspec", action="store_true", help=f"collect *{_SUFFIX} as tests")
-    group.addoption(
-        "--r2bspec-runs",
-        metavar="DIR",
-        help="judge the run folders DIR/NAME instead of running the benchmarks",
-    )
-    group.addoption(
-        "--r2bspec-output",
-        metavar="DIR",
-        help="write run folders to DIR/NAME, DIR/NAME-2 and so on  [default: runs/NAME-TIME]",
-    )
+    for name, text in _FLAGS.items():
+        group.addoption(name, action="store_true", help=text)
+    for name, (metavar, text) in _VALUES.items():
+        group.addoption(name, metavar=metavar, help=text)
     group.addoption(
         "--r2bspec-inconclusive",
         choices=["fail", "skip"],
         default="fail",
         help="the result of an inconclusive requirement  [default: fail]",
-    )
-    group.addoption(
-        "--r2bspec-no-wait",
-        action="store_true",
-        help="fail instead of waiting while this host runs another benchmark",
-    )
-    group.addoption(
-        "--r2bspec-no-lock",
-        action="store_true",
-        help="run even while this host runs another benchmark",
-    )
-    group.addoption(
-        "--r2bspec-untrusted",
-        action="store_true",
-        help="specs are a stranger's: they may read no environment variable that "
-        "--r2bspec-base-ref does not list",
-    )
-    group.addoption(
-        "--r2bspec-base-ref",
-        metavar="REF",
-        default="",
-        help="with --r2bspec-untrusted: the commit that the change is based on",
     )
     group.addoption(
         "--r2bspec-allow-path",
@@ -89,11 +78,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         default=[],
         help="a folder, besides that of a spec, from which files may be extended, and in which "
         "the spec may be if it is a link; may be repeated",
-    )
-    group.addoption(
-        "--r2bspec-max-bytes",
-        metavar="SIZE",
-        help="the most that each file of a bag may unpack to",
     )
 
 
@@ -116,7 +100,7 @@ def pytest_configure(config: pytest.Config) -> None:
         untrusted = untrusted_specs(
             config.invocation_params.dir,
             untrusted=config.getoption("--r2bspec-untrusted"),
-            base_ref=config.getoption("--r2bspec-base-ref"),
+            base_ref=config.getoption("--r2bspec-base-ref") or "",
         )
         if size is not None:
             limit = contextlib.ExitStack()
@@ -124,7 +108,9 @@ def pytest_configure(config: pytest.Config) -> None:
             config.add_cleanup(limit.close)
     except (R2bspecError, ValueError) as error:
         raise pytest.UsageError(plain(f"r2bspec: {error}")) from None
-    allowed = [config.invocation_params.dir / path for path in config.getoption(_ALLOW_PATH)]
+    allowed = [
+        config.invocation_params.dir / path for path in config.getoption("--r2bspec-allow-path")
+    ]
     config.stash[_ACCESS] = {"allow_paths": allowed, "untrusted": untrusted}
 
 

@@ -17,7 +17,7 @@ from r2bspec.cli.text_output import print_findings, show_findings
 from r2bspec.diagnostics import Diagnostic, did_you_mean
 from r2bspec.diagnostics.plain_text import message_text
 from r2bspec.diagnostics.quote import quote
-from r2bspec.errors import ExitStatus, UsageError
+from r2bspec.errors import ExitStatus, R2bspecError, UsageError
 from r2bspec.language.quantities import Duration
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
@@ -343,27 +343,26 @@ def interfaces_command(
         show_findings(error.diagnostics, error.loaded)
         raise
     nodes = {**loaded.preprocessors, **loaded.graph.nodes}
-    for package in only:
-        if package not in nodes:
-            close = did_you_mean(package, nodes)
+    for name in only:
+        if name not in nodes:
+            close = did_you_mean(name, nodes)
             hint = f"; did you mean {close!r}?" if close else f"; nodes: {', '.join(nodes)}"
-            raise click.UsageError(f"the spec has no node {package!r}{hint}")
+            raise click.UsageError(f"the spec has no node {name!r}{hint}")
     failed = 0
-    for record_interface in record_interfaces(
+    for node, found in record_interfaces(
         loaded,
         spec.parent,
         only=only,
         timeout_s=timeout.seconds,
         on_node=lambda name: echo(f"starting {name}", err=True),
     ):
-        if record_interface.interface is None:
+        if isinstance(found, R2bspecError):
             failed += 1
-            problem = message_text(f"{record_interface.node}: {record_interface.problem}")
-            echo(f"error: {problem}", err=True, lines=True)
-            if record_interface.hint:
-                echo(f"  help: {record_interface.hint}", err=True)
-            continue
-        echo(_write_interface(spec.parent, record_interface.node, record_interface.interface))
+            echo(f"error: {message_text(f'{node}: {found}')}", err=True, lines=True)
+            if found.hint:
+                echo(f"  help: {found.hint}", err=True)
+        else:
+            echo(_write_interface(spec.parent, node, found))
     return ExitStatus.RUN_FAILED if failed else ExitStatus.OK
 
 

@@ -110,10 +110,6 @@ def complete_report(_ctx: click.Context) -> Iterable[str]:
     return [f"{name}=" for name in FORMATS]
 
 
-_VARIABLE = "_R2BSPEC_COMPLETE"
-"""Set by the script when it asks for proposals; the name is click's for ``r2bspec``."""
-
-
 @click.command("completion")
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def command(shell: str) -> int:
@@ -123,11 +119,12 @@ def command(shell: str) -> int:
     """
     from click.shell_completion import get_completion_class
 
+    from r2bspec.cli.main import COMPLETE
     from r2bspec.cli.main import command as r2bspec
 
     completion_class = get_completion_class(shell)
     assert completion_class is not None  # noqa: S101 - click has all of these shells
     # Its constructor looks for no shell; only bash's checks the version, and that of the user.
-    script = completion_class(r2bspec, {}, "r2bspec", _VARIABLE)
+    script = completion_class(r2bspec, {}, "r2bspec", COMPLETE)
     echo_document(script.source_template % script.source_vars())
     return ExitStatus.OK

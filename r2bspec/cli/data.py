@@ -14,11 +14,11 @@ import msgspec
 
 from r2bspec.bags.recording import TimeWindow, WritableStorage
 from r2bspec.cli.completion import complete_dataset
-from r2bspec.cli.shared_options import format_option, max_bytes_option
+from r2bspec.cli.shared_options import duration, format_option, max_bytes_option
 from r2bspec.cli.text_output import print_table
 from r2bspec.diagnostics.quote import printable
 from r2bspec.errors import ExitStatus, UsageError
-from r2bspec.language.quantities import Duration, QuantityError
+from r2bspec.language.quantities import Duration
 from r2bspec.report.output import console, echo, echo_json
 
 if TYPE_CHECKING:
@@ -26,17 +26,8 @@ if TYPE_CHECKING:
     from r2bspec.datasets.synthesis import Progress
 
 
-def _duration_ns(
-    context: click.Context | None, parameter: click.Parameter | None, text: str | None
-) -> int | None:
-    """Parse an option's duration to ns, or suggest a correction."""
-    if text is None:
-        return None
-    try:
-        return Duration.parse(text).ns
-    except QuantityError as error:
-        proposal = f" (did you mean '{error.suggestion}'?)" if error.suggestion else ""
-        raise click.BadParameter(f"{error}{proposal}", context, parameter) from error
+_TIME = duration("0 s", "1000 h")
+"""From the beginning of a recording."""
 
 
 @click.group(name="data")
@@ -87,10 +78,8 @@ def list_datasets(output_format: str) -> None:
     "--topics", multiple=True, metavar="TOPIC[,TOPIC…]", help="Only these topics.  [default: all]"
 )
 @click.option("--window", metavar="START:END", help="The window, such as '0 s:0.5 s'.")
-@click.option("--start", callback=_duration_ns, help="The start of the window.")
-@click.option(
-    "--end", callback=_duration_ns, help="The end of the window.  [default: the end of the dataset]"
-)
+@click.option("--start", type=_TIME, help="The start of the window.")
+@click.option("--end", type=_TIME, help="The end of the window.  [default: the end of the dataset]")
 @click.option(
     "--storage",
     type=click.Choice(get_args(WritableStorage)),
@@ -103,8 +92,8 @@ def make(
     dataset: str,
     topics: tuple[str, ...],
     window: str | None,
-    start: int | None,
-    end: int | None,
+    start: Duration | None,
+    end: Duration | None,
     storage: Any,
     output_format: str,
 ) -> None:
@@ -212,28 +201,26 @@ def _bag_on_disk(bag: str) -> Path:
         return make_dataset(bag, progress=progress).path
 
 
-def _window(text: str | None, start_ns: int | None, end_ns: int | None) -> TimeWindow | None:
+def _window(text: str | None, start: Duration | None, end: Duration | None) -> TimeWindow | None:
     """The window of the options; None for everything."""
     if text is not None:
-        if start_ns is not None or end_ns is not None:
+        if start is not None or end is not None:
             raise UsageError(
                 "--window cannot be combined with --start and --end", hint="Leave one of them out."
             )
-        first, colon, last = text.partition(":")
-        if not colon:
-            raise UsageError(
-                f"{text!r} is not a window", hint="Write START:END, such as '0 s:0.5 s'."
-            )
         try:
-            start_ns = _duration_ns(None, None, first.strip() or "0 s")
-            end_ns = _duration_ns(None, None, last.strip() or None)
-        except click.BadParameter as error:
+            first, colon, last = text.partition(":")
+            if not colon:
+                raise ValueError("it has no colon")
+            start = Duration.parse(first) if first.strip() else None
+            end = Duration.parse(last) if last.strip() else None
+        except ValueError as error:
             raise UsageError(
-                f"--window: {error.message}", hint="Write START:END, such as '0 s:0.5 s'."
+                f"{text!r} is not a window: {error}", hint="Write START:END, such as '0 s:0.5 s'."
             ) from error
-    if start_ns is None and end_ns is None:
+    if start is None and end is None:
         return None
-    return TimeWindow(start_ns=start_ns or 0, end_ns=end_ns)
+    return TimeWindow(start_ns=start.ns if start else 0, end_ns=end.ns if end else None)
 
 
 def _origin(location: BagLocation) -> str:

@@ -148,7 +148,7 @@ class FleetExecutor:
                 "force": self.options.force,
             }
             if reference.changes_spec:
-                base = prepare_and_report(base_selection(entry.item.selection, reference))
+                base = prepare_and_report(base_selection(entry.selection, reference))
         return fleet_runs.FleetRun(
             name=entry.name,
             folder=entry.folder,

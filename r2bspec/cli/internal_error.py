@@ -15,9 +15,6 @@ _PACKAGE = Path(__file__).parents[1]
 MAX_FAILURES = 10
 """Files whose check may end without a result before all others are left, too."""
 
-_ISSUE_LABELS = ("issues", "issue tracker", "bug tracker", "bugs", "repository", "source")
-"""Labels of project URLs at which a problem can be reported, the most precise first."""
-
 
 class Crash(msgspec.Struct, frozen=True):
     """An unforeseen error as another process can be told of it.
@@ -53,8 +50,8 @@ class InternalError(R2bspecError):
     def __init__(self, crash: Crash) -> None:
         doing = f" {crash.doing}" if crash.doing else ""
         super().__init__(
-            f"{crash.kind} in r2bspec ({crash.place}){doing}; report it to {_issue_tracker()}, "
-            f"with the traceback {_keep(crash)}"
+            f"{crash.kind} in r2bspec ({crash.place}){doing}; report it to the issue tracker of "
+            f"r2bspec, with the traceback {_keep(crash)}"
         )
 
 
@@ -111,22 +108,6 @@ def _place(error: BaseException) -> str:
         if file.is_relative_to(_PACKAGE):
             module_path = f"{file.relative_to(_PACKAGE)}:{line}"
     return module_path or "before its first line"
-
-
-def _issue_tracker() -> str:
-    """The address of the project that its installed metadata has, or words for it."""
-    from importlib import metadata
-
-    try:
-        entries = metadata.metadata("r2bspec").get_all("Project-URL") or []
-    except (metadata.PackageNotFoundError, OSError):
-        entries = []
-    labelled = {
-        label.strip().lower(): url.strip()
-        for label, _, url in (str(entry).partition(",") for entry in entries)
-    }
-    tracker = next((labelled[label] for label in _ISSUE_LABELS if label in labelled), "")
-    return tracker or "the issue tracker of r2bspec"
 
 
 def _keep(crash: Crash) -> str:

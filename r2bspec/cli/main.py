@@ -87,35 +87,12 @@ _LEAST_STACK_BYTES = 512 << 10
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 """No fault of r2bspec: the file system, or a limit on the size of files, leaves no room."""
 
-_COMPLETE = "_R2BSPEC_COMPLETE"
-"""What completion scripts set."""
-
-_WORDS = ("COMP_WORDS", "COMP_CWORD")
-_MAX_WORD_DIGITS = 9
-
-
-class _OutputClosedError(Exception):
-    """A `BrokenPipeError`, which click would take for itself, and exit with 1."""
-
-
-@contextlib.contextmanager
-def _noticing_closed_output() -> Iterator[None]:
-    try:
-        yield
-    except BrokenPipeError as error:
-        raise _OutputClosedError from error
+COMPLETE = "_R2BSPEC_COMPLETE"
+"""Set by a completion script when it asks for proposals; the name is click's for ``r2bspec``."""
 
 
 class _Verbs(click.Group):
     """Imports a verb's module on demand, so that start-up pays for one verb only."""
-
-    def make_context(self, *args: Any, **more: Any) -> click.Context:
-        with _noticing_closed_output():
-            return super().make_context(*args, **more)
-
-    def invoke(self, ctx: click.Context) -> Any:
-        with _noticing_closed_output():
-            return super().invoke(ctx)
 
     def list_commands(self, _ctx: click.Context) -> list[str]:
         return list(VERBS)
@@ -175,7 +152,7 @@ def main(argv: list[str] | None = None) -> int:
         _spare_address_space()
         _require_arguments(sys.argv[1:] if argv is None else argv)
         with _notes_on_caches(), _interruptible():
-            status = command.main(args=argv, prog_name="r2bspec", standalone_mode=False)
+            status = _called(sys.argv[1:] if argv is None else argv)
         sys.stdout.flush()
     except R2bspecError as error:
         show_error(error)
@@ -191,7 +168,7 @@ def main(argv: list[str] | None = None) -> int:
         return ExitStatus.USAGE
     except click.exceptions.Exit as error:
         return error.exit_code
-    except (_OutputClosedError, BrokenPipeError):
+    except BrokenPipeError:
         # The reader of our output has closed the pipe, as `head` does; the interpreter must not
         # try to flush at exit.
         _discard_output()
@@ -222,6 +199,27 @@ def main(argv: list[str] | None = None) -> int:
         show_error(failure)
         return failure.exit_code
     return status if isinstance(status, int) else ExitStatus.OK
+
+
+def _called(arguments: list[str]) -> Any:
+    """What the verb returns; for a completion script, its proposals are printed.
+
+    Raises:
+        UsageError: such a script asks for what no shell would.
+    """
+    if asked := os.environ.get(COMPLETE):
+        from click.shell_completion import shell_complete
+
+        with contextlib.suppress(KeyError, ValueError):
+            if shell_complete(command, {}, "r2bspec", COMPLETE, asked) == 0:
+                return ExitStatus.OK
+        raise UsageError(
+            f"{COMPLETE}, COMP_WORDS, COMP_CWORD are not as the completion of a shell sets them",
+            hint="Unset them, or write the script anew with 'r2bspec completion SHELL'.",
+        )
+    # Not `main` of click, which takes a `BrokenPipeError` for itself, and exits with 1.
+    with command.make_context("r2bspec", [*arguments]) as context:
+        return command.invoke(context)
 
 
 def _is_folder_gone() -> bool:
@@ -280,7 +278,7 @@ def _require_arguments(arguments: list[str]) -> None:
     """See that none is empty: it would name the current folder, or count as left out.
 
     Raises:
-        UsageError: one is, or a completion script asks for what no shell would.
+        UsageError: one is.
     """
     if "" in arguments:
         before = arguments[: arguments.index("")]
@@ -289,20 +287,6 @@ def _require_arguments(arguments: list[str]) -> None:
             f"argument {len(before) + 1}{after} is empty",
             hint="Leave it out, or give a value: a variable of the shell may not be set.",
         )
-    if asked := os.environ.get(_COMPLETE):
-        from click.shell_completion import get_completion_class
-
-        shell, _, what = asked.partition("_")
-        is_known = what in {"source", "complete"} and get_completion_class(shell) is not None
-        words = {name: os.environ.get(name) for name in _WORDS} if what == "complete" else {}
-        # fish passes the word itself.
-        number = "0" if shell == "fish" else words.get("COMP_CWORD") or "0"
-        is_number = number.isdecimal() and len(number) <= _MAX_WORD_DIGITS
-        if not is_known or None in words.values() or not is_number:
-            raise UsageError(
-                f"{', '.join((_COMPLETE, *_WORDS))} are not as the completion of a shell sets them",
-                hint="Unset them, or write the script anew with 'r2bspec completion SHELL'.",
-            )
 
 
 def _open_standard_streams() -> None:

@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from r2bspec.cli import shared_options
-from r2bspec.cli.spec_selection import ALL_CASES, SpecSelection, is_file_list, run_items
+from r2bspec.cli.spec_selection import ALL_CASES, SpecSelection, is_file_list, suite_entries
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
 from r2bspec.safe_io.limits import MAX_PLANNED_ITERATIONS
 
 if TYPE_CHECKING:
+    from r2bspec.api import HostLock
     from r2bspec.report.write_reports import ReportRequest
 
 
@@ -87,6 +88,11 @@ class RunArguments:
         from r2bspec.compare.base_tree import parse_base_reference
 
         return parse_base_reference(self.against).has_tree
+
+    @property
+    def lock(self) -> HostLock:
+        """What to do while this host runs another benchmark."""
+        return "off" if self.no_lock else "refuse" if self.no_wait else "wait"
 
     @property
     def needs_suite(self) -> bool:
@@ -389,8 +395,8 @@ def command(
     if files is None:
         files = spec_files(specs)
     selection = SpecSelection(Path(), **values)
-    items = run_items(selection, files, options.select, options.scan) if files else []
-    return run_suite(items, options, specs)
+    entries = suite_entries(selection, files, options.select, options.scan) if files else []
+    return run_suite(entries, options, specs)
 
 
 def _is_collection(path: str) -> bool:

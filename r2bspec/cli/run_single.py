@@ -53,7 +53,7 @@ def _run(selection: SpecSelection, options: RunArguments, folder: OutputFolder) 
         if gate is not None and not gate.builds_base(selection, prepared):
             compare_with_base(gate, selection, prepared, options)
         asked_ns = time.monotonic_ns()
-        with locked_host(name, lock=not options.no_lock, wait=not options.no_wait):
+        with locked_host(name, options.lock):
             waited_ns = time.monotonic_ns() - asked_ns
             estimate = estimate_of(prepared, selection, options, gate)
             if not options.quiet:

@@ -18,13 +18,7 @@ from r2bspec.api import PreparedBenchmark, folder_name
 from r2bspec.cli import run_single
 from r2bspec.cli.check_files import present_spec_files, spec_files
 from r2bspec.cli.main import show_error
-from r2bspec.cli.spec_selection import (
-    Playing,
-    RunItem,
-    SuiteEntry,
-    prepare_and_report,
-    selected_files,
-)
+from r2bspec.cli.spec_selection import Playing, SuiteEntry, prepare_and_report, selected_files
 from r2bspec.cli.text_output import locked_host
 from r2bspec.compare.gate_strength import allowable_names, check_allowed
 from r2bspec.compare.report_input import read_folder
@@ -62,11 +56,11 @@ _NAME_FIELD = "{name}"
 """In the path of a report: one file for each run."""
 
 
-def run_suite(items: Sequence[RunItem], options: RunArguments, paths: Sequence[str]) -> int:
+def run_suite(entries: Sequence[SuiteEntry], options: RunArguments, paths: Sequence[str]) -> int:
     """Make all runs; returns the worst exit status.
 
     Args:
-        items: the runs; none where the head of a gate has no spec any more.
+        entries: the runs; none where the head of a gate has no spec any more.
         options: of all of them.
         paths: the files, folders and patterns that they are from.
 
@@ -75,7 +69,7 @@ def run_suite(items: Sequence[RunItem], options: RunArguments, paths: Sequence[s
         InterruptedRunError: a signal ended a run; the summary of the others has been written.
         FleetError: the fleet of ``--on`` cannot be reached.
     """
-    if not items:
+    if not entries:
         options = _with_summaries_only(options)
     _check_reports(options)
     root = options.output or api.default_run_folder("smoke-suite" if options.smoke else "suite")
@@ -85,7 +79,8 @@ def run_suite(items: Sequence[RunItem], options: RunArguments, paths: Sequence[s
             hint="Choose a new folder with --output, or go on with --resume.",
         )
     with options.sparing_inputs():
-        entries = [_prepare(item, options) for item in items]
+        for entry in entries:
+            _prepare(entry, options)
     suite = Suite(root, options)
     if options.on is None:
         return _run_here(suite, entries, options, paths)
@@ -106,7 +101,7 @@ def _run_here(
     A gate that refuses one of the specs plays none of them.
     """
     # All specs are in one work tree.
-    place = entries[0].item.selection.spec if entries else Path(paths[0])
+    place = entries[0].selection.spec if entries else Path(paths[0])
     # A name that one spec does not know may be for another: all of them together are asked.
     of_suite = replace(options, known_names=options.allow)
     prepared = [entry.prepared for entry in entries if entry.prepared is not None]
@@ -122,17 +117,11 @@ def _run_here(
         built = {
             id(entry)
             for entry in unplayed
-            if gate is not None and gate.builds_base(entry.item.selection, entry.benchmark)
+            if gate is not None and gate.builds_base(entry.selection, entry.benchmark)
         }
         for needs_lock in (False, True):
             if needs_lock and unplayed:
-                stack.enter_context(
-                    locked_host(
-                        f"{len(entries)} benchmarks",
-                        lock=not options.no_lock,
-                        wait=not options.no_wait,
-                    )
-                )
+                stack.enter_context(locked_host(f"{len(entries)} benchmarks", options.lock))
             if gate is None:
                 continue
             for entry in unplayed:
@@ -146,9 +135,7 @@ def _run_here(
                 suite.enter(entries)
                 return suite.refuse()
         for entry in unplayed:
-            entry.estimate = run_single.estimate_of(
-                entry.benchmark, entry.item.selection, options, gate
-            )
+            entry.estimate = run_single.estimate_of(entry.benchmark, entry.selection, options, gate)
         suite.create_folder()
         suite.enter(entries)
         total = time_text(sum(entry.seconds for entry in entries))
@@ -159,7 +146,7 @@ def _run_here(
 def _compare_with_base(gate: MergeGate, entry: SuiteEntry, options: RunArguments) -> None:
     """Compare the spec of a run with that of the base; what the gate refuses is its error."""
     try:
-        run_single.compare_with_base(gate, entry.item.selection, entry.benchmark, options)
+        run_single.compare_with_base(gate, entry.selection, entry.benchmark, options)
     except InterruptedRunError:
         raise
     except R2bspecError as error:
@@ -199,7 +186,7 @@ def _compare_spec_sets(
         if not files:
             spec_files([path])
         base += files
-    head = dict.fromkeys(entry.item.selection.spec for entry in entries)
+    head = dict.fromkeys(entry.selection.spec for entry in entries)
     return gate.require_specs(map(Path, selected_files(base, select)), head)
 
 
@@ -219,25 +206,26 @@ def _check_reports(options: RunArguments) -> None:
             )
 
 
-def _prepare(item: RunItem, options: RunArguments) -> SuiteEntry:
+def _prepare(entry: SuiteEntry, options: RunArguments) -> None:
     """Check one spec before anything runs; its error is that of its run."""
+    selection = entry.selection
     try:
         prepared = prepare_and_report(
-            item.selection,
+            selection,
             smoke=options.smoke,
             require_slos=options.require_slos,
             infos=options.verbose,
         )
     except R2bspecError as error:
         show_error(error)
-        case = f"[{item.selection.case}]" if item.selection.case else ""
-        name = item.selection.spec.name.removesuffix(".r2b.yaml")
-        return SuiteEntry(item, f"{name}{case}{item.suffix}", error=error)
-    if item.suffix:
-        named = msgspec.structs.replace(prepared.plan, name=f"{prepared.plan.name}{item.suffix}")
-        prepared = replace(prepared, plan=named)
-    estimate = run_single.estimate_of(prepared, item.selection, options)
-    return SuiteEntry(item, prepared.plan.name, prepared, estimate=estimate)
+        case = f"[{selection.case}]" if selection.case else ""
+        entry.name = f"{selection.spec.name.removesuffix('.r2b.yaml')}{case}{entry.suffix}"
+        entry.error = error
+        return
+    entry.name = f"{prepared.plan.name}{entry.suffix}"
+    named = msgspec.structs.replace(prepared.plan, name=entry.name)
+    entry.prepared = replace(prepared, plan=named)
+    entry.estimate = run_single.estimate_of(entry.prepared, selection, options)
 
 
 def _assign_folders(entries: Sequence[SuiteEntry], root: Path) -> None:
@@ -312,7 +300,7 @@ class Suite:
         for entry in self._entries:
             entry.run = entry.run or suites.SuiteRun(
                 name=entry.name,
-                spec=str(entry.item.selection.spec),
+                spec=str(entry.selection.spec),
                 folder="",
                 outcome="skipped",
                 reason=f"not run, because {reason}",
@@ -345,7 +333,7 @@ class Suite:
         return suites.run_with_error(
             error,
             name=entry.name,
-            spec=str(entry.item.selection.spec),
+            spec=str(entry.selection.spec),
             folder=str(entry.folder) if was_begun and entry.folder.exists() else "",
             host=host or entry.host,
             report=self._page_of(entry) if was_begun else "",
@@ -355,7 +343,7 @@ class Suite:
         self, entry: SuiteEntry, result: Result, *, resumed: bool, host: str = ""
     ) -> suites.SuiteRun:
         """A run that has a result, as a row of the summary; its reports are written."""
-        spec = entry.item.selection.spec
+        spec = entry.selection.spec
         self._results[str(entry.folder)] = result
         run_single.write_reports_of(self.options_of(entry), entry.folder, spec)
         return suites.run_with_result(
@@ -503,7 +491,7 @@ class LocalExecutor:
         remaining = RemainingTime(entry.estimate, after_s=later_s)
         of_run = self.suite.options_of(entry)
         result = run_single.execute(
-            entry.benchmark, entry.item.selection, of_run, entry.folder, remaining, self.gate
+            entry.benchmark, entry.selection, of_run, entry.folder, remaining, self.gate
         )
         if not self.options.quiet:
             echo(f"  {headline(result)}", err=True)

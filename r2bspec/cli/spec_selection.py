@@ -103,16 +103,40 @@ def base_selection(head: SpecSelection, reference: BaseReference) -> SpecSelecti
     )
 
 
-@dataclass(frozen=True)
-class RunItem:
-    """One run to be made.
+@dataclass
+class SuiteEntry:
+    """One run of a suite.
 
     Attributes:
         suffix: added to the name of the benchmark, such as ``[rate=5 Hz]`` of a scan.
+        prepared: None if the spec has errors; the first of them is `error` then.
+        host: of a fleet, if the run is made on that host; empty if any may make it, and here.
+        hosts: of a fleet, those that may make it.
+        folder: of the run.
+        run: its row in the summary, once it has ended or is skipped.
     """
 
     selection: SpecSelection
     suffix: str = ""
+    name: str = ""
+    prepared: PreparedBenchmark | None = None
+    error: R2bspecError | None = None
+    estimate: TimeEstimate | None = None
+    folder: Path = field(default_factory=Path)
+    host: str = ""
+    hosts: frozenset[str] = frozenset()
+    run: SuiteRun | None = None
+
+    @property
+    def benchmark(self) -> PreparedBenchmark:
+        """What is played of an entry without an error."""
+        assert self.prepared is not None  # noqa: S101 - it has an error otherwise
+        return self.prepared
+
+    @property
+    def seconds(self) -> float:
+        """The expected time of the run."""
+        return self.estimate.seconds if self.estimate is not None else 0.0
 
 
 def is_file_list(paths: Sequence[str]) -> bool:
@@ -120,12 +144,12 @@ def is_file_list(paths: Sequence[str]) -> bool:
     return all(Path(path).is_file() for path in paths)
 
 
-def run_items(
+def suite_entries(
     selection: SpecSelection,
     files: Sequence[str],
     select: Sequence[str] = (),
     scan: Sequence[str] = (),
-) -> list[RunItem]:
+) -> list[SuiteEntry]:
     """Every run, in the order of files, cases and scanned values.
 
     A matrix is run with all its cases, unless the selection names one.
@@ -141,19 +165,19 @@ def run_items(
     """
     labels = [_parse_label(label) for label in select]
     scans = [_parse_scan(text) for text in scan]
-    items = [
-        item
+    entries = [
+        entry
         for file in files
         for loaded, case in _cases_of(replace(selection, spec=Path(file)))
         if _matches(loaded, labels)
-        for item in _scanned(replace(selection, spec=Path(file), case=case), loaded, scans)
+        for entry in _scanned(replace(selection, spec=Path(file), case=case), loaded, scans)
     ]
-    if not items:
+    if not entries:
         raise UsageError(
             f"no spec has the labels {', '.join(select)}",
             hint="See 'labels' of the specs.",
         )
-    return items
+    return entries
 
 
 def selected_files(files: Sequence[str], select: Sequence[str]) -> list[str]:
@@ -216,7 +240,7 @@ def _scanned(
     selection: SpecSelection,
     loaded: LoadedSpec | None,
     scans: Sequence[tuple[str, tuple[str, ...]]],
-) -> Iterator[RunItem]:
+) -> Iterator[SuiteEntry]:
     """The runs of one case: a variable of the spec is set, or else the key of that path."""
     spec = loaded.spec if loaded is not None else None
     declared = spec.variables if spec is not None else {}
@@ -229,41 +253,7 @@ def _scanned(
             else:
                 sets.append(f"{name}={value}")
         suffix = f"[{','.join(f'{name}={value}' for name, value in pairs)}]" if pairs else ""
-        yield RunItem(replace(selection, sets=tuple(sets), variables=variables), suffix)
-
-
-@dataclass
-class SuiteEntry:
-    """One run of the suite.
-
-    Attributes:
-        prepared: None if the spec has errors; the first of them is `error` then.
-        host: of a fleet, if the run is made on that host; empty if any may make it, and here.
-        hosts: of a fleet, those that may make it.
-        folder: of the run.
-        run: its row in the summary, once it has ended or is skipped.
-    """
-
-    item: RunItem
-    name: str
-    prepared: PreparedBenchmark | None = None
-    error: R2bspecError | None = None
-    estimate: TimeEstimate | None = None
-    folder: Path = field(default_factory=Path)
-    host: str = ""
-    hosts: frozenset[str] = frozenset()
-    run: SuiteRun | None = None
-
-    @property
-    def benchmark(self) -> PreparedBenchmark:
-        """What is played of an entry without an error."""
-        assert self.prepared is not None  # noqa: S101 - it has an error otherwise
-        return self.prepared
-
-    @property
-    def seconds(self) -> float:
-        """The expected time of the run."""
-        return self.estimate.seconds if self.estimate is not None else 0.0
+        yield SuiteEntry(replace(selection, sets=tuple(sets), variables=variables), suffix)
 
 
 Playing = Generator[tuple[SuiteEntry, "SuiteRun"], None, None]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import sys
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -14,6 +14,7 @@ from r2bspec.diagnostics.quote import clip
 from r2bspec.report.output import MAX_TABLE_ROWS, echo, echo_document, rows_left_out
 
 if TYPE_CHECKING:
+    from r2bspec.api import HostLock
     from r2bspec.diagnostics import Diagnostic
     from r2bspec.language.load_spec import LoadedSpec
 
@@ -97,20 +98,12 @@ def print_findings(
         echo(shown, err=err, nl=False, styled=colour, commands=output_format == "github")
 
 
-@contextlib.contextmanager
-def locked_host(what: str, *, lock: bool = True, wait: bool = True) -> Iterator[None]:
+def locked_host(what: str, lock: HostLock = "wait") -> AbstractContextManager[None]:
     """The lock of the host, if it is wanted; whom it is waited for is printed.
 
     Raises:
         HostBusyError: another run has it, and is not waited for.
     """
-    if not lock:
-        yield
-        return
-    from r2bspec.execute.processes.machine import host_lock
+    from r2bspec import api
 
-    def on_wait(holder: str) -> None:
-        echo(f"waiting for {holder}, which runs on this host; --no-wait refuses", err=True)
-
-    with host_lock(what, wait=wait, on_wait=on_wait):
-        yield
+    return api.locked_host(what, lock, lambda text: echo(f"{text}; --no-wait refuses", err=True))

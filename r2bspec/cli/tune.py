@@ -133,7 +133,9 @@ def command(
             fitting = uniform_hosts(address, prepared.plan, hosts.split(","))
             player = opened.enter_context(fitting)
         else:
-            opened.enter_context(locked_host(f"{prepared.plan.name} tune", wait=not no_wait))
+            opened.enter_context(
+                locked_host(f"{prepared.plan.name} tune", "refuse" if no_wait else "wait")
+            )
         opened.enter_context(_resumable(folder))
         progress = opened.enter_context(shown_progress(quiet=quiet))
         result = tune(

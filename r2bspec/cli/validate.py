@@ -33,7 +33,6 @@ from r2bspec.report.output import echo
 from r2bspec.safe_io.looked_up_files import Lookups, Stamp, looked_up_files, shared_lookups, stamp
 
 if TYPE_CHECKING:
-    from r2bspec.cli.check_files import FileReport
     from r2bspec.diagnostics import Diagnostic
     from r2bspec.errors import R2bspecError
 

@@ -1,22 +1,18 @@
 """Sharing out work among processes: answers in order, and no wait for a process that has died.
 
 `multiprocessing.Pool` waits for ever for the answer of a worker that was killed, and the executor
-of `concurrent.futures` does not know which task ended it. Here each worker answers task by task on
-a pipe of its own, so that the end of a pipe names the task. Another worker then takes its other
-tasks: one file that crashes its check does not hide the findings of the rest.
+of `concurrent.futures` does not know which task ended it. Here each of n workers has every n-th
+task, and answers one after the other on a pipe of its own: the end of a pipe names the task at
+which it ended. A new worker then takes the tasks after it: one file that crashes its check does not
+hide the findings of the rest.
 """
 
 from __future__ import annotations
 
-import contextlib
 import multiprocessing
 import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
-from itertools import chain
-from multiprocessing import connection
-from multiprocessing.context import ForkProcess
 from typing import Any, TypeVar
 
 from r2bspec.cli.internal_error import Crash, InternalError, UncheckedFiles, WorkerEndedError
@@ -26,27 +22,6 @@ T = TypeVar("T")
 
 
 _INTERRUPTS = frozenset({signal.SIGINT, signal.SIGTERM})
-
-_TASKS_AHEAD = 16
-"""Tasks that a worker has at most, so that it need not wait for the next one."""
-
-
-@dataclass(slots=True)
-class _Worker:
-    process: ForkProcess
-    pipe: connection.Connection
-    tasks: list[int] = field(default_factory=list)
-
-
-@dataclass(slots=True)
-class _Answer:
-    """What a worker says of a task: its result, a foreseen error, a crash, or that it has ended."""
-
-    task: int
-    result: Any = None
-    error: R2bspecError | None = None
-    crash: Crash | None = None
-    ended: WorkerEndedError | None = None
 
 
 def map_in_processes(
@@ -67,161 +42,120 @@ def map_in_processes(
         failures: what has failed before, to be raised with what fails here.
 
     Raises:
-        R2bspecError: `function` raised it; at once.
+        R2bspecError: `function` raised it; after the results of the names before.
         InternalError: `function` raised another exception; after the results of the others.
         WorkerEndedError: a worker died, and the message has the name it was at; likewise.
     """
-    shift = _Shift(function, names, failures or UncheckedFiles())
+    failures = failures or UncheckedFiles()
+    workers: dict[int, _Worker] = {}
+
+    def start(first: int) -> None:
+        # Blocked until the caller knows the worker, and until the worker ignores them: no moment
+        # is left in which an interrupt leaves a process, or shows as a traceback of one.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPTS)
+        try:
+            others = [*workers.values()]
+            workers[first % count] = _Worker(function, names[first::count], others)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
     try:
-        for _ in range(count):
-            shift.start()
-        yield from shift.results()
+        for first in range(count):
+            start(first)
+        for number, name in enumerate(names):
+            try:
+                answer = workers[number % count].answer(name)
+            except WorkerEndedError as error:
+                failures.add(name, error)
+                start(number + count)
+                continue
+            if isinstance(answer, R2bspecError):
+                raise answer
+            if isinstance(answer, Crash):
+                failures.add(name, InternalError(answer))
+            else:
+                (result,) = answer
+                yield result
+        failures.raise_first()
     finally:
-        for worker in shift.workers:
-            worker.pipe.close()
-            worker.process.kill()
-        for worker in shift.workers:
-            worker.process.join()
+        for worker in workers.values():
+            worker.end()
 
 
-class _Shift:
-    """The workers of one call, and what is left to do."""
+class _Worker:
+    """A process that has begun, and the end of its pipe on which it answers."""
 
     def __init__(
-        self, function: Callable[[str], Any], names: Sequence[str], failures: UncheckedFiles
+        self, function: Callable[[str], Any], names: Sequence[str], others: Sequence[_Worker]
     ) -> None:
-        self._failures = failures
-        self._function = function
-        self._names = names
-        self._waiting: Iterator[int] = iter(range(len(names)))
-        self._by_pipe: dict[Any, _Worker] = {}
-        self.workers: list[_Worker] = []
-
-    def start(self) -> _Worker:
-        """One more worker, which has tasks already."""
-        worker = _start(self._function, self._names, self.workers)
-        self.workers.append(worker)
-        self._by_pipe[worker.pipe] = worker
-        _assign(worker, self._waiting)
-        return worker
-
-    def results(self) -> Iterator[Any]:
-        """Every result, in the order of the names; then the failures are raised."""
-        done: dict[int, _Answer] = {}
-        following = 0
-        while following < len(self._names):
-            for ready in connection.wait(list(self._by_pipe)):
-                worker = self._by_pipe[ready]
-                answer = _receive(worker, self._names)
-                done[answer.task] = answer
-                worker.tasks.remove(answer.task)
-                if answer.error is not None:
-                    raise answer.error
-                if answer.crash is not None:
-                    self._failures.add(self._names[answer.task], InternalError(answer.crash))
-                if answer.ended is not None:
-                    self._failures.add(self._names[answer.task], answer.ended)
-                    self._replace(worker)
-                else:
-                    _assign(worker, self._waiting)
-            while following in done:
-                answer = done.pop(following)
-                following += 1
-                if answer.crash is None and answer.ended is None:
-                    yield answer.result
-        self._failures.raise_first()
-
-    def _replace(self, ended: _Worker) -> None:
-        """Let a new worker do what one that has ended can no longer do."""
-        del self._by_pipe[ended.pipe]
-        self._waiting = chain(ended.tasks, self._waiting)
-        ended.tasks = []
-        self.start()
-
-
-def _start(
-    function: Callable[[str], T], names: Sequence[str], others: Sequence[_Worker]
-) -> _Worker:
-    own, theirs = multiprocessing.Pipe()
-    inherited = [own, *(other.pipe for other in others)]
-    # Blocked until the worker ignores them: no moment is left in which an interrupt of the whole
-    # process group shows as a traceback of the worker.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPTS)
-    try:
-        process = multiprocessing.get_context("fork").Process(
-            target=_work, args=(function, names, theirs, inherited), daemon=True
+        self._pipe, answers = multiprocessing.Pipe(duplex=False)
+        # Held by a worker, they would keep the pipes of others open after the caller has gone.
+        inherited = [self._pipe, *(other._pipe for other in others)]
+        self._process = multiprocessing.get_context("fork").Process(
+            target=_work, args=(function, names, answers, inherited), daemon=True
         )
-        process.start()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    theirs.close()
-    return _Worker(process, own)
+        self._process.start()
+        answers.close()
 
+    def answer(self, name: str) -> tuple[Any] | R2bspecError | Crash:
+        """What it says of `name`, its next one: the result, a foreseen error, or a crash.
 
-def _assign(worker: _Worker, waiting: Iterator[int]) -> None:
-    """Give a worker tasks; one that has died is noticed when its answer is read."""
-    with contextlib.suppress(OSError):
-        while len(worker.tasks) < _TASKS_AHEAD and (number := next(waiting, None)) is not None:
-            worker.tasks.append(number)
-            worker.pipe.send(number)
+        Raises:
+            WorkerEndedError: it has ended.
+        """
+        try:
+            answer: tuple[Any] | R2bspecError | Crash = self._pipe.recv()
+        except (EOFError, OSError):
+            self.end()
+            raise WorkerEndedError(
+                f"the process that checked {name!r} ended {self._how()}",
+                hint="Check that file by itself. SIGKILL often means that memory was short.",
+            ) from None
+        return answer
 
+    def _how(self) -> str:
+        status = self._process.exitcode or 0
+        if status >= 0:
+            return f"with status {status}"
+        try:
+            return f"by {signal.Signals(-status).name}"
+        except ValueError:
+            return f"by signal {-status}"
 
-def _receive(worker: _Worker, names: Sequence[str]) -> _Answer:
-    try:
-        answer: _Answer = worker.pipe.recv()
-    except (EOFError, OSError):
-        worker.process.join()
-        checked = repr(names[worker.tasks[0]]) if worker.tasks else "nothing yet"
-        ended = WorkerEndedError(
-            f"the process that checked {checked} ended {_how(worker)}",
-            hint="Check that file by itself. SIGKILL often means that memory was short.",
-        )
-        if not worker.tasks:
-            raise ended from None
-        return _Answer(worker.tasks[0], ended=ended)
-    return answer
-
-
-def _how(worker: _Worker) -> str:
-    status = worker.process.exitcode or 0
-    if status >= 0:
-        return f"with status {status}"
-    try:
-        return f"by {signal.Signals(-status).name}"
-    except ValueError:
-        return f"by signal {-status}"
+    def end(self) -> None:
+        """Kill it, if it has not ended by itself."""
+        self._pipe.close()
+        self._process.kill()
+        self._process.join()
 
 
 def _work(
-    function: Callable[[str], T],
-    names: Sequence[str],
-    pipe: connection.Connection,
-    inherited: Sequence[connection.Connection],
+    function: Callable[[str], Any], names: Sequence[str], answers: Any, inherited: Sequence[Any]
 ) -> None:
-    """The life of a worker: it ends with its pipe."""
+    """The life of a worker: it ends with its names, or with the caller."""
     for number in _INTERRUPTS:
         signal.signal(number, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _INTERRUPTS)
-    for descriptor in inherited:
-        # Held here, they would keep other pipes open after the caller has gone.
-        descriptor.close()
+    for pipe in inherited:
+        pipe.close()
     try:
-        while True:
-            task: int = pipe.recv()
-            pipe.send(_done(function, names[task], task))
-    except (EOFError, OSError):
+        for name in names:
+            answers.send(_done(function, name))
+    except OSError:
         os._exit(ExitStatus.OK)
     except BaseException:
         # Too little memory even to describe what went wrong: the caller names the task.
         os._exit(ExitStatus.INTERNAL_ERROR)
+    # Not what is registered for the exit of the caller.
+    os._exit(ExitStatus.OK)
 
 
-def _done(function: Callable[[str], T], name: str, task: int) -> _Answer:
+def _done(function: Callable[[str], Any], name: str) -> tuple[Any] | R2bspecError | Crash:
     try:
-        return _Answer(task, result=function(name))
+        return (function(name),)
     except R2bspecError as error:
         plain = R2bspecError(str(error), hint=error.hint, code=error.code)
         plain.exit_code = error.exit_code
-        return _Answer(task, error=plain)
+        return plain
     except Exception as error:
-        return _Answer(task, crash=Crash.of(error, f"while checking {name!r}"))
+        return Crash.of(error, f"while checking {name!r}")

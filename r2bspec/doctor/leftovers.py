@@ -59,16 +59,8 @@ class Process:
         return after[0] if after else ""
 
 
-@dataclass(frozen=True)
-class RunProcesses:
-    """The ids of active runs, and the orphaned processes of others."""
-
-    living: frozenset[str]
-    orphans: tuple[Process, ...]
-
-
-def find_runs(system: System) -> RunProcesses:
-    """Find the runs of all processes that this user may inspect.
+def find_runs(system: System) -> tuple[frozenset[str], tuple[Process, ...]]:
+    """The ids of active runs, and the orphaned processes of others that this user may inspect.
 
     The run to which this process itself belongs counts as active.
     """
@@ -85,7 +77,7 @@ def find_runs(system: System) -> RunProcesses:
         for candidate in processes.values()
         if candidate.run_id and candidate.run_id not in living
     ]
-    return RunProcesses(frozenset(living), tuple(sorted(orphans, key=lambda each: each.pid)))
+    return frozenset(living), tuple(sorted(orphans, key=lambda each: each.pid))
 
 
 def _processes(proc: Path) -> Iterator[Process]:
@@ -219,9 +211,9 @@ _MAX_NAMED = 3
 
 @dataclass(frozen=True)
 class Leftovers:
-    """Everything found, and how many runs live."""
+    """Everything found, and the ids of the runs that live."""
 
-    living: int
+    living: frozenset[str]
     orphans: tuple[Process, ...]
     segments: tuple[DeadShmFile, ...]
     folders: tuple[Path, ...]
@@ -229,13 +221,9 @@ class Leftovers:
 
 def find_leftovers(system: System, cache: Path | None = None) -> Leftovers:
     """Look; nothing is changed."""
-    runs = find_runs(system)
-    return Leftovers(
-        living=len(runs.living),
-        orphans=runs.orphans,
-        segments=tuple(dead_shm_files(system)),
-        folders=(*abandoned_scratch(system, runs.living), *unfinished_datasets(cache)),
-    )
+    living, orphans = find_runs(system)
+    folders = (*abandoned_scratch(system, living), *unfinished_datasets(cache))
+    return Leftovers(living, orphans, tuple(dead_shm_files(system)), folders)
 
 
 def check_leftovers(system: System, cache: Path | None = None) -> list[CheckResult]:
@@ -268,9 +256,9 @@ def clean(system: System, cache: Path | None = None) -> list[str]:
 
 
 def _living(found: Leftovers) -> CheckResult:
-    advice = "runs at the same time disturb each other" if found.living else ""
-    living = f"{found.living}" if found.living else "none"
-    return advised(_RUNS, "in progress", living, advice, {"living": found.living})
+    living = len(found.living)
+    advice = "runs at the same time disturb each other" if living else ""
+    return advised(_RUNS, "in progress", str(living or "none"), advice, {"living": living})
 
 
 def _orphans(found: Leftovers) -> CheckResult:

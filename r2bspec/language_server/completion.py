@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
+import yaml
 from lsprotocol import types
 
 from r2bspec.diagnostics.code_pages import all_pages
@@ -27,7 +28,15 @@ from r2bspec.language_server.protocol import Position
 from r2bspec.language_server.symbols import names_of
 from r2bspec.safe_io.limits import MAX_EDITOR_LINE_CHARACTERS
 
-_PLACEHOLDER = re.compile(r"\A\$\{(\d+):[^}]*\}\Z")
+_STEP: Final = "  "
+_PLACEHOLDER = re.compile(r"(?<=[ ])'?\$\{(\d+):[^}\n]*\}'?$", re.MULTILINE)
+
+
+class _BlockDumper(yaml.SafeDumper):
+    """Lists are indented below their keys."""
+
+    def increase_indent(self, flow: bool = False, indentless: bool = False) -> None:  # noqa: ARG002
+        super().increase_indent(flow, indentless=False)
 
 
 def snippet_text(body: Mapping[str, Any]) -> str:
@@ -39,7 +48,8 @@ def snippet_text(body: Mapping[str, Any]) -> str:
     Args:
         body: the map that is inserted, with placeholders as ``${1:name}``.
     """
-    return "\n".join(_lines(body))
+    text = yaml.dump(body, Dumper=_BlockDumper, sort_keys=False, allow_unicode=True)
+    return _PLACEHOLDER.sub(r"$\1", text.rstrip("\n"))
 
 
 def key_snippet(key: str, rule: ValueRule) -> str:
@@ -67,31 +77,6 @@ def _is_collection(rule: ValueRule) -> bool:
     return not {"object", "array"}.isdisjoint(rule.kinds)
 
 
-def _lines(value: Any) -> Iterator[str]:
-    if isinstance(value, Mapping):
-        for key, below in value.items():
-            yield from _entry(f"{key}:", below)
-    elif isinstance(value, list):
-        for item in value:
-            first, *rest = _lines(item)
-            yield f"- {first}"
-            yield from (_STEP + line for line in rest)
-    elif isinstance(value, bool):
-        yield str(value).lower()
-    else:
-        yield _PLACEHOLDER.sub(r"$\1", str(value))
-
-
-def _entry(start: str, below: Any) -> Iterator[str]:
-    if (isinstance(below, Mapping) and below) or (isinstance(below, list) and below):
-        yield start
-        yield from (_STEP + line for line in _lines(below))
-    elif isinstance(below, Mapping | list):
-        yield f"{start} {{}}" if isinstance(below, Mapping) else f"{start} []"
-    else:
-        yield f"{start} {next(_lines(below))}"
-
-
 TRIGGERS: Final = (" ", ".", "/", "(", "[", ":", "-")
 """Characters after which an editor asks by itself."""
 
@@ -99,7 +84,6 @@ _REFERENCE: Final = re.compile(r"\$\(\s*(?P<kind>var|env)?\s*(?P<name>\w*)\Z")
 _WAIVER: Final = re.compile(r"#\s*r2bspec\s*:\s*ignore\s*\[(?:[^\]]*,)?\s*(?P<code>[\w-]*)\Z")
 _BLOCK: Final = re.compile(r"(?P<indent>\s*)(?P<items>(?:-\s+)*)\Z")
 _AFTER_KEY: Final = re.compile(r"(?P<indent>\s*)(?P<items>(?:-\s+)*)[^\s\[{][^\[{]*:\s*\Z")
-_STEP: Final = "  "
 
 
 @dataclass(frozen=True, slots=True)

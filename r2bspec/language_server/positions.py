@@ -14,7 +14,7 @@ from __future__ import annotations
 import itertools
 import re
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -30,7 +30,6 @@ from r2bspec.language_server.protocol import Change, Position, invalid_params
 from r2bspec.safe_io.limits import MAX_EDITOR_EDIT_WORK, MAX_EDITOR_PARSED_CHARACTERS
 
 _PROTOCOL_LINE_BREAK: Final = re.compile(r"\r\n|\n|\r")
-_LINE: Final = re.compile(r"[^\r\n]*+(?:\r\n?|\n)|[^\r\n]++")
 
 ENCODINGS: Final[Mapping[str, tuple[str, int]]] = {
     "utf-8": ("utf-8", 1),
@@ -58,42 +57,6 @@ def _characters(line: str, units: int, encoding: str) -> int:
     return len(cut.decode(codec, "ignore"))
 
 
-def edited(text: str, changes: Iterable[Change], encoding: str) -> str:
-    """The text after the changes of an editor, one after the other.
-
-    A range that ends before it begins is empty, and what is beyond the text is at its end.
-
-    Raises:
-        RequestError: the changes move more text than an editor ever does at once.
-    """
-    lines = _LINE.findall(text)
-    work = 0
-    for change in changes:
-        if change.range is None:
-            lines = _LINE.findall(change.text)
-            work += len(change.text)
-            continue
-        first, column = _within(lines, change.range.start, encoding)
-        last, end = max((first, column), _within(lines, change.range.end, encoding))
-        before, after = "".join(lines[first : first + 1]), "".join(lines[last : last + 1])
-        # What is inserted may make one line break of a CR above and an LF.
-        above = first - (first > 0)
-        piece = "".join((*lines[above:first], before[:column], change.text, after[end:]))
-        lines[above : last + 1] = _LINE.findall(piece)
-        work += len(piece) + len(before) + len(after) + len(lines)
-        if work > MAX_EDITOR_EDIT_WORK:
-            raise invalid_params("there are too many changes of too long a text")
-    return "".join(lines)
-
-
-def _within(lines: Sequence[str], position: Position, encoding: str) -> tuple[int, int]:
-    """The line and the character of a position; beyond the text, its end."""
-    if position.line >= len(lines):
-        return len(lines), 0
-    line = lines[position.line].rstrip("\r\n")
-    return position.line, _characters(line, position.character, encoding)
-
-
 class TextPositions:
     """The positions in one text.
 
@@ -117,6 +80,11 @@ class TextPositions:
     def _yaml_starts(self) -> list[int]:
         """Where the lines of YAML begin."""
         return _line_starts(LINE_BREAK, self.text[self._skipped :], self._skipped)
+
+    @property
+    def line_count(self) -> int:
+        """How many lines the protocol counts."""
+        return len(self._starts)
 
     def offset_of_place(self, line: int, column: int) -> int:
         """The offset of a place of the compiler; beyond the text, that of the nearest character."""
@@ -167,6 +135,33 @@ class TextPositions:
     def _line_end(self, line: int) -> int:
         end = self._starts[line + 1] if line + 1 < len(self._starts) else len(self.text)
         return self._starts[line] + len(self.text[self._starts[line] : end].rstrip("\r\n"))
+
+
+def edited(text: str, changes: Iterable[Change], encoding: str) -> str:
+    """The text after the changes of an editor, one after the other.
+
+    A range that ends before it begins is empty, and what is beyond the text is at its end.
+
+    Raises:
+        RequestError: the changes move more text than an editor ever does at once.
+    """
+    work = 0
+    for change in changes:
+        if change.range is None:
+            text = change.text
+            continue
+        positions = TextPositions(text, encoding)
+        start = positions.offset(change.range.start)
+        end = max(start, positions.offset(change.range.end))
+        text = text[:start] + change.text + text[end:]
+        work += len(text) + _LINE_WORK * positions.line_count
+        if work > MAX_EDITOR_EDIT_WORK:
+            raise invalid_params("there are too many changes of too long a text")
+    return text
+
+
+_LINE_WORK: Final = 25
+"""Finding where a line begins takes as long as copying so many characters."""
 
 
 def _line_starts(line_break: re.Pattern[str], text: str, first: int) -> list[int]:

@@ -534,6 +534,7 @@ class Connection:
         self._last_id = 0
         self._converter = get_converter()
         self.on(types.CANCEL_REQUEST, CancelParams)(self._cancel)
+        self.on(types.SHUTDOWN)(lambda _: None)
 
     def on(self, method: str, kind: Any = None) -> Callable[[Handler], Handler]:
         """Register what answers a method: a function, or a coroutine function, of its parameters.
@@ -634,8 +635,8 @@ class Connection:
             self._phase = _Phase.INITIALIZED
         elif message.method == types.SHUTDOWN:
             self._phase = _Phase.SHUT_DOWN
-            for identifier in self._requests.keys() - {message.id}:
-                self._requests[identifier].cancel()
+            for task in self._tasks:
+                task.cancel()
         return result
 
     def _cancel(self, params: CancelParams) -> None:

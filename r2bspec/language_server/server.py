@@ -72,7 +72,6 @@ class SpecLanguageServer:
         self._task: asyncio.Task[None] | None = None
         self._waiting: set[Path] = set()
         self._published: dict[str, frozenset[str]] = {}
-        self._running: set[asyncio.Task[None]] = set()
 
     def initialize(self, params: protocol.InitializeParams) -> types.InitializeResult:
         """Take over what the editor is, and say what is answered."""
@@ -256,9 +255,7 @@ class SpecLanguageServer:
 
     def start_command(self, name: str, argv: list[str]) -> None:
         """Start a command line; its end is shown in the editor."""
-        task = self.connection.start(name, self._run_command(name, argv))
-        self._running.add(task)
-        task.add_done_callback(self._running.discard)
+        self.connection.start(name, self._run_command(name, argv))
 
     async def _run_command(self, name: str, argv: list[str]) -> None:
         log = partial(self.connection.log, types.MessageType.Log)
@@ -298,11 +295,6 @@ class SpecLanguageServer:
             )
         else:
             self.connection.log(types.MessageType.Info, text)
-
-    def stop_commands(self) -> None:
-        """End the commands that still run."""
-        for task in self._running:
-            task.cancel()
 
 
 def create_server(defect: Callable[[BaseException], str]) -> SpecLanguageServer:
@@ -414,10 +406,6 @@ def _add_documents(server: SpecLanguageServer) -> None:
     @on(types.WORKSPACE_DID_CHANGE_WORKSPACE_FOLDERS, protocol.FolderParams)
     def folders_changed(params: protocol.FolderParams) -> None:
         server.change_folders(params.event.added, params.event.removed)
-
-    @on(types.SHUTDOWN)
-    def shut_down(_: None) -> None:
-        server.stop_commands()
 
 
 def _add_completion(server: SpecLanguageServer) -> None:

@@ -17,6 +17,7 @@ from r2bspec.safe_io.limits import MAX_SEARCHED_ENTRIES, MAX_SEARCHED_FOLDERS
 from r2bspec.safe_io.looked_up_files import is_noting, note_lookup
 
 _ANY_FOLDERS: Final = "**"
+_MAX_NOTED: Final = 10_000
 
 
 def matching_files(pattern: str) -> list[str]:
@@ -89,7 +90,7 @@ def regular_files(folder: Path) -> Iterator[Path]:
     return (path for path in paths if os.path.isfile(path))  # noqa: PTH113 - may be too long
 
 
-def note_folder(folder: Path, max_files: int = 10_000) -> None:
+def note_folder(folder: Path) -> None:
     """Take notice of a bag: of everything below a folder up to a number, or of a file."""
     if not is_noting():
         return
@@ -97,7 +98,7 @@ def note_folder(folder: Path, max_files: int = 10_000) -> None:
     below = (
         parent / name for parent, folders, files in walk(folder) for name in (*folders, *files)
     )
-    for path in islice(below, max_files):
+    for path in islice(below, _MAX_NOTED):
         note_lookup(path)
 
 

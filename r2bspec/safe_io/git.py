@@ -113,9 +113,7 @@ def git_environment(filters: Iterable[str] = ()) -> dict[str, str]:
 def run_git(
     top: Path,
     *arguments: str,
-    stdin: bytes = b"",
     filters: Iterable[str] = (),
-    timeout_s: float = GIT_TIMEOUT_S,
 ) -> subprocess.CompletedProcess[bytes] | None:
     """Run git on a work tree; None if there is no git, or it does not end in time.
 
@@ -123,17 +121,15 @@ def run_git(
         top: the top of the work tree.
         arguments: the subcommand and what follows it. One that reads or writes files of the work
             tree needs `filters`.
-        stdin: what git reads from its standard input.
         filters: the names of filters that are to do nothing (`filter_names`).
-        timeout_s: how long it may take.
     """
     try:
         return subprocess.run(
             git_command(top, *arguments),
             env=git_environment(filters),
-            input=stdin,
+            stdin=subprocess.DEVNULL,
             capture_output=True,
-            timeout=timeout_s,
+            timeout=GIT_TIMEOUT_S,
             check=False,
         )
     except (OSError, ValueError, subprocess.TimeoutExpired):

@@ -243,8 +243,8 @@ MAX_EDITOR_DOCUMENTS: Final = 500
 """Open at a time."""
 MAX_EDITOR_ITEMS: Final = 100_000
 """Of a list in a message: changes of a text, files on disk."""
-MAX_EDITOR_EDIT_WORK: Final = 500_000_000
-"""Characters and lines that the changes of one message move."""
+MAX_EDITOR_EDIT_WORK: Final = 200_000_000
+"""Characters that the changes of one message move: 300 of a spec of 10,000 lines, within 2 s."""
 MAX_EDITOR_LINE_CHARACTERS: Final = 10_000
 """Of a line in which something is proposed."""
 MAX_EDITOR_PARSED_CHARACTERS: Final = 400_000

@@ -56,13 +56,7 @@ def check_values(value: Any, free: frozenset[str] = frozenset()) -> None:
 T = TypeVar("T")
 
 
-def read_json(
-    path: Path,
-    kind: type[T],
-    *,
-    dec_hook: Callable[[type, Any], Any] | None = None,
-    max_bytes: int = limits.MAX_JSON_BYTES,
-) -> T:
+def read_json(path: Path, kind: type[T], *, max_bytes: int = limits.MAX_JSON_BYTES) -> T:
     """Read one value from a file.
 
     Raises:
@@ -70,7 +64,7 @@ def read_json(
         OSError: the system refuses.
         msgspec.DecodeError: as `decode_json`.
     """
-    return decode_json(read_bytes(path, max_bytes=max_bytes), kind, dec_hook=dec_hook)
+    return decode_json(read_bytes(path, max_bytes=max_bytes), kind)
 
 
 def decode_json(

@@ -1,23 +1,17 @@
-"""How many hostile inputs of every family are answered cleanly; 100 % is what is required.
+"""Which answers to hostile inputs are clean.
 
 An answer is clean if it has a documented exit status other than that of an internal error, and a
 message if it is no success; if errors of a call say what to do; if it has no traceback, no control
 character and no secret; and if it took less than 500 MB of memory, few seconds of CPU, and a
-bounded output. Each call is made in a process of its own, so that a crash or a hang is one, too.
-`readers` has what is a file of one reader.
+bounded output.
 """
 
 from __future__ import annotations
 
-import random
 import re
-from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from pathlib import Path
 
-from hostile_calls import Answer, call
-from hostile_inputs import SECRET, SECRET_NAME, Prototypes, families
+from hostile_calls import Answer
+from hostile_inputs import SECRET
 
 MEMORY_BYTES = 500_000_000
 OUTPUT_BYTES = 2_000_000
@@ -26,49 +20,6 @@ LINE_CHARACTERS = 4_100
 _CONTROL = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]|\xc2[\x80-\x9f]|\xe2\x80[\xaa-\xae]")
 _PIECE = 8
 """A piece of a secret of this length must not be shown: enough to guess by."""
-
-
-@dataclass
-class Tally:
-    """The answers of a run.
-
-    Attributes:
-        unclean: a line for each answer that is not clean.
-    """
-
-    calls: Counter[str] = field(default_factory=Counter)
-    clean: Counter[str] = field(default_factory=Counter)
-    unclean: list[str] = field(default_factory=list)
-
-    def lines(self) -> Iterator[str]:
-        """The shares of clean answers."""
-        for family, number in self.calls.items():
-            yield f"{family:<26} {self.clean[family]:>6} of {number:>6}"
-        clean, calls = self.clean.total(), self.calls.total()
-        yield f"clean answers: {clean} of {calls} ({100 * clean / max(calls, 1):.1f} %)"
-
-
-def run_inputs(folder: Path, numbers: Iterator[int], seed: int, cpu_s: float) -> Tally:
-    """Give r2bspec inputs of each family; `numbers` says which, and when to stop."""
-    (folder / "prototypes").mkdir()
-    known = families(Prototypes(folder / "prototypes"))
-    tally = Tally()
-    for number in numbers:
-        for family, make in known.items():
-            # Not the hash of a tuple, which is another in each process.
-            rng = random.Random(f"{seed} {number} {family}")  # noqa: S311 - nothing is secret
-            place = folder / f"{number} {family}"
-            place.mkdir()
-            made = make(rng, place)
-            for arguments in made.calls:
-                tally.calls[family] += 1
-                wrong = _asked(arguments, place, cpu_s)
-                if wrong:
-                    words = " ".join(arguments)
-                    tally.unclean.append(f"{family} {number} ({made.name}): {words}: {wrong}")
-                else:
-                    tally.clean[family] += 1
-    return tally
 
 
 def wrong_with(answer: Answer, cpu_s: float, *, is_document: bool = False) -> str:
@@ -111,14 +62,3 @@ def faults(code: int, said: bytes) -> list[tuple[bool, str]]:
 def _shows_secret(said: bytes) -> bool:
     pieces = {SECRET[at : at + _PIECE] for at in range(len(SECRET) - _PIECE + 1)}
     return any(piece.encode() in said for piece in pieces)
-
-
-def _asked(arguments: tuple[str, ...], place: Path, cpu_s: float) -> str:
-    given = {
-        SECRET_NAME: SECRET,
-        **{name: str(place) for name in ("XDG_CACHE_HOME", "TMPDIR")},
-        "NO_COLOR": "1",
-    }
-    is_document = not {"--format", "--resolved", "--report"}.isdisjoint(arguments)
-    answer = call(*arguments, cwd=place, environ=given)
-    return wrong_with(answer, cpu_s, is_document=is_document)

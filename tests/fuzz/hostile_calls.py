@@ -191,3 +191,14 @@ def make_history(folder: Path) -> Path:
     file = folder / "history.sqlite"
     with open_history(file, create=True):
         return file
+
+
+def small_run(folder: Path, segments: int = 1) -> Path:
+    """The folder of a good run with one objective."""
+    from run_simulation import Played, Simulation, objective
+
+    Simulation(
+        segments=[Played(10, [0.01, 0.02])] * segments,
+        objectives={"fast": objective("latency.p99 < 60 ms", at="10 Hz")},
+    ).write(folder)
+    return folder

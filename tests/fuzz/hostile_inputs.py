@@ -1,20 +1,17 @@
-"""Hostile inputs of every family, made from a seed: the same seed makes the same inputs."""
+"""Parts of hostile inputs, and good bags and a good run to damage."""
 
 from __future__ import annotations
 
 import random
-import shutil
 import struct
 import sys
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from hostile_calls import INSERT_RUN, change_database, make_history, make_special
+from hostile_calls import INSERT_RUN, change_database, make_history, small_run
 
 from data_bags import text, write_bag
-from run_simulation import Played, Simulation, objective
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -51,6 +48,8 @@ PLACES = {
     "r2bspec": "r2bspec: 1",
     "require": "require: [latency.p90 < 50 ms]",
 }
+WORDS = ("$(env @)", "'a $(env @) b'", "[$(env @)]", "$(env @)/x", "{a: $(env @)}")
+"""References to a secret, as the value of a key."""
 VALUES = (
     *(
         "''",
@@ -159,108 +158,32 @@ DOCUMENTS = (
 )
 
 
-@dataclass(frozen=True)
-class HostileInput:
-    """One input: its name, and the calls of r2bspec that read it.
-
-    Attributes:
-        calls: arguments of r2bspec.
-    """
-
-    name: str
-    calls: tuple[tuple[str, ...], ...]
-
-
-Family = Callable[[random.Random, Path], HostileInput]
-"""Makes one input in an empty folder."""
-
-
 class Prototypes:
-    """Good bags and a good run, which families damage."""
+    """Good bags, a good run and a history, which readers are given damaged."""
 
     def __init__(self, folder: Path) -> None:
         messages = [("/a", number, text("x" * number)) for number in range(5)]
         self.bag = write_bag(folder / "bag", messages)
         self.packed = write_bag(folder / "packed", messages, compression="message")
-        self.run = folder / "run"
-        Simulation(
-            segments=[Played(10, [0.01, 0.02])],
-            objectives={"fast": objective("latency.p99 < 60 ms", at="10 Hz")},
-        ).write(self.run)
+        self.run = small_run(folder / "run")
         from r2bspec.judge.judge_run import result_of, to_json
         from r2bspec.record.run_folder import open_run
 
         (self.run / "result.json").write_bytes(to_json(result_of(open_run(self.run))))
         self.history = make_history(folder)
+        change_database(self.history, INSERT_RUN, *["x" * 9] * 9)
 
 
-def families(made: Prototypes) -> dict[str, Family]:
-    """Every family by name."""
+def secret_spec(place: str, word: str) -> str:
+    """A spec that writes what is to be kept secret where no secret belongs.
 
-    def of_spec(folder: Path, name: str, content: str | bytes) -> HostileInput:
-        data = content if isinstance(content, bytes) else content.encode("utf-8", "surrogatepass")
-        (folder / "h.r2b.yaml").write_bytes(data)
-        shutil.copytree(made.bag, folder / "bag")
-        calls = [
-            ("validate", "h.r2b.yaml"),
-            ("plan", "h.r2b.yaml"),
-            ("validate", "--diff", "h.r2b.yaml"),
-        ]
-        return HostileInput(name, tuple(calls))
-
-    def secrets(rng: random.Random, folder: Path) -> HostileInput:
-        place = rng.choice(list(PLACES))
-        word = rng.choice(
-            ["$(env @)", "'a $(env @) b'", "[$(env @)]", "$(env @)/x", "{a: $(env @)}"]
-        )
-        bad = f"{PLACES[place].partition(':')[0]}: {word.replace('@', SECRET_NAME)}"
-        spec = f"environment: [{SECRET_NAME}]\n" + SPEC.replace(PLACES[place], bad, 1)
-        found = of_spec(folder, f"{place}: {word}", spec)
-        more = [
-            ("validate", "--format", form, "h.r2b.yaml") for form in ("json", "github", "sarif")
-        ]
-        resolved = ("validate", "--resolved", "--offline", "h.r2b.yaml")
-        return HostileInput(found.name, (*found.calls, *more, resolved))
-
-    def of_bag(folder: Path, name: str, bag: str) -> HostileInput:
-        (folder / "h.r2b.yaml").write_text(SPEC.replace("./bag", f"./{bag}"), encoding="utf-8")
-        calls = [("validate", "h.r2b.yaml"), ("data", "info", bag), ("data", "verify", bag)]
-        return HostileInput(name, tuple(calls))
-
-    def bombs(rng: random.Random, folder: Path) -> HostileInput:
-        shutil.copytree(made.packed, folder / "packed")
-        frame = zeros(rng.choice([70, 300])) * rng.choice([1, 4])
-        change_database(folder / "packed" / "packed.db3", "UPDATE messages SET data = ?", frame)
-        return of_bag(folder, f"a bomb of {len(frame)} bytes", "packed")
-
-    def histories(rng: random.Random, folder: Path) -> HostileInput:
-        file = folder / "history.sqlite"
-        shutil.copy(made.history, file)
-        if rng.random() < 0.5:
-            file.write_bytes(damaged(rng, file.read_bytes()))
-        else:
-            name = rng.choice(["\x1b]0;x\x07::error::", "x" * 100_000, "a\0b"])
-            change_database(file, INSERT_RUN, *[name] * 9)
-        calls = [
-            ("history", "list", "--file", str(file), "--format", form) for form in ("text", "json")
-        ]
-        return HostileInput("a history", tuple(calls))
-
-    def special_files(rng: random.Random, folder: Path) -> HostileInput:
-        kind = rng.choice(["pipe", "zeros", "itself", "folder", "terabyte", "environment"])
-        make_special(folder / "x", kind)
-        calls = (
-            *(("validate", "x"), ("plan", "x"), ("judge", "x"), ("report", "x"), ("import", "x")),
-            *(("data", "info", "x"), ("compare", "x", "x"), ("history", "list", "--file", "x")),
-        )
-        return HostileInput(kind, tuple(rng.sample(calls, 4)))
-
-    return {
-        "secrets": secrets,
-        "bombs": bombs,
-        "histories": histories,
-        "special files": special_files,
-    }
+    Args:
+        place: one of `PLACES`.
+        word: what is written there; ``@`` is the name of the variable.
+    """
+    key = PLACES[place].partition(":")[0]
+    wrong = SPEC.replace(PLACES[place], f"{key}: {word.replace('@', SECRET_NAME)}", 1)
+    return f"environment: [{SECRET_NAME}]\n{wrong}"
 
 
 def damaged(rng: random.Random, data: bytes, alphabet: bytes = b"\x00\xff\x7f\x80") -> bytes:

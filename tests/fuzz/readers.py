@@ -39,6 +39,7 @@ from rich.console import Console
 
 import tuning_results
 from data_bags import chatter, write_mcap, write_ros1
+from editor_messages import EXIT, INITIALIZE, SHUTDOWN, framed
 from r2bspec.check import check
 from r2bspec.cli.internal_error import Crash
 from r2bspec.cli.main import main
@@ -311,6 +312,15 @@ def _scripts() -> Iterator[bytes]:
         yield file.read_bytes()
 
 
+MARKUP = """<launch>
+  <arg name="a" default="b"/>
+  <node_container pkg="rclcpp_components" exec="component_container" name="c" namespace="">
+    <composable_node pkg="p" plugin="p::P" name="n"><remap from="x" to="$(var a)"/>
+    </composable_node>
+  </node_container>
+  <group><push-ros-namespace namespace="s"/><node pkg="p" exec="e" args="$(env HOME)"/></group>
+</launch>
+"""
 _LAUNCH_WORDS = (
     *("launch", "node", "group", "include", "arg", "let", "param", "remap", "env", "set_env"),
     *("push_ros_namespace", "push-ros-namespace", "node_container", "composable_node", "timer"),
@@ -360,6 +370,12 @@ def _mcap_seeds() -> Iterator[bytes]:
 
 
 # ---- runs, results and reports ----
+
+
+def _history(data: bytes, folder: Path) -> None:
+    (folder / "history.sqlite").write_bytes(data)
+    listing = ("history", "list", "--file", "history.sqlite", "--format")
+    answered((*listing, "text"), (*listing, "json"))
 
 
 def _record(data: bytes, folder: Path) -> None:
@@ -574,12 +590,11 @@ def _lsp(data: bytes, folder: Path) -> None:
 
     messages = _json_of(data)
     messages = messages if isinstance(messages, list) else [messages]
-    messages = [_request("initialize", capabilities={}), *messages[:20], _request("shutdown")]
     sent = b"".join(
-        message.encode("utf-8", "surrogatepass") if isinstance(message, str) else _framed(message)
-        for message in messages
+        message.encode("utf-8", "surrogatepass") if isinstance(message, str) else framed(message)
+        for message in messages[:20]
     )
-    sent += _framed({"jsonrpc": "2.0", "method": "exit"})
+    sent = INITIALIZE + sent + SHUTDOWN + EXIT
     defects: list[BaseException] = []
 
     def keep(error: BaseException) -> str:
@@ -599,15 +614,6 @@ def _lsp(data: bytes, folder: Path) -> None:
         assert b'"id":"shutdown"' in received.getvalue(), "no answer"
 
 
-def _framed(message: Any) -> bytes:
-    body = json.dumps(message).encode()
-    return b"Content-Length: %d\r\n\r\n" % len(body) + body
-
-
-def _request(method: str, **params: Any) -> dict[str, Any]:
-    return {"jsonrpc": "2.0", "id": method, "method": method, "params": params}
-
-
 def _lsp_seeds() -> Iterator[bytes]:
     from lsprotocol import types
 
@@ -620,7 +626,8 @@ def _lsp_seeds() -> Iterator[bytes]:
     opened = {"method": "textDocument/didOpen", "params": {"textDocument": item}, "jsonrpc": "2.0"}
     methods = [name for name in types.METHOD_TO_TYPES if name.startswith("textDocument/")]
     for method in methods:
-        asked = _request(method, **place, positions=[place["position"]])
+        params = place | {"positions": [place["position"]]}
+        asked = {"jsonrpc": "2.0", "id": method, "method": method, "params": params}
         yield json.dumps([opened, asked, "Content-Length: 2\n\n{}"]).encode()
 
 
@@ -756,6 +763,7 @@ READERS = {
             write_ros1, [{"compression": kind} for kind in ("none", "bz2", "lz4")], ".bag"
         ),
     ),
+    "history": Reader(_history, mutations.sqlite, lambda: (_prototypes().history.read_bytes(),)),
     "record": Reader(_record, _json, _record_seeds),
     "tuning": Reader(_tuning, _json, _tuning_seeds, _fonts),
     "arrays": Reader(_arrays, mutations.numbers, _arrays_seeds),
@@ -770,7 +778,7 @@ READERS = {
     "playback": Reader(_playback, _playback_mutation, _playback_seeds, _player),
     "lsp": Reader(_lsp, _json, _lsp_seeds),
     "script": Reader(_script, mutations.python, _scripts),
-    "launch": Reader(_launch, _files),
+    "launch": Reader(_launch, _files, lambda: (MARKUP.encode(),)),
     "fleet": Reader(
         _fleet, mutations.by_start({b"\x1f": mutations.archive}, _packed), _fleet_seeds
     ),

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import random
 import runpy
 import subprocess
 from pathlib import Path
 
 import pytest
+from hostile_inputs import damaged
 from readers import CORPUS, READERS, Reader, read
+
+from nightly import size
 
 FILES = [(name, file) for name in READERS for file in sorted((CORPUS / name).glob("*"))]
 
@@ -24,6 +28,20 @@ def test_seeds(name: str) -> None:
     """What targets begin with is of use."""
     for seed in READERS[name].seeds():
         read(name, seed)
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_damaged_seeds(name: str) -> None:
+    """Each has a few changes that keep to the structure of such an input."""
+    rng = random.Random(name)  # noqa: S311 - repeatable damage
+    seeds = [*READERS[name].seeds()]
+    for _ in range(size(5, 300)):
+        seed = rng.choice(seeds)
+        try:
+            changed = READERS[name].mutate(seed, rng)
+        except Exception:  # of the parser of what is changed
+            changed = damaged(rng, seed)
+        read(name, changed)
 
 
 @pytest.mark.parametrize(

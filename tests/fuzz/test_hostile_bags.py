@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 from hostile_calls import LONGEST_S, answered, change_database, make_history, make_special
-from hostile_inputs import zeros
+from hostile_inputs import SPEC, zeros
 from mcap.writer import IndexType
 
 from data_bags import text, write_bag, write_mcap, write_ros1
@@ -25,21 +25,11 @@ pytestmark = pytest.mark.timeout(4 * LONGEST_S)
 BOMB_BYTES = 1_500 << 20
 MESSAGES = [("/a", number, text("x")) for number in range(5)]
 
-SPEC = """\
-r2bspec: 1
-name: hostile
-data_loader: {bag: PLACE, topics: {/a: a}}
-playback: {inputs: {image: {from: a, format: std_msgs/msg/String}}}
-graph: {nodes: {n: {command: [x], subscribes: {a: std_msgs/msg/String}}}}
-monitors: {output: {topic: output, format: std_msgs/msg/String}}
-benchmark: {rates: [30 Hz]}
-"""
-
 
 def refused(bag: Path, reason: str, *, code: str = "R2B30") -> None:
     """Every verb that reads a bag names the reason, and ends."""
     spec = bag.parent / "hostile.r2b.yaml"
-    spec.write_text(SPEC.replace("PLACE", f"./{bag.name}"), encoding="utf-8")
+    spec.write_text(SPEC.replace("./bag", f"./{bag.name}"), encoding="utf-8")
     for arguments in (("validate", spec), ("plan", spec), ("data", "info", bag)):
         said = answered(*arguments, cwd=bag.parent, status=(1, 2), says=reason)
         assert code in said
@@ -99,46 +89,20 @@ def test_deep_json_next_to_a_bag_is_answered(tmp_path: Path) -> None:
 ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n)"
 
 
-@pytest.mark.parametrize(
-    ("statements", "reason"),
-    [
-        (
-            """DROP TABLE message_definitions; CREATE VIEW message_definitions AS
-            ENDLESS SELECT i AS id, i AS topic_type, i AS encoding,
-            i AS encoded_message_definition, i AS type_description_hash FROM n""",
-            "it contains a view",
-        ),
-        ("CREATE VIEW other AS ENDLESS SELECT i FROM n", "it contains a view"),
-        (
-            "CREATE TRIGGER t AFTER INSERT ON messages BEGIN DELETE FROM messages; END",
-            "it contains a trigger",
-        ),
-        (
-            """DROP TABLE messages; CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER,
-            timestamp INTEGER, data BLOB AS (zeroblob(900000000)) VIRTUAL);
-            INSERT INTO messages(id, topic_id, timestamp) VALUES (1, 1, 1)""",
-            "has a generated column",
-        ),
-    ],
-    ids=["view in place of a table", "view", "trigger", "generated column"],
-)
-def test_a_database_with_programs_is_refused(statements: str, reason: str, tmp_path: Path) -> None:
+def test_a_database_with_programs_is_refused(tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", MESSAGES)
-    change_database(bag / "bag.db3", statements.replace("ENDLESS", ENDLESS))
-    refused(bag, reason, code="R2B304")
-    verify_refuses(bag, reason)
+    view = """DROP TABLE message_definitions; CREATE VIEW message_definitions AS
+        ENDLESS SELECT i AS id, i AS topic_type, i AS encoding,
+        i AS encoded_message_definition, i AS type_description_hash FROM n"""
+    change_database(bag / "bag.db3", view.replace("ENDLESS", ENDLESS))
+    refused(bag, "it contains a view", code="R2B304")
+    verify_refuses(bag, "it contains a view")
 
 
-@pytest.mark.parametrize(
-    "statement",
-    [
-        "DROP TABLE runs; CREATE VIEW runs AS ENDLESS SELECT i AS run_id FROM n",
-        "CREATE TRIGGER t AFTER INSERT ON metrics BEGIN DELETE FROM metrics; END",
-    ],
-)
-def test_a_history_with_programs_is_refused(statement: str, tmp_path: Path) -> None:
+def test_a_history_with_programs_is_refused(tmp_path: Path) -> None:
     file = make_history(tmp_path)
-    change_database(file, statement.replace("ENDLESS", ENDLESS))
+    view = "DROP TABLE runs; CREATE VIEW runs AS ENDLESS SELECT i AS run_id FROM n"
+    change_database(file, view.replace("ENDLESS", ENDLESS))
     why = "was not written by r2bspec: it contains a"
     answered("history", "list", "--file", file, cwd=tmp_path, status=(1, 2, 3, 4), says=why)
 

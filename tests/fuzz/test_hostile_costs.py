@@ -14,12 +14,12 @@ from pathlib import Path
 
 import pytest
 from clean_answers import wrong_with
-from hostile_calls import LONGEST_S, call, change_database
+from hostile_calls import LONGEST_S, call, change_database, small_run
 from hostile_inputs import SPEC
 
 from data_bags import START_NS, text, write_bag, write_mcap
+from editor_messages import EXIT, INITIALIZE, SHUTDOWN, changed, notice, opened, request
 from nightly import size
-from run_simulation import Played, Simulation, objective
 
 MOST_CPU_S = 6.0
 
@@ -66,11 +66,7 @@ def run(segments: int) -> Callable[[Path], str]:
     """A record that lists many segments, as a short file can."""
 
     def write(folder: Path) -> str:
-        Simulation(
-            segments=[Played(10, [0.01, 0.02])],
-            objectives={"fast": objective("latency.p99 < 60 ms", at="10 Hz")},
-        ).write(folder / "x")
-        file = folder / "x" / "record.json"
+        file = small_run(folder / "x") / "record.json"
         record = json.loads(file.read_text())
         first = record["segments"][0]
         record["segments"] = [{**first, "id": f"s{number}"} for number in range(segments)]
@@ -89,74 +85,59 @@ def document(content: Callable[[], object], name: str = "x.json") -> Callable[[P
     return write
 
 
+BAG: list[tuple[str, ...]] = [("data", "info"), ("data", "verify"), ("import",)]
+REPORT: list[tuple[str, ...]] = [("import",), ("compare", "@"), ("report",), ("plan",)]
+RUN: list[tuple[str, ...]] = [("judge",), ("compare", "@"), ("report", "--report", "markdown=-")]
+TEXT: list[tuple[str, ...]] = [("validate",), ("plan",)]
+
+BAGS: dict[str, Callable[[Path], str]] = {
+    "empty records of MCAP": mcap,
+    "fields of ROS 1": ros1(lambda: "".join(f"int8 f{n}\n" for n in range(100_000))),
+    "comments of ROS 1": ros1(lambda: "# x\n" * 2_000_000 + "int8 a\n"),
+    "brackets of QoS": profiles("[" * 50_000),
+    "profiles of QoS": profiles("- {depth: 1}\n" * 50_000),
+}
+REPORTS: dict[str, Callable[[], object]] = {
+    "rates of a report": lambda: {f"{n}.5fps": FIGURES for n in range(100_000)} | FIGURES,
+    "monitors of a report": lambda: {f"m{n}": FIGURES for n in range(50_000)} | FIGURES,
+    "shared figures of a report": lambda: (
+        {f"CPUProfilingMetrics.{n}": 1 for n in range(9_000)}
+        | {f"m{n}": FIGURES for n in range(9_000)}
+    ),
+    "a rate of many digits": lambda: {f"{'9' * 5_000_000}fps": FIGURES} | FIGURES,
+    "a name of a report": lambda: (
+        FIGURES | {"metadata": {"BenchmarkMetadata.NAME": "x" * 5_000_000}}
+    ),
+    "numbers": lambda: f"[{'1,' * 5_000_000}1]",
+    "empty maps": lambda: f"[{'{},' * 3_300_000}1]",
+    "keys": lambda: {f"k{n}": 1 for n in range(800_000)},
+}
+SPECS: dict[str, Callable[[], str]] = {
+    "comments": lambda: "# x\n" * 2_400_000,
+    "empty lines": lambda: "\n" * 9_900_000,
+    "words": lambda: f"title: '{'x ' * 4_900_000}'\n",
+    "lines of a text": lambda: "title: |\n" + "  x\n" * 2_400_000,
+    "escapes": lambda: 'title: "' + "\\x41" * 2_400_000 + '"\n',
+    "labels": lambda: f"labels: {{{', '.join(f'k{n}: 1' for n in range(190_000))}}}\n",
+    "references": lambda: "variables: {a: 1}\ntitle: '" + "$(var a)" * 1_200_000 + "'\n",
+    "open references": lambda: f"title: '{'$(' * 4_900_000}'\n",
+    "values of a search": lambda: (
+        f"labels: {{{', '.join(f'k{n}: 1' for n in range(5_000))}}}\n"
+        f"tune: {{values: {{graph.nodes.n.nice: [{', '.join(map(str, range(64)))}]}}}}\n"
+    ),
+    "unknown keys": lambda: "".join(f"k{n}: 1\n" for n in range(190_000)),
+}
+
+
 def spec(more: Callable[[], str]) -> Callable[[Path], str]:
     return document(lambda: SPEC + more(), "x.r2b.yaml")
 
 
-BAG: list[tuple[str, ...]] = [("data", "info"), ("data", "verify"), ("import",)]
-REPORT: list[tuple[str, ...]] = [("import",), ("compare", "@"), ("report",)]
-RUN: list[tuple[str, ...]] = [("judge",), ("compare", "@"), ("report", "--report", "markdown=-")]
-TEXT: list[tuple[str, ...]] = [("validate",), ("plan",)]
-
-COSTS: dict[str, tuple[Callable[[Path], str], list[tuple[str, ...]]]] = {
-    "empty records of MCAP": (mcap, BAG),
-    "fields of ROS 1": (ros1(lambda: "".join(f"int8 f{n}\n" for n in range(100_000))), BAG),
-    "comments of ROS 1": (ros1(lambda: "# x\n" * 2_000_000 + "int8 a\n"), BAG),
-    "brackets of QoS": (profiles("[" * 50_000), BAG),
-    "profiles of QoS": (profiles("- {depth: 1}\n" * 50_000), BAG),
+COSTS = {
+    **{name: (write, BAG) for name, write in BAGS.items()},
     "segments without samples": (run(1_500), RUN),
-    "rates of a report": (
-        document(lambda: {f"{n}.5fps": FIGURES for n in range(100_000)} | FIGURES),
-        REPORT,
-    ),
-    "monitors of a report": (
-        document(lambda: {f"m{n}": FIGURES for n in range(50_000)} | FIGURES),
-        REPORT,
-    ),
-    "shared figures of a report": (
-        document(
-            lambda: (
-                {f"CPUProfilingMetrics.{n}": 1 for n in range(9_000)}
-                | {f"m{n}": FIGURES for n in range(9_000)}
-            )
-        ),
-        REPORT,
-    ),
-    "a rate of many digits": (
-        document(lambda: {f"{'9' * 5_000_000}fps": FIGURES} | FIGURES),
-        REPORT,
-    ),
-    "a name of a report": (
-        document(lambda: FIGURES | {"metadata": {"BenchmarkMetadata.NAME": "x" * 5_000_000}}),
-        REPORT,
-    ),
-    "numbers": (document(lambda: f"[{'1,' * 5_000_000}1]"), [*REPORT, ("plan",)]),
-    "empty maps": (document(lambda: f"[{'{},' * 3_300_000}1]"), REPORT),
-    "keys": (document(lambda: {f"k{n}": 1 for n in range(800_000)}), REPORT),
-    "comments": (spec(lambda: "# x\n" * 2_400_000), TEXT),
-    "empty lines": (spec(lambda: "\n" * 9_900_000), TEXT),
-    "words": (spec(lambda: f"title: '{'x ' * 4_900_000}'\n"), TEXT),
-    "lines of a text": (spec(lambda: "title: |\n" + "  x\n" * 2_400_000), TEXT),
-    "escapes": (spec(lambda: 'title: "' + "\\x41" * 2_400_000 + '"\n'), TEXT),
-    "labels": (
-        spec(lambda: f"labels: {{{', '.join(f'k{n}: 1' for n in range(190_000))}}}\n"),
-        TEXT,
-    ),
-    "references": (
-        spec(lambda: "variables: {a: 1}\ntitle: '" + "$(var a)" * 1_200_000 + "'\n"),
-        TEXT,
-    ),
-    "open references": (spec(lambda: f"title: '{'$(' * 4_900_000}'\n"), TEXT),
-    "values of a search": (
-        spec(
-            lambda: (
-                f"labels: {{{', '.join(f'k{n}: 1' for n in range(5_000))}}}\n"
-                f"tune: {{values: {{graph.nodes.n.nice: [{', '.join(map(str, range(64)))}]}}}}\n"
-            )
-        ),
-        TEXT,
-    ),
-    "unknown keys": (spec(lambda: "".join(f"k{n}: 1\n" for n in range(190_000))), TEXT),
+    **{name: (document(content), REPORT) for name, content in REPORTS.items()},
+    **{name: (spec(more), TEXT) for name, more in SPECS.items()},
 }
 
 
@@ -171,68 +152,43 @@ def test_an_input_has_a_bounded_cost_and_output(name: str, tmp_path: Path) -> No
         assert not wrong_with(answer, MOST_CPU_S), (arguments, wrong_with(answer, MOST_CPU_S))
 
 
-def conversation(*messages: object) -> bytes:
-    """What an editor sends: bytes as they are, anything else as a message."""
-    parts = []
-    for message in messages:
-        body = b"" if isinstance(message, bytes) else json.dumps(message).encode()
-        header = b"Content-Length: %d\r\n\r\n" % len(body)
-        parts.append(message if isinstance(message, bytes) else header + body)
-    return b"".join(parts)
-
-
-def asked(method: str, number: int | None = None, **params: object) -> dict[str, object]:
-    message: dict[str, object] = {"jsonrpc": "2.0", "method": method, "params": params}
-    return message if number is None else message | {"id": number}
-
-
-def opened(text: str, number: int = 0) -> dict[str, object]:
-    item = {"uri": f"file:///{number}.r2b.yaml", "version": 1, "text": text}
-    return asked("textDocument/didOpen", textDocument=item)
-
-
-def edits(text: str, number: int) -> tuple[object, ...]:
-    item = {"uri": "file:///0.r2b.yaml", "version": 1}
+def edits(text: str, number: int) -> bytes:
     start = {"line": 0, "character": 0}
     change = {"range": {"start": start, "end": start}, "text": "x"}
-    return opened(text), asked(
-        "textDocument/didChange", textDocument=item, contentChanges=[change] * number
-    )
+    return opened(text) + changed(*[change] * number)
 
 
-CONVERSATIONS: dict[str, Callable[[], tuple[object, ...]]] = {
-    "lines of a header": lambda: (b"X: y\r\n" * 2_000_000,),
-    "lengths that cannot be": lambda: (b"Content-Length: -5\r\n\r\n" * 300_000,),
-    "empty lines": lambda: (b"\r\n" * 5_000_000,),
-    "a line of a header": lambda: (b"X: " + b"y" * 50_000_000 + b"\r\n",),
-    "cancelled requests": lambda: tuple(asked("$/cancelRequest", id=n) for n in range(30_000)),
-    "unknown requests": lambda: tuple(asked("x", n + 5) for n in range(20_000)),
-    "lists": lambda: (asked("x", 5, a=[[]] * 5_000_000),),
-    "positions": lambda: (
-        asked("textDocument/selectionRange", 5, positions=[{"line": 0, "character": 0}] * 500_000),
+CONVERSATIONS: dict[str, Callable[[], bytes]] = {
+    "lines of a header": lambda: b"X: y\r\n" * 2_000_000,
+    "lengths that cannot be": lambda: b"Content-Length: -5\r\n\r\n" * 300_000,
+    "empty lines": lambda: b"\r\n" * 5_000_000,
+    "a line of a header": lambda: b"X: " + b"y" * 50_000_000 + b"\r\n",
+    "cancelled requests": lambda: b"".join(notice("$/cancelRequest", id=n) for n in range(30_000)),
+    "unknown requests": lambda: b"".join(request(n + 5, "x") for n in range(20_000)),
+    "lists": lambda: request(5, "x", a=[[]] * 5_000_000),
+    "positions": lambda: request(
+        5, "textDocument/selectionRange", positions=[{"line": 0, "character": 0}] * 500_000
     ),
     "emoji": lambda: edits("😀" * 2_400_000, 1),
     "halves of a character": lambda: edits("\ud83d" * 2_400_000, 1),
     "changes": lambda: edits("x", 100_000),
     "changes of a long line": lambda: edits("x" * 9_000_000, 5_000),
     "changes of many lines": lambda: edits("x\n" * 4_000_000, 5_000),
-    "errors": lambda: (b"Content-Length: 1\r\n\r\n{" * 10_000,),
-    "a long document": lambda: (opened(SPEC + "labels:\n" + "  k: 1\n" * 1_400_000),),
-    "a long line": lambda: (opened(SPEC + f"title: [{'1,' * 4_900_000}]\n"),),
-    "long documents": lambda: tuple(
-        opened(SPEC + "".join(f"k{n}: 1\n" for n in range(300_000)), number) for number in range(10)
+    "errors": lambda: b"Content-Length: 1\r\n\r\n{" * 10_000,
+    "a long document": lambda: opened(SPEC + "labels:\n" + "  k: 1\n" * 1_400_000),
+    "a long line": lambda: opened(SPEC + f"title: [{'1,' * 4_900_000}]\n"),
+    "long documents": lambda: b"".join(
+        opened(SPEC + "".join(f"k{n}: 1\n" for n in range(300_000)), f"file:///{number}.r2b.yaml")
+        for number in range(10)
     ),
-    "a long body": lambda: (b"Content-Length: 200000000\r\n\r\n" + bytes(200_000_000),),
-    "a body of lines": lambda: (b"Content-Length: 200000000\r\n\r\n" + b"x\n" * 100_000_000,),
+    "a long body": lambda: b"Content-Length: 200000000\r\n\r\n" + bytes(200_000_000),
+    "a body of lines": lambda: b"Content-Length: 200000000\r\n\r\n" + b"x\n" * 100_000_000,
 }
 
 
 @pytest.mark.parametrize("name", list(CONVERSATIONS)[:: size(3, 1)])
 def test_a_conversation_of_an_editor_has_a_bounded_cost(name: str, tmp_path: Path) -> None:
-    begun = asked("initialize", 1, capabilities={})
-    ended = asked("shutdown", 2), asked("exit")
-    said = call(
-        "lsp", cwd=tmp_path, stdin=conversation(begun, *CONVERSATIONS[name](), b"\r\n", *ended)
-    )
+    sent = b"".join((INITIALIZE, CONVERSATIONS[name](), b"\r\n", SHUTDOWN, EXIT))
+    said = call("lsp", cwd=tmp_path, stdin=sent)
     assert not wrong_with(replace(said, said=b""), MOST_CPU_S)
-    assert said.said.rstrip().endswith(b'"id":2,"result":null}')
+    assert said.said.rstrip().endswith(b'"id":"shutdown","result":null}')

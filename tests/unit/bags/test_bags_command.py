@@ -66,7 +66,7 @@ def test_refuses_two_ways_of_saying_the_same(data: Data) -> None:
 
 def test_a_bare_number_is_answered_with_its_unit(data: Data) -> None:
     said = data("make", "r2b_storage", "--end", "3", status=2)
-    assert "did you mean '3 s'?" in said.err
+    assert "for example '3 s'" in said.err
 
 
 def test_informs_about_a_bag(data: Data, bag: Path) -> None:

@@ -1,12 +1,10 @@
-"""`r2bspec validate --fix`, `--diff` and the machine-readable formats, as a user calls them."""
+"""`r2bspec validate --fix` and `--diff`, as a user calls them."""
 
 from __future__ import annotations
 
 import functools
-import json
 import os
 import subprocess
-import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
@@ -135,28 +133,3 @@ def test_a_file_that_cannot_be_written(spec: Path, validate: Call) -> None:
     finally:
         Path().chmod(0o700)
     assert "error[R2B601 wrong-usage]: a.r2b.yaml cannot be written" in error
-
-
-def test_sarif_and_junit_are_whole_documents(spec: Path, validate: Call) -> None:
-    (run,) = json.loads(validate("--format", "sarif", spec, status=1).out)["runs"]
-    assert [one["ruleId"] for one in run["results"]] == ["R2B109", "R2B110"]
-    (suite,) = ET.fromstring(validate("--format", "junit", spec, status=1).out)  # noqa: S314
-    assert suite.attrib["failures"] == "1"
-
-
-def test_the_problem_matcher_reads_the_first_line_of_each_finding(
-    spec: Path, validate: Call
-) -> None:
-    import re
-
-    root = Path(__file__).parents[3]
-    matcher = json.loads((root / ".github" / "r2bspec-problem-matcher.json").read_text())
-    (pattern,) = matcher["problemMatcher"][0]["pattern"]
-    lines = validate(spec).out.splitlines()
-    matches = [match for line in lines if (match := re.search(pattern["regexp"], line))]
-    read = [{key: match[pattern[key]] for key in ("file", "line", "code")} for match in matches]
-    line = str(len(BROKEN.splitlines()) - 1)
-    assert read == [
-        {"file": "a.r2b.yaml", "line": line, "code": "R2B109"},
-        {"file": "a.r2b.yaml", "line": line, "code": "R2B110"},
-    ]

@@ -6,50 +6,21 @@ import functools
 import json
 import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
 
 import r2bspec.cli.check_files as check_files_module
 from example_spec import example
 from r2bspec.api import prepare
 from r2bspec.cli.main import main
-from r2bspec.compare.report_input import ReportInput
 from r2bspec.errors import ExitStatus
-from r2bspec.judge.judge_run import from_json, to_json
 from r2bspec.plan.canonical_json import PlanError, canonical_json, parse_plan
 from r2bspec.record.files import RecordError
 from r2bspec.record.run_folder import Run, open_run
 
 SPEC = Path(__file__).parents[3] / "specs" / "relay.r2b.yaml"
-
-_MANY_BRANCHES = "if x == 0: pass\n" + "".join(f"{{0}}elif x == {n}: pass\n" for n in range(2500))
-
-SOURCES = {
-    "2,500 branches of a module": "x = 1\n" + _MANY_BRANCHES.format("") + "class Slow: ...\n",
-    "2,500 branches of a constructor": "from rclpy.node import Node\nclass Slow(Node):\n"
-    " def __init__(self, x=1):\n  " + _MANY_BRANCHES.format("  "),
-    "a list as the key of a default": "from rclpy.node import Node\nclass Slow(Node):\n"
-    " def __init__(self):\n  self.declare_parameter('a', {[]: 1})\n",
-    "an operator in a default": "from rclpy.node import Node\nclass Slow(Node):\n"
-    " def __init__(self):\n  self.declare_parameter('a', {{}: {[]}})\n",
-}
-
-
-@pytest.mark.parametrize("source", SOURCES.values(), ids=SOURCES)
-def test_the_source_of_a_node_breaks_nothing(
-    source: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "node.py").write_text(source)
-    file = tmp_path / "a.r2b.yaml"
-    file.write_text(example().replace("r2bspec.nodes.RelayNode", "./node.py:Slow"))
-    assert "./node.py:Slow" in file.read_text()
-    status = main(["validate", "--offline", str(file)])
-    assert status in {ExitStatus.OK, ExitStatus.FINDINGS_OR_FAILED}
-    assert "R2B690" not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("output_format", ["text", "json", "github", "sarif", "junit"])
@@ -131,10 +102,7 @@ def _searching_plan() -> bytes:
     return canonical_json(prepare(spec).plan)
 
 
-EVERY_EXTREME = pytest.mark.parametrize("value", EXTREME, ids=lambda each: str(each)[:20])
-
-
-@EVERY_EXTREME
+@pytest.mark.parametrize("value", EXTREME, ids=lambda each: str(each)[:20])
 @pytest.mark.parametrize(
     "place",
     [
@@ -153,13 +121,3 @@ def test_a_number_that_no_record_has_is_refused(
     (tmp_path / "record.json").write_text(json.dumps(_put(record, place, value)))
     with pytest.raises(RecordError, match="is damaged"):
         open_run(tmp_path)
-
-
-@EVERY_EXTREME
-def test_a_number_that_no_result_has_is_refused(
-    value: object, reported: Callable[[str], ReportInput]
-) -> None:
-    result = json.loads(to_json(reported("usual").result))
-    changed = _put(result, ("verdict", "requirements", 0, "limit"), value)
-    with pytest.raises(msgspec.DecodeError):
-        from_json(json.dumps(changed).encode())

@@ -18,7 +18,7 @@ import pytest
 from command_line import Call
 from example_spec import example
 from r2bspec import api
-from r2bspec.cli.spec_selection import SpecSelection, run_items
+from r2bspec.cli.spec_selection import SpecSelection, suite_entries
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError
 from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.identity.identify_graph import graph_identity
@@ -58,14 +58,14 @@ def selection(**changes: Any) -> SpecSelection:
 def test_every_case_of_every_file_is_a_run(tmp_path: Path) -> None:
     one = write_spec(tmp_path, "one")
     two = write_spec(tmp_path, "two", MATRIX)
-    found = run_items(selection(), [str(one), str(two)])
-    assert [(item.selection.spec, item.selection.case) for item in found] == [
+    found = suite_entries(selection(), [str(one), str(two)])
+    assert [(entry.selection.spec, entry.selection.case) for entry in found] == [
         (one, ""),
         (two, "hz=10 Hz"),
         (two, "hz=20 Hz"),
     ]
-    assert run_items(selection(case="all"), [str(two)]) == found[1:]
-    (only,) = run_items(selection(case="hz=20 Hz"), [str(two)])
+    assert suite_entries(selection(case="all"), [str(two)]) == found[1:]
+    (only,) = suite_entries(selection(case="hz=20 Hz"), [str(two)])
     assert only.selection.case == "hz=20 Hz"
 
 
@@ -75,7 +75,7 @@ def test_labels_select_specs(tmp_path: Path) -> None:
     files = [str(a), str(b), str(write_spec(tmp_path, "c"))]
 
     def selected(*labels: str) -> list[Path]:
-        return [item.selection.spec for item in run_items(selection(), files, labels)]
+        return [entry.selection.spec for entry in suite_entries(selection(), files, labels)]
 
     assert selected("sensor=camera*") == [a]
     assert selected("sensor=*") == [a, b]
@@ -88,10 +88,10 @@ def test_labels_select_specs(tmp_path: Path) -> None:
 
 def test_scanned_values_are_variables_or_keys(tmp_path: Path) -> None:
     spec = write_spec(tmp_path, "a", "variables: {threads: 1}\n")
-    found = run_items(
+    found = suite_entries(
         selection(sets=("name=x",)), [str(spec)], scan=["threads=1,2", "benchmark.warm_up=1 s,2 s"]
     )
-    assert [item.suffix for item in found] == [
+    assert [entry.suffix for entry in found] == [
         "[threads=1,benchmark.warm_up=1 s]",
         "[threads=1,benchmark.warm_up=2 s]",
         "[threads=2,benchmark.warm_up=1 s]",
@@ -100,7 +100,7 @@ def test_scanned_values_are_variables_or_keys(tmp_path: Path) -> None:
     last = found[-1].selection
     assert (last.variables, last.sets) == ({"threads": "2"}, ("name=x", "benchmark.warm_up=2 s"))
     with pytest.raises(click.UsageError):
-        run_items(selection(), [str(spec)], scan=["threads"])
+        suite_entries(selection(), [str(spec)], scan=["threads"])
 
 
 @pytest.mark.parametrize(
@@ -383,18 +383,3 @@ def test_json_of_a_failed_run_is_that_of_what_was_measured(played: list[str], ca
     said = call("specs/broken.r2b.yaml", "-o", "out", "--format", "json", status=4)
     assert json.loads(said.out)["r2bspec_result"] == 1
     assert said.err.rstrip().endswith("run folder: out")
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ("--anatomy --on cluster.json", "--anatomy cannot be combined with --on"),
-        ("--profile perf --on cluster.json", "--profile cannot be combined with --on"),
-        ("--anatomy --against main", "--anatomy cannot be combined with --against"),
-    ],
-)
-def test_what_observes_one_more_iteration_is_of_one_run_on_this_host(
-    call: Call, words: str, said: str
-) -> None:
-    write_specs("a")
-    assert said in call("a.r2b.yaml", *words.split(), status=2).err

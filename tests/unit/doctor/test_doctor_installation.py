@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,6 +16,7 @@ from command_line import Call
 from r2bspec.doctor import installation
 from r2bspec.doctor.checkup import CheckResult, System
 from r2bspec.doctor.installation import check_ros, check_vision, probe_imports
+from r2bspec.middleware.middleware import RMW_VARIABLE
 from r2bspec.native.build import BuildError
 
 MISSING = {"error": "ModuleNotFoundError: No module named 'rclpy'"}
@@ -57,6 +59,16 @@ def test_without_rclpy_there_is_a_problem_and_a_way_out(here: Callable[..., None
     assert checks["rclpy"].status == "problem"
     assert "r2bspec[ros]" in checks["rclpy"].advice
     assert checks["distributions"].status == "warn"
+
+
+def test_a_middleware_that_is_not_installed_is_named_with_a_way_out() -> None:
+    pytest.importorskip("rclpy")
+    check = by_name(**os.environ | {RMW_VARIABLE: "rmw_absent_cpp"})["rclpy"]
+    assert check.status == "problem"
+    assert "rmw_absent_cpp" in check.found
+    # Of a message of rcl, what is for its developers is left out.
+    assert not any(each in check.found for each in ("[ERROR]", ".c:", "JSON"))
+    assert check.advice == f"rmw_absent_cpp is not installed: install it, or unset {RMW_VARIABLE}"
 
 
 def test_wheels_alone_are_fine(here: Callable[..., None]) -> None:

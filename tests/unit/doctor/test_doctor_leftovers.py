@@ -67,14 +67,14 @@ def watchdog(system: System, pid: int, run_id: str, parent: int = 1) -> None:
 
 
 def orphans(system: System) -> list[int]:
-    return [orphan.pid for orphan in find_runs(system).orphans]
+    return [orphan.pid for orphan in find_runs(system)[1]]
 
 
 def test_a_run_with_its_watchdog_lives(system: System) -> None:
     process(system, 100, "r2bspec", "run", name="r2bspec")
     watchdog(system, 101, "run-1", parent=100)
     process(system, 102, "player", parent=100, run_id="run-1")
-    assert find_runs(system).living == {"run-1"}
+    assert find_runs(system)[0] == {"run-1"}
     assert orphans(system) == []
 
 
@@ -110,7 +110,7 @@ def test_names_with_parentheses_and_vanished_processes_do_not_confuse(system: Sy
     process(system, 102, "player", name="a) R 7 (b", run_id="run-1")
     (system.proc / "999").mkdir()
     assert orphans(system) == [102]
-    assert find_runs(system).orphans[0].parent == 1
+    assert find_runs(system)[1][0].parent == 1
 
 
 def test_processes_of_another_user_are_not_ours_to_end(

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
+from editor_messages import EXIT, INITIALIZE, SHUTDOWN, URI, changed, framed, notice, request
+from editor_messages import opened as opened_text
 from r2bspec.cli.lsp import defects_in_files
-from r2bspec.language_server.positions import TextPositions, edited
+from r2bspec.language_server.positions import edited
 from r2bspec.language_server.protocol import Change, Connection, Message, Position, Range, decoded
 from r2bspec.language_server.server import create_server
 from r2bspec.safe_io.limits import (
@@ -30,7 +30,6 @@ from r2bspec.safe_io.limits import (
 
 _WAIT_S = 60.0
 SPEC = "r2bspec: 1\nname: 5\n"
-URI = "file:///a.r2b.yaml"
 
 PARSE, REQUEST, METHOD, PARAMS = -32700, -32600, -32601, -32602
 NOT_INITIALIZED, CANCELLED, INTERNAL = -32002, -32800, -32603
@@ -38,17 +37,8 @@ RESULT = 0
 """In place of the code of an error."""
 
 
-def framed(message: Any) -> bytes:
-    body = message if isinstance(message, bytes) else json.dumps(message).encode()
-    return b"Content-Length: %d\r\n\r\n" % len(body) + body
-
-
-def request(number: Any, method: str, **params: Any) -> bytes:
-    return framed({"jsonrpc": "2.0", "id": number, "method": method, "params": params})
-
-
-def notice(method: str, **params: Any) -> bytes:
-    return framed({"jsonrpc": "2.0", "method": method, "params": params})
+def opened(text: str = SPEC, uri: str = URI) -> bytes:
+    return opened_text(text, uri)
 
 
 def about(number: int, method: str, line: object = 0, uri: str = URI, **more: Any) -> bytes:
@@ -57,19 +47,6 @@ def about(number: int, method: str, line: object = 0, uri: str = URI, **more: An
     return request(number, f"textDocument/{method}", textDocument=document, position=place, **more)
 
 
-def opened(text: str = SPEC, uri: str = URI) -> bytes:
-    item = {"uri": uri, "languageId": "yaml", "version": 1, "text": text}
-    return notice("textDocument/didOpen", textDocument=item)
-
-
-def changed(*changes: Any, uri: str = URI) -> bytes:
-    document = {"uri": uri, "version": 2}
-    return notice("textDocument/didChange", textDocument=document, contentChanges=changes)
-
-
-INITIALIZE = request("initialize", "initialize", capabilities={})
-SHUTDOWN = request("shutdown", "shutdown")
-EXIT = notice("exit")
 LAST = request("last", "unknown")
 
 
@@ -261,10 +238,12 @@ def test_a_uri_that_names_no_document_gets_the_error_of_the_protocol(uri: str) -
         "r2bspec: 1\ndata_loader: {bag: 'http://[::1'}\n",
         "r2bspec: 1\nname: \0",
         f"r2bspec: 1\nname: {'9' * 5000}\n",
+        *("", "\ufeff", "a: [", "- x\n- y", "🤖", "x: &a [*a]", "\t", "r2bspec: 1\n%"),
     ],
 )
 def test_every_text_is_answered_about(text: str) -> None:
-    methods = ("hover", "completion", "definition", "documentHighlight", "prepareRename")
+    of_places = ("hover", "completion", "definition", "documentHighlight", "prepareRename")
+    methods = (*of_places, "documentSymbol", "codeLens")
     asked = [about(number, method, line=1) for number, method in enumerate(methods)]
     assert {code for _, code in in_session(opened(text), *asked)} <= {RESULT, PARAMS}
 
@@ -403,29 +382,24 @@ def test_what_no_code_foresaw_is_a_line_and_its_traceback_is_in_one_file(
         assert "secret" not in answer["error"]["message"]
 
 
-PLACES = st.builds(Position, st.integers(0, 5), st.integers(0, 6))
-TEXTS = st.text("ab\n\r\u2028é😀", max_size=12)
-CHANGES = st.builds(Change, TEXTS, st.none() | st.builds(Range, PLACES, PLACES))
-
-
-@given(
-    text=TEXTS,
-    changes=st.lists(CHANGES, max_size=4),
-    encoding=st.sampled_from(["utf-8", "utf-16", "utf-32"]),
+@pytest.mark.parametrize(
+    ("text", "places", "expected"),
+    [
+        ("a\n😀b\r\nc", (1, 2, 1, 3), "a\n😀x\r\nc"),
+        ("a\nb", (1, 9, 7, 9), "a\nbx"),
+        ("a\nb", (9, 0, 9, 9), "a\nbx"),
+        ("abc", (0, 2, 0, 1), "abxc"),
+        ("a\u2028b\rc", (1, 0, 1, 1), "a\u2028b\rx"),
+        ("", (0, 0, 0, 0), "x"),
+    ],
 )
-def test_changes_are_those_of_the_whole_text(
-    text: str, changes: list[Change], encoding: str
+def test_a_range_is_that_of_the_protocol(
+    text: str, places: tuple[int, int, int, int], expected: str
 ) -> None:
-    """As the protocol defines them, each in the text that the ones before have left."""
-    expected = text
-    for change in changes:
-        if change.range is None:
-            expected = change.text
-            continue
-        positions = TextPositions(expected, encoding)
-        start, end = positions.offset(change.range.start), positions.offset(change.range.end)
-        expected = expected[:start] + change.text + expected[max(start, end) :]
-    assert edited(text, changes, encoding) == expected
+    """A range that ends before it begins is empty; what is beyond the text is at its end."""
+    where = Range(Position(*places[:2]), Position(*places[2:]))
+    twice = [Change("y", Range(Position(0, 0), Position(0, 0))), Change(text), Change("x", where)]
+    assert edited("before", twice, "utf-16") == expected
 
 
 def published(messages: list[dict[str, Any]], uri: str) -> list[dict[str, Any]]:

@@ -4,22 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import json
-import re
 import shutil
 from pathlib import Path
 
 import pytest
 from lsprotocol import types
-from pygls.exceptions import JsonRpcException
 
 from open_document import SPEC, UNKNOWN, OpenDocument, VersionedClient, changed, path_of
 
 pytestmark = pytest.mark.asyncio(loop_scope="session")
-
-
-async def test_the_spec_of_these_tests_has_no_findings(document: OpenDocument) -> None:
-    await document.write(SPEC)
-    assert document.worse() == []
 
 
 async def test_findings_are_diagnostics_with_a_link_and_a_tag(document: OpenDocument) -> None:
@@ -101,34 +94,6 @@ async def test_the_findings_of_a_document_end_when_it_is_closed(
         await document.client.wait_for_notification(types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)
 
 
-async def test_only_findings_of_the_newest_text_are_shown(document: OpenDocument) -> None:
-    """Of twenty texts, one right after the other, what is shown never goes back to an older one."""
-    await document.write(SPEC)
-    for number in range(20):
-        document.change(changed("mode: looping", f"mode: number_{number}"))
-    shown: list[int] = []
-    while 19 not in shown:
-        await document.client.wait_for_notification(types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)
-        said = "".join(each.message for each in document.client.diagnostics[document.uri])
-        shown += map(int, re.findall(r"unknown choice 'number_(\d+)'", said))
-    assert shown == sorted(shown)
-    await document.write(SPEC)
-    assert document.worse() == []
-
-
-@pytest.mark.parametrize(
-    "text", ["", "\ufeff", "a: [", "- x\n- y", "🤖", "x: &a [*a]", "\t", "r2bspec: 1\n%"]
-)
-async def test_no_text_is_too_broken(document: OpenDocument, text: str) -> None:
-    """Requests about any text have an answer, and the server goes on."""
-    document.change(text)
-    client, start = document.client, types.Position(0, 0)
-    await client.text_document_completion_async(types.CompletionParams(document.id, start))
-    await client.text_document_hover_async(types.HoverParams(document.id, start))
-    await client.text_document_document_symbol_async(types.DocumentSymbolParams(document.id))
-    await client.text_document_code_lens_async(types.CodeLensParams(document.id))
-
-
 async def test_the_last_result_is_a_lens(document: OpenDocument) -> None:
     await document.write(SPEC)
     *others, last = await document.lenses()
@@ -157,13 +122,6 @@ async def test_a_command_runs_the_command_line(document: OpenDocument) -> None:
     plan = json.loads(await document.client.shown_text("r2bspec.plan", argument))
     assert plan["name"] == "simulated"
     assert "flowchart" in await document.client.shown_text("r2bspec.drawGraph", argument)
-
-
-async def test_a_command_without_a_file_is_refused(client: VersionedClient) -> None:
-    with pytest.raises(JsonRpcException, match="absolute path"):
-        await client.workspace_execute_command_async(
-            types.ExecuteCommandParams("r2bspec.run", [{"file": "relative.yaml"}])
-        )
 
 
 async def cases_of(client: VersionedClient, uri: str) -> object:

@@ -158,11 +158,11 @@ def test_a_file_with_a_hostile_name(
 
 
 def test_errors_are_harmless(monkeypatch: pytest.MonkeyPatch, call: Call) -> None:
-    def fail(**_: object) -> None:
+    def fail(_: object) -> None:
         raise R2bspecError(ATTACK, hint=ATTACK)
 
     call(f"::error::{ATTACK}")
-    monkeypatch.setattr("r2bspec.cli.main.command.main", fail)
+    monkeypatch.setattr("r2bspec.cli.main._called", fail)
     shown = call().err
     assert shown.count("stop-commands") >= 2
     check_harmless(shown)
