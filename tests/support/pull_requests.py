@@ -172,10 +172,10 @@ class Workspace:
         if on_main:
             git(self.top, "branch", "--force", "main", "HEAD")
 
-    def set_cost(self, cost_ms: float, *, on_main: bool = False) -> None:
+    def set_cost(self, cost_ms: float) -> None:
         """Let each message take so long."""
         source = _COST.replace("FACTOR = 1.0", f"FACTOR = {cost_ms / 20.0!r}")
-        self.change({f"{PACKAGE}/cost.py": source}, on_main=on_main)
+        self.change({f"{PACKAGE}/cost.py": source})
 
     @property
     def head(self) -> Path:

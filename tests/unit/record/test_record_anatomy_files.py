@@ -340,7 +340,14 @@ def test_a_damaged_file_and_a_folder_that_is_not_there_are_named(tmp_path: Path)
     path.write_bytes(b"\x93NUMPY" * 300_000)
     assert_refused(path)
     elsewhere = path.rename(tmp_path / "elsewhere")
-    for replace in (lambda: path.symlink_to(elsewhere), lambda: os.mkfifo(path), path.mkdir):
+
+    def link() -> None:
+        path.symlink_to(elsewhere)
+
+    def pipe() -> None:
+        os.mkfifo(path)
+
+    for replace in (link, pipe, path.mkdir):
         path.unlink(missing_ok=True)
         replace()
         assert_refused(path)
