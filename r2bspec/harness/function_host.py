@@ -81,8 +81,8 @@ class FunctionHost:
             is_running = self._is_program and not _is_of_constructor(error)
             does = "ended with" if is_running else "cannot be created:"
             raise node_main.NodeError(
-                "R2B634" if is_running else "R2B633",
                 f"node {self.plan.name} {does} {type(error).__name__}: {error}",
+                code="R2B634" if is_running else "R2B633",
             ) from error
         return result
 

@@ -113,10 +113,9 @@ def make_host(channel: Channel, settings: protocol.ConfigureHost) -> NodeHost | 
     for plan, factory in without_keywords:
         if len(plans) > 1:
             raise node_main.NodeError(
-                "R2B633",
                 f"node {plan.name} cannot be created: {plan.target} takes no **kwargs, and other "
                 "nodes run in the same process",
-                "Give it a process of its own, or let its constructor pass **kwargs to Node.",
+                hint="Give it a process of its own, or let its constructor pass **kwargs to Node.",
             )
         if not isinstance(factory, type):
             return FunctionHost(channel, plan, factory, partial(_serve_one, channel, settings))
@@ -164,7 +163,7 @@ class NodeHost:
         except Exception as error:
             names = ", ".join(node.get_fully_qualified_name() for _, node in self._nodes)
             raise node_main.NodeError(
-                "R2B634", f"a callback of {names} raised {type(error).__name__}: {error}"
+                f"a callback of {names} raised {type(error).__name__}: {error}", code="R2B634"
             ) from error
 
     def _listen(self) -> None:

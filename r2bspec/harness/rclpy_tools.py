@@ -26,6 +26,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.utilities import get_rmw_implementation_identifier, ok, try_shutdown
 
+from r2bspec.errors import R2bspecError
 from r2bspec.ipc.protocol import Endpoint, weakest_offer
 from r2bspec.language.spec import QoS
 from r2bspec.plan.package_advice import ros_package_advice
@@ -37,7 +38,7 @@ _init_lock = threading.Lock()
 _KINDS = {"srv": "service", "action": "action"}
 
 
-class TypeNotFoundError(Exception):
+class TypeNotFoundError(R2bspecError):
     """The type of a message, a service or an action is not installed."""
 
     code = "R2B681"
@@ -45,8 +46,10 @@ class TypeNotFoundError(Exception):
     def __init__(self, type_name: str) -> None:
         package, _, rest = type_name.partition("/")
         kind = _KINDS.get(rest.partition("/")[0], "message")
-        super().__init__(f"{kind} type {type_name} is not installed")
-        self.hint = f"To install it: {ros_package_advice(package)}."
+        super().__init__(
+            f"{kind} type {type_name} is not installed",
+            hint=f"To install it: {ros_package_advice(package)}.",
+        )
 
 
 def interface_class(type_name: str) -> Any:

@@ -12,6 +12,7 @@ from typing import Any
 
 from rclpy.node import Node
 
+from r2bspec.errors import R2bspecError
 from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel
 from r2bspec.ipc import protocol
@@ -19,8 +20,8 @@ from r2bspec.plan.plan import NodePlan
 from r2bspec.plan.request_fields import FieldTypes, field_mistakes
 
 
-class ServiceCallError(Exception):
-    """A call cannot be made or gets no response; the message is for the user."""
+class ServiceCallError(R2bspecError):
+    """A call cannot be made or gets no response."""
 
     code = "R2B647"
 
@@ -139,15 +140,10 @@ _PARAMETER_TYPES = {
 number of a list of them is greater by 5."""
 
 
-class ComponentError(Exception):
-    """A component was not loaded; the message is for the user."""
+class ComponentError(R2bspecError):
+    """A component was not loaded."""
 
     code = "R2B665"
-
-    def __init__(self, message: str, hint: str = "", code: str = "") -> None:
-        super().__init__(message)
-        self.code = code or self.code
-        self.hint = hint
 
 
 def load_request(node: NodePlan) -> dict[str, Any]:
