@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import pickle
 import shutil
 from pathlib import Path
@@ -47,15 +49,18 @@ def test_an_opened_run_needs_no_absolute_path(
     assert open_run(Path("run")).record.status == "complete"
 
 
-def test_a_file_that_could_not_be_finished_leaves_the_old_one(tmp_path: Path) -> None:
+def test_a_file_that_could_not_be_finished_leaves_the_old_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "file"
     write_atomically(path, b"old")
 
-    def fails(file: object) -> None:
-        raise RuntimeError("interrupted")
+    def fail(_: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
 
-    with pytest.raises(RuntimeError):
-        write_atomically(path, fails)
+    monkeypatch.setattr(os, "fsync", fail)
+    with pytest.raises(RecordError, match="No space left"):
+        write_atomically(path, b"new")
     assert path.read_bytes() == b"old"
     assert [found.name for found in tmp_path.iterdir()] == ["file"]
 
