@@ -206,12 +206,8 @@ class ComponentLoader:
             ComponentError: a container does not respond in time, or a request cannot be made.
         """
         self._channel.send(protocol.Ready())
-        while True:
-            match self._channel.receive():
-                case protocol.LoadComponent() as command:
-                    self._channel.send(self._load(command))
-                case protocol.Shutdown():
-                    return
+        while isinstance(command := self._channel.receive(), protocol.LoadComponent):
+            self._channel.send(self._load(command))
 
     def _load(self, command: protocol.LoadComponent) -> protocol.Composed:
         node, container = command.node, command.container
