@@ -90,6 +90,8 @@ def test_topics_have_the_paths_of_their_rows() -> None:
     assert words(protocol.Subscribe(monitors=(reacting,)), codec) == [
         *("subscribe", "1", *IMAGE_WORDS, *rows, str(HEAD_BYTES), *qos),
     ]
+    with pytest.raises(ValueError, match="known quality of service"):
+        words(protocol.Subscribe(monitors=(msgspec.structs.replace(OUT, qos=None),)), codec)
 
 
 def test_a_player_has_its_inputs_and_transforms_after_them(tmp_path: Path) -> None:
