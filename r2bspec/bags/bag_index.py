@@ -34,7 +34,6 @@ def index_bag(path: Path) -> recording.BagIndex:
     Raises:
         DataError: R2B301 to R2B305, R2B310 and R2B313, each with a hint.
     """
-    path = Path(path)
     # Unlike those of pathlib, these return False for a name that is too long.
     if os.path.isdir(path):  # noqa: PTH112
         return _index_folder(path)

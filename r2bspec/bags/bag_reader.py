@@ -39,7 +39,6 @@ def read_messages(
             window is outside of the bag (R2B309); while iterating, damaged storage (R2B304), also
             if a completely read bag has fewer messages than it states.
     """
-    path = Path(path)
     index = index_bag(path)
     names = _resolve_topics(path, index, topics)
     _check_window(path, index, window)

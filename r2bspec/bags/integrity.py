@@ -56,7 +56,6 @@ def hash_files(path: Path) -> str:
     Raises:
         DataError: the bag does not exist (R2B301) or a file cannot be read (R2B304).
     """
-    path = Path(path)
     paths = sorted(regular_files(path)) if path.is_dir() else storage_paths(path, ())
     whole = hashlib.sha256()
     for root in paths:
@@ -91,7 +90,6 @@ def verify(path: Path) -> list[str]:
     Returns:
         The problems; empty if there are none. An unreadable bag is a problem, not an exception.
     """
-    path = Path(path)
     try:
         index = index_bag(path)
         content, counts = _read(path, index)

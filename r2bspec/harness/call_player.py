@@ -32,7 +32,7 @@ from rclpy.serialization import deserialize_message
 
 from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel
-from r2bspec.harness.service_client import ServiceCallError, fill_message, service_class
+from r2bspec.harness.service_client import ServiceCallError, fill_message
 from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, read_clocks
 from r2bspec.ipc.buffers import read_messages
@@ -230,10 +230,10 @@ class _ServiceCall(_Call):
         """Create the client.
 
         Raises:
-            ServiceCallError: the type is not installed, or has no such fields; or a recorded
-                request is not of this type.
+            TypeNotFoundError: the type is not installed.
+            ServiceCallError: it has no such fields, or a recorded request is not of this type.
         """
-        kind = service_class(plan.type)
+        kind = rclpy_tools.interface_class(plan.type)
         super().__init__(plan, _requests(plan, buffer_dir, kind, kind.Request))
         self._success = plan.success
         success = kind.Response.get_fields_and_field_types().get(plan.success)
@@ -263,10 +263,10 @@ class _ActionCall(_Call):
         """Create the clients.
 
         Raises:
-            ServiceCallError: the type is not installed, or has no such fields; or a recorded goal
-                is not of this type.
+            TypeNotFoundError: the type is not installed.
+            ServiceCallError: it has no such fields, or a recorded goal is not of this type.
         """
-        kind = self._kind = service_class(plan.type)
+        kind = self._kind = rclpy_tools.interface_class(plan.type)
         super().__init__(plan, _requests(plan, buffer_dir, kind.Impl.SendGoalService, kind.Goal))
         self._accepted = _Answers(rows_dir, plan.accepted)
         self._results = _Answers(rows_dir, plan.name)

@@ -17,7 +17,6 @@ import time
 from pathlib import Path
 from typing import Any, get_args
 
-import rclpy
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.node import NodeNameNonExistentError
 
@@ -86,7 +85,7 @@ class Inspector:
         since_s = time.monotonic()
         while time.monotonic() < deadline_s:
             nodes = self._nodes()
-            now = [(node, self._endpoints(*node)) for node in nodes]
+            now = [(each, rclpy_tools.names_of(self._node, *each)) for each in nodes]
             if now != last:
                 last, since_s = now, time.monotonic()
             elif nodes and time.monotonic() - since_s > _QUIET_PERIOD_S:
@@ -104,16 +103,6 @@ class Inspector:
             and not name.startswith(("_", "launch_ros_"))
             and not name.endswith("_container")
         )
-
-    def _endpoints(self, name: str, namespace: str) -> Any:
-        try:
-            return (
-                sorted(self._node.get_publisher_names_and_types_by_node(name, namespace)),
-                sorted(self._node.get_subscriber_names_and_types_by_node(name, namespace)),
-                sorted(self._node.get_service_names_and_types_by_node(name, namespace)),
-            )
-        except NodeNameNonExistentError:
-            return ()
 
     def _topics(self, name: str, namespace: str) -> dict[str, dict[str, Any]]:
         """What a node subscribes to and publishes, with types, and the QoS profiles."""
@@ -175,15 +164,7 @@ class Inspector:
 
     def _call(self, kind: Any, name: str, request: Any) -> Any:
         """The response of a service; None if there is none."""
-        client = self._node.create_client(kind, name)
-        try:
-            if not client.wait_for_service(timeout_sec=_CALL_S):
-                return None
-            future = client.call_async(request)
-            rclpy.spin_until_future_complete(self._node, future, timeout_sec=_CALL_S)
-            return future.result()
-        finally:
-            self._node.destroy_client(client)
+        return rclpy_tools.ask_services(self._node, kind, [name], _CALL_S, request).get(name)
 
 
 def _profile(qos: Any) -> dict[str, str]:

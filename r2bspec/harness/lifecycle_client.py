@@ -7,14 +7,12 @@ succeeded; what its callback returned is in the event that the node publishes me
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
 
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from r2bspec.harness.rclpy_tools import interface_class
+from r2bspec.harness.rclpy_tools import ask_services, interface_class, spin_until
 from r2bspec.ipc import protocol
 
 _CHANGE, _CHANGE_TYPE = "/change_state", "lifecycle_msgs/srv/ChangeState"
@@ -22,7 +20,6 @@ _TRANSITION_IDS: Final = {"configure": 1, "activate": 3}
 """Of lifecycle_msgs/msg/Transition."""
 
 _PASSING: Final = {"configure": "configuring", "activate": "activating"}
-_SPIN_S = 0.02
 _EVENT_S = 1.0
 """An event and the answer of its transition come over different topics, in any order."""
 
@@ -46,16 +43,19 @@ def list_states(node: Node, command: protocol.ListLifecycle) -> protocol.Lifecyc
         command: how long to wait for the answers.
     """
     found = lifecycle_nodes(node.get_service_names_and_types())
-    with _Clients(node) as clients:
-        futures = {name: clients.ask_state(name) for name in found}
-        clients.spin_until(
-            lambda: all(future.done() for future in futures.values()), command.timeout_ns / 1e9
-        )
-        states = {
-            name: str(each.result().current_state.label) if each.done() else ""
-            for name, each in futures.items()
-        }
+    states = _states(node, found, command.timeout_ns / 1e9)
     return protocol.LifecycleStates(states=states, managers=_managers(node, found))
+
+
+def _states(node: Node, names: Iterable[str], timeout_s: float) -> dict[str, str]:
+    """The states of nodes by their names; empty for one that does not answer."""
+    services = {name: f"{name}/get_state" for name in names}
+    kind = interface_class("lifecycle_msgs/srv/GetState")
+    answers = ask_services(node, kind, services.values(), timeout_s)
+    return {
+        name: str(answers[service].current_state.label) if service in answers else ""
+        for name, service in services.items()
+    }
 
 
 def _managers(node: Node, managed: list[str]) -> dict[str, tuple[str, ...]]:
@@ -84,6 +84,9 @@ def change_state(
         interrupted: whether the answer is not needed any more.
     """
     change = interface_class(_CHANGE_TYPE)
+    request = change.Request()
+    request.transition.id = _TRANSITION_IDS[command.transition]
+    service = f"{command.node}{_CHANGE}"
     events: list[Any] = []
     subscription = node.create_subscription(
         interface_class("lifecycle_msgs/msg/TransitionEvent"),
@@ -92,25 +95,19 @@ def change_state(
         10,
     )
     try:
-        with _Clients(node) as clients:
-            request = change.Request()
-            request.transition.id = _TRANSITION_IDS[command.transition]
-            clients.spin_until(lambda: _is_matched(subscription), _EVENT_S)
-            answer = clients.call(change, f"{command.node}{_CHANGE}", request)
-            clients.spin_until(lambda: answer.done() or interrupted(), command.timeout_ns / 1e9)
-            if not answer.done():
-                return protocol.StateChanged(result="no answer")
-            result: Any = "success"
-            if not answer.result().success:
-                passing = _PASSING[command.transition]
-                clients.spin_until(lambda: _result(events, passing), _EVENT_S)
-                result = _result(events, passing) or "unknown"
-            state = clients.ask_state(command.node)
-            clients.spin_until(state.done, _STATE_S)
-            return protocol.StateChanged(
-                result=result,
-                state=str(state.result().current_state.label) if state.done() else "",
-            )
+        spin_until(node, lambda: _is_matched(subscription), _EVENT_S)
+        answers = ask_services(
+            node, change, [service], command.timeout_ns / 1e9, request, interrupted
+        )
+        if service not in answers:
+            return protocol.StateChanged(result="no answer")
+        result: Any = "success"
+        if not answers[service].success:
+            passing = _PASSING[command.transition]
+            spin_until(node, lambda: _result(events, passing), _EVENT_S)
+            result = _result(events, passing) or "unknown"
+        state = _states(node, [command.node], _STATE_S)[command.node]
+        return protocol.StateChanged(result=result, state=state)
     finally:
         node.destroy_subscription(subscription)
 
@@ -128,43 +125,3 @@ def _result(events: list[Any], passing: str) -> Any:
     goals = (event.goal_state.label for event in events if event.start_state.label == passing)
     goal = next(goals, None)
     return goal and ("error" if goal == "errorprocessing" else "failure")
-
-
-class _Clients:
-    """Clients of one node, spun until they have their answers, and destroyed afterwards."""
-
-    def __init__(self, node: Node) -> None:
-        self._node = node
-        self._executor = SingleThreadedExecutor(context=node.context)
-        self._clients: list[Any] = []
-
-    def __enter__(self) -> _Clients:
-        self._executor.add_node(self._node)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._executor.remove_node(self._node)
-        self._executor.shutdown()
-        for client in self._clients:
-            self._node.destroy_client(client)
-
-    def call(self, kind: Any, service: str, request: Any) -> Any:
-        """The future of a call, which is sent as soon as the service is there."""
-        client = self._node.create_client(kind, service)
-        self._clients.append(client)
-        client.wait_for_service(_STATE_S)
-        return client.call_async(request)
-
-    def ask_state(self, name: str) -> Any:
-        """The future of the state of a lifecycle node."""
-        kind = interface_class("lifecycle_msgs/srv/GetState")
-        return self.call(kind, f"{name}/get_state", kind.Request())
-
-    def spin_until(self, condition: Callable[[], Any], timeout_s: float) -> bool:
-        """Serve the node until a condition holds; False if it does not in time."""
-        deadline = time.monotonic() + timeout_s
-        while not condition():
-            if time.monotonic() > deadline:
-                return False
-            self._executor.spin_once(timeout_sec=_SPIN_S)
-        return True

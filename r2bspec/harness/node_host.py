@@ -1,8 +1,8 @@
 """The node host: creates the Python nodes of one process and spins them.
 
-A node is any rclpy `Node` class, or a function that returns one. It receives its namespace, name,
-remappings and parameter overrides as described in `r2bspec.harness.node_main`, and does not depend
-on r2bspec.
+A node is any rclpy `Node` class, or a function that returns one or is a program. It receives its
+namespace, name, remappings and parameter overrides as described in `r2bspec.harness.node_main`, and
+does not depend on r2bspec.
 
 Player and monitor can be in the same process. Within one process the middleware passes a message
 from publisher to subscription directly: without shared memory, and without waking a thread. Player
@@ -16,14 +16,16 @@ import contextlib
 import ctypes
 import functools
 import os
+import signal
 import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
+from rclpy import spin
+from rclpy.context import Context
 from rclpy.executors import (
     Executor,
     ExternalShutdownException,
@@ -31,10 +33,10 @@ from rclpy.executors import (
     SingleThreadedExecutor,
 )
 from rclpy.node import Node
+from rclpy.utilities import get_default_context
 
 from r2bspec.harness import node_main, rclpy_tools
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
-from r2bspec.harness.function_host import FunctionHost
 from r2bspec.ipc import protocol
 from r2bspec.ipc.protocol import callback_failure
 from r2bspec.plan.plan import NodePlan
@@ -113,13 +115,12 @@ def make_host(channel: Channel, settings: protocol.ConfigureHost) -> NodeHost | 
     for plan, factory in without_keywords:
         if len(plans) > 1:
             raise node_main.NodeError(
-                "R2B633",
                 f"node {plan.name} cannot be created: {plan.target} takes no **kwargs, and other "
                 "nodes run in the same process",
-                "Give it a process of its own, or let its constructor pass **kwargs to Node.",
+                hint="Give it a process of its own, or let its constructor pass **kwargs to Node.",
             )
         if not isinstance(factory, type):
-            return FunctionHost(channel, plan, factory, partial(_serve_one, channel, settings))
+            return FunctionHost(channel, settings, factory)
         rclpy_tools.init(tuple(node_main.ros_arguments(plan)))
     rclpy_tools.init()
     nodes = [
@@ -127,10 +128,6 @@ def make_host(channel: Channel, settings: protocol.ConfigureHost) -> NodeHost | 
         for plan, factory in zip(plans, factories, strict=True)
     ]
     return NodeHost(channel, settings, nodes)
-
-
-def _serve_one(channel: Channel, settings: protocol.ConfigureHost, node: Node) -> None:
-    NodeHost(channel, settings, [(settings.nodes[0], node)]).serve()
 
 
 class NodeHost:
@@ -164,7 +161,7 @@ class NodeHost:
         except Exception as error:
             names = ", ".join(node.get_fully_qualified_name() for _, node in self._nodes)
             raise node_main.NodeError(
-                "R2B634", f"a callback of {names} raised {type(error).__name__}: {error}"
+                f"a callback of {names} raised {type(error).__name__}: {error}", code="R2B634"
             ) from error
 
     def _listen(self) -> None:
@@ -195,6 +192,114 @@ class NodeHost:
         return protocol.Matched(counts=subscriptions, publisher_counts=publishers)
 
 
+class FunctionHost:
+    """Calls a function that takes no arguments; what it returns is spun, unless it is a program.
+
+    Which of the two it is shows when it is called. Its process gets the ROS arguments of the node
+    on its command line, as by ``ros2 run``. The first use of ROS decides: a function that
+    initialises it is a program, such as the ``main`` of an ordinary node, which makes its nodes and
+    spins them with the executor of its choice; for one that makes a node without that, ROS is
+    initialised, and the node that it returns is spun here. A program is seen from outside like any
+    other, and told to end by SIGINT.
+    """
+
+    def __init__(
+        self, channel: Channel, settings: protocol.ConfigureHost, function: Callable[[], Any]
+    ) -> None:
+        self._channel = channel
+        self._settings = settings
+        (self._plan,) = settings.nodes
+        self._function = function
+        self._is_program = False
+        self._ending = threading.Event()
+
+    def serve(self) -> None:
+        """Call the function, and spin the node that it returns until told to shut down.
+
+        Raises:
+            NodeError: it raised an exception, or returned no node.
+            SystemExit: a program has ended.
+        """
+        # The controller alone was meant to get Ctrl-C; a program ends by it.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        result = self._call()
+        if self._is_program:
+            raise SystemExit(result)
+        node = node_main.checked_node(self._plan, result)
+        NodeHost(self._channel, self._settings, [(self._plan, node)]).serve()
+
+    def _call(self) -> Any:
+        try:
+            with self._first_use_of_ros():
+                result = self._function()
+            if isinstance(result, Node) and self._is_program:
+                # It initialised ROS, made a node, and leaves the rest to its caller.
+                spin(result)
+                return None
+        except BaseException as error:
+            if self._ending.is_set():
+                raise SystemExit(0) from error
+            if isinstance(error, SystemExit):
+                raise
+            # The constructor of a node fails alike, whoever calls it.
+            is_running = self._is_program and not _is_of_constructor(error)
+            does = "ended with" if is_running else "cannot be created:"
+            raise node_main.NodeError(
+                f"node {self._plan.name} {does} {type(error).__name__}: {error}",
+                code="R2B634" if is_running else "R2B633",
+            ) from error
+        return result
+
+    @contextlib.contextmanager
+    def _first_use_of_ros(self) -> Iterator[None]:
+        """See who uses ROS first: an initialisation, or a node."""
+        initialise, make = Context.init, Node.__init__
+
+        def restore() -> None:
+            Context.init = initialise  # type: ignore[method-assign]
+            Node.__init__ = make  # type: ignore[method-assign]
+
+        def initialised(context: Context, *arguments: Any, **options: Any) -> None:
+            restore()
+            initialise(context, *arguments, **options)
+            self._become_program()
+
+        def made(node: Node, *arguments: Any, **options: Any) -> None:
+            restore()
+            if options.get("context") is None and not get_default_context().ok():
+                rclpy_tools.init(tuple(node_main.ros_arguments(self._plan)))
+            make(node, *arguments, **options)
+
+        Context.init = initialised  # type: ignore[assignment,method-assign]
+        Node.__init__ = made  # type: ignore[assignment,method-assign]
+        try:
+            yield
+        finally:
+            restore()
+
+    def _become_program(self) -> None:
+        self._is_program = True
+        self._channel.send(protocol.Ready(is_program=True))
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def _listen(self) -> None:
+        with contextlib.suppress(ChannelClosedError):
+            while not isinstance(command := self._channel.receive(), protocol.Shutdown):
+                if isinstance(command, protocol.ListModules):
+                    self._channel.send(protocol.Modules(files=node_main.module_files()))
+        self._ending.set()
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+def _is_of_constructor(error: BaseException) -> bool:
+    """Whether the constructor of a node has raised an exception."""
+    frames = (frame for frame, _ in traceback.walk_tb(error.__traceback__))
+    return any(
+        frame.f_code.co_name == "__init__" and isinstance(frame.f_locals.get("self"), Node)
+        for frame in frames
+    )
+
+
 _SWITCH_INTERVAL_S = 0.0002
 """How long a thread may hold the interpreter lock while others wait. The default of 5 ms would
 delay the nodes by as much whenever one of them computes."""
@@ -216,11 +321,9 @@ class InProcessHarness:
         sys.setswitchinterval(_SWITCH_INTERVAL_S)
         try:
             self._channel.send(protocol.Ready())
-            match self._channel.receive():
-                case protocol.ConfigureHost() as nodes:
-                    make_host(self._channel, nodes).serve()
-                case _:
-                    return
+            nodes = self._channel.receive()
+            if isinstance(nodes, protocol.ConfigureHost):
+                make_host(self._channel, nodes).serve()
         finally:
             self._library.r2bspec_harness_join()
 

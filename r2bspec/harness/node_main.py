@@ -22,19 +22,17 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from r2bspec.errors import R2bspecError
 from r2bspec.plan.command_lines import flow_yaml
 from r2bspec.plan.plan import NodePlan
 from r2bspec.plan.wiring.python_files import module_of
 from r2bspec.plan.wiring.python_source import KEYWORD_ARGUMENTS
 
 
-class NodeError(Exception):
-    """A node cannot be created; the message is for the user, the cause has the details."""
+class NodeError(R2bspecError):
+    """A node cannot be created; the cause has the details."""
 
-    def __init__(self, code: str, message: str, hint: str = "") -> None:
-        super().__init__(message)
-        self.code = code
-        self.hint = hint
+    code = "R2B633"
 
 
 def module_files() -> tuple[str, ...]:
@@ -66,13 +64,13 @@ def find_factory(target: str, base_dir: Path) -> Any:
         try:
             module = importlib.import_module(module_name)
         except ImportError as error:
-            raise NodeError("R2B624", f"cannot import {module_name!r}: {error}") from error
+            raise NodeError(f"cannot import {module_name!r}: {error}", code="R2B624") from error
     try:
         return getattr(module, name)
     except AttributeError as error:
-        raise NodeError("R2B625", f"{path or module.__name__} has no {name!r}") from error
+        raise NodeError(f"{path or module.__name__} has no {name!r}", code="R2B625") from error
     except ImportError as error:
-        raise NodeError("R2B624", f"cannot import {target!r}: {error}") from error
+        raise NodeError(f"cannot import {target!r}: {error}", code="R2B624") from error
 
 
 def _import_file(file: Path) -> Any:
@@ -80,7 +78,7 @@ def _import_file(file: Path) -> Any:
     place = module_of(file)
     description = importlib.util.spec_from_file_location(place.name, file)
     if description is None or description.loader is None or not file.is_file():
-        raise NodeError("R2B624", f"{file} is not a Python file")
+        raise NodeError(f"{file} is not a Python file", code="R2B624")
     # Other files of its folder can be imported, as if it were run as a script.
     sys.path.insert(0, str(file.parent))
     try:
@@ -93,7 +91,7 @@ def _import_file(file: Path) -> Any:
     except NodeError:
         raise
     except Exception as error:
-        raise NodeError("R2B624", f"cannot import {file.name}: {error}") from error
+        raise NodeError(f"cannot import {file.name}: {error}", code="R2B624") from error
     return module
 
 
@@ -102,9 +100,9 @@ def _import_module_of(file: Path, name: str) -> Any:
     origin = getattr(module, "__file__", None)
     if origin is None or Path(origin).resolve() != file:
         raise NodeError(
-            "R2B624",
             f"cannot import {file.name}: {name!r} is {origin or 'no file'}; another package of "
             "this name was imported before",
+            code="R2B624",
         )
     return module
 
@@ -148,7 +146,7 @@ def make_node(plan: NodePlan, factory: Any) -> Node:
             node = make()
     except Exception as error:
         raise NodeError(
-            "R2B633", f"node {plan.name} cannot be created: {type(error).__name__}: {error}"
+            f"node {plan.name} cannot be created: {type(error).__name__}: {error}"
         ) from error
     return checked_node(plan, node)
 
@@ -178,17 +176,17 @@ def checked_node(plan: NodePlan, made: object) -> Node:
     """
     if not isinstance(made, Node):
         raise NodeError(
-            "R2B633",
             f"node {plan.name} cannot be created: {plan.target} gives a {type(made).__name__}, not "
             "an rclpy node",
-            "Name a class that inherits from Node, a function that returns the node, or a main().",
+            hint="Name a class that inherits from Node, a function that returns the node, or a "
+            "main().",
         )
     name = made.get_fully_qualified_name()
     if name != plan.name:
         raise NodeError(
-            "R2B633",
             f"node {plan.name} has the name {name}, because it ignores the arguments that set it",
-            "Pass the **kwargs of its constructor to Node, and do not set use_global_arguments.",
+            hint="Pass the **kwargs of its constructor to Node, and do not set "
+            "use_global_arguments.",
         )
     return made
 

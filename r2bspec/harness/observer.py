@@ -19,10 +19,9 @@ import threading
 import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import msgspec
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
@@ -91,46 +90,30 @@ def list_names(node: Node) -> protocol.NodeNames:
 
 
 _LIST = "/list_parameters"
-_SPIN_S = 0.02
 
 
 def list_parameters(command: protocol.ListParameters) -> protocol.ParameterLists:
     """Ask all nodes that have parameter services, in parallel.
 
-    A node that does not respond in time is left out. The node that asks has its own executor, so
-    that the subscriptions of the process are not touched.
+    A node that does not respond in time is left out. It is a node of its own that asks, so that the
+    subscriptions of the process are not touched.
     """
     from rcl_interfaces.srv import ListParameters
 
     asking = rclpy_tools.start_node("parameters")
-    executor = SingleThreadedExecutor()
-    executor.add_node(asking)
     try:
         services = dict(asking.get_service_names_and_types())
-        nodes = {name.removesuffix(_LIST) for name in services if name.endswith(_LIST)}
-        clients = {
-            name: asking.create_client(ListParameters, f"{name}{_LIST}")
-            for name in sorted(nodes - {*command.exclude})
-        }
-        deadline = time.monotonic() + command.timeout_ns / 1e9
-        futures: dict[str, Any] = {}
-        while time.monotonic() < deadline:
-            for name, client in clients.items():
-                if name not in futures and client.service_is_ready():
-                    futures[name] = client.call_async(ListParameters.Request())
-            if len(futures) == len(clients) and all(future.done() for future in futures.values()):
-                break
-            executor.spin_once(timeout_sec=_SPIN_S)
+        wanted = [name for name in sorted(services) if name.endswith(_LIST)]
+        wanted = [name for name in wanted if name.removesuffix(_LIST) not in command.exclude]
+        answers = rclpy_tools.ask_services(asking, ListParameters, wanted, command.timeout_ns / 1e9)
         return protocol.ParameterLists(
             parameters={
-                name: tuple(sorted(future.result().result.names))
-                for name, future in futures.items()
-                if future.done() and future.exception() is None
+                name.removesuffix(_LIST): tuple(sorted(answer.result.names))
+                for name, answer in answers.items()
             },
             lifecycle=tuple(lifecycle_client.lifecycle_nodes(services.items())),
         )
     finally:
-        executor.shutdown()
         asking.destroy_node()
 
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import contextlib
 import importlib
 import threading
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import rclpy
 from rclpy.duration import Duration
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation as _implementation
 from rclpy.node import Node, NodeNameNonExistentError
 from rclpy.qos import (
@@ -24,6 +26,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.utilities import get_rmw_implementation_identifier, ok, try_shutdown
 
+from r2bspec.errors import R2bspecError
 from r2bspec.ipc.protocol import Endpoint, weakest_offer
 from r2bspec.language.spec import QoS
 from r2bspec.plan.package_advice import ros_package_advice
@@ -32,14 +35,21 @@ _to_destroy: list[Node] = []
 _init_lock = threading.Lock()
 
 
-class TypeNotFoundError(Exception):
-    """A message type is not installed."""
+_KINDS = {"srv": "service", "action": "action"}
+
+
+class TypeNotFoundError(R2bspecError):
+    """The type of a message, a service or an action is not installed."""
 
     code = "R2B681"
 
     def __init__(self, type_name: str) -> None:
-        super().__init__(f"message type {type_name} is not installed")
-        self.hint = f"To install it: {ros_package_advice(type_name.partition('/')[0])}."
+        package, _, rest = type_name.partition("/")
+        kind = _KINDS.get(rest.partition("/")[0], "message")
+        super().__init__(
+            f"{kind} type {type_name} is not installed",
+            hint=f"To install it: {ros_package_advice(package)}.",
+        )
 
 
 def interface_class(type_name: str) -> Any:
@@ -259,6 +269,76 @@ def finish() -> None:
     _to_destroy.clear()
     with contextlib.suppress(Exception):
         try_shutdown()
+
+
+_SPIN_S = 0.02
+
+
+def spin_until(
+    node: Node,
+    condition: Callable[[], Any],
+    timeout_s: float,
+    interrupted: Callable[[], bool] = lambda: False,
+) -> None:
+    """Serve a node, which no other executor may have, until a condition holds.
+
+    Args:
+        node: has what the condition waits for.
+        condition: is asked again and again.
+        timeout_s: the longest time.
+        interrupted: whether the condition is not waited for any more.
+    """
+    deadline = time.monotonic() + timeout_s
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    try:
+        while not (condition() or interrupted() or time.monotonic() > deadline):
+            executor.spin_once(timeout_sec=_SPIN_S)
+    finally:
+        executor.remove_node(node)
+        executor.shutdown()
+
+
+def ask_services(
+    node: Node,
+    kind: Any,
+    services: Iterable[str],
+    timeout_s: float,
+    request: Any = None,
+    interrupted: Callable[[], bool] = lambda: False,
+) -> dict[str, Any]:
+    """Ask services of one type, in parallel, each as soon as it is there.
+
+    Args:
+        node: asks; no other executor may have it.
+        kind: the class of the services.
+        services: their full names.
+        timeout_s: how long to wait for them and for their responses.
+        request: to all of them; with the defaults of its type if None.
+        interrupted: whether the responses are not needed any more.
+
+    Returns:
+        The responses by the names of the services, without those that did not come in time.
+    """
+    clients = {service: node.create_client(kind, service) for service in services}
+    futures: dict[str, Any] = {}
+
+    def all_have_responded() -> bool:
+        for service, client in clients.items():
+            if service not in futures and client.service_is_ready():
+                futures[service] = client.call_async(kind.Request() if request is None else request)
+        return len(futures) == len(clients) and all(each.done() for each in futures.values())
+
+    try:
+        spin_until(node, all_have_responded, timeout_s, interrupted)
+        return {
+            service: future.result()
+            for service, future in futures.items()
+            if future.done() and future.exception() is None
+        }
+    finally:
+        for client in clients.values():
+            node.destroy_client(client)
 
 
 def names_of(node: Node, name: str, namespace: str) -> tuple[str, ...]:

@@ -7,45 +7,23 @@ put into words for the user.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import rclpy
 from rclpy.node import Node
 
+from r2bspec.errors import R2bspecError
 from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel
 from r2bspec.ipc import protocol
 from r2bspec.plan.plan import NodePlan
 from r2bspec.plan.request_fields import FieldTypes, field_mistakes
 
-_SPIN_S = 0.1
 
-
-class ServiceCallError(Exception):
-    """A call cannot be made or gets no response; the message is for the user."""
+class ServiceCallError(R2bspecError):
+    """A call cannot be made or gets no response."""
 
     code = "R2B647"
-
-
-class ServiceTypeError(ServiceCallError):
-    """The type of a service is not installed; another attempt would end in the same way."""
-
-    code = "R2B681"
-
-
-def service_class(type_name: str) -> Any:
-    """The class of a service type such as ``std_srvs/srv/Trigger``, or of an action type.
-
-    Raises:
-        ServiceTypeError: the package is not installed or has no such service.
-    """
-    try:
-        return rclpy_tools.interface_class(type_name)
-    except rclpy_tools.TypeNotFoundError as error:
-        kind = "action" if "/action/" in type_name else "service"
-        raise ServiceTypeError(f"{kind} type {type_name} is not installed") from error
 
 
 def fill_message(message: Any, values: dict[str, Any]) -> Any:
@@ -98,7 +76,7 @@ def call_service(
     type_name: str,
     service: str,
     request: dict[str, Any],
-    deadline: float,
+    timeout_ns: int,
     interrupted: Callable[[], bool] = lambda: False,
 ) -> Any:
     """Wait for a service, call it, and wait for its response.
@@ -108,28 +86,24 @@ def call_service(
         type_name: such as ``std_srvs/srv/Trigger``.
         service: its full name.
         request: the fields of the request; others keep their defaults.
-        deadline: on the monotonic clock, in seconds.
+        timeout_ns: how long all of that may take.
         interrupted: whether the answer is not needed any more.
 
     Raises:
+        TypeNotFoundError: its type is not installed.
         ServiceCallError: the service does not exist, does not accept the request, or does not
-            respond before the deadline.
+            respond in time.
     """
-    kind = service_class(type_name)
+    kind = rclpy_tools.interface_class(type_name)
     message = fill_message(kind.Request(), request)
-    client = node.create_client(kind, service)
-    try:
-        while not client.wait_for_service(_SPIN_S):
-            if time.monotonic() > deadline or interrupted():
-                raise ServiceCallError(f"service {service} does not exist")
-        future = client.call_async(message)
-        while not future.done():
-            if time.monotonic() > deadline or interrupted():
-                raise ServiceCallError(f"service {service} did not respond in time")
-            rclpy.spin_until_future_complete(node, future, timeout_sec=_SPIN_S)
-        return future.result()
-    finally:
-        node.destroy_client(client)
+    answers = rclpy_tools.ask_services(
+        node, kind, [service], timeout_ns / 1e9, message, interrupted
+    )
+    if service in answers:
+        return answers[service]
+    exists = any(name == service for name, _ in node.get_service_names_and_types())
+    lacks = "did not respond in time" if exists else "does not exist"
+    raise ServiceCallError(f"service {service} {lacks}")
 
 
 class ServiceCaller:
@@ -144,14 +118,12 @@ class ServiceCaller:
         """Make the call; `Called` follows `Ready`.
 
         Raises:
+            TypeNotFoundError: its type is not installed.
             ServiceCallError: the service does not exist, or does not respond in time.
         """
         self._channel.send(protocol.Ready())
-        settings = self._settings
-        deadline = time.monotonic() + settings.timeout_ns / 1e9
-        call_service(
-            self._node, settings.service_type, settings.service, settings.request, deadline
-        )
+        asked = self._settings
+        call_service(self._node, asked.service_type, asked.service, asked.request, asked.timeout_ns)
         self._channel.send(protocol.Called())
         self._channel.wait_for_shutdown()
 
@@ -168,15 +140,10 @@ _PARAMETER_TYPES = {
 number of a list of them is greater by 5."""
 
 
-class ComponentError(Exception):
-    """A component was not loaded; the message is for the user."""
+class ComponentError(R2bspecError):
+    """A component was not loaded."""
 
     code = "R2B665"
-
-    def __init__(self, message: str, hint: str = "", code: str = "") -> None:
-        super().__init__(message)
-        self.code = code or self.code
-        self.hint = hint
 
 
 def load_request(node: NodePlan) -> dict[str, Any]:
@@ -239,33 +206,26 @@ class ComponentLoader:
             ComponentError: a container does not respond in time, or a request cannot be made.
         """
         self._channel.send(protocol.Ready())
-        while True:
-            match self._channel.receive():
-                case protocol.LoadComponent() as command:
-                    self._channel.send(self._load(command))
-                case protocol.Shutdown():
-                    return
+        while isinstance(command := self._channel.receive(), protocol.LoadComponent):
+            self._channel.send(self._load(command))
 
     def _load(self, command: protocol.LoadComponent) -> protocol.Composed:
         node, container = command.node, command.container
-        request = load_request(node)
-        try:
-            service_class(LOAD_NODE_TYPE)
-        except ServiceCallError as error:
-            raise ComponentError(
-                "ROS package 'composition_interfaces' is not installed",
-                hint="It comes with rclcpp_components; source a full ROS 2 installation.",
-                code="R2B622",
-            ) from error
         try:
             answer = call_service(
                 self._node,
                 LOAD_NODE_TYPE,
                 f"{container}/_container/load_node",
-                request,
-                time.monotonic() + command.timeout_ns / 1e9,
+                load_request(node),
+                command.timeout_ns,
                 interrupted=lambda: self._channel.wait(0.0),
             )
+        except rclpy_tools.TypeNotFoundError as error:
+            raise ComponentError(
+                "ROS package 'composition_interfaces' is not installed",
+                hint="It comes with rclcpp_components; source a full ROS 2 installation.",
+                code="R2B622",
+            ) from error
         except ServiceCallError as error:
             raise ComponentError(
                 f"{node.plugin} of package {node.package} was not loaded into container "

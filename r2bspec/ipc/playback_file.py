@@ -113,7 +113,10 @@ class Round:
                 np.int32
             )
             self._set_times(entries_of, turns, places, rate_hz)
-            yield self._within(entries_of, steps)
+            # Steps of a recording may overlap: the last ones go on into those after them.
+            rows = entries_of[entries_of["step"] < steps]
+            rows["complete"] = np.minimum(rows["complete"], steps)
+            yield rows
 
     def _bounds(self, steps: int, first: int) -> tuple[int, int]:
         """The first entry of a playback and the one after its last, in rounds without an end."""
@@ -124,11 +127,6 @@ class Round:
     ) -> None:
         """Set due times and stamps; each entry is at one of `places` of one of the rounds."""
         raise NotImplementedError
-
-    def _within(self, entries: Entries, steps: int) -> Entries:
-        """Those that belong to the steps of a playback."""
-        del steps
-        return entries
 
 
 @dataclass(frozen=True)
@@ -187,11 +185,6 @@ class TimelineRound(Round):
         del places, rate_hz
         entries["due_ns"] += turns * self.period_ns
         entries["stamp_ns"] += turns * self.stamp_period_ns
-
-    def _within(self, entries: Entries, steps: int) -> Entries:
-        rows = entries[entries["step"] < steps]
-        rows["complete"] = np.minimum(rows["complete"], steps)
-        return rows
 
 
 def complete_steps(steps: NDArray[np.int32]) -> NDArray[np.int32]:

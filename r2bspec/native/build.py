@@ -526,7 +526,8 @@ def _object(name: str, sources: Sequence[str], flags: Sequence[str]) -> Path:
 
 
 def _preload(path: Path, preloaded: str) -> str:
-    return f"{path}:{preloaded}" if preloaded else str(path)
+    others = [each for each in preloaded.split(":") if each and each != str(path)]
+    return ":".join([str(path), *others])
 
 
 def lock_environment(join: Path, preloaded: str) -> dict[str, str]:
@@ -534,7 +535,6 @@ def lock_environment(join: Path, preloaded: str) -> dict[str, str]:
 
     Args:
         join: from `join_object`.
-        preloaded: what is preloaded into it already.
+        preloaded: what is preloaded into it already, as in ``LD_PRELOAD``.
     """
-    others = [each for each in preloaded.split(":") if each and each != str(join)]
-    return {"LD_PRELOAD": ":".join([str(join), *others]), LOCK_VARIABLE: "1"}
+    return {"LD_PRELOAD": _preload(join, preloaded), LOCK_VARIABLE: "1"}

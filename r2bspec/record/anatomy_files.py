@@ -100,15 +100,17 @@ class AnatomyReader:
             read = self._files.setdefault(path, _EventFile(path))
             try:
                 with open_regular(path, folders=[self._folder]) as file:
-                    found = read.events(file, min(room, unread), passed_ns)
+                    table = file.read(_ROWS_AT)
+                    if not table.strip(b"\0"):
+                        # Its process is still making it.
+                        continue
+                    rows = read.events(file, table, min(room, unread), passed_ns)
             except OSError as error:
                 raise RecordError(f"{path} cannot be read: {error.strerror}", hint=_HINT) from error
-            if found is not None:
-                content, rows = found
-                read.number(content, rows, self._objects, self._processes)
-                arrays.append(rows)
-                room -= len(rows)
-                unread -= read.rows
+            read.number(table, rows, self._objects, self._processes)
+            arrays.append(rows)
+            room -= len(rows)
+            unread -= read.rows
         joined = np.concatenate(arrays)
         order = np.argsort(joined["began_ns"], kind="stable")
         return joined[order], tuple(self._objects), tuple(self._processes)
@@ -138,24 +140,17 @@ class _EventFile:
         self._numbers: dict[int, int] = {}
         """Of its objects, by their places in its table."""
 
-    def events(self, file: BinaryIO, room: int, passed_ns: int) -> tuple[bytes, Rows] | None:
-        """What is before the rows, and the finished events, at most `room`.
-
-        None if the process was still making its file.
-        """
-        content = file.read(_ROWS_AT)
-        if not content.strip(b"\0"):
-            return None
-        if len(content) < _ROWS_AT or content[: len(_MAGIC)] != _MAGIC:
+    def events(self, file: BinaryIO, table: bytes, room: int, passed_ns: int) -> Rows:
+        """The finished events, at most `room`, behind the header and the objects."""
+        if len(table) < _ROWS_AT or table[: len(_MAGIC)] != _MAGIC:
             raise RecordError(f"{self._path} is damaged: it has no header of events", hint=_HINT)
-        header = np.frombuffer(content, _HEADER, count=1)[0]
+        header = np.frombuffer(table, _HEADER, count=1)[0]
         if int(header["lost"]) > LONGEST_NS:
             raise RecordError(
                 f"{self._path} is damaged: it has lost more events than can be", hint=_HINT
             )
         slabs = min(int(header["slabs"]), int(header["claimed"]))
-        self._content = content
-        return content, self._read_slabs(file, slabs, room, passed_ns)
+        return self._read_slabs(file, slabs, room, passed_ns)
 
     def number(
         self,

@@ -113,7 +113,5 @@ def add_calibration(path: Path, benchmark: str, host: str, found: Calibration) -
     before = read_calibration_file(path) or CalibrationFile()
     hosts = {**before.benchmarks.get(benchmark, {}), host: found}
     after = CalibrationFile(benchmarks={**before.benchmarks, benchmark: hosts})
-    import json
-
-    text = json.dumps(msgspec.to_builtins(after), indent=1, sort_keys=True, ensure_ascii=False)
-    write_atomically(path, text.encode() + b"\n")
+    text = msgspec.json.format(msgspec.json.encode(after, order="sorted"), indent=1)
+    write_atomically(path, text + b"\n")

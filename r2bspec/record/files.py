@@ -10,10 +10,10 @@ import fcntl
 import os
 import weakref
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import msgspec
 
@@ -45,7 +45,7 @@ class FolderTakenError(RecordError):
     code = RUN_UNWRITABLE
 
 
-def write_atomically(path: Path, content: bytes | Callable[[BinaryIO], object]) -> None:
+def write_atomically(path: Path, content: bytes) -> None:
     """Write a file so that other processes see the old or the new content, never a part.
 
     The content is written to a temporary file in the same folder, synchronised to the disk, and
@@ -54,7 +54,7 @@ def write_atomically(path: Path, content: bytes | Callable[[BinaryIO], object]) 
 
     Args:
         path: the file to write; replaced if it exists.
-        content: the bytes, or a function that writes them to an open binary file.
+        content: the bytes.
 
     Raises:
         RecordError: the file cannot be written.
@@ -63,10 +63,7 @@ def write_atomically(path: Path, content: bytes | Callable[[BinaryIO], object]) 
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with temporary.open("xb") as file:
-            if callable(content):
-                content(file)
-            else:
-                file.write(content)
+            file.write(content)
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(path)

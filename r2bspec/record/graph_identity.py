@@ -98,8 +98,7 @@ def node_digest(node: NodeIdentity) -> str:
     """The digest of a node, over everything in it but the paths of its files."""
     if not (node.files or node.build_id or node.version):
         return ""
-    files = sorted((PurePosixPath(file.path).name, file.sha256) for file in node.files)
-    return _digest([node.kind, files, node.package, node.version, node.build_id])
+    return _digest([node.kind, _contents(node), node.package, node.version, node.build_id])
 
 
 def identity_digest(nodes: Mapping[str, NodeIdentity], packages: Mapping[str, str]) -> str:
@@ -183,6 +182,7 @@ def _node_differences(
 
 
 def _contents(node: NodeIdentity) -> list[tuple[str, str]]:
+    """The names and the digests of the files of a node."""
     return sorted((PurePosixPath(file.path).name, file.sha256) for file in node.files)
 
 

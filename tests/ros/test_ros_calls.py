@@ -17,7 +17,8 @@ from test_msgs.srv import BasicTypes
 from c_nodes import c_node
 from r2bspec.errors import ExitStatus
 from r2bspec.execute.errors import RunError
-from r2bspec.harness.service_client import ServiceCallError, fill_message, service_class
+from r2bspec.harness.rclpy_tools import TypeNotFoundError, interface_class
+from r2bspec.harness.service_client import ServiceCallError, fill_message
 from ros_runs import Bench, quick_input, relay_spec
 from ros_runs import bench as bench
 from service_events import ADD_EVENTS, write_events
@@ -113,10 +114,10 @@ def test_a_field_that_is_wrong_is_named(values: dict[str, object], said: str) ->
 
 
 def test_a_service_type_that_is_not_installed() -> None:
-    assert service_class("rcl_interfaces/srv/GetParameters") is GetParameters
+    assert interface_class("rcl_interfaces/srv/GetParameters") is GetParameters
     for wrong in ("nowhere/srv/Nothing", "rcl_interfaces/srv/Nothing", "nonsense", "a/action/B"):
-        with pytest.raises(ServiceCallError, match=f"type {wrong} is not installed") as refused:
-            service_class(wrong)
+        with pytest.raises(TypeNotFoundError, match=f"type {wrong} is not installed") as refused:
+            interface_class(wrong)
         assert RunError(str(refused.value), code=refused.value.code).exit_code == ExitStatus.USAGE
 
 

@@ -7,19 +7,18 @@ that uses the action of this repository runs the steps of `action.yml`; a checko
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
-import subprocess
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import gettempdir
 from typing import Any
 
 import yaml
 
 from git_repositories import git
-from pipelines import ACTION, read_outputs
+from pipelines import ACTION, Workplace, read_outputs
 
 _WORD = re.compile(
     r"(?P<operator>\|\||&&|==|!=|!|\(|\))|'(?P<text>(?:[^']|'')*)'|(?P<number>-?\d+)"
@@ -127,6 +126,18 @@ class Event:
     name: str
     ref: str
     payload: Mapping[str, Any]
+
+
+def pull_request_of(repository: Path, base: str, head: str, merge: str) -> Event:
+    """The pull request 1 of a repository, which checks out the merge of its head with its base."""
+    git(repository, "update-ref", "refs/pull/1/merge", merge)
+    git(repository, "config", "uploadpack.allowAnySHA1InWant", "true")
+    pull_request = {
+        "number": 1,
+        "base": {"sha": base, "ref": "main"},
+        "head": {"sha": head, "repo": {"full_name": "owner/robot"}},
+    }
+    return Event("pull_request", "refs/pull/1/merge", {"pull_request": pull_request})
 
 
 @dataclass
@@ -279,18 +290,14 @@ class Runner:
             "GITHUB_WORKFLOW": github["workflow"],
             "GITHUB_WORKSPACE": str(self.checkout),
             "RUNNER_TEMP": str(temp),
+            # That of a job is not as deep in folders as one of a test.
+            "TMPDIR": gettempdir(),
         }
-        done = subprocess.run(
-            ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", script],  # noqa: S607
-            cwd=self.checkout,
-            env={**os.environ, **values, **self.environment, **variables},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            check=False,
-        )
-        job.printed += done.stdout.decode(errors="replace")
+        place = Workplace(self.checkout, temp)
+        code, printed = place.shell("bash", script, **{**values, **self.environment, **variables})
+        job.printed += printed
         job.summary += summary.read_text()
-        return done.returncode, read_outputs(output.read_text())
+        return code, read_outputs(output.read_text())
 
     def _check_out(self, contexts: Mapping[str, Value], depth: int) -> tuple[int, dict[str, str]]:
         reference = contexts["github"]["ref"]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from git_repositories import commit, git
-from github_runner import Event
+from github_runner import Event, pull_request_of
 
 
 @dataclass(frozen=True)
@@ -18,9 +18,8 @@ class Upstream:
 
     @classmethod
     def create(cls, folder: Path, files: Mapping[str, str | bytes]) -> Upstream:
-        """A repository with one commit; as a service does, it gives any commit that it has."""
+        """A repository with one commit."""
         commit(folder, files)
-        git(folder, "config", "uploadpack.allowAnySHA1InWant", "true")
         return cls(folder)
 
     @property
@@ -32,27 +31,18 @@ class Upstream:
         """Commit files to ``main``."""
         commit(self.folder, files)
 
-    def pull_request(
-        self, files: Mapping[str, str | bytes], deleted: Sequence[str] = (), number: int = 1
-    ) -> Event:
+    def pull_request(self, files: Mapping[str, str | bytes], deleted: Sequence[str] = ()) -> Event:
         """A pull request with these files; what a runner checks out is its merge with ``main``."""
-        git(self.folder, "switch", "--quiet", "--create", f"change-{number}", "main")
+        git(self.folder, "switch", "--quiet", "--create", "change", "main")
         for path in deleted:
             (self.folder / path).unlink()
         head = commit(self.folder, files)
         git(self.folder, "switch", "--quiet", "--detach", "main")
         git(self.folder, "merge", "--quiet", "--no-ff", "--message", "merge", head)
-        git(self.folder, "update-ref", f"refs/pull/{number}/merge", "HEAD")
-        git(self.folder, "update-ref", f"refs/pull/{number}/head", head)
+        git(self.folder, "update-ref", "refs/pull/1/head", head)
+        event = pull_request_of(self.folder, self.main, head, "HEAD")
         git(self.folder, "switch", "--quiet", "main")
-        payload = {
-            "pull_request": {
-                "number": number,
-                "base": {"sha": self.main, "ref": "main"},
-                "head": {"sha": head, "repo": {"full_name": "owner/robot"}},
-            }
-        }
-        return Event("pull_request", f"refs/pull/{number}/merge", payload)
+        return event
 
     def clone(self, folder: Path, reference: str, *options: str) -> Path:
         """A clone in which a reference is checked out, and no branch is known."""

@@ -86,8 +86,9 @@ def launch_modules() -> Iterator[None]:
                 sys.modules[name] = earlier
 
 
-def described(text: str, file: str = "deployment.launch.py") -> list[Given]:
+def described(text: str) -> list[Given]:
     """The actions of a launch file in Python."""
+    file = "deployment.launch.py"
     scope: dict[str, Any] = {"__file__": file, "__name__": "launch_file"}
     with launch_modules():
         exec(compile(text, file, "exec"), scope)  # noqa: S102 - what ros2 launch does

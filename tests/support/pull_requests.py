@@ -21,7 +21,7 @@ from typing import Literal
 import yaml
 
 from git_repositories import commit, git, write_files
-from github_runner import Event, Runner
+from github_runner import Event, Runner, pull_request_of
 from recipe_hosts import GATE, WORKFLOW
 from review_services import review_service
 from ros_runs import IMAGE, quick_input, write_bag
@@ -172,10 +172,10 @@ class Workspace:
         if on_main:
             git(self.top, "branch", "--force", "main", "HEAD")
 
-    def set_cost(self, cost_ms: float, *, on_main: bool = False) -> None:
+    def set_cost(self, cost_ms: float) -> None:
         """Let each message take so long."""
         source = _COST.replace("FACTOR = 1.0", f"FACTOR = {cost_ms / 20.0!r}")
-        self.change({f"{PACKAGE}/cost.py": source}, on_main=on_main)
+        self.change({f"{PACKAGE}/cost.py": source})
 
     @property
     def head(self) -> Path:
@@ -271,14 +271,7 @@ class Workspace:
         head, base = git(self.top, "rev-parse", "HEAD"), git(self.top, "rev-parse", "main")
         tree = "HEAD^{tree}"  # the base is an ancestor, so the merge has the files of the head
         merge = git(self.top, "commit-tree", "-p", base, "-p", head, "-m", "merge", tree)
-        git(self.top, "update-ref", "refs/pull/1/merge", merge)
-        git(self.top, "config", "uploadpack.allowAnySHA1InWant", "true")
-        pull_request = {
-            "number": 1,
-            "base": {"sha": base, "ref": "main"},
-            "head": {"sha": head, "repo": {"full_name": "owner/robot"}},
-        }
-        return Event("pull_request", "refs/pull/1/merge", {"pull_request": pull_request})
+        return pull_request_of(self.top, base, head, merge)
 
     def _workflow(self) -> str:
         """The workflow of the page, with a step that makes the changes which are not committed."""

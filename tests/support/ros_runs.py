@@ -17,7 +17,6 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -26,9 +25,9 @@ import psutil
 import pytest
 import yaml
 from rosbags.rosbag2 import Writer
-from rosbags.typesys import Stores, get_typestore
 
 from machine_load import skip_for_load
+from r2bspec.bags.message_types import typestore
 from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.record.run_folder import Run, open_run
@@ -48,25 +47,20 @@ WIDTH, HEIGHT = 64, 48
 _SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - where the middleware keeps its segments
 
 
-@cache
-def _types() -> Any:
-    return get_typestore(Stores.ROS2_JAZZY)
-
-
 def image(number: int, stamp_ns: int, size: tuple[int, int] = (WIDTH, HEIGHT)) -> bytes:
     """A serialised Image, filled with its number."""
     width, height = size
-    types = _types().types
+    types = typestore().types
     stamp = types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 10**9))
     header = types["std_msgs/msg/Header"](stamp, "camera")
     pixels = np.full(width * height * 3, number % 256, np.uint8)
     message = types[IMAGE](header, height, width, "rgb8", 0, width * 3, pixels)
-    return bytes(_types().serialize_cdr(message, IMAGE))
+    return bytes(typestore().serialize_cdr(message, IMAGE))
 
 
 def text(words: str) -> bytes:
     """A serialised String, a message that has no header."""
-    return bytes(_types().serialize_cdr(_types().types[STRING](data=words), STRING))
+    return bytes(typestore().serialize_cdr(typestore().types[STRING](data=words), STRING))
 
 
 def write_bag(
@@ -77,7 +71,7 @@ def write_bag(
         rows = []
         for topic, stamps_ms in topics.items():
             kind = STRING if topic == "/text" else IMAGE
-            connection = writer.add_connection(topic, kind, typestore=_types())
+            connection = writer.add_connection(topic, kind, typestore=typestore())
             for number, stamp_ms in enumerate(stamps_ms):
                 stamp_ns = START_NS + stamp_ms * 1_000_000
                 data = text(f"{number}") if kind == STRING else image(number, stamp_ns, size)
@@ -296,8 +290,8 @@ _DISCOVERY = re.compile(r"fast\w+_port7[0-3]\d\d")
 
 _numbers = itertools.count(1)
 _benches: list[Bench] = []
-_seen_segments: dict[str, Bench] = {}
-"""By name, whose processes have used it."""
+_seen_segments: set[str] = set()
+"""The names of those that processes of runs have used."""
 
 _NODE_IMPORTS = "from rclpy.node import Node\nfrom sensor_msgs.msg import Image\n"
 
@@ -423,7 +417,7 @@ def _open_files(process: psutil.Process) -> list[Path]:
 def note_segments(bench: Bench, before: set[str]) -> None:
     """Take note of the shared memory that is in use now, but for what was there before."""
     for process in bench.processes():
-        _seen_segments.update(dict.fromkeys(_maps(process.pid) - before, bench))
+        _seen_segments.update(_maps(process.pid) - before)
 
 
 def _bench_of(process: psutil.Process) -> Bench | None:
@@ -453,32 +447,18 @@ def _maps(pid: int) -> set[str]:
     return set()
 
 
-def segments_left(bench: Bench | None = None) -> list[str]:
-    """Segments that a run of these tests has used, that are still there, and that nobody uses.
-
-    Of all benches, or of one.
-    """
-    seen = sorted(name for name, user in _seen_segments.items() if bench in {None, user})
-    there = [name for name in seen if (_SHARED_MEMORY / name).exists()]
-    used = {name for each in psutil.process_iter() for name in _maps(each.pid)} if there else set()
-    return [name for name in there if name not in used]
-
-
-def processes_left(bench: Bench | None = None) -> list[str]:
-    """The processes of runs of these tests that still run, in words; of all benches, or of one."""
-    left = []
-    for process in psutil.process_iter():
-        with contextlib.suppress(psutil.Error):
-            if (user := _bench_of(process)) is not None and bench in {None, user}:
-                left.append(f"process {process.pid}: {' '.join(process.cmdline())}")
-    return left
-
-
 def left_behind() -> list[str]:
-    """Processes and segments that runs of these tests have left behind, in words."""
+    """Processes, and segments that nobody uses, which runs of these tests have left, in words."""
     if not _benches:
         return []
-    return processes_left() + [f"segment {name}" for name in segments_left()]
+    left = []
+    there = {name for name in _seen_segments if (_SHARED_MEMORY / name).exists()}
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error):
+            if _bench_of(process) is not None:
+                left.append(f"process {process.pid}: {' '.join(process.cmdline())}")
+        there -= _maps(process.pid) if there else set()
+    return left + [f"segment {name}" for name in sorted(there)]
 
 
 def assert_nothing_left() -> None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import hashlib
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -75,14 +76,22 @@ EMPTY_RECORD = RunRecord(
 STAMP_NS = 1_800_000_000_000_000_000
 
 
+@contextmanager
+def edited_record(folder: Path) -> Iterator[dict[str, Any]]:
+    """The values of the record of a run, which are written as the block leaves them."""
+    file = folder / "record.json"
+    record = msgspec.json.decode(file.read_bytes())
+    yield record
+    file.write_bytes(msgspec.json.encode(record))
+
+
 def renew_digests(folder: Path) -> None:
     """Let the record of a run be about the samples that are there now."""
-    record = msgspec.json.decode((folder / "record.json").read_bytes())
-    record["samples"] = {
-        str(file.relative_to(folder)): hashlib.sha256(file.read_bytes()).hexdigest()
-        for file in folder.rglob("*.npy")
-    }
-    (folder / "record.json").write_bytes(msgspec.json.encode(record))
+    with edited_record(folder) as record:
+        record["samples"] = {
+            str(file.relative_to(folder)): hashlib.sha256(file.read_bytes()).hexdigest()
+            for file in folder.rglob("*.npy")
+        }
 
 
 @dataclass(frozen=True)

@@ -160,23 +160,19 @@ def played_events(
 
 def _write_buffers(folder: Path, schedule: Schedule) -> list[str]:
     """Buffers with as many messages as are used; the message of /tf has no transforms."""
-    used: dict[int, int] = {}
     if isinstance(schedule, TimelineSchedule):
         inputs = schedule.inputs
-        for message in schedule.messages:
-            used[message.input] = max(used.get(message.input, 0), message.position + 1)
+        positions = [message.position for message in schedule.messages]
     else:
         columns = schedule.columns or range(len(schedule.steps[0]))
-        for column, positions in zip(columns, zip(*schedule.steps, strict=True), strict=True):
-            used[column] = max(positions) + 1
-        for between in schedule.between:
-            used[between.input] = max(used.get(between.input, 0), between.position + 1)
         # The last one is that of /tf, or one whose messages look the same.
-        inputs = max(used)
+        inputs = max([*columns, *(between.input for between in schedule.between)])
+        positions = [*itertools.chain(*schedule.steps)]
+        positions += [between.position for between in schedule.between]
     topics = [f"/{number}" for number in range(inputs)]
-    for number, topic in enumerate([*topics, TF]):
+    for topic in [*topics, TF]:
         writer = BufferWriter(folder, topic, "x/msg/Y", has_header=True)
-        for stamp_ns in range(used.get(number, 0)):
+        for stamp_ns in range(max(positions) + 1):
             writer.append(stamp_ns, bytes(MESSAGE_BYTES))
         writer.close()
     return topics

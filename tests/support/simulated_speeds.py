@@ -298,14 +298,14 @@ class Found:
         return "rarer" if self.every_s > self.record.recurs_s else "wrong"
 
 
-def find(name: str, seed: int, *, about_hz: float = 100.0, confirm_s: float = 30.0) -> Found:
+def find(name: str, seed: int, *, confirm_s: float = 30.0) -> Found:
     """Search a graph of a world, from a tenth to five times its capacity."""
     random = np.random.default_rng([seed, *name.encode()])
-    capacity_hz = about_hz * float(np.exp(random.uniform(-0.1, 0.1)))
+    capacity_hz = 100.0 * float(np.exp(random.uniform(-0.1, 0.1)))
     graph = Graph(WORLDS[name], capacity_hz, random)
     searching = Searching(graph, Criterion(precision=PRECISION), confirm_s=confirm_s)
     graph.clock_s = lambda: searching.clock_s
-    record = searching.run(about_hz / 10, about_hz * 5)
+    record = searching.run(10.0, 500.0)
     return Found(
         record, graph.truth_hz, searching.played_s, graph.world.every_s, searching.budget_s
     )

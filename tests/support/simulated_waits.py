@@ -6,15 +6,13 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from r2bspec.judge.measure.host_usage import HostInterference
 from r2bspec.judge.measure.matching import match_monitor
 from r2bspec.judge.measure.samples import MonitorSamples, monitor_samples
-from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE
-from run_simulation import EPOCH_NS, MONITOR_PLAN, STAMP_NS, segment_of
+from run_simulation import MONITOR_PLAN, segment_of
+from simulated_queues import BEGIN_NS, Times, rows
 
-Times = NDArray[np.float64]
 Stalls = list[tuple[float, float]]
 """When no progress is made: beginning and length, in seconds, in order, without overlaps."""
 
@@ -97,12 +95,7 @@ def _work(begin_s: float, work_s: float, stalls: Stalls) -> tuple[float, float]:
 
 
 def _samples(arrive: Times, left: Times) -> MonitorSamples:
-    played = np.zeros(arrive.size, PLAYBACK_DTYPE)
-    played["stamp_ns"] = STAMP_NS + np.arange(arrive.size)
-    played["due_ns"] = played["published_ns"] = EPOCH_NS + np.round(arrive * 1e9)
     came = np.flatnonzero(np.isfinite(left))
-    rows = np.zeros(came.size, MONITOR_DTYPE)
-    rows["stamp_ns"] = played["stamp_ns"][came]
-    rows["received_ns"] = EPOCH_NS + np.round(left[came] * 1e9)
-    segment = segment_of(30.0, arrive.size)
-    return monitor_samples(segment, match_monitor(played, rows, MONITOR_PLAN))
+    played, seen = rows(arrive, arrive, came, left[came])
+    segment = segment_of(30.0, arrive.size, BEGIN_NS)
+    return monitor_samples(segment, match_monitor(played, seen, MONITOR_PLAN))

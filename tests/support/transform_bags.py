@@ -5,13 +5,12 @@ from __future__ import annotations
 import importlib.util
 import os
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 from rosbags.rosbag2 import Writer
-from rosbags.typesys import Stores, get_typestore
 
+from r2bspec.bags.message_types import typestore
 from r2bspec.native.build import build, find_ros
 from ros_runs import IMAGE, START_NS, image
 
@@ -20,14 +19,9 @@ MS = 1_000_000
 _STAND_IN = Path(__file__).with_name("without_tf2")
 
 
-@cache
-def _store() -> Any:
-    return get_typestore(Stores.ROS2_JAZZY)
-
-
 def transforms(*found: tuple[str, str, int], big_endian: bool = False) -> bytes:
     """A serialised TFMessage of (frame, child, stamp in ns)."""
-    types = _store().types
+    types = typestore().types
     made = []
     for number, (frame, child, stamp_ns) in enumerate(found):
         stamp = types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 10**9))
@@ -37,12 +31,12 @@ def transforms(*found: tuple[str, str, int], big_endian: bool = False) -> bytes:
         transform = types["geometry_msgs/msg/Transform"](translation, rotation)
         made.append(types["geometry_msgs/msg/TransformStamped"](header, child, transform))
     message = types[TF_TYPE](made)
-    return bytes(_store().serialize_cdr(message, TF_TYPE, little_endian=not big_endian))
+    return bytes(typestore().serialize_cdr(message, TF_TYPE, little_endian=not big_endian))
 
 
 def read_transforms(data: bytes) -> list[tuple[str, str, int]]:
     """What `transforms` was given."""
-    message = _store().deserialize_cdr(data, TF_TYPE)
+    message: Any = typestore().deserialize_cdr(data, TF_TYPE)
     return [
         (
             transform.header.frame_id,
@@ -64,9 +58,9 @@ def write_transform_bag(
     The second transform of a message is stamped 2 ms before the first.
     """
     with Writer(folder, version=9) as writer:
-        camera = writer.add_connection("/camera", IMAGE, typestore=_store())
-        tf = writer.add_connection("/tf", TF_TYPE, typestore=_store())
-        latched = writer.add_connection("/tf_static", TF_TYPE, typestore=_store())
+        camera = writer.add_connection("/camera", IMAGE, typestore=typestore())
+        tf = writer.add_connection("/tf", TF_TYPE, typestore=typestore())
+        latched = writer.add_connection("/tf_static", TF_TYPE, typestore=typestore())
         rows = [(START_NS + at * MS, camera, image(at, START_NS + at * MS)) for at in images_ms]
         for at in tf_ms:
             stamp_ns = START_NS + at * MS

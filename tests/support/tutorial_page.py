@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-_PAGE = Path(__file__).parents[2] / "docs" / "tutorial.md"
-_FILE = re.compile(r"<!-- file: ([^\n>]+) -->\n```\w*\n(.*?)```", re.DOTALL)
+from page_blocks import page_blocks
 
 _KEYS = """\
 «r2bspec»«1»
@@ -36,7 +35,8 @@ _STEP = re.compile(r"«(?P<accept>[^»]*)»|(?P<next_stop>⇥)|(?P<line>\n[ -]*)
 
 def page_files() -> dict[str, str]:
     """The content of each file by its name."""
-    return dict(_FILE.findall(_PAGE.read_text(encoding="utf-8")))
+    blocks = page_blocks("tutorial.md")
+    return {block.argument: block.text for block in blocks if block.kind == "file"}
 
 
 def write_robot(folder: Path) -> None:

@@ -1,20 +1,15 @@
-"""Promise: a few bytes of metadata, of a type or of a record do not cost long work."""
+"""Promise: a few bytes of metadata or of a type do not cost long work."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from r2bspec.bags.metadata import read_metadata
 from r2bspec.bags.recording import DataError
 from r2bspec.bags.storage import ros1
-from r2bspec.record.files import RecordError
-from r2bspec.record.run_folder import open_run
 from r2bspec.safe_io import limits
-from run_simulation import Played, Simulation
 
 HEAD = """\
 rosbag2_bagfile_information:
@@ -83,23 +78,3 @@ def test_types_as_they_are_used_are_accepted() -> None:
     ros1._converter(
         "p/msg/T", "float64[36] covariance\nuint8[1000000] data\nstring[] names", "p/msg/T"
     )
-
-
-def test_a_record_that_lists_a_segment_twice_is_refused(tmp_path: Path) -> None:
-    Simulation(segments=[Played(rate_hz=30.0, latency=np.full(9, 0.01))]).write(tmp_path / "run")
-    file = tmp_path / "run" / "record.json"
-    record = json.loads(file.read_text())
-    record["segments"] *= 5
-    file.write_text(json.dumps(record))
-    with pytest.raises(RecordError, match="5 times"):
-        open_run(tmp_path / "run")
-
-
-def test_a_record_of_more_segments_than_can_be_judged_is_refused(tmp_path: Path) -> None:
-    Simulation(segments=[Played(rate_hz=30.0, latency=np.full(9, 0.01))]).write(tmp_path / "run")
-    file = tmp_path / "run" / "record.json"
-    record = json.loads(file.read_text())
-    record["segments"] = [{**record["segments"][0], "id": f"s{n}"} for n in range(3_001)]
-    file.write_text(json.dumps(record))
-    with pytest.raises(RecordError, match="lists 3,001 segments; the limit is 3,000"):
-        open_run(tmp_path / "run")

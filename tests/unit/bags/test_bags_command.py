@@ -55,16 +55,9 @@ def test_a_window_can_be_given_by_its_ends(data: Data) -> None:
         assert not json.loads(data(*arguments, "--window", window).out)["made"]
 
 
-@pytest.mark.parametrize("window", ["1", "0:1", "1 s", "a:b"])
-def test_refuses_windows_without_units(data: Data, window: str) -> None:
-    data("make", "r2b_storage", "--window", window, status=2)
-
-
-def test_refuses_two_ways_of_saying_the_same(data: Data) -> None:
-    data("make", "r2b_storage", "--window", "0 s:1 s", "--end", "1 s", status=2)
-
-
-def test_a_bare_number_is_answered_with_its_unit(data: Data) -> None:
+def test_refuses_windows_without_units_or_said_twice(data: Data) -> None:
+    for words in (["0:1"], ["1 s"], ["a:b"], ["0 s:1 s", "--end", "1 s"]):
+        data("make", "r2b_storage", "--window", *words, status=2)
     said = data("make", "r2b_storage", "--end", "3", status=2)
     assert "for example '3 s'" in said.err
 

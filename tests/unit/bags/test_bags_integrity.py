@@ -16,18 +16,14 @@ from r2bspec.bags.recording import TimeWindow
 from r2bspec.datasets.synthesis import make
 
 
-def test_content_is_independent_of_the_date(tmp_path: Path) -> None:
-    late = [(topic, offset_ns + 10**12, data) for topic, offset_ns, data in chatter()]
-    assert hash_content(write_bag(tmp_path / "a", chatter())) == hash_content(
-        write_bag(tmp_path / "b", late)
-    )
-
-
-def test_content_is_independent_of_the_order_of_simultaneous_messages(tmp_path: Path) -> None:
+def test_content_is_independent_of_the_date_and_of_the_order_at_one_time(tmp_path: Path) -> None:
     pair = [("/left", 0, text("l")), ("/right", 0, text("r"))]
-    assert hash_content(write_bag(tmp_path / "a", pair)) == hash_content(
-        write_bag(tmp_path / "b", pair[::-1])
-    )
+    late = [(topic, offset_ns + 10**12, data) for topic, offset_ns, data in pair]
+    hashes = {
+        hash_content(write_bag(tmp_path / f"{number}", messages))
+        for number, messages in enumerate((pair, pair[::-1], late))
+    }
+    assert len(hashes) == 1
 
 
 @pytest.mark.parametrize(

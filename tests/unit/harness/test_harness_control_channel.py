@@ -6,6 +6,7 @@ import os
 import socket
 import threading
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import msgspec
 import pytest
@@ -60,57 +61,39 @@ COMMANDS: list[protocol.Command] = [
     ),
     protocol.ConfigureMonitor(monitors=(MONITOR,), rows_dir="/rows"),
     protocol.ConfigureHost(nodes=(NODE,), base_dir="/spec"),
-    protocol.ConfigureComponents(),
-    protocol.LoadComponent(container="/r2b/front", node=NODE, timeout_ns=1),
     protocol.Play(rate_hz=29.97, steps=100),
-    protocol.Stop(),
     protocol.Shutdown(),
 ]
 REPLIES: list[protocol.Reply] = [
-    protocol.Ready(),
     protocol.Ready(
         endpoints=(("/r2b/relay", "/r2b/in", "x/msg/Y", "subscribes"),),
         undeclared=(("/r2b/relay", "tpyo"),),
         parameters={"/r2b/relay": ("typo",)},
     ),
     protocol.Discovered(writers={"/a": (ENDPOINT,)}, readers={"/a": ()}),
-    protocol.ForeignPublishers(
-        publishers=(
-            protocol.ForeignPublisher(
-                topic="/a", node="/other", gid="010f", processes=("node (7) of user other",)
-            ),
-        )
-    ),
     protocol.Failed(code="R2B633", message="line one\nline two: \N{SNOWMAN}", hint="h"),
 ]
 
 
+class Ends(NamedTuple):
+    """Those of a child and of the controller."""
+
+    channel: Channel
+    controller: socket.socket
+
+
 @pytest.fixture
-def pair() -> Iterator[tuple[socket.socket, socket.socket]]:
+def ends() -> Iterator[Ends]:
     theirs, ours = socket.socketpair()
     with theirs, ours:
         ours.settimeout(30)
-        yield theirs, ours
-
-
-@pytest.fixture
-def channel(pair: tuple[socket.socket, socket.socket]) -> Channel:
-    """That of a child."""
-    return Channel(pair[0])
-
-
-@pytest.fixture
-def controller(pair: tuple[socket.socket, socket.socket]) -> socket.socket:
-    """The other end of the channel."""
-    return pair[1]
+        yield Ends(Channel(theirs), ours)
 
 
 @pytest.mark.parametrize("reply", REPLIES, ids=lambda each: type(each).__name__)
-def test_every_reply_is_one_line_that_reads_back(
-    channel: Channel, controller: socket.socket, reply: protocol.Reply
-) -> None:
-    channel.send(reply)
-    line = controller.recv(1 << 16)
+def test_every_reply_is_one_line_that_reads_back(ends: Ends, reply: protocol.Reply) -> None:
+    ends.channel.send(reply)
+    line = ends.controller.recv(1 << 16)
     assert line.count(b"\n") == 1
     assert line.endswith(b"\n")
     assert protocol.decode_reply(line) == reply
@@ -120,14 +103,7 @@ def test_parameters_keep_their_types() -> None:
     sent = protocol.ConfigureHost(nodes=(NODE,), base_dir="/spec")
     received = protocol.decode_command(protocol.encode(sent))
     assert isinstance(received, protocol.ConfigureHost)
-    values = received.nodes[0].parameters
-    assert {name: type(value) for name, value in values.items()} == {
-        "rate": float,
-        "count": int,
-        "names": list,
-        "on": bool,
-        "text": str,
-    }
+    assert repr(received.nodes[0].parameters) == repr(NODE.parameters)
 
 
 @pytest.mark.parametrize(
@@ -139,61 +115,40 @@ def test_what_is_no_command_is_refused(line: bytes) -> None:
         protocol.decode_command(line)
 
 
-def test_every_command_arrives_as_it_was_sent_in_pieces_and_together(
-    channel: Channel, controller: socket.socket
-) -> None:
+def test_every_command_arrives_as_it_was_sent_in_pieces_and_together(ends: Ends) -> None:
     data = b"".join(protocol.encode(each) for each in COMMANDS)
 
     def drip() -> None:
         for start in range(0, len(data), 7):
-            controller.sendall(data[start : start + 7])
+            ends.controller.sendall(data[start : start + 7])
 
     thread = threading.Thread(target=drip)
     thread.start()
-    assert [channel.receive() for _ in COMMANDS] == COMMANDS
+    assert [ends.channel.receive() for _ in COMMANDS] == COMMANDS
     thread.join()
 
 
-def test_a_command_larger_than_the_sockets_buffer_arrives_whole(
-    channel: Channel,
-    controller: socket.socket,
-) -> None:
-    steps = tuple((number, number + 1) for number in range(100_000))
-    sent = protocol.LoadSchedule(schedule=CyclicSchedule(steps=steps))
-    thread = threading.Thread(target=controller.sendall, args=(protocol.encode(sent),))
-    thread.start()
-    assert channel.receive() == sent
-    thread.join()
-
-
-def test_waiting_ends_when_a_command_is_there(channel: Channel, controller: socket.socket) -> None:
-    assert channel.wait(0.0) is False
-    assert channel.wait(-1.0) is False
-    controller.sendall(protocol.encode(protocol.Stop()) + protocol.encode(protocol.Shutdown()))
-    assert channel.wait(30.0) is True
-    assert channel.receive() == protocol.Stop()
+def test_waiting_ends_when_a_command_is_there(ends: Ends) -> None:
+    assert ends.channel.wait(0.0) is False
+    assert ends.channel.wait(-1.0) is False
+    ends.controller.sendall(protocol.encode(protocol.Stop()) + protocol.encode(protocol.Shutdown()))
+    assert ends.channel.wait(30.0) is True
+    assert ends.channel.receive() == protocol.Stop()
     # Nothing is left in the socket, but something is in hand.
-    assert channel.wait(30.0) is True
-    assert channel.receive() == protocol.Shutdown()
-    assert channel.wait(0.0) is False
+    assert ends.channel.wait(30.0) is True
+    assert ends.channel.receive() == protocol.Shutdown()
+    assert ends.channel.wait(0.0) is False
 
 
-def test_the_end_of_the_controller_is_noticed(channel: Channel, controller: socket.socket) -> None:
-    controller.close()
-    assert channel.wait(30.0) is True
+def test_the_end_of_the_controller_is_noticed(ends: Ends) -> None:
+    # Half a command is none.
+    ends.controller.sendall(protocol.encode(protocol.Stop())[:-3])
+    ends.controller.close()
+    assert ends.channel.wait(30.0) is True
     with pytest.raises(ChannelClosedError):
-        channel.receive()
+        ends.channel.receive()
     with pytest.raises(ChannelClosedError):
-        channel.send(protocol.Ready())
-
-
-def test_half_a_command_at_the_end_is_no_command(
-    channel: Channel, controller: socket.socket
-) -> None:
-    controller.sendall(protocol.encode(protocol.Stop())[:-3])
-    controller.close()
-    with pytest.raises(ChannelClosedError):
-        channel.receive()
+        ends.channel.send(protocol.Ready())
 
 
 def test_the_socket_is_taken_from_the_environment_once(monkeypatch: pytest.MonkeyPatch) -> None:

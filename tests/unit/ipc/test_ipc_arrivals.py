@@ -47,10 +47,8 @@ class World:
         self._waiting.clear()
 
     def found(self) -> list[int]:
-        return [
-            int(arrival_time_)
-            for arrival_time_ in arrival_times(np.array(self.rows, list(ARRIVAL_FIELDS)))
-        ]
+        times: list[int] = arrival_times(np.array(self.rows, list(ARRIVAL_FIELDS))).tolist()
+        return times
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from r2bspec.execute.fill_buffers import merge_static
 from r2bspec.ipc.buffers import (
+    BufferIndex,
     BufferWriter,
     buffer_path,
     largest_message_bytes,
@@ -29,28 +30,30 @@ TOPICS = st.lists(st.sampled_from(["a", "A", "_", "a_", "_a", "a__a", "a1"]), mi
 )
 
 
-def write(
-    folder: Path, topic: str, messages: list[tuple[int, bytes]], *, header: bool = True
-) -> None:
-    writer = BufferWriter(folder, topic, TYPE, has_header=header)
+def write(folder: Path, topic: str, messages: list[tuple[int, bytes]]) -> None:
+    writer = BufferWriter(folder, topic, TYPE, has_header=True)
     for stamp_ns, data in messages:
         writer.append(stamp_ns, data)
     assert len(writer) == len(messages)
     writer.close()
 
 
+@settings(max_examples=20)  # each writes files
 @given(messages=st.lists(st.tuples(st.integers(0, 2**62), st.binary(max_size=40)), max_size=20))
 def test_what_was_buffered_is_read_back(
     tmp_path_factory: pytest.TempPathFactory, messages: list[tuple[int, bytes]]
 ) -> None:
     folder = tmp_path_factory.mktemp("buffers")
     write(folder, "/r2b/image", messages)
-    index = read_index(folder, "/r2b/image")
-    assert index.topic == "/r2b/image"
-    assert index.type == TYPE
-    assert index.has_header
-    assert index.stamps_ns == tuple(stamp_ns for stamp_ns, _ in messages)
-    assert index.sizes == tuple(len(data) for _, data in messages)
+    stamps_ns = tuple(stamp_ns for stamp_ns, _ in messages)
+    assert read_index(folder, "/r2b/image") == BufferIndex(
+        topic="/r2b/image",
+        type=TYPE,
+        has_header=True,
+        stamps_ns=stamps_ns,
+        sizes=tuple(len(data) for _, data in messages),
+        times_ns=stamps_ns,
+    )
     read = read_messages(folder, "/r2b/image", set(range(len(messages))))
     assert [bytes(read[position]) for position in sorted(read)] == [data for _, data in messages]
 
@@ -91,9 +94,6 @@ def test_the_largest_message_is_found_over_all_buffers(tmp_path: Path) -> None:
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 
-# Seconds are int32 and nanoseconds are below one second.
-STAMPS = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)
-
 
 def header(stamp_ns: int, frame: str, *, little: bool) -> bytearray:
     """A std_msgs/Header as an independent serialiser writes it."""
@@ -103,9 +103,11 @@ def header(stamp_ns: int, frame: str, *, little: bool) -> bytearray:
     return bytearray(STORE.serialize_cdr(message, "std_msgs/msg/Header", little_endian=little))
 
 
-@given(stamp_ns=STAMPS, frame=st.text(max_size=5), little=st.booleans())
-def test_a_stamp_is_read_as_it_was_written(stamp_ns: int, frame: str, little: bool) -> None:
-    assert read_stamp(header(stamp_ns, frame, little=little)) == stamp_ns
+@pytest.mark.parametrize("little", [True, False])
+def test_a_stamp_is_read_as_it_was_written(little: bool) -> None:
+    # Seconds are int32 and nanoseconds are below one second.
+    for stamp_ns in (-(2**31) * 10**9, -1, 0, 1_700_000_000_123_456_789, 2**31 * 10**9 - 1):
+        assert read_stamp(header(stamp_ns, "camera", little=little)) == stamp_ns
 
 
 @pytest.mark.parametrize("size", [4, 11])

@@ -53,18 +53,6 @@ def test_what_ignores_polite_signals_is_killed_and_named(people: Family, kind: s
     assert people.living() == []
 
 
-def test_the_id_alone_finds_those_who_opened_a_session_of_their_own(people: Family) -> None:
-    parent, child = people.start("parent-of-stranger", 2)
-    assert os.getsid(parent) != os.getsid(child)
-    assert {process.pid for process in run_processes(people.run_id, [])} == {parent, child}
-
-
-def test_the_session_alone_finds_those_who_have_lost_the_id(people: Family) -> None:
-    pids = people.start("parent-of-nameless", 2)
-    found = {process.pid for process in run_processes("some other run", people.sessions)}
-    assert found == set(pids)
-
-
 def test_other_runs_are_left_alone(tmp_path: Path, people: Family) -> None:
     with family(tmp_path / "others", "another") as others:
         theirs = others.start("parent-of-stranger", 2)

@@ -2,37 +2,20 @@
 
 from __future__ import annotations
 
-import os
 import resource
 import signal
-import subprocess
-import sys
 from contextlib import closing
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nightly import size
 from r2bspec.ipc.sample_files import STALL_FILE, RowReader, RowWriter, StallLogReader
 
 FIELDS = (("a", "<i8"), ("b", "<i8"), ("c", "<i8"))
 
 INT64 = st.integers(-(2**63), 2**63 - 1)
-
-APPENDS_UNTIL_KILLED = """
-import sys
-from pathlib import Path
-from r2bspec.ipc.sample_files import RowWriter
-writer = RowWriter(Path(sys.argv[1]), width=3)
-print("writing", flush=True)
-number = 0
-while True:
-    writer.append(number, 2 * number, 3 * number)
-    number += 1
-"""
 
 
 def test_a_row_that_is_not_whole_yet_is_none(tmp_path: Path) -> None:
@@ -78,28 +61,6 @@ def test_every_row_is_read_and_never_changes(
     writer.close()
     assert before.tolist() == rows[start:stop]
     assert reader.read(start, stop).tolist() == [*rows, (9, 9, 9)][start:stop]
-
-
-def test_a_reader_sees_only_whole_rows_of_a_writer_that_is_killed(tmp_path: Path) -> None:
-    path = tmp_path / "rows"
-    reader = RowReader(path, FIELDS)
-    with subprocess.Popen(
-        [sys.executable, "-c", APPENDS_UNTIL_KILLED, str(path)],
-        stdout=subprocess.PIPE,
-    ) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == b"writing\n"
-        seen = 0
-        while seen < size(5_000, 20_000):
-            rows = reader.read(seen)
-            # Whole, in order, and none twice or left out, while the file grows under the reader.
-            assert np.array_equal(rows["a"], np.arange(seen, seen + rows.size))
-            assert np.array_equal(rows["c"], 3 * rows["a"])
-            seen += rows.size
-        os.kill(process.pid, signal.SIGKILL)
-    rows = reader.read()
-    assert rows.size == reader.count() >= seen
-    assert np.array_equal(rows["b"], 2 * np.arange(rows.size))
 
 
 def test_a_file_that_may_not_grow_is_named(tmp_path: Path) -> None:

@@ -34,38 +34,6 @@ TIMELINE = TimelineSchedule(
 )
 
 
-def test_transforms_lie_between_the_steps_in_every_round() -> None:
-    schedule = CyclicSchedule(
-        steps=((0,), (1,)),
-        between=(
-            BetweenMessage(0.25, 1, 4, 100),
-            BetweenMessage(0.5, 1, 5, 200),
-            BetweenMessage(1.5, 1, 6, 300),
-        ),
-    )
-    events = played_events(schedule, 10.0, 4)
-    assert [(event.step, event.offset_ns // 10**6) for event in events] == [
-        (0, 0), (NO_STEP, 25), (NO_STEP, 50), (1, 100), (NO_STEP, 150),
-        (2, 200), (NO_STEP, 225), (NO_STEP, 250), (3, 300), (NO_STEP, 350),
-    ]  # fmt: skip
-    placed = [event for event in events if event.step == NO_STEP][:3]
-    # Recorded stamps, minus the time that corresponds to the event, plus its stamp.
-    assert [each.messages for each in placed] == [((1, 4, -100),), ((1, 5, -200),), ((1, 6, -300),)]
-
-
-def test_a_timeline_plays_each_message_at_its_own_time() -> None:
-    events = played_events(TIMELINE, 0.0, 3)
-    assert [(event.offset_ns, event.step, event.messages) for event in events] == [
-        (0, NO_STEP, ((2, 0, 0),)),
-        (0, 0, ((0, 0, 0),)),
-        (5, 1, ((1, 0, 0),)),
-        (7, 0, ((1, 1, 0),)),
-        (20, 2, ((0, 1, 0),)),
-    ]
-    # The second step is complete before the first, and counts with it.
-    assert [event.complete for event in events] == [0, 0, 0, 2, 3]
-
-
 @given(steps=st.integers(1, 40))
 @settings(deadline=None)
 def test_the_span_of_a_timeline_ends_where_the_next_step_is_due(steps: int) -> None:

@@ -325,45 +325,32 @@ def test_files_of_others_are_passed_over(tmp_path: Path) -> None:
     assert len(AnatomyReader(tmp_path).read()[2]) == 1
 
 
-def shorten(path: Path) -> None:
-    os.truncate(path, 5000)
+def test_a_damaged_file_and_a_folder_that_is_not_there_are_named(tmp_path: Path) -> None:
+    def assert_refused(place: Path) -> None:
+        with pytest.raises(RecordError, match=str(place)) as caught:
+            AnatomyReader(folder).read()
+        assert caught.value.hint
 
-
-def garble(path: Path) -> None:
-    path.write_bytes(b"\x93NUMPY" * 300_000)
-
-
-def lead_elsewhere(path: Path) -> None:
-    path.rename(path.parent.parent / "elsewhere")
-    path.symlink_to(path.parent.parent / "elsewhere")
-
-
-def replace_by_pipe(path: Path) -> None:
-    path.unlink()
-    os.mkfifo(path)
-
-
-def replace_by_folder(path: Path) -> None:
-    path.unlink()
-    path.mkdir()
-
-
-@pytest.mark.parametrize(
-    "damage", [shorten, garble, lead_elsewhere, replace_by_pipe, replace_by_folder]
-)
-def test_a_damaged_file_is_named(tmp_path: Path, damage: Any) -> None:
     folder = tmp_path / "rows"
+    assert_refused(folder)
     folder.mkdir()
     path = rows_file(folder)
-    damage(path)
-    with pytest.raises(RecordError, match=str(path)) as caught:
-        AnatomyReader(folder).read()
-    assert caught.value.hint
+    os.truncate(path, 5000)
+    assert_refused(path)
+    path.write_bytes(b"\x93NUMPY" * 300_000)
+    assert_refused(path)
+    elsewhere = path.rename(tmp_path / "elsewhere")
 
+    def link() -> None:
+        path.symlink_to(elsewhere)
 
-def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(RecordError, match="nowhere cannot be read"):
-        AnatomyReader(tmp_path / "nowhere").read()
+    def pipe() -> None:
+        os.mkfifo(path)
+
+    for replace in (link, pipe, path.mkdir):
+        path.unlink(missing_ok=True)
+        replace()
+        assert_refused(path)
 
 
 @pytest.fixture(scope="module")

@@ -31,20 +31,11 @@ time.sleep(600)
 def test_an_empty_folder_of_a_run_in_progress_is_refused(tmp_path: Path) -> None:
     with RunFolder.create(tmp_path / "run") as folder:
         with pytest.raises(FolderTakenError, match="run that is in progress") as raised:
-            RunFolder.create(folder.path)
+            ComparisonFolder.create(folder.path)
         assert raised.value.code == RUN_UNWRITABLE
         assert "--output" in raised.value.hint
     assert list(folder.path.iterdir()) == []
     RunFolder.create(folder.path).release()
-
-
-@pytest.mark.parametrize("first", [RunFolder, ComparisonFolder])
-@pytest.mark.parametrize("second", [RunFolder, ComparisonFolder])
-def test_runs_and_comparisons_exclude_each_other(
-    tmp_path: Path, first: type[RunFolder], second: type[RunFolder]
-) -> None:
-    with first.create(tmp_path / "run"), pytest.raises(FolderTakenError):
-        second.create(tmp_path / "run")
 
 
 def test_of_many_that_begin_at_once_one_gets_the_folder(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import pickle
 import shutil
 from pathlib import Path
@@ -15,7 +17,7 @@ from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.record.files import RecordError, write_atomically
 from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE
-from run_simulation import Played, Simulation, objective, renew_digests
+from run_simulation import Played, Simulation, edited_record, objective, renew_digests
 
 SIMULATION = Simulation(
     segments=[Played(10, [0.01, 0.02]), Played(10, [0.01], complete=False)],
@@ -36,6 +38,7 @@ def test_a_run_is_read_back_as_it_was_written(tmp_path: Path) -> None:
     assert run.monitor(first, "detections").size == 2
     assert run.resources().size > 0
     assert run.spec_text().startswith("r2bspec: 1")
+    assert not [*run.folder.rglob("*.tmp")]
 
 
 def test_an_opened_run_needs_no_absolute_path(
@@ -46,20 +49,18 @@ def test_an_opened_run_needs_no_absolute_path(
     assert open_run(Path("run")).record.status == "complete"
 
 
-def test_no_temporary_file_is_left(tmp_path: Path) -> None:
-    SIMULATION.write(tmp_path / "run")
-    assert not list((tmp_path / "run").rglob("*.tmp"))
-
-
-def test_a_file_that_could_not_be_finished_leaves_the_old_one(tmp_path: Path) -> None:
+def test_a_file_that_could_not_be_finished_leaves_the_old_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "file"
     write_atomically(path, b"old")
 
-    def fails(file: object) -> None:
-        raise RuntimeError("interrupted")
+    def fail(_: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
 
-    with pytest.raises(RuntimeError):
-        write_atomically(path, fails)
+    monkeypatch.setattr(os, "fsync", fail)
+    with pytest.raises(RecordError, match="No space left"):
+        write_atomically(path, b"new")
     assert path.read_bytes() == b"old"
     assert [found.name for found in tmp_path.iterdir()] == ["file"]
 
@@ -107,10 +108,8 @@ class TestBrokenFolders:
         assert raised.value.exit_code == 2
         assert raised.value.hint
 
-    def test_missing(self, tmp_path: Path) -> None:
+    def test_missing_or_foreign(self, tmp_path: Path) -> None:
         self.refused(tmp_path / "nowhere", "is not a folder")
-
-    def test_foreign(self, tmp_path: Path) -> None:
         self.refused(tmp_path, "is not a run folder")
 
     @pytest.mark.parametrize(
@@ -134,10 +133,20 @@ class TestBrokenFolders:
         assert "killed" not in raised.value.hint
 
     def test_another_version(self, folder: Path) -> None:
-        record = msgspec.json.decode((folder / "record.json").read_bytes())
-        record["r2bspec_record"] = 2
-        (folder / "record.json").write_bytes(msgspec.json.encode(record))
+        with edited_record(folder) as record:
+            record["r2bspec_record"] = 2
         self.refused(folder, "format version 2")
+
+    def test_a_segment_that_is_listed_twice(self, folder: Path) -> None:
+        with edited_record(folder) as record:
+            record["segments"] *= 5
+        self.refused(folder, "5 times")
+
+    def test_more_segments_than_can_be_judged(self, folder: Path) -> None:
+        with edited_record(folder) as record:
+            segment = record["segments"][0]
+            record["segments"] = [{**segment, "id": f"s{number}"} for number in range(3_001)]
+        self.refused(folder, "lists 3,001 segments; the limit is 3,000")
 
     @pytest.mark.parametrize(
         "content", [b"", b"{", b"[]", b"{}", b'{"r2bspec_record": 1}', b"\xff"]
@@ -146,14 +155,12 @@ class TestBrokenFolders:
         (folder / "record.json").write_bytes(content)
         self.refused(folder, "damaged")
 
-    def test_no_plan(self, folder: Path) -> None:
-        (folder / "plan.json").unlink()
-        self.refused(folder, "cannot be read")
-
-    def test_a_plan_that_was_edited(self, folder: Path) -> None:
+    def test_no_plan_or_another_one(self, folder: Path) -> None:
         text = (folder / "plan.json").read_text().replace("60 ms", "600 ms")
         (folder / "plan.json").write_text(text)
         self.refused(folder, "is not the plan of this run")
+        (folder / "plan.json").unlink()
+        self.refused(folder, "cannot be read")
 
     def test_samples(self, folder: Path) -> None:
         segment = open_run(folder).record.segments[0]
@@ -211,20 +218,18 @@ class TestBrokenFolders:
 
     @pytest.mark.parametrize("removed", ["segments", "samples"])
     def test_samples_without_their_segment(self, folder: Path, removed: str) -> None:
-        record = msgspec.json.decode((folder / "record.json").read_bytes())
-        segment = record["segments"].pop(0)["id"]
-        if removed == "samples":
-            record["segments"].append(open_run(folder).record.segments[0])
-            record["samples"] = {
-                place: digest for place, digest in record["samples"].items() if segment not in place
-            }
-        (folder / "record.json").write_bytes(msgspec.json.encode(record))
+        with edited_record(folder) as record:
+            segment = record["segments"][0]["id"]
+            if removed == "segments":
+                del record["segments"][0]
+            for place in [each for each in record["samples"] if segment in each]:
+                if removed == "samples":
+                    del record["samples"][place]
         self.refused(folder, f"does not list both segment and samples of '{segment}'")
 
     def test_no_digest_leads_out_of_the_folder(self, folder: Path) -> None:
-        record = msgspec.json.decode((folder / "record.json").read_bytes())
-        record["samples"] = {**record["samples"], "../x.npy": ""}
-        (folder / "record.json").write_bytes(msgspec.json.encode(record))
+        with edited_record(folder) as record:
+            record["samples"]["../x.npy"] = ""
         self.refused(folder, "damaged|cannot be part of a file name")
 
     def test_samples_without_a_record_are_told(
@@ -239,10 +244,9 @@ class TestBrokenFolders:
     @pytest.mark.parametrize("removed", ["", "samples/", "resources.npy"])
     def test_a_record_without_digests(self, folder: Path, removed: str) -> None:
         """Who changes samples would remove them."""
-        record = msgspec.json.decode((folder / "record.json").read_bytes())
-        for place in [place for place in record["samples"] if place.startswith(removed)]:
-            del record["samples"][place]
-        (folder / "record.json").write_bytes(msgspec.json.encode(record))
+        with edited_record(folder) as record:
+            for place in [place for place in record["samples"] if place.startswith(removed)]:
+                del record["samples"][place]
         with pytest.raises(RecordError, match="does not list both|has no digest of") as raised:
             read_samples(open_run(folder))
         assert raised.value.hint
