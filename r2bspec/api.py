@@ -514,7 +514,7 @@ def run_gated(
         RunError: the head failed; the folder has the pairs finished until then.
         RecordError: the folder cannot be created.
     """
-    from r2bspec.compare.interleaved_comparison import BaseFailsError, GateCheck, prepare_comparison
+    from r2bspec.compare.interleaved_comparison import BaseFailsError, prepare_comparison
     from r2bspec.compare.interleaved_runs import compare
     from r2bspec.compare.merge_gate import ALLOW_BASE
     from r2bspec.execute.progress import Progress
@@ -530,7 +530,8 @@ def run_gated(
             against=gate.tree.name,
             pairs=pairs,
             force=gate.settings.force,
-            gate=GateCheck(sides.sentences, gate.check_loaded_files),
+            gate=sides.sentences,
+            check_run=gate.check_loaded_files,
         )
         try:
             with locked_host(name, lock, listener.note):

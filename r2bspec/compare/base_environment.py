@@ -299,26 +299,19 @@ def _run(command: Sequence[str], tree: BaseTree, timeout_s: float) -> None:
             )
         except (OSError, ValueError) as error:
             raise _failed(command, tree, f"cannot be started: {error}") from error
-        with _ended_group(process):
-            deadline_s = time.monotonic() + timeout_s
+        deadline_s = time.monotonic() + timeout_s
+        try:
             while process.poll() is None:
                 interrupts.check()
                 if time.monotonic() > deadline_s:
                     raise _failed(command, tree, f"did not end within {timeout_s:g} s", _tail(log))
                 time.sleep(_POLL_S)
+        finally:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
         if process.returncode:
             raise _failed(command, tree, f"ended with {process.returncode}", _tail(log))
-
-
-@contextlib.contextmanager
-def _ended_group(process: subprocess.Popen[bytes]) -> Iterator[None]:
-    """At the end, no process of the group of a command is left."""
-    try:
-        yield
-    finally:
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
 
 
 def _failed(command: Sequence[str], tree: BaseTree, what: str, tail: str = "") -> BaseBuildError:

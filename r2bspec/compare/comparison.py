@@ -116,13 +116,8 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True):
     lines: tuple[ComparisonLine, ...]
 
 
-READERS: Final = ("r2bspec.interop.ros2_benchmark",)
-"""Modules that read the results of other tools, imported on demand.
-
-A reader is a module with one function, which raises an `R2bspecError` for what is not its own::
-
-    def read_compared(content: bytes, source: str) -> ComparedResult
-"""
+_REPORT_READER: Final = "r2bspec.interop.ros2_benchmark"
+"""The module that reads the reports of another tool, imported on demand: it depends on this one."""
 
 SeriesKey = tuple[float | None, str, str]
 """Offered rate, monitor, and the metric's name in the catalogue."""
@@ -186,19 +181,14 @@ def read_compared_result(path: Path) -> ComparedResult:
         result = from_json(content)
         return _compared(str(path), result.name, result, result.metrics)
     except ValueError as not_a_result:  # msgspec's errors are such
-        reasons = []
-        for name in READERS:
-            try:
-                compared: ComparedResult = importlib.import_module(name).read_compared(
-                    content, str(path)
-                )
-            except R2bspecError as not_a_report:
-                reasons.append(str(not_a_report))
-            else:
-                return compared
-        raise UnreadableResultError(
-            f"{path} is neither a result ({not_a_result}) nor a report ({', '.join(reasons)})"
-        ) from not_a_result
+        reader = importlib.import_module(_REPORT_READER)
+        try:
+            compared: ComparedResult = reader.read_compared(content, str(path))
+        except R2bspecError as not_a_report:
+            raise UnreadableResultError(
+                f"{path} is neither a result ({not_a_result}) nor a report ({not_a_report})"
+            ) from not_a_result
+        return compared
 
 
 def _compared(

@@ -80,19 +80,6 @@ class ComparisonSpec:
     check_run: CheckRun | None = None
 
 
-@dataclass(frozen=True)
-class GateCheck:
-    """A base with its own work tree.
-
-    Attributes:
-        sentences: what reports say of it.
-        check_run: checks that a side has loaded its own files.
-    """
-
-    sentences: tuple[str, ...]
-    check_run: CheckRun
-
-
 def prepare_comparison(
     base: ComparisonSide,
     head: ComparisonSide,
@@ -101,7 +88,8 @@ def prepare_comparison(
     pairs: int | None = None,
     control: bool = False,
     force: bool = False,
-    gate: GateCheck | None = None,
+    gate: tuple[str, ...] = (),
+    check_run: CheckRun | None = None,
 ) -> ComparisonSpec:
     """Check that two sides are comparable.
 
@@ -112,14 +100,16 @@ def prepare_comparison(
         pairs: how many; as many as the head's spec has iterations if None.
         control: whether base and head are meant to be the same.
         force: compare even with different loads.
-        gate: what is said of a base with its own work tree, which may have the same plan.
+        gate: what reports say of the merge gate that compares them.
+        check_run: checks that each run has loaded the files of its side, of a base with its own
+            work tree, which may have the same plan.
 
     Raises:
         IncomparableError: the two are offered different loads, or are the same.
         MiddlewareError: the middleware of one of them has no such transport.
     """
     differences = comparability.graph_differences(base.plan, head.plan)
-    if not control and not differences and not base.environment and gate is None:
+    if not control and not differences and not base.environment and check_run is None:
         raise IncomparableError(
             f"the base, {against}, is the same as the head",
             hint="Use --control to compare a graph with itself and see the noise.",
@@ -144,8 +134,8 @@ def prepare_comparison(
         against=against,
         control=control,
         differences=tuple(comparability.difference_lines(differences)),
-        gate=gate.sentences if gate is not None else (),
-        check_run=gate.check_run if gate is not None else None,
+        gate=gate,
+        check_run=check_run,
     )
 
 

@@ -10,26 +10,25 @@ from __future__ import annotations
 from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Final
+from typing import Final, NamedTuple
 
 from r2bspec.diagnostics.quote import first_words, join_words, pluralize
 from r2bspec.judge.caveats import WITHOUT_BURST, particular_caveats
-from r2bspec.judge.measure.metrics import RunMetrics
 from r2bspec.judge.measure.own_pace import own_pace_text
 from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import DisturbedIteration, RequirementVerdict
 from r2bspec.language.spec_benchmark import ACCEPTED, FEEDBACK
 from r2bspec.middleware.middleware import middleware_named
-from r2bspec.record.run_record import Probe, ProfileRecord, StartRecord
+from r2bspec.record.run_record import Probe, ProfileRecord
 from r2bspec.report import report_wording as wording
 from r2bspec.report.headline import headline
 
 MOST_NOTES: Final = 5
 """Notes of a report that is not verbose."""
 
-_MAX_LISTED_ITERATIONS: Final = 6
-"""Affected iterations that are listed one by one."""
+_MAX_LISTED: Final = 6
+"""Affected iterations, or other parts of a run of one kind, that are listed one by one."""
 
 _HOST_INTERFERENCE: Final = "Host interference"
 """Words of every note that names what other programs did."""
@@ -135,8 +134,12 @@ def _weight(weight: Weight, text: str) -> Weight:
 
 def _weighted(result: Result) -> Iterator[Note]:
     """The notes in the order in which they are worked out."""
-    interference = tuple(_interference_notes(result))
-    summary = (_interference_summary(result),) if len(interference) > 1 else ()
+    found = [*_interference(result)]
+    interference = map(_interference_text, found)
+    summary = []
+    if len(found) > 1:
+        affected = join_words([one.affected for one in found], "and")
+        summary = [f"{_HOST_INTERFERENCE} in {affected}; for example, {found[0].example}"]
     ended_outputs = (
         f"No more messages on {gap.topic} in {gap.segment}. {gap.reason}"
         for gap in result.output_gaps
@@ -262,97 +265,83 @@ def unplayed_notes(result: Result) -> Iterator[str]:
         yield f"{'Warning: ' if text.is_warning else ''}{text.text}{agreed}"
 
 
-def affected_iteration_notes(disturbed: Sequence[DisturbedIteration]) -> Iterator[str]:
-    """The iterations affected by host interference, its causes, and the reruns, by rate."""
-    for rate_hz in dict.fromkeys(iteration.rate_hz for iteration in disturbed):
-        texts = [
-            _affected_iteration_text(iteration)
-            for iteration in disturbed
-            if iteration.rate_hz == rate_hz
-        ]
-        at = f" {at_rate(rate_hz)}" if rate_hz else ""
-        yield f"Host interference{at}: {_listed(texts)}"
+class _Interference(NamedTuple):
+    """What other programs disturbed, of one kind.
+
+    Attributes:
+        affected: how much of it, such as ``2 of 6 iterations``.
+        texts: each disturbed one with the reasons, and what became of it.
+        example: a reason.
+    """
+
+    affected: str
+    texts: list[str]
+    example: str
 
 
-def _listed(texts: Sequence[str]) -> str:
-    """The first of them, and how many more there are."""
-    more = len(texts) - _MAX_LISTED_ITERATIONS
-    rest = f"; and {more} more, in result.json" if more > 0 else ""
-    return f"{'; '.join(texts[:_MAX_LISTED_ITERATIONS])}{rest}"
-
-
-def _affected_iteration_text(one: DisturbedIteration) -> str:
-    again = f", played again as {one.rerun}" if one.rerun else ""
-    return f"{one.segment} ({', '.join(one.reasons)}{again})"
-
-
-def _interference_notes(result: Result) -> Iterator[str]:
+def _interference(result: Result) -> Iterator[_Interference]:
     """Everything that other programs disturbed, and how."""
-    yield from affected_iteration_notes(result.verdict.disturbed)
-    yield from _disturbed_start_notes(result.starts)
-    yield from _disturbed_probe_notes(result.metrics)
-    yield from _disturbed_overhead_notes(result)
-
-
-def _interference_summary(result: Result) -> str:
-    """How much of the run other programs disturbed, with one example of how."""
     rates, probes = result.metrics.rates, wording.all_probes(result.metrics)
-    iterations = sum(len(rate.iterations) + len(rate.reruns) for rate in rates)
-    examples, parts = [], []
-    for kind, number, all_reasons in (
-        ("iterations", iterations, [each.reasons for each in result.verdict.disturbed]),
-        ("starts", len(result.starts), [each.disturbed for each in result.starts]),
-        ("probes", len(probes), [each.disturbed for each in probes]),
+    kinds: tuple[tuple[str, int, list[_Disturbed]], ...] = (
+        (
+            "iterations",
+            sum(len(rate.iterations) + len(rate.reruns) for rate in rates),
+            [(_iteration_name(one), one.reasons, _rerun(one)) for one in result.verdict.disturbed],
+        ),
+        (
+            "starts",
+            len(result.starts),
+            [(str(start.number), start.disturbed, "") for start in result.starts],
+        ),
+        (
+            "probes",
+            len(probes),
+            [(show(one.rate_hz, "Hz"), one.disturbed, _probe_outcome(one)) for one in probes],
+        ),
         (
             "measurements of the overhead",
             len(result.harness_overhead),
-            [each.disturbed for each in result.harness_overhead],
+            [(one.topic, one.disturbed, "") for one in result.harness_overhead],
         ),
-    ):
-        if reasons := [each for each in all_reasons if each]:
-            parts.append(f"{len(reasons)} of {max(number, len(reasons))} {kind}")
-            examples.append(reasons[0][0])
-    example, affected = examples[0], join_words(parts, "and")
-    return f"Host interference in {affected}; for example, {example}"
+    )
+    for kind, number, parts in kinds:
+        disturbed = [part for part in parts if part[1]]
+        if disturbed:
+            texts = [
+                f"{name} ({', '.join(filter(None, (*reasons, outcome)))})"
+                for name, reasons, outcome in disturbed
+            ]
+            affected = f"{len(disturbed)} of {max(number, len(disturbed))} {kind}"
+            yield _Interference(affected, texts, disturbed[0][1][0])
 
 
-def _disturbed_start_notes(starts: Sequence[StartRecord]) -> Iterator[str]:
-    """The starts that other programs disturbed while their processes came up."""
-    texts = [
-        f"{start.number} ({', '.join(start.disturbed)})" for start in starts if start.disturbed
-    ]
-    if texts:
-        number = f"{len(texts)} of {len(starts)}"
-        yield f"Host interference while {number} starts came up: {_listed(texts)}"
+_Disturbed = tuple[str, tuple[str, ...], str]
+"""The name of a part of a run, what disturbed it, if anything, and what became of it."""
 
 
-def _disturbed_probe_notes(metrics: RunMetrics) -> Iterator[str]:
-    """The probes that other programs disturbed, and what became of them."""
-    probes = wording.all_probes(metrics)
-    texts = [_disturbed_probe_text(probe) for probe in probes if probe.disturbed]
-    if texts:
-        yield f"Host interference during {len(texts)} of {len(probes)} probes: {_listed(texts)}"
+def _interference_text(one: _Interference) -> str:
+    """The first of them, and how many more there are."""
+    more = len(one.texts) - _MAX_LISTED
+    rest = f"; and {more} more, in result.json" if more > 0 else ""
+    return f"{_HOST_INTERFERENCE} in {one.affected}: {'; '.join(one.texts[:_MAX_LISTED])}{rest}"
 
 
-def _disturbed_probe_text(one: Probe) -> str:
-    """Such as ``95 Hz (other processes used 1.7 of 2 cores; can explain the failure)``."""
-    texts = list(one.disturbed)
-    if one.rerun_of:
-        texts.append(f"played in place of {one.rerun_of}")
+def _iteration_name(one: DisturbedIteration) -> str:
+    return f"{one.segment} {at_rate(one.rate_hz)}" if one.rate_hz else one.segment
+
+
+def _rerun(one: DisturbedIteration) -> str:
+    return f"played again as {one.rerun}" if one.rerun else ""
+
+
+def _probe_outcome(one: Probe) -> str:
+    """What became of a probe that other programs disturbed."""
+    texts = [f"played in place of {one.rerun_of}"] if one.rerun_of else []
     if one.holds:
         texts.append("sustained all the same")
     elif one.explained:
         texts.append("which can explain that it was not sustained")
-    return f"{show(one.rate_hz, 'Hz')} ({', '.join(texts)})"
-
-
-def _disturbed_overhead_notes(result: Result) -> Iterator[str]:
-    """What disturbed the measurement of the harness overhead."""
-    reasons = dict.fromkeys(
-        reason for overhead in result.harness_overhead for reason in overhead.disturbed
-    )
-    if reasons:
-        yield f"Host interference while the harness overhead was measured: {', '.join(reasons)}"
+    return ", ".join(texts)
 
 
 def _live_notes(result: Result) -> Iterator[str]:

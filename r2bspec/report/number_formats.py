@@ -74,7 +74,7 @@ def render_samples(report_input: ReportInput) -> bytes:
             answer.latency_ns,
         )
         for monitor in run.plan.monitors
-        for answer in expected_answers(run, monitor.name)
+        for answer in expected_answers(run, monitor)
     )
     return csv_text(_SAMPLES_HEADER, rows).encode()
 

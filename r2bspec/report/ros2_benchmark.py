@@ -102,17 +102,10 @@ def _figures(seen: Sequence[_MonitorFigures]) -> dict[str, float]:
         figures |= {
             "FIRST_INPUT_LATENCY": _mean([float(e.latency[0]) for e in seen if e.latency.size]),
             "LAST_INPUT_LATENCY": _mean([float(e.latency[-1]) for e in seen if e.latency.size]),
-            "MAX_LATENCY": float(latency.max()),
-            "MIN_LATENCY": float(latency.min()),
-            "MEAN_LATENCY": float(latency.mean()),
+            **_summary("LATENCY", latency),
         }
     if jitter.size:
-        figures |= {
-            "MAX_JITTER": float(jitter.max()),
-            "MIN_JITTER": float(jitter.min()),
-            "MEAN_JITTER": float(jitter.mean()),
-            "STD_DEV_JITTER": float(jitter.std()),
-        }
+        figures |= {**_summary("JITTER", jitter), "STD_DEV_JITTER": float(jitter.std())}
     return {key: value for key, value in figures.items() if value is not None}
 
 
@@ -182,22 +175,23 @@ class _MachineLoad:
         for segment in segments:
             first = bisect_left(self._times, segment.began_ns)
             inside[first : bisect_right(self._times, segment.ended_ns)] = True
+        used = {
+            "OVERALL_CPU": self._cpu[inside[:-1] & inside[1:]] if self._cpu.size else self._cpu,
+            "HOST_MEMORY": self._memory[inside] if self._memory.size else self._memory,
+        }
         shares: dict[str, float] = {}
-        if self._cpu.size:
-            shares |= _summary("OVERALL_CPU", self._cpu[inside[:-1] & inside[1:]])
-        if self._memory.size:
-            shares |= _summary("HOST_MEMORY", self._memory[inside])
+        for name, values in used.items():
+            if values.size:
+                shares |= _summary(f"{name}_UTILIZATION", values)
+                shares[f"STDDEV_{name}_UTILIZATION"] = float(values.std())
         return shares
 
 
 def _summary(what: str, values: NDArray[np.float64]) -> dict[str, float]:
-    if not values.size:
-        return {}
     return {
-        f"MAX_{what}_UTILIZATION": float(values.max()),
-        f"MIN_{what}_UTILIZATION": float(values.min()),
-        f"MEAN_{what}_UTILIZATION": float(values.mean()),
-        f"STDDEV_{what}_UTILIZATION": float(values.std()),
+        f"MAX_{what}": float(values.max()),
+        f"MIN_{what}": float(values.min()),
+        f"MEAN_{what}": float(values.mean()),
     }
 
 

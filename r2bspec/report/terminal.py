@@ -67,9 +67,12 @@ def show_result(
         # As bytes: JSON is UTF-8, whatever the encoding of the terminal.
         echo_document(to_json(result), nl=False)
     elif sys.stdout.isatty():
-        print_report(result, folder, standard_output(), verbose=verbose)
+        terminal = standard_output()
+        _print_report(result, folder, terminal, terminal.width, verbose=verbose)
     else:
-        _print_whole(result, folder, verbose=verbose)
+        width = max(shutil.get_terminal_size((_PIPED_WIDTH, 24)).columns, _PIPED_WIDTH)
+        text = to_text(result, folder, width, whole_tables=True, verbose=verbose)
+        echo(text, nl=False)
 
 
 def show_verdict(title: str, verdict: Verdict, output_format: str) -> None:
@@ -91,13 +94,6 @@ def show_verdict(title: str, verdict: Verdict, output_format: str) -> None:
             terminal.print(part)
 
 
-def _print_whole(result: Result, folder: Path | None, *, verbose: bool) -> None:
-    """Write the report where no terminal limits its width: tables are not cut."""
-    width = max(shutil.get_terminal_size((_PIPED_WIDTH, 24)).columns, _PIPED_WIDTH)
-    text = to_text(result, folder, width, whole_tables=True, verbose=verbose)
-    echo(text, nl=False)
-
-
 def standard_output() -> Console:
     """A console for standard output."""
     if isinstance(sys.stdout, io.TextIOWrapper):
@@ -107,28 +103,15 @@ def standard_output() -> Console:
     return console(color_system="auto" if colour else None)
 
 
-def print_report(
-    result: Result,
-    folder: Path | None,
-    console: Console,
-    *,
-    whole_tables_from: int = 0,
-    verbose: bool = False,
+def _print_report(
+    result: Result, folder: Path | None, console: Console, width: int, *, verbose: bool
 ) -> None:
-    """Print a result.
-
-    Args:
-        result: what to print.
-        folder: the run folder, printed in the last line.
-        console: to print to, with its width and colours.
-        whole_tables_from: if it is not 0, the width of the report, which wider tables exceed up to
-            the width of the console.
-        verbose: with every reason, every note, and the budgets of the intervals.
-    """
-    width = max(whole_tables_from or console.width, _MIN_WIDTH)
+    """Print a result; tables that are wider than the report have the width of the console."""
+    width = max(width, _MIN_WIDTH)
+    is_wider = console.width > width
     line = headline(result)
     # One line, however long, where no terminal would wrap it: it is what logs are searched for.
-    console.print(first_line(line, result.verdict), soft_wrap=bool(whole_tables_from))
+    console.print(first_line(line, result.verdict), soft_wrap=is_wider)
     sections = (
         second_line(line, result.verdict),
         header(result),
@@ -144,7 +127,7 @@ def print_report(
     )
     for section in sections:
         if section is not None:
-            shown = max(width, _table_width(section, console)) if whole_tables_from else None
+            shown = max(width, _table_width(section, console)) if is_wider else None
             console.print(section, width=shown)
             console.print()
     if folder is not None:
@@ -175,14 +158,12 @@ def to_text(
         folder: the run folder, named in the last line.
         width: of the text, in columns.
         whole_tables: tables that are wider are not cut.
-        verbose: with every reason and every note.
+        verbose: with every reason, every note, and the budgets of the intervals.
     """
-    whole_from = width if whole_tables else 0
-
-    def show(page: Console) -> None:
-        print_report(result, folder, page, whole_tables_from=whole_from, verbose=verbose)
-
-    return printed_text(show, _WIDEST if whole_tables else width)
+    return printed_text(
+        lambda page: _print_report(result, folder, page, width, verbose=verbose),
+        _WIDEST if whole_tables else width,
+    )
 
 
 _PROBE_STYLES = {True: "green", False: "red", None: "yellow"}

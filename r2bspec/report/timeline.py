@@ -35,6 +35,7 @@ from r2bspec.judge.measure.metrics import pace_of
 from r2bspec.judge.measure.observed_runs import join_segment, last_run, observed_segments
 from r2bspec.judge.measure.run_samples import match_segment
 from r2bspec.judge.measure.units import show_rate
+from r2bspec.plan.plan import MonitorPlan
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import AnatomyKind, AnatomyRecord, Segment
 
@@ -84,11 +85,10 @@ def phases(run: Run, end_ns: int | None = None) -> list[tuple[str, int, int]]:
     return [(name, at_ns, max(end, at_ns)) for (name, at_ns), end in zip(begun, ends, strict=False)]
 
 
-def expected_answers(run: Run, monitor: str) -> Iterator[ExpectedAnswer]:
+def expected_answers(run: Run, monitor: MonitorPlan) -> Iterator[ExpectedAnswer]:
     """Every expected output, in the order of playing, of the segments where pairs are known."""
-    (plan,) = (monitor_plan for monitor_plan in run.plan.monitors if monitor_plan.name == monitor)
     for segment in run.record.segments:
-        playback, rows, matched = match_segment(run, segment, plan)
+        playback, rows, matched = match_segment(run, segment, monitor)
         if not matched.pairs_known:
             continue
         for step, row in zip(
@@ -153,26 +153,19 @@ def _events(run: Run) -> Iterator[dict[str, Any]]:
     yield _named("thread_name", _RUN, 1, "phases")
     yield _named("thread_name", _RUN, 2, "segments")
     for name, began, ended in phases(run):
-        yield {
-            "ph": "X", "pid": _RUN, "tid": 1, "name": name, "cat": "phase",
-            "ts": at(began), "dur": round((ended - began) / 1e3, 3),
-        }  # fmt: skip
+        yield _slice(name, "phase", at, began, ended, {"pid": _RUN, "tid": 1})
     for segment in run.record.segments:
-        yield {
-            "ph": "X", "pid": _RUN, "tid": 2,
-            "name": f"{segment.kind} {show_rate(segment.rate_hz, pace)}",
-            "cat": "segment", "ts": at(segment.began_ns),
-            "dur": round((segment.ended_ns - segment.began_ns) / 1e3, 3),
-            "args": {"id": segment.id, "rate_hz": segment.rate_hz, "complete": segment.complete},
-        }  # fmt: skip
+        name, place = f"{segment.kind} {show_rate(segment.rate_hz, pace)}", {"pid": _RUN, "tid": 2}
+        args = {"id": segment.id, "rate_hz": segment.rate_hz, "complete": segment.complete}
+        played = _slice(name, "segment", at, segment.began_ns, segment.ended_ns, place)
+        yield {**played, "args": args}
     for number, monitor in enumerate(run.plan.monitors):
         pid = _MESSAGES + number
         yield _named("process_name", pid, 0, f"in flight: {monitor.name}")
-        for count, answer in enumerate(expected_answers(run, monitor.name)):
-            lost = answer.received_ns is None
+        for count, answer in enumerate(expected_answers(run, monitor)):
             ended = answer.segment.ended_ns if answer.received_ns is None else answer.received_ns
             shared = {"cat": "message", "id": f"{number}.{count}", "pid": pid, "tid": 0}
-            name = "lost" if lost else "message"
+            name = "lost" if answer.received_ns is None else "message"
             args = {"segment": answer.segment.id, "step": answer.step}
             yield {
                 "ph": "b", "name": name, "ts": at(answer.published_ns), "args": args, **shared
@@ -288,7 +281,7 @@ def _clock_offset_ns(run: Run) -> int:
 def _streams(report_input: ReportInput, run: Run) -> Iterator[_Stream]:
     yield ((began, "phase", "/r2bspec/phase", {"phase": name}) for name, began, _ in phases(run))
     for monitor in run.plan.monitors:
-        yield _of_messages(run, monitor.name)
+        yield _of_messages(run, monitor)
         yield _of_metrics(report_input, run, monitor.name)
     yield (
         (
@@ -301,15 +294,15 @@ def _streams(report_input: ReportInput, run: Run) -> Iterator[_Stream]:
     )
 
 
-def _of_messages(run: Run, monitor: str) -> _Stream:
+def _of_messages(run: Run, monitor: MonitorPlan) -> _Stream:
     for answer in expected_answers(run, monitor):
         facts = {"offered_hz": answer.segment.rate_hz, "step": answer.step}
         if answer.received_ns is None or answer.latency_ns is None:
             missed = {**facts, "segment": answer.segment.id}
-            yield answer.published_ns, "missed", f"/r2bspec/{monitor}/missed", missed
+            yield answer.published_ns, "missed", f"/r2bspec/{monitor.name}/missed", missed
         else:
             received = {"latency_ms": answer.latency_ns / 1e6, **facts}
-            yield answer.received_ns, "latency", f"/r2bspec/{monitor}/latency", received
+            yield answer.received_ns, "latency", f"/r2bspec/{monitor.name}/latency", received
 
 
 def _of_metrics(report_input: ReportInput, run: Run, monitor: str) -> _Stream:

@@ -14,6 +14,7 @@ from r2bspec.judge.measure.metrics import RunMetrics
 from r2bspec.judge.measure.run_samples import match_segment
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.verdict import Verdict
+from r2bspec.plan.plan import MonitorPlan
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import Rows
@@ -21,7 +22,7 @@ from r2bspec.report.html import chart
 from r2bspec.report.html.chart import PALETTE, Chart, ChartBuilder, colour, draw, line_style, write
 from r2bspec.report.report_wording import all_probes
 from r2bspec.report.result_table import monitor_names
-from r2bspec.report.timeline import phases
+from r2bspec.report.timeline import WHOLE_MACHINE, phases
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -162,14 +163,13 @@ def _probe_drops(sketch: chart.ChartBuilder, axes: Axes, metrics: RunMetrics, ru
         points = []
         for segment in run.record.segments:
             if segment.id in outcomes and outcomes[segment.id] is holds and segment.kind == "probe":
-                lost = [_lost(run, segment, monitor.name) for monitor in run.plan.monitors]
+                lost = [_lost(run, segment, monitor) for monitor in run.plan.monitors]
                 points.append((segment.rate_hz, max(lost, default=0.0) * 100))
         _draw_probes(sketch, axes, points, marker=shape, color=chart.PALETTE[_COLOURS[holds]])
 
 
-def _lost(run: Run, segment: Segment, monitor: str) -> float:
-    (plan,) = (monitor_plan for monitor_plan in run.plan.monitors if monitor_plan.name == monitor)
-    *_, matched = match_segment(run, segment, plan)
+def _lost(run: Run, segment: Segment, monitor: MonitorPlan) -> float:
+    *_, matched = match_segment(run, segment, monitor)
     if not matched.pairs_known or not matched.trigger_steps.size:
         return 0.0
     return 1.0 - float(matched.answered.mean())
@@ -257,10 +257,10 @@ def loads_chart(name: str, run: Run) -> Chart | None:
         places = {
             process: place for place, process in enumerate(dict.fromkeys(n for _, n in names))
         }
-        places["whole machine"] = len(places)
+        places[WHOLE_MACHINE] = len(places)
         shown: set[str] = set()
         samples = ProcessSamples(rows)
-        for index, process in [*names, (MACHINE_INDEX, "whole machine")]:
+        for index, process in [*names, (MACHINE_INDEX, WHOLE_MACHINE)]:
             of_one = samples.rows(index)
             if of_one.size > 2:
                 again = process in shown
@@ -308,7 +308,7 @@ def _process(
     rows, ends, group = _grouped(rows)
     times = (rows["time_ns"][ends] - start_ns) / 1e9
     cpu = _percent(rows["cpu_s"][ends], times)
-    machine = name == "whole machine"
+    machine = name == WHOLE_MACHINE
     style: dict[str, Any] = {
         "color": PALETTE["quiet"] if machine else colour(number),
         "linestyle": "-" if machine else line_style(number),

@@ -53,6 +53,11 @@ def run_of(folder: Path, **how: int) -> Run:
     return Simulation(segments=played(**how)).write(folder / "run")
 
 
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return run_of(tmp_path_factory.mktemp("suggest"))
+
+
 def proposed(run: Run, text: str, calibrations: tuple[Calibration, ...] = ()) -> Proposal:
     loaded = load_spec(text, file="simulated.r2b.yaml")
     assert loaded.spec is not None
@@ -61,8 +66,7 @@ def proposed(run: Run, text: str, calibrations: tuple[Calibration, ...] = ()) ->
     )
 
 
-def test_the_proposals_pass_on_the_run(tmp_path: Path) -> None:
-    run = run_of(tmp_path)
+def test_the_proposals_pass_on_the_run(run: Run) -> None:
     found = proposed(run, SPEC)
     assert found.text.startswith(SPEC)
     slos = load_spec(found.text, file="simulated.r2b.yaml").spec
@@ -92,10 +96,10 @@ def test_one_iteration_shows_no_scatter(tmp_path: Path) -> None:
     assert all("latency" not in text for texts in found.added.values() for text in texts)
 
 
-def test_of_a_pace_of_its_own_no_latency_is_proposed(tmp_path: Path) -> None:
+def test_of_a_pace_of_its_own_no_latency_is_proposed(run: Run) -> None:
     """However many iterations it is given, it has none."""
     text = SPEC.replace("detections: {", "detections: {match: own_pace, ")
-    found = proposed(run_of(tmp_path), text)
+    found = proposed(run, text)
     assert not any("iterations" in note for note in found.notes)
     assert any("detections.path is proposed" in note for note in found.notes)
     assert not any("latency" in each for texts in found.added.values() for each in texts)
@@ -108,16 +112,14 @@ def test_losses(tmp_path: Path) -> None:
     assert any("were lost" in note for note in found.notes)
 
 
-def test_what_the_spec_states_is_left_alone(tmp_path: Path) -> None:
-    run = run_of(tmp_path)
+def test_what_the_spec_states_is_left_alone(run: Run) -> None:
     mine = "slos:\n  mine:\n    at: 30 Hz\n    require: [latency.p50 < 1 s, drop_rate <= 1 %]\n"
     assert proposed(run, SPEC + mine).text == SPEC + mine
     other = mine.replace("at: 30 Hz", "at: 10 Hz").replace("rates: [30", "rates: [10, 30")
     assert proposed(run, SPEC.replace("[30 Hz]", "[10 Hz, 30 Hz]") + other).added
 
 
-def test_the_margin_of_a_calibration_is_added(tmp_path: Path) -> None:
-    run = run_of(tmp_path)
+def test_the_margin_of_a_calibration_is_added(run: Run) -> None:
     noise = MetricNoise(
         at_hz=30.0,
         monitor="detections",
@@ -141,8 +143,7 @@ def test_the_margin_of_a_calibration_is_added(tmp_path: Path) -> None:
     assert limit(wide[0]) == pytest.approx(2 * limit(plain[0]), rel=0.1)
 
 
-def test_a_spec_in_flow_style_is_changed_by_hand(tmp_path: Path) -> None:
-    run = run_of(tmp_path)
+def test_a_spec_in_flow_style_is_changed_by_hand(run: Run) -> None:
     text = SPEC + "slos: {mine: {require: [peak.rate >= 1 Hz], level: 'off'}}\n"
     text = text.replace("duration: 10 s}", "duration: 10 s, search: {min: 1 Hz, max: 9 Hz}}")
     found = proposed(run, text)
@@ -150,8 +151,8 @@ def test_a_spec_in_flow_style_is_changed_by_hand(tmp_path: Path) -> None:
     assert any(note.startswith("add by hand: measured_at_30_hz:") for note in found.notes)
 
 
-def test_a_peak_that_is_known_roughly_has_no_limit(tmp_path: Path) -> None:
-    result = result_of(run_of(tmp_path))
+def test_a_peak_that_is_known_roughly_has_no_limit(run: Run) -> None:
+    result = result_of(run)
     loaded = load_spec(SPEC, file="simulated.r2b.yaml")
 
     def found(precision: float) -> Proposal:
@@ -186,9 +187,9 @@ def test_the_command(
     assert "has a requirement for all" in capsys.readouterr().err
 
 
-def test_a_monitor_of_another_graph_is_named_and_left_out(tmp_path: Path) -> None:
+def test_a_monitor_of_another_graph_is_named_and_left_out(run: Run) -> None:
     text = SPEC.replace("{detections:", "{relayed:")
-    found = proposed(run_of(tmp_path), text)
+    found = proposed(run, text)
     assert (found.text, found.notes) == (text, ["detections: the spec has no such monitor"])
 
 
@@ -202,8 +203,7 @@ def test_the_bound_covers_the_next_value() -> None:
     assert covered / 2000 > 0.94
 
 
-def test_nodes_that_were_observed_get_limits_of_their_callbacks_and_loads(tmp_path: Path) -> None:
-    run = run_of(tmp_path)
+def test_nodes_that_were_observed_get_limits_of_their_callbacks_and_loads(run: Run) -> None:
     samples = read_samples(run)
     random = np.random.default_rng(3)
     observed = [

@@ -213,7 +213,9 @@ def test_an_unknown_latency_is_in_no_report(tmp_path: Path) -> None:
     traced = renderer("trace")(reported)
     assert b"iteration-001" in traced
     answers = [
-        expected_answer.segment.id for expected_answer in expected_answers(run, "detections")
+        answer.segment.id
+        for monitor in run.plan.monitors
+        for answer in expected_answers(run, monitor)
     ]
     assert set(answers) == {"iteration-001"}
 

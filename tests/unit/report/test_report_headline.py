@@ -161,49 +161,60 @@ def test_a_run_that_was_cut_short_or_cannot_be_judged_says_why(tmp_path: Path) -
     assert isinstance(invalid.verdict.unusable[0], Unusable)
 
 
-class TestComparison:
-    def pairs(self, folder: Path, factor: float, *, control: bool = False) -> Result:
-        level = 0.020 * NOISE
-        compared = Comparison(level.tolist(), (level[::-1] * factor).tolist(), control=control)
-        return read_folder(compared.write(folder).folder).result
+def pairs(folder: Path, factor: float, *, control: bool = False) -> Result:
+    level = 0.020 * NOISE
+    compared = Comparison(level.tolist(), (level[::-1] * factor).tolist(), control=control)
+    return read_folder(compared.write(folder).folder).result
 
-    def test_a_ratio_has_its_interval_and_its_base(self, tmp_path: Path) -> None:
-        found = self.pairs(tmp_path / "pairs", 1.16)
-        assert headline(found) == (
+
+@pytest.fixture(scope="module")
+def slower(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    """A comparison with a head that takes 16 % longer."""
+    return pairs(tmp_path_factory.mktemp("slower") / "pairs", 1.16)
+
+
+@pytest.fixture(scope="module")
+def same(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    """A comparison with a head that takes as long."""
+    return pairs(tmp_path_factory.mktemp("same") / "pairs", 1.0)
+
+
+class TestComparison:
+    def test_a_ratio_has_its_interval_and_its_base(
+        self, slower: Result, same: Result, tmp_path: Path
+    ) -> None:
+        assert headline(slower) == (
             "✘ FAIL simulated: latency.p50 116 % [115, 117] of other.r2b.yaml, limit 105 % at 30 Hz"
         )
-        fine = self.pairs(tmp_path / "fine", 1.0)
-        assert headline(fine).startswith("✔ PASS simulated: latency.p50 ")
-        control = self.pairs(tmp_path / "control", 1.0, control=True)
+        assert headline(same).startswith("✔ PASS simulated: latency.p50 ")
+        control = pairs(tmp_path / "control", 1.0, control=True)
         assert base_name(control) == "itself"
 
-    def test_a_pass_names_the_ratio_that_is_nearest_to_its_limit(self, tmp_path: Path) -> None:
-        fine = self.pairs(tmp_path / "fine", 1.0)
+    def test_a_pass_names_the_ratio_that_is_nearest_to_its_limit(self, same: Result) -> None:
         (ratio,) = (
             requirement
-            for requirement in fine.verdict.requirements
+            for requirement in same.verdict.requirements
             if requirement.compared is not None
         )
         nearer = msgspec.structs.replace(ratio, text="latency.p50 <= 104 % of baseline", limit=1.04)
         (plain,) = (
-            requirement for requirement in fine.verdict.requirements if requirement.compared is None
+            requirement for requirement in same.verdict.requirements if requirement.compared is None
         )
         tight = msgspec.structs.replace(plain, limit=(plain.upper or 0.0) * 1.0001)
         for ratios, end in (
             ([ratio], ""),
             ([ratio, nearer], ", the nearest of 2 ratios to its limit"),
         ):
-            verdict = msgspec.structs.replace(fine.verdict, requirements=(tight, *ratios))
-            line = headline(msgspec.structs.replace(fine, verdict=verdict))
+            verdict = msgspec.structs.replace(same.verdict, requirements=(tight, *ratios))
+            line = headline(msgspec.structs.replace(same, verdict=verdict))
             assert line.startswith("✔ PASS simulated: latency.p50 ")
             limit = "104 %" if nearer in ratios else "105 %"
             assert line.endswith(f"of other.r2b.yaml, limit {limit} at 30 Hz{end}")
 
-    def test_what_changed_ends_the_line(self, tmp_path: Path) -> None:
-        found = self.pairs(tmp_path / "pairs", 1.16)
-        changed = msgspec.structs.replace(found, changes=("blur.py changed", "numpy 2.1 → 2.2"))
+    def test_what_changed_ends_the_line(self, slower: Result) -> None:
+        changed = msgspec.structs.replace(slower, changes=("blur.py changed", "numpy 2.1 → 2.2"))
         end = "; blur.py changed, numpy 2.1 → 2.2"
-        assert headline(changed) == headline(found) + end
+        assert headline(changed) == headline(slower) + end
         shown = ReportInput(result=changed)
         firsts = {
             "text": renderer("text")(shown).decode().splitlines()[0],
@@ -216,8 +227,7 @@ class TestComparison:
             assert "FAIL" in first, name
             assert end[2:] in first, name
 
-    def test_a_base_that_is_a_revision_has_its_name_and_commit(self, tmp_path: Path) -> None:
-        found = self.pairs(tmp_path / "pairs", 1.16)
+    def test_a_base_that_is_a_revision_has_its_name_and_commit(self, slower: Result) -> None:
         revisions = [
             Revision(commit="3f2a1c4d" + "0" * 32, dirty=True),
             Revision(commit="9b1e44f0" + "0" * 32, dirty=False, name="origin/main"),
@@ -227,22 +237,21 @@ class TestComparison:
             for revision in revisions
         )
         changes = ("blur.py changed",)
-        named = msgspec.structs.replace(found, identity=head, base_identity=base, changes=changes)
+        named = msgspec.structs.replace(slower, identity=head, base_identity=base, changes=changes)
         assert headline(named) == (
             "✘ FAIL simulated: latency.p50 116 % [115, 117] of origin/main@9b1e44f, "
             "limit 105 % at 30 Hz; blur.py changed"
         )
 
-    def test_a_limit_of_its_own_is_not_met_against_the_base(self, tmp_path: Path) -> None:
-        found = self.pairs(tmp_path / "pairs", 1.16)
+    def test_a_limit_of_its_own_is_not_met_against_the_base(self, slower: Result) -> None:
         (plain,) = (
             requirement
-            for requirement in found.verdict.requirements
+            for requirement in slower.verdict.requirements
             if requirement.compared is None
         )
         failed = msgspec.structs.replace(plain, outcome="fail", limit=0.02)
-        verdict = msgspec.structs.replace(found.verdict, requirements=(failed,))
-        changed = msgspec.structs.replace(found, verdict=verdict, changes=("blur.py changed",))
+        verdict = msgspec.structs.replace(slower.verdict, requirements=(failed,))
+        changed = msgspec.structs.replace(slower, verdict=verdict, changes=("blur.py changed",))
         assert headline(changed) == (
             "✘ FAIL simulated: latency.p50 23.3 ms > 20 ms at 30 Hz; blur.py changed against "
             "other.r2b.yaml"

@@ -81,11 +81,11 @@ def test_interference_is_told_in_a_line_and_in_full_where_all_is_told(tmp_path: 
     (line,) = [text for text in notes(result).shown if "interference" in text]
     assert line.endswith("and 1 of 1 starts; for example, other processes used 1.5 of 2 cores")
     details = {note.text for note in all_notes(result) if note.weight == Weight.DETAIL}
-    assert any(text.startswith("Host interference while 1 of 1 starts") for text in details)
+    assert "Host interference in 1 of 1 starts: 1 (the disk was busy)" in details
     # What happened in one way is told in that way.
     alone = msgspec.structs.replace(result, starts=())
     (line,) = [text for text in notes(alone).shown if "interference" in text]
-    assert line.startswith("Host interference at 30 Hz: iteration-001 (")
+    assert line.startswith("Host interference in 2 of 6 iterations: iteration-001 at 30 Hz (")
 
 
 def test_a_note_of_several_requirements_is_told_once(tmp_path: Path) -> None:

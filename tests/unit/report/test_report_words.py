@@ -150,7 +150,7 @@ def text(result: Result) -> Callable[[str], str]:
         ("ver 3 starts of the processes: ", "text markdown html junit github json"),
         ("3 starts, 3 s each", "text markdown html"),
         (
-            "while 2 of 3 starts came up: 2 (other processes used 1.9 of 2 cores); 3 (other",
+            "interference in 2 of 3 starts: 2 (other processes used 1.9 of 2 cores); 3 (other",
             "text markdown html junit",
         ),
         ("1 of 56 messages of /r2b/right have no partner of", "text markdown html junit github"),
@@ -188,7 +188,7 @@ def test_what_there_is_nothing_of_is_not_spoken_of(reported: Callable[[str], Rep
         shown = " ".join(renderer(name)(replace(usual, verbose=name == "text")).decode().split())
         assert "f this start of the processes: " in shown
         assert name in {"text", "junit"} or "of this start" in heading(name, shown)
-        for words in ("starts of the", "starts came up", "rmw_", "no partner", 'id="profile"'):
+        for words in ("starts of the", "interference in", "rmw_", "no partner", 'id="profile"'):
             assert words not in shown, name
         # Nor is said what every run would have alike.
         for words in ("another hour may differ", "of a kind not met", "resembles the one before"):
