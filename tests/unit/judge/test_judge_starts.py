@@ -257,6 +257,9 @@ class TestWhatItSays:
         samples = run(*(Played(30, np.full(300, 0.02)) for _ in STARTS), starts=STARTS)
         (note,) = one(samples.with_each(paced), "throughput.mean >= 29.7 Hz").notes
         assert note.endswith("5 % of such runs meet none of them: play 180 s.")
+        unknown = one(samples.with_each(paced), "drop_rate <= 1 %")
+        assert unknown.outcome == "inconclusive"
+        assert "its outputs answer no input" in unknown.reason
 
     @pytest.mark.parametrize(
         ("scatter", "said"),
