@@ -33,6 +33,11 @@ def fork(tmp_path_factory: pytest.TempPathFactory) -> ReportInput:
     return reported(tmp_path_factory.mktemp("anatomy") / "run", FORK)
 
 
+@pytest.fixture(scope="module")
+def fork_page(fork: ReportInput) -> str:
+    return shown(fork, "html")
+
+
 def summary(report_input: ReportInput) -> AnatomySummary:
     anatomies = report_input.result.anatomies
     assert anatomies
@@ -75,7 +80,7 @@ def test_the_terminal_has_the_path_of_most_messages(fork: ReportInput) -> None:
     assert "more paths" not in verbose
 
 
-def test_callbacks_of_nodes_are_told_from_those_of_paths(fork: ReportInput) -> None:
+def test_callbacks_of_nodes_are_told_from_those_of_paths(fork: ReportInput, fork_page: str) -> None:
     """Those of paths do not contain the publication, and may be of fewer messages."""
     (seen,) = fork.result.anatomies or ()
     (left,) = (node for node in seen.nodes if node.name == "left")
@@ -83,8 +88,8 @@ def test_callbacks_of_nodes_are_told_from_those_of_paths(fork: ReportInput) -> N
         part for part in seen.paths[0].parts if (part.owner, part.name) == ("left", "callback")
     )
     assert (part.p50 or 0) < (left.callback_p50 or 0)
-    for form in ("text", "markdown", "html"):
-        assert "callbacks are whole here" in " ".join(shown(fork, form).split())
+    for report in (shown(fork, "text"), shown(fork, "markdown"), fork_page):
+        assert "callbacks are whole here" in " ".join(report.split())
 
 
 def test_markdown_has_every_path_and_node(fork: ReportInput) -> None:
@@ -94,15 +99,14 @@ def test_markdown_has_every_path_and_node(fork: ReportInput) -> None:
     assert "| right | 20 % | 1 | 200 | 0 | " in text
 
 
-def test_the_page_has_a_waterfall_of_each_path(fork: ReportInput) -> None:
-    page = shown(fork, "html").partition('<h2 id="anatomy">')[2].partition("</section>")[0]
+def test_the_page_has_a_waterfall_of_each_path(fork: ReportInput, fork_page: str) -> None:
+    page = fork_page.partition('<h2 id="anatomy">')[2].partition("</section>")[0]
     assert page.count("<svg") == len(summary(fork).paths) == 2
     assert "Most of the latency, 5.22 ms at its median, was in left callback 52 %" in page
-    Page(renderer("html")(fork))
 
 
-def test_the_graph_of_the_page_has_the_times(fork: ReportInput) -> None:
-    page = Page(renderer("html")(fork))
+def test_the_graph_of_the_page_has_the_times(fork_page: str) -> None:
+    page = Page(fork_page.encode())
     assert "callback 2.99 ms, p99 3.94 ms" in page.text
     assert "transport 99.9 µs, p99 110 µs" in page.text
 
@@ -191,7 +195,7 @@ def test_the_first_line_of_a_failure_names_the_part_that_grew(tmp_path: Path) ->
 
 
 def test_callbacks_lead_to_the_flame_graph_of_their_process(
-    fork: ReportInput, tmp_path: Path
+    fork: ReportInput, fork_page: str
 ) -> None:
     assert fork.run is not None
     left = next(node for node in summary(fork).nodes if node.name == "left")
@@ -205,4 +209,4 @@ def test_callbacks_lead_to_the_flame_graph_of_their_process(
     # In the table of nodes, and in the waterfalls through the node.
     assert '<a href="#profile-0-figure" title="flame graph of its process">' in page
     assert '<a href="#profile-0-figure">' in page
-    assert "#profile-0-figure" not in shown(fork, "html")
+    assert "#profile-0-figure" not in fork_page
