@@ -438,7 +438,7 @@ class Suite:
         )
 
     def _write_summary(self) -> None:
-        write_atomically(self.root / SUMMARY_FILE, suites.to_json(self._summary(), self._results))
+        write_atomically(self.root / SUMMARY_FILE, suites.render("json", self._summary(), {}))
 
     def _finish(self) -> None:
         """Write the summary to its file, to the requested reports, and to standard output."""
@@ -446,12 +446,10 @@ class Suite:
         summary = self._summary()
         requests = [report for report in self._options.reports if _NAME_FIELD not in report.path]
         for request in requests:
-            content = suites.SUITE_FORMATS[request.format](summary, self._results, request.path)
+            content = suites.render(request.format, summary, self._results, request.path)
             write_report(request.path, content)
         if not takes_stdout(requests):
-            shown = suites.SUITE_FORMATS[self._options.output_format](
-                summary, self._results, STDOUT
-            )
+            shown = suites.render(self._options.output_format, summary, self._results)
             echo_document(shown, nl=False)
 
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.resources
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import msgspec
 
@@ -13,10 +12,10 @@ from r2bspec.compare.comparison import ADVICE, Comparison, ComparisonLine, Outco
 from r2bspec.diagnostics.plain_text import harmless, plain_values
 from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.report.finding_formats import command
-from r2bspec.report.format_registry import COMPARISON_FORMATS, load
 from r2bspec.report.markdown import code, escaped, folded, table
 from r2bspec.report.number_formats import csv_text
 from r2bspec.report.output import printed_text
+from r2bspec.report.plain_page import plain_page, plain_table
 from r2bspec.report.report_wording import interval_text
 
 if TYPE_CHECKING:
@@ -31,12 +30,10 @@ def render(comparisons: Sequence[Comparison], name: str, width: int = 100) -> by
         name: of the format, as `r2bspec compare --format` lists them.
         width: of lines of text, in columns.
     """
-    convert = load(COMPARISON_FORMATS[name])
     if name == "json":
-        content: bytes = convert(comparisons)
-        return content
+        return to_json(comparisons)
     plain = plain_values(list(comparisons))
-    text: str = convert(plain, width) if name == "text" else convert(plain)
+    text = to_text(plain, width) if name == "text" else _RENDERERS[name](plain)
     return harmless(text, commands=name == "github").encode()
 
 
@@ -48,6 +45,8 @@ OUTCOME_TEXTS: dict[Outcome, str] = {
 }
 
 _ORDER: tuple[Outcome, ...] = ("worse", "can't tell", "improved", "same")
+
+_COLUMNS = ("", "metric", "base", "head", "ratio", "bounds")
 
 
 def to_json(comparisons: Sequence[Comparison]) -> bytes:
@@ -70,7 +69,7 @@ def _print_tables(comparisons: Sequence[Comparison], page: Console) -> None:
         page.print(heading(title(comparison), ""))
         for difference in comparison.differences:
             page.print(f"  ! {difference}", markup=False, highlight=False)
-        grid = frame(["", "metric", "base", "head", "ratio", "bounds"])
+        grid = frame(_COLUMNS)
         # Where there is little room, these two are folded, and outcomes and values stay whole.
         for column in (grid.columns[1], grid.columns[-1]):
             column.no_wrap, column.overflow = False, "fold"
@@ -98,13 +97,12 @@ def _markdown(one: Comparison) -> Iterator[str]:
     yield ""
     yield from (f"> Difference: {escaped(difference)}  " for difference in one.differences)
     yield ""
-    header = ("", "metric", "base", "head", "ratio", "bounds")
     changed = [line for line in one.lines if line.outcome != "same"]
     changed.sort(key=lambda line: _ORDER.index(line.outcome))
     if changed:
-        yield from table(header, [*map(_row, changed)])
+        yield from table(_COLUMNS, [*map(_row, changed)])
     if unchanged := [line for line in one.lines if line.outcome == "same"]:
-        yield from folded("Unchanged", table(header, [*map(_row, unchanged)]))
+        yield from folded("Unchanged", table(_COLUMNS, [*map(_row, unchanged)]))
 
 
 def _row(line: ComparisonLine) -> tuple[str, ...]:
@@ -186,51 +184,42 @@ def _commands(one: Comparison) -> Iterator[str]:
         yield command(_KINDS[line.outcome], head, line.reason, {})
 
 
-_PAGE_HEADER = ("", "metric", "base", "head", "ratio", "bounds", "reason")
-
 _STYLES = {"improved": "pass", "worse": "fail", "same": "", "can't tell": "inconclusive"}
 
 
 def to_html(comparisons: Sequence[Comparison]) -> str:
     """One self-contained page in the style of the report of a run: tables only, no scripts."""
-    return "\n".join([*_page(comparisons), ""])
+    return plain_page(f"Comparison with {comparisons[0].base.source}", _sections(comparisons))
 
 
-def _page(comparisons: Sequence[Comparison]) -> Iterator[str]:
-    style = importlib.resources.files("r2bspec.report.html").joinpath("style.css")
-    yield '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">'
-    yield '<meta name="viewport" content="width=device-width, initial-scale=1">'
-    yield '<meta name="generator" content="r2bspec">'
-    yield f"<title>Comparison with {_text(comparisons[0].base.source)}</title>"
-    yield f"<style>\n{style.read_text('utf-8')}\n</style>\n</head>\n<body>\n<main>"
+def _sections(comparisons: Sequence[Comparison]) -> Iterator[str]:
+    yield "<main>"
     for comparison in comparisons:
-        yield f"<section>\n<h2>{_text(title(comparison))}</h2>\n<p>{_text(summary(comparison))}</p>"
+        yield f"<section>\n<h2>{escape(title(comparison))}</h2>"
+        yield f"<p>{escape(summary(comparison))}</p>"
         if comparison.differences:
             yield "<p>Differences between the runs:</p>\n<ul>"
-            yield from (f"<li>{_text(difference)}</li>" for difference in comparison.differences)
+            yield from (f"<li>{escape(difference)}</li>" for difference in comparison.differences)
             yield "</ul>"
-        yield '<div class="wide" tabindex="0" role="region" aria-label="Table of metrics">'
-        yield '<table border="1" cellspacing="0" cellpadding="4">\n<thead><tr>'
-        yield from (f'<th scope="col">{header}</th>' for header in _PAGE_HEADER)
-        yield "</tr></thead>\n<tbody>"
-        yield from map(_page_row, comparison.lines)
-        yield "</tbody>\n</table>\n</div>\n</section>"
-    yield f"<p>{_text(ADVICE)}</p>\n</main>\n</body>\n</html>"
+        rows = map(_page_row, comparison.lines)
+        yield plain_table("Table of metrics", (*_COLUMNS, "reason"), _COLUMNS[2:], rows)
+        yield "</section>"
+    yield f"<p>{escape(ADVICE)}</p>\n</main>"
 
 
 def _page_row(line: ComparisonLine) -> str:
-    cells = "".join(f'<td class="n">{_text(number) or "–"}</td>' for number in numbers(line))
+    cells = "".join(f'<td class="n">{escape(number) or "–"}</td>' for number in numbers(line))
     return (
         f'<tr class="{_STYLES[line.outcome]}"><td class="outcome"><strong>'
-        f"{_text(OUTCOME_TEXTS[line.outcome])}</strong></td>"
-        f'<th scope="row" align="left"><code>{_text(metric_text(line))}</code></th>'
-        f"{cells}<td>{_text(line.reason)}</td></tr>"
+        f"{escape(OUTCOME_TEXTS[line.outcome])}</strong></td>"
+        f'<th scope="row" align="left"><code>{escape(metric_text(line))}</code></th>'
+        f"{cells}<td>{escape(line.reason)}</td></tr>"
     )
 
 
-def _text(text: str) -> str:
-    """Text as HTML shows it; control characters, which HTML cannot contain, are replaced."""
-    plain = "".join(
-        character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text
-    )
-    return escape(plain)
+_RENDERERS: Final[Mapping[str, Callable[[Sequence[Comparison]], str]]] = {
+    "markdown": to_markdown,
+    "csv": to_csv,
+    "github": to_github,
+    "html": to_html,
+}

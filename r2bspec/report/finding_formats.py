@@ -26,6 +26,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any, Final
@@ -84,12 +85,12 @@ def render(
 
 
 def _json(diagnostics: Sequence[Diagnostic], _files: Iterable[str]) -> str:
-    findings = [_json_finding(diagnostic) for diagnostic in diagnostics]
+    counts = Counter(diagnostic.severity for diagnostic in diagnostics)
     report = {
         "version": 1,
-        "errors": _count(findings, Severity.ERROR),
-        "warnings": _count(findings, Severity.WARNING),
-        "findings": findings,
+        "errors": counts[Severity.ERROR],
+        "warnings": counts[Severity.WARNING],
+        "findings": [_json_finding(diagnostic) for diagnostic in diagnostics],
     }
     return json.dumps(report, indent=2) + "\n"
 
@@ -112,10 +113,6 @@ def _json_finding(found: Diagnostic) -> dict[str, Any]:
         if found.edit
         else None,
     }
-
-
-def _count(findings: list[dict[str, Any]], severity: Severity) -> int:
-    return sum(finding["severity"] == severity.value for finding in findings)
 
 
 SCHEMA = "https://json.schemastore.org/sarif-2.1.0.json"

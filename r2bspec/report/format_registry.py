@@ -101,16 +101,6 @@ FORMATS: Final[dict[str, Format]] = {
 }
 """The formats of a run."""
 
-COMPARISON_FORMATS: Final = {
-    "text": "comparison_formats:to_text",
-    "markdown": "comparison_formats:to_markdown",
-    "json": "comparison_formats:to_json",
-    "csv": "comparison_formats:to_csv",
-    "github": "comparison_formats:to_github",
-    "html": "comparison_formats:to_html",
-}
-"""The formats of a comparison of stored results."""
-
 GRAPH_PAGE: Final = "html.graph_drawing:render_graph"
 """The drawing of a plan as a page."""
 

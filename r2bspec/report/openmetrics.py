@@ -13,6 +13,7 @@ from r2bspec.judge.measure.distribution import PERCENTILES, Distribution, part_v
 from r2bspec.judge.measure.metric_catalogue import ANATOMY_SHARES
 from r2bspec.judge.measure.metrics import RateMetrics, RunMetrics
 from r2bspec.judge.measure.units import rate_name
+from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import EXIT_CODES
 from r2bspec.record.run_record import HarnessOverheadRecord
 from r2bspec.report.report_wording import own_pace
@@ -105,8 +106,7 @@ def _families(report_input: ReportInput) -> Iterator[_Family]:
     verdict = _Family("r2bspec_verdict", "stateset", "Outcome of the run.")
     verdict.add_states(named, EXIT_CODES, result.verdict.outcome)
     yield verdict
-    yield _requirements(report_input)
-    yield _ratios(report_input)
+    yield from _requirements(result)
     yield from _of_monitors(result.metrics, named)
     yield from _of_processes(result.metrics.rates, named)
     yield from _of_parts(result.metrics.rates, named)
@@ -136,36 +136,24 @@ def _info(report_input: ReportInput) -> _Family:
     return family
 
 
-def _requirements(report_input: ReportInput) -> _Family:
-    family = _Family("r2bspec_requirement", "stateset", "Outcome of each requirement.")
-    pace = own_pace(report_input.result.metrics)
-    for requirement in report_input.result.verdict.requirements:
+def _requirements(result: Result) -> Iterator[_Family]:
+    outcomes = _Family("r2bspec_requirement", "stateset", "Outcome of each requirement.")
+    about = "Head over base, for requirements of the baseline."
+    ratios = _Family("r2bspec_baseline_ratio", "gauge", about, "ratio")
+    named, pace = {"benchmark": result.name}, own_pace(result.metrics)
+    for requirement in result.verdict.requirements:
         labels = {
-            "benchmark": report_input.result.name,
-            "objective": requirement.objective,
             "requirement": requirement.text.strip(),
             "monitor": requirement.monitor or "",
             "offered_hz": _rate(requirement.at_hz, pace) if requirement.at_hz is not None else "",
         }
-        family.add_states(labels, _OUTCOMES, requirement.outcome)
-    return family
-
-
-def _ratios(report_input: ReportInput) -> _Family:
-    about = "Head over base, for requirements of the baseline."
-    family = _Family("r2bspec_baseline_ratio", "gauge", about, "ratio")
-    for requirement in report_input.result.verdict.requirements:
-        if requirement.compared is None:
-            continue
-        labels = {
-            "benchmark": report_input.result.name,
-            "requirement": requirement.text.strip(),
-            "monitor": requirement.monitor or "",
-            "offered_hz": _rate(requirement.at_hz) if requirement.at_hz is not None else "",
-        }
-        for name in ("estimate", "lower", "upper", "limit"):
-            family.add({**labels, "value": name}, getattr(requirement, name))
-    return family
+        states = {**named, "objective": requirement.objective, **labels}
+        outcomes.add_states(states, _OUTCOMES, requirement.outcome)
+        if requirement.compared is not None:
+            for name in ("estimate", "lower", "upper", "limit"):
+                ratios.add({**named, **labels, "value": name}, getattr(requirement, name))
+    yield outcomes
+    yield ratios
 
 
 def _of_monitors(metrics: RunMetrics, named: Labels) -> Iterator[_Family]:

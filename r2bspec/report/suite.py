@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import datetime
 import html
-import importlib.resources
 import importlib.util
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Final, Literal, Protocol
+from typing import Final, Literal
 
 import msgspec
 
@@ -26,6 +25,7 @@ from r2bspec.report.format_registry import HOST_CHARTS, load
 from r2bspec.report.headline import headline
 from r2bspec.report.notes import notes_of_an_open_run
 from r2bspec.report.output import printed_text
+from r2bspec.report.plain_page import number_class, plain_page, plain_table
 from r2bspec.report.report_wording import OUTCOME_WORDS, revisions, revisions_text
 from r2bspec.report.write_reports import STDOUT, link_text
 
@@ -186,7 +186,7 @@ def failure_page(error: R2bspecError, spec: str, path: str) -> bytes:
     now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     run = run_with_error(error, name=Path(spec).name, spec=spec)
     summary = SuiteSummary(started_at=now, ended_at=now, exit_status=error.exit_code, runs=(run,))
-    return to_html(summary, {}, path)
+    return render("html", summary, {}, path)
 
 
 def _decisive_ratio(result: Result, rate_hz: float, monitor: str) -> RequirementVerdict | None:
@@ -239,25 +239,30 @@ _WORDS: Final[dict[str, str]] = {
 _WIDEST: Final = 1000
 
 
-class SuiteRenderer(Protocol):
-    """Renders a summary for a file of this path, or for standard output."""
-
-    def __call__(self, summary: SuiteSummary, results: Results, path: str = STDOUT) -> bytes:
-        """The content of the file."""
+SUITE_FORMATS: Final = ("text", "json", "markdown", "html", "junit")
+"""The formats of a summary, by the names of the formats of a run."""
 
 
-def to_json(summary: SuiteSummary, results: Results, path: str = STDOUT) -> bytes:  # noqa: ARG001
-    """The summary as it is."""
-    return msgspec.json.format(msgspec.json.encode(summary), indent=2) + b"\n"
+def render(name: str, summary: SuiteSummary, results: Results, path: str = STDOUT) -> bytes:
+    """A summary in one of the `SUITE_FORMATS`, for a file of this path, or for standard output."""
+    if name == "json":
+        return msgspec.json.format(msgspec.json.encode(summary), indent=2) + b"\n"
+    told = _with_distinct_names(summary)
+    if name == "html":
+        text = plain_page(_count_text(told), _sections(told, results, path))
+    elif name == "junit":
+        text = _junit(told, summary.runs, results)
+    else:
+        text = _markdown(told) if name == "markdown" else _text(told)
+    return harmless(text).encode()
 
 
-def to_text(summary: SuiteSummary, results: Results, path: str = STDOUT) -> bytes:  # noqa: ARG001
+def _text(summary: SuiteSummary) -> str:
     """The outcomes, a table, then the first line of the report of each run that did not pass."""
     from rich.text import Text
 
     from r2bspec.report.terminal_tables import table
 
-    summary = _with_distinct_names(summary)
     header = _header(summary)
     grid = table(header)
     for column, title in zip(grid.columns, header, strict=True):
@@ -268,51 +273,34 @@ def to_text(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byte
     if summary.runs:
         lines += ["\n", printed_text(lambda page: page.print(grid), _WIDEST)]
     lines += [f"\n{text}\n" for text in _paragraphs(summary)]
-    return harmless("".join(lines)).encode()
+    return "".join(lines)
 
 
-def to_markdown(summary: SuiteSummary, results: Results, path: str = STDOUT) -> bytes:  # noqa: ARG001
+def _markdown(summary: SuiteSummary) -> str:
     """The same for a comment or a step summary."""
     from r2bspec.report.markdown import escaped, table
 
-    summary = _with_distinct_names(summary)
     lines = [f"### {escaped(_count_text(summary))}", ""]
     if summary.runs:
         lines += table(
             _header(summary), [tuple(map(escaped, cells)) for _, cells in _table(summary)]
         )
     reasons = [f"- {escaped(text)}" for text in _paragraphs(summary)]
-    return harmless("\n".join([*lines, "", *reasons]).rstrip() + "\n").encode()
+    return "\n".join([*lines, "", *reasons]).rstrip() + "\n"
 
 
-def to_html(summary: SuiteSummary, results: Results, path: str = STDOUT) -> bytes:
-    """One page that links to the pages of the runs; runs on several hosts are drawn, too."""
-    summary = _with_distinct_names(summary)
-    rows = "\n".join(
+def _sections(summary: SuiteSummary, results: Results, path: str) -> Iterator[str]:
+    """A page that links to the pages of the runs; runs on several hosts are drawn, too."""
+    yield f"<header>\n<h1>{html.escape(_count_text(summary))}</h1>\n</header>\n<main>"
+    rows = (
         f"<tr>{''.join(_html_cells(summary, cells, run, path))}</tr>"
         for run, cells in _table(summary)
     )
-    header = "".join(
-        f'<th scope="col"{_class_of(column)}>{html.escape(column)}</th>'
-        for column in _header(summary)
-    )
-    reasons = "\n".join(
-        f"<p>{html.escape(printable_lines(text))}</p>" for text in _paragraphs(summary)
-    )
-    title = html.escape(_count_text(summary))
-    style = importlib.resources.files("r2bspec.report.html").joinpath("style.css")
-    page = (
-        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{title}</title>\n<style>\n{style.read_text('utf-8')}</style>\n</head>\n"
-        f"<body>\n<header>\n<h1>{title}</h1>\n</header>\n<main>\n"
-        '<div class="wide" tabindex="0" role="region" aria-label="Table of runs">\n'
-        f"<table>\n<thead><tr>{header}</tr></thead>\n<tbody>\n{rows}\n</tbody>\n</table>\n"
-        f"</div>\n{reasons}\n{''.join(_figures(summary, results))}"
-        f"<p>{html.escape(summary.started_at)} to {html.escape(summary.ended_at)}</p>\n"
-        "</main>\n</body>\n</html>\n"
-    )
-    return harmless(page).encode()
+    yield plain_table("Table of runs", _header(summary), _NUMBERS, rows)
+    for text in _paragraphs(summary):
+        yield f"<p>{html.escape(printable_lines(text))}</p>"
+    yield from _figures(summary, results)
+    yield f"<p>{html.escape(summary.started_at)} to {html.escape(summary.ended_at)}</p>\n</main>"
 
 
 def _figures(summary: SuiteSummary, results: Results) -> Iterator[str]:
@@ -320,14 +308,13 @@ def _figures(summary: SuiteSummary, results: Results) -> Iterator[str]:
     if not _has_hosts(summary):
         return
     if importlib.util.find_spec("matplotlib") is None:
-        yield "<p>Hosts are drawn where r2bspec[report] is installed.</p>\n"
+        yield "<p>Hosts are drawn where r2bspec[report] is installed.</p>"
         return
     for chart in load(HOST_CHARTS)(summary, results):
-        note = f'<p class="note">{html.escape(chart.note)}</p>\n' if chart.note else ""
-        yield (
-            f"<figure>\n<figcaption>{html.escape(chart.title)}</figcaption>\n{chart.svg}\n"
-            f"{note}</figure>\n"
-        )
+        yield f"<figure>\n<figcaption>{html.escape(chart.title)}</figcaption>\n{chart.svg}"
+        if chart.note:
+            yield f'<p class="note">{html.escape(chart.note)}</p>'
+        yield "</figure>"
 
 
 def _html_cells(
@@ -339,21 +326,17 @@ def _html_cells(
         if number == 0 and cell and run.report:
             link = html.escape(link_text(Path(run.report), path if path != STDOUT else ""))
             text = f'<a href="{link}">{text}</a>'
-        yield f"<td{_class_of(title)}>{text}</td>"
+        yield f"<td{number_class(title, _NUMBERS)}>{text}</td>"
 
 
-def _class_of(title: str) -> str:
-    return ' class="n"' if title in _NUMBERS else ""
-
-
-def to_junit(summary: SuiteSummary, results: Results, path: str = STDOUT) -> bytes:  # noqa: ARG001
+def _junit(summary: SuiteSummary, known_runs: Sequence[SuiteRun], results: Results) -> str:
     """A test suite for each run, with a case for each requirement."""
     from junitparser import Error, JUnitXml, Skipped, TestCase, TestSuite
 
     from r2bspec.report.pipelines import to_suite
 
     xml = JUnitXml("r2bspec")
-    for run, known in zip(_with_distinct_names(summary).runs, summary.runs, strict=True):
+    for run, known in zip(summary.runs, known_runs, strict=True):
         if run.folder in results:
             suite = to_suite(ReportInput(result=results[run.folder]), lenient=False)
             if run.host or run.name != known.name:
@@ -366,17 +349,7 @@ def to_junit(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byt
             suite.add_testcase(case)
         # Their names differ: not compared with each other, which is what adding them does.
         xml.append(suite)  # type: ignore[no-untyped-call]
-    return harmless(junit_text(xml)).encode()
-
-
-SUITE_FORMATS: Final[dict[str, SuiteRenderer]] = {
-    "text": to_text,
-    "json": to_json,
-    "markdown": to_markdown,
-    "html": to_html,
-    "junit": to_junit,
-}
-"""The formats of a summary, by the names of the formats of a run."""
+    return junit_text(xml)
 
 
 def _with_distinct_names(summary: SuiteSummary) -> SuiteSummary:

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
 from chromium import Chromium, Page, needs_chromium
 from chromium import browser as browser
@@ -23,9 +22,6 @@ pytestmark = needs_chromium
 
 JENKINS = "sandbox allow-same-origin; default-src 'none'; img-src 'self'; style-src 'self';"
 """The content security policy that Jenkins serves the files of a build with."""
-
-NUMBERS = """[...document.querySelectorAll("data[data-path]")]
-    .map((one) => [one.dataset.path, one.value, one.textContent])"""
 
 UNREADABLE = Path(__file__).with_name("unreadable.js").read_text(encoding="utf-8")
 
@@ -64,8 +60,6 @@ def report_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         run = simulation.write(tmp_path_factory.mktemp(name) / "run")
         reported = ReportInput(result=result_of(run), run=run, baseline=run)
         (folder / f"{name}.html").write_bytes(render(reported))
-        plain = msgspec.json.encode(reported.result)
-        (folder / f"{name}.json").write_bytes(plain)
     return folder
 
 
@@ -88,19 +82,6 @@ def address(server: Server, name: str = "usual") -> str:
     return f"http://127.0.0.1:{server.server_address[1]}/{name}.html"
 
 
-def numbers_agree(page: Page, folder: Path, name: str = "usual") -> None:
-    result = msgspec.json.decode((folder / f"{name}.json").read_bytes())
-    found = page.evaluate(NUMBERS)
-    assert len(found) > 80
-    for path, value, shown in found:
-        place = result
-        for part in path.split("/"):
-            key = part.replace("~1", "/").replace("~0", "~")
-            place = place[int(key)] if isinstance(place, list) else place[key]
-        assert float(value) == float(place), path
-        assert shown.strip()
-
-
 def charts_are_drawn(page: Page) -> None:
     sizes = page.evaluate(
         """[...document.querySelectorAll("svg:not(.budget)")].map((svg) => {
@@ -113,12 +94,9 @@ def charts_are_drawn(page: Page) -> None:
 
 
 @pytest.mark.parametrize("scripts", [True, False], ids=["scripts", "no scripts"])
-def test_it_renders_with_a_clean_console(
-    browser: Chromium, server: Server, folder: Path, scripts: bool
-) -> None:
+def test_it_renders_with_a_clean_console(browser: Chromium, server: Server, scripts: bool) -> None:
     with browser.page(address(server), scripts=scripts) as page:
         charts_are_drawn(page)
-        numbers_agree(page, folder)
         assert page.console() == []
         assert page.evaluate("document.querySelectorAll('.tools').length > 0") is scripts
         assert [request for request in page.requests() if "favicon" not in request] == [
@@ -126,13 +104,10 @@ def test_it_renders_with_a_clean_console(
         ]
 
 
-def test_it_reads_fully_under_the_policy_of_jenkins(
-    browser: Chromium, server: Server, folder: Path
-) -> None:
+def test_it_reads_fully_under_the_policy_of_jenkins(browser: Chromium, server: Server) -> None:
     server.policy = JENKINS
     with browser.page(address(server)) as page:
         charts_are_drawn(page)
-        numbers_agree(page, folder)
         # The stylesheet and the script are refused, once each, and nothing else is.
         said = page.console()
         assert sum("inline style" in each for each in said) <= 1

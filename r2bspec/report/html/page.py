@@ -37,7 +37,7 @@ from r2bspec.report.html.latency_charts import (
     percentile_chart,
 )
 from r2bspec.report.html.load_charts import load_curve_chart, loads_chart
-from r2bspec.report.html.templates import own_text, render_template
+from r2bspec.report.html.templates import own_style, own_text, render_template
 from r2bspec.report.html.waterfall import waterfalls
 from r2bspec.report.notes import notes, profile_notes
 from r2bspec.safe_io.limits import MAX_STACKS_BYTES
@@ -51,36 +51,34 @@ _GRAPH_WIDTH = 990
 """Pixels: what a figure of the page is wide, where the window has the room."""
 
 
-class Numbers:
-    """Writes a value of the result as ``<data value="0.0123" data-path="…">12.3 ms</data>``.
+def _number(result: Any, path: str, unit: str) -> Markup:
+    """A value of the result as ``<data value="0.0123" data-path="…">12.3 ms</data>``; or a dash.
 
     The exact value is in the markup of the rounded text, so that a program, or a test, can read the
     page and compare it with the file.
+
+    Args:
+        result: as plain values.
+        path: of the value, a JSON pointer without its first slash.
+        unit: of the value.
+
+    Raises:
+        KeyError: the result has no such place.
     """
+    from markupsafe import Markup, escape
 
-    def __init__(self, result: Any) -> None:
-        self._result = result
-
-    def __call__(self, path: str, unit: str) -> Markup:
-        """The value at a path, a JSON pointer without its first slash; or a dash.
-
-        Raises:
-            KeyError: the result has no such place.
-        """
-        from markupsafe import Markup, escape
-
-        value = self._result
-        for part in path.split("/"):
-            value = (
-                value[int(part)]
-                if isinstance(value, list | tuple)
-                else value[part.replace("~1", "/").replace("~0", "~")]
-            )
-        if value is None:
-            return Markup("-")
-        # Not by Markup.format, which takes six times as long: a page has tens of thousands.
-        exact, place, shown = map(escape, (repr(value), path, show(float(value), unit)))
-        return Markup(f'<data value="{exact}" data-path="{place}">{shown}</data>')  # noqa: S704
+    value = result
+    for part in path.split("/"):
+        value = (
+            value[int(part)]
+            if isinstance(value, list | tuple)
+            else value[part.replace("~1", "/").replace("~0", "~")]
+        )
+    if value is None:
+        return Markup("-")
+    # Not by Markup.format, which takes six times as long: a page has tens of thousands.
+    exact, place, shown = map(escape, (repr(value), path, show(float(value), unit)))
+    return Markup(f'<data value="{exact}" data-path="{place}">{shown}</data>')  # noqa: S704
 
 
 _LATENCY_COLUMNS = (
@@ -165,7 +163,7 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "charts": {
             key: [_safe(chart) for chart in chart_list] for key, chart_list in charts.items()
         },
-        "number": Numbers(msgspec.to_builtins(result)),
+        "number": partial(_number, msgspec.to_builtins(result)),
         "measured": partial(result_table.measured, metrics),
         "iterations": lambda monitor: [
             *islice(result_table.measured_iterations(metrics, monitor), _MAX_SHOWN_ITERATIONS)
@@ -179,7 +177,7 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "tail": TAIL_PERCENTILE,
         "facts": {key: _plain(value) for key, value in result.machine.items()},
         "dataset": {key: _plain(value) for key, value in result.dataset.items()},
-        "style": own_text("style.css"),
+        "style": own_style()["style"],
         "script": own_text("script.js"),
     }
 

@@ -62,7 +62,7 @@ def _environment() -> Environment:
 
 
 def own_style(extra: str = "") -> dict[str, str]:
-    """What a page without scripts needs of styles: the stylesheet, and the hash that allows it.
+    """What a page needs of styles: the stylesheet, and the hash that allows it without scripts.
 
     A browser then loads nothing for the page and runs no script, by its policy (Content Security
     Policy): that has the hash of the style that is in the page, and nothing else.

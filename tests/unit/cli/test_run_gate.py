@@ -28,7 +28,7 @@ from r2bspec.judge.result import Result
 from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.plan.time_estimate import estimate_pairs, estimate_time
 from r2bspec.report.notes import notes
-from r2bspec.report.suite import SUITE_FORMATS, SuiteSummary
+from r2bspec.report.suite import SuiteSummary, render
 from r2bspec.safe_io.git import commit_of
 
 NOISE = np.exp([0.004, -0.006, 0.003, -0.002, 0.005, -0.004])
@@ -240,7 +240,7 @@ def test_the_summary_of_a_gate_has_ratios_and_names_new_specs_and_revisions_once
         assert shown.count(revisions) == 1
     changed = msgspec.structs.replace(summary.runs[0], revision="1234567")
     mixed = msgspec.structs.replace(summary, runs=(changed, *summary.runs[1:]))
-    text = SUITE_FORMATS["text"](mixed, {}).decode()
+    text = render("text", mixed, {}).decode()
     assert text.count(revisions) == 1
     assert f"\na: head 1234567, base main@{base[:7]}\n" in text
 
@@ -264,7 +264,7 @@ def test_an_open_spec_of_a_folder_says_what_the_host_did_and_how_many_pairs_are_
 
 def decoded(summary: SuiteSummary, name: str) -> str:
     """A summary in a format, without what the format escapes."""
-    text = html.unescape(SUITE_FORMATS[name](summary, {}).decode())
+    text = html.unescape(render(name, summary, {}).decode())
     return text.replace("\\", "")
 
 

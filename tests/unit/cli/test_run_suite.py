@@ -32,6 +32,7 @@ from r2bspec.record.run_folder import RunFolder, open_run
 from r2bspec.report.suite import (
     SUITE_FORMATS,
     SuiteSummary,
+    render,
     run_with_error,
     run_with_result,
     worst_status,
@@ -178,7 +179,7 @@ def test_rows_and_notes_name_the_path_where_names_are_equal(played: list[str], c
     summary = suite()
     assert [run.name for run in summary.runs] == ["slow", "other", "slow"]
     assert [Path(run.folder).name for run in summary.runs] == ["slow", "other", "slow-2"]
-    for text in (SUITE_FORMATS["html"](summary, {}).decode(), Path("junit.xml").read_text()):
+    for text in (render("html", summary, {}).decode(), Path("junit.xml").read_text()):
         assert left in text
         assert right in text
 
@@ -335,8 +336,8 @@ def test_every_format_keeps_the_words_of_strangers_in_their_place(
     ]
     runs.append(run_with_error(R2bspecError("::error::x\x07"), name="gone", spec="b.r2b.yaml"))
     summary = SuiteSummary(started_at="a", ended_at="b", exit_status=1, runs=tuple(runs))
-    made = SUITE_FORMATS[name](summary, judged)
-    assert made == SUITE_FORMATS[name](summary, judged)
+    made = render(name, summary, judged)
+    assert made == render(name, summary, judged)
     text = made.decode()
     assert "gone" in text
     assert not any(char in text for char in "\x1b\x07")

@@ -15,6 +15,7 @@ import pytest
 from nightly import size
 from r2bspec.compare.history import (
     SCHEMA_VERSION,
+    History,
     HistoryEntry,
     HistoryError,
     HistoryMetric,
@@ -67,6 +68,13 @@ def refusal(path: Path, match: str | None = None, *, create: bool = False) -> Hi
     return caught.value
 
 
+def comparable(
+    history: History, most: int = 30, host: str = "host", data: str = "data"
+) -> list[str]:
+    """The runs that a new one may be compared with."""
+    return [run.run_id for run in history.comparable_runs(host, "plan", data, most)]
+
+
 def test_what_is_added_is_found_again(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "history.sqlite"
     with open_history(path, create=True) as history:
@@ -85,29 +93,18 @@ def test_only_runs_alike_are_compared_and_only_the_latest(tmp_path: Path) -> Non
         for day in range(1, 8):
             history.add(entry(f"run{day}", day=day))
         history.add(entry("elsewhere", plan="another", day=9))
-        assert [
-            comparable_run.run_id
-            for comparable_run in history.comparable_runs("host", "plan", "data", 3)
-        ] == [
-            "run5",
-            "run6",
-            "run7",
-        ]
-        assert history.comparable_runs("host", "plan", "other data", 3) == ()
-        assert history.comparable_runs("other host", "plan", "data", 3) == ()
+        assert comparable(history, 3) == ["run5", "run6", "run7"]
+        assert comparable(history, data="other data") == comparable(history, host="other") == []
 
 
 def test_a_failed_run_is_no_baseline_until_it_is_accepted(tmp_path: Path) -> None:
     with open_history(tmp_path / "h", create=True) as history:
         history.add(entry("good"))
         history.add(entry("bad", outcome="fail", day=2))
-        assert [
-            comparable_run.run_id
-            for comparable_run in history.comparable_runs("host", "plan", "data", 9)
-        ] == ["good"]
+        assert comparable(history) == ["good"]
         assert history.accept("bad")
         assert not history.accept("nobody")
-        assert len(history.comparable_runs("host", "plan", "data", 9)) == 2
+        assert comparable(history) == ["good", "bad"]
 
 
 def test_forgetting_a_run_forgets_its_metrics(tmp_path: Path) -> None:

@@ -107,16 +107,12 @@ def test_inconclusive_means_the_same_everywhere(
 
 
 @EVERY_RECIPE
-@pytest.mark.parametrize(
-    ("environment", "expected"),
-    [({"STATUS": "1"}, 1), ({"STATUS": "4"}, 4), ({"NO_RESULT": "1"}, 4)],
-    ids=str,
-)
+@pytest.mark.parametrize("environment", [{"STATUS": "4"}, {"NO_RESULT": "1"}], ids=str)
 def test_what_does_not_pass_blocks(
-    hosts: Hosts, change: Event, recipe: str, environment: dict[str, str], expected: int
+    hosts: Hosts, change: Event, recipe: str, environment: dict[str, str]
 ) -> None:
     code, printed, _ = hosts.recipe(recipe, change, inconclusive="pass", **environment)
-    assert code == expected, printed
+    assert code == 4, printed
 
 
 # ---- with r2bspec itself -----------------------------------------------------------------------

@@ -23,6 +23,7 @@ from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.diagnostics.plain_text import escaped_json, harmless, plain, plain_values
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.judge.result import Result
+from r2bspec.record.graph_identity import GraphIdentity, Revision
 from r2bspec.report import finding_formats
 from r2bspec.report.format_registry import FORMATS, renderer
 from r2bspec.report.output import MAX_TABLE_ROWS, console, echo, write
@@ -72,7 +73,16 @@ def attacked(value: Any) -> Any:
 
 @pytest.fixture
 def hostile(reported: Callable[[str], ReportInput]) -> Result:
-    return attacked(reported("usual").result)  # type: ignore[no-any-return]
+    revision = Revision(commit="0" * 40, dirty=True, name="<script>")
+    base = GraphIdentity(digest="", nodes={}, packages={}, revision=revision)
+    compared = {
+        "identity": base,
+        "base_identity": base,
+        "changes": ("<b> changed",),
+        "gate": ("y",),
+    }
+    result = msgspec.structs.replace(reported("usual").result, **compared)
+    return attacked(result)  # type: ignore[no-any-return]
 
 
 def test_the_result_is_hostile(hostile: Result) -> None:
@@ -96,6 +106,7 @@ def test_no_report_of_a_hostile_result_does_harm(name: str, hostile: Result) -> 
     shown = renderer(name)(ReportInput(result=hostile)).decode()
     check_harmless(shown, commands=name == "github")
     assert "stop-commands" in shown or name == "openmetrics"
+    assert name not in {"markdown", "html", "junit"} or "<b>" not in shown
 
 
 @pytest.mark.parametrize("name", ["text", "markdown", "html", "csv", "github"])

@@ -20,7 +20,6 @@ from r2bspec.judge.measure.distribution import Distribution
 from r2bspec.judge.measure.metrics import SegmentMetrics, distribution
 from r2bspec.plan.comparability import PlanDifference, brief_difference
 from r2bspec.plan.plan import Plan
-from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import SearchRecord
 from r2bspec.report.comparison_formats import to_json, to_markdown, to_text
 from r2bspec.report.ros2_benchmark import render
@@ -165,6 +164,8 @@ def test_other_plans_are_refused_and_the_difference_told(tmp_path: Path) -> None
     assert "plan, buffer: 0 -> 7" in str(caught.value)
     assert "title" not in str(caught.value)
     assert "--force" in caught.value.hint
+    forced = compared(tmp_path / "forced", simulated(), other, force=True)
+    assert forced.differences == ("plan, buffer: 0 -> 7",)
 
 
 class OtherGraph(GraphSimulation):
@@ -191,25 +192,6 @@ def test_graphs_that_differ_are_compared_with_a_line_for_each_difference(tmp_pat
     assert any("/r2b/apriltag" in each and each.endswith("only in the base") for each in said)
     assert any(each.endswith(' -> "/other"') for each in said)
     assert all(len(each) <= 120 and "\n" not in each for each in said)
-
-
-def test_force_compares_them_and_says_so(tmp_path: Path) -> None:
-    comparison = compared(tmp_path, simulated(), Other(segments=simulated().segments), force=True)
-    assert comparison.differences == ("plan, buffer: 0 -> 7",)
-
-
-def test_another_machine_is_refused(tmp_path: Path) -> None:
-    run = simulated().write(tmp_path / "base")
-    other = simulated().write(tmp_path / "head")
-    machine = {"cpu": "another processor", "cores": 2}
-    RunFolder(other.folder).write_record(msgspec.structs.replace(other.record, machine=machine))
-    with pytest.raises(IncomparableError, match="machine, cpu: a simulated processor -> another"):
-        compare(
-            read_compared_result(run.folder),
-            read_compared_result(other.folder),
-            margin=0.05,
-            force=False,
-        )
 
 
 def test_a_result_by_itself_is_enough(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.measure.distribution import PARTS, part_value
 from r2bspec.judge.measure.metrics import MonitorMetrics
 from r2bspec.judge.result import Result
-from r2bspec.report.suite import SuiteRun, SuiteSummary, run_with_result, to_html
+from r2bspec.report.suite import SuiteRun, SuiteSummary, render, run_with_result
 from report_runs import HOSTILE, with_monitors
 
 HOSTS = ("carter", "desk", "lab")
@@ -57,7 +57,7 @@ def page_of(results: Mapping[str, Result], *, name: str = "relay") -> str:
         for host, one in results.items()
     ]
     summary = SuiteSummary(started_at="a", ended_at="b", exit_status=0, runs=tuple(runs))
-    return to_html(summary, results).decode()
+    return render("html", summary, results).decode()
 
 
 def charts(page: str) -> dict[str, ET.Element]:
@@ -124,7 +124,7 @@ def test_one_host_and_no_host_are_not_drawn(result: Result) -> None:
             run_with_result(result, spec="a", folder=each, name="relay") for each in ("x", "y")
         ),
     )
-    assert charts(to_html(summary, {"x": result, "y": result}).decode()) == {}
+    assert charts(render("html", summary, {"x": result, "y": result}).decode()) == {}
 
 
 def test_hosts_for_which_there_is_no_room_are_counted(result: Result) -> None:

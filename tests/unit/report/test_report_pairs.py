@@ -18,7 +18,7 @@ from example_spec import example
 from pair_simulation import Comparison
 from r2bspec.compare.report_input import ReportInput, read_folder
 from r2bspec.judge.judge_run import result_of
-from r2bspec.judge.verdict import RequirementVerdict, outcome_of
+from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.record.comparison_folder import PairedComparison
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import StartRecord
@@ -99,12 +99,6 @@ def test_judge_needs_neither_ros_nor_the_first_result(
     assert judged["judged_by"] == "looser"
 
 
-def test_a_result_file_reports(pairs: PairedComparison, tmp_path: Path, call: Call) -> None:
-    kept = tmp_path / "result.json"
-    call("report", pairs.folder, "--report", f"json={kept}", status=0)
-    assert "other.r2b.yaml" in call("report", kept, "--report", "markdown=-", status=0).out
-
-
 @pytest.mark.parametrize("columns", [80, 100, 200])
 def test_in_a_narrow_terminal_outcomes_and_values_stay_whole(
     pairs: PairedComparison, call: Call, monkeypatch: pytest.MonkeyPatch, columns: int
@@ -150,12 +144,6 @@ def test_a_run_without_starts_in_its_record_is_one_start(
     judged = verdict.outcome not in {"invalid", "incomplete"}
     assert verdict.starts == int(judged)
     assert (ONE in verdict.reason) == judged
-
-
-def test_a_verdict_without_requirements_is_about_nothing(usual: Callable[[int], Run]) -> None:
-    verdict = result_of(usual(3), {}).verdict
-    assert verdict.reason == outcome_of(())[1] == "The spec has no objective to judge."
-    assert not verdict.limits
 
 
 def test_the_cost_is_that_of_a_start_after_the_first_without_the_harness_overhead() -> None:

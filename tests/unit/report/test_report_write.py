@@ -14,7 +14,6 @@ import pytest
 
 from command_line import Call
 from data_bags import text, write_bag
-from r2bspec.cli.finished_runs import judge_command as judge
 from r2bspec.cli.main import main
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.errors import ExitStatus
@@ -23,12 +22,7 @@ from r2bspec.plan.time_estimate import TimeEstimate
 from r2bspec.record.run_folder import Run
 from r2bspec.report.format_registry import ReportError, ReportUsageError
 from r2bspec.report.progress import RemainingTime, load_text, progress_text, shown_progress
-from r2bspec.report.write_reports import (
-    ReportRequest,
-    parse_report_requests,
-    takes_stdout,
-    write_reports,
-)
+from r2bspec.report.write_reports import ReportRequest, parse_report_requests, write_reports
 from report_runs import EMPTY, TWO
 
 # ``--report FORMAT=PATH``: what is asked for is checked first, and appears whole.
@@ -44,20 +38,15 @@ def run_folder(usual_run: Run) -> Path:
     [
         (["html"], "takes FORMAT=PATH"),
         (["html="], "takes FORMAT=PATH"),
-        (["htlm=x"], "unknown report format 'htlm'"),
+        (["htlm=x"], "unknown report format 'htlm'; Did you mean 'html'?"),
         (["json=-", "csv=-"], "standard output"),
         (["json=a", "csv=a"], "'a'"),
     ],
 )
 def test_what_cannot_be_is_refused_before_anything_runs(options: list[str], said: str) -> None:
-    with pytest.raises(ReportUsageError, match=said):
-        parse_report_requests(options)
-
-
-def test_a_misspelt_format_gets_a_proposal() -> None:
     with pytest.raises(ReportUsageError) as caught:
-        parse_report_requests(["htlm=x"])
-    assert "'html'" in caught.value.hint
+        parse_report_requests(options)
+    assert said in f"{caught.value}; {caught.value.hint}"
 
 
 def test_a_missing_library_is_named_before_anything_runs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -121,12 +110,6 @@ def test_an_incomplete_run_has_its_reports_too(tmp_path: Path) -> None:
     target = tmp_path / "report.md"
     assert main(["judge", str(run), "--report", f"markdown={target}"]) == 4
     assert "INCOMPLETE" in target.read_text()
-
-
-def test_nothing_else_goes_where_a_report_goes() -> None:
-    assert takes_stdout([ReportRequest("json", "-")])
-    assert not takes_stdout([ReportRequest("json", "a")])
-    assert {"--report", "--junit-xml"} <= {name for param in judge.params for name in param.opts}
 
 
 # What a user is told while a run goes on.
