@@ -135,26 +135,23 @@ def test_the_list_says_what_each_is_for(call: Call) -> None:
 
 
 @pytest.mark.parametrize(
-    ("target", "key"),
+    ("target", "name", "key"),
     [
-        ("r2bspec.nodes.RelayNode", "relay"),
-        ("./brightness.py:Brightness", "brightness"),
-        ("./nodes/aruco.py:HTTPCameraNode", "http_camera"),
-        ("./brightness.py:main", "brightness"),
-        ("my_package.brightness.main", "brightness"),
-        ("./player.py:Player", "player_node"),
-        ("a.Node", "node"),
+        ("r2bspec.nodes.RelayNode", "", "relay"),
+        ("./nodes/aruco.py:HTTPCameraNode", "", "http_camera"),
+        ("./brightness.py:main", "", "brightness"),
+        ("my_package.brightness.main", "", "brightness"),
+        ("./player.py:Player", "", "player_node"),
+        ("a.Node", "", "node"),
+        ("./eye.py:main", "Left_Eye", "Left_Eye"),
+        ("./eye.py:main", "player", "eye"),
+        ("./eye.py:main", "a b", "eye"),
     ],
 )
-def test_a_node_has_the_key_of_its_class(target: str, key: str) -> None:
-    assert node_key(target) == key
-
-
-@pytest.mark.parametrize(
-    ("name", "key"), [("Left_Eye", "Left_Eye"), ("player", "eye"), ("a b", "eye"), ("", "eye")]
-)
-def test_a_node_has_the_name_that_its_source_gives_it(name: str, key: str) -> None:
-    assert node_key("./eye.py:main", name) == key
+def test_a_node_has_the_name_of_its_source_or_the_key_of_its_class(
+    target: str, name: str, key: str
+) -> None:
+    assert node_key(target, name) == key
 
 
 def test_the_node_under_test_can_be_named() -> None:
