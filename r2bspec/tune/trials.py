@@ -285,18 +285,16 @@ class RealMachine:
 
     def _twice_if_lost(self, play: Callable[[Path], Result], name: str) -> Result | R2bspecError:
         """A result, or the error that ended it; what ends with a lost host is tried once more."""
-        result = self._ended(play, name)
-        if not isinstance(result, R2bspecError) or self.player.state_of(result) != "invalid":
-            return result
-        return self._ended(play, name)
-
-    def _ended(self, play: Callable[[Path], Result], name: str) -> Result | R2bspecError:
-        try:
-            return play(unused_folder(self.folder / name))
-        except ENDING:
-            raise
-        except R2bspecError as error:
-            return error
+        for _ in range(2):
+            try:
+                return play(unused_folder(self.folder / name))
+            except ENDING:
+                raise
+            except R2bspecError as error:
+                ended = error
+            if self.player.state_of(ended) != "invalid":
+                break
+        return ended
 
     def _nothing_judged(self, gain: Gain, error: R2bspecError) -> Pairs:
         return Pairs(
