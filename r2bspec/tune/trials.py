@@ -310,12 +310,6 @@ class RealMachine:
             lever=terms.lever,
             metric=self.goal.text,
             unit=self.goal.unit,
-            before=None,
-            after=None,
-            ratio=None,
-            lower=None,
-            upper=None,
-            pairs=0,
             confidence=plan.gate.confidence,
         )
 
