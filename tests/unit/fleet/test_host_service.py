@@ -211,10 +211,15 @@ def test_children_of_a_worker_have_no_user_site(service: Service, tmp_path: Path
     assert {"-s", "-P"} <= set(seen["words"])
 
 
-def test_a_run_whose_hosts_are_lost_again_and_again_ends(service: Service, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "lost", [HostLostError("the host here left the fleet"), OSError("the connection is closed")]
+)
+def test_a_run_whose_hosts_are_lost_again_and_again_ends(
+    lost: Exception, service: Service, tmp_path: Path
+) -> None:
     def before(what: str, *_: Any) -> None:
         if what == "play":
-            raise HostLostError("the host here left the fleet")
+            raise lost
 
     ended = play(tmp_path, service, before, FleetLimits(losses=1))
     assert isinstance(ended.error, HostLostError)
