@@ -1,9 +1,6 @@
 """Making a synthetic dataset: the requested topics and window, once, in a cache for all processes.
 
-Entries of the cache are created atomically. The messages of an entry are hashed before it is used.
-That it was found intact is remembered in the cache with what the kernel says of its files: number,
-size, and the times of the last change of content and of the file itself. While none of these
-changes, the entry is not hashed again.
+See `r2bspec.datasets.dataset_cache` for what is believed of the cache.
 """
 
 from __future__ import annotations

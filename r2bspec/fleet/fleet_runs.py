@@ -265,13 +265,13 @@ class FleetRuns:
         assert answer is not None  # noqa: S101 - see the caller
         try:
             value = answer.result()
-        except (R2bspecError, concurrent.futures.CancelledError) as error:
-            lost = errors.HostLostError(f"the host {loop.host.name} left the fleet")
-            raised = error if isinstance(error, R2bspecError) else lost
-            self._step(loop, lambda: loop.steps.throw(raised))
+        except R2bspecError as error:
+            failed = error
+            self._step(loop, lambda: loop.steps.throw(failed))
         except Exception as error:
             # Cancelled, killed, closed: Dask says in many ways that the worker is gone.
-            text = f"the host {loop.host.name} left the fleet: {error}"
+            how = f": {error}" if str(error) else ""
+            text = f"the host {loop.host.name} left the fleet{how}"
             self._lose(loop, errors.HostLostError(text))
         else:
             self._step(loop, lambda: loop.steps.send(value))

@@ -153,16 +153,15 @@ def place(
     fitting = {name for name, what in lacks.items() if not what}
     errors = {name: host.version_error for name, host in facts.items()}
     usable = frozenset(name for name in fitting if errors[name] is None)
-    if tuple(names) in ((ALL,), (ANY,)) and not fitting:
-        absent = sorted(set(expected) - set(facts)) if tuple(names) == (ALL,) else []
-        yield from (Placement(name, frozenset({name})) for name in absent)
+    is_all, is_any = tuple(names) == (ALL,), tuple(names) == (ANY,)
+    absent = set(expected) - set(facts) if is_all else set()
+    if (is_all or is_any) and not fitting:
+        yield from (Placement(name, frozenset({name})) for name in sorted(absent))
         yield Placement("", frozenset(), _nothing_fits(lacks))
-    elif tuple(names) == (ANY,):
+    elif is_any:
         yield Placement("", usable, None if usable else errors[min(fitting)])
     else:
-        if tuple(names) == (ALL,):
-            names = sorted(fitting | (set(expected) - set(facts)))
-        for name in names:
+        for name in sorted(fitting | absent) if is_all else names:
             error = errors.get(name)
             if name not in facts and name not in expected:
                 present = ", ".join(sorted(facts)) or "none"

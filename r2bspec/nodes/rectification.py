@@ -7,7 +7,6 @@ OpenCV and image_geometry.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -29,18 +28,6 @@ INTERPOLATIONS = MappingProxyType(
 _CACHED_CAMERAS = 8
 
 
-@dataclass(frozen=True, slots=True)
-class _Model:
-    """What the maps of a camera depend on; hashable."""
-
-    matrix: tuple[float, ...]
-    distortion: tuple[float, ...]
-    rotation: tuple[float, ...]
-    projection: tuple[float, ...]
-    width: int
-    height: int
-
-
 def rectify(pixels: Pixels, info: CameraInfo, target: Pixels, interpolation: int = 1) -> None:
     """Write the rectified image into `target`, whose shape and type are those of `pixels`.
 
@@ -50,15 +37,12 @@ def rectify(pixels: Pixels, info: CameraInfo, target: Pixels, interpolation: int
         ValueError: the camera is not calibrated, or its distortion model is unknown.
     """
     height, width = pixels.shape[:2]
-    model = _Model(
-        tuple(camera.matrix(info).ravel().tolist()),
-        tuple(camera.distortion(info).tolist()),
-        tuple(camera.rotation(info).ravel().tolist()),
-        tuple(camera.projection(info).ravel().tolist()),
-        width,
-        height,
+    # Arrays have no hash, by which the maps of a camera are found again.
+    matrix, distortion, rotation, projection = (
+        tuple(part(info).ravel().tolist())
+        for part in (camera.matrix, camera.distortion, camera.rotation, camera.projection)
     )
-    first, second = _maps(model)
+    first, second = _maps(matrix, distortion, rotation, projection, (width, height))
     cv2.remap(
         pixels,
         first,
@@ -71,17 +55,23 @@ def rectify(pixels: Pixels, info: CameraInfo, target: Pixels, interpolation: int
 
 
 @lru_cache(maxsize=_CACHED_CAMERAS)
-def _maps(model: _Model) -> tuple[Any, Any]:
+def _maps(
+    matrix: tuple[float, ...],
+    distortion: tuple[float, ...],
+    rotation: tuple[float, ...],
+    projection: tuple[float, ...],
+    size: tuple[int, int],
+) -> tuple[Any, Any]:
     """For each pixel of the rectified image, where it is in the image of the camera.
 
     In fixed point (CV_16SC2), which is twice as fast to read as floats and exact to 1/32 pixel.
     """
     maps: tuple[Any, Any] = cv2.initUndistortRectifyMap(
-        np.array(model.matrix).reshape(3, 3),
-        np.array(model.distortion),
-        np.array(model.rotation).reshape(3, 3),
-        np.array(model.projection).reshape(3, 4)[:, :3],
-        (model.width, model.height),
+        np.array(matrix).reshape(3, 3),
+        np.array(distortion),
+        np.array(rotation).reshape(3, 3),
+        np.array(projection).reshape(3, 4)[:, :3],
+        size,
         cv2.CV_16SC2,
     )
     return maps

@@ -539,13 +539,9 @@ def _latencies(played: Sequence[SegmentSamples], monitor: str) -> tuple[Seconds,
 
 def _off(measured: float, simulated: float) -> float:
     """How far two percentiles are from each other, as a logarithm; lost messages are infinity."""
-    if _finite(measured, simulated):
+    if all(math.isfinite(value) and value > 0 for value in (measured, simulated)):
         return abs(math.log(measured / simulated))
     return 0.0 if measured == simulated else math.inf
-
-
-def _finite(*values: float) -> bool:
-    return all(math.isfinite(value) and value > 0 for value in values)
 
 
 def _ms(seconds: float) -> str:

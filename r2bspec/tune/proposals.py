@@ -168,15 +168,10 @@ class Proposals:
         return None
 
 
-def single_levers(
-    space: TuningSpace, rank: Mapping[Deployment, float] | None = None
-) -> list[Deployment]:
+def single_levers(space: TuningSpace) -> list[Deployment]:
     """Each setting of each lever by itself, the others being today's.
 
-    Args:
-        space: of all deployments.
-        rank: of deployments that a model predicts, the least first; others keep their order, in
-            which the first setting of every lever comes before the second of any.
+    The first setting of every lever comes before the second of any.
     """
     singles = [
         space.deployment({lever.name: place})
@@ -185,9 +180,7 @@ def single_levers(
         if place < len(lever.settings)
     ]
     # A lever that has no effect with today's settings of the others is today's deployment.
-    found = [deployment for deployment in dict.fromkeys(singles) if deployment.choices]
-    known = rank or {}
-    return sorted(found, key=lambda deployment: known.get(deployment, 0.0))
+    return [deployment for deployment in dict.fromkeys(singles) if deployment.choices]
 
 
 def expected_best(

@@ -25,7 +25,14 @@ from r2bspec.safe_io.private_files import private_files
 from r2bspec.tune.launch_file import LAUNCH_FILE, NODES_FILE, launch_files
 from r2bspec.tune.machine import TuningError, goal_of
 from r2bspec.tune.predict import Predictor
-from r2bspec.tune.search import Forecast, Predict, Search, SearchListener, SearchSettings
+from r2bspec.tune.search import (
+    Forecast,
+    Predict,
+    Search,
+    SearchListener,
+    SearchSettings,
+    know_nothing,
+)
 from r2bspec.tune.trials import Player, RealMachine
 from r2bspec.tune.tuning_page import to_html
 from r2bspec.tune.tuning_result import Trial, TuningResult, read_tuning, write_tuning
@@ -70,28 +77,28 @@ class _Follower(SearchListener):
         """Pass the line on."""
         self._tell(text)
 
-    def predictor(self, today: Trial) -> Predict | None:
+    def predictor(self, today: Trial) -> Predict:
         """A model of the graph from the anatomy of today's run, if there is one."""
         if not today.run:
-            return None
+            return know_nothing
         unknown: set[str] = set()
         try:
             predictor = Predictor(open_run(self._machine.folder / today.run))
         except R2bspecError as error:
             self._tell(f"no predictions: {error}")
-            return None
+            return know_nothing
 
         @cache
-        def predict(deployment: Deployment) -> Forecast | None:
+        def predict(deployment: Deployment) -> Forecast:
             try:
                 found = predictor.predict(self._machine.compile(deployment).plan)
             except R2bspecError:
-                return None
+                return Forecast()
             if found.reason:
                 if found.reason not in unknown:
                     unknown.add(found.reason)
                     self._tell(f"no prediction for {deployment.text}: {found.reason}")
-                return None
+                return Forecast()
             unsure = sum(each.answer == "not known" for each in found.requirements)
             return Forecast(rank=unsure, ruled_out=found.rules_out)
 

@@ -101,8 +101,13 @@ class Forecast(msgspec.Struct, frozen=True, kw_only=True):
     ruled_out: str = ""
 
 
-Predict = Callable[[Deployment], Forecast | None]
-"""Says what is known of a deployment before it is tried; None where nothing is."""
+Predict = Callable[[Deployment], Forecast]
+"""Says what is known of a deployment before it is tried."""
+
+
+def know_nothing(_: Deployment) -> Forecast:
+    """The prediction without a model: the deployment may be as good as any other."""
+    return Forecast()
 
 
 class SearchListener:
@@ -114,10 +119,10 @@ class SearchListener:
     def line(self, text: str) -> None:
         """A line for the user."""
 
-    def predictor(self, today: Trial) -> Predict | None:
-        """What predicts other deployments, from the run of today's; None if nothing does."""
+    def predictor(self, today: Trial) -> Predict:
+        """What predicts other deployments, from the run of today's."""
         del today
-        return None
+        return know_nothing
 
 
 class Search:
@@ -228,17 +233,14 @@ class Search:
         return self._trials[0]
 
     def _try_others(self, today: Trial) -> None:
-        predict = self._listener.predictor(today) or _know_nothing
+        predict = self._listener.predictor(today)
         singles = single_levers(self._space)
-        forecasts: dict[Deployment, Forecast] = {}
+        ranks: dict[Deployment, float] = {}
         for each in singles:
             if not self._has_time():
                 break
-            if (found := predict(each)) is not None:
-                forecasts[each] = found
-        singles = single_levers(
-            self._space, {each: known.rank for each, known in forecasts.items()}
-        )
+            ranks[each] = predict(each).rank
+        singles.sort(key=lambda each: ranks.get(each, 0.0))
         first = singles[: math.ceil(_SINGLES_SHARE * self._settings.trials)]
         proposals = Proposals(self._space, self._settings.seed, first)
         for trial in self._trials:
@@ -258,10 +260,9 @@ class Search:
         """The next deployments to try, at most so many; those that a model rules out are noted."""
         found = ruled_out = 0
         while found < most and self._has_time() and (deployment := proposals.next()) is not None:
-            known = predict(deployment) if ruled_out < _RULED_OUT else None
-            if known is not None and known.ruled_out:
+            if ruled_out < _RULED_OUT and (why := predict(deployment).ruled_out):
                 ruled_out += 1
-                self._predicted.append(f"{deployment.text}: {known.ruled_out}")
+                self._predicted.append(f"{deployment.text}: {why}")
                 proposals.skip(deployment)
                 continue
             found, ruled_out = found + 1, 0
@@ -621,10 +622,6 @@ def _todays_text(own: Pairs) -> str:
     if missed := failed_text(own):
         return f"today's own runs show that it misses {missed}"
     return f"today's own runs do not show that it does: {own.reason or open_text(own)}"
-
-
-def _know_nothing(deployment: Deployment) -> None:
-    del deployment
 
 
 def _state(seen: Measurement) -> TrialState:

@@ -149,18 +149,11 @@ class RealMachine:
         found: dict[Start, Measurement] = {}
         runs: dict[Start, PlannedRun] = {}
         for start in starts:
+            anatomy = not start.deployment.choices and not start.round
             try:
-                benchmark = self.prepare(start.deployment)
+                runs[start] = self._single_run(start, anatomy=anatomy)
             except R2bspecError as error:
                 found[start] = Measurement(state="refused", reason=_reason(error))
-                continue
-            plan = single_run_plan(_without_overhead(benchmark.plan))
-            runs[start] = PlannedRun(
-                replace(benchmark, plan=plan),
-                self.folder / start.name,
-                start.round,
-                anatomy=not start.deployment.choices and not start.round,
-            )
         found |= self._broken_by_smoke(runs)
         found |= self._played({start: run for start, run in runs.items() if start not in found})
         again = {start: runs[start] for start, seen in found.items() if seen.state == "invalid"}
@@ -172,6 +165,12 @@ class RealMachine:
                     hint="'r2bspec run' says more; on a fleet with the same --on and --hosts.",
                 )
         return [found[start] for start in starts]
+
+    def _single_run(self, start: Start, *, anatomy: bool) -> PlannedRun:
+        benchmark = self.prepare(start.deployment)
+        plan = single_run_plan(_without_overhead(benchmark.plan))
+        folder = self.folder / start.name
+        return PlannedRun(replace(benchmark, plan=plan), folder, start.round, anatomy=anatomy)
 
     def _broken_by_smoke(self, runs: Mapping[Start, PlannedRun]) -> dict[Start, Measurement]:
         """The deployments that a smoke run shows not to work; it is made where a start is long."""
@@ -202,12 +201,8 @@ class RealMachine:
 
     def slowest_part(self, deployment: Deployment, name: str) -> str:
         """See `Machine`; what cannot be observed is unknown."""
-        benchmark = self.prepare(deployment)
-        plan = single_run_plan(_without_overhead(benchmark.plan))
-        folder = unused_folder(self.folder / name)
-        (result,) = self.player.play(
-            [PlannedRun(replace(benchmark, plan=plan), folder, anatomy=True)]
-        )
+        run = self._single_run(Start(deployment, name), anatomy=True)
+        (result,) = self.player.play([run._replace(folder=unused_folder(run.folder))])
         if isinstance(result, R2bspecError):
             return ""
         paths = [path for anatomy in anatomies_of(result) for path in anatomy.paths if path.parts]
@@ -285,18 +280,16 @@ class RealMachine:
 
     def _twice_if_lost(self, play: Callable[[Path], Result], name: str) -> Result | R2bspecError:
         """A result, or the error that ended it; what ends with a lost host is tried once more."""
-        result = self._ended(play, name)
-        if not isinstance(result, R2bspecError) or self.player.state_of(result) != "invalid":
-            return result
-        return self._ended(play, name)
-
-    def _ended(self, play: Callable[[Path], Result], name: str) -> Result | R2bspecError:
-        try:
-            return play(unused_folder(self.folder / name))
-        except ENDING:
-            raise
-        except R2bspecError as error:
-            return error
+        for _ in range(2):
+            try:
+                return play(unused_folder(self.folder / name))
+            except ENDING:
+                raise
+            except R2bspecError as error:
+                ended = error
+            if self.player.state_of(ended) != "invalid":
+                break
+        return ended
 
     def _nothing_judged(self, gain: Gain, error: R2bspecError) -> Pairs:
         return Pairs(
@@ -312,12 +305,6 @@ class RealMachine:
             lever=terms.lever,
             metric=self.goal.text,
             unit=self.goal.unit,
-            before=None,
-            after=None,
-            ratio=None,
-            lower=None,
-            upper=None,
-            pairs=0,
             confidence=plan.gate.confidence,
         )
 

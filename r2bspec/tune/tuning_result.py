@@ -109,12 +109,12 @@ class Gain(msgspec.Struct, frozen=True, kw_only=True):
     lever: str
     metric: str
     unit: str
-    before: float | None
-    after: float | None
-    ratio: float | None
-    lower: float | None
-    upper: float | None
-    pairs: int
+    before: float | None = None
+    after: float | None = None
+    ratio: float | None = None
+    lower: float | None = None
+    upper: float | None = None
+    pairs: int = 0
     confidence: float = CONFIDENCE
 
     @property

@@ -32,9 +32,15 @@ def played(cost: float, excess: float = -0.5) -> Measurement:
 
 @dataclass
 class GivenMachine:
-    """A machine whose starts take ten seconds, and measure what `answer` says."""
+    """A machine whose starts take ten seconds, and measure what `answer` says.
+
+    What pairs and own runs show follows from that, unless `pairs_show` (given the base, the head
+    and what follows) and `own_runs_show` say otherwise.
+    """
 
     answer: Callable[[Deployment], Measurement]
+    pairs_show: Callable[[Deployment, Deployment, Pairs], Pairs] = lambda _base, _head, seen: seen
+    own_runs_show: Callable[[Pairs], Pairs] = lambda seen: seen
     width: int = 1
     seconds: float = 0.0
     starts: list[str] = field(default_factory=list)
@@ -60,7 +66,7 @@ class GivenMachine:
         self.terms.append(terms)
         (seen,) = self.measure([Start(deployment, name)])
         gain = self._gain(deployment, terms, 0, None, seen.cost)
-        return Pairs(gain=gain, margins=seen.margins, reason=seen.reason)
+        return self.own_runs_show(Pairs(gain=gain, margins=seen.margins, reason=seen.reason))
 
     def compare(
         self, base: Deployment, head: Deployment, pairs: int, name: str, terms: Terms
@@ -71,7 +77,7 @@ class GivenMachine:
         self.seconds += pairs * 20.0 - 20.0 / self.width
         ratio = after.cost / before.cost if after.cost and before.cost else None
         works = before.state == after.state == "played"
-        return Pairs(
+        seen = Pairs(
             gain=self._gain(head, terms, pairs, before.cost, after.cost),
             costs_more=ratio is not None and 0.98 * ratio > 1,
             margins=after.margins,
@@ -79,6 +85,7 @@ class GivenMachine:
             no_ratio="" if ratio is not None else "the metric has no value",
             base_fails=before.state == "broken",
         )
+        return self.pairs_show(base, head, seen)
 
     def _gain(
         self,

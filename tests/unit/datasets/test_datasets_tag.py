@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from data_bags import decoded, pixels, stamp_ns, truth_of
 from r2bspec.bags.recording import SyntheticDataset
@@ -26,17 +27,6 @@ TAG_SIZE_M = 0.162
 
 def grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return image if image.ndim == 2 else image[:, :, 1].copy()
-
-
-def rotation(xyzw: tuple[float, float, float, float]) -> NDArray[np.float64]:
-    x, y, z, w = xyzw
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 def sightings(made: SyntheticDataset, topic: str) -> tuple[TagSighting, ...]:
@@ -73,7 +63,7 @@ def test_sightings_are_consistent(storage_room: SyntheticDataset, topic: str) ->
     for each in seen:
         assert each.visible
         corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * TAG_SIZE_M / 2
-        points = corners @ rotation(each.orientation_xyzw).T + each.position_m
+        points = corners @ Rotation.from_quat(each.orientation_xyzw).as_matrix().T + each.position_m
         projected = shown(camera, points[:, :2] / points[:, 2:])
         assert np.abs(projected - each.corners_px).max() < 1e-6
 

@@ -6,7 +6,6 @@ import hashlib
 import os
 import signal
 from collections.abc import Callable
-from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +13,7 @@ import pytest
 
 pytest.importorskip("distributed")
 
-from direct_hosts import FACTS, Service, run_of
-from r2bspec.errors import R2bspecError
+from direct_hosts import FACTS, DirectClient, Service, run_of, service_in
 from r2bspec.fleet.bundle import Job
 from r2bspec.fleet.errors import (
     HostFullError,
@@ -27,42 +25,13 @@ from r2bspec.fleet.errors import (
 from r2bspec.fleet.fleet_runs import EndedRun, FleetLimits, FleetRuns
 from r2bspec.fleet.host_service import HostService
 from r2bspec.fleet.host_store import HostStore, remove
-from r2bspec.fleet.hosts import Host
 from r2bspec.fleet.journal import Journal, read_journal
-from r2bspec.fleet.messages import Call, HostState, Problem, RunEnded, read_answer, request_of
-
-
-class DirectClient:
-    """Asks the only host of a fleet by a call; `before` is told of each one first."""
-
-    connections = 1
-
-    def __init__(self, service: HostService, before: Callable[..., None]) -> None:
-        self.hosts = {"here": Host(address="here", facts=FACTS, state=HostState())}
-        self._service = service
-        self._before = before
-
-    def refresh(self) -> bool:
-        return True
-
-    def submit(self, host: Host, call: Call) -> Future[Any]:
-        assert host.name == "here"
-        answer: Future[Any] = Future()
-        request = request_of(call)
-        try:
-            self._before(call.method, *call.args)
-            content = self._service.answer(request)
-            answer.set_result(read_answer(host.name, call.method, request, content))
-        except R2bspecError as error:
-            answer.set_exception(error)
-        return answer
+from r2bspec.fleet.messages import Problem, RunEnded, read_request
 
 
 @pytest.fixture
 def service(tmp_path: Path) -> Service:
-    store = HostStore(tmp_path / "host")
-    store.open()
-    return Service(FACTS, store)
+    return service_in(tmp_path / "host")
 
 
 def play(
@@ -72,10 +41,17 @@ def play(
     limits: FleetLimits = FleetLimits(),  # noqa: B008 - immutable
     **node: Any,
 ) -> EndedRun:
+    """Have the only host of a fleet make a run; `before` is told of each call first."""
+
+    def answer(request: bytes) -> bytes:
+        method, args = read_request(request)
+        before(method, *args)
+        return service.answer(request)
+
     root = folder / "out"
     root.mkdir()
     journal = Journal(root)
-    client: Any = DirectClient(service, before)
+    client: Any = DirectClient({"here": answer})
     runs = FleetRuns(client, root, journal, limits, lambda _: None, lambda _, __: None)
     (ended,) = runs.play([run_of(folder, **node)])
     journal.close()
@@ -235,10 +211,15 @@ def test_children_of_a_worker_have_no_user_site(service: Service, tmp_path: Path
     assert {"-s", "-P"} <= set(seen["words"])
 
 
-def test_a_run_whose_hosts_are_lost_again_and_again_ends(service: Service, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "lost", [HostLostError("the host here left the fleet"), OSError("the connection is closed")]
+)
+def test_a_run_whose_hosts_are_lost_again_and_again_ends(
+    lost: Exception, service: Service, tmp_path: Path
+) -> None:
     def before(what: str, *_: Any) -> None:
         if what == "play":
-            raise HostLostError("the host here left the fleet")
+            raise lost
 
     ended = play(tmp_path, service, before, FleetLimits(losses=1))
     assert isinstance(ended.error, HostLostError)

@@ -13,7 +13,7 @@ import pytest
 
 pytest.importorskip("distributed")
 
-from direct_hosts import FACTS, Service, run_of
+from direct_hosts import Service, run_of, service_in
 from r2bspec.fleet.bundle import (
     Bundle,
     Job,
@@ -23,7 +23,6 @@ from r2bspec.fleet.bundle import (
     bundle_digest,
     make_bundle,
 )
-from r2bspec.fleet.host_store import HostStore
 from r2bspec.fleet.messages import Answer, Call, Problem, request_of
 from r2bspec.safe_io.limits import MAX_BUNDLE_BYTES
 
@@ -34,13 +33,11 @@ SHA256 = hashlib.sha256(b"x").hexdigest()
 @pytest.fixture
 def service(tmp_path: Path) -> Iterator[Service]:
     """A host; whatever a client does, nothing is written beside its folder."""
-    store = HostStore(tmp_path / "host")
-    store.open()
     (tmp_path / "outside").mkdir()
-    made = Service(FACTS, store)
+    made = service_in(tmp_path / "host")
     yield made
     assert list((tmp_path / "outside").iterdir()) == []
-    assert {path.name for path in store.root.iterdir()} == {"objects", "work", "spool"}
+    assert {path.name for path in made.store.root.iterdir()} == {"objects", "work", "spool"}
 
 
 def refusal(service: Service, request: bytes) -> Problem:

@@ -8,7 +8,6 @@ import hashlib
 import sys
 import tarfile
 from collections.abc import Callable
-from concurrent.futures import Future
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -18,15 +17,13 @@ import pytest
 
 pytest.importorskip("distributed")
 
-from direct_hosts import Service, run_of, write_run
-from r2bspec._version import __version__
-from r2bspec.errors import R2bspecError
+from direct_hosts import Answering, DirectClient, Service, run_of, service_in, write_run
 from r2bspec.fleet import fleet_runs, host_store
 from r2bspec.fleet.bundle import Job, digest_of
 from r2bspec.fleet.client import _host
 from r2bspec.fleet.errors import FalseAnswerError, HostLostError, TransferError
 from r2bspec.fleet.fleet_runs import EndedRun, FleetLimits, FleetRun, FleetRuns
-from r2bspec.fleet.host_store import HostStore, pack_run, unpack_run
+from r2bspec.fleet.host_store import pack_run, unpack_run
 from r2bspec.fleet.hosts import Host, HostFacts
 from r2bspec.fleet.journal import Journal, read_journal
 from r2bspec.fleet.messages import (
@@ -41,9 +38,6 @@ from r2bspec.fleet.messages import (
 )
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.safe_io.limits import MAX_RUN_FOLDER_LEVELS
-
-Answering = Callable[[bytes], Any]
-"""What a host makes of a request."""
 
 Packing = Callable[[Path], object]
 """Writes the archive of a run."""
@@ -66,42 +60,9 @@ class Liar(Service):
         )
 
 
-class SeveralHosts:
-    """A fleet whose hosts answer as they please; one that answers None says nothing."""
-
-    connections = 1
-
-    def __init__(self, answering: dict[str, Answering]) -> None:
-        self._answering = answering
-        self.hosts = {
-            name: Host(name, HostFacts(name=name, r2bspec=__version__), HostState())
-            for name in answering
-        }
-
-    def refresh(self) -> bool:
-        return True
-
-    def submit(self, host: Host, call: Call) -> Future[Any]:
-        answer: Future[Any] = Future()
-        request = request_of(call)
-        try:
-            if (content := self._answering[host.name](request)) is None:
-                return answer
-            answer.set_result(read_answer(host.name, call.method, request, content))
-        except R2bspecError as error:
-            answer.set_exception(error)
-        return answer
-
-
-def service(folder: Path, name: str, kind: type[Service] = Service) -> Service:
-    store = HostStore(folder / f"host-{name}")
-    store.open()
-    return kind(HostFacts(name=name, r2bspec=__version__), store)
-
-
 def packing(folder: Path, packed: Packing) -> Answering:
     """A host whose archives are made by `packed`."""
-    liar = service(folder, "liar", Liar)
+    liar = service_in(folder / "host-liar", "liar", Liar)
     assert isinstance(liar, Liar)
     liar.packed = packed
     return liar.answer
@@ -109,7 +70,7 @@ def packing(folder: Path, packed: Packing) -> Answering:
 
 def lying(folder: Path, method: str, value: Any) -> Answering:
     """A host that is honest, but for its answers to one method."""
-    honest = service(folder, "liar")
+    honest = service_in(folder / "host-liar", "liar")
 
     def answer(request: bytes) -> bytes:
         is_lie = read_request(request)[0] == method
@@ -133,7 +94,7 @@ class Suite:
     def play(self, answering: dict[str, Answering], *more: FleetRun) -> list[EndedRun]:
         """Play on these hosts; the first has its turn first."""
         journal = Journal(self.root)
-        client: Any = SeveralHosts(answering)
+        client: Any = DirectClient(answering)
         runs = FleetRuns(
             client, self.root, journal, self.limits, self.notes.append, lambda *_: None
         )
@@ -150,7 +111,7 @@ class Suite:
 def is_found_out(folder: Path, liar: Answering, match: str) -> None:
     """See that a lie is refused with the name of the host, and another host makes the run."""
     suite = Suite(folder)
-    (ended,) = suite.play({"liar": liar, "true": service(folder, "true").answer})
+    (ended,) = suite.play({"liar": liar, "true": service_in(folder / "host-true", "true").answer})
     assert (ended.host, ended.error) == ("true", None)
     assert (ended.run.folder / "record.json").is_file()
     (note,) = suite.notes
@@ -172,7 +133,7 @@ def is_found_out(folder: Path, liar: Answering, match: str) -> None:
 
 
 def test_an_answer_to_another_request_is_refused(tmp_path: Path) -> None:
-    honest = service(tmp_path, "liar")
+    honest = service_in(tmp_path / "host-liar", "liar")
     answers: list[bytes] = []
 
     def replayed(request: bytes) -> bytes:
@@ -226,7 +187,7 @@ def test_pieces_of_another_length_are_refused(piece: bytes, tmp_path: Path) -> N
 
 
 def test_a_digest_that_is_not_that_of_the_archive_is_refused(tmp_path: Path) -> None:
-    honest = service(tmp_path, "liar")
+    honest = service_in(tmp_path / "host-liar", "liar")
 
     def altered(request: bytes) -> bytes:
         method, args = read_request(request)
@@ -377,13 +338,13 @@ def test_a_host_that_never_answers_is_given_up(
     silent: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(fleet_runs, "_longest_s", lambda *_: 0.0)
-    honest = service(tmp_path, "mute")
+    honest = service_in(tmp_path / "host-mute", "mute")
 
     def mute(request: bytes) -> bytes | None:
         return None if read_request(request)[0] == silent else honest.answer(request)
 
     suite = Suite(tmp_path, FleetLimits(lost_s=0.05))
-    (ended,) = suite.play({"mute": mute, "true": service(tmp_path, "true").answer})
+    (ended,) = suite.play({"mute": mute, "true": service_in(tmp_path / "host-true", "true").answer})
     assert (ended.host, ended.error) == ("true", None)
     assert "the host mute has not answered for" in suite.notes[0]
     assert ("mute", "lost") in suite.states()

@@ -88,9 +88,7 @@ def test_a_worker_with_tls_may_listen_anywhere(tmp_path: Path) -> None:
 
 def test_a_cluster_file_names_scheduler_and_certificates(tmp_path: Path) -> None:
     pytest.importorskip("cryptography")
-    from r2bspec.fleet.security import make_certificates
-
-    made = make_certificates(tmp_path / "certificates", ("10.0.0.5", "desk"))
+    made = security.make_certificates(tmp_path / "certificates", ("10.0.0.5", "desk"))
     assert {stat.S_IMODE(each.stat().st_mode) for each in made} == {0o600}
     file = tmp_path / "cluster.yaml"
     file.write_text(
@@ -105,27 +103,23 @@ def test_a_cluster_file_names_scheduler_and_certificates(tmp_path: Path) -> None
     with pytest.raises(InsecureFleetError, match="unknown key 'authority'"):
         fleet_address(str(file))
     with pytest.raises(InsecureFleetError, match="not empty"):
-        make_certificates(tmp_path / "certificates")
+        security.make_certificates(tmp_path / "certificates")
 
 
 @pytest.mark.parametrize("name", ["", "büro", "a b", "x" * 64, "\x1b]0;x", "-.-..", "*"])
 def test_a_certificate_is_for_names_of_hosts(name: str, tmp_path: Path) -> None:
-    from r2bspec.fleet.security import make_certificates
-
     with pytest.raises(UsageError, match="neither the name of a host nor an address") as refused:
-        make_certificates(tmp_path / "certificates", (name,))
+        security.make_certificates(tmp_path / "certificates", (name,))
     assert refused.value.hint
     assert not (tmp_path / "certificates").exists()
 
 
 def test_certificates_are_not_written_where_no_folder_can_be(tmp_path: Path) -> None:
     pytest.importorskip("cryptography")
-    from r2bspec.fleet.security import make_certificates
-
     (tmp_path / "file").touch()
     for folder in (tmp_path / "file", tmp_path / "file" / "below", Path("/proc/x")):
         with pytest.raises(UsageError, match="cannot have certificates") as refused:
-            make_certificates(folder)
+            security.make_certificates(folder)
         assert refused.value.hint
 
 
@@ -133,9 +127,7 @@ def test_certificates_are_not_written_where_no_folder_can_be(tmp_path: Path) -> 
 def certificates(tmp_path: Path) -> Path:
     pytest.importorskip("cryptography")
     pytest.importorskip("distributed")
-    from r2bspec.fleet.security import make_certificates
-
-    make_certificates(tmp_path / "certificates")
+    security.make_certificates(tmp_path / "certificates")
     return tmp_path / "certificates"
 
 
@@ -165,11 +157,17 @@ def test_a_key_of_another_certificate_is_refused(certificates: Path) -> None:
         client_address(certificates, "worker-key.pem").security()
 
 
-def expired(folder: Path) -> Path:
-    """Certificates whose time was over a year ago."""
+@contextlib.contextmanager
+def long_ago() -> Iterator[None]:
+    """Certificates that are made now were valid until over a year ago."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(security, "_DAY", datetime.timedelta(days=1000))
         patch.setattr(security, "_YEARS", -0.001)
+        yield
+
+
+def expired(folder: Path) -> Path:
+    with long_ago():
         security.make_certificates(folder)
     return folder
 
@@ -248,14 +246,12 @@ def test_why_two_ends_have_no_connection_is_said_at_once(
 ) -> None:
     foreign, aged = tmp_path / "foreign", tmp_path / "aged"
     security.make_certificates(foreign)
-    with pytest.MonkeyPatch.context() as patch:
+    with long_ago():
         from cryptography.hazmat.primitives import serialization
         from cryptography.hazmat.primitives.asymmetric import ec
 
         # One certificate of the good authority whose time is over.
         key = serialization.load_pem_private_key((certificates / "ca-key.pem").read_bytes(), None)
-        patch.setattr(security, "_DAY", datetime.timedelta(days=1000))
-        patch.setattr(security, "_YEARS", -0.001)
         shutil.copytree(certificates, aged)
         for part in ("scheduler.pem", "scheduler-key.pem"):
             (aged / part).unlink()

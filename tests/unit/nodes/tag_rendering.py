@@ -7,6 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 Matrix = NDArray[np.float64]
 
@@ -24,8 +25,7 @@ def cells_of_code(code: int, edge: int) -> NDArray[Any]:
 
 def rotation_xyz(x: float, y: float, z: float) -> Matrix:
     """Rotation matrix of a rotation vector in radians."""
-    matrix: Matrix = np.asarray(cv2.Rodrigues(np.array([x, y, z], float))[0], dtype=np.float64)
-    return matrix
+    return np.asarray(Rotation.from_rotvec((x, y, z)).as_matrix(), np.float64)
 
 
 def photograph(
@@ -61,13 +61,10 @@ def photograph(
 
 def rotation_of(xyzw: tuple[float, ...]) -> Matrix:
     """Rotation matrix of a unit quaternion."""
-    x, y, z, w = xyzw
-    vector = np.array([x, y, z])
-    length = float(np.linalg.norm(vector))
-    return rotation_xyz(*(vector * (2.0 * np.arctan2(length, w) / max(length, 1e-12))))
+    return np.asarray(Rotation.from_quat(xyzw).as_matrix(), np.float64)
 
 
 def angle_deg(xyzw: tuple[float, ...], rotation: Matrix) -> float:
     """Angle between a unit quaternion and a rotation matrix."""
-    difference = rotation_of(xyzw).T @ rotation
-    return float(np.degrees(np.linalg.norm(cv2.Rodrigues(difference)[0])))
+    difference = Rotation.from_quat(xyzw).inv() * Rotation.from_matrix(rotation)
+    return float(np.degrees(difference.magnitude()))

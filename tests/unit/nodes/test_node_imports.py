@@ -10,14 +10,13 @@ import pytest
 import r2bspec.nodes
 
 
-def _python(code: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-
-
 def test_a_missing_opencv_is_named_with_its_remedy() -> None:
     code = "import sys; sys.modules['cv2'] = None; import r2bspec.nodes.tag_poses"
-    assert "ImportError: this node needs OpenCV" in _python(code).stderr
-    assert "pip install 'r2bspec[vision]'" in _python(code).stderr
+    refused = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    ).stderr
+    assert "ImportError: this node needs OpenCV" in refused
+    assert "pip install 'r2bspec[vision]'" in refused
 
 
 def test_an_unknown_node_is_an_attribute_error() -> None:

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from given_machine import GivenMachine, NoGain, changed, margin, played
 from r2bspec.plan.tuning_space import Deployment, Lever, Setting, TuningSpace
-from r2bspec.tune.machine import Measurement, Pairs, Start, Terms
+from r2bspec.tune.machine import Measurement, Pairs, Start
 from r2bspec.tune.race import finalists_of
 from r2bspec.tune.search import Forecast, Predict, Search, SearchListener, SearchSettings
 from r2bspec.tune.tuning_result import Trial, TuningResult
@@ -37,6 +37,19 @@ BLANK = TuningResult(
     space=SPACE,
     trials=(),
 )
+
+
+class Stored(SearchListener):
+    """What a search has stored; it is interrupted when it has stored so many trials."""
+
+    def __init__(self, trials: int | None = None) -> None:
+        self._trials = trials
+        self.results: list[TuningResult] = []
+
+    def found(self, result: TuningResult) -> None:
+        self.results.append(result)
+        if len(result.trials) == self._trials:
+            raise KeyboardInterrupt
 
 
 def search(
@@ -86,23 +99,19 @@ def test_a_lever_without_which_a_limit_breaks_is_kept(
 ) -> None:
     """Also where pairs only measure that it does, and do not show it: it costs more with it."""
 
-    class Pair(GivenMachine):
-        def compare(
-            self, base: Deployment, head: Deployment, pairs: int, name: str, terms: Terms
-        ) -> Pairs:
-            seen = super().compare(base, head, pairs, name, terms)
-            broken = tuple(
-                replace(each, outcome=pairs_say) if each.outcome == "fail" else each
-                for each in seen.margins
-            )
-            return replace(seen, margins=broken)
+    def pairs_show(_base: Deployment, _head: Deployment, seen: Pairs) -> Pairs:
+        broken = tuple(
+            replace(each, outcome=pairs_say) if each.outcome == "fail" else each
+            for each in seen.margins
+        )
+        return replace(seen, margins=broken)
 
     def answer(deployment: Deployment) -> Measurement:
         levers = changed(deployment)
         cost = 1.0 - 0.2 * ("placement" in levers) + 0.3 * ("qos" in levers)
         return played(cost, -0.5 if "qos" in levers else 0.5)
 
-    found = Search(BLANK, Pair(answer), SETTINGS).run()
+    found = Search(BLANK, GivenMachine(answer, pairs_show), SETTINGS).run()
     assert found.outcome == "meets"
     assert found.winner is not None
     assert changed(found.winner) == {"placement", "qos"}
@@ -168,26 +177,34 @@ def test_a_gain_that_pairs_do_not_show_is_not_claimed() -> None:
     assert found.outcome == "not shown"
 
 
-class Borderline(GivenMachine):
-    """A machine on which the threads keep the limit in single starts, and not in pairs."""
-
-    def compare(
-        self, base: Deployment, head: Deployment, pairs: int, name: str, terms: Terms
-    ) -> Pairs:
-        seen = super().compare(base, head, pairs, name, terms)
-        missed = replace(margin(0.01), outcome="inconclusive")
-        return replace(seen, margins=(missed,)) if "threads" in changed(head) else seen
+def undecided(excess: float = 0.0) -> Measurement:
+    """A start of today's that does not say whether it keeps the limit."""
+    near = replace(margin(excess), outcome="inconclusive")
+    return replace(played(1.0), margins=(near,))
 
 
-def borderline(deployment: Deployment) -> Measurement:
-    """Today's misses the limit; two levers help alone, of which threads are the cheaper one."""
-    levers = changed(deployment)
-    cost = 2.0 if "placement" in levers else 1.5 if "threads" in levers else 1.0
-    return played(cost + 0.1 * ("qos" in levers), -0.5 if levers & {"placement", "threads"} else 1)
+def borderline_machine() -> GivenMachine:
+    """A machine on which the threads keep the limit in single starts, and not in pairs.
+
+    Today's misses the limit; two levers help alone, of which threads are the cheaper one.
+    """
+
+    def answer(deployment: Deployment) -> Measurement:
+        levers = changed(deployment)
+        cost = 2.0 if "placement" in levers else 1.5 if "threads" in levers else 1.0
+        helps = levers & {"placement", "threads"}
+        return played(cost + 0.1 * ("qos" in levers), -0.5 if helps else 1)
+
+    def pairs_show(_base: Deployment, head: Deployment, seen: Pairs) -> Pairs:
+        return (
+            replace(seen, margins=undecided(0.01).margins) if "threads" in changed(head) else seen
+        )
+
+    return GivenMachine(answer, pairs_show)
 
 
 def test_the_next_best_deployment_is_compared_where_pairs_refute_the_best() -> None:
-    machine = Borderline(borderline)
+    machine = borderline_machine()
     found = Search(BLANK, machine, SETTINGS).run()
     assert found.outcome == "meets"
     assert found.winner is not None
@@ -197,7 +214,7 @@ def test_the_next_best_deployment_is_compared_where_pairs_refute_the_best() -> N
 
 
 def test_no_other_deployment_is_compared_without_the_time_for_it() -> None:
-    machine = Borderline(borderline)
+    machine = borderline_machine()
     settings = SearchSettings(trials=8, budget_s=250.0, pairs=5)
     found = Search(BLANK, machine, settings).run()
     assert machine.seconds <= settings.budget_s
@@ -208,9 +225,7 @@ def test_no_other_deployment_is_compared_without_the_time_for_it() -> None:
 
 def test_a_start_that_does_not_decide_is_not_said_to_miss() -> None:
     def answer(deployment: Deployment) -> Measurement:
-        near = replace(margin(-0.01), outcome="inconclusive")
-        seen = played(1.0)
-        return seen if changed(deployment) else replace(seen, margins=(near,))
+        return played(1.0) if changed(deployment) else undecided(-0.01)
 
     found, _ = search(lambda one: replace(answer(one), cost=0.5 if changed(one) else 1.0))
     assert found.outcome == "improved"
@@ -222,19 +237,24 @@ def test_a_start_that_does_not_decide_is_not_said_to_miss() -> None:
     assert not found.proof.is_shown
 
 
+def todays_judged(
+    answer: Callable[[Deployment], Measurement], outcome: Literal["pass", "inconclusive", "fail"]
+) -> GivenMachine:
+    """A machine on which the own runs of today's, and of no other, are judged so."""
+
+    def own_runs_show(seen: Pairs) -> Pairs:
+        assert seen.gain.change == Deployment().text
+        return replace(seen, margins=(replace(margin(0.0), outcome=outcome),))
+
+    return GivenMachine(answer, own_runs_show=own_runs_show)
+
+
 @pytest.mark.parametrize(("own_runs", "outcome"), [("pass", "met today"), ("fail", "meets")])
 def test_without_a_gain_the_own_runs_of_todays_decide_what_a_start_does_not(
     own_runs: Literal["pass", "fail"], outcome: str
 ) -> None:
-    class Judged(GivenMachine):
-        def judge(self, deployment: Deployment, name: str, terms: Terms) -> Pairs:
-            assert not deployment.choices
-            seen = super().judge(deployment, name, terms)
-            return replace(seen, margins=(replace(margin(0.0), outcome=own_runs),))
-
-    undecided = replace(played(1.0), margins=(replace(margin(0.0), outcome="inconclusive"),))
-    found = Search(BLANK, Judged(lambda one: played(0.99) if one.choices else undecided), SETTINGS)
-    result = found.run()
+    machine = todays_judged(lambda one: played(0.99) if one.choices else undecided(), own_runs)
+    result = Search(BLANK, machine, SETTINGS).run()
     assert (result.outcome, result.winner is None) == (outcome, own_runs == "pass")
     if own_runs == "pass":
         assert "do not show a gain" in result.notes[-1]
@@ -255,24 +275,14 @@ def test_without_levers_that_give_something_it_is_todays_that_meets(
 
 
 def test_todays_own_runs_decide_where_pairs_refute_what_costs_less() -> None:
-    near = (replace(margin(-0.01), outcome="inconclusive"),)
-
-    class Refuting(GivenMachine):
-        def compare(
-            self, base: Deployment, head: Deployment, pairs: int, name: str, terms: Terms
-        ) -> Pairs:
-            return replace(super().compare(base, head, pairs, name, terms), margins=near)
-
-        def judge(self, deployment: Deployment, name: str, terms: Terms) -> Pairs:
-            assert not deployment.choices
-            return replace(super().judge(deployment, name, terms), margins=(margin(-0.5),))
-
     def answer(deployment: Deployment) -> Measurement:
         if not deployment.choices:
-            return replace(played(1.0), margins=near)
+            return undecided(-0.01)
         return played(0.8, -0.5 if changed(deployment) == {"placement"} else 0.5)
 
-    result = Search(BLANK, Refuting(answer), SETTINGS).run()
+    machine = todays_judged(answer, "pass")
+    machine.pairs_show = lambda _base, _head, seen: replace(seen, margins=undecided(-0.01).margins)
+    result = Search(BLANK, machine, SETTINGS).run()
     assert (result.outcome, result.winner) == ("met today", None)
 
 
@@ -288,21 +298,14 @@ def test_time_is_kept_for_a_proof_only_once_there_is_something_to_prove() -> Non
 
 
 def test_a_search_that_is_interrupted_in_its_first_trial_can_be_resumed() -> None:
-    class Kept(SearchListener):
-        first: TuningResult | None = None
-
-        def found(self, result: TuningResult) -> None:
-            self.first = self.first or result
-
     def interrupted(_: Deployment) -> Measurement:
         raise KeyboardInterrupt
 
-    listener = Kept()
+    stored = Stored()
     with pytest.raises(KeyboardInterrupt):
-        search(interrupted, listener=listener)
-    assert listener.first is not None
-    assert listener.first.outcome == "incomplete"
-    found, _ = search(lambda _: played(1.0), earlier=listener.first)
+        search(interrupted, listener=stored)
+    assert stored.results[0].outcome == "incomplete"
+    found, _ = search(lambda _: played(1.0), earlier=stored.results[0])
     assert len(found.trials) == SPACE.size
 
 
@@ -331,27 +334,14 @@ def test_an_interrupted_search_goes_on_with_its_trials() -> None:
     def answer(deployment: Deployment) -> Measurement:
         return played(1.0 - 0.1 * len(changed(deployment)))
 
-    class Interrupted(SearchListener):
-        last: TuningResult
-
-        def found(self, result: TuningResult) -> None:
-            self.last = result
-            if len(result.trials) == 3:
-                raise KeyboardInterrupt
-
-    listener = Interrupted()
+    stored = Stored(trials=3)
     with pytest.raises(KeyboardInterrupt):
-        search(answer, listener=listener)
-    found, machine = search(answer, earlier=listener.last)
+        search(answer, listener=stored)
+    last = stored.results[-1]
+    found, machine = search(answer, earlier=last)
     assert len(found.trials) == SPACE.size
-    assert found.trials[:3] == listener.last.trials
-    assert [name for name in machine.starts if name.isdigit()] == [
-        "003",
-        "004",
-        "005",
-        "006",
-        "007",
-    ]
+    assert found.trials[:3] == last.trials
+    assert [int(name) for name in machine.starts if name.isdigit()] == [3, 4, 5, 6, 7]
 
 
 def test_what_a_model_rules_out_is_not_tried() -> None:
@@ -413,12 +403,9 @@ def test_where_todays_does_not_work_the_winner_is_judged_alone(excess: float) ->
             return Measurement(state="broken", reason="R2B631: a process died")
         return played(1.0)
 
-    class Judged(GivenMachine):
-        def judge(self, deployment: Deployment, name: str, terms: Terms) -> Pairs:
-            seen = super().judge(deployment, name, terms)
-            return replace(seen, margins=(margin(excess),))
-
-    machine = Judged(answer)
+    machine = GivenMachine(
+        answer, own_runs_show=lambda seen: replace(seen, margins=(margin(excess),))
+    )
     found = Search(BLANK, machine, SETTINGS).run()
     assert found.outcome == ("meets" if excess < 0 else "not shown")
     assert found.proof is None
@@ -428,16 +415,12 @@ def test_where_todays_does_not_work_the_winner_is_judged_alone(excess: float) ->
 
 
 def test_where_todays_fails_in_the_pairs_the_winner_is_judged_alone() -> None:
-    class Failing(GivenMachine):
-        def compare(
-            self, base: Deployment, head: Deployment, pairs: int, name: str, terms: Terms
-        ) -> Pairs:
-            seen = super().compare(base, head, pairs, name, terms)
-            if base.choices:
-                return seen
-            return replace(seen, base_fails=True, reason="R2B698: the base fails")
+    def pairs_show(base: Deployment, _head: Deployment, seen: Pairs) -> Pairs:
+        if base.choices:
+            return seen
+        return replace(seen, base_fails=True, reason="R2B698: the base fails")
 
-    found = Search(BLANK, Failing(only_placement_helps), SETTINGS).run()
+    found = Search(BLANK, GivenMachine(only_placement_helps, pairs_show), SETTINGS).run()
     assert found.outcome == "meets"
     assert "R2B698" in found.notes[-1]
 
@@ -454,15 +437,7 @@ def test_where_a_start_does_not_decide_of_todays_its_own_runs_do(
     own_runs: Literal["pass", "inconclusive", "fail"], outcome: str, says: str
 ) -> None:
     """None costs less than today's, and others keep its limits by far."""
-
-    class Judged(GivenMachine):
-        def judge(self, deployment: Deployment, name: str, terms: Terms) -> Pairs:
-            assert not deployment.choices
-            seen = super().judge(deployment, name, terms)
-            return replace(seen, margins=(replace(margin(0.0), outcome=own_runs),))
-
-    undecided = replace(played(1.0), margins=(replace(margin(0.0), outcome="inconclusive"),))
-    machine = Judged(lambda one: played(2.0) if one.choices else undecided)
+    machine = todays_judged(lambda one: played(2.0) if one.choices else undecided(), own_runs)
     found = Search(BLANK, machine, SETTINGS).run()
     assert (found.trials[0].state, found.outcome) == ("open", outcome)
     assert says in found.reason
@@ -470,7 +445,9 @@ def test_where_a_start_does_not_decide_of_todays_its_own_runs_do(
     if own_runs == "fail":
         assert found.winner is not None
         assert "today's own runs show that it misses latency.p99 < 50 ms" in found.reason
-        machine = Judged(lambda one: played(1.0, 0.5) if one.choices else undecided)
+        machine = todays_judged(
+            lambda one: played(1.0, 0.5) if one.choices else undecided(), own_runs
+        )
         none = Search(BLANK, machine, SETTINGS).run()
         assert (none.outcome, none.winner) == ("not met", None)
 
@@ -581,27 +558,22 @@ def test_a_comparison_has_the_time_that_is_left() -> None:
 
 def test_what_has_passed_before_an_interruption_counts_after_it() -> None:
     """Rounds and comparisons are stored when they end, as trials are."""
-    stored: list[TuningResult] = []
-
-    class Stored(SearchListener):
-        def found(self, result: TuningResult) -> None:
-            stored.append(result)
-
+    stored = Stored()
     machine = GivenMachine(only_placement_helps)
-    Search(BLANK, machine, SETTINGS, Stored()).run()
-    times = sorted({result.duration_s for result in stored})
+    Search(BLANK, machine, SETTINGS, stored).run()
+    times = sorted({result.duration_s for result in stored.results})
     # No more than a round of four starts, or a comparison, lies between.
     assert max(b - a for a, b in pairwise(times)) <= 100.0
     assert times[-1] == machine.seconds
 
 
 def test_each_further_proof_has_half_the_chance_of_an_error() -> None:
-    machine = Borderline(borderline)
+    machine = borderline_machine()
     found = Search(BLANK, machine, SETTINGS).run()
     assert found.proofs == 2
     assert [terms.error_share for terms in machine.terms if not terms.lever] == [1.0, 0.5]
     settings = SearchSettings(trials=8, budget_s=20_000.0, pairs=6)
-    again = Borderline(borderline)
+    again = borderline_machine()
     other = Search(BLANK, again, settings, earlier=found).run()
     assert [terms.error_share for terms in again.terms if not terms.lever] == [0.25, 0.125]
     assert other.proofs == 4
@@ -610,17 +582,12 @@ def test_each_further_proof_has_half_the_chance_of_an_error() -> None:
 def test_a_claim_stands_until_there_is_another_proof() -> None:
     found, _ = search(only_placement_helps)
     assert found.outcome == "improved"
-    stored: list[TuningResult] = []
-
-    class Stored(SearchListener):
-        def found(self, result: TuningResult) -> None:
-            stored.append(result)
-
+    stored = Stored()
     # The time is over before a proof: the trials were all made.
     settings = SearchSettings(trials=8, budget_s=found.duration_s + 1, pairs=5)
-    again, machine = search(only_placement_helps, settings, Stored(), found)
+    again, machine = search(only_placement_helps, settings, stored, found)
     assert not machine.compared
-    assert {(one.outcome, one.winner, one.proof) for one in stored} == {
+    assert {(one.outcome, one.winner, one.proof) for one in stored.results} == {
         ("improved", found.winner, found.proof)
     }
     assert "No other proof was made" in again.notes[-1]
@@ -631,14 +598,10 @@ def test_a_claim_stands_until_there_is_another_proof() -> None:
 
 
 def test_pairs_whose_host_was_lost_do_not_end_a_search() -> None:
-    class Lost(GivenMachine):
-        def compare(
-            self, base: Deployment, head: Deployment, pairs: int, name: str, terms: Terms
-        ) -> Pairs:
-            seen = super().compare(base, head, pairs, name, terms)
-            return replace(seen, margins=(), reason="R2B688: the host left", may_retry=True)
+    def pairs_show(_base: Deployment, _head: Deployment, seen: Pairs) -> Pairs:
+        return replace(seen, margins=(), reason="R2B688: the host left", may_retry=True)
 
-    found = Search(BLANK, Lost(only_placement_helps), SETTINGS).run()
+    found = Search(BLANK, GivenMachine(only_placement_helps, pairs_show), SETTINGS).run()
     assert found.outcome == "incomplete"
     assert found.proofs == 0
     assert "--resume" in found.reason
