@@ -148,20 +148,25 @@ _MAX_PATH, _MAX_VALUE = 60, 24
 def measured_hash(plan: Plan) -> str:
     """The hash of the plan without texts, objectives and gate: identifies the measurement."""
     bare = msgspec.structs.replace(
-        plan,
-        objectives={},
-        title="",
-        description="",
-        labels={},
-        gate=GatePlan(),
-        requires=msgspec.UNSET,
+        _without_texts(plan), objectives={}, gate=GatePlan(), requires=msgspec.UNSET
     )
     return f"sha256:{hashlib.sha256(canonical_json(bare)).hexdigest()}"
 
 
+def _without_texts(plan: Plan) -> Plan:
+    """The plan without what only reports show."""
+    monitors = tuple(msgspec.structs.replace(monitor, label="") for monitor in plan.monitors)
+    return msgspec.structs.replace(plan, title="", description="", labels={}, monitors=monitors)
+
+
+def _measured_differences(base: Plan, head: Plan) -> list[PlanDifference]:
+    return diff_plans(_without_texts(base), _without_texts(head))
+
+
 def load_differences(base: Plan, head: Plan) -> list[PlanDifference]:
     """The differences in the load or the harness of two plans, not in the graph under test."""
-    return [difference for difference in diff_plans(base, head) if _change(difference) == "load"]
+    differences = _measured_differences(base, head)
+    return [difference for difference in differences if _change(difference) == "load"]
 
 
 def graph_differences(base: Plan, head: Plan) -> list[PlanDifference]:
@@ -169,7 +174,11 @@ def graph_differences(base: Plan, head: Plan) -> list[PlanDifference]:
 
     Parameters of a node stand in the command line of its process, too.
     """
-    differences = [each for each in diff_plans(base, head) if _change(each) != "neither"]
+    differences = [
+        difference
+        for difference in _measured_differences(base, head)
+        if _change(difference) != "neither"
+    ]
     changed: dict[str, set[str]] = defaultdict(set)
     for difference in differences:
         match difference.path:

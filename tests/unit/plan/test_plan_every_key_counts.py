@@ -157,11 +157,12 @@ def test_words_and_judgement_do_not_change_what_is_measured() -> None:
         PLAN,
         title="Another",
         labels={"a": "b"},
+        monitors=tuple(msgspec.structs.replace(each, label="Tags") for each in PLAN.monitors),
         objectives={"o": objective("latency.p50 < 1 s")},
         gate=GatePlan(confidence=0.9),
     )
     assert measured_hash(other) == measured_hash(PLAN)
-    assert graph_differences(PLAN, other) == []
+    assert graph_differences(PLAN, other) == load_differences(PLAN, other) == []
     longer = msgspec.structs.replace(PLAN, warm_up=Duration(2))
     assert measured_hash(longer) != measured_hash(PLAN)
     assert [str(difference) for difference in load_differences(PLAN, longer)] == [
