@@ -4,37 +4,47 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import r2bspec
 from r2bspec.errors import R2bspecError
 
 PACKAGE = Path(r2bspec.__file__).parent
+
+
 # What the language server refuses is shown by an editor, which has no place for a way out; what the
 # harness reports, by the controller, which names the log of the process where there is no hint.
-MODULES = {
-    file.relative_to(PACKAGE): ast.parse(file.read_text(encoding="utf-8"))
-    for file in sorted(PACKAGE.rglob("*.py"))
-    if not {"language_server", "harness"} & {*file.parts}
-}
-CLASSES = {
-    node.name: node
-    for module in MODULES.values()
-    for node in ast.walk(module)
-    if isinstance(node, ast.ClassDef)
-}
+@cache
+def modules() -> dict[Path, ast.Module]:
+    """Each module of the package, by its path; parsed where a test needs it, not in each worker."""
+    return {
+        file.relative_to(PACKAGE): ast.parse(file.read_text(encoding="utf-8"))
+        for file in sorted(PACKAGE.rglob("*.py"))
+        if not {"language_server", "harness"} & {*file.parts}
+    }
+
+
+@cache
+def classes() -> dict[str, ast.ClassDef]:
+    return {
+        node.name: node
+        for module in modules().values()
+        for node in ast.walk(module)
+        if isinstance(node, ast.ClassDef)
+    }
 
 
 def lineage(name: str) -> Iterator[str]:
     """A class and all those that it extends, by their names."""
     yield name
-    for base in CLASSES[name].bases if name in CLASSES else ():
+    for base in classes()[name].bases if name in classes() else ():
         yield from lineage(ast.unparse(base).rpartition(".")[2])
 
 
 def defines(name: str, attribute: str) -> bool:
     """Whether a class itself has a function, or a value that is not empty, of this name."""
-    for node in CLASSES[name].body if name in CLASSES else ():
+    for node in classes()[name].body if name in classes() else ():
         if isinstance(node, ast.FunctionDef) and node.name == attribute:
             return True
         if isinstance(node, ast.Assign | ast.AnnAssign) and isinstance(node.value, ast.Constant):
@@ -61,7 +71,7 @@ def test_every_error_has_a_way_out() -> None:
     assert needs_a_hint("UsageError")
     calls = (
         (f"{file}:{node.lineno}", ast.unparse(node.func).removeprefix("errors."), node.keywords)
-        for file, module in MODULES.items()
+        for file, module in modules().items()
         for node in ast.walk(module)
         if isinstance(node, ast.Call)
     )

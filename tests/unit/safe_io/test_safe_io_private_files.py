@@ -81,8 +81,8 @@ def test_what_is_no_abandoned_folder_stays(place: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "depth", "mode"),
-    [("d", 1_100, 0o700), ("d", 1_100, 0o500), (250 * "d", 20, 0)],
-    ids=["deeper than functions are called", "and not writable", "longer than a path, closed"],
+    [("d", 1_100, 0o500), (250 * "d", 20, 0)],
+    ids=["deeper than functions are called, not writable", "longer than a path, closed"],
 )
 def test_folders_of_any_depth_and_mode_are_removed(
     name: str, depth: int, mode: int, tmp_path: Path
