@@ -78,11 +78,12 @@ def test_a_rate_whose_failure_nothing_can_change_ends(bench: Bench) -> None:
         "never": {"at": "20 Hz", "require": ["latency.p90 < 1 us"]},
         "easy": {"at": "10 Hz", "require": ["received > 0"]},
     }
-    benchmark = short(iterations=4, duration="500 ms", rates=["10 Hz", "20 Hz"])
+    # On a busy machine iterations differ, and then it takes some of them to see that nothing helps.
+    benchmark = short(iterations=8, duration="500 ms", rates=["10 Hz", "20 Hz"])
     done = bench.run_on_time(relay_spec(slos=slos, benchmark=benchmark), "--abort-on-fail")
     played = [segment.rate_hz for segment in done.segments()]
-    assert played.count(10) == 4
-    assert 1 <= played.count(20) < 4
+    assert played.count(10) == 8
+    assert 1 <= played.count(20) < 8
     record = done.run().record
     assert [ended_rate.rate_hz for ended_rate in record.ended_rates] == [20]
     assert record.ended_rates[0].iterations == played.count(20)
