@@ -35,7 +35,7 @@ _ROS_MODULES = frozenset(
         *("message_filters", "pcl_ros", "rclpy", "ros2_numpy", "rosbag2_py"),
         *("rosidl_runtime_py", "rqt_gui_py", "sensor_msgs_py", "tf2_geometry_msgs"),
         *("tf2_kdl", "tf2_py", "tf2_ros", "tf2_sensor_msgs", "tf_transformations"),
-        *("vision_opencv"),
+        "vision_opencv",
     }
 )
 _INTERFACE_PACKAGE = re.compile(r"_(msgs|interfaces|msg|srvs)$")

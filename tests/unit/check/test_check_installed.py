@@ -18,7 +18,7 @@ from r2bspec.diagnostics import Certainty, Diagnostic
 from r2bspec.language.load_spec import load_spec
 from r2bspec.plan import package_advice
 from r2bspec.plan.installed_packages import missing_imports, top_level_names
-from r2bspec.plan.package_advice import ros_package_advice
+from r2bspec.plan.package_advice import is_ros_module, ros_package_advice
 from r2bspec.plan.this_machine import find_module
 
 # What this machine has is looked up without importing or starting anything.
@@ -386,3 +386,11 @@ def test_a_clock_may_come_from_a_node(folder: Path) -> None:
     unknown = example(graph=graph.replace("SOURCE", "{command: [sh, ./x.sh]}"))
     [found] = findings_of(folder, unknown, "R2B233")
     assert (found.severity, "nothing known publishes" in found.message) == ("info", True)
+
+
+@pytest.mark.parametrize(
+    ("name", "is_of_ros"),
+    [("vision_opencv", True), ("rclpy", True), ("our_msgs", True), ("numpy", False), ("v", False)],
+)
+def test_modules_of_ros_are_told_from_others(name: str, is_of_ros: bool) -> None:
+    assert is_ros_module(name) is is_of_ros
