@@ -222,8 +222,10 @@ def _steps(found: list[_TimedMessage]) -> tuple[dict[_StepKey, int], dict[_StepK
         # A device may repeat a stamp; the n-th messages with it belong to one step.
         nth = counts[each.input, each.step_ns]
         counts[each.input, each.step_ns] += 1
-        is_bare = each.step_ns is None
-        each.key = (each.step_ns or 0, nth, -1) if not is_bare else (each.time_ns, nth, each.input)
+        if each.step_ns is None:
+            each.key = each.time_ns, nth, each.input
+        else:
+            each.key = each.step_ns, nth, -1
         first_ns.setdefault(each.key, each.time_ns)
         masks[each.key] = masks.get(each.key, 0) | 1 << each.input
     return first_ns, masks

@@ -172,6 +172,9 @@ def _buffer_static(
 
 def _windows(bags: Sequence[Path], datasets: Sequence[DatasetPlan]) -> list[TimeWindow]:
     """The windows of the bags, each relative to the start of its own bag."""
+    if len(bags) == 1:
+        # Reading it indexes it anyway, which takes long where a recording has no index.
+        return [TimeWindow(start_ns=datasets[0].start_ns, end_ns=datasets[0].end_ns)]
     starts_ns = [index_bag(bag).start_ns for bag in bags]
     first_ns = min(starts_ns)
     return [

@@ -241,7 +241,7 @@ class FunctionHost:
                 raise SystemExit(0) from error
             if isinstance(error, SystemExit):
                 raise
-            # The constructor of a node fails alike, whoever calls it.
+            # The constructor of a node raises the same errors where a program calls it.
             is_running = self._is_program and not _is_of_constructor(error)
             does = "ended with" if is_running else "cannot be created:"
             raise node_main.NodeError(

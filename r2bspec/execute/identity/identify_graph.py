@@ -5,8 +5,8 @@ the run would: relative to the folder of the spec, on ``PATH``, ``PYTHONPATH`` a
 index, with the environment as it now is. What cannot be known is said in `NodeIdentity.unknown`
 instead of being left out.
 
-A build id is a note that the linker writes into an ELF file (``.note.gnu.build-id``): it stands for
-the content, and reading it takes a few hundred bytes of a file of many megabytes.
+The linker writes a build id into a note of an ELF file (``.note.gnu.build-id``). Files of the same
+content have the same one, and reading it takes a few hundred bytes of a file of many megabytes.
 
 A program of a package whose sources lie in a work tree is known by its sources rather than by what
 was built of them: these change with every path that a compiler wrote into a file, and a build may
