@@ -11,13 +11,12 @@ comma := ,
 EXTRAS := $(if $(HAVE_ROS),vision,ros$(comma)vision),report
 
 .DEFAULT_GOAL := help
-.PHONY: help demo suite test install install-dev lint types imports unit robustness coverage ros fuzz nightly generated bench clean
+.PHONY: help demo suite test install install-dev lint types imports unit robustness coverage ros nightly generated bench clean
 
 help:
 	@echo "make demo      install, then run specs/apriltag_node.r2b.yaml on real ROS 2"
 	@echo "make test      install, then run every check and test"
-	@echo "make fuzz      hostile inputs for every reader, SECONDS=30 for each"
-	@echo "make nightly   the same with every test at its full size, and an hour for every reader"
+	@echo "make nightly   the same with every test at its full size"
 	@echo "make suite     run specs/suite and print its table (SMOKE=1: one short iteration of each)"
 	@echo "make generated write schemas, reference tables and expected outputs anew"
 	@echo "make bench     measure the harness, and rewrite the tables of docs/performance.md"
@@ -70,7 +69,7 @@ PYTEST = $(BIN)/pytest -n $$(( ($$(nproc) * 3 + 1) / 2 ))
 unit: install-dev
 	$(PYTEST) tests/unit tests/property tests/golden tests/mutation tests/editors
 
-# Simulated runs of known truth, what strangers write, and pages in a browser.
+# Simulated runs of known truth, hostile and damaged files, and pages in a browser.
 robustness: install-dev
 	$(PYTEST) tests/simulation tests/fuzz tests/browser
 
@@ -85,19 +84,10 @@ ros: install-dev
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder tests/ros tests/fault
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder tests/fleet
 
-# Every reader of what strangers write, two at a time. What is not answered cleanly is written to
-# tests/fuzz/corpus, which `robustness` plays. The same inputs each time; SEED=0 tries others.
-SECONDS ?= 30
-SEED ?= 1
-
-fuzz: install-dev
-	$(BIN)/python tests/fuzz/fuzz.py --seconds $(SECONDS) --seed $(SEED)
-
 # Every test at its full size: whole simulations, every kind of pull request through every recipe,
 # fleets under kills. Hours; before a release, and where a pipeline asks for it.
 nightly: export R2BSPEC_NIGHTLY := 1
 nightly: test
-	$(MAKE) fuzz SECONDS=3600 SEED=0
 
 # Read the difference before it is committed: a golden is what somebody wanted.
 generated: install-dev
@@ -111,4 +101,4 @@ bench: install-dev
 	$(BIN)/python benchmarks/harness_floor.py $(BENCH) $(if $(filter --quick,$(BENCH)),,--write docs/performance.md)
 
 clean:
-	rm -rf $(VENV) .fuzz .coverage .mypy_cache .ruff_cache .pytest_cache .hypothesis runs
+	rm -rf $(VENV) .coverage .mypy_cache .ruff_cache .pytest_cache .hypothesis runs

@@ -1,32 +1,28 @@
-"""Files next to a spec, made to be read without end, to fill memory, or to lead to secrets."""
+"""Files without an end, links to secrets and names that no file can have, given to every verb."""
 
 from __future__ import annotations
 
 import os
+import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from hostile_calls import ENDLESS, LIVE, LONGEST_S, answered, make_special, r2bspec
+from hostile_calls import ENDLESS, LIVE, LONGEST_S, answered, make_special, small_run
 
 SECRET = "hunter2-do-not-show"
-
 COMMAND = "command: [x]"
-UNHASHABLE = """\
-from rclpy.node import Node
-class N(Node):
-  def __init__(self):
-    self.declare_parameter('a', {[]: 1})
-"""
+DEEP = b'{"a":' * 100_000
 
-pytestmark = pytest.mark.timeout(LONGEST_S + 30)
+pytestmark = pytest.mark.timeout(4 * LONGEST_S)
 
 
 def validate(folder: Path, node: str = COMMAND) -> str:
-    """What validate prints of a spec with this node; it never shows the secret."""
+    """Return what validate prints of a spec with this node; it never shows the secret."""
     spec = folder / "hostile.r2b.yaml"
     if not os.path.lexists(spec):
         spec.write_text(LIVE.replace("PLACE", node), encoding="utf-8")
-    _, said = r2bspec("validate", spec, cwd=folder)
+    said = answered("validate", spec, cwd=folder, status=(0, 1))
     assert SECRET not in said
     return said
 
@@ -38,7 +34,6 @@ def test_a_file_without_an_end_is_refused(kind: str, tmp_path: Path) -> None:
     (tmp_path / "interfaces/n.yaml").symlink_to("../endless")
     said = validate(tmp_path, f"{COMMAND}, parameters: [./endless, /dev/urandom]")
     assert "parameter file 'endless' cannot be read" in said or "./endless" in said
-    assert "R2B223" in said
 
 
 @pytest.mark.parametrize("kind", ENDLESS)
@@ -48,24 +43,24 @@ def test_a_spec_without_an_end_is_refused(kind: str, tmp_path: Path) -> None:
     assert "error[R2B001 file-unreadable]" in validate(tmp_path)
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        f"https://user:{SECRET}@example.org\n",
-        f"//registry.example.org/:_authToken={SECRET}\n",
-        f"machine example.org\nlogin me\npassword {SECRET}\n",
-        f'{{"{SECRET}": {{"auth": "{SECRET}"}}}}\n',
-        f"[default]\naws_secret_access_key = {SECRET}\n",
-        f"oauth_token: {SECRET}\n{SECRET}: 1\n",
-    ],
-)
-def test_no_line_of_a_linked_file_is_shown(content: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["pipe", "itself", "zeros"])
+def test_a_python_file_without_an_end_is_answered(kind: str, tmp_path: Path) -> None:
+    make_special(tmp_path / "n.py", kind)
+    assert "error" in validate(tmp_path, "python: ./n.py:N")
+
+
+def test_standard_input_without_an_end_is_answered(tmp_path: Path) -> None:
+    answered(
+        "validate", "-", cwd=tmp_path, status=1, says="R2B002", stdin=b"a: b\n# x\n" * 10_000_000
+    )
+
+
+def test_no_line_of_a_linked_file_is_shown(tmp_path: Path) -> None:
     folder = tmp_path / "repository"
     (folder / "interfaces").mkdir(parents=True)
-    (tmp_path / "credentials").write_text(content, encoding="utf-8")
-    (folder / "interfaces/n.yaml").symlink_to(tmp_path / "credentials")
-    (folder / "parameters.yaml").symlink_to(tmp_path / "credentials")
-    (folder / "linked.r2b.yaml").symlink_to(tmp_path / "credentials")
+    (tmp_path / "credentials").write_text(f"oauth_token: {SECRET}\n{SECRET}: 1\n")
+    for name in ("interfaces/n.yaml", "parameters.yaml", "linked.r2b.yaml"):
+        (folder / name).symlink_to(tmp_path / "credentials")
     said = validate(folder, f"{COMMAND}, parameters: [./parameters.yaml, ../credentials]")
     assert said.count("it is a link out of its folder") == 2
     why = "cannot read the file: it is a link out of its folder"
@@ -78,9 +73,8 @@ def test_a_link_inside_of_the_folder_or_to_an_allowed_one_is_followed(tmp_path: 
     folder, shared = tmp_path / "specs", tmp_path / "shared"
     folder.mkdir()
     shared.mkdir()
-    text = LIVE.replace("PLACE", COMMAND)
-    (folder / "real.yaml").write_text(text, encoding="utf-8")
-    (shared / "far.yaml").write_text(text, encoding="utf-8")
+    for file in (folder / "real.yaml", shared / "far.yaml"):
+        file.write_text(LIVE.replace("PLACE", COMMAND), encoding="utf-8")
     (folder / "near.r2b.yaml").symlink_to("real.yaml")
     (folder / "far.r2b.yaml").symlink_to("../shared/far.yaml")
     for *arguments, refused in (
@@ -88,77 +82,73 @@ def test_a_link_inside_of_the_folder_or_to_an_allowed_one_is_followed(tmp_path: 
         ("far.r2b.yaml", True),
         ("far.r2b.yaml", "--allow-path", "../shared", False),
     ):
-        _, said = r2bspec("validate", *map(str, arguments), cwd=folder)
+        said = answered("validate", *map(str, arguments), cwd=folder, status=(0, 1))
         assert ("R2B001" in said) == refused
 
 
-@pytest.mark.parametrize("text", [f"{SECRET}\n", f"a\n  {SECRET}\n", f"- {SECRET}\n"])
+@pytest.mark.parametrize("text", [f"{SECRET}\n", f"a\n  {SECRET}\n"])
 def test_a_document_that_is_no_spec_is_described_and_not_quoted(text: str, tmp_path: Path) -> None:
     (tmp_path / "hostile.r2b.yaml").write_text(text, encoding="utf-8")
-    _, said = r2bspec("validate", "hostile.r2b.yaml", cwd=tmp_path)
-    assert "the document must be a map, not a" in said
-    if not text.startswith("-"):
-        assert SECRET not in said
+    assert "the document must be a map, not a" in validate(tmp_path)
 
 
-def _nested_merges() -> str:
-    first = "m0: &m0 {" + ", ".join(f"k{i}: 1" for i in range(10)) + "}\n"
-    rest = (f"m{i}: &m{i} {{<<: [{', '.join([f'*m{i - 1}'] * 10)}]}}\n" for i in range(1, 9))
-    return first + "".join(rest)
+@pytest.mark.parametrize("kind", ["pipe", "zeros", "itself", "terabyte"])
+@pytest.mark.parametrize("name", ["record.json", "plan.json", "spec.yaml", "resources.npy"])
+def test_a_file_of_a_run_without_an_end_is_refused(name: str, kind: str, tmp_path: Path) -> None:
+    folder = small_run(tmp_path / "run")
+    (file,) = folder.rglob(name)
+    file.unlink()
+    make_special(file, kind)
+    verb = ["report", "--report", "html=a.html"] if name == "spec.yaml" else ["judge"]
+    answered(verb[0], folder, *verb[1:], cwd=tmp_path, says="R2B650")
+
+
+@pytest.mark.parametrize("kind", ["pipe", "zeros", "terabyte", "deep"])
+@pytest.mark.parametrize(
+    "words", ["import @", "compare @ @", "report @", "judge @", "plan @", "data info @"]
+)
+def test_a_hostile_file_is_refused_by_every_verb(words: str, kind: str, tmp_path: Path) -> None:
+    file = tmp_path / "result.json"
+    file.write_bytes(DEEP) if kind == "deep" else make_special(file, kind)
+    answered(*words.replace("@", file.name).split(), cwd=tmp_path, status=(2, 4))
+
+
+LONG = "x" * 300
 
 
 @pytest.mark.parametrize(
-    "text",
+    "words",
     [
-        _nested_merges(),
-        "- " * 40_000 + "a",
-        "a: " + ":".join(["59"] * 300_000),
-        "a: " + "9" * 900_000,
-        "/**:\n  ros__parameters: {a: 2024-99-99}\n",
+        *("judge @", "report @", "compare @ @", "import @", "data info ./@", "data verify @"),
+        *("validate @", "plan @", "run @.json --output o", "plan none.json -o @"),
     ],
-    ids=["merges", "deep", "sexagesimal", "digits", "date"],
 )
-def test_hostile_yaml_next_to_a_spec_is_refused(text: str, tmp_path: Path) -> None:
-    (tmp_path / "interfaces").mkdir()
-    (tmp_path / "interfaces/n.yaml").write_text(text, encoding="utf-8")
-    (tmp_path / "parameters.yaml").write_text(text, encoding="utf-8")
-    said = validate(tmp_path, f"{COMMAND}, parameters: ./parameters.yaml")
-    assert "interfaces/n.yaml' is ignored" in said
-    assert "parameter file './parameters.yaml' " in said
-    assert max(map(len, said.splitlines())) < 2000
+def test_a_name_that_no_file_can_have_is_answered(words: str, tmp_path: Path) -> None:
+    said = answered(*words.replace("@", LONG).split(), cwd=tmp_path, status=(1, 2))
+    assert "error" in said.lower()
 
 
-@pytest.mark.parametrize(
-    "target",
-    ["./itself.py:N", '"./\\0x.py:X"', f"./{'x' * 300}.py:N", "./pipe.py:N", "./zeros.py:N"],
-)
-def test_a_hostile_name_of_a_python_file_is_answered(target: str, tmp_path: Path) -> None:
-    for kind in ("itself", "zeros", "pipe"):
-        make_special(tmp_path / f"{kind}.py", kind)
-    assert "error" in validate(tmp_path, f"python: {target}")
+FORGED = "a\nerror[R2B999]: forged\n::error::x \x1b[31m\u202e"
+"""Line breaks, a command of a workflow, a colour and a mark that turns a text around."""
 
 
-@pytest.mark.parametrize(
-    "source",
-    [
-        "import rclpy.node\nclass N(rclpy.node.Node):\n  def __init__(self):\n    if 0: pass\n"
-        + "    elif 0: pass\n" * 2_000,
-        "if 0: pass\n" + "elif 0: pass\n" * 2_000 + "class N: pass\n",
-        UNHASHABLE,
-        UNHASHABLE.replace("{[]: 1}", "{{}: {[]}}"),
-        "x = " + "(" * 150 + ")" * 150 + "\n",
-        "x = " + "-" * 50_000 + "1\n",
-    ],
-    ids=["elif in a class", "elif", "unhashable", "operator", "brackets", "minus"],
-)
-def test_a_hostile_python_file_is_answered(source: str, tmp_path: Path) -> None:
-    (tmp_path / "n.py").write_text(source, encoding="utf-8")
-    validate(tmp_path, "python: ./n.py:N")
+def forged_calls(folder: Path) -> Iterator[tuple[str, ...]]:
+    """Yield calls that name files of forged names, none of which is valid input."""
+    for suffix, content in {".r2b.yaml": "r2bspec: 1\n", ".json": "{", ".db3": "x"}.items():
+        (folder / f"{FORGED}{suffix}").write_text(content)
+    names = [f"{FORGED}{suffix}" for suffix in (".r2b.yaml", ".json", ".db3", " none")]
+    for verb in ("validate", "plan", "run", "judge", "report", "import"):
+        yield from ((verb, name) for name in names)
+    yield from (("validate", "--format", kind, names[0]) for kind in ("github", "gitlab", "junit"))
+    yield ("data", "info", names[2])
+    yield ("plan", names[0], "-o", f"{names[3]}/x")
+    yield from ((verb, names[3]) for verb in ("explain", "docs", "schema", "doctor"))
+    yield (names[3],)
 
 
-def test_a_folder_that_contains_a_pipe_is_validated(tmp_path: Path) -> None:
-    make_special(tmp_path / "pipe.r2b.yaml", "pipe")
-    (tmp_path / "good.r2b.yaml").write_text(LIVE.replace("PLACE", COMMAND), encoding="utf-8")
-    _, said = r2bspec("validate", tmp_path, cwd=tmp_path)
-    assert "R2B001" in said
-    assert "2 files" in said
+def test_no_name_makes_a_line_of_its_own(tmp_path: Path) -> None:
+    """Whatever a file is called, no line of the output is written by its author."""
+    for words in forged_calls(tmp_path):
+        said = answered(*words, cwd=tmp_path, status=(0, 1, 2, 3, 4))
+        assert not re.findall(r"(?m)^(?:error\[R2B999\]|::error::x).*", said), (words, said)
+        assert "\u202e" not in said, (words, said)

@@ -15,7 +15,6 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from mutations import NUMBERS
 
 from native_playlists import (
     SANITIZERS,
@@ -27,6 +26,8 @@ from native_playlists import (
 from r2bspec.ipc.buffers import BufferWriter, buffer_path
 from r2bspec.ipc.playback_file import ENTRY_DTYPE, HEADER_BYTES
 from r2bspec.native.build import BuildError
+
+NUMBERS = (0, -1, 255, (1 << 31) - 1, -(1 << 31), 1 << 32, (1 << 63) - 1)
 
 
 @pytest.fixture(scope="module")
