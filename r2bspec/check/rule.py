@@ -2,8 +2,8 @@
 
 A rule is a function with a code, in a module of `r2bspec.check.rules`::
 
-    @rule("R2B206")
-    def remapping_identity(context: Context) -> Findings:
+    @rule("R2B616")
+    def variable_unused(context: Context) -> Findings:
         # yields findings
 
 Its name is the slug of its page (`r2bspec.diagnostics.code_pages`), which says everything else:

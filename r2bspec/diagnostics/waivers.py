@@ -2,7 +2,7 @@
 
 A waiver tells readers why something that looks wrong is intended. A waiver without a reason has no
 effect. Errors that make the document unreadable cannot be waived: there would be nothing to run.
-A code is written as a number (``R2B512``) or as its slug (``unknown-key``); several are separated
+A code is written as a number (``R2B323``) or as its slug (``unknown-key``); several are separated
 by commas.
 """
 

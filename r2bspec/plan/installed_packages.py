@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import ast
 import os
 import re
 import symtable
-from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import msgspec
 
-from r2bspec.plan.this_machine import AMENT_INDEX, PACKAGE_INDEX, ament_prefixes, find_module
-from r2bspec.plan.wiring.python_files import module_of, read_python_file, source_folder
+from r2bspec.plan.this_machine import AMENT_INDEX, PACKAGE_INDEX, ament_prefixes
+from r2bspec.plan.wiring.python_files import source_folder
 from r2bspec.safe_io import safe_file
 from r2bspec.safe_io.limits import MAX_MANIFEST_BYTES
 from r2bspec.safe_io.looked_up_files import shared_lookup
@@ -140,48 +137,3 @@ def python_target(text: str, base_dir: Path) -> PythonTarget:
     file = base_dir / place
     inside = safe_file.real_path(file).is_relative_to(safe_file.real_path(source_folder(base_dir)))
     return PythonTarget(text, "", file, name, readable=inside)
-
-
-class ModuleImport(NamedTuple):
-    """A top-level module that a file imports, and the line of the first import."""
-
-    module: str
-    line: int
-
-
-def missing_imports(file: Path, folder: Path) -> list[ModuleImport]:
-    """The modules that a file certainly imports and that are not found, in the order of lines.
-
-    Neither the file nor anything that it imports is executed.
-
-    Args:
-        file: the Python file; its own folder and that of its package are searched, too.
-        folder: where the file must be.
-    """
-    tree = read_python_file(file, folder)
-    if tree is None:
-        return []
-    imports: dict[str, ModuleImport] = {}
-    for imported in _imports(tree.body):
-        imports.setdefault(imported.module, imported)
-    folders = {file.parent, module_of(file.resolve()).folder}
-    return [imported for imported in imports.values() if not _is_found(imported.module, folders)]
-
-
-def _imports(body: list[ast.stmt]) -> Iterator[ModuleImport]:
-    """The imports among statements; one in a branch, a `try` or a function may be optional."""
-    for statement in body:
-        match statement:
-            case ast.Import():
-                for alias in statement.names:
-                    yield ModuleImport(alias.name.partition(".")[0], statement.lineno)
-            case ast.ImportFrom(module=str(module), level=0):
-                yield ModuleImport(module.partition(".")[0], statement.lineno)
-
-
-def _is_found(module: str, folders: Iterable[Path]) -> bool:
-    beside = any(
-        safe_file.is_regular(folder / f"{module}.py") or safe_file.is_folder(folder / module)
-        for folder in folders
-    )
-    return beside or find_module(module) is not None

@@ -1,4 +1,4 @@
-"""How a user gets a ROS package or a Python module that is missing, as a text."""
+"""How to install a missing ROS package, as text."""
 
 from __future__ import annotations
 
@@ -9,24 +9,6 @@ from r2bspec.plan.this_machine import distro_of_wheels, ros_distro
 from r2bspec.plan.wiring.node_interface import catalogue_packages
 
 _DEFAULT_DISTRIBUTION = "jazzy"
-
-_PYTHON_PACKAGES = {
-    "PIL": ("python3-pil", "pillow"),
-    "cv2": ("python3-opencv", "opencv-python-headless"),
-    "matplotlib": ("python3-matplotlib", "matplotlib"),
-    "message_filters": ("ros-{}-message-filters", ""),
-    "numpy": ("python3-numpy", "numpy"),
-    "pandas": ("python3-pandas", "pandas"),
-    "psutil": ("python3-psutil", "psutil"),
-    "scipy": ("python3-scipy", "scipy"),
-    "serial": ("python3-serial", "pyserial"),
-    "skimage": ("python3-skimage", "scikit-image"),
-    "sklearn": ("python3-sklearn", "scikit-learn"),
-    "tf_transformations": ("ros-{}-tf-transformations", ""),
-    "torch": ("", "torch"),
-    "yaml": ("python3-yaml", "pyyaml"),
-}
-"""The packages of Ubuntu and of PyPI with modules that nodes often import."""
 
 _ROS_MODULES = frozenset(
     {
@@ -75,17 +57,3 @@ def ros_package_advice(package: str) -> str:
 def is_ros_module(module: str) -> bool:
     """Whether a Python module is that of a ROS package, by its name."""
     return module in _ROS_MODULES or _INTERFACE_PACKAGE.search(module) is not None
-
-
-def python_module_advice(module: str) -> str:
-    """How to get a top-level Python module."""
-    if module in _PYTHON_PACKAGES:
-        apt, pypi = _PYTHON_PACKAGES[module]
-        if has_wheels():
-            return f"pip install {pypi}" if pypi else ros_package_advice(module)
-        commands = [f"sudo apt install {apt.format(ros_distribution())}"] if apt else []
-        commands += [f"pip install {pypi}"] if pypi else []
-        return ", or ".join(commands)
-    if is_ros_module(module):
-        return ros_package_advice(module)
-    return "install it with pip, or source the workspace that contains it"

@@ -28,11 +28,6 @@ LABELS_VARIABLE: Final = "R2BSPEC_LABELS"
 
 ROS_DISTROS: Final = ("humble", "iron", "jazzy", "kilted", "lyrical", "rolling")
 
-ARCHITECTURES: Final = (
-    *("aarch64", "armv7l", "i686", "loongarch64", "ppc64le", "riscv64", "s390x", "x86_64"),
-)
-"""As the kernel calls them."""
-
 _RCLPY: Final = re.compile(r"ros[-_.](\w+?)[-_.]rclpy-[^-]+\.(?:dist|egg)-info$", re.IGNORECASE)
 """The folder with the metadata of the wheel of a distribution: importing what reads it takes longer
 than all of this module."""

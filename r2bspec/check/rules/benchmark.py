@@ -12,11 +12,11 @@ from r2bspec.check.check_context import Context, KnownMetric, max_wrong_share
 from r2bspec.check.input_events import most_events
 from r2bspec.check.rule import Finding, Findings, Pointer, rule, value_key
 from r2bspec.diagnostics.diagnostic import Path
-from r2bspec.diagnostics.quote import pluralize, quote
+from r2bspec.diagnostics.quote import quote
 from r2bspec.judge.measure.metric_catalogue import METRICS
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
-from r2bspec.language.benchmark_defaults import MIN_CONFIDENCE, MIN_ITERATIONS, default_starts
-from r2bspec.language.quantities import Duration, Rate
+from r2bspec.language.benchmark_defaults import MIN_CONFIDENCE
+from r2bspec.language.quantities import Rate
 from r2bspec.language.spec import Monitor, Objective
 from r2bspec.plan.interim_looks import InterimLooks
 
@@ -192,52 +192,6 @@ def search_range_empty(context: Context) -> Findings:
         )
 
 
-@rule("R2B512")
-def rate_duplicate(context: Context) -> Findings:
-    """Duplicate rates."""
-    first: dict[Rate, int] = {}
-    for index, rate in enumerate(context.spec.benchmark.rates):
-        if rate in first:
-            yield Finding(
-                message=f"duplicate rate {rate}",
-                path=("benchmark", "rates", index),
-                help="remove it; to repeat every rate, increase 'iterations'",
-                related=(Pointer("first listed here", ("benchmark", "rates", first[rate])),),
-            )
-        first.setdefault(rate, index)
-
-
-@rule("R2B517")
-def objective_above_search(context: Context) -> Findings:
-    """Objectives at rates above the range of the search."""
-    search = context.spec.benchmark.search
-    if search is None or search.min.hz >= search.max.hz:
-        return
-    for name, objective in context.spec.slos.items():
-        if objective.at is not None and objective.at.hz > search.max.hz:
-            yield Finding(
-                message=f"objective {quote(name)} applies at {objective.at}, but the search ends "
-                f"at {search.max}",
-                path=("slos", name, "at"),
-                help=f"set 'max' of the search to {objective.at} or more",
-                related=(Pointer("the search ends here", ("benchmark", "search", "max")),),
-            )
-
-
-@rule("R2B532")
-def confirm_shorter_than_probe(context: Context) -> Findings:
-    """Searches that play the lower end of the result for a shorter time than a probe."""
-    search = context.spec.benchmark.search
-    if search is not None and 0 < search.confirm.ns < search.probe.ns:
-        yield Finding(
-            message=f"'confirm' ({search.confirm}) is shorter than 'probe' ({search.probe}), so it "
-            "shows less than the probes do",
-            path=(*_SEARCH, "confirm"),
-            help="make it longer than a probe, or write 'confirm: 0 s' to play no rate whole",
-            related=(Pointer("a probe lasts up to this", (*_SEARCH, "probe")),),
-        )
-
-
 # An iteration of n messages has n - 1 intervals, and n - 2 differences between intervals.
 _LOST_SAMPLES = {"interval": 1, "jitter": 2}
 
@@ -313,93 +267,6 @@ def _too_few(context: Context, metric: KnownMetric, at: Rate, needed: int) -> Fi
     )
 
 
-@rule("R2B511")
-def too_few_iterations(context: Context) -> Findings:
-    """Bounds on means with a single iteration."""
-    benchmark = context.spec.benchmark
-    if max(benchmark.iterations, benchmark.max_iterations) > 1:
-        return
-    for metric in context.known_metrics:
-        compared = metric.requirement.op in {"<", "<=", ">", ">="}
-        if metric.info.statistic == "mean" and compared and metric.role == "objective":
-            yield Finding(
-                message=f"one iteration cannot confirm {quote(metric.requirement.text)}",
-                path=metric.path,
-                help="set 'benchmark.iterations' to 2 or more; 5 or more give a useful interval",
-                related=(Pointer("'iterations' is 1", ("benchmark", "iterations")),),
-                suppressed_by={metric.subject, value_key(("slos", metric.objective, "at"))},
-            )
-
-
-_MIN_MESSAGES = 2
-
-
-@rule("R2B513")
-def iteration_too_short(context: Context) -> Findings:
-    """Iterations that play fewer than two messages."""
-    duration = context.spec.benchmark.duration
-    for index, rate in enumerate(context.spec.benchmark.rates):
-        steps = round(rate.hz * duration.seconds)
-        if steps < _MIN_MESSAGES:
-            needed = Duration(round(_MIN_MESSAGES / rate.hz * 1e9))
-            yield Finding(
-                message=f"an iteration of {duration} at {rate} plays {pluralize(steps, 'message')}",
-                path=("benchmark", "rates", index),
-                help=f"set 'duration' to {needed} or longer, for at least two messages",
-                related=(Pointer(f"an iteration takes {duration}", ("benchmark", "duration")),),
-            )
-
-
-@rule("R2B520")
-def too_few_windows(context: Context) -> Findings:
-    """Shares of windows that the declared number of windows cannot confirm."""
-    benchmark = context.spec.benchmark
-    iterations = max(benchmark.iterations, benchmark.max_iterations)
-    for metric in context.known_metrics:
-        requirement = metric.requirement
-        if requirement.windows_share is None or metric.role != "objective":
-            continue
-        windows = benchmark.duration.ns // requirement.window_ns * iterations
-        confidence = _last_confidence(context, metric.confidence)
-        needed = min_sample_size(1 - requirement.windows_share, confidence)
-        if needed is not None and windows >= needed:
-            continue
-        length = Duration(requirement.window_ns)
-        yield Finding(
-            message=f"{pluralize(windows, 'window')} of {length} cannot confirm "
-            f"{quote(requirement.text)}"
-            + (f": at least {needed:,} are needed" if needed is not None else ""),
-            path=metric.path,
-            help="allow a small share of windows to violate the bound"
-            if needed is None
-            else "increase 'duration' or 'iterations', use shorter windows, or require a smaller "
-            "share",
-            related=(
-                Pointer(f"an iteration takes {benchmark.duration}", ("benchmark", "duration")),
-            ),
-            suppressed_by={metric.subject},
-        )
-
-
-@rule("R2B521")
-def time_budget_too_short(context: Context) -> Findings:
-    """Time budgets that are shorter than the iterations."""
-    benchmark = context.spec.benchmark
-    budget = benchmark.gate.time_budget
-    rates = 1 if context.spec.has_own_rate else len(set(benchmark.rates))
-    needed = benchmark.duration.ns * benchmark.iterations * rates
-    if budget is not None and needed > budget.ns:
-        yield Finding(
-            message=f"time budget of {budget} is too short: the iterations take {Duration(needed)}",
-            path=("benchmark", "gate", "time_budget"),
-            help=f"set 'time_budget' to {Duration(needed)} or more, or play fewer or shorter "
-            "iterations",
-            related=(
-                Pointer(f"'iterations' is {benchmark.iterations}", ("benchmark", "iterations")),
-            ),
-        )
-
-
 @rule("R2B522")
 def confidence_out_of_range(context: Context) -> Findings:
     """Confidences that are not from 51 % to below 100 %."""
@@ -421,37 +288,3 @@ def confidence_out_of_range(context: Context) -> Findings:
                 help="use 95 % or, for about 50 % more messages, 99 %",
                 suppresses=frozenset(requirement.subject for requirement in context.requirements),
             )
-
-
-@rule("R2B530")
-def iterations_per_start(context: Context) -> Findings:
-    """Starts with fewer than two iterations each."""
-    benchmark = context.spec.benchmark
-    starts = benchmark.starts or 1
-    if starts == 1 or benchmark.iterations >= MIN_ITERATIONS * starts:
-        return
-    fitting = default_starts(benchmark.iterations)
-    fewer = f"'starts' to {fitting}, or " if fitting > 1 else ""
-    yield Finding(
-        message=f"{starts} starts need at least {MIN_ITERATIONS * starts} iterations, two each: "
-        f"there {'is' if benchmark.iterations == 1 else 'are'} "
-        f"{pluralize(benchmark.iterations, 'iteration')}",
-        path=("benchmark", "starts"),
-        help=f"set {fewer}'iterations' to {MIN_ITERATIONS * starts} or more; with 'starts: 1' the "
-        "verdict is about one start of the processes",
-        related=(Pointer(f"'iterations' is {benchmark.iterations}", ("benchmark", "iterations")),),
-    )
-
-
-@rule("R2B531")
-def starts_of_external_nodes(context: Context) -> Findings:
-    """Several starts of a graph with nodes that a run cannot start."""
-    starts = context.spec.benchmark.starts or 1
-    if starts > 1 and context.spec.has_external_nodes:
-        yield Finding(
-            message="'starts' has no effect: r2bspec cannot restart the external nodes of the "
-            "graph, so the run has one start",
-            path=("benchmark", "starts"),
-            help="write 'starts: 1', and run several times, each time with external nodes that "
-            "were restarted; or let r2bspec start the nodes",
-        )

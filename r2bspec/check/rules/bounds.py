@@ -1,4 +1,4 @@
-"""Bounds of requirements: units, contradictions, objectives that decide nothing."""
+"""Bounds of requirements: units and contradictions."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import math
 
 import msgspec
 
-from r2bspec.check.check_context import Context, KnownMetric, LocatedRequirement
+from r2bspec.check.check_context import Context, KnownMetric
 from r2bspec.check.rule import Finding, Findings, Pointer, rule
-from r2bspec.diagnostics.quote import quote, suggestion
-from r2bspec.language.located_tree import ListNode, to_plain
+from r2bspec.diagnostics.quote import quote
 
 _EXAMPLES = {
     "time": "a time, such as 50 ms",
@@ -127,114 +126,3 @@ def _limits(op: str | None, value: float) -> tuple[_Limit, _Limit]:
     low = (value, op == ">") if op in {">", ">=", "=="} else (-math.inf, False)
     high = (value, op == "<") if op in {"<", "<=", "=="} else (math.inf, False)
     return low, high
-
-
-_SIGNED = frozenset({"latency", "latency_from_due", "reaction", "age"})
-
-
-@rule("R2B515")
-def bound_with_constant_outcome(context: Context) -> Findings:
-    """Bounds that every value meets, or none."""
-    for metric in context.known_metrics:
-        requirement = metric.requirement
-        if requirement.bound is None or requirement.bound.of_baseline:
-            continue
-        outcome = _constant_outcome(metric, requirement.bound.value)
-        if outcome is not None:
-            yield Finding(
-                message=f"{quote(requirement.text)} always passes"
-                if outcome
-                else f"{quote(requirement.text)} never passes",
-                path=metric.path,
-                part=metric.bound_part,
-                help=f"{quote(metric.info.name)} is between 0 % and 100 %"
-                if metric.info.name == "drop_rate"
-                else f"{quote(metric.info.name)} is never below 0",
-                severity="warning" if outcome else "error",
-                suppressed_by={metric.subject},
-            )
-
-
-def _constant_outcome(metric: KnownMetric, value: float) -> bool | None:
-    """The outcome of every run; None if it depends on the run."""
-    if metric.info.family in _SIGNED and metric.info.statistic == "mean":
-        return None
-    op = metric.requirement.op
-    # The CPU share of several cores adds up to more than 100 %.
-    max_value = 1.0 if metric.info.name == "drop_rate" else math.inf
-    if (op == ">=" and value <= 0) or (op == ">" and value < 0):
-        return True
-    if (op == "<=" and value >= max_value) or (op == "<" and value > max_value):
-        return True
-    if (op == "<" and value <= 0) or (op in {"<=", "=="} and value < 0):
-        return False
-    if (op == ">" and value >= max_value) or (op in {">=", "=="} and value > max_value):
-        return False
-    return None
-
-
-@rule("R2B516")
-def requirement_duplicate(context: Context) -> Findings:
-    """Duplicate requirements."""
-    first: dict[tuple[object, ...], LocatedRequirement] = {}
-    for located in context.requirements:
-        requirement = located.requirement
-        normalized = "".join(requirement.text.split())
-        key = (
-            located.role,
-            located.at,
-            located.needs_rate,
-            _applicability(context, located),
-            normalized,
-        )
-        other = first.setdefault(key, located)
-        if other is not located:
-            yield Finding(
-                message=f"duplicate requirement {quote(requirement.text.strip())}",
-                path=located.path,
-                help="remove one of them",
-                related=(Pointer("first required here", other.path),),
-                suppressed_by={located.subject},
-            )
-
-
-def _applicability(context: Context, located: LocatedRequirement) -> str:
-    """The conditions under which a requirement applies."""
-    objective = context.spec.slos.get(located.objective)
-    return "" if objective is None else repr((objective.when, objective.at_peak, objective.level))
-
-
-@rule("R2B518")
-def condition_always_false(context: Context) -> Findings:
-    """Objectives whose condition no declared value meets."""
-    for name, objective in context.spec.slos.items():
-        for variable, value in objective.when.items():
-            allowed = _possible_values(context, variable)
-            if allowed and str(value) not in allowed:
-                yield Finding(
-                    message=f"{quote(variable)} is never {value}, so objective {quote(name)} never "
-                    "applies",
-                    path=("slos", name, "when", variable),
-                    help=suggestion(str(value), allowed, "possible values"),
-                )
-
-
-def _possible_values(context: Context, variable: str) -> list[str]:
-    """All values that a variable may have; empty if the document does not list them."""
-    for path in (("variables", variable, "choices"), ("matrix", "axes", variable)):
-        listed_here = context.value_at(path)
-        if isinstance(listed_here, ListNode):
-            return [str(to_plain(item)) for item in listed_here.items]
-    return []
-
-
-@rule("R2B519")
-def objective_disabled(context: Context) -> Findings:
-    """Disabled objectives."""
-    for name, objective in context.spec.slos.items():
-        if objective.level == "off":
-            yield Finding(
-                message=f"objective {quote(name)} is disabled and is not judged",
-                path=("slos", name, "level"),
-                help="use 'level: info' to judge it without effect on the verdict, or remove it",
-            )

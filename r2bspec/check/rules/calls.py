@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from r2bspec.bags.recording import TopicInfo
 from r2bspec.bags.service_events import NO_REQUESTS, SERVICE_EVENT
 from r2bspec.check.check_context import Context, has_recorded_requests
-from r2bspec.check.rule import Finding, Findings, Pointer, rule, topic_key, value_key
+from r2bspec.check.rule import Finding, Findings, Pointer, rule, value_key
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import quote, suggestion
 from r2bspec.language.spec import Call, Spec
@@ -88,31 +88,6 @@ def _finding(call: StatedCall, place: Path, mistake: FieldMistake) -> Finding:
         machine_dependent=True,
         suppressed_by={value_key((*call.path, "type"))},
     )
-
-
-@rule("R2B241", early=True)
-def service_events_loaded(context: Context) -> Findings:
-    """Recorded calls of services that are loaded as if they were messages of a topic."""
-    called = {call.source for call in context.spec.recorded_calls.values()}
-    for name, loaded in context.spec.data_loader.topics.items():
-        if name.endswith(SERVICE_EVENT) and loaded not in called:
-            service = name.removesuffix(SERVICE_EVENT)
-            played = [
-                key for key, each in context.spec.playback.inputs.items() if each.source == loaded
-            ]
-            yield Finding(
-                message=f"{quote(name)} has recorded calls of the service {quote(service)}, which "
-                "are not messages that a node gets",
-                path=("data_loader", "topics", name),
-                key=True,
-                help=f"call the service under 'playback.calls', with {quote(f'from: {loaded}')}",
-                suppresses={
-                    value_key(("data_loader", "topics", name)),
-                    topic_key("preprocess", context.wiring.topic(loaded)),
-                    *(value_key(("playback", "inputs", key, "format")) for key in played),
-                    *(topic_key("measure", context.wiring.topic(key)) for key in played),
-                },
-            )
 
 
 @rule("R2B242")

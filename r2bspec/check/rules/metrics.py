@@ -269,29 +269,6 @@ def _headerless_monitor(context: Context, metric: KnownMetric) -> str:
     )
 
 
-@rule("R2B533")
-def accuracy_without_truth(context: Context) -> Findings:
-    """Requirements on accuracy where no monitor names what its messages are compared with."""
-    monitors = context.spec.outputs
-    for metric in context.known_metrics:
-        kind = metric_catalogue.kind_of(metric.info.name)
-        if kind is None:
-            continue
-        names = [*monitors] if metric.monitor is None else [metric.monitor]
-        if any((truth := monitors[name].truth) and truth.kind == kind for name in names):
-            continue
-        whose = f"monitor {metric.monitor} names" if metric.monitor else "no monitor names"
-        lack = "no truth of that kind" if metric.monitor else "a truth of that kind"
-        yield Finding(
-            message=f"{quote(metric.info.name)} has no value: {whose} {lack}",
-            path=metric.path,
-            part=metric.metric_part,
-            help=f"add 'truth: {{kind: {kind}, name: ...}}' to a monitor of type "
-            f"{metric_catalogue.TRUTHS[kind].format}",
-            suppressed_by={metric.subject},
-        )
-
-
 _NUMBER = re.compile(r"\s*(?P<number>[0-9.]+)\s*%")
 _LIMIT_STEP_PERCENT = 0.5
 """Proposed limits are multiples of this, in percent."""

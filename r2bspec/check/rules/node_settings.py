@@ -17,7 +17,6 @@ from r2bspec.check.rule import (
     COMPLETE_SOURCES,
     Finding,
     Findings,
-    Pointer,
     as_version_warning,
     flow_key,
     rule,
@@ -335,40 +334,3 @@ def _node_remapping_finding(phase: str, node: NodeWiring, left: str) -> Finding:
         help=f"set {quote(instead)} of the node" if instead else "rename the node's key instead",
         suppresses={flow_key(phase)},
     )
-
-
-@rule("R2B205")
-def remapping_shadowed(context: Context) -> Findings:
-    """Remappings that have no effect because an earlier one matches the same topic."""
-    for phase, node in context.nodes:
-        first: dict[str, str] = {}
-        for left, right in node.node.remappings.items():
-            full = node.names.full(left)
-            if full not in first:
-                first[full] = left
-                continue
-            place = (*node.path, "remappings")
-            yield Finding(
-                message=f"{quote(left)} and {quote(first[full])} remap the same topic, {full}",
-                path=(*place, left),
-                key=True,
-                help="remove one of them; ROS applies only the first",
-                related=(Pointer("first remapping of the topic", (*place, first[full]), key=True),),
-                suppresses={topic_key(phase, node.names.full(right))},
-            )
-
-
-@rule("R2B206")
-def remapping_identity(context: Context) -> Findings:
-    """Remappings of a topic to itself."""
-    for _, node in context.nodes:
-        for left, right in node.node.remappings.items():
-            full = node.names.full(left)
-            if full == node.names.full(right):
-                also = "" if left == right else f": both names resolve to {full}"
-                yield Finding(
-                    message=f"{quote(left)} is remapped to itself{also}",
-                    path=(*node.path, "remappings", left),
-                    key=True,
-                    help="remove the remapping",
-                )

@@ -9,16 +9,12 @@ from collections.abc import Iterable, Iterator
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.rule import Finding, Findings, Pointer, rule
-from r2bspec.check.rules.machine import pays_for_images
 from r2bspec.diagnostics.diagnostic import Path
-from r2bspec.diagnostics.quote import did_you_mean, pluralize, quote, quoted_list, suggestion
+from r2bspec.diagnostics.quote import did_you_mean, quote, quoted_list, suggestion
 from r2bspec.language.node_kinds import PYTHON
-from r2bspec.language.spec import Container, Node, ProcessSettings
+from r2bspec.language.spec import Container, Node
 from r2bspec.language.spec_graph import PROCESS_KEYS
-from r2bspec.plan import installed_packages
-from r2bspec.plan.launch_programs import LaunchPrograms, launch_programs
 from r2bspec.plan.process_plans import PartPlacement, find_places, graph_processes, reserved_names
-from r2bspec.plan.wiring.python_files import source_folder
 from r2bspec.plan.wiring.wiring import NodeWiring, PhaseWiring
 
 
@@ -77,24 +73,6 @@ def _generated_nodes(phase: PhaseWiring) -> Iterator[tuple[str, tuple[str, Path]
             yield f"{node.name}_container", (f"the container of {node.key}", node.path)
 
 
-@rule("R2B220")
-def external_node_without_topics(context: Context) -> Findings:
-    """External nodes without declared topics."""
-    for _, node in context.nodes:
-        interface = node.interface
-        if (
-            node.node.kind.role is None
-            and interface.publishes is None
-            and interface.subscribes is None
-        ):
-            yield Finding(
-                message=f"the topics of external node {quote(node.name)} are unknown",
-                path=node.path,
-                key=True,
-                help="list its topics under 'publishes:' or 'subscribes:'",
-            )
-
-
 @rule("R2B223")
 def interface_file_unusable(context: Context) -> Findings:
     """Interface files that cannot be used."""
@@ -108,18 +86,6 @@ def interface_file_unusable(context: Context) -> Findings:
                 key=True,
                 help="recreate it with 'r2bspec interfaces'; if it is that of a node of another "
                 "spec, give one of the two another key",
-            )
-        versions = context.record_versions(node)
-        if versions is not None:
-            recorded, installed = versions
-            yield Finding(
-                message=f"{name} was recorded with version {recorded} of {node.node.package}, and "
-                f"{installed} is installed",
-                path=node.path,
-                key=True,
-                help="recreate it with 'r2bspec interfaces'; until then, what follows from it is "
-                "not certain",
-                machine_dependent=True,
             )
 
 
@@ -155,21 +121,6 @@ def container_unknown(context: Context) -> Findings:
                 if close
                 else (),
                 suppresses={"containers"},
-            )
-
-
-@rule("R2B218")
-def container_unused(context: Context) -> Findings:
-    """Containers without nodes."""
-    used = {node.node.container for _, node in context.nodes}
-    for name in context.spec.containers:
-        if name not in used:
-            yield Finding(
-                message=f"container {quote(name)} has no nodes",
-                path=("containers", name),
-                key=True,
-                help=f"set {quote(f'container: {name}')} for a node, or remove the container",
-                suppressed_by={"containers"},
             )
 
 
@@ -258,76 +209,6 @@ def _why_unused_threads(container: Container) -> str:
     return f"{container.executable} has no such setting"
 
 
-@rule("R2B239")
-def executor_of_program(context: Context) -> Findings:
-    """Python nodes whose program makes another executor than the one that spins them here."""
-    for _, node in context.nodes:
-        if node.node.kind is not PYTHON:
-            continue
-        host: ProcessSettings = context.spec.containers.get(node.node.container, node.node)
-        if node.start.style == "main":
-            for key in ("executor", "threads"):
-                if host is node.node and context.value_at((*node.path, key)) is not None:
-                    yield Finding(
-                        message=f"{quote(key)} of {node.key} has no effect: "
-                        f"{node.node.python.rpartition(':')[2]} makes its executor itself",
-                        path=(*node.path, key),
-                        help=f"name the class instead, or leave out {quote(key)}",
-                    )
-            continue
-        threads = node.start.threads_of_main
-        if threads is None or host.executor == "multi_threaded":
-            continue
-        count = f" with {pluralize(threads, 'thread')}" if threads else ""
-        more = f" and 'threads: {threads}'" if threads else ""
-        where = "the node" if host is node.node else "its container"
-        yield Finding(
-            message=f"a program in the file of {node.key} spins it by a MultiThreadedExecutor"
-            f"{count}; here it has a single-threaded one",
-            path=(*node.path, "python"),
-            help=f"write 'executor: multi_threaded'{more} for {where}, or name the program instead "
-            "of the class",
-        )
-
-
-@rule("R2B615")
-def environment_conflict(context: Context) -> Findings:
-    """Nodes of one process that set an environment variable to different values."""
-    first: dict[tuple[str, str], tuple[str, Path]] = {}
-    for _, node in context.nodes:
-        for name, value in node.node.env.items() if _is_placed_with_others(context, node) else ():
-            path = (*node.path, "env", name)
-            process = node.node.kind.name
-            other_value, other_path = first.setdefault((process, name), (value, path))
-            if other_value != value:
-                yield Finding(
-                    message=f"nodes of one process set different values of {name}",
-                    path=path,
-                    help="use the same value, or run the nodes in separate processes",
-                    related=(Pointer("the other value", other_path),),
-                )
-
-
-@rule("R2B626")
-def placement_in_harness(context: Context) -> Findings:
-    """Nodes in the process of the harness."""
-    graph = context.spec.graph
-    if graph.placement != "harness":
-        return
-    colocated = [
-        node.key
-        for node in context.wiring.measure.nodes
-        if node.role == "host" and node.shares_process and not node.node.container
-    ]
-    if colocated:
-        yield Finding(
-            message=f"{quoted_list(colocated)} share{'s' if len(colocated) == 1 else ''} one "
-            "process, and the GIL of Python, with player and monitors",
-            path=("graph", "placement"),
-            help="use 'placement: separate' to run each node in its own process",
-        )
-
-
 @rule("R2B672")
 def harness_place_unknown(context: Context) -> Findings:
     """Parts of the harness whose process in the graph is not decided."""
@@ -345,21 +226,14 @@ def harness_place_unknown(context: Context) -> Findings:
     first: dict[str, PartPlacement] = {}
     processes = tuple(graph_processes(spec, wiring))
     single = {process.name for process in processes if process.role != "command"}
-    places = find_places(spec, wiring, processes)
-    chosen = {place.process for place in places if place.program}
-    for place in places:
-        if found := _launched_place(context, place, is_chosen=place.process in chosen):
-            yield found
-        elif not place.process:
-            yield Finding(
-                message=_place_message(place),
-                path=(*place.path, "in") if place.named else place.path,
-                help=_place_help(place),
-            )
+    for place in find_places(spec, wiring, processes):
+        path = (*place.path, "in") if place.named else place.path
+        if not place.process:
+            yield Finding(message=_place_message(place), path=path, help=_place_help(place))
         elif place.program and place.process in single:
             yield Finding(
                 message=f"{quote(place.process)} is one program, and has no {quote(place.program)}",
-                path=(*place.path, "in"),
+                path=path,
                 help=f"write {quote(place.process)}",
             )
         elif place.program:
@@ -368,49 +242,10 @@ def harness_place_unknown(context: Context) -> Findings:
                 yield Finding(
                     message=f"{quote(place.named)} and {quote(before.named)} are two programs of "
                     f"{quote(place.process)}, of which only one can have parts of the harness",
-                    path=(*place.path, "in"),
+                    path=path,
                     help=f"write {quote(before.named)} here, or start the nodes one by one",
                     related=(Pointer("the other program", (*before.path, "in")),),
                 )
-
-
-def _launched_place(context: Context, place: PartPlacement, *, is_chosen: bool) -> Finding | None:
-    """What is wrong with a part in a launch file whose programs are known."""
-    known = _known_programs(context, place.process)
-    if known is None:
-        return None
-    labels = tuple(dict.fromkeys(program.label for program in known.programs))
-    path = (*place.path, "in") if place.named else place.path
-    if place.program and not any(place.program in each for each in known.programs):
-        return Finding(
-            message=f"the launch file of {place.process} starts no {quote(place.program)}",
-            path=path,
-            part=(len(place.process) + 1, len(place.program)),
-            help=suggestion(place.program, labels, "its programs") or "it starts no nodes",
-        )
-    if len(labels) > 1 and not known.has_conditions and not is_chosen:
-        what, key, _ = _place_words(place)
-        return Finding(
-            message=f"the launch file of {place.process} starts {len(labels)} programs, and which "
-            f"of them gets {what} is not said",
-            path=path,
-            help=f"set '{key}' to one of them: "
-            f"{quoted_list(f'{place.process}/{each}' for each in labels)}",
-        )
-    return None
-
-
-def _known_programs(context: Context, process: str) -> LaunchPrograms | None:
-    """The programs of the launch file that a process is, if their names can be read."""
-    nodes = context.wiring.measure.nodes
-    launch = next((node.node.launch for node in nodes if node.key == process), None)
-    if launch is None:
-        return None
-    base_dir = context.loaded.base_dir
-    if launch.path:
-        return launch_programs(base_dir / launch.path, source_folder(base_dir))
-    share = installed_packages.package_share(launch.package)
-    return None if share is None else launch_programs(share / launch.file, share)
 
 
 def _place_words(place: PartPlacement) -> tuple[str, str, str]:
@@ -434,35 +269,3 @@ def _place_help(place: PartPlacement) -> str:
         return "let r2bspec start the nodes, or write 'harness: {placement: separate}'"
     key = _place_words(place)[1]
     return f"set '{key}' to one of the processes: {quoted_list(place.choices)}"
-
-
-_TYPICAL = (
-    "between two processes 0.04 ms for small messages and 1 ms for images of 1280x720, within one "
-    "process 0.01 and 0.4 ms"
-)
-
-
-@rule("R2B673")
-def harness_outside_process(context: Context) -> Findings:
-    """A graph in one process, with player and monitors in others."""
-    spec = context.spec
-    if spec.harness.placement == "graph" or spec.graph.placement == "harness":
-        return
-    processes = tuple(graph_processes(spec, context.wiring))
-    if len(processes) != 1 or spec.has_external_nodes:
-        return
-    # A process for several nodes: one that a robot shares between nodes, too.
-    if processes[0].role != "container" and len(processes[0].nodes) < 2:
-        return
-    if pays_for_images(context, processes[0]):
-        return
-    container = processes[0].container
-    yield Finding(
-        message=f"the graph is in one process, {quote(processes[0].name)}, and player and monitors "
-        "run in others: every latency contains the way there and back",
-        path=("containers", container) if container else ("graph",),
-        key=True,
-        help="write 'harness: {placement: graph}' to play and monitor in that process; "
-        "'r2bspec run --scan harness.placement=separate,graph' shows both. "
-        f"Typical overheads (docs/performance.md): {_TYPICAL}",
-    )

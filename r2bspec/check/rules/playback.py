@@ -18,7 +18,7 @@ from r2bspec.check.rule import (
     topic_key,
     value_key,
 )
-from r2bspec.diagnostics.quote import did_you_mean, quote, quoted_list, suggestion
+from r2bspec.diagnostics.quote import did_you_mean, quote
 from r2bspec.plan.nearest_stamps import pair_nearest
 from r2bspec.plan.topic_plans import direct_bag_topic
 from r2bspec.plan.wiring.wiring import PhaseWiring, WiredEndpoint
@@ -90,54 +90,6 @@ def preprocessor_cycle(context: Context) -> Findings:
                     suppressed_by={topic_key(phase.phase, endpoint.topic)},
                     suppresses={PREPROCESS_FLOW},
                 )
-
-
-@rule("R2B403")
-def loaded_topic_unused(context: Context) -> Findings:
-    """Loaded topics without a subscription."""
-    phase = context.wiring.preprocess
-    if phase.possible_subscribers:
-        return
-    subscribed = [
-        context.relative_name(topic) for topic in phase.topics if phase.subscriptions(topic)
-    ]
-    for endpoint in phase.endpoints_of("loader"):
-        if not phase.subscriptions(endpoint.topic):
-            shown = context.relative_name(endpoint.topic)
-            yield Finding(
-                message=f"{quote(shown)} is loaded, but no preprocessor or playback input uses it",
-                path=endpoint.path,
-                help=suggestion(shown, subscribed, "topics in use"),
-                suppressed_by={PREPROCESS_FLOW, topic_key(phase.phase, endpoint.topic)},
-            )
-
-
-@rule("R2B404")
-def preprocessor_output_unused(context: Context) -> Findings:
-    """Preprocessors whose output is not played."""
-    phase = context.wiring.preprocess
-    if phase.possible_subscribers:
-        return
-    recorded = {endpoint.topic for endpoint in phase.endpoints_of("recorder")}
-    for node in phase.nodes:
-        if not node.interface.publishes_all:
-            continue
-        endpoints = phase.endpoints_of(node.name)
-        published = [endpoint.topic for endpoint in endpoints if endpoint.is_publisher]
-        if not phase.downstream_of(published) & recorded:
-            yield Finding(
-                message=f"no playback input uses the output of {node.key}",
-                path=node.path,
-                key=True,
-                help=(
-                    "it publishes "
-                    f"{quoted_list(context.relative_name(topic) for topic in published)}"
-                ),
-                suppressed_by={
-                    PREPROCESS_FLOW,
-                    *(topic_key(phase.phase, topic) for topic in published),
-                },
-            )
 
 
 @rule("R2B409")

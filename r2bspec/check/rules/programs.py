@@ -8,7 +8,6 @@ file binds, and its constructor tells whether it can share a process.
 from __future__ import annotations
 
 import os
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path as FilePath
 
@@ -356,68 +355,6 @@ def _public(names: frozenset[str]) -> list[str]:
     ]
 
 
-@rule("R2B680")
-def python_import_not_found(context: Context) -> Findings:
-    """Python nodes whose file imports a module that is not on this machine."""
-    targets = [
-        (path, target)
-        for path, target in _python_targets(context)
-        if target.module != _REFERENCE_NODES
-    ]
-    # Without ROS no node can run here, and what is missing says nothing.
-    if not targets or find_module("rclpy") is None:
-        return
-    sources = source_folder(context.loaded.base_dir)
-    reported: set[tuple[str, str]] = set()
-    for path, target in targets:
-        file, folder = _source_of(target, sources)
-        for missing in installed_packages.missing_imports(file, folder) if file is not None else ():
-            written = target.module or target.text.rpartition(":")[0]
-            if (written, missing.module) not in reported:
-                reported.add((written, missing.module))
-                yield Finding(
-                    message=f"{quote(written)} imports {quote(missing.module)} in line "
-                    f"{missing.line}, which is not found on this machine",
-                    path=path,
-                    part=(0, len(written)),
-                    help=package_advice.python_module_advice(missing.module),
-                    machine_dependent=True,
-                    suppressed_by={value_key(path)},
-                )
-
-
-def _source_of(
-    target: installed_packages.PythonTarget, sources: FilePath
-) -> tuple[FilePath | None, FilePath]:
-    """The file of a node, if it may be read, and the folder in which it must be."""
-    if not target.module:
-        return (target.file if target.readable else None), sources
-    file = module_file(target.module)
-    return file, file.parent if file is not None else sources
-
-
-@rule("R2B230")
-def node_started_by_arguments(context: Context) -> Findings:
-    """Python nodes that cannot share a process, although the placement says that nodes do."""
-    placement = context.spec.graph.placement
-    for _, node in context.nodes:
-        if node.path[0] != "graph" or placement == "separate" or node.node.container:
-            continue
-        if node.start.needs_own_process and not node.start.required:
-            is_main = node.start.style == "main"
-            reason = "initialises ROS itself" if is_main else "has a constructor without **kwargs"
-            yield Finding(
-                message=f"{node.key} {reason}: it starts in a process of its own, not one with "
-                f"'placement: {placement}', with its name, namespace, remappings and parameters as "
-                "ROS arguments",
-                path=(*node.path, "python"),
-                help=""
-                if is_main
-                else "to let it share a process, give its constructor **kwargs and pass them to "
-                "Node",
-            )
-
-
 @rule("R2B231")
 def constructor_argument_missing(context: Context) -> Findings:
     """Python nodes whose constructor needs arguments that a run cannot give."""
@@ -433,29 +370,4 @@ def constructor_argument_missing(context: Context) -> Findings:
                 "that returns the node",
                 suppressed_by={value_key(node.path)},
                 suppresses={value_key(node.path)},
-            )
-
-
-@rule("R2B232")
-def container_shared_by_arguments(context: Context) -> Findings:
-    """Nodes in a container with others, although their arguments need a process of their own."""
-    sizes = Counter((phase, node.node.container) for phase, node in context.nodes)
-    for phase, node in context.nodes:
-        container = node.node.container
-        if container not in context.spec.containers or not node.start.needs_own_process:
-            continue
-        program = node.start.style == "main"
-        if program or sizes[phase, container] > 1:
-            yield Finding(
-                message=f"{node.key} cannot run in {quote(container)}"
-                + (
-                    ": it initialises ROS itself, and is a process of its own"
-                    if program
-                    else " with other nodes: its constructor takes no **kwargs, so that its name "
-                    "would be that of every node in the process"
-                ),
-                path=(*node.path, "container"),
-                help="leave out 'container'"
-                if program
-                else "leave out 'container', or let the constructor pass **kwargs to Node",
             )

@@ -1,12 +1,10 @@
-"""What happens before the first message: setup steps, states of nodes, probes of the graph."""
+"""What happens before the first message: probes of the graph, states of nodes."""
 
 from __future__ import annotations
 
-import re
-
 from r2bspec.check.check_context import Context
 from r2bspec.check.rule import Finding, Findings, publisher_advice, rule, topic_key
-from r2bspec.diagnostics.quote import quote, suggestion
+from r2bspec.diagnostics.quote import quote
 from r2bspec.plan.wiring.wiring import NodeWiring
 from r2bspec.safe_io.line_pattern import PatternError, compile_line_pattern
 
@@ -27,38 +25,6 @@ def ready_topic_without_publisher(context: Context) -> Findings:
             help=publisher_advice(context, phase, topic),
             severity="warning" if unknown else None,
             suppressed_by={topic_key(phase.phase, topic)},
-        )
-
-
-_BUILD_COMMAND = re.compile(
-    r"(?:^|/)(?:colcon|cmake|make|ninja|bazel|cargo|pip|trtexec)$|build|compile|convert|download"
-)
-
-
-@rule("R2B607")
-def setup_without_creates(context: Context) -> Findings:
-    """Setup steps that build something, without `creates`."""
-    for name, step in context.spec.setup.items():
-        word = next((argument for argument in step.command if _BUILD_COMMAND.search(argument)), "")
-        if word and not step.creates:
-            yield Finding(
-                message=f"setup step {quote(name)} seems to build something, but has no 'creates'",
-                path=("setup", name),
-                key=True,
-                help="name the built file under 'creates': the step is skipped if the file exists",
-            )
-
-
-@rule("R2B608")
-def ready_process_unknown(context: Context) -> Findings:
-    """Ready probes of a process that does not exist."""
-    for name, probe in context.spec.ready.items():
-        if probe.log is None or probe.log.process in context.subjects.processes:
-            continue
-        yield Finding(
-            message=f"unknown process {quote(probe.log.process)}",
-            path=("ready", name, "log", "process"),
-            help=suggestion(probe.log.process, context.subjects.processes, "processes"),
         )
 
 

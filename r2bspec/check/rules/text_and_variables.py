@@ -1,4 +1,4 @@
-"""Values as they are written: variables, secrets, and words that YAML 1.1 reads differently.
+"""Values as they are written: variables, and words that YAML 1.1 reads differently.
 
 These rules look at the text of the document and at its variables, before anything is resolved: an
 author asks here why a value does not arrive as it was meant.
@@ -66,13 +66,6 @@ def _yaml_1_1_value(text: str) -> tuple[str, str] | None:
 
 _SECRET_SECTIONS = frozenset({"env", "parameters", "arguments", "variables", "request", "labels"})
 _PLACEHOLDERS = frozenset({"", "none", "null", "true", "false", "changeme", "xxx", "***"})
-
-
-@rule("R2B604")
-def secret_in_plain_text(context: Context) -> Findings:
-    """Secrets in plain text."""
-    if context.loaded.tree is not None:
-        yield from _secrets_below(context.loaded.tree, (), inside=False)
 
 
 def _secrets_below(node: TreeNode, path: Path, *, inside: bool) -> Findings:

@@ -220,7 +220,7 @@ def _way_to_state(unknown: tuple[NodeWiring, ...]) -> str:
 @rule("R2B208")
 def topic_without_subscription(context: Context) -> Findings:
     """Topics that the spec plays or remaps, but to which no node or monitor subscribes."""
-    # R2B401, R2B403 and R2B404 cover the preprocess phase.
+    # R2B401 covers the preprocess phase.
     phase = context.wiring.measure
     if phase.possible_subscribers:
         return

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import msgspec
 import pytest
 from check_specs import codes, findings, write_bag
 
 import data_bags
 from data_bags import STRING
 from example_spec import example
-from r2bspec.check.check_context import Context
-from r2bspec.check.rules.bags import serialization_not_cdr
-from r2bspec.language.load_spec import load_spec
 from r2bspec.plan.message_conditions import MessageCondition
 
 SECOND = 1_000_000_000
@@ -139,23 +135,6 @@ def test_a_bag_that_is_a_map_is_pointed_into(tmp_path: Path) -> None:
     text = recorded().replace("bag: ./bag", "bag: {path: kitchen}")
     (found,) = findings(text, file=str(tmp_path / "spec.r2b.yaml"))
     assert (found.code, found.path) == ("R2B301", ("data_loader", "bag", "path"))
-
-
-def test_messages_that_are_not_cdr(spec_file: str) -> None:
-    loaded = load_spec(recorded(), file=spec_file)
-    assert loaded.spec is not None
-    context = Context(loaded, loaded.spec)
-    bag = context.bag
-    assert bag is not None
-    topics = {
-        name: msgspec.structs.replace(info, serialization="ros1")
-        for name, info in bag.topics.items()
-    }
-    foreign = msgspec.structs.replace(bag, topics=topics)
-    context.bag = foreign
-    (found,) = serialization_not_cdr.find(context)
-    assert found.path == ("data_loader", "topics", "/talk")
-    assert "'ros1'" in found.message
 
 
 @pytest.mark.parametrize(

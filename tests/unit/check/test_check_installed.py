@@ -16,8 +16,7 @@ from example_spec import example
 from r2bspec.check import check
 from r2bspec.diagnostics import Certainty, Diagnostic
 from r2bspec.language.load_spec import load_spec
-from r2bspec.plan import package_advice
-from r2bspec.plan.installed_packages import missing_imports, top_level_names
+from r2bspec.plan.installed_packages import top_level_names
 from r2bspec.plan.package_advice import is_ros_module, ros_package_advice
 from r2bspec.plan.this_machine import find_module
 
@@ -117,10 +116,7 @@ def test_installed_nodes(target: str, expected: list[str]) -> None:
 )
 def test_nodes_in_a_file_beside_the_spec(source: str, expected: list[str], workspace: Path) -> None:
     (workspace / "nodes.py").write_text(source, encoding="utf-8")
-    # That 'elsewhere' is not installed is another matter.
-    found = [
-        each for each in findings(node("python: './nodes.py:Detector'")) if each.code != "R2B680"
-    ]
+    found = findings(node("python: './nodes.py:Detector'"))
     assert [each.code for each in found] == expected
     assert all(each.severity == "error" for each in found)
 
@@ -268,82 +264,6 @@ def findings_of(folder: Path, text: str, *codes: str) -> list[Diagnostic]:
     file = folder / "spec.r2b.yaml"
     file.write_text(text, encoding="utf-8")
     return [each for each in check(load_spec(file), offline=True) if each.code in codes]
-
-
-def test_imports_that_are_certain_and_not_found(folder: Path) -> None:
-    found = missing_imports(folder / "nodes.py", folder)
-    assert found == [("cv_bridge_of_tests", 2), ("r2b_test_missing", 6)]
-    assert missing_imports(folder / "nothing.py", folder) == []
-    assert missing_imports(folder / "nodes.py", folder / "ros") == []
-
-
-def test_a_file_of_a_package_may_import_the_package_and_nothing_that_is_missing(
-    folder: Path,
-) -> None:
-    """As colcon lays a repository out: the spec is beside the sources."""
-    (folder / ".git").mkdir()
-    package = folder / "src" / "blur" / "blur"
-    package.mkdir(parents=True)
-    (package / "__init__.py").touch()
-    (package / "cost.py").touch()
-    (package / "node.py").write_text("from blur.cost import work\nimport blurr_of_tests\n")
-    bench = folder / "bench"
-    bench.mkdir()
-    topics = "subscribes: {image: sensor_msgs/msg/Image}"
-    node = f"{{python: '../src/blur/blur/node.py:Blur', {topics}}}"
-    (missing,) = findings_of(bench, example(graph=f"nodes: {{one: {node}}}"), "R2B680")
-    assert "imports 'blurr_of_tests' in line 2" in missing.message
-
-
-def test_an_import_is_named_with_its_line_and_the_way_to_install_it(folder: Path) -> None:
-    (folder / "nodes.py").write_text("import cv2_of_tests\nimport nav9_msgs\n", encoding="utf-8")
-    topics = "subscribes: {image: sensor_msgs/msg/Image}"
-    text = example(graph=f"nodes: {{one: {{python: './nodes.py:make', {topics}}}}}")
-    one, two = findings_of(folder, text, "R2B680")
-    assert one.message == (
-        "'./nodes.py' imports 'cv2_of_tests' in line 1, which is not found on this machine"
-    )
-    assert one.severity == "warning"
-    assert one.certainty == "environment"
-    assert two.help == (
-        "sudo apt install ros-jazzy-nav9-msgs, or source the workspace that contains it"
-    )
-
-
-@pytest.mark.parametrize(
-    ("module", "help_text"),
-    [
-        ("cv2", "sudo apt install python3-opencv, or pip install opencv-python-headless"),
-        ("torch", "pip install torch"),
-        ("message_filters", "sudo apt install ros-jazzy-message-filters"),
-        ("cv_bridge", "sudo apt install ros-jazzy-cv-bridge, or source the workspace"),
-        ("unheard_of", "install it with pip, or source the workspace"),
-    ],
-)
-def test_the_way_to_install_a_module(module: str, help_text: str) -> None:
-    assert package_advice.python_module_advice(module).startswith(help_text)
-
-
-@pytest.mark.parametrize(
-    ("module", "help_text"),
-    [
-        ("cv2", "pip install opencv-python-headless"),
-        ("message_filters", "pip install ros-kilted-message-filters, if there is such a wheel"),
-        ("nav9_msgs", "pip install ros-kilted-nav9-msgs, if there is such a wheel; or source"),
-        ("unheard_of", "install it with pip, or source the workspace"),
-    ],
-)
-def test_where_ros_is_of_wheels_no_package_of_the_system_is_advised(
-    module: str, help_text: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """Environments of wheels do not see what apt installs."""
-    monkeypatch.delenv("ROS_DISTRO")
-    (tmp_path / "ros_kilted_rclpy-7.1.dist-info").mkdir()
-    monkeypatch.setattr("sys.path", [str(tmp_path)])
-    said = package_advice.python_module_advice(module)
-    assert said.startswith(help_text)
-    assert "apt" not in said
-    assert "apt" not in ros_package_advice("our_own")
 
 
 @pytest.mark.parametrize(

@@ -12,18 +12,6 @@ from example_spec import example
 from r2bspec.check.check_context import cached_index
 from r2bspec.datasets.catalogue import locate as locate_bag
 from r2bspec.diagnostics import Certainty
-from r2bspec.plan.launch_programs import launch_programs
-
-COMPANIONS = Path(__file__).parents[2] / "golden" / "check" / "companions"
-
-
-def relay(fields: str, **sections: str) -> str:
-    """The example with a relay that has further fields."""
-    graph = (
-        "nodes: {relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}, "
-        f"{fields}}}}}"
-    )
-    return example(graph=graph, **sections)
 
 
 @pytest.fixture
@@ -70,62 +58,6 @@ def test_the_components_of_an_installed_package_are_known(
 
     assert found("Blurr")["R2B639"] == "did you mean 'mine::Blur'?"
     assert "R2B639" not in found("Blur")
-
-
-@pytest.mark.parametrize(
-    ("kind", "text"),
-    [
-        ("xml", "<launch><include file='$(dirname)/other.launch.xml'/></launch>"),
-        ("xml", "<launch><node pkg='nav' exec='$(var which)' name='first'/></launch>"),
-        ("xml", "<!DOCTYPE launch><launch/>"),
-        ("yaml", "launch: [{executable: {cmd: ./secnd}}]"),
-        ("py", "from launch_ros.actions import Node\nNode(executable='a', **more())"),
-        ("py", "from launch_ros.actions import Node\nmap(Node, ())"),
-        (
-            "py",
-            "from launch_ros.actions import Node\n"  # noqa: ISC004
-            "Node(executable='a', ros_arguments=['-r', '__node:=b'])",
-        ),
-        ("xml", "<launch><node pkg='nav' exec='a' args='--ros-args -r __name:=b'/></launch>"),
-        ("py", "from launch_ros.actions import *\nNode(executable='a')"),
-        ("py", "from bringup import nodes\nnodes()"),
-        ("py", "from launch.actions import OpaqueFunction\nOpaqueFunction(function=print)"),
-        ("py", "("),
-    ],
-)
-def test_programs_that_the_text_does_not_say_are_found_at_the_start(
-    kind: str, text: str, tmp_path: Path
-) -> None:
-    file = tmp_path / f"nav.launch.{kind}"
-    file.write_text(text)
-    assert launch_programs(file, tmp_path) is None
-    file.write_text((COMPANIONS / file.name).read_text())
-    assert launch_programs(file, tmp_path) is not None
-    assert launch_programs(file, tmp_path / "elsewhere") is None
-
-
-@pytest.mark.parametrize(
-    ("topic", "env", "placement", "expected"),
-    [
-        ("/hawk_0_left_rgb_image", "{}", "graph", {"R2B418"}),
-        ("/hawk_0_left_rgb_image", "{MALLOC_TRIM_THRESHOLD_: '1073741824'}", "graph", set()),
-        ("/hawk_0_left_rgb_image", "{}", "separate", set()),
-        ("/d455_1_rgb_image", "{}", "graph", set()),
-        ("/d455_1_rgb_image", "{}", "separate", {"R2B673"}),
-    ],
-)
-def test_placement_of_the_harness_is_advised_by_node_kind_and_size(
-    topic: str, env: str, placement: str, expected: set[str]
-) -> None:
-    text = example(
-        harness=f"{{placement: {placement}}}",
-        containers=f"{{vision: {{executable: python, env: {env}}}}}",
-        data_loader=f"{{bag: r2b_storage, topics: {{{topic}: image_raw}}}}",
-        graph="nodes: {relay: {python: r2bspec.nodes.RelayNode, container: vision, "
-        "remappings: {input: image}}, second: {python: r2bspec.nodes.RelayNode, "
-        "container: vision, remappings: {input: output, output: other}}}",
-    )
-    assert {code for code in codes(text) if code in {"R2B418", "R2B673"}} == expected
 
 
 def test_more_shared_memory_than_there_is(spec_file: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -185,33 +117,3 @@ def test_several_recordings_are_one(tmp_path: Path, spec_file: str) -> None:
     broken = loader.replace("r2b_lounge", "./nowhere")
     (found,) = findings(example(data_loader=broken), file=spec_file)
     assert (found.code, found.path) == ("R2B301", ("data_loader", "bags", 1))
-
-
-@pytest.mark.parametrize(
-    ("rmw", "transport", "refused"),
-    [
-        ("rmw_cyclonedds_cpp", "shared_memory", True),
-        ("rmw_zenoh_cpp", "udp", True),
-        ("rmw_zenoh_cpp", "{kind: udp}", True),
-        ("rmw_zenoh_cpp", "inherit", False),
-        ("", "shared_memory", False),
-        ("rmw_fastrtps_cpp", "udp", False),
-        ("rmw_fastrtps_dynamic_cpp", "inherit", False),
-    ],
-)
-def test_a_transport_that_the_selected_middleware_does_not_have_is_refused(
-    rmw: str, transport: str, refused: bool, spec_file: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("RMW_IMPLEMENTATION", rmw)
-    found = findings(example(transport=transport), file=spec_file)
-    assert [each.code for each in found] == ["R2B666"] * refused
-    for each in found:
-        assert (each.severity, each.certainty) == ("error", Certainty.ENVIRONMENT)
-        assert (each.path, each.span.line) == (("transport",), 3)
-        assert f"with {rmw}, which RMW_IMPLEMENTATION selects here" in each.message
-
-
-def test_a_node_that_selects_its_own_middleware_is_refused_at_its_place(spec_file: str) -> None:
-    (found,) = findings(relay("env: {RMW_IMPLEMENTATION: rmw_zenoh_cpp}"), file=spec_file)
-    assert (found.code, found.certainty) == ("R2B666", Certainty.CERTAIN)
-    assert found.path[-2:] == ("env", "RMW_IMPLEMENTATION")

@@ -293,22 +293,28 @@ def test_a_waiver_holds_for_every_case_of_a_matrix(
     """It is used if one case needs it, though another does not."""
     monkeypatch.chdir(tmp_path)
     document = example(
-        variables="{rate: 30 Hz}",
-        matrix="{axes: {rate: [30 Hz, 20 Hz]}}",
-        benchmark="{rates: [30 Hz, $(var rate)]}",
+        variables="{size: 1}",
+        matrix="{axes: {size: [1, 20]}}",
+        playback="{inputs: {image: {from: image_raw, format: sensor_msgs/msg/Image}},"
+        " buffer: $(var size)}",
     )
+    waiver = "# r2bspec: ignore[R2B323] on purpose"
     Path("a.r2b.yaml").write_text(document)
-    assert "R2B512" in call("validate", "a.r2b.yaml").out
-    Path("a.r2b.yaml").write_text(f"{document.rstrip()} # r2bspec: ignore[R2B512] on purpose\n")
+    assert "R2B323" in call("validate", "a.r2b.yaml").out
+    Path("a.r2b.yaml").write_text(document.replace("playback:", f"{waiver}\nplayback:"))
     assert call("validate", "a.r2b.yaml", status=0).out == "1 file, 2 cases, no problems\n"
 
 
 def test_what_is_waived_can_be_run(tmp_path: Path) -> None:
     file = tmp_path / "a.r2b.yaml"
-    document = example(benchmark="{rates: [30 Hz, 30 Hz]}")
+    document = example(
+        playback="{inputs: {image: {from: image_raw, format: sensor_msgs/msg/Image}}, buffer: 1}"
+    )
     file.write_text(document)
-    assert [diagnostic.code for diagnostic in prepare(file).diagnostics] == ["R2B512"]
-    file.write_text(f"{document.rstrip()} # r2bspec: ignore[R2B512] on purpose\n")
+    assert [diagnostic.code for diagnostic in prepare(file).diagnostics] == ["R2B323"]
+    file.write_text(
+        document.replace("buffer: 1}", "buffer: 1} # r2bspec: ignore[R2B323] on purpose")
+    )
     assert prepare(file).diagnostics == ()
 
 

@@ -386,16 +386,16 @@ class TestWaivers:
         "      remappings: {input: image}\n"
         f"monitors: {{out: {{topic: output, format: {IMAGE}}}}}\nbenchmark: {{rates: [30 Hz]}}\n"
     )
-    WAIVED = TEXT.replace("    relay:\n", "    relay:  # r2bspec: ignore[R2B205] as intended\n")
+    WAIVED = TEXT.replace("    relay:\n", "    relay:  # r2bspec: ignore[R2B207] as intended\n")
 
     def test_a_new_waiver_is_weaker_and_one_that_is_gone_is_stronger(self) -> None:
         base, head = side(self.TEXT), side(self.WAIVED)
         (weaker,) = compare_gates(base, head).weaker
-        assert (weaker.name, weaker.after) == ("waiver R2B205", "as intended")
+        assert (weaker.name, weaker.after) == ("waiver R2B207", "as intended")
         (finding,) = weakening_diagnostics([weaker], head.loaded, "main")
         assert finding.span.line == 7
         other = compare_gates(head, base)
-        assert (other.weaker, other.stronger) == ((), ("waiver R2B205 (gone, was as intended)",))
+        assert (other.weaker, other.stronger) == ((), ("waiver R2B207 (gone, was as intended)",))
 
     def test_a_waiver_may_move_with_its_key_and_give_another_reason(self) -> None:
         moved = "# a comment\n" + self.WAIVED.replace("as intended", "for a reason")
@@ -403,12 +403,12 @@ class TestWaivers:
 
     def test_the_same_waiver_of_another_key_is_new(self) -> None:
         other = self.TEXT.replace(
-            "RelayNode\n", "RelayNode  # r2bspec: ignore[R2B205] as intended\n"
+            "RelayNode\n", "RelayNode  # r2bspec: ignore[R2B207] as intended\n"
         )
-        assert names(side(self.WAIVED), side(other)) == {"waiver R2B205"}
+        assert names(side(self.WAIVED), side(other)) == {"waiver R2B207"}
 
     @pytest.mark.parametrize(
-        "comment", ["ignore[R2B205]", "ignore[R2B999] reason", "ignore reason"]
+        "comment", ["ignore[R2B207]", "ignore[R2B999] reason", "ignore reason"]
     )
     def test_a_waiver_without_an_effect_does_not_count(self, comment: str) -> None:
         void = self.TEXT.replace("    relay:\n", f"    relay:  # r2bspec: {comment}\n")
@@ -467,7 +467,7 @@ class TestAllowing:
         assert "monitor out" in caught.value.hint
         check_gate(base, base, ["objective fats"], known_names=["objective fats"])
 
-    @pytest.mark.parametrize("name", ["waiver R2B205", "spec a b.r2b.yaml", "case a[x=1]", "base"])
+    @pytest.mark.parametrize("name", ["waiver R2B207", "spec a b.r2b.yaml", "case a[x=1]", "base"])
     def test_names_that_no_single_spec_has_are_accepted(self, name: str) -> None:
         check_gate(side(DOCUMENT), side(DOCUMENT), [name])
 

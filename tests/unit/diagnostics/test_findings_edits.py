@@ -224,11 +224,13 @@ def test_a_comment_behind_a_block_of_text_is_a_waiver() -> None:
 
 
 def test_in_a_spec() -> None:
-    document = example(benchmark="{rates: [30 Hz, 30 Hz]}")
-    assert [one.code for one in check(load_spec(document))] == ["R2B512"]
-    waived = f"{document.rstrip()} # r2bspec: ignore[R2B512] on purpose\n"
+    document = example(
+        playback="{inputs: {image: {from: image_raw, format: sensor_msgs/msg/Image}}, buffer: 1}"
+    )
+    assert [one.code for one in check(load_spec(document))] == ["R2B323"]
+    waived = document.replace("buffer: 1}", "buffer: 1} # r2bspec: ignore[R2B323] on purpose")
     assert check(load_spec(waived)) == []
-    by_slug = waived.replace("R2B512", all_pages()["R2B512"].slug)
+    by_slug = waived.replace("R2B323", all_pages()["R2B323"].slug)
     assert check(load_spec(by_slug)) == []
     assert check(load_spec(waived), offline=True) == []
 

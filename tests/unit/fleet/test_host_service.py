@@ -159,10 +159,10 @@ def test_a_host_without_room_for_a_run_leaves_it_to_others(
 
 
 def test_a_host_on_which_a_spec_is_not_valid_refuses_it(service: Service, tmp_path: Path) -> None:
-    service.problem = Problem(code="R2B404", message="no package demo", is_of_host=True)
+    service.problem = Problem(code="R2B401", message="no package demo", is_of_host=True)
     ended = play(tmp_path, service, lambda *_: None)
     assert isinstance(ended.error, HostRefusesError)
-    assert (ended.error.code, str(ended.error)) == ("R2B404", "no package demo")
+    assert (ended.error.code, str(ended.error)) == ("R2B401", "no package demo")
     assert list((service.store.root / "spool").iterdir()) == []
     assert states(tmp_path) == ["sent", "refused"]
 

@@ -15,7 +15,6 @@ from plan_specs import BAG, IMAGE, INFO, PREPROCESSED, STRAIGHT, plan, spec
 
 from example_spec import example
 from r2bspec.bags.recording import TopicInfo
-from r2bspec.check.rules.benchmark import starts_of_external_nodes
 from r2bspec.execute.build_schedule import align
 from r2bspec.ipc.buffers import BufferIndex
 from r2bspec.language.load_spec import load_spec
@@ -231,12 +230,15 @@ def test_the_default_plays_for_as_long_as_before_there_were_starts() -> None:
     assert play.iterations * play.duration_ns == 25 * 10**9
 
 
-def test_external_nodes_have_one_start() -> None:
-    page = starts_of_external_nodes.page
-    for written in (page.failing, page.passing):
-        loaded = load_spec(written, file="example.r2b.yaml")
-        assert loaded.spec is not None
-        assert compile_plan(loaded.spec, None).starts == 1
+@pytest.mark.parametrize("starts", [1, 3])
+def test_external_nodes_have_one_start(starts: int) -> None:
+    node = "external: true, publishes: {output: sensor_msgs/msg/Image}"
+    text = example(
+        graph=f"nodes: {{camera: {{{node}}}}}", benchmark=f"{{rates: [30 Hz], starts: {starts}}}"
+    )
+    loaded = load_spec(text, file="example.r2b.yaml")
+    assert loaded.spec is not None
+    assert compile_plan(loaded.spec, None).starts == 1
 
 
 def lengths(groups: tuple[range, ...]) -> list[int]:

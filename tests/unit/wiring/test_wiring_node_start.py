@@ -90,18 +90,6 @@ def plan(file: Path) -> Plan:
     return compile_plan(loaded, None, companion_files=read_companion_files(loaded, file.parent))
 
 
-def test_validate_says_which_nodes_do_not_share_a_process(tmp_path: Path) -> None:
-    [found] = findings(spec(tmp_path, "Plain", "shared"))
-    assert (found.code, found.severity) == ("R2B230", "info")
-    assert found.message.startswith("one has a constructor without **kwargs: it starts in a ")
-    assert "of its own, not one with 'placement: shared'," in found.message
-    [found] = findings(spec(tmp_path, "main", "shared"))
-    assert found.message.startswith("one initialises ROS itself")
-    for name, placement in (("Flexible", "shared"), ("Plain", "separate"), ("main", "separate")):
-        found_codes = {each.code for each in findings(spec(tmp_path, name, placement))}
-        assert found_codes <= {"R2B673"}
-
-
 @pytest.mark.parametrize("placement", ["separate", "shared", "harness"])
 @pytest.mark.parametrize("name", ["Plain", "main"])
 def test_such_a_node_has_a_process_of_its_own(tmp_path: Path, name: str, placement: str) -> None:

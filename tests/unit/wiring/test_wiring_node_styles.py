@@ -64,37 +64,6 @@ def test_what_a_file_says_of_executor_and_state_is_written(bench: Path) -> None:
         assert entry == {"python": node, **keys}
 
 
-def test_another_executor_than_that_of_the_program_is_said(bench: Path) -> None:
-    assert main(["init", str(bench / "single"), "--node", "./detector.py:Detector"]) == 0
-    file = bench / "single.r2b.yaml"
-    text = file.read_text()
-    assert "R2B239" not in {each.code for each in check(load_spec(file))}
-    file.write_text(
-        "".join(
-            line
-            for line in text.splitlines(keepends=True)
-            if "executor:" not in line and "threads:" not in line
-        )
-    )
-    [found] = [each for each in check(load_spec(file)) if each.code == "R2B239"]
-    assert "MultiThreadedExecutor with 4 threads" in found.message
-    assert "'executor: multi_threaded' and 'threads: 4'" in found.help
-
-
-def test_an_executor_for_a_program_that_makes_its_own_is_said(bench: Path) -> None:
-    assert main(["init", str(bench / "own"), "--node", "./detector.py:main"]) == 0
-    file = bench / "own.r2b.yaml"
-    target = "python: ./detector.py:main"
-    text = file.read_text()
-    file.write_text(text.replace(target, f"{target}\n      threads: 4"))
-    found = {each.code: each for each in check(load_spec(file)) if each.severity == "warning"}
-    assert set(found) == {"R2B239"}
-    assert found["R2B239"].message.startswith("'threads' of detector has no effect: main makes")
-    both = f"{target}\n      threads: 4\n      executor: single_threaded"
-    file.write_text(text.replace(target, both))
-    assert [each.code for each in check(load_spec(file))].count("R2B239") == 2
-
-
 def test_what_is_inherited_from_another_file_is_a_reason_for_doubt(bench: Path) -> None:
     interface, start = read_source("../src/drive_pkg/drive_pkg/driver_node.py:main", bench)
     assert interface.may_publish_more == "Driver inherits from BaseNode, which may have others"
