@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from r2bspec.plan.plan import Plan
     from r2bspec.plan.this_machine import SchedulingFacts
     from r2bspec.plan.tuning_space import TuningSpace
-    from r2bspec.record.baseline_file import BaselineRecord
     from r2bspec.record.graph_identity import GraphIdentity
     from r2bspec.record.run_folder import Run, RunFolder
 
@@ -246,8 +245,6 @@ def run(
     output: Path | None = None,
     progress: Progress | None = None,
     *,
-    history: Path | None = None,
-    baseline: BaselineRecord | None = None,
     abort_on_fail: bool = False,
     record_outputs: bool = False,
     anatomy: bool = False,
@@ -263,9 +260,6 @@ def run(
         prepared: from `prepare`.
         output: the run folder, new or empty; by default one below ``runs/``.
         progress: is notified of progress.
-        history: a file of earlier runs by which requirements of the baseline are judged, and to
-            which the run is added.
-        baseline: a stored run to compare with, advisory; see `stored_baseline`.
         abort_on_fail: end a rate as soon as a requirement at it can no longer be met.
         record_outputs: record the messages of one more iteration in the folder ``outputs``.
         anatomy: play one more iteration in processes that are observed from inside.
@@ -281,7 +275,6 @@ def run(
         GraphMismatchError: the graph differs from the spec, which was compiled just now.
         RunError: the run failed; its folder has what was observed until then.
         RecordError: the run folder cannot be created.
-        HistoryError: the history cannot be used.
         OtherMachineError: this machine is not what the spec requires.
     """
     from r2bspec.execute.controller import RunOptions
@@ -300,23 +293,7 @@ def run(
         private_files(),
         RunFolder.create(output or default_run_folder(prepared.plan.name)) as folder,
     ):
-        if history is None and baseline is None:
-            return _run_in_folder(folder, prepared, listener, options)
-        from r2bspec.compare.history_gate import run_with_baseline
-
-        return run_with_baseline(
-            lambda target, plan: _run_in_folder(
-                target,
-                replace(prepared, plan=plan),
-                listener,
-                # A run that confirms a failure is not profiled again.
-                options if target is folder else replace(options, profile="", anatomy=False),
-            ),
-            prepared.plan,
-            folder,
-            history=history,
-            stored=baseline,
-        )
+        return _run_in_folder(folder, prepared, listener, options)
 
 
 @contextlib.contextmanager
@@ -380,20 +357,6 @@ def _write_result(folder: RunFolder) -> Result:
     result = result_of(open_run(folder.path))
     folder.write_result(to_json(result))
     return result
-
-
-def stored_baseline(
-    path: Path, prepared: PreparedBenchmark, *, force: bool = False
-) -> BaselineRecord:
-    """A stored run, for `run` to compare with. It is advisory. Its graph may be another one.
-
-    Raises:
-        IncomparableError: load, data or machine differ, and `force` is not given.
-    """
-    from r2bspec.compare.history_gate import baseline_from_stored_run
-    from r2bspec.execute.processes.machine import describe_machine
-
-    return baseline_from_stored_run(path, prepared.plan, describe_machine(), force=force)
 
 
 def run_pairs(
@@ -550,29 +513,6 @@ def run_gated(
         lock=lock,
         identity=sides.head.identity,
         gate=sides.sentences,
-    )
-
-
-def calibrate(
-    prepared: PreparedBenchmark,
-    output: Path,
-    progress: Progress | None = None,
-    *,
-    pairs: int,
-    lock: HostLock = "wait",
-) -> Result:
-    """Compare a graph with itself, to measure the noise. Failures are not confirmed.
-
-    Raises:
-        RunError: a run failed; the folder has the pairs finished until then.
-        RecordError: the folder cannot be created.
-    """
-    import msgspec
-
-    gate = msgspec.structs.replace(prepared.plan.gate, confirm=False, time_budget_ns=0)
-    plan = msgspec.structs.replace(prepared.plan, gate=gate)
-    return run_pairs(
-        replace(prepared, plan=plan), (), output, progress, pairs=pairs, control=True, lock=lock
     )
 
 

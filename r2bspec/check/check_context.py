@@ -48,8 +48,6 @@ from r2bspec.plan.process_plans import process_names
 from r2bspec.plan.wiring.build_wiring import build_wiring
 from r2bspec.plan.wiring.companion_files import CompanionFiles, CompanionReader
 from r2bspec.plan.wiring.wiring import NodeWiring, Wiring
-from r2bspec.record.calibration_file import CalibrationFile, calibration_path, read_calibration_file
-from r2bspec.record.files import RecordError
 from r2bspec.safe_io.cache_folder import cache_folder
 from r2bspec.safe_io.file_search import note_folder
 from r2bspec.safe_io.limits import MAX_BAG_INDEX_BYTES, MAX_STAMPS_BYTES, MAX_TRIED_VALUES
@@ -214,15 +212,6 @@ class Context:
     def companion_files(self) -> CompanionFiles:
         """The companion files of the spec: interfaces, parameter files, Python files."""
         return self.files.companions.read(self.spec)
-
-    @cached_property
-    def noise(self) -> tuple[CalibrationFile | None, str]:
-        """The calibrated noise, if there is a file of it; and why that cannot be used, or empty."""
-        path = calibration_path(self.loaded.base_dir / FilePath(self.loaded.file).name)
-        try:
-            return read_calibration_file(path), ""
-        except RecordError as error:
-            return None, str(error).replace(str(path), path.name)
 
     @cached_property
     def wiring(self) -> Wiring:

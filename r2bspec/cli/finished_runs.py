@@ -1,8 +1,7 @@
-"""The verbs about finished runs: ``judge``, ``report``, ``compare`` and ``history``."""
+"""The verbs about finished runs: ``judge``, ``report`` and ``compare``."""
 
 from __future__ import annotations
 
-import datetime
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -11,14 +10,13 @@ from typing import TYPE_CHECKING
 import click
 
 from r2bspec.cli import shared_options as options
-from r2bspec.cli.text_output import print_table, show_findings
-from r2bspec.diagnostics.quote import pluralize, quoted_list
+from r2bspec.cli.text_output import show_findings
+from r2bspec.diagnostics.quote import quoted_list
 from r2bspec.errors import ExitStatus
 from r2bspec.language.quantities import Share
-from r2bspec.report.output import MAX_TABLE_ROWS, echo, echo_document, echo_json, rows_left_out
+from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
-    from r2bspec.compare.history import HistoryEntry
     from r2bspec.compare.report_input import ReportInput
     from r2bspec.language.spec import Spec
     from r2bspec.report.write_reports import ReportRequest
@@ -244,117 +242,3 @@ def compare_command(
     content = render(comparisons, output_format, width)
     echo_document(content, nl=False)
     return ExitStatus.OK
-
-
-_history_option = click.option(
-    "--history",
-    "--file",
-    "file",
-    default=options.USER_HISTORY,
-    show_default=True,
-    metavar="FILE",
-    help="The history file; 'user' is a file in your data folder.",
-)
-
-
-@click.group("history")
-def history_command() -> None:
-    """List and delete the runs stored by 'r2bspec run --history'."""
-
-
-@history_command.command("list")
-@_history_option
-@click.option("--name", default="", help="Only runs of this benchmark.")
-@options.format_option()
-def list_runs(file: str, name: str, output_format: str) -> int:
-    """List the runs, oldest first."""
-    from r2bspec.compare.history import open_history
-
-    with open_history(options.history_file(file)) as history:
-        runs = history.runs(name=name)
-    if output_format == "json":
-        echo_json(runs)
-        return ExitStatus.OK
-    rows = [
-        (
-            run.run_id,
-            run.started_at,
-            run.name,
-            run.plan.removeprefix("sha256:")[:12],
-            f"{run.host} ({run.machine})",
-            f"{run.outcome}, accepted" if run.accepted else run.outcome,
-        )
-        for run in runs[-MAX_TABLE_ROWS:]
-    ]
-    if len(runs) > len(rows):
-        echo(rows_left_out(len(runs) - len(rows)))
-    if rows:
-        print_table(("run", "started", "benchmark", "plan", "machine", "outcome"), rows)
-    else:
-        echo("no runs")
-    return ExitStatus.OK
-
-
-@history_command.command("accept")
-@click.argument("run_id", metavar="RUN_ID")
-@_history_option
-def accept(run_id: str, file: str) -> int:
-    """Let a failed run count as a baseline: the change is intended."""
-    from r2bspec.compare.history import HistoryError, open_history
-
-    with open_history(options.history_file(file)) as history:
-        if not history.accept(run_id):
-            raise HistoryError(
-                f"the history has no run {run_id!r}", hint="'r2bspec history list' lists the runs."
-            )
-    echo(f"run {run_id} now counts as a baseline", err=True)
-    return ExitStatus.OK
-
-
-@history_command.command("prune")
-@_history_option
-@click.option("--keep", type=click.IntRange(min=0), help="Keep this number of the latest runs.")
-@click.option(
-    "--before", metavar="DATE", help="Delete runs started before this date, such as 2026-01-31."
-)
-@options.repeatable_option("--run", "run_ids", metavar="RUN_ID", help="Delete this run")
-@click.option("--name", default="", help="Only runs of this benchmark.")
-def prune(
-    file: str, keep: int | None, before: str | None, run_ids: tuple[str, ...], name: str
-) -> int:
-    """Delete runs: all but the latest, older ones, or single ones.
-
-    --keep counts the runs of each plan on each kind of machine separately.
-    """
-    if keep is None and before is None and not run_ids:
-        raise click.UsageError("name the runs to delete: --keep N, --before DATE or --run RUN_ID")
-    from r2bspec.compare.history import open_history
-
-    since = parse_time(before) if before is not None else None
-    with open_history(options.history_file(file)) as history:
-        groups: dict[tuple[str, str, str], list[HistoryEntry]] = {}
-        for run in history.runs(name=name):
-            groups.setdefault((run.plan, run.host, run.dataset), []).append(run)
-        removed_ids = set(run_ids)
-        for runs in groups.values():
-            kept = [candidate for candidate in runs if candidate.run_id not in removed_ids]
-            if since is not None:
-                removed_ids |= {run_.run_id for run_ in kept if parse_time(run_.started_at) < since}
-            if keep is not None:
-                removed_ids |= {run_.run_id for run_ in kept[: max(len(kept) - keep, 0)]}
-        number = history.remove(sorted(removed_ids))
-    echo(f"{pluralize(number, 'run')} deleted", err=True)
-    return ExitStatus.OK
-
-
-def parse_time(text: str) -> datetime.datetime:
-    """A date or a time in ISO 8601; without a zone, in local time.
-
-    Raises:
-        click.UsageError: it is neither.
-    """
-    try:
-        time = datetime.datetime.fromisoformat(text)
-    except ValueError as error:
-        raise click.UsageError(f"{text!r} is not a date; write it like 2026-01-31") from error
-    return time.astimezone() if time.tzinfo is None else time

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from r2bspec.cli.main import show_error
-from r2bspec.cli.shared_options import history_file
 from r2bspec.cli.spec_selection import Playing, SuiteEntry, base_selection, prepare_and_report
 from r2bspec.compare.base_tree import parse_base_reference
 from r2bspec.compare.report_input import read_folder
@@ -103,15 +102,12 @@ class FleetExecutor:
                 yield entry, self.suite.failed(entry, error)
                 continue
             by_folder[entry.folder] = entry
-        history = None
-        if self.options.history is not None:
-            history = fleet_runs.FleetHistory(history_file(self.options.history))
         limits = fleet_runs.FleetLimits(
             lost_s=self.options.host_timeout, retry_invalid=self.options.retry_invalid
         )
         with shown_table(len(runs), quiet=self.options.quiet) as lines:
             making = fleet_runs.FleetRuns(
-                self.client, self.root, self.journal, limits, lines.note, lines.show, history
+                self.client, self.root, self.journal, limits, lines.note, lines.show
             )
             with contextlib.closing(making.play(runs)) as playing:
                 for ended in playing:

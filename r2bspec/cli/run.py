@@ -42,8 +42,6 @@ class RunArguments:
     base_setup: str = ""
     control: bool = False
     pairs: int | None = None
-    history: str | None = None
-    baseline: Path | None = None
     force: bool = False
     require_slos: bool = False
     each: bool = False
@@ -126,11 +124,7 @@ class RunArguments:
             hosts = ["--hosts"] if self.hosts != ("all",) else []
             connection = [f"--{name}" for name, value in self.connection.items() if value]
             _refuse([*hosts, *connection], "needs --on")
-        comparisons = self.given("--against", "--control", "--history", "--baseline")
-        if len(comparisons) > 1:
-            raise click.UsageError(
-                f"{' and '.join(comparisons)} cannot be combined: choose one comparison"
-            )
+        comparisons = self.given("--against", "--control")
         if self.smoke:
             judging = [*comparisons, *self.given("--require-slos")]
             if judging:
@@ -151,8 +145,8 @@ class RunArguments:
         of_gate = self.given("--allow", "--base-build", "--base-setup")
         if of_gate and not self.has_base_tree:
             _refuse(of_gate, "needs --against with a revision or a work tree")
-        if not self.given("--against", "--baseline"):
-            self.refuse("needs --against or --baseline", "--force")
+        if not self.against:
+            self.refuse("needs --against", "--force")
         if self.output is None:
             self.refuse("needs the --output of the earlier call", "--resume")
 
@@ -166,14 +160,11 @@ class RunArguments:
         from r2bspec.report.write_reports import check_targets
         from r2bspec.safe_io.looked_up_files import looked_up_files
 
-        named = [self.baseline] if self.baseline is not None else []
-        if self.history is not None:
-            named.append(shared_options.history_file(self.history))
         with looked_up_files() as read:
             try:
                 yield
             finally:
-                check_targets(self.reports, (*map(str, named), *read.files), self.output)
+                check_targets(self.reports, read.files, self.output)
 
     def check_pairs(self) -> None:
         """Report ``--pairs`` without a comparison.
@@ -191,7 +182,7 @@ class RunArguments:
             click.UsageError: there are some.
         """
         why = "cannot be combined with --on"
-        self.refuse(why, "--baseline", "--no-lock", "--no-wait")
+        self.refuse(why, "--no-lock", "--no-wait")
         if self.has_base_tree:
             raise click.UsageError(f"--against with a revision or a work tree {why}")
         self.refuse(why, "--anatomy", "--profile")
@@ -202,9 +193,9 @@ class RunArguments:
         Raises:
             click.UsageError: there are some.
         """
-        if (self.compares and not self.has_base_tree) or self.baseline is not None:
+        if self.compares and not self.has_base_tree:
             raise click.UsageError(
-                "--against with another spec, value or environment, --control and --baseline take "
+                "--against with another spec, value or environment, and --control take "
                 "one SPEC, without --case all, --select, --scan, --resume, --fail-fast and --each"
             )
         if self.compares and (self.resume or self.scan):
@@ -321,17 +312,6 @@ def _refuse(given: Sequence[str], why: str) -> None:
     type=click.IntRange(min=1, max=MAX_PLANNED_ITERATIONS),
     help="The number of pairs of runs to compare.  [default: benchmark.iterations]",
 )
-@click.option(
-    "--history",
-    metavar="FILE",
-    help="Gate by the earlier runs in FILE and add this one; 'user' is a file in your data folder.",
-)
-@click.option(
-    "--baseline",
-    type=click.Path(path_type=Path),
-    metavar="RUN",
-    help="Compare with a stored run or result; advisory, never gates.",
-)
 @shared_options.flag_options(
     {
         "--require-slos": "Refuse a spec without an objective that can fail: nothing would gate.",
@@ -360,8 +340,8 @@ def command(
     one summary and the worst exit status. With --on, specs run on the hosts of a
     fleet ('r2bspec fleet').
 
-    Requirements 'of baseline' are judged by interleaved runs of a base and of SPEC (--against), or
-    by earlier runs (--history). Without either they are inconclusive.
+    Requirements 'of baseline' are judged by interleaved runs of a base and of SPEC (--against).
+    Without it they are inconclusive.
 
     --against REVISION is the gate of a pull request: the same spec with the code of the base and of
     this work tree. What the base demands must still be demanded ('r2bspec docs gate').

@@ -205,8 +205,6 @@ def execute(
     from r2bspec.record.files import FolderTakenError
     from r2bspec.report.progress import shown_progress
 
-    # Before the run: what is stored may be unreadable.
-    ways = _ways(prepared, options)
     try:
         with shown_progress(quiet=options.quiet, remaining=remaining) as progress:
             if gate is not None:
@@ -214,7 +212,7 @@ def execute(
                     prepared, selection, gate, folder, progress, pairs=options.pairs, lock="off"
                 )
             if not options.compares:
-                return api.run(prepared, folder, progress, lock="off", **ways)
+                return api.run(prepared, folder, progress, lock="off", **_ways(options))
             return api.run_pairs(
                 prepared,
                 options.against,
@@ -243,18 +241,9 @@ def execute(
         raise
 
 
-def _ways(prepared: PreparedBenchmark, options: RunArguments) -> dict[str, Any]:
-    """The history and the stored run by which a single run is judged, too."""
-    from r2bspec import api
-    from r2bspec.cli.shared_options import history_file
-
-    history = history_file(options.history) if options.history is not None else None
-    stored = None
-    if options.baseline is not None:
-        stored = api.stored_baseline(options.baseline, prepared, force=options.force)
+def _ways(options: RunArguments) -> dict[str, Any]:
+    """Return how a single run is made, as arguments of `api.run`."""
     return {
-        "history": history,
-        "baseline": stored,
         "abort_on_fail": options.abort_on_fail,
         "record_outputs": options.record_outputs,
         "anatomy": options.anatomy,

@@ -335,14 +335,3 @@ junit_option = click.option(
     callback=_parse_junit,
     help="Same as --report junit=PATH, under the name used by ROS test runners.",
 )
-
-
-USER_HISTORY = "user"
-"""The name of the user's own history."""
-
-
-def history_file(text: str) -> Path:
-    """The file of a history, as the user names it."""
-    from r2bspec.compare.history import user_history
-
-    return user_history() if text == USER_HISTORY else Path(text)

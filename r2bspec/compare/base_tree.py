@@ -139,7 +139,7 @@ def _with_base(reference: BaseReference, text: str) -> BaseReference:
     if is_there(path / "record.json") or is_there(path / "pairs.json"):
         raise BadReferenceError(
             f"{text!r} is a stored run: it cannot be a base",
-            hint="A stored run cannot be played again; use --baseline for an advisory comparison.",
+            hint="A stored run cannot be played again; 'r2bspec compare' compares finished runs.",
         )
     if text and is_folder(path):
         return replace(reference, folder=path)

@@ -1,15 +1,11 @@
-"""What runs propose: the noise of a graph compared with itself, and edits of its spec.
-
-A run proposes objectives, a calibration limits.
+"""Objectives that a run proposes for its spec.
 
 A limit of a latency is the largest value that one more iteration would have if nothing changed:
 the one-sided prediction bound of `r2bspec.judge.statistics.t_interval` over the iterations
-of the run, times exp(margin), where `margin` is that of `r2bspec calibrate` for the latency if the
-spec has been calibrated. A limit is never below the largest value of an iteration.
+of the run. It is never below the largest value of an iteration.
 
-Of the percentiles, the highest is proposed whose
-requirement the run itself passes: one that needs more messages than were played would be
-inconclusive.
+Of the percentiles, the highest is proposed whose requirement the run itself passes: one that needs
+more messages than were played would be inconclusive.
 """
 
 from __future__ import annotations
@@ -17,109 +13,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
-from r2bspec.check.check_context import Context
-from r2bspec.check.rule import Finding, to_diagnostic
-from r2bspec.check.rules.metrics import (
-    MAX_LOG_MARGIN,
-    NarrowMargin,
-    limit_text,
-    margin_below_noise,
-    narrow_margins,
-)
-from r2bspec.compare.errors import IncomparableError
-from r2bspec.diagnostics.edits import apply_edits
-from r2bspec.judge.baseline_comparison import TrackedMetric, run_value, tracked_metrics
 from r2bspec.judge.measure.distribution import PROPOSED_PERCENTILES, part_value
 from r2bspec.judge.measure.metrics import RateMetrics
-from r2bspec.judge.measure.run_samples import read_samples
-from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.result import Result
-from r2bspec.judge.statistics.t_interval import noise_floor, predicted_ratio, smallest_detectable
+from r2bspec.judge.statistics.t_interval import predicted_ratio
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.comparison_grammar import Requirement, parse_requirement
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, lookup
 from r2bspec.language.quantities import Rate
 from r2bspec.language.spec import Objective, Spec
-from r2bspec.plan.comparability import measured_hash, pair_count
-from r2bspec.record import calibration_file
-from r2bspec.record.calibration_file import Calibration
-from r2bspec.record.comparison_folder import PairedComparison
-from r2bspec.record.graph_identity import describe_machine, fingerprint
-
-_OBJECTIVE_NAME = "no_regression"
-_DEFAULT_LIMITS = (("throughput.mean", ">="), ("latency.p50", "<="))
-"""The proposal for a spec without requirements of the baseline."""
-
-
-def propose_limits(loaded: LoadedSpec, found: Calibration, text: str) -> tuple[str, list[str]]:
-    """A spec with limits above the noise.
-
-    Margins below the noise are widened to it; margins above it are unchanged, because they are a
-    decision of the user. If there is no requirement of the baseline, an objective is added.
-
-    Args:
-        loaded: the spec, with its calibration file.
-        found: the calibration.
-        text: the text of the spec.
-
-    Returns:
-        The text, changed or not, and what has to be changed by hand, a sentence each.
-    """
-    if loaded.spec is None:
-        return text, []
-    of_baseline = [
-        requirement
-        for objective in loaded.spec.slos.values()
-        for requirement in objective.require
-        if requirement.of_baseline
-    ]
-    if not of_baseline:
-        return _with_objective(loaded, loaded.spec, found, text)
-    edits, left = [], []
-    for narrow_margin in narrow_margins(Context(loaded, loaded.spec, offline=True)):
-        if not narrow_margin.proposed:
-            left.append(_too_noisy(narrow_margin))
-            continue
-        finding = Finding(
-            message="",
-            path=narrow_margin.known_metric.path,
-            part=narrow_margin.part,
-            replacement=narrow_margin.proposed,
-        )
-        edit = to_diagnostic(
-            finding, margin_below_noise.code, margin_below_noise.page.severity, loaded
-        ).edit
-        if edit is not None and edit.span.file == loaded.file:
-            edits.append(edit)
-        else:
-            left.append(
-                f"the limit of '{narrow_margin.known_metric.requirement.text}' is set in "
-                f"another file: change it to {narrow_margin.proposed} there"
-            )
-    return apply_edits(text, edits), left
-
-
-def _too_noisy(each: NarrowMargin) -> str:
-    return (
-        f"'{each.known_metric.requirement.text}': {each.detectable_text}; increase "
-        "'benchmark.iterations', make iterations longer, or use a quieter machine"
-    )
-
-
-def _with_objective(
-    loaded: LoadedSpec, spec: Spec, found: Calibration, text: str
-) -> tuple[str, list[str]]:
-    requirements = list(_requirements(spec, found))
-    if not requirements:
-        return text, ["the noise of every metric is too large here to propose a limit"]
-    name, rate = _free_name(spec, _OBJECTIVE_NAME), str(spec.benchmark.rates[0])
-    proposed = insert_objective(loaded, text, _objective_lines(name, rate, requirements))
-    if proposed is not None and load_spec(proposed, file=loaded.file).spec is not None:
-        return proposed, []
-    return text, [f"add an objective by hand: {'; '.join(requirements)}"]
 
 
 def _objective_lines(name: str, at: str, requirements: Iterable[str]) -> list[str]:
@@ -131,23 +35,6 @@ def _objective_lines(name: str, at: str, requirements: Iterable[str]) -> list[st
         "  require:",
         *(f"    - {requirement}" for requirement in requirements),
     ]
-
-
-def _requirements(spec: Spec, found: Calibration) -> Iterator[str]:
-    if not spec.benchmark.rates:
-        return
-    at_hz = spec.benchmark.rates[0].hz
-    several = len(spec.outputs) > 1
-    for noise in found.metrics:
-        if noise.monitor and spec.outputs[noise.monitor].reaction is not None:
-            continue
-        for metric, op in _DEFAULT_LIMITS:
-            margin = noise.margin(spec.benchmark.iterations)
-            if (noise.metric, noise.at_hz) != (metric, at_hz) or margin is None:
-                continue
-            if margin <= MAX_LOG_MARGIN:
-                name = f"{noise.monitor}.{metric}" if several else metric
-                yield f"{name} {op} {limit_text(margin, ceiling=op == '<=')} of baseline"
 
 
 def insert_objective(loaded: LoadedSpec, text: str, lines: list[str]) -> str | None:
@@ -230,7 +117,6 @@ def propose_objectives(
     text: str,
     result: Result,
     judge: Judge,
-    calibrations: Sequence[Calibration] = (),
 ) -> Proposal:
     """A spec with objectives from what a run measured.
 
@@ -241,15 +127,12 @@ def propose_objectives(
         text: its text.
         result: of the run.
         judge: judges the run by other objectives.
-        calibrations: of the spec on every kind of machine.
     """
     proposal = Proposal(text)
     if loaded.spec is None:
         return proposal
     candidates = [
-        entry
-        for entry in _candidates(loaded.spec, result, calibrations, proposal.notes)
-        if entry.texts
+        entry for entry in _candidates(loaded.spec, result, proposal.notes) if entry.texts
     ]
     passed = _passed(candidates, judge)
     for proposed in candidates:
@@ -270,9 +153,7 @@ def propose_objectives(
     return proposal
 
 
-def _candidates(
-    spec: Spec, result: Result, calibrations: Sequence[Calibration], notes: list[str]
-) -> Iterator[_Candidate]:
+def _candidates(spec: Spec, result: Result, notes: list[str]) -> Iterator[_Candidate]:
     several = len(spec.outputs) > 1
     for rate in result.metrics.rates:
         at = f"{rate.offered_hz:g} Hz" if rate.pace == "rate" else ""
@@ -286,8 +167,7 @@ def _candidates(
             family = "reaction" if rate.pooled.monitors[monitor].reaction else "latency"
             where = f"{prefix}{family}{f' at {at}' if at else ''}"
             if not _has_requirement(spec, rate, monitor, family):
-                margin = _margin(calibrations, rate.offered_hz if at else None, monitor)
-                texts = tuple(_latency_texts(rate, monitor, f"{prefix}{family}", margin))
+                texts = tuple(_latency_texts(rate, monitor, f"{prefix}{family}"))
                 if family == "latency" and spec.outputs[monitor].own_pace:
                     # What it has instead, its path, is proposed with the parts.
                     if not rate.pooled.anatomy:
@@ -375,7 +255,7 @@ def _part_candidates(spec: Spec, rate: RateMetrics, name: str, at: str) -> Itera
             yield _Candidate(name, at, load, (f"{load} < {_ceiling(100 * limit)} %",))
 
 
-def _latency_texts(rate: RateMetrics, monitor: str, name: str, margin: float) -> Iterator[str]:
+def _latency_texts(rate: RateMetrics, monitor: str, name: str) -> Iterator[str]:
     for part in _PARTS:
         values = [
             value
@@ -386,7 +266,7 @@ def _latency_texts(rate: RateMetrics, monitor: str, name: str, margin: float) ->
         ]
         limit = prediction_bound(values)
         if limit is not None:
-            yield f"{name}.{part} < {_ceiling(1e3 * limit * math.exp(margin))} ms"
+            yield f"{name}.{part} < {_ceiling(1e3 * limit)} ms"
 
 
 def prediction_bound(values: Sequence[float], confidence: float = CONFIDENCE) -> float | None:
@@ -403,20 +283,6 @@ def prediction_bound(values: Sequence[float], confidence: float = CONFIDENCE) ->
         return None
     # The new value for which the lower bound of the ratio is 1.
     return max(1 / predicted_ratio(values, 1.0, confidence).lower, *values)
-
-
-def _margin(calibrations: Sequence[Calibration], at_hz: float | None, monitor: str) -> float:
-    """The largest calibrated margin of the latency, as a logarithm; 0 without one."""
-    margins = [
-        margin
-        for calibration in calibrations
-        for noise in calibration.metrics
-        if noise.metric.startswith("latency")
-        and noise.at_hz == at_hz
-        and noise.monitor in {None, monitor}
-        and (margin := noise.margin(max(map(int, noise.margins), default=0))) is not None
-    ]
-    return max(margins, default=0.0)
 
 
 def _passed(candidates: Sequence[_Candidate], judge: Judge) -> set[tuple[str, str]]:
@@ -493,92 +359,3 @@ def _floor(value: float) -> str:
     """A number rounded down to three significant digits."""
     step = 10 ** (math.floor(math.log10(value)) - 2)
     return f"{float(f'{math.floor(value / step + 1e-9) * step:.6g}'):g}"
-
-
-MIN_PAIRS = 3
-"""With fewer, the bound on the noise is more than five times the estimate."""
-
-_PAIR_COUNTS = (3, 5, 10, 20, 40)
-"""Numbers of pairs for which margins are computed, besides that of the spec."""
-
-
-def compute_calibration(pairs: PairedComparison) -> calibration_file.Calibration:
-    """The noise of every metric that has a value in each run.
-
-    Args:
-        pairs: a control: base and head are the same.
-
-    Raises:
-        IncomparableError: it is not a control, or has too few pairs.
-        RecordError: a file of one of its runs is missing or damaged.
-    """
-    played = pairs.usable_pairs()
-    if not pairs.record.control:
-        raise IncomparableError(
-            f"{pairs.folder} compares two graphs; a calibration compares a graph with itself",
-            hint="Use 'r2bspec calibrate SPEC'.",
-        )
-    if len(played) < MIN_PAIRS:
-        raise IncomparableError(
-            f"{len(played)} pairs are too few for a calibration; {MIN_PAIRS} are needed",
-            hint="Increase --pairs.",
-        )
-    base = [read_samples(pairs.run(pair, "base")) for pair in played]
-    head = [read_samples(pairs.run(pair, "head")) for pair in played]
-    merged = pairs.merged(played, "head")
-    confidence = pairs.plan.gate.confidence
-    numbers = sorted({*_PAIR_COUNTS, max(pair_count(pairs.plan), 2)})
-    metrics: list[calibration_file.MetricNoise] = []
-    for at_hz, monitor, info in tracked_metrics(merged, read_samples(merged)):
-        ratios = _ratios((at_hz, monitor, info), base, head)
-        if ratios is not None:
-            metrics.append(_noise((at_hz, monitor, info), ratios, numbers, confidence))
-    return calibration_file.Calibration(
-        machine=describe_machine(merged.record.machine),
-        run_id=pairs.record.run_id,
-        started_at=pairs.record.started_at,
-        plan=measured_hash(pairs.plan),
-        confidence=confidence,
-        metrics=tuple(metrics),
-    )
-
-
-def _ratios(
-    where: TrackedMetric, base: Sequence[RunSamples], head: Sequence[RunSamples]
-) -> list[float] | None:
-    """Second over first of each pair; None if a value is missing, lost or 0."""
-    at_hz, monitor, info = where
-    values = [
-        (run_value(info, monitor, at_hz, a), run_value(info, monitor, at_hz, b))
-        for a, b in zip(base, head, strict=True)
-    ]
-    positive = [(a, b) for a, b in values if a and b]
-    return [b / a for a, b in positive] if len(positive) == len(values) else None
-
-
-def _noise(
-    where: TrackedMetric, ratios: Sequence[float], numbers: Sequence[int], confidence: float
-) -> calibration_file.MetricNoise:
-    at_hz, monitor, info = where
-    noise = noise_floor(ratios, confidence)
-    return calibration_file.MetricNoise(
-        at_hz=at_hz,
-        monitor=monitor,
-        metric=info.name,
-        **vars(noise),
-        margins={str(n): smallest_detectable(noise.upper, n, confidence) for n in numbers},
-    )
-
-
-def store_calibration(
-    spec_file: Path, pairs: PairedComparison, found: calibration_file.Calibration
-) -> Path:
-    """Store a calibration in the companion file of its spec; returns the file.
-
-    Raises:
-        RecordError: the existing file is damaged, or cannot be written.
-    """
-    path = calibration_file.calibration_path(spec_file)
-    machine = pairs.merged(pairs.usable_pairs(), "head").record.machine
-    calibration_file.add_calibration(path, pairs.plan.name, fingerprint(machine), found)
-    return path

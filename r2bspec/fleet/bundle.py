@@ -30,7 +30,7 @@ from r2bspec.safe_io import limits
 from r2bspec.safe_io.file_search import regular_files, walk
 
 Sha256 = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
-Identity = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{32}(-confirm)?\Z")]
+Identity = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{32}\Z")]
 Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 50)]
 """What names a file on a host must be a digest; what arrives is checked when it is decoded."""
 

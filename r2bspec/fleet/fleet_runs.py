@@ -25,10 +25,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-import msgspec
-
-from r2bspec.compare.history import open_history
-from r2bspec.compare.history_gate import add_to_history, baseline_from_history, write_baseline
 from r2bspec.diagnostics.quote import time_text
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.identity.identify_graph import graph_identity
@@ -39,23 +35,16 @@ from r2bspec.fleet.hosts import Host
 from r2bspec.fleet.journal import Journal, State
 from r2bspec.fleet.messages import Call, HostState, RunEnded, Steps
 from r2bspec.fleet.transfer import MAX_TRANSFERS, fetch, offer, run_folders
-from r2bspec.judge.baseline_comparison import fails_by_history
-from r2bspec.judge.judge_run import result_of, to_json
-from r2bspec.judge.result import Result
-from r2bspec.plan.canonical_json import canonical_json, plan_hash
+from r2bspec.plan.canonical_json import plan_hash
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 from r2bspec.plan.time_estimate import estimate_pairs, estimate_time
-from r2bspec.record.baseline_file import CONFIRMATION_FOLDER
-from r2bspec.record.run_folder import RunFolder, open_run
 
 _POLL_S: Final = 1.0
 _POLLS_A_SECOND: Final = 50.0
 """Hosts whose state is asked for in a second: the answer of the scheduler has all of them."""
 _INVALID: Final = "invalid"
 _NO_CALL: Final = Call("", ())
-_CONFIRM: Final = "-confirm"
-"""Ends the identity of a run that confirms another one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,7 +152,6 @@ class FleetRuns:
         root: the folder of the suite.
         on_note: is told of losses and repetitions, in a line.
         on_tick: is told every second what runs and hosts do.
-        history: judges runs, too.
     """
 
     client: FleetClient
@@ -172,7 +160,6 @@ class FleetRuns:
     limits: FleetLimits
     on_note: Callable[[str], None]
     on_tick: Callable[[list[RunStatus], Mapping[str, Host]], None]
-    history: FleetHistory | None = None
     _entries: list[_RunEntry] = field(default_factory=list)
     _waiting: list[_RunEntry] = field(default_factory=list)
     _loops: dict[str, _HostLoop] = field(default_factory=dict)
@@ -334,8 +321,6 @@ class FleetRuns:
             played: RunEnded = yield from self._play_and_fetch(host, entry, job)
             error = played.problem.error if played.problem is not None else None
             again = self._is_made_again(entry, played)
-            if self.history is not None and error is None and not again:
-                yield from self._judge_by_history(host, entry, self.history)
             state: State = "invalid" if again else "failed" if error is not None else "done"
             self._write(entry, host, state, job.identity, str(error or played.outcome))
             with contextlib.suppress(R2bspecError):  # a host that is lost drops it later
@@ -356,18 +341,15 @@ class FleetRuns:
         Raises:
             R2bspecError: as `_play_on`.
         """
-        is_confirmation = job.identity.endswith(_CONFIRM)
         for number in range(MAX_TRANSFERS):
             try:
                 entry.status = (host.name, "being sent")
                 yield from offer(host, job, entry.bundle)
                 self._write(entry, host, "sent", job.identity)
-                entry.status = (host.name, "being confirmed" if is_confirmation else "playing")
+                entry.status = (host.name, "playing")
                 played: RunEnded = yield Call("play", (job,), _longest_s(entry.run.head.plan, job))
                 folder = entry.run.folder
-                if is_confirmation:
-                    folder /= CONFIRMATION_FOLDER
-                elif self._is_made_again(entry, played):
+                if self._is_made_again(entry, played):
                     folder = folder.with_name(f"{folder.name}.invalid-{entry.attempt}")
                 if played.size:
                     entry.status = (host.name, "being fetched")
@@ -380,22 +362,6 @@ class FleetRuns:
             else:
                 return played
         return None
-
-    def _judge_by_history(self, host: Host, entry: _RunEntry, history: FleetHistory) -> Steps:
-        """Judge a run by earlier ones of its host; a failure is confirmed there by a second run."""
-        folder = entry.run.folder
-        plan = history.confirmation(folder, entry.run.head.plan)
-        if plan is not None:
-            job = self._job(entry, host.name)
-            head = msgspec.structs.replace(job.head, plan=canonical_json(plan).decode())
-            identity = f"{job.identity}{_CONFIRM}"
-            job = msgspec.structs.replace(job, head=head, identity=identity)
-            played: RunEnded = yield from self._play_and_fetch(host, entry, job)
-            if played.problem is not None:
-                raise played.problem.error
-            with contextlib.suppress(R2bspecError):
-                yield Call("drop", (identity,))
-        history.add(folder)
 
     def _job(self, entry: _RunEntry, host: str) -> Job:
         run, bundle = entry.run, entry.bundle
@@ -462,37 +428,6 @@ class FleetRuns:
         )
 
 
-class FleetHistory:
-    """The history of a client, as `r2bspec.compare.history_gate` uses it for a run on this machine.
-
-    The machine is part of what a run is compared by, so each host has a history of its own.
-    """
-
-    def __init__(self, file: Path) -> None:
-        """See that the history can be used.
-
-        Raises:
-            HistoryError: it cannot.
-        """
-        self._file = file
-        with open_history(file, create=True):
-            pass
-
-    def confirmation(self, folder: Path, plan: Plan) -> Plan | None:
-        """Judge a run by the history; the plan of the run that must confirm a failure, if any."""
-        baseline = baseline_from_history(self._file, open_run(folder))
-        write_baseline(folder, baseline)
-        if not fails_by_history(_judged(folder).verdict) or not plan.gate.confirm:
-            return None
-        # The second run confirms the comparison with the history only.
-        gate = msgspec.structs.replace(plan.gate, confirm=False)
-        return msgspec.structs.replace(plan, gate=gate)
-
-    def add(self, folder: Path) -> None:
-        """Judge a run with its confirmation, and add it to the history."""
-        add_to_history(self._file, open_run(folder), _judged(folder))
-
-
 def _longest_s(plan: Plan, job: Job) -> float:
     """More seconds than a run takes on the slowest of hosts."""
     estimate = estimate_pairs(plan, job.pairs) if job.compares else estimate_time(plan)
@@ -511,9 +446,3 @@ def _code_of(run: FleetRun, known: dict[int, str]) -> tuple[str, ...]:
         if id(side) not in known:
             known[id(side)] = graph_identity(side.plan, side.base_dir).digest
     return tuple(known[id(side)] for side in run.sides)
-
-
-def _judged(folder: Path) -> Result:
-    result = result_of(open_run(folder))
-    RunFolder(folder).write_result(to_json(result))
-    return result

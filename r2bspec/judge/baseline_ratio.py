@@ -1,16 +1,12 @@
 """``of baseline``: a requirement on the ratio of a metric to its value before a change.
 
-    method                 based on                                  decides
-    paired t on logs       interleaved runs of base and head         PASS, FAIL, INCONCLUSIVE
-    prediction interval    a history of runs, one plan, one host     PASS, FAIL, INCONCLUSIVE
-    stored baseline        one stored run                            nothing: advisory
-
-The limit is the margin, as a ratio: ``>= 97 % of baseline`` is 0.97. With the one-sided bounds on
-the true ratio, a lower limit passes if the lower bound is at or over it and fails if the upper
-bound is below it; an upper limit the other way round. A metric without a value in one of the pairs
-(nothing arrived, a percentile that falls on a lost message) is not left out: it fails for the head,
-and decides nothing for the base. A metric that was not sampled decides nothing for either, and
-neither does a share of 0, which has no ratio.
+The values are those of interleaved runs of base and head, in pairs. The limit is the margin, as a
+ratio: ``>= 97 % of baseline`` is 0.97. With the one-sided bounds on the true ratio, a lower limit
+passes if the lower bound is at or over it and fails if the upper bound is below it; an upper limit
+the other way round. A metric without a value in one of the pairs (nothing arrived, a percentile
+that falls on a lost message) is not left out: it fails for the head, and decides nothing for the
+base. A metric that was not sampled decides nothing for either, and neither does a share of 0, which
+has no ratio.
 """
 
 from __future__ import annotations
@@ -18,22 +14,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 import msgspec
 
-from r2bspec.diagnostics.quote import pluralize
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import Method
 from r2bspec.judge.requirement_case import Decision, RequirementCase, finite, requirement_verdict
-from r2bspec.judge.statistics.t_interval import (
-    MIN_HISTORY_RUNS,
-    RatioInterval,
-    RunValues,
-    paired_ratio,
-    predicted_ratio,
-    welch_ratio_of_runs,
-)
+from r2bspec.judge.statistics.t_interval import RatioInterval, paired_ratio
 from r2bspec.judge.statistics.variance_components import ASSURANCE, growth_for_mean, pieces_for
 from r2bspec.judge.verdict import BaselineEstimate, Outcome, RequirementVerdict
 
@@ -171,70 +158,6 @@ def judge_pairs(case: BaselineCase, base: Values, head: Values) -> RequirementVe
         )
     interval = paired_ratio(before, after, case.confidence, case.resolution)
     return sides.decided(interval, "pairs", _pairs_hint(case, interval))
-
-
-_GRAPH_OR_MACHINE: Final = (
-    "The graph or its machine has changed since the run before: interleaved pairs (--against) tell "
-    "which."
-)
-
-
-def judge_history(case: BaselineCase, history: Values, new: float | None) -> RequirementVerdict:
-    """Decide by a history of runs of the same plan on the same kind of machine, oldest first."""
-    earlier = [value for value in history if value is not None and _usable(value)]
-    sides = _Sides(case, "prediction interval", earlier, [new])
-    unknown = sides.without_head_value()
-    if unknown is not None:
-        return unknown
-    if len(earlier) < MIN_HISTORY_RUNS:
-        learning = f"{len(earlier) + 1} of {MIN_HISTORY_RUNS}"
-        short = sides.undecided(
-            f"Learning, {learning}: the history has {pluralize(len(earlier), 'run')} of this plan "
-            f"on this kind of machine with a value of {case.info.name}.",
-            f"{MIN_HISTORY_RUNS} are needed: {MIN_HISTORY_RUNS - len(earlier)} more.",
-        )
-        return msgspec.structs.replace(short, learning=learning)
-    verdict = sides.decided(
-        predicted_ratio(earlier, _known([new])[0], case.confidence),
-        "runs",
-        "Runs vary too much for this margin: compare interleaved pairs with --against.",
-    )
-    return verdict.noted(_GRAPH_OR_MACHINE) if verdict.outcome == "fail" else verdict
-
-
-@dataclass(frozen=True)
-class StoredValues:
-    """A metric in the iterations of one run, and the start of each; empty if not known."""
-
-    values: Values
-    starts: Sequence[int] = ()
-
-    def usable(self) -> RunValues:
-        """Those of which a ratio can be made."""
-        kept = [place for place, value in enumerate(self.values) if value and _usable(value)]
-        starts_known = len(self.starts) == len(self.values)
-        return RunValues(
-            values=[self.values[place] or 0.0 for place in kept],
-            starts=[self.starts[place] for place in kept] if starts_known else (),
-        )
-
-
-def advise_by_stored_run(
-    case: BaselineCase, base: StoredValues, head: StoredValues
-) -> RequirementVerdict:
-    """State what a single stored run suggests. The outcome is always inconclusive."""
-    remedy = "A stored run is advisory only: gate on interleaved pairs with --against."
-    before, after = base.usable(), head.usable()
-    sides = _Sides(case, "stored baseline", base.values, head.values)
-    if min(len(before.values), len(after.values)) < 2:
-        return sides.undecided(
-            "Too few iterations have a value to be compared with a stored run.", remedy
-        )
-    interval, pieces = welch_ratio_of_runs(before, after, case.confidence)
-    words = {"pass": "would pass", "fail": "would fail", "inconclusive": "would be inconclusive"}
-    outcome = case.outcome_of_bounds(interval.lower, interval.upper)
-    reason = f"{sides.reason(interval, pieces)} By this alone it {words[outcome]}."
-    return sides.verdict("inconclusive", reason, remedy, interval)
 
 
 def _pairs_hint(case: BaselineCase, interval: RatioInterval) -> str:

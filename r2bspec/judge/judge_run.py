@@ -13,7 +13,6 @@ from typing import Final
 import msgspec
 
 from r2bspec.diagnostics.plain_text import escaped_json
-from r2bspec.judge.baseline_comparison import judge_with_baseline
 from r2bspec.judge.confirmation import confirm_run, needs_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy, decision_policy, without_own_confidence
 from r2bspec.judge.measure.anatomy_summary import AnatomySummary
@@ -24,12 +23,11 @@ from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.methods import METHODS
 from r2bspec.judge.methods.peak_bracket import with_refuted_peak
 from r2bspec.judge.pipeline import judge
-from r2bspec.judge.result import BaselineResult, ObjectiveText, PairsResult, Result
+from r2bspec.judge.result import ObjectiveText, PairsResult, Result
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 from r2bspec.language.spec import Objective
 from r2bspec.plan.plan import GatePlan
-from r2bspec.record.baseline_file import read_baseline, read_confirmation
 from r2bspec.record.graph_identity import GraphIdentity, identity_differences
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import RunRecord
@@ -64,27 +62,12 @@ def result_of(
     objectives = run.plan.objectives if objectives is None else objectives
     policy = decision_policy(run.plan, gate)
     verdict = judge_with_confirmation(objectives, samples, policy)
-    baseline, compared = read_baseline(run.folder), None
-    if baseline is not None:
-        again = read_confirmation(run.folder)
-        fresh = read_samples(again) if again is not None else None
-        verdict = judge_with_baseline(verdict, objectives, samples, fresh, policy, baseline)
-        compared = BaselineResult(
-            kind=baseline.kind,
-            source=baseline.source,
-            run_ids=baseline.run_ids,
-            differences=baseline.differences,
-            confirmed=again is not None,
-        )
     return build_result(
         run,
         objectives,
         judged_by,
         metrics=summarise(with_refuted_peak(samples)),
         verdict=verdict,
-        baseline=compared,
-        base_identity=baseline.identity if baseline is not None else None,
-        grown=baseline.grown if baseline is not None else (),
         anatomies=anatomy_summaries(run, samples.summaries),
     )
 
@@ -158,7 +141,6 @@ def build_result(
     metrics: RunMetrics,
     verdict: Verdict,
     pairs: PairsResult | None = None,
-    baseline: BaselineResult | None = None,
     base_identity: GraphIdentity | None = None,
     grown: tuple[str, ...] = (),
     anatomies: tuple[AnatomySummary, ...] = (),
@@ -185,7 +167,6 @@ def build_result(
         metrics=metrics,
         verdict=_on_what_was_played(verdict, record),
         pairs=pairs,
-        baseline=baseline,
         anatomies=anatomies or msgspec.UNSET,
         base_identity=base_identity,
         changes=changes,

@@ -386,9 +386,7 @@ def _undecidable(case: RequirementCase, samples: RunSamples) -> Decision | None:
     if bound is not None and bound.of_offered and not case.at_hz:
         return undecided("The objective has no rate, so 'of offered' has no meaning.")
     if case.requirement.of_baseline:
-        return undecided(
-            "This run was not compared with a baseline.", "Run with --against or --history."
-        )
+        return undecided("This run was not compared with a baseline.", "Run with --against.")
     return None
 
 

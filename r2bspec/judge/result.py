@@ -57,25 +57,6 @@ class PairsResult(msgspec.Struct, frozen=True, kw_only=True):
     notes: tuple[str, ...]
 
 
-class BaselineResult(msgspec.Struct, frozen=True, kw_only=True):
-    """The earlier runs that a run was compared with.
-
-    Attributes:
-        kind: a ``history`` decides, a single ``stored`` run is advisory.
-        source: the file or folder, as the user named it.
-        run_ids: of the earlier runs, oldest first.
-        differences: between the runs, a line each; not empty only with ``--force``.
-        confirmed: whether a second run was made after a failure, which is in the folder
-            ``confirm``.
-    """
-
-    kind: Literal["history", "stored"]
-    source: str
-    run_ids: tuple[str, ...]
-    differences: tuple[str, ...]
-    confirmed: bool
-
-
 class Result(msgspec.Struct, frozen=True, kw_only=True):
     """Everything about a run: metrics and verdict, and what they are based on.
 
@@ -96,7 +77,6 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         monitor_labels: the labels of monitors that have one, by monitor.
         pairs: how base and head were compared, if this is a comparison: metrics are then those
             of the head.
-        baseline: the earlier runs that this one was compared with, if any.
         left_out: planned parts that were not played, a sentence each.
         starts: of all processes, with what each took; empty where it is not known.
         unplayed: messages of inputs that were not played.
@@ -106,7 +86,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         accuracy: of the monitors that were compared with the truth.
         identity: what the graph was made of, with the revision; None where it is not known, or
             was not the same in all runs.
-        base_identity: of the base, if this is a comparison or there is a stored run.
+        base_identity: of the base, if this is a comparison.
         changes: from the base to this run, such as ``blur.py changed``; nodes first.
         grown: which parts of which nodes and topics grew since the base, such as ``blur: callback
             +4.1 ms (of +4.3 ms)``; where both were observed from inside.
@@ -137,7 +117,6 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     metrics: RunMetrics
     verdict: Verdict
     pairs: PairsResult | None = None
-    baseline: BaselineResult | None = None
     left_out: tuple[str, ...] = ()
     starts: tuple[StartRecord, ...] = ()
     unplayed: tuple[UnplayedMessages, ...] = ()

@@ -11,8 +11,7 @@ Outcome of the run
 
 The policy is ``report`` (the run is inconclusive, which has an exit status of its own), ``fail``
 (as if it had failed) or ``pass`` (a warning; for pipelines that must not stop for lack of
-evidence). A requirement that waits for a history to have enough runs is information, except with
-``fail``: then it is undecided like any other.
+evidence).
 """
 
 from __future__ import annotations
@@ -81,9 +80,8 @@ class BaselineEstimate(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         base: the geometric mean of the base's values; None where one is missing.
         head: likewise.
-        base_values: one for each pair, earlier run, or iteration of a stored run, oldest first;
-            None for one that is missing or lost.
-        head_values: one for each pair or iteration; a single one for a history.
+        base_values: one for each pair, in their order; None for one that is missing or lost.
+        head_values: likewise.
         deviation: the standard deviation of the logarithms behind the interval; 0.02 is
             about 2 %.
     """
@@ -164,8 +162,6 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
         early: whether it passed before the declared starts or pairs, without room for what they may
             meet.
         budget: what the interval is made of; None where none was estimated.
-        learning: while a history has too few runs to decide, which of them this one is, such as
-            ``3 of 5``; otherwise empty.
     """
 
     objective: str
@@ -197,7 +193,6 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
     compared: BaselineEstimate | None = None
     weakened: bool = False
     early: bool = False
-    learning: str = ""
     budget: UncertaintyBudget | None = None
 
     @property
@@ -336,15 +331,7 @@ def outcome_of(
     """
     counted = [requirement for requirement in requirements if requirement.level == "error"]
     outcome = worst_outcome([requirement.outcome for requirement in counted], policy)
-    learning = [
-        requirement.learning
-        for requirement in requirements
-        if requirement.learning and requirement.level != "error"
-    ]
-    parts = [_sentence(counted, outcome)] if counted or not learning else []
-    if learning:
-        parts.append(_learning_sentence(learning))
-    text = f"{' '.join(parts)}{_warnings(requirements, policy)}"
+    text = f"{_sentence(counted, outcome)}{_warnings(requirements, policy)}"
     if starts and requirements:
         text = f"{_starts_phrase(starts)}: {text[:1].lower()}{text[1:]}"
     return outcome, text
@@ -384,12 +371,6 @@ def _sentence(counted: Sequence[RequirementVerdict], outcome: Outcome) -> str:
     if open_:
         return f"{open_} of {total} requirements could not be decided{_policy(outcome)}."
     return f"All {total} requirements are met."
-
-
-def _learning_sentence(learning: Sequence[str]) -> str:
-    """How far the history is for the requirements that wait for it."""
-    waits = "1 requirement waits" if len(learning) == 1 else f"{len(learning)} requirements wait"
-    return f"Learning, {min(learning)}: {waits} for the history."
 
 
 def _policy(outcome: Outcome) -> str:

@@ -14,7 +14,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from r2bspec.diagnostics.quote import first_words, pluralize
+from r2bspec.diagnostics.quote import first_words
 from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
@@ -79,18 +79,14 @@ def reason_after(line: str, verdict: Verdict) -> str:
 
 def base_name(result: Result) -> str:
     """What a run was compared with, in few words; empty where it was not compared."""
-    pairs, earlier = result.pairs, result.baseline
+    pairs = result.pairs
     base = result.base_identity.revision if result.base_identity is not None else None
     if pairs is not None:
         if pairs.control:
             return "itself"
         # Without a name the user gave a spec or a folder, which says more than its commit.
         return revision_text(base) if base is not None and base.name else pairs.against
-    if earlier is None:
-        return ""
-    if earlier.kind == "stored":
-        return f"the stored run {earlier.source}"
-    return pluralize(len(earlier.run_ids), "earlier run")
+    return ""
 
 
 def changes_text(changes: Sequence[str], base: str) -> str:

@@ -162,7 +162,7 @@ def peak_text(search: SearchRecord) -> str:
 
 
 def comparison(result: Result) -> Iterator[str]:
-    """The gate and the baseline of a result, a sentence each; nothing without them."""
+    """The gate and the base of a result, a sentence each; nothing without them."""
     yield from (f"{text[:1].upper()}{text[1:]}" for text in result.gate)
     if result.grown:
         yield f"Grown since the base: {'; '.join(result.grown[:_MAX_CHANGES])}."
@@ -171,7 +171,7 @@ def comparison(result: Result) -> Iterator[str]:
         more = len(result.changes) - _MAX_CHANGES
         others = f", {more} more" if more > 0 else ""
         yield f"Changed since the base: {', '.join(result.changes[:_MAX_CHANGES])}{others}."
-    pairs, earlier = result.pairs, result.baseline
+    pairs = result.pairs
     if pairs is not None:
         played = f"{pairs.used} of {pairs.planned} pairs" if pairs.used < pairs.planned else ""
         played = played or pluralize(pairs.used, "pair")
@@ -184,13 +184,6 @@ def comparison(result: Result) -> Iterator[str]:
         yield from (
             f"Difference from base to head: {difference}" for difference in pairs.differences
         )
-    if earlier is not None:
-        runs = pluralize(len(earlier.run_ids), "run")
-        if earlier.kind == "history":
-            yield f"Compared with {runs} of the history {earlier.source}."
-        else:
-            yield f"Compared with the stored run {earlier.source} (advisory)."
-        yield from (f"Difference: {difference}" for difference in earlier.differences)
 
 
 def revisions(result: Result) -> tuple[str, str]:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from scipy import signal
 from simulated_worlds import World, bursts, stationary
 
-from r2bspec.judge.baseline_comparison import HISTORY_CONFIRMATION_CONFIDENCE
 from r2bspec.judge.measure.times import rank
 from r2bspec.judge.statistics.autocorrelation import serial_inflation
 from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
@@ -27,7 +26,6 @@ from r2bspec.judge.statistics.t_interval import (
     mean_interval,
     pair_orders,
     paired_ratio,
-    predicted_ratio,
 )
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 from r2bspec.plan.interim_looks import InterimLooks
@@ -340,20 +338,3 @@ def pairs_errors(world: RunWorld, *, pairs: int = 10, runs: int) -> Errors:
         )
 
     return confirmed_gates(batch, runs=runs)
-
-
-def history_errors(
-    world: RunWorld, *, history: int, runs: int, ratio: float = 1.0, limit: float = 1.0
-) -> Errors:
-    """A new run against earlier ones; a failure is confirmed by a run that meets the same ones."""
-    random = np.random.default_rng(1)
-    found = Errors(runs)
-
-    def judged(earlier: list[float], value: float, confidence: float) -> int:
-        return ratio_outcome(predicted_ratio(earlier, ratio * value, confidence), limit)
-
-    for _ in range(runs):
-        *earlier, new, fresh = np.exp(world(random, history + 2)).tolist()
-        confirm = partial(judged, earlier, fresh, HISTORY_CONFIRMATION_CONFIDENCE)
-        found.add(judged(earlier, new, CONFIDENCE), confirm)
-    return found

@@ -29,7 +29,6 @@ from simulated_gates import (
     RunWorld,
     confirmed_gates,
     held,
-    history_errors,
     mean_gate,
     paired_gate,
     pairs_errors,
@@ -56,7 +55,7 @@ from simulated_worlds import WORLDS
 
 from r2bspec.judge.rate_decision import Criterion
 from r2bspec.judge.statistics.binomial import upper_bound
-from r2bspec.judge.statistics.t_interval import mean_interval, smallest_detectable
+from r2bspec.judge.statistics.t_interval import mean_interval
 from simulated_peaks import Kind, outcome
 from simulated_queues import SUSTAINED, Play, Server
 from simulated_queues import probe as probed
@@ -190,13 +189,6 @@ def power() -> None:
         },
         PAIR_NUMBERS,
         caught,
-    )
-    grid(
-        "Smallest regression beyond the limit that is found nine times in ten",
-        "noise floor",
-        {f"{floor:.0%}": floor for floor in (0.01, 0.02, 0.03, 0.05)},
-        {"5 pairs": 5, "10": 10, "20": 20, "40": 40},
-        lambda floor, n: f"{100 * np.expm1(smallest_detectable(floor, n, 0.95)):.1f} %",
     )
 
 
@@ -342,10 +334,10 @@ def shapes() -> None:
 
 
 def comparisons() -> None:
-    """Base against head, in pairs and with a history."""
+    """Base against head, in pairs."""
     columns: Mapping[str, Callable[[RunWorld], Errors]] = {
         f"{n} pairs": partial(pairs_errors, pairs=n, runs=RUNS) for n in (5, 10)
-    } | {f"history of {n}": partial(history_errors, history=n, runs=RUNS) for n in (5, 10, 30)}
+    }
     grid(
         "A against A, ratio and limit 1: wrong passes / fails / confirmed fails, in %",
         "world",

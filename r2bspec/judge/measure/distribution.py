@@ -70,9 +70,6 @@ PROPOSED_PERCENTILES: Final = ("p50", "p90", "p95", "p99")
 TAIL_PERCENTILE: Final = "p99"
 """Where there is room for one number."""
 
-HISTORY_PARTS: Final = ("mean", "p50", "p90", "p95", "p99", "max")
-"""Of the latency, what a history keeps of a run that no requirement names."""
-
 
 def part_title(part: str) -> str:
     """The name of a part as a heading, such as p99.9."""

@@ -72,61 +72,28 @@ starts, and the wider interval counts (`welch_ratio_of_runs`).
 Two runs with one start each differ by 2 to 3 % on a shared machine. The interval over their
 iterations ignores that and shrinks as iterations are added, so that A compared with A looks worse
 in a third of comparisons, and more often for longer runs. And no two stored runs share their hour.
-Interleaved pairs (`paired_ratio`) or a history (`predicted_ratio`) do not have these faults.
+Interleaved pairs (`paired_ratio`) do not have these faults.
 
-A history
----------
+One more value
+--------------
 
-A history holds one value of a metric per earlier run, all of one plan on one kind of machine (the
-same plan hash, the same host fingerprint). With the logarithms h_1 .. h_m of the last m of them,
-their mean h and standard deviation s, and y that of the new run, if nothing has changed
+With the logarithms h_1 .. h_m of earlier values, their mean h and standard deviation s, and y that
+of one more, if nothing has changed
 
     (y - h) / (s sqrt(1 + 1/m))
 
-follows Student's t with m - 1 degrees of freedom: the new run scatters like the others, and the
-mean of the others is uncertain too. If the new run differs by a true ratio rho, y - h - ln rho
-does, so that one-sided bounds on rho are
+follows Student's t with m - 1 degrees of freedom, so that one-sided bounds on the ratio of the new
+value to the others are
 
     exp(y - h -+ t_c(m - 1) s sqrt(1 + 1/m)).
 
-That is true of runs that scatter about one level. A machine that gets slower from run to run, or
-whose level wanders, makes the new run differ from the mean of the others by more than they scatter,
-and yet by no more than one run differs from the run before. With the root mean square s_d of the
-m - 1 steps between successive runs,
+A machine whose level wanders makes a value differ from the mean of the others by more than they
+scatter, and yet by no more than from the value before. With the root mean square s_d of the m - 1
+steps between successive values,
 
     exp(y - h_m -+ t_c(m - 1) s_d)
 
-are bounds that such a machine does not break, and the wider of both is used on either side. The
-price, where runs scatter about one level: s_d is about sqrt(2) s.
-
-Here s is the variation between runs, not iterations, so that the error is as stated, unlike that
-of Welch's test on two runs. More iterations per run make s smaller, but not below the variation
-between runs.
-
-Power
------
-
-`calibrate` runs a graph against itself. The logarithms d_i of the ratios of such A/A pairs have
-the standard deviation s, the noise floor: by so much two iterations of the same graph differ. If
-the true ratio lies beyond the limit by the factor exp(delta), the t statistic of n pairs follows
-the noncentral t distribution with n - 1 degrees of freedom and noncentrality
-
-    lambda = delta sqrt(n) / s
-
-and the test at the confidence c decides with probability P(T > t_c(n - 1)). Let lambda* be the
-lambda for which that is the required power. Then
-
-    delta* = lambda* s / sqrt(n)
-
-is both the smallest regression beyond the limit that fails with that power, and the smallest
-margin with which a graph that has not changed passes with that power. A smaller margin cannot be
-gated on this machine.
-
-s is itself an estimate from m pairs. `noise_floor` gives its upper confidence bound,
-
-    s sqrt((m - 1) / chi2),    chi2 the 1 - c quantile with m - 1 degrees of freedom,
-
-because a margin that is a little too wide costs less than false alarms.
+are bounds that such a machine does not break, and the wider of both is used on either side.
 """
 
 from __future__ import annotations
@@ -137,7 +104,7 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final, Literal, TypeVar
+from typing import Literal, TypeVar
 
 from r2bspec.judge.statistics.autocorrelation import serial_degrees_of_freedom, serial_inflation
 
@@ -406,25 +373,18 @@ def welch_ratio_of_runs(
     return of_starts, "starts"
 
 
-MIN_HISTORY_RUNS: Final = 5
-"""A history of fewer runs decides nothing: t_0.95(3) / t_0.95(30) is 1.4, t_0.95(1) is 6.3."""
-
-MAX_HISTORY_RUNS: Final = 30
-"""Of a longer history, the latest are used: machines and code change slowly."""
-
-
 def predicted_ratio(history: Sequence[float], new: float, confidence: float) -> RatioInterval:
-    """The ratio of a new run to a history with its one-sided bounds.
+    """Return the ratio of one more value to earlier ones, with its one-sided bounds.
 
     Args:
-        history: one positive value for each earlier run, oldest first, at least two.
-        new: that of the new run, positive.
+        history: earlier positive values, oldest first, at least two.
+        new: one more, positive.
         confidence: of each bound by itself.
 
     Raises:
-        ValueError: fewer than two earlier runs, or a value that is not positive.
+        ValueError: fewer than two earlier values, or a value that is not positive.
     """
-    *logs, latest = _logarithms((*history[-MAX_HISTORY_RUNS:], new))
+    *logs, latest = _logarithms((*history, new))
     m = len(logs)
     interval = mean_interval(logs, confidence)
     t = t_quantile(m - 1, confidence)
@@ -439,62 +399,3 @@ def predicted_ratio(history: Sequence[float], new: float, confidence: float) -> 
         interval.deviation,
         m,
     )
-
-
-_POWER: Final = 0.9
-"""Nine of ten runs of a changed graph are detected."""
-
-
-@dataclass(frozen=True)
-class NoiseFloor:
-    """By how much equal iterations differ: the standard deviation of the logarithms.
-
-    Attributes:
-        deviation: estimated from `n` A/A pairs.
-        upper: its upper confidence bound.
-        bias: the mean of the logarithms; of A against A it should be 0 within its error.
-        biased: whether it is not, at the requested confidence each way.
-    """
-
-    deviation: float
-    upper: float
-    bias: float
-    biased: bool
-    n: int
-
-
-def noise_floor(ratios: Sequence[float], confidence: float) -> NoiseFloor:
-    """The noise floor from the ratios of A/A pairs.
-
-    Args:
-        ratios: second over first value of each pair, positive, at least two.
-        confidence: of the bound.
-
-    Raises:
-        ValueError: fewer than two ratios, or one that is not positive.
-    """
-    logs = _logarithms(ratios)
-    interval = mean_interval(logs, confidence)
-    return NoiseFloor(
-        deviation=interval.deviation,
-        upper=deviation_bound(interval.deviation, len(logs), confidence),
-        bias=interval.mean,
-        biased=interval.lower > 0 or interval.upper < 0,
-        n=len(logs),
-    )
-
-
-def smallest_detectable(deviation: float, n: int, confidence: float) -> float:
-    """The delta* of the module's text: a logarithm, so that 0.03 is about 3 %.
-
-    Args:
-        deviation: the noise floor s.
-        n: pairs, at least two.
-        confidence: of the test.
-    """
-    if deviation <= 0:
-        return 0.0
-    from scipy.special import nctdtrinc
-
-    noncentrality = float(nctdtrinc(n - 1, 1 - _POWER, t_quantile(n - 1, confidence)))
-    return noncentrality * deviation / math.sqrt(n)

@@ -65,11 +65,7 @@ def run_pairs(prepared: api.PreparedBenchmark, folder: Path, notes: Notes, **way
     api.run_pairs(prepared, (), folder / "pairs", notes, control=True, pairs=2, **ways)
 
 
-def calibrate(prepared: api.PreparedBenchmark, folder: Path, notes: Notes, **ways: Any) -> None:
-    api.calibrate(prepared, folder / "noise", notes, pairs=2, **ways)
-
-
-@pytest.mark.parametrize("make", [run, run_pairs, calibrate])
+@pytest.mark.parametrize("make", [run, run_pairs])
 def test_a_run_waits_and_says_for_whom(
     make: Callable[..., None],
     prepared: api.PreparedBenchmark,
@@ -86,7 +82,7 @@ def test_a_run_waits_and_says_for_whom(
     assert [each.partition(" ")[2] for each in played] == [f"(process {os.getpid()})"]
 
 
-@pytest.mark.parametrize("make", [run, run_pairs, calibrate])
+@pytest.mark.parametrize("make", [run, run_pairs])
 def test_a_run_that_is_not_to_wait_is_refused(
     make: Callable[..., None],
     prepared: api.PreparedBenchmark,

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import functools
 import os
 from pathlib import Path
 
 import click
 import pytest
 
-from command_line import Call
 from r2bspec.cli.main import command as r2bspec
 from r2bspec.cli.spec_selection import SpecSelection, base_selection
 from r2bspec.compare.base_tree import BadReferenceError, parse_base_reference
-from r2bspec.compare.history import HistoryEntry, open_history
 from r2bspec.execute.errors import WorkspaceError
 from r2bspec.execute.processes.environment import (
     applied_environment,
@@ -27,9 +24,6 @@ from r2bspec.execute.processes.environment import (
     "arguments",
     [
         "run s --against var:a=1 --control",
-        "run s --against var:a=1 --history user",
-        "run s --history user --baseline run",
-        "run s --control --baseline run",
         "run s --pairs 3",
         "run s --pairs 0 --control",
         "run s --force",
@@ -38,8 +32,6 @@ from r2bspec.execute.processes.environment import (
         "run s --case all --against var:a=1",
         "run s --scan a=1 --control",
         "run s --smoke --control",
-        "run s --smoke --history user",
-        "run s t u --baseline run",
         # What observes one more iteration is of one run on this host.
         *("run s --anatomy --on cluster.json", "run s --profile perf --on cluster.json"),
         "run s --anatomy --against main",
@@ -49,9 +41,6 @@ from r2bspec.execute.processes.environment import (
             for option in ("--allow=base", "--base-build=make", "--base-setup=x")
             for against in ("--against var:a=1", "")
         ),
-        "calibrate s --from f --pairs 9",
-        "calibrate s --from f -o g",
-        "calibrate s --pairs 2",
     ],
 )
 def test_options_that_exclude_each_other_are_wrong_usage(arguments: str) -> None:
@@ -173,61 +162,3 @@ class TestEnvironments:
         for text in (str(tmp_path), "/nowhere/setup.bash", "2=3", ""):
             with pytest.raises(WorkspaceError):
                 workspace_environment(text)
-
-
-class TestHistory:
-    @pytest.fixture
-    def path(self, tmp_path: Path) -> Path:
-        path = tmp_path / "history.sqlite"
-        with open_history(path, create=True) as opened:
-            for day in range(1, 6):
-                opened.add(
-                    HistoryEntry(
-                        run_id=f"run{day}",
-                        name="relay" if day < 5 else "other",
-                        started_at=f"2026-01-0{day}T12:00:00+00:00",
-                        host="cafe",
-                        machine="a machine",
-                        plan="sha256:0123456789abcdef",
-                        dataset="d",
-                        version="0",
-                        outcome="fail" if day == 4 else "pass",
-                    )
-                )
-        return path
-
-    def left(self, path: Path) -> list[str]:
-        with open_history(path) as opened:
-            return [run.run_id for run in opened.runs()]
-
-    def test_runs_are_listed(self, path: Path, call: Call) -> None:
-        lines = call(
-            "history", "list", "--file", path, "--name", "relay", status=0
-        ).out.splitlines()
-        assert len(lines) == 5
-        assert "run4" in lines[4]
-        assert lines[4].endswith("fail")
-        call("history", "accept", "run4", "--file", path, status=0)
-        listed = call("history", "list", "--file", path, "--format", "json").out
-        assert '"accepted": true' in listed
-
-    def test_runs_are_forgotten(self, path: Path, call: Call) -> None:
-        prune = functools.partial(call, "history", "prune", "--file", path, status=0)
-        prune("--run", "run2", "--name", "relay")
-        assert self.left(path) == ["run1", "run3", "run4", "run5"]
-        prune("--before", "2026-01-03")
-        assert self.left(path) == ["run3", "run4", "run5"]
-        prune("--keep", "1")
-        assert self.left(path) == ["run5"]
-
-    @pytest.mark.parametrize(
-        ("words", "said"),
-        [
-            (("prune",), "name the runs to delete"),
-            (("prune", "--before", "yesterday"), "not a date"),
-            (("accept", "nobody"), "no run"),
-        ],
-    )
-    def test_wrong_usage(self, words: tuple[str, ...], said: str, path: Path, call: Call) -> None:
-        assert said in call("history", *words, "--file", path).err
-        assert call("history", "list", "--file", path.with_name("nothing")).status

@@ -7,27 +7,6 @@ from pathlib import Path
 import pytest
 
 from command_line import Call
-from r2bspec.compare.history import open_history
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("history", "accept", "\udcff"),
-        ("history", "prune", "--run", "\udcff"),
-        ("history", "list", "--name", "\udcff"),
-    ],
-)
-def test_a_name_of_a_run_that_is_not_utf8(
-    words: tuple[str, ...], tmp_path: Path, call: Call
-) -> None:
-    file = tmp_path / "history.sqlite"
-    with open_history(file, create=True):
-        pass
-    ended = call(*words, "--file", str(file))
-    assert ended.status == 2
-    assert "it is not UTF-8" in ended.err
-    assert "  help: " in ended.err
 
 
 @pytest.mark.parametrize("path", ["-", "", "\udcff", "/dev/zero", "benchmark.\u202e"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -10,12 +9,9 @@ import pytest
 
 from pair_simulation import Comparison, latencies
 from r2bspec.compare.comparison import differences_of, read_compared_result
-from r2bspec.compare.history import open_history
-from r2bspec.compare.history_gate import baseline_from_stored_run, run_with_baseline, write_baseline
 from r2bspec.compare.report_input import ReportInput, judge_comparison_folder
 from r2bspec.judge.judge_run import from_json, result_of, to_json
 from r2bspec.judge.result import Result
-from r2bspec.plan.plan import Plan
 from r2bspec.record.comparison_folder import open_comparison
 from r2bspec.record.graph_identity import (
     FileDigest,
@@ -97,15 +93,6 @@ def test_a_run_alone_names_its_revision(tmp_path: Path) -> None:
     assert "revision" not in text(unknown, "text")
 
 
-def test_a_stored_run_as_baseline_names_what_changed(tmp_path: Path) -> None:
-    stored = write_run(tmp_path / "stored", BASE)
-    run = open_run(write_run(tmp_path / "run", HEAD))
-    record = baseline_from_stored_run(stored, run.plan, run.record.machine, force=False)
-    write_baseline(run.folder, record)
-    result = result_of(run)
-    assert (result.base_identity, result.changes) == (BASE, CHANGES)
-
-
 def test_runs_that_are_compared_differ_in_their_code(tmp_path: Path) -> None:
     base, head, unknown = (
         read_compared_result(write_run(tmp_path / name, found))
@@ -113,32 +100,6 @@ def test_runs_that_are_compared_differ_in_their_code(tmp_path: Path) -> None:
     )
     assert [*differences_of(base, head)] == [f"code: {change}" for change in CHANGES]
     assert [*differences_of(base, unknown)] == []
-
-
-def test_a_history_stores_the_code_and_compares_runs_of_other_code(tmp_path: Path) -> None:
-    history = tmp_path / "history.sqlite"
-    found = iter([BASE, HEAD])
-
-    def make(folder: RunFolder, _: Plan) -> Result:
-        folder.release()
-        folder.path.rmdir()
-        write_run(folder.path, next(found))
-        identify(folder.path, open_run(folder.path).record.identity, run_id=folder.path.name)
-        return result_of(open_run(folder.path))
-
-    plan = replace(Simulation(), segments=[Played(30.0, latencies(0.02))] * 3).plan()
-    results = [
-        run_with_baseline(
-            make, plan, RunFolder.create(tmp_path / name), history=history, stored=None
-        )
-        for name in ("first", "second")
-    ]
-    assert (results[0].base_identity, results[0].changes) == (None, ())
-    assert (results[1].base_identity, results[1].changes) == (BASE, CHANGES)
-    assert results[1].baseline is not None
-    assert results[1].baseline.run_ids == ("first",)
-    with open_history(history) as opened:
-        assert all(run.identity for run in opened.runs())
 
 
 @pytest.mark.parametrize("name", ["html", "markdown", "text", "junit", "github"])

@@ -19,7 +19,6 @@ from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.result import Result
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.spec import Objective
-from r2bspec.record.calibration_file import Calibration, MetricNoise
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import SearchRecord
 from run_simulation import Played, Simulation
@@ -58,12 +57,10 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return run_of(tmp_path_factory.mktemp("suggest"))
 
 
-def proposed(run: Run, text: str, calibrations: tuple[Calibration, ...] = ()) -> Proposal:
+def proposed(run: Run, text: str) -> Proposal:
     loaded = load_spec(text, file="simulated.r2b.yaml")
     assert loaded.spec is not None
-    return propose_objectives(
-        loaded, text, result_of(run), lambda slos: result_of(run, slos, "x"), calibrations
-    )
+    return propose_objectives(loaded, text, result_of(run), lambda slos: result_of(run, slos, "x"))
 
 
 def test_the_proposals_pass_on_the_run(run: Run) -> None:
@@ -117,30 +114,6 @@ def test_what_the_spec_states_is_left_alone(run: Run) -> None:
     assert proposed(run, SPEC + mine).text == SPEC + mine
     other = mine.replace("at: 30 Hz", "at: 10 Hz").replace("rates: [30", "rates: [10, 30")
     assert proposed(run, SPEC.replace("[30 Hz]", "[10 Hz, 30 Hz]") + other).added
-
-
-def test_the_margin_of_a_calibration_is_added(run: Run) -> None:
-    noise = MetricNoise(
-        at_hz=30.0,
-        monitor="detections",
-        metric="latency.p50",
-        deviation=0.1,
-        upper=0.2,
-        bias=0.0,
-        biased=False,
-        n=10,
-        margins={"10": math.log(2)},
-    )
-    calibration = Calibration(
-        machine="one", run_id="a", started_at="", plan="b", confidence=0.95, metrics=(noise,)
-    )
-
-    def limit(text: str) -> float:
-        return float(text.split()[-2])
-
-    (plain,) = proposed(run, SPEC).added.values()
-    (wide,) = proposed(run, SPEC, (calibration,)).added.values()
-    assert limit(wide[0]) == pytest.approx(2 * limit(plain[0]), rel=0.1)
 
 
 def test_a_spec_in_flow_style_is_changed_by_hand(run: Run) -> None:

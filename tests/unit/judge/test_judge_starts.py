@@ -15,7 +15,7 @@ from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.statistics.effective_sample_size import BadFlags, SampleDesign, effective_sample
 from r2bspec.judge.statistics.percentile_interval import level_margin
-from r2bspec.judge.statistics.t_interval import hierarchical_interval, predicted_ratio
+from r2bspec.judge.statistics.t_interval import hierarchical_interval
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from run_simulation import Played, Simulation, objective, with_interference, with_starts
 
@@ -374,11 +374,3 @@ def test_a_mean_of_what_was_not_lost(lost: int, asked: str, outcome: str, words:
     assert words in " ".join((found.reason, *found.notes))
     assert ("drop_rate" in found.remedy) == (outcome == "inconclusive")
     assert words or not found.notes
-
-
-class TestHistory:
-    def test_one_more_step_of_a_drift_is_not_worse(self) -> None:
-        history = [100 * math.exp(-0.01 * at) for at in range(10)]
-        found = predicted_ratio(history, 100 * math.exp(-0.1), 0.95)
-        assert found.upper > 1
-        assert predicted_ratio(history, 80.0, 0.95).upper < 1

@@ -17,7 +17,6 @@ from command_line import Call
 from example_spec import example
 from r2bspec.cli.text_output import print_table
 from r2bspec.compare.comparison import ComparedSource, Comparison, ComparisonLine
-from r2bspec.compare.history import HistoryEntry, open_history
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.diagnostics.plain_text import escaped_json, harmless, plain, plain_values
@@ -177,26 +176,6 @@ def test_errors_are_harmless(monkeypatch: pytest.MonkeyPatch, call: Call) -> Non
     shown = call().err
     assert shown.count("stop-commands") >= 2
     check_harmless(shown)
-
-
-def test_the_list_of_a_hostile_history(tmp_path: Path, call: Call) -> None:
-    file = tmp_path / "history.db"
-    entry = HistoryEntry(
-        run_id=f"{ATTACK}run",
-        name=f"{ATTACK}name",
-        started_at=ATTACK,
-        host=ATTACK,
-        machine=ATTACK,
-        plan=ATTACK,
-        dataset=ATTACK,
-        version=ATTACK,
-        outcome=ATTACK,
-    )
-    with open_history(file, create=True) as history:
-        history.add(entry)
-    shown = call("history", "list", "--file", file)
-    assert "stop-commands" in shown.out + shown.err
-    check_harmless(shown.out + shown.err)
 
 
 def test_a_console_that_wraps_lines_makes_no_command() -> None:

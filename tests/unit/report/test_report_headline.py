@@ -12,7 +12,7 @@ import pytest
 from pair_simulation import Comparison
 from r2bspec.compare.report_input import ReportInput, read_folder
 from r2bspec.judge.judge_run import result_of
-from r2bspec.judge.result import BaselineResult, Result
+from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import Unusable
 from r2bspec.record.graph_identity import GraphIdentity, Revision
 from r2bspec.record.run_record import SearchRecord, StartRecord
@@ -263,14 +263,3 @@ class TestComparison:
             "a.py changed, b.py changed, c.py changed and 2 more against main"
         )
         assert changes_text((), "main") == ""
-
-    def test_a_history_is_so_many_runs(self, tmp_path: Path) -> None:
-        found = result(tmp_path, "latency.p50 < 1 s")
-        earlier = BaselineResult(
-            kind="history", source="h.jsonl", run_ids=("a", "b"), differences=(), confirmed=False
-        )
-        assert base_name(msgspec.structs.replace(found, baseline=earlier)) == "2 earlier runs"
-        stored = msgspec.structs.replace(earlier, kind="stored", source="runs/a")
-        assert base_name(msgspec.structs.replace(found, baseline=stored)) == (
-            "the stored run runs/a"
-        )
