@@ -70,7 +70,7 @@ def test_a_stored_run_is_no_base_and_the_way_out_is_told(tmp_path: Path) -> None
     (tmp_path / "record.json").touch()
     with pytest.raises(BadReferenceError) as caught:
         parse_base_reference([str(tmp_path)])
-    assert "--baseline" in caught.value.hint
+    assert "r2bspec compare" in caught.value.hint
 
 
 def test_references_add_up(tmp_path: Path) -> None:
