@@ -9,15 +9,14 @@ measured.
 The benchmarks of a host run one at a time: a test waits while the host runs another benchmark.
 ``--r2bspec-no-wait`` fails it instead, and ``--r2bspec-no-lock`` measures next to the other one.
 
-``--r2bspec-untrusted`` and ``--r2bspec-base-ref``, ``--r2bspec-allow-path`` and
-``--r2bspec-max-bytes`` are the options of the command line without the prefix.
+``--r2bspec-untrusted``, ``--r2bspec-base-ref`` and ``--r2bspec-allow-path`` are the options of
+the command line without the prefix.
 
 Without ``--r2bspec`` the plugin collects nothing and imports nothing.
 """
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -48,7 +47,6 @@ _VALUES = {
         "REF",
         "with --r2bspec-untrusted: the commit that the change is based on",
     ),
-    "--r2bspec-max-bytes": ("SIZE", "the most that each file of a bag may unpack to"),
 }
 _ACCESS = pytest.StashKey[dict[str, Any]]()
 """The arguments of `load_spec` that say what a spec may read."""
@@ -92,21 +90,14 @@ def pytest_configure(config: pytest.Config) -> None:
     from r2bspec.diagnostics.plain_text import plain
     from r2bspec.errors import R2bspecError
     from r2bspec.language.environment_access import untrusted_specs
-    from r2bspec.language.quantities import parse_size_option
-    from r2bspec.safe_io.decompression_budget import max_unpacked_bytes
 
-    size = config.getoption("--r2bspec-max-bytes")
     try:
         untrusted = untrusted_specs(
             config.invocation_params.dir,
             untrusted=config.getoption("--r2bspec-untrusted"),
             base_ref=config.getoption("--r2bspec-base-ref") or "",
         )
-        if size is not None:
-            limit = contextlib.ExitStack()
-            limit.enter_context(max_unpacked_bytes(parse_size_option(size)))
-            config.add_cleanup(limit.close)
-    except (R2bspecError, ValueError) as error:
+    except R2bspecError as error:
         raise pytest.UsageError(plain(f"r2bspec: {error}")) from None
     allowed = [
         config.invocation_params.dir / path for path in config.getoption("--r2bspec-allow-path")

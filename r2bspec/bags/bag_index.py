@@ -1,4 +1,4 @@
-"""The index of a bag, from its metadata, checked against its storage."""
+"""The index of a bag, from its storage, compared with its metadata."""
 
 from __future__ import annotations
 
@@ -8,28 +8,24 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, cast
 
-import msgspec
+from msgspec.structs import replace
 
 from r2bspec.bags import recording
 from r2bspec.bags.metadata import BagMetadata, read_metadata
-from r2bspec.bags.storage.storage import Storage, open_storages, storage_errors, storage_paths
+from r2bspec.bags.storage.storage import open_storages, storage_errors, storage_paths
 
-
-class _StorageSummary(msgspec.Struct):
-    """The content of all storage files, summed up."""
-
-    topics: dict[str, recording.TopicInfo]
-    start_ns: int
-    end_ns: int
-    notes: list[str]
+_HINTS = {
+    ".bag": "convert the bag of ROS 1 with 'rosbags-convert'",
+    ".zstd": "give the folder that contains metadata.yaml, or unpack the file with 'zstd -d'",
+}
 
 
 def index_bag(path: Path) -> recording.BagIndex:
     """Index a bag folder, or a lone storage file, without message bodies.
 
-    If metadata and storage differ in topics, types or counts, this is an error; if they differ in
-    times, which some recorders write wrongly, the storage is used, with a note. For bags whose
-    files are compressed as a whole, only the metadata is used.
+    If metadata and storage differ in topics, types or counts, this is an error; times are those of
+    the storage, because some recorders write wrong ones. For bags whose files are compressed as a
+    whole, only the metadata is used.
 
     Raises:
         DataError: R2B301 to R2B305, R2B310 and R2B313, each with a hint.
@@ -43,79 +39,79 @@ def index_bag(path: Path) -> recording.BagIndex:
             code="R2B301",
             hint=f"give a bag folder, a {recording.SUFFIXES_TEXT} file, or a dataset",
         )
-    bag_format = recording.format_of_suffix(path.suffix)
-    if bag_format is None:
+    formats = {suffix: name for name, suffix in recording.SUFFIXES.items()}
+    if path.suffix not in formats:
         raise recording.DataError(
             f"{path} is neither a bag folder nor a {recording.SUFFIXES_TEXT} file",
             code="R2B304",
-            hint="give the folder that contains metadata.yaml"
-            + (", or unpack the file with 'zstd -d'" if path.suffix in {".zstd", ".zst"} else ""),
+            hint=_HINTS.get(path.suffix, "give the folder that contains metadata.yaml"),
         )
-    return _index_file(path, bag_format)
+    topics = _stored_topics(storage_paths(path, ()))
+    return _index(path, formats[path.suffix], topics, (path.name,))
 
 
 def _index_folder(path: Path) -> recording.BagIndex:
     metadata = read_metadata(path)
-    spans_ns: dict[str, tuple[int, int] | None] = {}
-    storage = _storage_name(path, metadata)
+    if metadata.storage not in recording.SUFFIXES:
+        raise recording.DataError(
+            f"{path} has the storage format {metadata.storage!r}; supported are "
+            f"{' and '.join(recording.SUFFIXES)}",
+            code="R2B302",
+            hint="convert it with 'ros2 bag convert'",
+        )
     paths = storage_paths(path, metadata.files)
     compression = _compression(path, metadata)
     if compression == "file":
-        start_ns, end_ns = metadata.start_ns, metadata.start_ns + metadata.duration_ns
-        notes: tuple[str, ...] = ("files are compressed: metadata.yaml was not checked",)
+        topics: Sequence[recording.TopicInfo] = metadata.topics
     else:
-        with open_storages(paths, compressed_files=False) as storages:
-            summary = _summarize(paths, storages)
-        _check_metadata(path, metadata, summary)
-        start_ns, end_ns = summary.start_ns, summary.end_ns
-        spans_ns = {name: topic.span_ns for name, topic in summary.topics.items()}
-        notes = (*_time_notes(metadata, summary), *summary.notes)
-    if metadata.message_count == 0:
-        start_ns = end_ns = 0
-    index = recording.BagIndex(
-        name=path.resolve().name,
-        storage=storage,
-        topics=recording.merge_topics(
-            (recording.with_span(topic, spans_ns.get(topic.name)) for topic in metadata.topics),
-            end_ns - start_ns,
-        ),
-        start_ns=start_ns,
-        end_ns=end_ns,
-        message_count=metadata.message_count,
-        files=metadata.files,
-        compression=compression,
-        notes=notes,
-    )
+        profiles = {topic.name: topic.qos for topic in metadata.topics}
+        topics = [
+            replace(topic, qos=profiles.get(topic.name, "")) for topic in _stored_topics(paths)
+        ]
+        _check_metadata(path, metadata, topics)
+    index = _index(path.resolve(), metadata.storage, topics, metadata.files)
+    index = replace(index, compression=compression)
+    if compression == "file" and index.message_count:
+        end_ns = metadata.start_ns + metadata.duration_ns
+        index = replace(
+            index,
+            start_ns=metadata.start_ns,
+            end_ns=end_ns,
+            topics=recording.merge_topics(topics, metadata.duration_ns),
+        )
     record = recording.read_provenance(path)
     return index if record is None else record.complete_index(index)
 
 
-def _index_file(path: Path, bag_format: recording.BagFormat) -> recording.BagIndex:
-    paths = storage_paths(path, ())
-    with open_storages(paths, compressed_files=False) as storages:
-        summary = _summarize(paths, storages)
+def _index(
+    path: Path, storage: str, topics: Sequence[recording.TopicInfo], files: tuple[str, ...]
+) -> recording.BagIndex:
+    spans_ns = [span for topic in topics if (span := topic.span_ns) is not None]
+    start_ns = min((first_ns for first_ns, _ in spans_ns), default=0)
+    end_ns = max((last_ns for _, last_ns in spans_ns), default=0)
     return recording.BagIndex(
         name=path.name,
-        storage=bag_format.name,
-        topics=summary.topics,
-        start_ns=summary.start_ns,
-        end_ns=summary.end_ns,
-        message_count=sum(topic.count for topic in summary.topics.values()),
-        files=(path.name,),
-        notes=(*([bag_format.note] if bag_format.note else []), *summary.notes),
+        storage=storage,
+        topics=recording.merge_topics(topics, end_ns - start_ns),
+        start_ns=start_ns,
+        end_ns=end_ns,
+        message_count=sum(topic.count for topic in topics),
+        files=files,
     )
 
 
-def _storage_name(path: Path, metadata: BagMetadata) -> str:
-    known = sorted(bag_format.name for bag_format in recording.BAG_FORMATS if bag_format.folders)
-    if metadata.storage not in known:
-        raise recording.DataError(
-            f"{path} has the storage format {metadata.storage!r}; supported are "
-            f"{' and '.join(known)}",
-            code="R2B302",
-            hint="convert it with 'ros2 bag convert'",
-        )
-    return metadata.storage
+def _stored_topics(paths: tuple[Path, ...]) -> list[recording.TopicInfo]:
+    """Return the topics of all storage files, one for each recorded publisher.
+
+    Raises:
+        DataError: R2B304 or R2B313.
+    """
+    topics: list[recording.TopicInfo] = []
+    with open_storages(paths, compressed_files=False) as storages:
+        for path, storage in zip(paths, storages, strict=True):
+            with storage_errors(path):
+                topics += storage.index()
+    return topics
 
 
 def _compression(path: Path, metadata: BagMetadata) -> Literal["none", "message", "file"]:
@@ -132,42 +128,19 @@ def _compression(path: Path, metadata: BagMetadata) -> Literal["none", "message"
     return cast("Literal['none', 'message', 'file']", mode)
 
 
-def _summarize(paths: Sequence[Path], storages: Sequence[Storage]) -> _StorageSummary:
-    """Sum topics, counts and extents over storage files."""
-    filled = [storage for storage in storages if storage.message_count]
-    start_ns = min((storage.start_ns for storage in filled), default=0)
-    end_ns = max((storage.end_ns for storage in filled), default=0)
-    entries: list[recording.TopicInfo] = []
-    for path, storage in zip(paths, storages, strict=True):
-        with storage_errors(path):
-            entries += storage.timed_topics()
-    topics = recording.merge_topics(entries, end_ns - start_ns)
-    notes = [
-        f"{entry.name} was recorded as {topics[entry.name].type} and as {entry.type}"
-        for entry in entries
-        if entry.type != topics[entry.name].type
-    ]
-    return _StorageSummary(topics, start_ns, end_ns, notes)
-
-
-def _check_metadata(path: Path, metadata: BagMetadata, summary: _StorageSummary) -> None:
-    """Raise DataError if the metadata differs from the content of the storage."""
-    stated = Counter(
-        {name: topic.count for name, topic in recording.merge_topics(metadata.topics, 0).items()}
-    )
-    stored = Counter({name: topic.count for name, topic in summary.topics.items()})
+def _check_metadata(
+    path: Path, metadata: BagMetadata, topics: Sequence[recording.TopicInfo]
+) -> None:
+    """Raise DataError if the metadata has other topics or counts than the storage."""
+    stated, stored = Counter[tuple[str, str]](), Counter[tuple[str, str]]()
+    for counts, counted in ((stated, metadata.topics), (stored, topics)):
+        for topic in counted:
+            counts[topic.name, topic.type] += topic.count
     wrong = [
-        f"{name}: {stated[name]:,} stated, {stored[name]:,} stored"
-        for name in sorted(stated.keys() | stored.keys())
-        if stated[name] != stored[name]
+        f"{name}: {stated[name, kind]:,} stated, {stored[name, kind]:,} stored as {kind}"
+        for name, kind in sorted(stated.keys() | stored.keys())
+        if stated[name, kind] != stored[name, kind]
     ]
-    wrong += [
-        f"{topic.name}: {topic.type} stated, {summary.topics[topic.name].type} stored"
-        for topic in metadata.topics
-        if topic.name in summary.topics and summary.topics[topic.name].type != topic.type
-    ]
-    if stated.total() != metadata.message_count:
-        wrong.append(f"total: {metadata.message_count:,} stated, {stated.total():,} by topic")
     if wrong:
         shown = "; ".join(wrong[:3]) + (f"; and {len(wrong) - 3} more" if len(wrong) > 3 else "")
         raise recording.DataError(
@@ -175,13 +148,3 @@ def _check_metadata(path: Path, metadata: BagMetadata, summary: _StorageSummary)
             code="R2B310",
             hint=f"if the recording was interrupted, run 'ros2 bag reindex {path}'",
         )
-
-
-def _time_notes(metadata: BagMetadata, summary: _StorageSummary) -> list[str]:
-    if not metadata.message_count:
-        return []
-    stated = (metadata.start_ns, metadata.start_ns + metadata.duration_ns)
-    if stated == (summary.start_ns, summary.end_ns):
-        return []
-    stored = f"the storage has {summary.start_ns} to {summary.end_ns} ns"
-    return [f"metadata.yaml states {stated[0]} to {stated[1]} ns, {stored}"]

@@ -46,7 +46,7 @@ def read_messages(
 
 
 def _resolve_topics(path: Path, index: BagIndex, topics: Collection[str]) -> frozenset[str]:
-    """The recorded names of topics that can be read.
+    """Return the recorded names of topics that can be read.
 
     Raises:
         DataError: R2B306 or R2B308.
@@ -104,7 +104,7 @@ def _read(
     # The number of messages is known for a complete bag, but not for a window.
     missing = Counter({name: index.topics[name].count for name in names} if window is None else ())
     last_ns = index.start_ns
-    for message in _read_groups(path, index, selection):
+    for message in _read_files(path, index, selection):
         if not last_ns <= message.time_ns <= index.end_ns:
             raise DataError(
                 f"{path} has a message of {message.time_ns} ns after one of {last_ns} ns, in a"
@@ -128,81 +128,30 @@ def _read(
         )
 
 
-def _read_groups(path: Path, index: BagIndex, selection: Selection) -> Iterator[RecordedMessage]:
+def _read_files(path: Path, index: BagIndex, selection: Selection) -> Iterator[RecordedMessage]:
     packed = index.compression == "file"
-    paths = storage_paths(path, index.files)
-    # Unpacked files take space, so only those needed at the same time are unpacked together.
-    spans = {span.name: span for span in read_metadata(path).spans} if packed else {}
-    for group in _overlapping_groups(paths, spans, selection):
-        with open_storages(group, compressed_files=packed) as storages:
-            for file, storage in zip(group, storages, strict=True):
-                _check_span(file, storage, spans.get(file.name))
-            streams = [
-                _read_file(file, storage, selection)
-                for file, storage in zip(group, storages, strict=True)
-                if storage.message_count
-            ]
-            # The files of a split recording may overlap, because the recorder buffers messages.
-            yield from (
-                streams[0]
-                if len(streams) == 1
-                else heapq.merge(*streams, key=lambda message: message.time_ns)
-            )
+    files = storage_paths(path, index.files)
+    if packed:
+        # Unpacking takes time and space: what is outside of the window stays packed.
+        spans = {span.name: span for span in read_metadata(path).spans}
+        files = tuple(file for file in files if _is_in_window(spans.get(file.name), selection))
+    with open_storages(files, compressed_files=packed) as storages:
+        streams = [
+            _read_file(file, storage, selection)
+            for file, storage in zip(files, storages, strict=True)
+        ]
+        # The files of a split recording may overlap, because the recorder buffers messages.
+        yield from heapq.merge(*streams, key=lambda message: message.time_ns)
 
 
-def _overlapping_groups(
-    paths: tuple[Path, ...], spans: dict[str, FileSpan], selection: Selection
-) -> Iterator[tuple[Path, ...]]:
-    """The files to read, grouped by overlapping times, without files outside of the window.
-
-    If the times of a file are unknown, all of them are one group.
-    """
-    by_name = {path.name: path for path in paths}
-    if not spans or not spans.keys() <= by_name.keys():
-        yield paths
-        return
-    group: list[Path] = []
-    until_ns = 0
-    for span in sorted(spans.values(), key=lambda span: span.start_ns):
-        if selection.start_ns is not None and span.end_ns < selection.start_ns:
-            continue
-        if selection.stop_ns is not None and span.start_ns >= selection.stop_ns:
-            continue
-        if group and span.start_ns > until_ns:
-            yield tuple(group)
-            group, until_ns = [], 0
-        group.append(by_name[span.name])
-        until_ns = max(until_ns, span.end_ns)
-    if group:
-        yield tuple(group)
-
-
-def _check_span(file: Path, storage: Storage, span: FileSpan | None) -> None:
-    """Check that the times of a file are those in the metadata.
-
-    Raises:
-        DataError: R2B310.
-    """
-    if span is None or not storage.message_count:
-        return
-    if storage.start_ns < span.start_ns or storage.end_ns > span.end_ns:
-        raise DataError(
-            f"{file} has {storage.start_ns} to {storage.end_ns} ns, metadata.yaml states"
-            f" {span.start_ns} to {span.end_ns} ns",
-            code="R2B310",
-            hint=f"unpack the file, and run 'ros2 bag reindex {file.parent}'",
-        )
+def _is_in_window(span: FileSpan | None, selection: Selection) -> bool:
+    if span is None:
+        return True
+    return (selection.start_ns is None or span.end_ns >= selection.start_ns) and (
+        selection.stop_ns is None or span.start_ns < selection.stop_ns
+    )
 
 
 def _read_file(file: Path, storage: Storage, selection: Selection) -> Iterator[RecordedMessage]:
-    types: dict[str, str] = {}
-    for topic in storage.topics:
-        if topic.name in selection.names and types.setdefault(topic.name, topic.type) != topic.type:
-            raise DataError(
-                f"{file} has {topic.name} as {types[topic.name]} and as {topic.type}",
-                code="R2B304",
-                hint="a topic can be played with one type only",
-            )
-    if types:
-        with storage_errors(file):
-            yield from storage.messages(selection)
+    with storage_errors(file):
+        yield from storage.messages(selection)

@@ -1,8 +1,7 @@
-"""Frozen values that describe recorded data, the storage formats there are, and errors, with hints.
+"""Frozen values that describe recorded data, the storage formats, and errors with hints.
 
 Indexes and windows serialise to JSON. Among the values is dataset.json, the provenance of a
-synthetic dataset, in its bag folder. Another storage format is an entry of `BAG_FORMATS` and its
-module in `r2bspec.bags.storage`; the modules that read them are imported when they are needed.
+synthetic dataset, in its bag folder.
 """
 
 from __future__ import annotations
@@ -59,8 +58,6 @@ def error_text(error: Exception) -> str:
     """The message of an error of the system or of a parser, on one line."""
     if isinstance(error, OSError) and error.errno is not None:
         return os.strerror(error.errno)
-    if isinstance(error, AssertionError):
-        return "its records contradict each other"
     return " ".join(str(error).split()) or type(error).__name__
 
 
@@ -76,48 +73,10 @@ def error_hint(error: Exception, default: str = _DAMAGED_HINT) -> str:
     return default
 
 
-class BagFormat(msgspec.Struct, frozen=True):
-    """One storage format.
+SUFFIXES: Final = {"sqlite3": ".db3", "mcap": ".mcap"}
+"""The suffix of the files of each storage format, by its name in metadata.yaml."""
 
-    Attributes:
-        name: as metadata.yaml calls it.
-        title: as its users call it.
-        suffix: of its files.
-        reader: ``module:class`` in `r2bspec.bags.storage`, a `Storage` that opens one file.
-        folders: whether rosbag2 records folders of such files.
-        note: what is to be said of every bag of this format.
-    """
-
-    name: str
-    title: str
-    suffix: str
-    reader: str
-    folders: bool = True
-    note: str = ""
-
-
-BAG_FORMATS: Final = (
-    BagFormat(name="sqlite3", title="sqlite3", suffix=".db3", reader="sqlite:SqliteStorage"),
-    BagFormat(name="mcap", title="MCAP", suffix=".mcap", reader="mcap:McapStorage"),
-    BagFormat(
-        name="ros1",
-        title="ROS 1",
-        suffix=".bag",
-        reader="ros1:Ros1Storage",
-        folders=False,
-        note="recorded by ROS 1: messages are converted to those of ROS 2",
-    ),
-)
-
-
-def format_of_suffix(suffix: str) -> BagFormat | None:
-    """The format of the files with a suffix, or None."""
-    return next((bag_format for bag_format in BAG_FORMATS if bag_format.suffix == suffix), None)
-
-
-_SUFFIXES: Final = [bag_format.suffix for bag_format in BAG_FORMATS]
-SUFFIXES_TEXT: Final = f"{', '.join(_SUFFIXES[:-1])} or {_SUFFIXES[-1]}"
-"""The suffixes in words, such as ``.a, .b or .c``."""
+SUFFIXES_TEXT: Final = " or ".join(SUFFIXES.values())
 
 
 WritableStorage = Literal["sqlite3", "mcap"]
@@ -133,7 +92,7 @@ class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
         count: messages in the bag.
         rate_hz: nominal for synthetic bags; for recorded ones the mean from the topic's first to
             its last message, or over the bag's length, which is a lower bound, where these are
-            unknown; zero where fewer than two messages leave it unknown.
+            unknown; zero with fewer than two messages.
         serialization: usually ``cdr``.
         qos: the offered profiles as the bag's metadata writes them, or empty.
         max_message_bytes: size of the largest serialised message, encapsulation included;
@@ -165,7 +124,7 @@ class BagIndex(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         name: dataset name, or the bag folder's name.
-        storage: name of the format of the storage files, in `BAG_FORMATS`.
+        storage: name of the format of the storage files, in `SUFFIXES`.
         topics: by recorded name, sorted.
         start_ns: origin of windows, ns since the epoch. For recorded bags the first message's
             time; for synthetic ones the start of the sequence, also where the made window
@@ -173,10 +132,9 @@ class BagIndex(msgspec.Struct, frozen=True, kw_only=True):
         end_ns: time of the last message.
         message_count: over all topics.
         files: storage file names, in recorded order; empty for what is not made yet.
-        compression: how the storage is compressed, as metadata.yaml says; chunks of MCAP and
-            ROS 1 files are the format's own business.
+        compression: how the storage is compressed, as metadata.yaml says; chunks of MCAP are the
+            format's own business.
         synthetic: whether r2bspec renders (or rendered) it.
-        notes: harmless discrepancies, as text.
     """
 
     name: str
@@ -188,7 +146,6 @@ class BagIndex(msgspec.Struct, frozen=True, kw_only=True):
     files: tuple[str, ...] = ()
     compression: Literal["none", "message", "file"] = "none"
     synthetic: bool = False
-    notes: tuple[str, ...] = ()
 
     @property
     def duration_ns(self) -> int:
@@ -370,15 +327,7 @@ def merge_indexes(indexes: Sequence[BagIndex]) -> BagIndex | None:
         message_count=sum(index.message_count for index in indexes),
         files=tuple(file for index in indexes for file in index.files),
         synthetic=all(index.synthetic for index in indexes),
-        notes=tuple(note for index in indexes for note in index.notes),
     )
-
-
-def with_span(topic: TopicInfo, span_ns: tuple[int, int] | None) -> TopicInfo:
-    """The topic with the times of its first and its last message, if they are known."""
-    if span_ns is None:
-        return topic
-    return msgspec.structs.replace(topic, first_ns=span_ns[0], last_ns=span_ns[1])
 
 
 def merge_topics(infos: Iterable[TopicInfo], duration_ns: int) -> dict[str, TopicInfo]:
@@ -392,7 +341,7 @@ def merge_topics(infos: Iterable[TopicInfo], duration_ns: int) -> dict[str, Topi
         before = merged.get(info.name)
         count = info.count + (before.count if before else 0)
         sizes = (info.max_message_bytes, before.max_message_bytes if before else 0)
-        spans = [each.span_ns for each in (before, info) if each is not None and each.count]
+        spans = [topic.span_ns for topic in (before, info) if topic is not None and topic.count]
         known = [span for span in spans if span is not None]
         first_ns = last_ns = None
         if known and len(known) == len(spans):

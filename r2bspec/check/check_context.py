@@ -364,11 +364,8 @@ def cached_index(location: BagLocation) -> BagIndex:
     """
     if location.path is None:
         return index_location(location)
-    from r2bspec.safe_io.decompression_budget import chosen_max_bytes
-
     entry = _cache_file(location.path)
-    # What was indexed under other limits may be more than the user allows now.
-    if entry is None or chosen_max_bytes() is not None:
+    if entry is None:
         return index_location(location)
     with suppress(OSError, msgspec.DecodeError):
         return read_json(entry, BagIndex, max_bytes=MAX_BAG_INDEX_BYTES)

@@ -14,7 +14,7 @@ import msgspec
 
 from r2bspec.bags.recording import TimeWindow, WritableStorage
 from r2bspec.cli.completion import complete_dataset
-from r2bspec.cli.shared_options import duration, format_option, max_bytes_option
+from r2bspec.cli.shared_options import duration, format_option
 from r2bspec.cli.text_output import print_table
 from r2bspec.diagnostics.quote import printable
 from r2bspec.errors import ExitStatus, UsageError
@@ -140,7 +140,6 @@ def _require_cache() -> None:
 
 @command.command()
 @click.argument("bag", shell_complete=complete_dataset)
-@max_bytes_option
 @format_option()
 def info(bag: str, output_format: str) -> None:
     """Print the content of BAG (a path, or the name of a dataset).
@@ -161,7 +160,6 @@ def info(bag: str, output_format: str) -> None:
 
 @command.command(epilog=f"Exit status {ExitStatus.FINDINGS_OR_FAILED} if something is wrong.")
 @click.argument("bag", shell_complete=complete_dataset)
-@max_bytes_option
 @format_option()
 @click.pass_context
 def verify(context: click.Context, bag: str, output_format: str) -> None:
@@ -255,7 +253,6 @@ def _print_index(index: BagIndex, origin: str, sha256: str) -> None:
         ("lasts", str(Duration(index.duration_ns))),
         ("messages", f"{index.message_count:,}"),
         ("sha256", sha256),
-        *(("note", note) for note in index.notes),
     ):
         if value:
             echo(f"{title:<9} {value}")

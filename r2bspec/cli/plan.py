@@ -51,7 +51,6 @@ if TYPE_CHECKING:
     "and what is left out.",
 )
 @options.spec_options
-@options.max_bytes_option
 @click.option(
     "--output",
     "-o",

@@ -216,7 +216,6 @@ def _refuse(given: Sequence[str], why: str) -> None:
     help="The run folder, new or empty.  [default: runs/NAME-TIME]",
 )
 @shared_options.spec_options
-@shared_options.max_bytes_option
 @shared_options.flag_options(
     {
         "--smoke": "One short iteration that shows whether all works; no verdict.",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from r2bspec.cli.completion import complete_case, complete_report, complete_variable
-from r2bspec.language.quantities import Duration, Quantity, QuantityError, Share, parse_size_option
+from r2bspec.language.quantities import Duration, Quantity, QuantityError, Share
 from r2bspec.language.selected_spec import SelectionValues
 
 if TYPE_CHECKING:
@@ -162,30 +162,6 @@ _base_ref_option = click.option(
     default="",
     metavar="REF",
     help="With --untrusted: the commit that the change is based on, such as origin/main.",
-)
-
-
-def _parse_max_bytes(ctx: click.Context, param: click.Parameter, text: str | None) -> int | None:
-    """The bytes of ``--max-bytes``; the limit then applies until the verb has ended."""
-    if text is None:
-        return None
-    from r2bspec.safe_io.decompression_budget import max_unpacked_bytes
-
-    try:
-        max_bytes = parse_size_option(text)
-    except ValueError as error:
-        raise click.BadParameter(str(error), ctx, param) from error
-    ctx.with_resource(max_unpacked_bytes(max_bytes))
-    return max_bytes
-
-
-max_bytes_option = click.option(
-    "--max-bytes",
-    metavar="SIZE",
-    callback=_parse_max_bytes,
-    expose_value=False,
-    help="The most that each file of a bag may unpack to, such as '4 GiB'.  [default: 512 MiB, or "
-    "1,000 times its size]",
 )
 
 

@@ -23,7 +23,7 @@ from r2bspec.cli.check_files import (
     repair,
     spec_files,
 )
-from r2bspec.cli.shared_options import flag_options, max_bytes_option, spec_options
+from r2bspec.cli.shared_options import flag_options, spec_options
 from r2bspec.cli.text_output import print_findings
 from r2bspec.diagnostics.quote import pluralize
 from r2bspec.errors import ExitStatus
@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     help="; ".join(f"{name}: {use}" for name, use in FORMATS.items()) + ".",
 )
 @spec_options
-@max_bytes_option
 @flag_options(
     {
         "--resolved": "Print the resolved document, one for each case, if there are no errors.",

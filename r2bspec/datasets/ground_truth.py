@@ -13,7 +13,6 @@ from r2bspec.bags.recording import DISPARITY_NAME, GROUND_TRUTH_NAME
 from r2bspec.datasets.cameras import Camera, Pose, camera_pose, project, quaternion
 from r2bspec.datasets.rig import IMAGE, STEREO_PAIRS, TopicSource
 from r2bspec.datasets.scenes import FAMILY, Scene, Tag, tag_pose
-from r2bspec.safe_io.decompression_budget import read_npz_array
 from r2bspec.safe_io.safe_json import read_json
 
 if TYPE_CHECKING:
@@ -263,11 +262,12 @@ def read_disparity(folder: Path, pair: str, stamp_ns: int) -> NDArray[np.float32
 
     Raises:
         KeyError: there are none of that pair and stamp.
-        RefusedDataError: the file is damaged.
+        ValueError, zipfile.BadZipFile: the file is damaged.
         OSError: it cannot be read.
     """
     import numpy as np
 
-    parts = read_npz_array(folder / DISPARITY_NAME, f"{pair}/{stamp_ns}")
+    with np.load(folder / DISPARITY_NAME, allow_pickle=False) as arrays:
+        parts = arrays[f"{pair}/{stamp_ns}"]
     disparity: NDArray[np.float32] = parts.astype(np.float32) / np.float32(DISPARITY_PARTS)
     return disparity

@@ -47,7 +47,7 @@ class BagSource(Record, frozen=True, kw_only=True):
         names.FilePath,
         key(
             *("./bags/kitchen", "/data/drive_07.mcap"),
-            description="The path of a bag: its folder, or a single .db3, .mcap or .bag file; "
+            description="The path of a bag: its folder, or a single .db3 or .mcap file; "
             "relative to this file.",
             path=True,
         ),

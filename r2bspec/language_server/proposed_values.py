@@ -14,7 +14,7 @@ from typing import Final
 
 from lsprotocol import types
 
-from r2bspec.bags.recording import BAG_FORMATS, DataError
+from r2bspec.bags.recording import SUFFIXES, DataError
 from r2bspec.datasets.catalogue import known_datasets
 from r2bspec.judge.measure.metric_catalogue import (
     METRICS,
@@ -48,8 +48,7 @@ def recordings(analysis: Analysis, context: CursorContext) -> Iterator[Completio
             yield CompletionProposal(name, "dataset", kind=types.CompletionItemKind.Module, order=5)
     except DataError:
         pass
-    suffixes = tuple(format_.suffix for format_ in BAG_FORMATS)
-    yield from _files(analysis, context, suffixes, bags=True)
+    yield from _files(analysis, context, tuple(SUFFIXES.values()), bags=True)
 
 
 def yaml_files(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:

@@ -121,46 +121,12 @@ MAX_SUBSTITUTION_DEPTH: Final = 10
 
 MAX_METADATA_BYTES: Final = 16_000_000
 """Metadata.yaml, and what a dataset says of itself."""
-MAX_METADATA_VALUES: Final = 250_000
-"""Of metadata.yaml: ten for each topic."""
-MAX_METADATA_DIGITS: Final = 30
-"""Of a number in it."""
-MAX_BAG_ENTRIES: Final = 10_000
-"""Files or topics."""
 MAX_NAME_CHARACTERS: Final = 1_000
 """Of a topic, a type, a monitor: ROS has 255."""
-MAX_DEFINITION_LINES: Final = 3_000
-"""Without comments, of a message of ROS 1: parsing takes 0.2 ms for each."""
-MAX_DEFINITIONS: Final = 2_000
-"""Types that a sqlite3 file defines: each topic is looked up in all of them."""
-MAX_TOPIC_TEXT_BYTES: Final = 64_000_000
-"""Definitions and QoS profiles of a sqlite3 file together."""
-FREE_RECORDS: Final = 100_000
-"""Of MCAP, that are no messages; a larger file may have one for each `MIN_BYTES_OF_RECORD`."""
-MIN_BYTES_OF_RECORD: Final = 100
-"""Stored bytes for each record: an index has one for each chunk and topic."""
-FREE_MESSAGES: Final = 250_000
-"""Of any storage; a larger file may have one for each `MIN_BYTES_OF_MESSAGE`."""
-MIN_BYTES_OF_MESSAGE: Final = 50
-"""Stored bytes for each message: reading the smallest takes some microseconds, too."""
-MAX_FIXED_VALUES: Final = 100_000
-"""Of a message without its sequences; an array of numbers counts as one."""
 MAX_BAG_INDEX_BYTES: Final = 64_000_000
 """The kept index of a bag."""
 MAX_STAMPS_BYTES: Final = 64 << 20
 """Stamps of larger bags are not read; their counts are compared."""
-MAX_PIECE_BYTES: Final = 256 << 20
-"""The largest message or chunk; recorders write a few MiB."""
-FREE_PIECE_BYTES: Final = 64 << 20
-"""A message or chunk may have any ratio: black images."""
-FREE_TOTAL_BYTES: Final = 512 << 20
-"""A file may have any ratio."""
-MAX_RATIO: Final = 1_000
-"""Unpacked bytes for each stored one; camera images reach 100."""
-MAX_ARRAY_BYTES: Final = 64 << 20
-"""In an .npz: an image of 4,000 by 4,000 pixels of four bytes."""
-MAX_ARRAY_HEADER_BYTES: Final = 10_000
-"""Of such an array."""
 MAX_SCHEMA_S: Final = 60.0
 """Reading the schema of a database."""
 MAX_VALUE_BYTES: Final = 256 << 20

@@ -17,17 +17,7 @@ import pytest
 import yaml
 
 from command_line import Call
-from data_bags import (
-    STRING,
-    chatter,
-    edit_metadata,
-    split_bag,
-    storage_file,
-    text,
-    write_bag,
-    write_mcap,
-    write_ros1,
-)
+from data_bags import STRING, chatter, edit_metadata, split_bag, storage_file, text, write_bag
 from r2bspec.report.findings_text import code_with_slug
 from ros_runs import quick_input, relay_node, relay_spec
 
@@ -78,15 +68,6 @@ def _without_a_part(at: Path) -> Path:
     return bag
 
 
-def _damaged_index(at: Path) -> Path:
-    """The index of an MCAP points at other places: only its checksum tells."""
-    file = write_mcap(at.with_suffix(".mcap"), MESSAGES, chunk_size=200)
-    content = bytearray(file.read_bytes())
-    content[-200] ^= 0x10
-    file.write_bytes(content)
-    return file
-
-
 def _recorder_killed(at: Path) -> Path:
     """A database whose last messages are in its write-ahead log only."""
     bag = write_bag(at, MESSAGES)
@@ -135,12 +116,6 @@ FAULTS: dict[str, tuple[Callable[[Path], Path], str, str]] = {
         "R2B304",
         "ends before its footer",
     ),
-    "ROS 1 cut short": (
-        lambda at: _cut(write_ros1(at.with_suffix(".bag"), MESSAGES)),
-        "R2B304",
-        "cannot be read",
-    ),
-    "MCAP with a damaged index": (_damaged_index, "R2B304", "checksum of its summary"),
     "a part of a split recording is missing": (_without_a_part, "R2B303", "has no bag_1.db3"),
     "the recorder was killed": (_recorder_killed, "R2B313", "bag.db3-wal"),
     "the same on a read-only disk": (

@@ -12,7 +12,6 @@ import pytest
 pytest.importorskip("rclpy")
 
 from mcap.writer import Writer as McapWriter
-from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -21,15 +20,13 @@ from ros_runs import IMAGE, START_NS, STRING, Bench, quick_input, relay_node, re
 COUNT = 6
 STEP_NS = 33_000_000
 STORE = get_typestore(Stores.ROS2_JAZZY)
-OLD_STORE = get_typestore(Stores.ROS1_NOETIC)
 
 
-def image(number: int, store: Any = STORE) -> Any:
+def image(number: int) -> Any:
     """An image that is stamped with the time at which it is recorded."""
-    types = store.types
+    types = STORE.types
     stamp = types["builtin_interfaces/msg/Time"](*divmod(START_NS + number * STEP_NS, 10**9))
-    sequence = () if store is STORE else (number,)
-    header = types["std_msgs/msg/Header"](*sequence, stamp, "camera")
+    header = types["std_msgs/msg/Header"](stamp, "camera")
     pixels = np.full(12, number, np.uint8)
     return types[IMAGE](header, 2, 2, "rgb8", 0, 6, pixels)
 
@@ -47,16 +44,6 @@ def _rosbag2(folder: Path, storage: str, mode: str = "NONE", *, little_endian: b
             data = cdr(number, little_endian=little_endian)
             writer.write(connection, START_NS + number * STEP_NS, data)
     return folder
-
-
-def _ros1(folder: Path) -> Path:
-    path = folder.with_suffix(".bag")
-    with Ros1Writer(path) as writer:
-        connection = writer.add_connection(f"/{folder.name}", IMAGE, typestore=OLD_STORE)
-        for number in range(COUNT):
-            data = OLD_STORE.serialize_ros1(image(number, OLD_STORE), IMAGE)
-            writer.write(connection, START_NS + number * STEP_NS, bytes(data))
-    return path
 
 
 def _unordered_mcap(folder: Path) -> Path:
@@ -78,7 +65,6 @@ FORMATS: dict[str, Callable[[Path], Path]] = {
     "by_file": lambda at: _rosbag2(at, "MCAP", "FILE"),
     "big_endian": lambda at: _rosbag2(at, "SQLITE3", little_endian=False),
     "unordered": _unordered_mcap,
-    "old": _ros1,
 }
 
 

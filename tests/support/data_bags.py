@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import sqlite3
 from collections.abc import Callable, Iterable
+from contextlib import closing
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -63,26 +65,6 @@ def write_bag(
         for topic, offset_ns, data in listed:
             writer.write(connections[topic], START_NS + offset_ns, data)
     return folder
-
-
-def write_ros1(
-    path: Path, messages: Iterable[tuple[str, int, bytes]], *, compression: str = "none"
-) -> Path:
-    """Write strings by ROS 1; the messages are given as CDR."""
-    from rosbags.rosbag1 import Writer as Ros1Writer
-
-    store = get_typestore(Stores.ROS1_NOETIC)
-    writer = Ros1Writer(path)
-    if compression != "none":
-        writer.set_compression(Ros1Writer.CompressionFormat[compression.upper()])
-    with writer:
-        connections: dict[str, Any] = {}
-        for topic, offset_ns, data in messages:
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, STRING, typestore=store)
-            raw = bytes(typestore().cdr_to_ros1(data, STRING))
-            writer.write(connections[topic], START_NS + offset_ns, raw)
-    return path
 
 
 def write_mcap(
@@ -159,6 +141,12 @@ def edit_metadata(folder: Path, pattern: str, replacement: str, count: int = 0) 
     after = re.sub(pattern, replacement, before, count=count)
     assert after != before
     path.write_text(after)
+
+
+def change_storage(folder: Path, statement: str) -> None:
+    """Execute a statement in the database of a bag."""
+    with closing(sqlite3.connect(storage_file(folder))) as database, database:
+        database.execute(statement)
 
 
 def storage_file(folder: Path) -> Path:

@@ -43,7 +43,6 @@ from r2bspec.language.spec import Truth
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.record.run_record import AccuracyRecord, Segment
 from r2bspec.record.sample_arrays import MONITOR_FIELDS, PLAYBACK_FIELDS, Rows
-from r2bspec.safe_io.safe_file import RefusedDataError
 
 OUTPUT_BAG = "outputs"
 """The name of the bag in the run folder."""
@@ -288,7 +287,7 @@ def compare_outputs(
             accuracy = compare(folder, known, truth.name, messages)
         except KeyError:
             continue
-        except (OSError, RefusedDataError) as error:
+        except (OSError, ValueError) as error:
             return _with_problem(record, f"The ground truth cannot be read: {error}.")
         if outputs and not accuracy.images:
             return _with_problem(record, "The ground truth has none of the stamps of the outputs.")

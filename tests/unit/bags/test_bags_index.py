@@ -8,10 +8,18 @@ from pathlib import Path
 
 import pytest
 
-from data_bags import START_NS, STRING, chatter, edit_metadata, refusal_of, storage_file, write_bag
+from data_bags import (
+    START_NS,
+    STRING,
+    change_storage,
+    chatter,
+    edit_metadata,
+    refusal_of,
+    storage_file,
+    write_bag,
+)
 from r2bspec.bags.bag_index import index_bag
-from r2bspec.bags.recording import BAG_FORMATS, BagFormat, DataError
-from r2bspec.bags.storage.storage import import_from_storage
+from r2bspec.bags.recording import SUFFIXES, DataError
 from r2bspec.language.declaration import rule_at
 
 LFS_POINTER = (
@@ -37,15 +45,13 @@ def test_normalises_types_of_early_ros2(bag: Path) -> None:
     assert index_bag(bag).topics["/ping"].type == STRING
 
 
-def test_believes_the_storage_about_times_and_says_so(bag: Path) -> None:
+def test_times_are_those_of_the_storage(bag: Path) -> None:
     edit_metadata(bag, str(START_NS), str(START_NS - 7))
-    index = index_bag(bag)
-    assert index.start_ns == START_NS
-    assert "metadata.yaml states" in index.notes[0]
+    assert index_bag(bag).start_ns == START_NS
 
 
 def test_states_a_foreign_serialization_without_refusing_the_bag(bag: Path) -> None:
-    edit_metadata(bag, "serialization_format: cdr", "serialization_format: protobuf")
+    change_storage(bag, "UPDATE topics SET serialization_format = 'protobuf'")
     assert index_bag(bag).topics["/ping"].serialization == "protobuf"
 
 
@@ -93,7 +99,6 @@ def test_refuses_metadata_that_is_not_rosbag2s(bag: Path, content: bytes) -> Non
         ("compression_format: zstd", "compression_format: lz4", "R2B302"),
         # Promises of other content.
         (r"message_count: 3\b", "message_count: 4", "R2B310"),
-        (r"message_count: 6\b", "message_count: 7", "R2B310"),
         (r"name: /ping", "name: /king", "R2B310"),
         (r"type: std_msgs/msg/String", "type: std_msgs/msg/Header", "R2B310"),
     ],
@@ -124,9 +129,7 @@ def test_names_git_lfs_pointers(bag: Path, victim: str) -> None:
     assert "git lfs pull" in error.hint
 
 
-@pytest.mark.parametrize("entry", BAG_FORMATS, ids=lambda entry: entry.name)
-def test_every_entry_leads_to_its_code(entry: BagFormat) -> None:
-    assert callable(import_from_storage(entry.reader))
+def test_every_suffix_is_described() -> None:
     described = rule_at(("data_loader", "bag", "path"))
     assert described is not None
-    assert entry.suffix in described.description
+    assert all(suffix in described.description for suffix in SUFFIXES.values())

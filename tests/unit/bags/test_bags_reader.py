@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import random
-import sqlite3
 from collections.abc import Iterable
-from contextlib import closing
 from pathlib import Path
 
 import pytest
 
-from data_bags import START_NS, edit_metadata, refusal_of, storage_file, text, write_bag
+from data_bags import START_NS, change_storage, refusal_of, text, write_bag
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.recording import DataError, TimeWindow
@@ -24,11 +22,11 @@ def read(bag: Path, topics: Iterable[str] = ("/ping", "/pong")) -> list[tuple[st
 
 
 def test_touches_only_the_named_topics(bag: Path) -> None:
-    with closing(sqlite3.connect(storage_file(bag))) as database, database:
-        database.execute(
-            "UPDATE messages SET data = x'DEAD' WHERE topic_id ="
-            " (SELECT id FROM topics WHERE name = '/pong')"
-        )
+    change_storage(
+        bag,
+        "UPDATE messages SET data = x'DEAD' WHERE topic_id ="
+        " (SELECT id FROM topics WHERE name = '/pong')",
+    )
     assert [topic for topic, _, _ in read(bag, ["ping"])] == ["/ping"] * 3
     with pytest.raises(DataError, match="is not CDR"):
         read(bag, ["/pong"])
@@ -51,7 +49,7 @@ def test_proposes_the_topic_that_was_meant(bag: Path) -> None:
 
 
 def test_refuses_a_foreign_serialization_only_where_it_is_named(bag: Path) -> None:
-    edit_metadata(bag, "serialization_format: cdr", "serialization_format: protobuf", count=1)
+    change_storage(bag, "UPDATE topics SET serialization_format = 'protobuf' WHERE name = '/ping'")
     foreign = [
         name for name, info in index_bag(bag).topics.items() if info.serialization == "protobuf"
     ]
@@ -72,8 +70,7 @@ def test_large_messages_keep_their_order_among_small_ones(tmp_path: Path) -> Non
     ]
     bag = write_bag(tmp_path / "bag", messages, compression="message")
     assert read(bag) == messages
-    with closing(sqlite3.connect(storage_file(bag))) as database, database:
-        database.execute("UPDATE messages SET data = substr(data, 1, 70000) WHERE rowid = 12")
+    change_storage(bag, "UPDATE messages SET data = substr(data, 1, 70000) WHERE rowid = 12")
     found = read_messages(bag, ["/ping", "/pong"])
     assert [next(found).data for _ in range(11)] == [data for _, _, data in messages[:11]]
     assert refusal_of(next, found).code == "R2B304"
