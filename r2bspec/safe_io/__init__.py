@@ -1,5 +1,5 @@
-"""Reading what comes from outside: files, YAML, JSON, SQLite and compressed data, with limits.
+"""Reading what comes from outside: files, YAML and JSON, with limits, and git.
 
-Specs, bags, parameter files, run folders and reports may be written to attack the machine that
-reads them. Everything of them is opened and decoded here. Each limit has a constant.
+A spec, a recording or a run folder may be damaged or no regular file; none of that ends in a stack
+trace, or in a read without end. Each limit has a constant.
 """

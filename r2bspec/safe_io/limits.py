@@ -127,12 +127,6 @@ MAX_BAG_INDEX_BYTES: Final = 64_000_000
 """The kept index of a bag."""
 MAX_STAMPS_BYTES: Final = 64 << 20
 """Stamps of larger bags are not read; their counts are compared."""
-MAX_SCHEMA_S: Final = 60.0
-"""Reading the schema of a database."""
-MAX_VALUE_BYTES: Final = 256 << 20
-"""One value of a database: a message."""
-MAX_SCHEMA_OBJECTS: Final = 1_000
-"""Tables and indices of a database."""
 
 # Runs, results and reports
 

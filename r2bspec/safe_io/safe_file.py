@@ -44,13 +44,6 @@ class TooLargeError(RefusedFileError):
     """A file that is larger than the limit of its kind."""
 
 
-class RefusedDataError(R2bspecError, ValueError):
-    """Data that would need too much memory or time to decode."""
-
-    code = "R2B304"
-    exit_code = ExitStatus.USAGE
-
-
 _TEXTS: Final[ContextVar[Mapping[Path, str]]] = ContextVar("unsaved_files")
 
 
