@@ -47,8 +47,7 @@ def judge_command(
     """Judge the finished run or comparison in the folder RUN again; needs no ROS.
 
     The folder is not changed without --write. The same folder gives the same bytes each time. Of
-    the gate of --spec, time_budget has no effect, because nothing is played. RUN
-    may also be a report of ros2_benchmark, to be judged by the SLOs of --spec.
+    the gate of --spec, time_budget has no effect, because nothing is played.
     """
     from r2bspec.compare.report_input import read_folder
     from r2bspec.judge.judge_run import to_json
@@ -57,12 +56,10 @@ def judge_command(
     from r2bspec.report.terminal import show_result
     from r2bspec.report.write_reports import check_targets, takes_stdout, write_reports
     from r2bspec.safe_io.looked_up_files import looked_up_files
-    from r2bspec.safe_io.safe_file import is_regular, is_there
+    from r2bspec.safe_io.safe_file import is_there
 
     if run.name == "result.json" and is_there(run.with_name("plan.json")):
         run = run.parent
-    if is_regular(run):
-        return _judge_report(run, spec, output_format, plain=not (write or reports or junit))
     if spec is None:
         result = read_folder(run)
     else:
@@ -93,24 +90,6 @@ def _say_what_is_not_judged(found: ReportInput) -> None:
             "they were not judged",
             err=True,
         )
-
-
-def _judge_report(report: Path, spec: Path | None, output_format: str, *, plain: bool) -> int:
-    """Judge a report of the reference tool, which has no run folder and no samples."""
-    from r2bspec.interop.imported_verdicts import judge_report
-    from r2bspec.interop.ros2_benchmark import read_report
-    from r2bspec.plan.compile_plan import gate_plan
-    from r2bspec.report.terminal import show_verdict
-
-    figures = read_report(report)
-    if spec is None:
-        raise click.UsageError(f"{report} has no SLOs: give a spec with --spec")
-    if not plain:
-        raise click.UsageError("--write, --report and --junit-xml need a run folder")
-    other = _load_objectives(spec)
-    verdict = judge_report(figures, other.slos, gate_plan(other))
-    show_verdict(figures.name or str(report), verdict, output_format)
-    return verdict.exit_code
 
 
 def _load_objectives(path: Path) -> Spec:
@@ -226,9 +205,8 @@ def compare_command(
 ) -> int:
     """Compare each HEAD with BASE, metric by metric.
 
-    Each is a run folder, a result.json, or a report of ros2_benchmark. Differences do not change
-    the exit status: comparisons of stored results are advisory. To gate, use 'r2bspec run
-    --against'.
+    Each is a run folder or a result.json. Differences do not change the exit status: comparisons
+    of stored results are advisory. To gate, use 'r2bspec run --against'.
     """
     from r2bspec.compare.comparison import compare, read_compared_result
     from r2bspec.report.comparison_formats import render

@@ -1,4 +1,4 @@
-"""``r2bspec import``: scripts of NVIDIA's ros2_benchmark as specs, and its reports.
+"""``r2bspec import``: scripts of NVIDIA's ros2_benchmark as specs.
 
 Several scripts are imported, or checked, together: one list of findings, one exit status. Of a
 spec that was made, what `validate` calls an error on any machine is a finding, too.
@@ -15,31 +15,18 @@ import click
 
 from r2bspec.cli.check_files import SUFFIX, CheckOptions, check_text
 from r2bspec.cli.shared_options import FILE, FOLDER, repeatable_option
-from r2bspec.cli.text_output import aligned_lines, print_findings
+from r2bspec.cli.text_output import print_findings
 from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.diagnostics.quote import pluralize
 from r2bspec.errors import ExitStatus, UsageError
 from r2bspec.report import finding_formats
 from r2bspec.report.finding_formats import FORMATS
 from r2bspec.report.output import echo, echo_document
-from r2bspec.safe_io.safe_file import is_folder, is_there, open_regular
+from r2bspec.safe_io.safe_file import is_folder, is_there
 
 if TYPE_CHECKING:
-    from r2bspec.interop.ros2_benchmark import MonitorFigures, ReferenceReport
     from r2bspec.interop.script_import.benchmark_script import BenchmarkScript
     from r2bspec.interop.script_import.spec_builder import ImportedSpec
-
-_REPORT_FORMATS = ("text", "json")
-_COLUMNS = (
-    ("throughput", "throughput_hz", "Hz"),
-    ("as reported", "reported_hz", "Hz"),
-    ("sent", "sent", "count"),
-    ("missed", "missed", "count"),
-    ("latency mean", "latency_mean", "s"),
-    ("first", "latency_first", "s"),
-    ("jitter mean", "jitter_mean", "s"),
-    ("CPU mean", "cpu_mean", "share"),
-)
 
 
 @click.command("import")
@@ -57,14 +44,13 @@ _COLUMNS = (
     type=click.Choice(list(FORMATS)),
     default="text",
     show_default=True,
-    help="The format of findings; of a report: text or json.",
+    help="The format of findings.",
 )
 @click.option(
     "--output",
     "-o",
     type=click.Path(path_type=Path),
-    help="Write to this file, or for several scripts into this folder, instead of printing. "
-    "A report is written as JSON, for 'r2bspec compare'.",
+    help="Write to this file, or for several scripts into this folder, instead of printing.",
 )
 @repeatable_option(
     "--package-path",
@@ -82,39 +68,13 @@ def command(
     package_paths: tuple[Path, ...],
     force: bool,
 ) -> int:
-    """Make specs from scripts of ros2_benchmark, or read a report of it.
+    """Make specs from scripts of ros2_benchmark.
 
-    FILE is a Python script, which is read as a syntax tree and never executed; or the JSON file
-    of a report, which is printed in SI units and r2bspec's names. What a script does not determine
-    becomes a comment in the spec and a finding. Values that a report lacks, such as percentiles,
-    are left out and never estimated.
+    FILE is a Python script, which is read as a syntax tree and never executed. What a script does
+    not determine becomes a comment in the spec and a finding.
     """
-    if all(_is_script(file) for file in files):
-        scripts = _Scripts(files, package_paths, output, force)
-        return scripts.check(output_format) if check else scripts.import_all(output_format)
-    if len(files) > 1:
-        raise UsageError(
-            "reports are read one at a time, and not together with scripts",
-            hint="Call 'r2bspec import' for each of them.",
-        )
-    if check or output_format not in _REPORT_FORMATS:
-        raise UsageError(
-            f"{files[0]} is no script, which --check and this --format need",
-            hint="Give a .py file, or leave both options out: a report has text and json.",
-        )
-    return _import_report(files[0], output_format, output)
-
-
-def _is_script(file: Path) -> bool:
-    """Whether a file is a script: by its content, and by its name if it cannot be read."""
-    try:
-        with open_regular(file) as stream:
-            start = stream.read(4096).lstrip(b"\xef\xbb\xbf \t\r\n")
-    except OSError:
-        return file.suffix == ".py"
-    if start[:1] in {b"{", b"["}:
-        return False
-    return file.suffix == ".py" or b"import " in start
+    scripts = _Scripts(files, package_paths, output, force)
+    return scripts.check(output_format) if check else scripts.import_all(output_format)
 
 
 @dataclass
@@ -243,38 +203,3 @@ class _Scripts:
             if (count := sum(finding.severity is severity for finding in self.findings))
         ]
         return ", ".join([pluralize(len(self.files), "script"), *(counts or ["no problems"])])
-
-
-def _import_report(report: Path, output_format: str, output: Path | None) -> int:
-    from r2bspec.interop.ros2_benchmark import read_report, to_json
-
-    reference = read_report(report)
-    if output is not None:
-        from r2bspec.record.files import write_output
-
-        write_output(output, to_json(reference))
-    elif output_format == "json":
-        echo_document(to_json(reference), nl=False)
-    else:
-        echo(_text(reference), nl=False)
-    return ExitStatus.OK
-
-
-def _text(report: ReferenceReport) -> str:
-    from r2bspec.judge.measure.units import show
-
-    lines = [report.name or "a report of ros2_benchmark"]
-    if report.peak_hz is not None:
-        lines.append(f"peak found by its search: {show(report.peak_hz, 'Hz')}")
-    rows = [["offered", "monitor", *(name for name, _, _ in _COLUMNS)]]
-    rows += [_row("at the peak", name, figures) for name, figures in report.peak.items()]
-    for rate, monitors in sorted(report.rates.items(), key=lambda item: float(item[0])):
-        rows += [_row(show(float(rate), "Hz"), name, figures) for name, figures in monitors.items()]
-    lines += aligned_lines(rows, right_columns=range(len(rows[0])))
-    return "\n".join([*lines, ""])
-
-
-def _row(rate: str, monitor: str, figures: MonitorFigures) -> list[str]:
-    from r2bspec.judge.measure.units import show
-
-    return [rate, monitor or "-", *(show(getattr(figures, k), unit) for _, k, unit in _COLUMNS)]

@@ -13,13 +13,12 @@ iterations' values, or of the means of starts where both have several
 (`r2bspec.judge.statistics.t_interval`). Drop rates are compared as the shares
 that arrived, with a margin of their own, because a ratio to 0 is undefined.
 
-Subjects are run folders, results, and reports of the reference tool. A comparison is frozen values
+Subjects are run folders and results. A comparison is frozen values
 that serialise to JSON.
 """
 
 from __future__ import annotations
 
-import importlib
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -28,10 +27,8 @@ from typing import Any, Final, Literal
 
 import msgspec
 
-from r2bspec.compare.errors import IncomparableError, UnreadableResultError
-from r2bspec.compare.report_input import measure, open_folder, read_content
-from r2bspec.errors import R2bspecError
-from r2bspec.judge.judge_run import from_json
+from r2bspec.compare.errors import IncomparableError
+from r2bspec.compare.report_input import measure, open_folder, read_result
 from r2bspec.judge.measure.anatomy_growth import grown_texts
 from r2bspec.judge.measure.distribution import (
     MAIN_PERCENTILES,
@@ -116,9 +113,6 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True):
     lines: tuple[ComparisonLine, ...]
 
 
-_REPORT_READER: Final = "r2bspec.interop.ros2_benchmark"
-"""The module that reads the reports of another tool, imported on demand: it depends on this one."""
-
 SeriesKey = tuple[float | None, str, str]
 """Offered rate, monitor, and the metric's name in the catalogue."""
 
@@ -154,14 +148,13 @@ class ComparedResult:
     plan_hash: str | None = None
     dataset: str | None = None
     machine: dict[str, Any] | None = None
-    tool: str = "r2bspec"
     identity: GraphIdentity | None = None
     run: Run | None = None
     samples: RunSamples | None = None
 
 
 def read_compared_result(path: Path) -> ComparedResult:
-    """Read a run folder, that of a comparison, a ``result.json``, or a report of ros2_benchmark.
+    """Read a run folder, that of a comparison, or a ``result.json``.
 
     A comparison is represented by its head.
 
@@ -176,19 +169,8 @@ def read_compared_result(path: Path) -> ComparedResult:
         metrics = summarise(with_refuted_peak(samples))
         side = _compared(str(path), run.plan.name, run.record, metrics)
         return replace(side, plan=run.plan, run=run, samples=samples)
-    content = read_content(path)
-    try:
-        result = from_json(content)
-        return _compared(str(path), result.name, result, result.metrics)
-    except ValueError as not_a_result:  # msgspec's errors are such
-        reader = importlib.import_module(_REPORT_READER)
-        try:
-            compared: ComparedResult = reader.read_compared(content, str(path))
-        except R2bspecError as not_a_report:
-            raise UnreadableResultError(
-                f"{path} is neither a result ({not_a_result}) nor a report ({not_a_report})"
-            ) from not_a_result
-        return compared
+    result = read_result(path)
+    return _compared(str(path), result.name, result, result.metrics)
 
 
 def _compared(
@@ -348,11 +330,8 @@ def require_comparable(
 def _blocking_differences(base: ComparedResult, head: ComparedResult) -> Iterator[object]:
     """The differences for which a ratio says nothing about the graphs.
 
-    Graphs that differ are what one compares. Of reports of another tool, plan, data and machine are
-    unknown anyway; the comparison says so.
+    Graphs that differ are what one compares.
     """
-    if "r2bspec" not in {base.tool, head.tool} or base.tool != head.tool:
-        return
     if base.plan is not None and head.plan is not None:
         yield from (
             difference
@@ -365,11 +344,7 @@ def _blocking_differences(base: ComparedResult, head: ComparedResult) -> Iterato
 
 
 def differences_of(base: ComparedResult, head: ComparedResult) -> Iterator[str]:
-    """The differences of two results in tool, plan, code, data and machine, a line each."""
-    if base.tool != head.tool:
-        yield f"tool: {base.tool} -> {head.tool}, with different measurement rules"
-    elif base.tool != "r2bspec":
-        yield f"plan and data: unknown in reports of {base.tool}"
+    """The differences of two results in plan, code, data and machine, a line each."""
     if base.plan is not None and head.plan is not None:
         yield from _plan_differences(base.plan, head.plan)
     elif base.plan_hash != head.plan_hash:
@@ -404,8 +379,7 @@ def _data_difference(base: ComparedResult, head: ComparedResult) -> Iterator[str
 def _machine_differences(base: ComparedResult, head: ComparedResult) -> Iterator[str]:
     for key in MACHINE_FACTS:
         before, after = ((side.machine or {}).get(key) or None for side in (base, head))
-        # That reports of another tool lack these facts has been stated already.
-        if before != after and (base.tool == head.tool or None not in {before, after}):
+        if before != after:
             yield f"machine, {key}: {before or 'unknown'} -> {after or 'unknown'}"
 
 

@@ -13,11 +13,11 @@ class SamplesMissingError(R2bspecError):
 
 
 class UnreadableResultError(R2bspecError):
-    """A file is neither a result nor a report."""
+    """A file is not a result."""
 
     code = "R2B662"
     exit_code = ExitStatus.USAGE
-    way_out = "Name a run folder, a result.json, or a report of ros2_benchmark."
+    way_out = "Name a run folder or a result.json."
 
 
 class IncomparableError(R2bspecError):

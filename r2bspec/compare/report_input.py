@@ -46,8 +46,6 @@ class ReportInput:
         spec_file: the spec whose objectives were judged, as the user named it, so that a report
             can refer to its lines; None where it is not known.
         baseline: another run, shown next to this one where a report supports it.
-        monitor: the one monitor to report, for formats of a single one; None for all.
-        rate_hz: the one offered rate to report, likewise.
         verbose: with every reason and every note; a report is short otherwise.
         suite_page: the HTML page of the suite that the run belongs to, if it has one.
         suite_link: the same, as a link of the page that is being written.
@@ -58,8 +56,6 @@ class ReportInput:
     run: Run | None = None
     spec_file: Path | None = None
     baseline: Run | None = None
-    monitor: str | None = None
-    rate_hz: float | None = None
     verbose: bool = False
     suite_page: Path | None = None
     suite_link: str = ""

@@ -20,7 +20,6 @@ NODES_CAPTION: Final = (
     "callbacks are whole here, and in paths end with the publication; a load of 100 % is one "
     "thread in callbacks"
 )
-CALLBACK_COLUMN: Final = NODE_COLUMNS.index("callback p50")
 
 _SMALL: Final = 0.01
 """Parts with a smaller share of the latency are left out of tables, together."""

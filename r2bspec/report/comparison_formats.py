@@ -11,9 +11,9 @@ import msgspec
 from r2bspec.compare.comparison import ADVICE, Comparison, ComparisonLine, Outcome
 from r2bspec.diagnostics.plain_text import harmless, plain_values
 from r2bspec.judge.measure.units import at_rate, show
+from r2bspec.report.csv_formats import csv_text
 from r2bspec.report.finding_formats import command
 from r2bspec.report.markdown import code, escaped, folded, table
-from r2bspec.report.number_formats import csv_text
 from r2bspec.report.output import printed_text
 from r2bspec.report.plain_page import plain_page, plain_table
 from r2bspec.report.report_wording import interval_text

@@ -30,7 +30,7 @@ class ReportUsageError(UsageError):
 
 
 class ReportError(R2bspecError):
-    """A report cannot be written: a library is missing, or the run has no samples for it."""
+    """A report cannot be written: a library is missing."""
 
     code = "R2B661"
     exit_code = ExitStatus.USAGE
@@ -47,21 +47,15 @@ class Format:
         function: that renders it, as ``module:function`` in this package; imported on demand.
         what: a description in one line.
         needs: libraries of the extra ``report`` that the module imports.
-        single: whether a file has one monitor at one rate; its path may then contain the
-            placeholders ``{monitor}`` and ``{rate}``.
-        is_text: whether people or logs read it. Formats for programs, such as JSON, keep every
-            character of a text in their own way.
     """
 
     function: str
     what: str
     needs: tuple[str, ...] = ()
-    single: bool = False
-    is_text: bool = True
 
 
 FORMATS: Final[dict[str, Format]] = {
-    "json": Format("result_json:render", "the content of result.json", is_text=False),
+    "json": Format("result_json:render", "the content of result.json"),
     "text": Format("terminal:render", "the terminal report, without colours"),
     "html": Format(
         "html.page:render", "one self-contained page with charts", ("jinja2", "matplotlib")
@@ -72,40 +66,13 @@ FORMATS: Final[dict[str, Format]] = {
     "junit_lenient": Format(
         "pipelines:render_junit_lenient", "the same, with inconclusive as skipped"
     ),
-    "csv": Format("number_formats:render_values", "every metric of every iteration, one per line"),
-    "samples": Format("number_formats:render_samples", "every single message as a line of CSV"),
-    "openmetrics": Format("openmetrics:render", "OpenMetrics text for Prometheus"),
-    "hdrhistogram": Format(
-        "number_formats:render_histogram", "percentile distribution of the latency", single=True
-    ),
-    "ros2_benchmark": Format(
-        "ros2_benchmark:render", "the JSON format of NVIDIA's ros2_benchmark", is_text=False
-    ),
-    "bencher": Format("number_formats:render_bencher", "Bencher Metric Format", is_text=False),
-    "benchmark_smaller": Format(
-        "number_formats:render_smaller",
-        "github-action-benchmark, customSmallerIsBetter",
-        is_text=False,
-    ),
-    "benchmark_bigger": Format(
-        "number_formats:render_bigger",
-        "github-action-benchmark, customBiggerIsBetter",
-        is_text=False,
-    ),
-    "trace": Format(
-        "timeline:render_trace", "a timeline for Perfetto or chrome://tracing", is_text=False
-    ),
-    "mcap": Format(
-        "timeline:render_mcap", "metrics over time for Foxglove", ("mcap",), is_text=False
-    ),
+    "csv": Format("csv_formats:render_values", "every metric of every iteration, one per line"),
+    "samples": Format("csv_formats:render_samples", "every single message as a line of CSV"),
 }
 """The formats of a run."""
 
 GRAPH_PAGE: Final = "html.graph_drawing:render_graph"
 """The drawing of a plan as a page."""
-
-HOST_CHARTS: Final = "html.host_charts:host_charts"
-"""The charts of a suite that ran on several hosts."""
 
 
 def load(function: str) -> Callable[..., Any]:
@@ -156,9 +123,9 @@ def renderer(name: str) -> Renderer:
         ReportError: a library that it needs is missing.
     """
     check_installed(name)
-    known = find_format(name)
-    render: Renderer = load(known.function)
-    return partial(_render_text, render, commands=name == "github") if known.is_text else render
+    render: Renderer = load(find_format(name).function)
+    # JSON keeps every character of a text in its own way.
+    return render if name == "json" else partial(_render_text, render, commands=name == "github")
 
 
 def _render_text(render: Renderer, report_input: ReportInput, *, commands: bool) -> bytes:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime
 import html
-import importlib.util
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -21,7 +20,6 @@ from r2bspec.judge.measure.units import show, show_rate
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.report.finding_formats import junit_text
-from r2bspec.report.format_registry import HOST_CHARTS, load
 from r2bspec.report.headline import headline
 from r2bspec.report.notes import notes_of_an_open_run
 from r2bspec.report.output import printed_text
@@ -249,7 +247,7 @@ def render(name: str, summary: SuiteSummary, results: Results, path: str = STDOU
         return msgspec.json.format(msgspec.json.encode(summary), indent=2) + b"\n"
     told = _with_distinct_names(summary)
     if name == "html":
-        text = plain_page(_count_text(told), _sections(told, results, path))
+        text = plain_page(_count_text(told), _sections(told, path))
     elif name == "junit":
         text = _junit(told, summary.runs, results)
     else:
@@ -289,8 +287,8 @@ def _markdown(summary: SuiteSummary) -> str:
     return "\n".join([*lines, "", *reasons]).rstrip() + "\n"
 
 
-def _sections(summary: SuiteSummary, results: Results, path: str) -> Iterator[str]:
-    """A page that links to the pages of the runs; runs on several hosts are drawn, too."""
+def _sections(summary: SuiteSummary, path: str) -> Iterator[str]:
+    """A page that links to the pages of the runs."""
     yield f"<header>\n<h1>{html.escape(_count_text(summary))}</h1>\n</header>\n<main>"
     rows = (
         f"<tr>{''.join(_html_cells(summary, cells, run, path))}</tr>"
@@ -299,22 +297,7 @@ def _sections(summary: SuiteSummary, results: Results, path: str) -> Iterator[st
     yield plain_table("Table of runs", _header(summary), _NUMBERS, rows)
     for text in _paragraphs(summary):
         yield f"<p>{html.escape(printable_lines(text))}</p>"
-    yield from _figures(summary, results)
     yield f"<p>{html.escape(summary.started_at)} to {html.escape(summary.ended_at)}</p>\n</main>"
-
-
-def _figures(summary: SuiteSummary, results: Results) -> Iterator[str]:
-    """The charts of benchmarks that ran on several hosts."""
-    if not _has_hosts(summary):
-        return
-    if importlib.util.find_spec("matplotlib") is None:
-        yield "<p>Hosts are drawn where r2bspec[report] is installed.</p>"
-        return
-    for chart in load(HOST_CHARTS)(summary, results):
-        yield f"<figure>\n<figcaption>{html.escape(chart.title)}</figcaption>\n{chart.svg}"
-        if chart.note:
-            yield f'<p class="note">{html.escape(chart.note)}</p>'
-        yield "</figure>"
 
 
 def _html_cells(

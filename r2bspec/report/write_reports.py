@@ -14,7 +14,7 @@ import glob
 import os
 import re
 import sys
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -23,7 +23,6 @@ from urllib.parse import quote
 from r2bspec.compare.report_input import ReportInput, read_folder
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.errors import R2bspecError
-from r2bspec.judge.measure.units import rate_name
 from r2bspec.record.files import write_output
 from r2bspec.record.run_folder import FOLDER_ENTRIES, RECORD_FILES
 from r2bspec.report import finding_formats, format_registry
@@ -32,7 +31,6 @@ from r2bspec.safe_io.safe_file import is_folder, is_there
 
 STDOUT = "-"
 
-_MAX_NAME_LENGTH = 100
 _PLACEHOLDER: Final = re.compile(r"\{\w+\}")
 
 
@@ -138,35 +136,18 @@ def write_reports(requests: Iterable[ReportRequest], report_input: ReportInput) 
         ReportError: one cannot be made from this run.
         RecordError: a file cannot be written.
     """
+    page = report_input.suite_page
     for request in requests:
-        for path, content in _contents(request, report_input):
-            write_report(path, content)
+        render = format_registry.renderer(request.format)
+        if page is not None:
+            link = link_text(page, request.path) if request.path != STDOUT else ""
+            report_input = replace(report_input, suite_link=link)
+        write_report(request.path, render(report_input))
 
 
 def link_text(target: Path, page: str) -> str:
     """A link from a page to a file, relative to the page, so that both can be moved together."""
     return quote(Path(os.path.relpath(target, Path(page).parent)).as_posix())
-
-
-def _contents(request: ReportRequest, report_input: ReportInput) -> Iterator[tuple[str, bytes]]:
-    render = format_registry.renderer(request.format)
-    page = report_input.suite_page
-    if page is not None:
-        link = link_text(page, request.path) if request.path != STDOUT else ""
-        report_input = replace(report_input, suite_link=link)
-    if not format_registry.find_format(request.format).single or "{" not in request.path:
-        yield request.path, render(report_input)
-        return
-    for rate in report_input.result.metrics.rates:
-        for monitor in rate.pooled.monitors:
-            single = replace(report_input, monitor=monitor, rate_hz=rate.offered_hz)
-            path = request.path.replace("{monitor}", file_name(monitor))
-            yield path.replace("{rate}", rate_name(rate.offered_hz, rate.pace)), render(single)
-
-
-def file_name(text: str) -> str:
-    """A name of the run as part of a path: it leads to no other folder."""
-    return re.sub(r"[/\x00]", "_", text).replace("..", "_")[:_MAX_NAME_LENGTH]
 
 
 def write_report(path: str, content: bytes) -> None:

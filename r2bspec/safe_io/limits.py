@@ -143,10 +143,6 @@ MAX_PROCESS_WINDOWS: Final = 100_000
 """Of a run: in each segment, the processes that were sampled in it. Each takes 40 µs to judge."""
 MAX_TEXT_CHARACTERS: Final = 200_000
 """One text of JSON: the longest argument of a program that Linux takes has 131,072."""
-MAX_REPORT_BYTES: Final = 10_000_000
-"""A report of another tool: decoded as Python, a byte may take 30."""
-MAX_REPORT_FIGURES: Final = 10_000
-"""Rates of a report, times monitors; a real one has some dozens."""
 MAX_INTEGER: Final = 2**63 - 1
 """Times are ns in 64 bits with a sign, in every file and array."""
 MAX_NUMBER: Final = 1e30

@@ -97,26 +97,3 @@ def decode_json(
     except ValueError as error:
         raise msgspec.ValidationError(str(error)) from None
     return value
-
-
-def decode_python_json(content: bytes) -> object:
-    """Decode JSON that Python's own module wrote, which also knows NaN and Infinity.
-
-    Raises:
-        msgspec.DecodeError: it is not JSON or not UTF-8, or nested too deeply.
-    """
-    try:
-        import json
-
-        return json.loads(content, parse_int=_integer)
-    except RecursionError:
-        raise msgspec.DecodeError("it is nested too deeply") from None
-    except ValueError as error:
-        raise msgspec.DecodeError(str(error)) from None
-
-
-def _integer(text: str) -> int:
-    """An integer, unless it is so long that no measured one can be meant."""
-    if len(text) > limits.MAX_NUMBER_CHARACTERS:
-        raise ValueError(f"a number has {len(text):,} digits")
-    return int(text)

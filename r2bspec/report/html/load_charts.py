@@ -22,13 +22,13 @@ from r2bspec.report.html import chart
 from r2bspec.report.html.chart import PALETTE, Chart, ChartBuilder, colour, draw, line_style, write
 from r2bspec.report.report_wording import all_probes
 from r2bspec.report.result_table import monitor_names
-from r2bspec.report.timeline import WHOLE_MACHINE, phases
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
 _THROUGHPUT = "throughput.mean"
+_WHOLE_MACHINE: Final = "whole machine"
 
 _MIN_LOG_RATIO = 8.0
 """From this ratio of the highest to the lowest rate on, rates are on a logarithmic axis."""
@@ -257,10 +257,10 @@ def loads_chart(name: str, run: Run) -> Chart | None:
         places = {
             process: place for place, process in enumerate(dict.fromkeys(n for _, n in names))
         }
-        places[WHOLE_MACHINE] = len(places)
+        places[_WHOLE_MACHINE] = len(places)
         shown: set[str] = set()
         samples = ProcessSamples(rows)
-        for index, process in [*names, (MACHINE_INDEX, WHOLE_MACHINE)]:
+        for index, process in [*names, (MACHINE_INDEX, _WHOLE_MACHINE)]:
             of_one = samples.rows(index)
             if of_one.size > 2:
                 again = process in shown
@@ -270,7 +270,7 @@ def loads_chart(name: str, run: Run) -> Chart | None:
                     again=again,
                 )
                 most = max(most, group)
-        _phases(run, panels, start_ns, int(rows["time_ns"].max()))
+        _draw_phases(run, panels, start_ns, int(rows["time_ns"].max()))
         upper.set_ylim(bottom=0)
         lower.set_ylim(bottom=0)
         upper.set_xlim(left=0)
@@ -308,7 +308,7 @@ def _process(
     rows, ends, group = _grouped(rows)
     times = (rows["time_ns"][ends] - start_ns) / 1e9
     cpu = _percent(rows["cpu_s"][ends], times)
-    machine = name == WHOLE_MACHINE
+    machine = name == _WHOLE_MACHINE
     style: dict[str, Any] = {
         "color": PALETTE["quiet"] if machine else colour(number),
         "linestyle": "-" if machine else line_style(number),
@@ -348,9 +348,20 @@ def _means(values: NDArray[np.float64], ends: NDArray[np.int64]) -> NDArray[np.f
     return np.asarray((totals[ends[1:] + 1] - totals[ends[:-1] + 1]) / np.diff(ends))
 
 
-def _phases(run: Run, panels: Sequence[Axes], start_ns: int, end_ns: int) -> None:
+def _run_phases(run: Run, end_ns: int) -> list[tuple[str, int, int]]:
+    """Each phase with its beginning and its end."""
+    begun = [
+        (text.removeprefix("phase "), at_ns)
+        for at_ns, text in run.record.events
+        if text.startswith("phase ")
+    ]
+    ends = [*(at_ns for _, at_ns in begun[1:]), end_ns]
+    return [(name, at_ns, max(end, at_ns)) for (name, at_ns), end in zip(begun, ends, strict=False)]
+
+
+def _draw_phases(run: Run, panels: Sequence[Axes], start_ns: int, end_ns: int) -> None:
     whole = max(end_ns - start_ns, 1)
-    for number, (phase, at_ns, phase_end) in enumerate(phases(run, end_ns)):
+    for number, (phase, at_ns, phase_end) in enumerate(_run_phases(run, end_ns)):
         first, last = (max(at_ns, start_ns) - start_ns) / 1e9, (phase_end - start_ns) / 1e9
         if last <= first:
             continue

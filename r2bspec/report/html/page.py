@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Any, get_args
@@ -19,16 +19,14 @@ from r2bspec.judge.measure.distribution import (
     part_title,
     part_value,
 )
-from r2bspec.judge.measure.units import at_rate, show, show_rate
+from r2bspec.judge.measure.units import show, show_rate
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import VarianceSource
 from r2bspec.plan.plan import Plan
-from r2bspec.record.run_folder import Run, read_stacks
 from r2bspec.report import anatomy_table, result_table
 from r2bspec.report.anatomy_table import anatomies_of
 from r2bspec.report.headline import headline, reason_after
 from r2bspec.report.html.chart import Chart
-from r2bspec.report.html.flame_graph import flame_graph
 from r2bspec.report.html.graph_drawing import lay_out
 from r2bspec.report.html.latency_charts import (
     ecdf_chart,
@@ -40,8 +38,6 @@ from r2bspec.report.html.load_charts import load_curve_chart, loads_chart
 from r2bspec.report.html.templates import own_style, own_text, render_template
 from r2bspec.report.html.waterfall import waterfalls
 from r2bspec.report.notes import notes, profile_notes
-from r2bspec.safe_io.limits import MAX_STACKS_BYTES
-from r2bspec.safe_io.safe_file import ByteBudget
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -116,10 +112,7 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
     shown = ordered[:_MAX_SHOWN_REQUIREMENTS]
     monitors = result_table.monitor_names(metrics)
     processes = [*dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.processes)]
-    unread: list[str] = []
-    profiles = [*_flame_graphs(report_input.run, unread)] if report_input.run is not None else []
-    flames = _flames(result, profiles)
-    charts = _charts(report_input, monitors, flames) | {"profiles": profiles}
+    charts = _charts(report_input, monitors)
     line = headline(result)
     around = [
         note
@@ -144,10 +137,9 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "notes": notes(result),
         "line": line,
         "reason": reason_after(line, result.verdict),
-        "profiles": [*profile_notes(result.profiles), *unread],
+        "profiles": [*profile_notes(result.profiles)],
         "anatomies": anatomies_of(result),
         "anatomy_table": anatomy_table,
-        "flames": flames,
         "has_interference": bool(around),
         "has_frequency": any(sample.frequency_hz for sample in around),
         "affected": defaultdict(
@@ -196,26 +188,8 @@ def _plain(value: object) -> str:
     return msgspec.json.encode(value).decode() if value else "-"
 
 
-def _flames(result: Result, profiles: Sequence[Chart]) -> dict[str, str]:
-    """Where in the page the flame graph of the process of each node is, by the node's name."""
-    drawn = {chart.name for chart in profiles}
-    of_process = {
-        profile.process: f"#profile-{number}-figure"
-        for number, profile in enumerate(result.profiles)
-        if f"profile-{number}" in drawn
-    }
-    return {
-        node.name: of_process[node.process]
-        for anatomy in anatomies_of(result)
-        for node in anatomy.nodes
-        if node.process in of_process
-    }
-
-
-def _charts(
-    report_input: ReportInput, monitors: list[str], flames: Mapping[str, str]
-) -> dict[str, list[Chart]]:
-    """The charts of each section of the page, but for those of profiles."""
+def _charts(report_input: ReportInput, monitors: list[str]) -> dict[str, list[Chart]]:
+    """The charts of each section of the page."""
     metrics, run = report_input.result.metrics, report_input.run
     charts: dict[str, list[Chart]] = {"offered": [], "loads": []}
     if any(rate.offered_hz for rate in metrics.rates):
@@ -225,26 +199,9 @@ def _charts(
         charts["loads"].append(loads)
     return charts | {
         "latency": [*_latency_charts(report_input, monitors)],
-        "anatomy": [*waterfalls(report_input.result, flames)],
+        "anatomy": [*waterfalls(report_input.result)],
         "baseline": [*_baseline_charts(report_input, monitors)],
     }
-
-
-def _flame_graphs(run: Run, unread: list[str]) -> Iterator[Chart]:
-    """A flame graph of each profile with folded stacks; `unread` gets why there is none."""
-    budget = ByteBudget(MAX_STACKS_BYTES)
-    for number, profile in enumerate(run.record.profiles):
-        if not profile.stacks:
-            continue
-        try:
-            stacks = read_stacks(run.folder / profile.stacks, run.folder, budget)
-        except (OSError, ValueError) as error:
-            unread.append(f"{profile.stacks} is not drawn: {error}")
-            continue
-        at = f" {at_rate(profile.rate_hz)}" if profile.rate_hz else ""
-        title = f"Where {profile.process} spends its CPU time{at}, seen by {profile.profiler}"
-        if (chart := flame_graph(f"profile-{number}", title, stacks)) is not None:
-            yield chart
 
 
 def _latency_charts(report_input: ReportInput, monitors: list[str]) -> Iterator[Chart]:

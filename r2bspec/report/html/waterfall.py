@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Final
 
 from r2bspec.diagnostics.quote import clip, printable
@@ -25,13 +25,8 @@ _FRAME_IN: Final = 1.0
 _COLOURS: Final = {"transport": "s2", "wait": "s1", "held": "s1", "callback": "s0"}
 
 
-def waterfalls(result: Result, flames: Mapping[str, str]) -> Iterator[chart.Chart]:
-    """A chart of each path, those first that most messages took last.
-
-    Args:
-        result: of the run.
-        flames: by the name of a node, where its callbacks lead to: a flame graph of the page.
-    """
+def waterfalls(result: Result) -> Iterator[chart.Chart]:
+    """A chart of each path, those first that most messages took last."""
     found = [
         (anatomy, path) for anatomy in anatomy_table.anatomies_of(result) for path in anatomy.paths
     ]
@@ -39,12 +34,10 @@ def waterfalls(result: Result, flames: Mapping[str, str]) -> Iterator[chart.Char
         more = len(found) - _MAX_PATHS
         note = f" {more} more paths are in the other reports." if more > 0 and not number else ""
         title = f"Anatomy: {anatomy_table.title(anatomy, path)}"
-        yield _waterfall(f"anatomy-{number}", title, path, note, flames)
+        yield _waterfall(f"anatomy-{number}", title, path, note)
 
 
-def _waterfall(
-    name: str, title: str, path: PathSummary, note: str, flames: Mapping[str, str]
-) -> chart.Chart:
+def _waterfall(name: str, title: str, path: PathSummary, note: str) -> chart.Chart:
     shown = [part for part in path.parts if anatomy_table.is_shown(part, path)]
     largest = sorted(shown, key=lambda part: part.share, reverse=True)[:3]
     listed = ", ".join(
@@ -62,9 +55,6 @@ def _waterfall(
         _whiskers(usual, path.parts, shown)
         _bars(slowest, path.parts, shown, [part.slowest or 0.0 for part in path.parts])
         usual.set_yticks(range(len(shown)), labels=labels)
-        for part, label in zip(shown, usual.get_yticklabels(), strict=True):
-            if part.name == "callback" and part.owner in flames:
-                label.set_url(flames[part.owner])
         usual.invert_yaxis()
         usual.set_xlabel("median and p99, ms")
         slowest.set_xlabel(f"the slowest message ({show(path.slowest, 's')}), ms")

@@ -37,11 +37,6 @@ FORMATS = {
     "github": "txt",
     "junit": "xml",
     "junit_lenient": "xml",
-    "openmetrics": "txt",
-    "bencher": "json",
-    "benchmark_smaller": "json",
-    "benchmark_bigger": "json",
-    "ros2_benchmark": "json",
 }
 
 

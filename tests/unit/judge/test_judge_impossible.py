@@ -26,10 +26,10 @@ from r2bspec.plan.plan import Plan
 from r2bspec.record.files import RecordError
 from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.record.sample_arrays import Rows
+from r2bspec.report.csv_formats import expected_answers
 from r2bspec.report.format_registry import FORMATS, renderer
 from r2bspec.report.notes import all_notes
 from r2bspec.report.terminal import to_text
-from r2bspec.report.timeline import expected_answers
 from run_simulation import Played, Simulation, objective, renew_digests
 
 STEPS = 300

@@ -27,7 +27,6 @@ from r2bspec.report import finding_formats
 from r2bspec.report.format_registry import FORMATS, renderer
 from r2bspec.report.output import MAX_TABLE_ROWS, console, echo, write
 from r2bspec.report.terminal_tables import table
-from r2bspec.report.write_reports import file_name
 
 PACKAGE = Path(__file__).parents[3] / "r2bspec"
 
@@ -88,23 +87,11 @@ def test_the_result_is_hostile(hostile: Result) -> None:
     assert repr(hostile).count("stop-commands") > 40
 
 
-TEXT_FORMATS = [name for name, known in FORMATS.items() if known.is_text]
-
-
-def test_formats_for_programs_are_the_few_that_are_known() -> None:
-    assert set(FORMATS) - set(TEXT_FORMATS) == {
-        *("json", "ros2_benchmark", "bencher", "benchmark_smaller", "benchmark_bigger"),
-        *("trace", "mcap"),
-    }
-
-
-@pytest.mark.parametrize(
-    "name", [each for each in TEXT_FORMATS if each not in {"hdrhistogram", "samples"}]
-)
+@pytest.mark.parametrize("name", sorted(FORMATS.keys() - {"json", "samples"}))
 def test_no_report_of_a_hostile_result_does_harm(name: str, hostile: Result) -> None:
     shown = renderer(name)(ReportInput(result=hostile)).decode()
     check_harmless(shown, commands=name == "github")
-    assert "stop-commands" in shown or name == "openmetrics"
+    assert "stop-commands" in shown
     assert name not in {"markdown", "html", "junit"} or "<b>" not in shown
 
 
@@ -238,9 +225,8 @@ def test_json_keeps_its_values_and_has_escapes() -> None:
     assert escaped_json(b'{"a": "\x7f"}') == b'{"a": "\\u007f"}'
 
 
-@pytest.mark.parametrize("name", ["json", "bencher", "benchmark_smaller"])
-def test_no_document_of_a_hostile_result_controls_a_terminal(name: str, hostile: Result) -> None:
-    shown = renderer(name)(ReportInput(result=hostile)).decode()
+def test_no_document_of_a_hostile_result_controls_a_terminal(hostile: Result) -> None:
+    shown = renderer("json")(ReportInput(result=hostile)).decode()
     assert not CONTROL.search(shown)
     assert msgspec.json.decode(shown)
 
@@ -269,15 +255,6 @@ def test_a_plan_has_no_control_characters_wherever_it_goes(tmp_path: Path, call:
     plain_spec.write_text(example(), encoding="utf-8")
     call("plan", spec, "--diff", plain_spec, "-o", file)
     assert not CONTROL.search(file.read_text(encoding="utf-8"))
-
-
-@pytest.mark.parametrize("name", ["../../../x", "/etc/x", "..", "a\0b", "x" * 300])
-def test_a_name_of_a_monitor_leads_to_no_other_folder(name: str) -> None:
-    shown = file_name(name)
-    assert "/" not in shown
-    assert ".." not in shown
-    assert "\0" not in shown
-    assert len(shown) <= 100
 
 
 @pytest.mark.parametrize("rows", [0, 1, MAX_TABLE_ROWS, MAX_TABLE_ROWS + 1, 9_900])

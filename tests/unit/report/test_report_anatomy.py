@@ -1,22 +1,17 @@
-"""The anatomy of an iteration in every report: tables, waterfall, graph and trace."""
+"""The anatomy of an iteration in every report: tables, waterfall and graph."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import pytest
 
 from html_elements import Page
-from profiled_runs import WHOLE
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import from_json, result_of, to_json
 from r2bspec.judge.measure.anatomy_summary import AnatomySummary
-from r2bspec.record.run_folder import write_stacks
 from r2bspec.report.format_registry import renderer
 from report_runs import HOSTILE
 from run_simulation import objective
@@ -135,27 +130,7 @@ def test_the_reason_is_said_for_which_no_path_is_known(fork: ReportInput) -> Non
         assert "in one iteration;" in text
 
 
-def of_phase(events: Iterable[dict[str, Any]], phase: str) -> list[dict[str, Any]]:
-    return [event for event in events if event["ph"] == phase]
-
-
-def test_the_trace_has_a_track_for_each_thread_and_an_arrow_for_each_message(
-    fork: ReportInput,
-) -> None:
-    events = json.loads(shown(fork, "trace"))["traceEvents"]
-    begun = {event["id"]: event for event in of_phase(events, "s")}
-    ended = {event["id"]: event for event in of_phase(events, "f")}
-    assert begun.keys() == ended.keys()
-    # Every message of five topics is taken once, that of /image twice.
-    assert len(begun) == 6 * FORK.steps
-    assert all(begun[key]["ts"] <= ended[key]["ts"] for key in begun)
-    names = [event["args"]["name"] for event in of_phase(events, "M")]
-    assert "left (iteration-001)" in names
-    callbacks = [event for event in of_phase(events, "X") if event["cat"] == "callback"]
-    assert {event["name"] for event in callbacks} >= {"left: /image", "fuse: /a", "fuse: /b"}
-
-
-@pytest.mark.parametrize("form", ["text", "markdown", "html", "trace", "github"])
+@pytest.mark.parametrize("form", ["text", "markdown", "html", "github"])
 def test_names_of_others_are_no_markup(tmp_path: Path, form: str) -> None:
     graph = replace(
         CHAIN,
@@ -163,7 +138,7 @@ def test_names_of_others_are_no_markup(tmp_path: Path, form: str) -> None:
         steps=50,
     )
     found = shown(reported(tmp_path / "run", graph), form)
-    assert "<script>alert" not in found or form in {"text", "trace"}
+    assert "<script>alert" not in found or form == "text"
     assert not any(line.startswith("::error") for line in found.splitlines())
     if form == "html":
         Page(found.encode())
@@ -192,21 +167,3 @@ def test_the_first_line_of_a_failure_names_the_part_that_grew(tmp_path: Path) ->
     text = shown(ReportInput(result=result, run=run), "text")
     assert grown in text.splitlines()[0]
     assert f"Grown since the base: {grown}." in text
-
-
-def test_callbacks_lead_to_the_flame_graph_of_their_process(
-    fork: ReportInput, fork_page: str
-) -> None:
-    assert fork.run is not None
-    left = next(node for node in summary(fork).nodes if node.name == "left")
-    stacks = "profile/left/left.folded"
-    write_stacks(fork.run.folder / stacks, {("main", "blur"): 3, ("main", "idle"): 1})
-    profile = msgspec.structs.replace(WHOLE, process=left.process, stacks=stacks)
-    run = replace(fork.run, record=msgspec.structs.replace(fork.run.record, profiles=(profile,)))
-    result = msgspec.structs.replace(fork.result, profiles=(profile,))
-    page = shown(ReportInput(result=result, run=run), "html")
-    assert page.count('id="profile-0-figure"') == 1
-    # In the table of nodes, and in the waterfalls through the node.
-    assert '<a href="#profile-0-figure" title="flame graph of its process">' in page
-    assert '<a href="#profile-0-figure">' in page
-    assert "#profile-0-figure" not in fork_page

@@ -9,7 +9,6 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import msgspec
 import pytest
@@ -19,7 +18,7 @@ from r2bspec.compare.errors import SamplesMissingError
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import from_json, result_of, to_json
 from r2bspec.record.run_folder import Run
-from r2bspec.report.format_registry import FORMATS, ReportError, renderer
+from r2bspec.report.format_registry import FORMATS, renderer
 from r2bspec.report.result_json import result_schema, result_schema_text
 from report_runs import SIMULATIONS
 
@@ -33,18 +32,10 @@ Reported = Callable[[str], ReportInput]
 @pytest.mark.parametrize("simulation", SIMULATIONS)
 def test_every_run_gives_every_report(reported: Reported, name: str, simulation: str) -> None:
     source = reported(simulation)
-    if FORMATS[name].single:
-        rates = source.result.metrics.rates
-        if not rates:
-            with pytest.raises(ReportError):
-                renderer(name)(source)
-            return
-        source = replace(source, monitor="detections", rate_hz=rates[0].offered_hz)
     report = renderer(name)(source)
     if name != "html" or simulation == "usual":  # a page takes a second
         assert report == renderer(name)(replace(source))
-    if name != "mcap":
-        assert report.decode().endswith("\n")
+    assert report.decode().endswith("\n")
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -52,25 +43,11 @@ def test_formats_that_need_samples_say_so_and_the_others_do_without(
     reported: Reported, name: str
 ) -> None:
     source = ReportInput(result=reported("usual").result)
-    if name in {"trace", "mcap", "ros2_benchmark", "hdrhistogram", "samples"}:
+    if name == "samples":
         with pytest.raises(SamplesMissingError, match="needs the samples"):
             renderer(name)(source)
     else:
         assert renderer(name)(source)
-
-
-@pytest.mark.parametrize("simulation", SIMULATIONS)
-def test_openmetrics_parses_with_the_reference_parser(reported: Reported, simulation: str) -> None:
-    parser = pytest.importorskip("prometheus_client.openmetrics.parser")
-    source = reported(simulation)
-    text = renderer("openmetrics")(source).decode()
-    families = {family.name: family for family in parser.text_string_to_metric_families(text)}
-    verdict = {
-        sample.labels["r2bspec_verdict"]: sample.value
-        for sample in families["r2bspec_verdict"].samples
-    }
-    assert verdict.pop(source.result.verdict.outcome) == 1
-    assert set(verdict.values()) == {0}
 
 
 def test_csv_has_every_number(reported: Reported) -> None:
@@ -88,69 +65,6 @@ def test_csv_has_every_number(reported: Reported) -> None:
     first = rate.iterations[0].monitors["detections"].throughput_hz
     assert found["30.0", str(rate.iterations[0].index), "detections", "throughput.mean"] == first
     assert found["", "", "", "peak.rate"] == 5
-
-
-def test_hdrhistogram_agrees_with_the_percentiles(reported: Reported) -> None:
-    source = replace(reported("usual"), rate_hz=30.0)
-    text = renderer("hdrhistogram")(source).decode()
-    seen = source.result.metrics.rates[1].pooled.monitors["detections"]
-    latency = seen.latency
-    rows = [line.split() for line in text.splitlines()[2:] if not line.startswith("#")]
-    by_share = {float(share): float(value) for value, share, _, _ in rows}
-    for share, quantile in ((0.5, latency.p50), (0.9, latency.p90)):
-        assert by_share[share] == pytest.approx((quantile or 0) * 1e3, abs=1e-6)
-    counts = [int(row[2]) for row in rows]
-    assert counts == sorted(counts)
-    assert counts[-1] == latency.n
-    assert f"#[Lost    = {seen.missed:12d}]" in text
-
-
-def test_hdrhistogram_does_not_choose_for_the_reader(reported: Reported) -> None:
-    with pytest.raises(ReportError, match="has 2 of them"):
-        renderer("hdrhistogram")(reported("usual"))
-
-
-@pytest.mark.parametrize("simulation", ["usual", "two monitors", "hostile"])
-def test_a_trace_has_every_message_begun_and_ended(reported: Reported, simulation: str) -> None:
-    source = reported(simulation)
-    trace = json.loads(renderer("trace")(source))
-    events = trace["traceEvents"]
-    begun = {event["id"]: event for event in events if event["ph"] == "b"}
-    ended = {event["id"]: event for event in events if event["ph"] == "e"}
-    assert begun.keys() == ended.keys()
-    assert all(begun[key]["ts"] <= ended[key]["ts"] for key in begun)
-    seen = [
-        monitor for rate in source.result.metrics.rates for monitor in rate.pooled.monitors.values()
-    ]
-    assert len(begun) == sum(monitor.sent or 0 for monitor in seen)
-    lost = sum(event["name"] == "lost" for event in begun.values())
-    assert lost == sum(monitor.missed or 0 for monitor in seen)
-    assert min(event["ts"] for event in events if "ts" in event) >= 0
-
-
-def test_an_mcap_file_reads_back(reported: Reported) -> None:
-    reader = pytest.importorskip("mcap.reader")
-    source = reported("usual")
-    content = renderer("mcap")(source)
-    opened = reader.make_reader(io.BytesIO(content))
-    latencies: list[float] = []
-    times: list[int] = []
-    counts: dict[str, int] = {}
-    for schema, channel, message in opened.iter_messages():
-        assert schema.encoding == "jsonschema"
-        counts[channel.topic] = counts.get(channel.topic, 0) + 1
-        times.append(message.log_time)
-        found: dict[str, Any] = json.loads(message.data)
-        if channel.topic == "/r2bspec/detections/latency" and found["offered_hz"] == 30:
-            latencies.append(found["latency_ms"])
-    assert times == sorted(times)
-    seen = source.result.metrics.rates[1].pooled.monitors["detections"]
-    assert len(latencies) == seen.answered
-    assert counts["/r2bspec/detections/missed"] == seen.missed
-    assert seen.latency.max is not None
-    assert max(latencies) == pytest.approx(seen.latency.max * 1e3)
-    (attached,) = opened.iter_attachments()
-    assert from_json(attached.data) == source.result
 
 
 def test_markdown_shows_hostile_words_as_words(reported: Reported) -> None:

@@ -217,11 +217,8 @@ def test_names_of_strangers_are_no_markup(result: Result) -> None:
 def test_what_programs_read_keeps_the_names_and_has_the_overhead(
     result: Result, text: Callable[[str], str]
 ) -> None:
-    for name in ("csv", "openmetrics", "bencher"):
-        assert "detections" in text(name)
-        assert "Tag detections" not in text(name)
-    labels = 'topic="/r2b/image",offered_hz="30",placement="separate",processes="2"'
-    assert f'{labels},quantile="0.5"}} 0.00012' in text("openmetrics")
+    assert "detections" in text("csv")
+    assert "Tag detections" not in text("csv")
     rows = renderer("csv")(ReportInput(result=result)).decode().splitlines()
     overhead = {row.split(",")[-3]: row.split(",")[-1] for row in rows if "/r2b/image" in row}
     assert overhead == {

@@ -15,15 +15,13 @@ import pytest
 from command_line import Call
 from data_bags import text, write_bag
 from r2bspec.cli.main import main
-from r2bspec.compare.report_input import ReportInput
 from r2bspec.errors import ExitStatus
-from r2bspec.judge.judge_run import result_of
 from r2bspec.plan.time_estimate import TimeEstimate
 from r2bspec.record.run_folder import Run
 from r2bspec.report.format_registry import ReportError, ReportUsageError
 from r2bspec.report.progress import RemainingTime, load_text, progress_text, shown_progress
-from r2bspec.report.write_reports import ReportRequest, parse_report_requests, write_reports
-from report_runs import EMPTY, TWO
+from r2bspec.report.write_reports import parse_report_requests
+from report_runs import EMPTY
 
 # ``--report FORMAT=PATH``: what is asked for is checked first, and appears whole.
 
@@ -75,18 +73,6 @@ def test_a_report_on_standard_output_stands_alone(
 ) -> None:
     main(["judge", str(run), "--report", "json=-"])
     assert json.loads(capfdbinary.readouterr().out)["name"] == "simulated"
-
-
-def test_one_file_for_each_distribution(tmp_path: Path) -> None:
-    run = TWO.write(tmp_path / "run")
-    reported = ReportInput(result=result_of(run), run=run)
-    write_reports(
-        [ReportRequest("hdrhistogram", f"{tmp_path}/{{monitor}}@{{rate}}.hgrm")], reported
-    )
-    assert sorted(path.name for path in tmp_path.glob("*.hgrm")) == [
-        "detections@30Hz.hgrm",
-        "extra@30Hz.hgrm",
-    ]
 
 
 def test_a_pipe_is_written_to_and_not_replaced(run: Path, tmp_path: Path) -> None:
@@ -229,7 +215,7 @@ def test_no_report_replaces_a_file_of_a_run(run: Path, tmp_path: Path) -> None:
             arguments = [verb, str(source), "--report", f"csv={file}"]
             if file != other or verb == "report":
                 assert main(arguments) == ExitStatus.USAGE
-    inside = f"csv={run}/../{run.name}/{{monitor}}.json"
+    inside = f"csv={run}/../{run.name}/{{name}}.json"
     assert main(["report", str(run), "--report", inside]) == ExitStatus.USAGE
     assert before == [file.read_bytes() for file in files]
     assert main(["report", str(run), "--report", f"csv={run}/report.csv"]) == ExitStatus.OK
