@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 @options.format_option()
 @click.option("--write", is_flag=True, help="Replace result.json in the run folder.")
 @options.reports_option
-@options.junit_option
 @options.verbose_option
 def judge_command(
     run: Path,
@@ -41,7 +40,6 @@ def judge_command(
     output_format: str,
     write: bool,
     reports: tuple[ReportRequest, ...],
-    junit: tuple[ReportRequest, ...],
     verbose: bool,
 ) -> int:
     """Judge the finished run or comparison in the folder RUN again; needs no ROS.
@@ -65,7 +63,7 @@ def judge_command(
     else:
         with looked_up_files() as read:
             other = _load_objectives(spec)
-        check_targets(reports + junit, read.files)
+        check_targets(reports, read.files)
         result = read_folder(
             run,
             spec_file=spec,
@@ -76,9 +74,9 @@ def judge_command(
     _say_what_is_not_judged(result)
     if write:
         RunFolder(run.absolute()).write_result(to_json(result.result))
-    if not takes_stdout(reports + junit):
+    if not takes_stdout(reports):
         show_result(result.result, output_format, run, verbose=verbose)
-    write_reports(reports + junit, replace(result, verbose=verbose))
+    write_reports(reports, replace(result, verbose=verbose))
     return result.result.verdict.exit_code
 
 
@@ -132,7 +130,6 @@ def _list_formats(ctx: click.Context, _param: click.Parameter, list_formats: boo
 @click.command("report")
 @click.argument("run", type=click.Path(path_type=Path))
 @options.reports_option
-@options.junit_option
 @options.verbose_option
 @click.option(
     "--spec",
@@ -157,7 +154,6 @@ def _list_formats(ctx: click.Context, _param: click.Parameter, list_formats: boo
 def report_command(
     run: Path,
     reports: tuple[ReportRequest, ...],
-    junit: tuple[ReportRequest, ...],
     verbose: bool,
     spec: Path | None,
     against: Path | None,
@@ -172,16 +168,15 @@ def report_command(
     from r2bspec.report.format_registry import ReportUsageError
     from r2bspec.report.write_reports import check_targets, write_reports
 
-    requests = reports + junit
-    if not requests:
+    if not reports:
         raise ReportUsageError(
             "no report was requested", hint="Name a format and a file: --report html=report.html"
         )
-    check_targets(requests, [str(run), *([str(spec)] if spec is not None else ())])
+    check_targets(reports, [str(run), *([str(spec)] if spec is not None else ())])
     baseline = open_run(against) if against is not None else None
     report_input = read_report_input(run, spec_file=spec, baseline=baseline)
     _say_what_is_not_judged(report_input)
-    write_reports(requests, replace(report_input, verbose=verbose))
+    write_reports(reports, replace(report_input, verbose=verbose))
     return ExitStatus.OK
 
 

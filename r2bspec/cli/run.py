@@ -321,12 +321,10 @@ def _refuse(given: Sequence[str], why: str) -> None:
 @shared_options.quiet_option
 @shared_options.verbose_option
 @shared_options.reports_option
-@shared_options.junit_option
 def command(
     specs: tuple[str, ...],
     values: SelectionValues,
     reports: tuple[ReportRequest, ...],
-    junit: tuple[ReportRequest, ...],
     **others: Any,
 ) -> int:
     """Run SPEC and judge it by its SLOs.
@@ -346,7 +344,7 @@ def command(
     this work tree. What the base demands must still be demanded ('r2bspec docs gate').
     """
     hosts = tuple(dict.fromkeys(host for host in others.pop("hosts").split(",") if host))
-    options = RunArguments(reports=reports + junit, hosts=hosts or ("all",), **others)
+    options = RunArguments(reports=reports, hosts=hosts or ("all",), **others)
     options.check()
     from r2bspec.cli.check_files import present_spec_files, spec_files
     from r2bspec.cli.run_single import run_single

@@ -296,18 +296,3 @@ verbose_option = click.option(
     is_flag=True,
     help="The reason of each requirement, and all notes; without it a report has five.",
 )
-
-
-def _parse_junit(
-    ctx: click.Context, param: click.Parameter, path: str | None
-) -> tuple[ReportRequest, ...]:
-    return _parse_reports(ctx, param, (f"junit={path}",) if path is not None else ())
-
-
-junit_option = click.option(
-    "--junit-xml",
-    "junit",
-    metavar="PATH",
-    callback=_parse_junit,
-    help="Same as --report junit=PATH, under the name used by ROS test runners.",
-)

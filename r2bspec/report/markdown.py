@@ -42,7 +42,9 @@ _COLUMNS = (
 
 def render(report_input: ReportInput) -> bytes:
     """The report: CommonMark with the tables and folding of GitHub and GitLab."""
-    return "\n".join(_lines(report_input)).encode()
+    text = "\n".join(_lines(report_input))
+    # GitLab carries out a line of a comment that begins with a slash, such as "/merge".
+    return re.sub(r"(?m)^/", r"\/", text).encode()
 
 
 def _lines(report_input: ReportInput) -> Iterator[str]:

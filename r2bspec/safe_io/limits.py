@@ -153,10 +153,6 @@ MAX_ANATOMY_EVENTS: Final = 4_000_000
 """Of all processes of a start together: 20,000 a second for three minutes."""
 MAX_ANATOMY_FILES: Final = 1_000
 """Processes of one start whose events are recorded: a large graph has some dozens."""
-MAX_STACKS_BYTES: Final = 16 << 20
-"""The profiles of a run together."""
-MAX_STACK_FRAMES: Final = 500_000
-"""In all stacks of one of them that are drawn; those of the fewest samples are not."""
 MAX_IDENTITY_TEXT_BYTES: Final = 4_000_000
 """A text file of the graph that is compared between runs."""
 MAX_DIGEST_BYTES: Final = 512_000_000
@@ -171,10 +167,6 @@ MAX_DISTRIBUTION_BYTES: Final = 16_000_000
 """The list of files of a Python distribution."""
 MAX_IMPORTED_PYTHON_BYTES: Final = 4_000_000
 """One Python file of a node, searched for imports."""
-MAX_SUMMARY_BYTES: Final = 64 << 20
-"""The summary that a review comment is made of."""
-MAX_ANSWER_BYTES: Final = 256 << 20
-"""Of a review service: a hundred of the longest notes."""
 MAX_TREE_FILES: Final = 1_000_000
 """Of a commit that is compared with."""
 MAX_TREE_BYTES: Final = 200 << 30

@@ -65,7 +65,6 @@ class Hosts:
         if name == "github":
             inputs = {
                 "allow": allow,
-                "token": "",
                 "inconclusive": inconclusive or "fail",
                 "spec": spec,
             }

@@ -1,7 +1,6 @@
 #!/bin/bash
 # Stands for Python with r2bspec: keeps the arguments and writes the reports that were asked for.
 [ "$1 $2" = "-I -c" ] && exec "$PYTHON" "$@"
-[ "$1 $2 $3" = "-I -m r2bspec.report.review_comment" ] && exec "$PYTHON" "$@"
 [ "$1 $2 $3" = "-I -m r2bspec" ] || exit 99
 shift 3
 [ "$1" = --version ] && exit "${BROKEN:-0}"

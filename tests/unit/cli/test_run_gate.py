@@ -298,7 +298,7 @@ def test_every_spec_of_a_folder_is_compared_before_the_first_is_played(
     git(top, "branch", "--force", "main", "HEAD")
     changed = {"b": weaker("b"), "c": spec("c"), "d": example("d")}
     commit(top, {f"bench/{name}.r2b.yaml": text for name, text in changed.items()})
-    options = ["--require-slos", "-o", "out", "--junit-xml", "junit.xml"]
+    options = ["--require-slos", "-o", "out", "--report", "junit=junit.xml"]
     said = locked_gate("bench", *options, status=2)
     # What is weaker, a base that cannot be used, and missing objectives: each is told.
     for code in ("R2B692", "R2B698", "R2B693"):
@@ -350,7 +350,7 @@ def test_what_needs_no_playing_is_told_without_the_lock(
         else:
             (top / name).write_text(text)
     against = [] if "--against" in options else ["--against", "main"]
-    assert code in call("run", path, *options, *against, "--junit-xml", "junit.xml", status=2).err
+    assert code in call("run", path, *options, *against, "--report", "junit=junit.xml", status=2).err
     assert code in Path("junit.xml").read_text()
     assert (played, lock) == ([], [])
 

@@ -170,7 +170,7 @@ def test_rows_and_notes_name_the_path_where_names_are_equal(played: list[str], c
     for folder in ("left", "right"):
         write_spec(Path(folder), "slow")
     write_spec(Path("right"), "other")
-    shown = call("left", "right", "-o", "out", "--junit-xml", "junit.xml", status=1).out
+    shown = call("left", "right", "-o", "out", "--report", "junit=junit.xml", status=1).out
     rows = [line for line in shown.splitlines() if line.startswith(("slow", "other"))]
     left, right = (f"slow ({folder}/slow.r2b.yaml)" for folder in ("left", "right"))
     assert [row.partition("  ")[0] for row in rows] == [left, "other", right]
@@ -187,7 +187,7 @@ def test_rows_and_notes_name_the_path_where_names_are_equal(played: list[str], c
 def test_a_folder_is_run_to_its_end_with_the_worst_status(played: list[str], call: Call) -> None:
     write_specs("a", "broken_b", "slow_c", "t")
     Path("specs/u.r2b.yaml").write_text("r2bspec: 1\n")
-    reports = ("--junit-xml", "junit.xml", "--report", "csv=csv/{name}.csv")
+    reports = ("--report", "junit=junit.xml", "--report", "csv=csv/{name}.csv")
     said = call("specs", "-o", "out", *reports, status=2)
     assert played == ["a", "broken_b", "slow_c", "t"]
     assert [(run.name, run.outcome, run.exit_status) for run in suite().runs] == [

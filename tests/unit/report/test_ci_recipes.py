@@ -24,7 +24,6 @@ from page_blocks import ROOT, page_blocks, page_file
 from pipelines import TEMPLATE, Workplace, stand_in
 from r2bspec.compare.base_tree import open_base_tree, parse_base_reference
 from recipe_hosts import GATE, WORKFLOW, Hosts, given_arguments, jenkins_environment, jenkins_script
-from review_services import review_service
 
 GITLAB = page_file("ci.md", ".gitlab-ci.yml")
 
@@ -260,29 +259,13 @@ def test_a_fork_is_compared_with_a_base_that_reads_variables(
 
 
 def test_the_workflow_reports_uploads_and_gates(hosts: Hosts, change: Event) -> None:
-    with review_service() as service:
-        job, runner = hosts.github(change, STATUS="1", GITHUB_API_URL=service.url)
+    job, _ = hosts.github(change, STATUS="1")
     assert job.failed
     assert job.outputs["gate"]["outcome"] == "fail"
     assert job.summary == "### summary\n"
     assert "::error file=a.r2b.yaml,line=9::too slow" in job.printed
     assert job.uploaded == [Path(job.outputs["gate"]["folder"])]
-    (comment,) = service.comments
-    assert "### summary" in comment["body"]
-    assert "https://github.com/owner/robot/actions/runs/4711" in comment["body"]
-    # The token is not where nodes run.
-    assert service.requests[0].headers["Authorization"] == "Bearer ghs_of_the_job"
-    assert "ghs_of_the_job" not in (runner.checkout / "environment.txt").read_text()
-    assert "ghs_of_the_job" not in job.printed
     assert job.skipped == ["Install"]
-
-
-def test_without_a_token_nobody_comments(hosts: Hosts, change: Event) -> None:
-    with review_service() as service:
-        job, _ = hosts.github(change, inputs={"token": ""}, STATUS="0", GITHUB_API_URL=service.url)
-    assert not job.failed
-    assert service.requests == []
-    assert "Comment on the pull request" in job.skipped
 
 
 @pytest.mark.parametrize(
@@ -292,7 +275,7 @@ def test_without_a_token_nobody_comments(hosts: Hosts, change: Event) -> None:
 def test_the_base_can_be_chosen(
     hosts: Hosts, change: Event, against: str, expected: list[str]
 ) -> None:
-    inputs = {"against": against, "require-slos": "false", "token": ""}
+    inputs = {"against": against, "require-slos": "false"}
     _, runner = hosts.github(change, inputs=inputs, STATUS="0")
     words = given_arguments(runner.checkout)
     assert [word for word in words if word.startswith("--against")] == expected
@@ -319,7 +302,7 @@ def test_a_base_that_cannot_be_had_blocks_and_says_what_to_fetch(
 ) -> None:
     lost = {"pull_request": {**change.payload["pull_request"], "base": {"sha": "1" * 40}}}
     hosts = Hosts(tmp_path, upstream, sys.executable)
-    job, _ = hosts.github(Event("pull_request", change.ref, lost), inputs={"token": ""})
+    job, _ = hosts.github(Event("pull_request", change.ref, lost))
     assert job.failed
     assert job.outputs["gate"]["status"] == "2"
     assert "R2B694" in job.printed
@@ -335,7 +318,6 @@ def test_what_is_allowed_comes_from_a_variable_of_the_repository(
     variables = {"R2BSPEC_ALLOW": "objective fast\nduration"}
     _, runner = hosts.github(
         change,
-        inputs={"token": ""},
         variables=variables,
         workflow=yaml.safe_dump(workflow),
         STATUS="0",

@@ -104,7 +104,7 @@ def test_a_run_that_fails_still_has_its_reports(
     monkeypatch.setattr(api, "prepare", lambda *_, **__: prepared)
     monkeypatch.setattr(api, "run", fail)
     target = tmp_path / "junit.xml"
-    options = ("-o", tmp_path / "run", "--quiet", "--junit-xml", target)
+    options = ("-o", tmp_path / "run", "--quiet", "--report", f"junit={target}")
     assert "a process died" in call("run", "a.r2b.yaml", *options, status=4).err
     assert 'errors="1"' in target.read_text()
 

@@ -73,6 +73,8 @@ def test_markdown_shows_hostile_words_as_words(reported: Reported) -> None:
     assert "\n::error" not in text
     assert "@all" not in text
     assert "http://" not in text
+    titled = msgspec.structs.replace(reported("usual").result, title="/merge")
+    assert "\n/" not in renderer("markdown")(ReportInput(result=titled)).decode()
     # Every row of a table has as many cells as its header.
     tables = re.findall(r"(?:^\|.*\|$\n?)+", text, re.MULTILINE)
     for table in tables:

@@ -62,7 +62,7 @@ def test_a_missing_library_is_named_before_anything_runs(monkeypatch: pytest.Mon
 def test_folders_are_made_and_reports_are_whole(run: Path, tmp_path: Path) -> None:
     target = tmp_path / "deep" / "er" / "result.json"
     junit = tmp_path / "j.xml"
-    arguments = ["judge", str(run), "--report", f"json={target}", "--junit-xml", str(junit)]
+    arguments = ["judge", str(run), "--report", f"json={target}", "--report", f"junit={junit}"]
     assert main(arguments) == json.loads((target).read_text())["verdict"]["exit_code"]
     assert junit.read_text().startswith("<?xml")
     assert not [*tmp_path.rglob("*.tmp")]
