@@ -246,10 +246,8 @@ def run(
     progress: Progress | None = None,
     *,
     abort_on_fail: bool = False,
-    record_outputs: bool = False,
     anatomy: bool = False,
     profile: str = "",
-    profile_node: str = "",
     lock: HostLock = "wait",
     identity: GraphIdentity | None = None,
     gate: Sequence[str] = (),
@@ -261,11 +259,9 @@ def run(
         output: the run folder, new or empty; by default one below ``runs/``.
         progress: is notified of progress.
         abort_on_fail: end a rate as soon as a requirement at it can no longer be met.
-        record_outputs: record the messages of one more iteration in the folder ``outputs``.
         anatomy: play one more iteration in processes that are observed from inside.
         profile: play one more iteration with this profiler: ``perf``, ``py-spy``, ``nsys``, or the
             words before the command of a process, in which ``$(profile)`` is its file.
-        profile_node: the node, or process, that it observes; all nodes if empty.
         lock: whether to wait while this host runs another benchmark, which is then noted.
         identity: of the graph, if it is known already.
         gate: what reports say of a merge gate, one sentence each.
@@ -285,9 +281,7 @@ def run(
 
     check_machine(prepared.plan)
     listener = progress or Progress()
-    options = RunOptions(
-        abort_on_fail, record_outputs, anatomy, profile, profile_node, identity, tuple(gate)
-    )
+    options = RunOptions(abort_on_fail, anatomy, profile, identity, tuple(gate))
     with (
         locked_host(prepared.plan.name, lock, listener.note),
         private_files(),

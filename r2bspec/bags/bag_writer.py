@@ -9,49 +9,6 @@ from typing import Final
 from r2bspec.bags.message_types import typestore
 from r2bspec.bags.recording import RecordedMessage, WritableStorage
 
-_NO_HASH: Final = f"RIHS01_{0:064}"
-"""Of a type whose definition is not known; `rosbags` refuses an empty one."""
-
-LATENCY_TYPE: Final = "std_msgs/msg/Float64"
-"""The type of the messages with a latency, in milliseconds."""
-
-
-def write_output_bag(
-    folder: Path, types: dict[str, str], messages: Iterable[RecordedMessage]
-) -> dict[str, int]:
-    """Write a bag; returns the number of messages by topic.
-
-    The definition of a type that is not one of ROS's own is left out: `ros2 bag` needs none where
-    the type is installed.
-
-    Args:
-        folder: of the bag; must not exist.
-        types: the type of each topic.
-        messages: in the order of time.
-    """
-    from rosbags.rosbag2 import StoragePlugin, Writer
-
-    store = typestore()
-    counts = dict.fromkeys(types, 0)
-    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connections = {
-            topic: writer.add_connection(topic, kind, typestore=store)
-            if kind in store.fielddefs
-            else writer.add_connection(topic, kind, msgdef="", rihs01=_NO_HASH)
-            for topic, kind in types.items()
-        }
-        for message in messages:
-            writer.write(connections[message.topic], message.time_ns, message.data)
-            counts[message.topic] += 1
-    return counts
-
-
-def latency_message(latency_ns: int) -> bytes:
-    """A serialised `LATENCY_TYPE`."""
-    kind = typestore().types[LATENCY_TYPE]
-    return bytes(typestore().serialize_cdr(kind(data=latency_ns / 1e6), LATENCY_TYPE))
-
-
 OFFERED_QOS: Final = (
     "- avoid_ros_namespace_conventions: false\n"
     "  deadline: {nsec: 0, sec: 0}\n"

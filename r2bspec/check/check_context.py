@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import cache, cached_property
 from itertools import islice
@@ -43,7 +43,6 @@ from r2bspec.language.located_tree import MapNode, TreeNode, child, count_values
 from r2bspec.language.quantities import Rate
 from r2bspec.language.spec import Spec
 from r2bspec.plan.installed_packages import package_version
-from r2bspec.plan.message_conditions import MessageCondition, UnreadableError
 from r2bspec.plan.process_plans import process_names
 from r2bspec.plan.wiring.build_wiring import build_wiring
 from r2bspec.plan.wiring.companion_files import CompanionFiles, CompanionReader
@@ -191,7 +190,6 @@ class Context:
         spec: its typed value.
         offline: whether to skip recorded data.
         files: of its document.
-        held: what `window_holds` has read, by topic and condition.
     """
 
     def __init__(
@@ -206,7 +204,6 @@ class Context:
         self.spec = spec
         self.offline = offline
         self.files = DocumentFiles(loaded.base_dir) if files is None else files
-        self.held: dict[tuple[str, str], Sequence[bool] | None] = {}
 
     @cached_property
     def companion_files(self) -> CompanionFiles:
@@ -478,23 +475,6 @@ def window_stamps(context: Context, topics: set[str]) -> dict[str, list[int]] | 
     return _in_window(context, topics, read) if _is_small(context) else None
 
 
-def window_holds(
-    context: Context, topic: str, condition: MessageCondition
-) -> Sequence[bool] | None:
-    """Whether each message of a bag topic in the window meets a condition; None if none is read.
-
-    Each requirement on a reaction asks for it: the messages are read once.
-    """
-    key = (topic, condition.condition.text)
-    if key not in context.held:
-
-        def read(messages: Iterator[RecordedMessage]) -> list[bool]:
-            return [condition.holds(message.data) for message in messages]
-
-        context.held[key] = _in_window(context, {topic}, read) if _is_small(context) else None
-    return context.held[key]
-
-
 def has_recorded_requests(context: Context, topic: str) -> bool | None:
     """Whether the events of a service have requests in the window; None if they are not read."""
     return _in_window(
@@ -524,7 +504,7 @@ def _in_window(
     part = TimeWindow(start_ns=window.start.ns, end_ns=window.end.ns if window.end else None)
     try:
         return read(read_messages(path, topics, part))
-    except (DataError, UnreadableError):
+    except DataError:
         return None
 
 

@@ -131,7 +131,6 @@ class FleetExecutor:
         fields: dict[str, Any] = {
             "smoke": self.options.smoke,
             "abort_on_fail": self.options.abort_on_fail,
-            "record_outputs": self.options.record_outputs,
         }
         if self.options.compares:
             reference = parse_base_reference(self.options.against)

@@ -51,11 +51,8 @@ class RunArguments:
     resume: bool = False
     fail_fast: bool = False
     abort_on_fail: bool = False
-    record_outputs: bool = False
     anatomy: bool = False
     profile: str | None = None
-    profile_node: str | None = None
-    timings: bool = False
     no_wait: bool = False
     no_lock: bool = False
     on: str | None = None
@@ -134,14 +131,8 @@ class RunArguments:
         if self.compares:
             self.refuse(
                 "cannot be combined with --against or --control",
-                *("--abort-on-fail", "--record-outputs", "--anatomy", "--profile"),
+                *("--abort-on-fail", "--anatomy", "--profile"),
             )
-        if self.timings and (self.compares or self.needs_suite or self.on is not None):
-            raise click.UsageError(
-                "--timings is of one run on this host; 'phases' in each record.json has the times"
-            )
-        if self.profile is None:
-            self.refuse("needs --profile", "--profile-node")
         of_gate = self.given("--allow", "--base-build", "--base-setup")
         if of_gate and not self.has_base_tree:
             _refuse(of_gate, "needs --against with a revision or a work tree")
@@ -237,8 +228,6 @@ def _refuse(given: Sequence[str], why: str) -> None:
         "--resume": "Run only what the folder of --output does not have yet.",
         "--fail-fast": "End after the first run that does not pass.",
         "--abort-on-fail": "End a rate as soon as a requirement at it can no longer be met.",
-        "--record-outputs": "Record inputs and outputs of one more iteration, with latencies, as "
-        "MCAP in 'outputs/'.",
         "--anatomy": "Play one more iteration, which counts for nothing, and observe from inside "
         "where each millisecond goes.",
     }
@@ -246,13 +235,8 @@ def _refuse(given: Sequence[str], why: str) -> None:
 @click.option(
     "--profile",
     metavar="PROFILER",
-    help="Play one more iteration, which counts for nothing, with perf, py-spy, nsys, or any "
-    "program that starts the command after its own words.",
-)
-@click.option(
-    "--profile-node",
-    metavar="NODE",
-    help="The node that --profile observes.  [default: all nodes]",
+    help="Play one more iteration, which counts for nothing, and start each node with "
+    "perf, py-spy, nsys, or any program that runs the command after its own words.",
 )
 @shared_options.fleet_options("on every host that fits, on any one of them")
 @click.option(
@@ -272,7 +256,6 @@ def _refuse(given: Sequence[str], why: str) -> None:
 )
 @shared_options.flag_options(
     {
-        "--timings": "Print where the time of the run went, to standard error.",
         "--no-wait": "Refuse to run while this host runs a benchmark.",
         "--no-lock": "Run even while this host runs a benchmark.",
     }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -52,9 +51,7 @@ def _run(selection: SpecSelection, options: RunArguments, folder: OutputFolder) 
         # A build would disturb who has the host: with one, base and head are compared later.
         if gate is not None and not gate.builds_base(selection, prepared):
             compare_with_base(gate, selection, prepared, options)
-        asked_ns = time.monotonic_ns()
         with locked_host(name, options.lock):
-            waited_ns = time.monotonic_ns() - asked_ns
             estimate = estimate_of(prepared, selection, options, gate)
             if not options.quiet:
                 echo(f"{name}: {estimate.text()}", err=True)
@@ -67,21 +64,7 @@ def _run(selection: SpecSelection, options: RunArguments, folder: OutputFolder) 
     if options.output_format == "json" or takes_stdout(options.reports):
         echo(folder_line(folder.path), err=True)
     write_reports_of(options, folder.path, selection.spec)
-    if options.timings:
-        _show_timings(folder.path, waited_ns)
     return result.verdict.exit_code
-
-
-def _show_timings(folder: Path, waited_ns: int) -> None:
-    """Print where the time of the command went until now, without the wait for the host."""
-    import psutil
-
-    from r2bspec.record.run_folder import open_run
-    from r2bspec.report.terminal_tables import show_phases
-
-    now_ns = time.monotonic_ns()
-    began_ns = now_ns - round((time.time() - psutil.Process().create_time()) * 1e9)
-    show_phases(open_run(folder).record, began_ns + waited_ns, now_ns)
 
 
 class OutputFolder:
@@ -245,10 +228,8 @@ def _ways(options: RunArguments) -> dict[str, Any]:
     """Return how a single run is made, as arguments of `api.run`."""
     return {
         "abort_on_fail": options.abort_on_fail,
-        "record_outputs": options.record_outputs,
         "anatomy": options.anatomy,
         "profile": options.profile or "",
-        "profile_node": options.profile_node or "",
     }
 
 

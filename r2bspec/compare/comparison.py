@@ -29,7 +29,6 @@ import msgspec
 
 from r2bspec.compare.errors import IncomparableError
 from r2bspec.compare.report_input import measure, open_folder, read_result
-from r2bspec.judge.measure.anatomy_growth import grown_texts
 from r2bspec.judge.measure.distribution import (
     MAIN_PERCENTILES,
     SHORT_PERCENTILES,
@@ -102,7 +101,7 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         differences: in plan, data or machine, a line each; those in load, data or machine occur
-            only with ``--force``. Then the parts that grew, where both were observed from inside.
+            only with ``--force``.
     """
 
     r2bspec_comparison: Literal[1] = 1
@@ -216,12 +215,10 @@ def _of_rate(rate: RateMetrics, graph: set[str]) -> dict[SeriesKey, MetricSeries
 def _of_monitors(rate: RateMetrics) -> Iterator[_Values]:
     for monitor in rate.pooled.monitors:
         seen = [iteration.monitors[monitor] for iteration in rate.iterations]
-        family = "reaction" if any(sample.reaction for sample in seen) else "latency"
-        if family == "latency":
-            yield monitor, "throughput.mean", "Hz", [sample.throughput_hz for sample in seen]
+        yield monitor, "throughput.mean", "Hz", [sample.throughput_hz for sample in seen]
         for part in ("mean", *MAIN_PERCENTILES):
             values = [_latency(sample, part) for sample in seen]
-            yield monitor, f"{family}.{part}", "s", _possible(values, seen)
+            yield monitor, f"latency.{part}", "s", _possible(values, seen)
         drops = [sample.drop_rate for sample in seen]
         yield monitor, "drop_rate", "share", _possible(drops, seen)
 
@@ -299,12 +296,11 @@ def compare(
             f"{base.side.source} and {head.side.source} have no metric at the same rate in common",
             hint=f"The base was played at {_rates_text(base)}, the head at {_rates_text(head)}.",
         )
-    grown = grown_texts(base.run, head.run) if base.run and head.run else ()
     return Comparison(
         base=base.side,
         head=head.side,
         confidence=CONFIDENCE,
-        differences=(*differences, *(f"grown: {text}" for text in grown)),
+        differences=tuple(differences),
         lines=lines,
     )
 

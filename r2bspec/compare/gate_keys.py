@@ -80,10 +80,9 @@ FREE_MONITOR_FIELDS: Final[Mapping[str, Any]] = {
     "name": "",
     "label": "",
     "taps": (),
-    "begins_events": msgspec.UNSET,
 }
-"""What changes no verdict, and its value in a comparison: words, the topics on the path, which
-are those of the graph, and what follows from the reaction of another monitor."""
+"""What changes no verdict, and its value in a comparison: words, and the topics on the path, which
+are those of the graph."""
 
 
 TIMELINE_KEYS: Final[Mapping[str, str]] = {

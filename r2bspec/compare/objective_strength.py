@@ -24,8 +24,6 @@ from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.spec import Objective
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 
-_OF_MONITORS = ("monitor", "truth")
-
 
 @dataclass(frozen=True)
 class _Demand:
@@ -181,7 +179,7 @@ def subjects(
         monitor, metric = resolve(requirement.metric, names, Subjects.of_plan(side.plan))
     except MetricError:
         return [("", requirement.metric)]
-    if metric.scope not in _OF_MONITORS:
+    if metric.scope != "monitor":
         return [("", metric.name)]
     if monitor is not None:
         return [(monitors.get(monitor, monitor), metric.name)]

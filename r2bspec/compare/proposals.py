@@ -164,11 +164,10 @@ def _candidates(spec: Spec, result: Result, notes: list[str]) -> Iterator[_Candi
                 notes.append(f"{monitor}: the spec has no such monitor")
                 continue
             prefix = f"{monitor}." if several else ""
-            family = "reaction" if rate.pooled.monitors[monitor].reaction else "latency"
-            where = f"{prefix}{family}{f' at {at}' if at else ''}"
-            if not _has_requirement(spec, rate, monitor, family):
-                texts = tuple(_latency_texts(rate, monitor, f"{prefix}{family}"))
-                if family == "latency" and spec.outputs[monitor].own_pace:
+            where = f"{prefix}latency{f' at {at}' if at else ''}"
+            if not _has_requirement(spec, rate, monitor, "latency"):
+                texts = tuple(_latency_texts(rate, monitor, f"{prefix}latency"))
+                if spec.outputs[monitor].own_pace:
                     # What it has instead, its path, is proposed with the parts.
                     if not rate.pooled.anatomy:
                         notes.append(
@@ -178,7 +177,7 @@ def _candidates(spec: Spec, result: Result, notes: list[str]) -> Iterator[_Candi
                 else:
                     if not texts:
                         notes.append(
-                            f"{where}: it takes {MIN_ITERATIONS} iterations with a {family} to "
+                            f"{where}: it takes {MIN_ITERATIONS} iterations with a latency to "
                             "see their scatter"
                         )
                     yield _Candidate(name, at, where, texts)
@@ -227,11 +226,7 @@ def _part_candidates(spec: Spec, rate: RateMetrics, name: str, at: str) -> Itera
         for series, times in rate.pooled.anatomy.items()
         if series.endswith(".callback")
     }
-    paths = [
-        f"{monitor}.path"
-        for monitor, settings in spec.monitors.items()
-        if settings.own_pace and settings.reaction is None
-    ]
+    paths = [f"{monitor}.path" for monitor, settings in spec.monitors.items() if settings.own_pace]
     slowest = sorted(tails, key=tails.__getitem__, reverse=True)[:_PROPOSED_PARTS]
     for series in [*slowest, *(path for path in paths if path in rate.pooled.anatomy)]:
         seen = [each[series] for one in rate.iterations if (each := one.anatomy) and series in each]

@@ -17,7 +17,6 @@ from r2bspec.compare.errors import SamplesMissingError, UnreadableResultError
 from r2bspec.diagnostics.quote import first_words
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import build_result, from_json, result_of
-from r2bspec.judge.measure.anatomy_growth import grown_texts
 from r2bspec.judge.measure.metrics import summarise
 from r2bspec.judge.measure.observed_runs import anatomy_summaries
 from r2bspec.judge.measure.run_samples import merged_samples, read_samples
@@ -198,7 +197,6 @@ def judge_comparison_folder(
         verdict=verdict,
         pairs=_pairs_result(pairs),
         base_identity=base.record.identity,
-        grown=grown_texts(base, head),
         anatomies=anatomy_summaries(
             head, measured[counted[-1].folder("head")].summaries if counted else None
         ),

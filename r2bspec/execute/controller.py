@@ -64,13 +64,7 @@ from r2bspec.plan.this_machine import find_module
 from r2bspec.record.files import RecordError
 from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.record.run_folder import RunFolder, write_loaded_files
-from r2bspec.record.run_record import (
-    AccuracyRecord,
-    AnatomyRecord,
-    Difference,
-    ProfileRecord,
-    RunRecord,
-)
+from r2bspec.record.run_record import AnatomyRecord, Difference, ProfileRecord, RunRecord
 from r2bspec.safe_io.private_files import remove_folder
 
 
@@ -80,19 +74,15 @@ class RunOptions:
 
     Attributes:
         abort_on_fail: end a rate as soon as a requirement can no longer be met.
-        record_outputs: record the messages of one more iteration in the run folder.
         anatomy: observe one more iteration from inside.
         profile: a profiler for one more iteration; empty for none (`find_profiler`).
-        profile_node: the node, or process, that it observes; all nodes if empty.
         identity: what the graph is made of; looked up if None, after the setup steps.
         gate: what reports say of the merge gate, one sentence each.
     """
 
     abort_on_fail: bool = False
-    record_outputs: bool = False
     anatomy: bool = False
     profile: str = ""
-    profile_node: str = ""
     identity: GraphIdentity | None = None
     gate: tuple[str, ...] = ()
 
@@ -119,7 +109,7 @@ def run_plan(
         options: what it does apart from the plan.
 
     Raises:
-        UsageError: the profiler, or its node, does not exist.
+        UsageError: there is no process to profile.
         RunError: the run failed; its record is marked as incomplete and gives the reason.
         DataError: the bag does not exist or cannot be read.
         InterruptedRunError: a signal interrupted the run.
@@ -211,7 +201,6 @@ class _Run:
         self._launchers: list[Launcher] = []
         self._early_launcher: Launcher | None = None
         self._starts = StartSequence(plan, self._context, self._launcher)
-        self._accuracy: tuple[AccuracyRecord, ...] = ()
         self._measurements: list[Measurement] = []
         self._anatomy: AnatomyRecord | None = None
         self._profiles: tuple[ProfileRecord, ...] = ()
@@ -260,7 +249,6 @@ class _Run:
             except errors.RunError as error:
                 self._starts.name_start(error)
                 raise
-            # A profiler attaches to what was measured; then everything is started once more.
             self._play_with_profiler()
             self._observe_from_inside()
             self._collect()
@@ -275,7 +263,7 @@ class _Run:
         prerequisites.require_address_space()
         require_permitted(self._plan.processes)
         if self._options.profile:
-            profiled_processes(self._plan, self._options.profile_node)
+            profiled_processes(self._plan)
             require_usable(find_profiler(self._options.profile))
         if self._options.anatomy or self._plan.anatomy:
             prerequisites.built(anatomy_object)
@@ -349,8 +337,6 @@ class _Run:
         began_s = time.monotonic()
         measurement = self._begin(self._judge_so_far)
         verdict, iterations = measurement.measure()
-        self._record_outputs()
-        self._compare_with_truth()
         if self._starts.find_foreign_publishers():
             # Others took part in what was measured: a fresh batch would confirm nothing.
             return
@@ -370,33 +356,6 @@ class _Run:
         )
         self._measurements.append(measurement)
         return measurement
-
-    def _record_outputs(self) -> None:
-        if not self._options.record_outputs:
-            return
-        self._states.enter(RunState.RECORD, "recording the messages of one more iteration")
-        session = self._starts.sessions[-1]
-        if session.player is None or not self._plan.play:
-            return
-        from r2bspec.execute.measurement.further_iterations import record_outputs
-
-        counts = record_outputs(self._plan, self._context, session.player, session.rows_dir)
-        for topic, count in counts.items():
-            self._context.note(f"recorded {count} messages of {topic}")
-
-    def _compare_with_truth(self) -> None:
-        if not any(monitor.truth is not None for monitor in self._plan.monitors):
-            return
-        self._states.enter(RunState.TRUTH, "comparing one more iteration with the truth")
-        session = self._starts.sessions[-1]
-        if session.player is None or not self._plan.inputs:
-            return
-        from r2bspec.execute.measurement.further_iterations import compare_with_truth
-
-        folders = [dataset.path for dataset in self._datasets]
-        self._accuracy = compare_with_truth(
-            self._plan, self._context, session.player, session.rows_dir, folders
-        )
 
     def _is_confirmed(self, verdict: Verdict, began_s: float) -> bool:
         """Whether the run fails, and is to be repeated because of that."""
@@ -435,7 +394,7 @@ class _Run:
         wait_for_last_sample(self._starts)
         profiler = find_profiler(self._options.profile)
         self._states.enter(RunState.PROFILE, f"playing one more iteration with {profiler.name}")
-        processes = profiled_processes(self._plan, self._options.profile_node)
+        processes = profiled_processes(self._plan)
         iteration = ProfiledIteration(profiler, processes, self._starts)
         self._profiles = iteration.play(self._measurements[0].peak_hz)
         for profile in self._profiles:
@@ -650,7 +609,6 @@ class _Run:
             unplayed=sessions[0].unplayed if sessions else (),
             anatomies=self._anatomies(),
             profiles=self._profiles,
-            accuracy=self._accuracy,
             phases=self._states.clock.phases(),
             identity=self._identity,
             gate=self._options.gate,

@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import shutil
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,9 +21,8 @@ import msgspec
 from r2bspec.diagnostics.quote import clip, printable
 from r2bspec.errors import R2bspecError, UsageError, without_output
 from r2bspec.execute.errors import InterruptedRunError, RunError
-from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer, titled
-from r2bspec.execute.processes.supervisor import ManagedProcess
-from r2bspec.execute.profilers import AttachedProfiler, Profiler
+from r2bspec.execute.measurement.segments import SegmentHeading, titled
+from r2bspec.execute.profilers import Profiler
 from r2bspec.execute.run_context import MEASURE_PHASE
 from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import GRAPH_ROLES, Plan, ProcessPlan
@@ -38,7 +37,7 @@ _DURATION_NS = 5 * 10**9
 """How long is played if the plan has no iterations, only probes."""
 
 _SLOWER = 4
-"""A wrapped process may take this much longer to start."""
+"""A process with a profiler may take this much longer to start."""
 
 _END_TIMEOUT_S = 120.0
 _SAMPLE_NS = 100_000_000
@@ -51,29 +50,23 @@ _SPARE_BYTES = 32 << 20
 """With less space on the disk, the profile is removed, so that the record of the run has room."""
 
 
-def profiled_processes(plan: Plan, node: str) -> tuple[ProcessPlan, ...]:
-    """The processes to be observed: that of a node, or all that have nodes if it is empty.
-
-    Args:
-        plan: of the run.
-        node: a node of the spec, or a process of the plan; or empty.
+def profiled_processes(plan: Plan) -> tuple[ProcessPlan, ...]:
+    """The processes to be observed: all that have nodes.
 
     Raises:
         UsageError: there is none.
     """
-    measured = plan.processes_in(MEASURE_PHASE)
-    names = [{process.name, *(member.node for member in process.nodes)} for process in measured]
-    if node:
-        processes = [each for each, own in zip(measured, names, strict=True) if node in own]
-        refusal = f"--profile-node: this run starts no node {node!r}"
-        hint = f"It starts {', '.join(sorted(set().union(*names)))}."
-    else:
-        processes = [each for each in measured if each.role in GRAPH_ROLES or each.nodes]
-        refusal = "--profile: this run starts no process of the graph"
-        hint = "Profile external nodes where they are started, or let the spec start them."
+    processes = tuple(
+        process
+        for process in plan.processes_in(MEASURE_PHASE)
+        if process.role in GRAPH_ROLES or process.nodes
+    )
     if not processes:
-        raise UsageError(refusal, hint=hint)
-    return tuple(processes)
+        raise UsageError(
+            "--profile: this run starts no process of the graph",
+            hint="Profile external nodes where they are started, or let the spec start them.",
+        )
+    return processes
 
 
 def profiled_rate(plan: Plan, peak_hz: float | None) -> tuple[float, int]:
@@ -129,13 +122,9 @@ class ProfiledIteration:
         """
         rate_hz, duration_ns = profiled_rate(self.plan, peak_hz)
         began_ns = time.monotonic_ns()
-        stacks: Mapping[str, Path] = {}
         try:
             with self._noting_failures():
-                if self.profiler.attaches:
-                    stacks = self._play_attached(rate_hz, duration_ns)
-                else:
-                    self._play_wrapped(rate_hz, duration_ns)
+                self._play(rate_hz, duration_ns)
         finally:
             # Nothing that ends from here on is a failure of the run.
             self.supervisor.end(list(self.supervisor))
@@ -143,40 +132,9 @@ class ProfiledIteration:
             for process in self.processes:
                 remove_folder(self.folder.profile_folder(process.name))
                 self.errors[process.name] = "the profile was removed, because the disk is full"
-        return tuple(self._records(rate_hz, began_ns, stacks))
+        return tuple(self._records(rate_hz, began_ns))
 
-    def _play_attached(self, rate_hz: float, duration_ns: int) -> dict[str, Path]:
-        """Observe the processes of the last start; returns the files of folded stacks."""
-        player = self.starts.sessions[-1].player
-        running = {process.name: process for process in self.supervisor}
-        attached: dict[str, AttachedProfiler] = {}
-        with self._noting_failures():
-            for plan in self.processes:
-                with self._noting_failures(plan.name):
-                    attached[plan.name] = self._attach(plan.name, running)
-            if attached:
-                self._play(player, rate_hz, duration_ns)
-        stacks: dict[str, Path] = {}
-        for name, profiler in attached.items():
-            with self._noting_failures(name):
-                profiler.stop()
-            # What it has written until then may still be of use.
-            with self._noting_failures(name):
-                stacks[name] = profiler.fold()
-        return stacks
-
-    def _attach(self, name: str, running: Mapping[str, ManagedProcess]) -> AttachedProfiler:
-        if name not in running:
-            raise RunError(f"process {name} does not run")
-        return AttachedProfiler(
-            self.profiler,
-            running[name],
-            self.folder.profile_folder(name) / name,
-            self.supervisor,
-            self.folder.log_path(f"profile.{name}"),
-        )
-
-    def _play_wrapped(self, rate_hz: float, duration_ns: int) -> None:
+    def _play(self, rate_hz: float, duration_ns: int) -> None:
         names = {process.name for process in self.processes}
         processes = []
         for process in self.plan.processes:
@@ -191,7 +149,11 @@ class ProfiledIteration:
             processes=tuple(processes),
             start_timeout=Duration(_SLOWER * self.plan.start_timeout.ns),
         )
-        self._play(self.starts.begin_uncounted(plan), rate_hz, duration_ns)
+        player = self.starts.begin_uncounted(plan)
+        if player is None:
+            raise RunError("the graph was not brought up")
+        title = titled(rate_hz, f"with {self.profiler.name}")
+        player.play_unrecorded_for(title, rate_hz, duration_ns)
         children = [process for process in self.supervisor if process.name in names]
         for child in children:
             child.request_shutdown()
@@ -200,15 +162,9 @@ class ProfiledIteration:
             lambda: not any(child.is_running for child in children), _END_TIMEOUT_S
         )
 
-    def _play(self, player: SegmentPlayer | None, rate_hz: float, duration_ns: int) -> None:
-        if player is None:
-            raise RunError("the graph was not brought up")
-        title = titled(rate_hz, f"with {self.profiler.name}")
-        player.play_unrecorded_for(title, rate_hz, duration_ns)
-
     @contextlib.contextmanager
-    def _noting_failures(self, *names: str) -> Iterator[None]:
-        """Note what fails as the error of these processes, or of all; the first error counts.
+    def _noting_failures(self) -> Iterator[None]:
+        """Note what fails as the error of all processes; the first error counts.
 
         Raises:
             InterruptedRunError: a signal interrupted the run.
@@ -219,26 +175,19 @@ class ProfiledIteration:
             raise
         except (R2bspecError, OSError) as failure:
             text = clip(without_output(str(failure)), _MAX_ERROR)
-            for name in names or [process.name for process in self.processes]:
-                self.errors.setdefault(name, text)
+            self.errors |= {process.name: text for process in self.processes}
 
-    def _records(
-        self, rate_hz: float, began_ns: int, stacks: Mapping[str, Path]
-    ) -> Iterator[ProfileRecord]:
+    def _records(self, rate_hz: float, began_ns: int) -> Iterator[ProfileRecord]:
         for process in self.processes:
             found = regular_files(self.folder.path / "profile" / process.name)
             files = tuple(sorted(map(self._relative, found))[:_MAX_FILES])
             error = self.errors.get(process.name, "")
             if not files and not error:
                 error = f"{self.profiler.name} wrote no file in the run folder"
-            stacks_path = stacks.get(process.name)
             yield ProfileRecord(
                 process=process.name,
                 profiler=self.profiler.name,
                 files=files,
-                stacks=self._relative(stacks_path)
-                if stacks_path is not None and stacks_path.exists()
-                else "",
                 rate_hz=rate_hz,
                 began_ns=began_ns,
                 ended_ns=time.monotonic_ns(),

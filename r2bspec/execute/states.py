@@ -74,17 +74,11 @@ class RunState(StrEnum):
     PLAY = "play"
     """Iterations are played; each further start of the processes comes from here."""
 
-    RECORD = "record"
-    """One more iteration, whose messages are recorded."""
-
-    TRUTH = "truth"
-    """One more iteration, whose outputs are compared with the truth."""
-
     CONFIRM = "confirm"
     """The run fails: it is repeated in new processes, as far as the failure depends on it."""
 
     PROFILE = "profile"
-    """One more iteration, with a profiler; one that wraps its processes starts them anew."""
+    """One more iteration, in processes with a profiler; these are started anew."""
 
     ANATOMY = "anatomy"
     """One more iteration, in processes that are observed from inside; these are started anew."""
@@ -96,7 +90,7 @@ class RunState(StrEnum):
 _FAILED: Final = "anatomy collect"
 """A start with a profiler, or observed from inside, that fails costs no verdict."""
 
-_AFTERWARDS: Final = "record truth confirm profile anatomy collect"
+_AFTERWARDS: Final = "confirm profile anatomy collect"
 _FOLLOWERS: Final = {
     "prepare": "setup load start",
     "setup": "load start",
@@ -114,8 +108,6 @@ _FOLLOWERS: Final = {
     "search": f"sustained play {_AFTERWARDS}",
     "sustained": f"play {_AFTERWARDS}",
     "play": f"start {_AFTERWARDS}",
-    "record": "truth confirm profile anatomy collect",
-    "truth": "confirm profile anatomy collect",
     "confirm": "start",
     "profile": f"start {_FAILED}",
     "anatomy": "start collect",

@@ -99,7 +99,6 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
     force: bool = False
     smoke: bool = False
     abort_on_fail: bool = False
-    record_outputs: bool = False
     anatomy: bool = False
 
     @property

@@ -149,7 +149,6 @@ def _play(job: Job, spool: Path, tree: Path) -> Result:
             spool / RUN_FOLDER,
             progress,
             abort_on_fail=job.abort_on_fail,
-            record_outputs=job.record_outputs,
             anatomy=job.anatomy,
             lock="off",  # it is held here: waiting for it again would never end
         )

@@ -17,25 +17,20 @@ import pwd
 import struct
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
 
 import msgspec
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 
 from r2bspec.harness import lifecycle_client, rclpy_tools
 from r2bspec.harness.control_channel import Channel
 from r2bspec.ipc import buffers, protocol
-from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, read_clocks
-from r2bspec.ipc.buffers import TF_STATIC, TF_TYPE, read_stamp
+from r2bspec.ipc.buffers import TF_STATIC, TF_TYPE
 from r2bspec.ipc.process_cleanup import carries_run_id
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE, ForeignPublisher
-from r2bspec.ipc.sample_files import BUFFER_BYTES, RowWriter, message_size
 from r2bspec.language.spec import QoS
 from r2bspec.middleware.middleware import PROC, middleware_of
-from r2bspec.plan.plan import MonitorPlan
 
 
 def discover(node: Node, topics: tuple[str, ...]) -> protocol.Discovered:
@@ -243,93 +238,6 @@ class ClockPublisher:
             due_s = max(due_s + _PERIOD_S, time.monotonic())
 
 
-_WAIT_S = 1.0
-
-
-class MessageRecorder:
-    """Records the messages of some topics on a thread, until it is closed.
-
-    A topic that has no publisher now, or whose type is not installed, is left out. The others have
-    the quality of service of their publishers.
-
-    Args:
-        node: that subscribes.
-        monitors: the topics, with the names of their files.
-        folder: receives ``NAME.rows``, as a monitor writes them, and ``NAME.messages``
-            (`r2bspec.ipc.sample_files`).
-
-    Raises:
-        OSError: a file cannot be written.
-    """
-
-    def __init__(self, node: Node, monitors: Iterable[MonitorPlan], folder: Path) -> None:
-        self._loop = rclpy_tools.WaitLoop(node)
-        self._topics: list[_RecordedTopic] = []
-        self._ends = threading.Event()
-        self._error: Exception | None = None
-        for monitor in monitors:
-            qos = rclpy_tools.profile_matching_publishers(node, monitor.topic)
-            if qos is not None and rclpy_tools.is_installed(monitor.type):
-                self._topics.append(_RecordedTopic(node, monitor, qos, folder))
-                self._loop.add(self._topics[-1].subscription)
-        self._thread = threading.Thread(target=self._record, daemon=True)
-        self._thread.start()
-
-    def matches(self) -> dict[str, int]:
-        """How many publishers the subscription of each recorded topic is matched with."""
-        return {topic.topic: topic.subscription.matches() for topic in self._topics}
-
-    def close(self) -> None:
-        """Record what has arrived, and complete the files.
-
-        Raises:
-            Exception: what ended the recording before.
-        """
-        self._ends.set()
-        self._loop.wake()
-        self._thread.join()
-        for topic in self._topics:
-            topic.close()
-        if self._error is not None:
-            raise self._error
-
-    def _record(self) -> None:
-        try:
-            while not self._ends.is_set():
-                for position in self._loop.wait(_WAIT_S):
-                    self._topics[position].drain()
-            for topic in self._topics:
-                topic.drain()
-        except Exception as error:
-            self._error = error
-
-
-class _RecordedTopic:
-    def __init__(self, node: Node, plan: MonitorPlan, qos: QoSProfile, folder: Path) -> None:
-        self.topic = plan.topic
-        self.subscription = rclpy_tools.RawSubscription(node, plan.topic, plan.type, qos)
-        self._has_header = rclpy_tools.begins_with_header(plan.type)
-        self._rows = RowWriter(folder / f"{plan.name}.rows", len(ARRIVAL_FIELDS))
-        self._messages: BinaryIO = (folder / f"{plan.name}.messages").open("xb", BUFFER_BYTES)
-
-    def drain(self) -> None:
-        """Record every message that has arrived."""
-        while (taken := self.subscription.take()) is not None:
-            data, arrived_system_ns = taken
-            taken_ns, difference_ns = read_clocks()
-            stamp_ns = read_stamp(data) if self._has_header else 0
-            # Before its row: each row has a message.
-            self._messages.write(message_size(data))
-            self._messages.write(data)
-            self._rows.append(stamp_ns, arrived_system_ns, taken_ns, len(data), difference_ns)
-
-    def close(self) -> None:
-        """Unsubscribe, and complete the files."""
-        self.subscription.destroy()
-        self._rows.close()
-        self._messages.close()
-
-
 class GraphParticipant:
     """A role that publishes what nodes need first, and answers what discovery shows.
 
@@ -397,7 +305,6 @@ class Observer(GraphParticipant):
         self._guard = PublisherGuard(self._node, settings.guarded)
         # Without topics to guard there is nothing to look at.
         self._period_s = LOOK_PERIOD_S if settings.guarded else None
-        self._recorder: MessageRecorder | None = None
 
     def _serve(self) -> None:
         self._channel.send(protocol.Ready(rmw=rclpy_tools.loaded_rmw()))
@@ -408,16 +315,6 @@ class Observer(GraphParticipant):
             match self._channel.receive():
                 case protocol.ListForeign():
                     self._channel.send(protocol.ForeignPublishers(publishers=self._guard.foreign()))
-                case protocol.RecordMessages(monitors=monitors, folder=folder):
-                    self._recorder = MessageRecorder(self._node, monitors, Path(folder))
-                    self._send_matches()
-                case protocol.EndRecording():
-                    recorder, self._recorder = self._recorder, None
-                    if recorder is not None:
-                        recorder.close()
-                    self._send_matches()
-                case protocol.CountMatches():
-                    self._send_matches()
                 case protocol.AwaitStatic():
                     if self._static_publisher is not None:
                         self._static_publisher.wait_for_acknowledgements()
@@ -428,7 +325,7 @@ class Observer(GraphParticipant):
                     self._answer(command)
 
     def _send_matches(self) -> None:
-        counts = self._recorder.matches() if self._recorder is not None else {}
+        counts = {}
         if self._static_publisher is not None:
-            counts |= {TF_STATIC: self._static_publisher.matches()}
+            counts[TF_STATIC] = self._static_publisher.matches()
         self._channel.send(protocol.Matched(counts=counts))

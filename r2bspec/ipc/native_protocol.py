@@ -7,8 +7,8 @@ A command is some words, each followed by a zero byte; how many come is known fr
     play PLAYLIST                                   LoadSchedule, after the playlist was written
     play PLAYBACK                                   Play, after the playback file was written
     monitor STALLS TYPES {TYPE}                     ConfigureMonitor
-    subscribe TOPICS {TYPE ROWS HEADS BYTES QOS TOPIC}   Subscribe
-    start_tap TOPICS {TYPE ROWS HEADS BYTES QOS TOPIC}   StartTap
+    subscribe TOPICS {TYPE ROWS QOS TOPIC}   Subscribe
+    start_tap TOPICS {TYPE ROWS QOS TOPIC}   StartTap
     stop_tap                                        StopTap
     count                                           CountMatches
     stop                                            Stop
@@ -17,8 +17,7 @@ A command is some words, each followed by a zero byte; how many come is known fr
 The INPUTS of a player are those of the plan, and /tf after them if it is played. A TYPE is three
 words: the library that has the type, the function in it that returns it, and its name. A QOS is
 four words: the numbers that rmw has for reliability, durability and history, and the depth. STALLS
-and ROWS are the paths of files of rows, which the monitor makes. HEADS is the path of a file of
-the beginnings of messages, of so many BYTES at most; with 0 there is none.
+and ROWS are the paths of files of rows, which the monitor makes.
 
 A reply is one line of words; the text at its end is written as it is::
 
@@ -45,7 +44,7 @@ import msgspec
 from r2bspec.errors import is_refusal, refusal_text
 from r2bspec.ipc import buffers, playback_file, protocol
 from r2bspec.ipc.buffers import TF, TF_QOS, TF_TYPE
-from r2bspec.ipc.sample_files import HEAD_BYTES, STALL_FILE, heads_path
+from r2bspec.ipc.sample_files import STALL_FILE
 from r2bspec.ipc.schedule import Schedule
 from r2bspec.language.spec import QoS
 from r2bspec.plan.package_advice import ros_package_advice
@@ -179,8 +178,6 @@ class NativeCodec:
             yield from (
                 *_type_words(monitor.type),
                 str(rows),
-                str(heads_path(self._rows_dir, monitor.name)),
-                str(HEAD_BYTES if monitor.reaction or monitor.begins_events is True else 0),
                 *_qos_words(monitor.qos),
                 monitor.topic,
             )

@@ -205,22 +205,6 @@ class StopTap(Command, frozen=True, kw_only=True, tag=True):
     """Stop recording the topics of `StartTap`; their rows stay. The reply is `Matched`."""
 
 
-class RecordMessages(Command, frozen=True, kw_only=True, tag=True):
-    """Record whole messages of these topics until `EndRecording`. The reply is `Matched`.
-
-    The files are ``FOLDER/NAME.rows``, as those of a monitor, and ``FOLDER/NAME.messages``
-    (`r2bspec.ipc.sample_files`). A topic uses the QoS of its publishers; one that currently has
-    none, or whose type is not installed, is not recorded.
-    """
-
-    monitors: tuple[MonitorPlan, ...]
-    folder: str
-
-
-class EndRecording(Command, frozen=True, kw_only=True, tag=True):
-    """Complete the files of `RecordMessages`. The reply is `Matched`."""
-
-
 class CountMatches(Command, frozen=True, kw_only=True, tag=True):
     """Query how many endpoints of other processes each endpoint is matched with."""
 

@@ -7,15 +7,13 @@ One of them is the log of stalls. The middleware records arrivals on a thread of
 process. While this process does not run, because the machine is overloaded or the process was
 stopped, no arrivals are recorded; messages then seem to arrive at the end of the stall, with a
 delay that the graph did not cause.
-
-A file of whole messages has for each its size (little-endian int64) and its serialised bytes.
 """
 
 from __future__ import annotations
 
 import contextlib
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -113,72 +111,3 @@ def _overlap_ns(log: RowReader, began_ns: int, ended_ns: int) -> int:
         for row in log.read()
     )
     return sum(overlap for overlap in overlaps if overlap > 0)
-
-
-_SIZE = struct.Struct("<q")
-BUFFER_BYTES = 1 << 20
-"""Of reading and writing."""
-
-
-HEAD_BYTES = 1 << 16
-"""Of a message that a condition is about, at most: what stands first decides, and the copy of a
-whole image would take time from the machine."""
-
-
-def heads_path(rows_dir: Path, monitor: str) -> Path:
-    """The file of the beginnings of all messages of a monitor."""
-    return rows_dir / f"{monitor}.heads"
-
-
-class HeadReader:
-    """Reads the beginnings of messages one after the other, as a monitor goes on to write them."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._next = 0
-        self._at = 0
-
-    def pick(self, numbers: Sequence[int]) -> Iterator[bytes | None]:
-        """Those of these messages, in ascending order; None for one that is not there (any more).
-
-        None before the last of them is there later.
-        """
-        first = max(numbers[0], self._next) if numbers else 0
-        heads = self.read(first, max(0, numbers[-1] + 1 - first)) if numbers else []
-        for number in numbers:
-            yield heads[number - first] if 0 <= number - first < len(heads) else None
-
-    def read(self, first: int, count: int) -> list[bytes]:
-        """Those from the message of number `first` on, none of which was read or passed before.
-
-        Fewer, if the file does not have so many.
-        """
-        heads: list[bytes] = []
-        with self._path.open("rb", buffering=BUFFER_BYTES) as file:
-            file.seek(self._at)
-            while len(heads) < count and len(size := file.read(_SIZE.size)) == _SIZE.size:
-                (wanted,) = _SIZE.unpack(size)
-                head = file.read(min(max(wanted, 0), HEAD_BYTES))
-                if len(head) < wanted:
-                    break
-                if self._next >= first:
-                    heads.append(head)
-                self._next += 1
-                self._at = file.tell()
-        return heads
-
-
-def message_size(data: bytes) -> bytes:
-    """What is written before a message."""
-    return _SIZE.pack(len(data))
-
-
-def read_messages(path: Path) -> Iterator[bytes]:
-    """The messages of a file in their order; an incomplete last one is left out."""
-    with path.open("rb", buffering=BUFFER_BYTES) as file:
-        while len(head := file.read(_SIZE.size)) == _SIZE.size:
-            (size,) = _SIZE.unpack(head)
-            message = file.read(size)
-            if len(message) < size:
-                return
-            yield message

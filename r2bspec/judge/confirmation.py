@@ -17,8 +17,6 @@ has been found once, and only has to be found again in the same direction.
     fail     pass            INCONCLUSIVE: the two sessions contradict each other
     other    anything        as the first: what passed is not tried again
 
-Messages that differ from the truth are not played again: they fail without a second session.
-
 No verdict becomes a PASS.
 """
 
@@ -26,7 +24,6 @@ from __future__ import annotations
 
 import msgspec
 
-from r2bspec.judge.methods import METHODS
 from r2bspec.judge.verdict import InconclusivePolicy, RequirementVerdict, Verdict
 
 _REMEDY = "Run again; if the failure is intermittent, look for what differs between the runs."
@@ -48,7 +45,7 @@ def confirm_requirement(
         first: its verdict on the first session.
         second: its verdict on the second session at `CONFIRMATION_CONFIDENCE`; None without one.
     """
-    if first.outcome != "fail" or METHODS[first.method].rests_on == "truth":
+    if first.outcome != "fail":
         return first
     if second is not None and second.outcome == "fail":
         return first.noted(f"Confirmed by a second run: {_lower(second.reason)}")

@@ -20,7 +20,6 @@ from r2bspec.judge.measure.metrics import RunMetrics, summarise
 from r2bspec.judge.measure.observed_runs import anatomy_summaries
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.samples import RunSamples
-from r2bspec.judge.methods import METHODS
 from r2bspec.judge.methods.peak_bracket import with_refuted_peak
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.result import ObjectiveText, PairsResult, Result
@@ -86,11 +85,7 @@ def judge_with_confirmation(
         policy: of the first session.
     """
     first = judge(objectives, samples, policy)
-    can_be_repeated = any(
-        requirement.fails_run and METHODS[requirement.method].rests_on != "truth"
-        for requirement in first.requirements
-    )
-    if not needs_confirmation(first) or not can_be_repeated:
+    if not needs_confirmation(first):
         return first
     if samples.confirmation is None:
         return first.saying(_NOT_PLAYED_AGAIN)
@@ -128,7 +123,7 @@ def judge_confirmation(
 _OF_RECORD: Final = (
     *("run_id", "status", "reason", "started_at", "ended_at", "plan_hash"),
     *("dataset", "machine", "versions", "processes", "harness_overhead", "output_gaps"),
-    *("differences", "left_out", "starts", "unplayed", "profiles", "accuracy", "identity", "gate"),
+    *("differences", "left_out", "starts", "unplayed", "profiles", "identity", "gate"),
 )
 """What a result has as the record of its run has it."""
 
@@ -142,7 +137,6 @@ def build_result(
     verdict: Verdict,
     pairs: PairsResult | None = None,
     base_identity: GraphIdentity | None = None,
-    grown: tuple[str, ...] = (),
     anatomies: tuple[AnatomySummary, ...] = (),
 ) -> Result:
     """The result of a run, or of several as one, that has been measured and judged."""
@@ -170,7 +164,6 @@ def build_result(
         anatomies=anatomies or msgspec.UNSET,
         base_identity=base_identity,
         changes=changes,
-        grown=grown or msgspec.UNSET,
         **{name: getattr(record, name) for name in _OF_RECORD},
     )
 

@@ -48,7 +48,6 @@ from r2bspec.judge.measure.metric_catalogue import (
     Statistic,
     available_at_own_pace,
     available_live,
-    kind_of,
     resolve,
 )
 from r2bspec.judge.measure.own_pace import own_pace_text, own_period_s
@@ -62,7 +61,7 @@ from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
 from r2bspec.judge.methods.mean_bound import judge_mean
 from r2bspec.judge.methods.peak_bracket import judge_peak, with_refuted_peak
-from r2bspec.judge.methods.recorded_value import judge_accuracy, judge_observation, judge_sustained
+from r2bspec.judge.methods.recorded_value import judge_observation, judge_sustained
 from r2bspec.judge.methods.share_bounds import judge_percentile, judge_share, judge_windows
 from r2bspec.judge.requirement_case import (
     Decision,
@@ -91,7 +90,6 @@ from r2bspec.record.run_record import RunRecord
 
 Decide = Callable[[RequirementCase, RunRecord], Decision]
 _BY_RECORD: Final[dict[Statistic, Decide]] = {
-    "truth": judge_accuracy,
     "search": judge_peak,
     "sequential": judge_sustained,
 }
@@ -274,8 +272,6 @@ class JudgedRequirement:
             return verdict
         if _losses_may_hide(case):
             verdict = verdict.noted(_HIDDEN_LOSSES)
-        if case.iterations and (aside := _aside_text(case)) and aside != decision.reason:
-            verdict = verdict.noted(aside)
         if invalid := self.run.playback_validity.problem(case.info.statistic, case.at_hz):
             return msgspec.structs.replace(
                 verdict,
@@ -337,12 +333,6 @@ def _metric_of(
         return none, (None,), f"{problem}{bound.dimension}."
     if monitor is not None:
         return info, (monitor,), ""
-    if info.scope == "truth":
-        kind = kind_of(info.name)
-        compared = [
-            accuracy.monitor for accuracy in samples.record.accuracy if accuracy.kind == kind
-        ]
-        return info, tuple(compared) or (None,), ""
     return info, samples.monitors if info.scope == "monitor" else (None,), ""
 
 
@@ -355,7 +345,6 @@ def decide_case(case: RequirementCase, samples: RunSamples) -> Decision:
         _undecidable(case, samples)
         or (_decided(case, samples) if case.info.statistic in _BY_RECORD else None)
         or _without_iterations(case)
-        or _without_event(case)
         or _without_output(case)
         or _without_latency(case)
         or _without_events(case)
@@ -380,8 +369,7 @@ def method_of(case: RequirementCase) -> Decide:
 def _undecidable(case: RequirementCase, samples: RunSamples) -> Decision | None:
     """Undecided where the run, whatever it measured, has no such value, or nothing to compare."""
     name, bound = case.info.name, case.requirement.bound
-    of_events = all(one.of_events for one in case.monitor_samples) and case.monitor is not None
-    if samples.mode == "live" and not available_live(case.info) and not of_events:
+    if samples.mode == "live" and not available_live(case.info):
         return undecided(f"{name} is unknown in a live run: what its source sent is not recorded.")
     if bound is not None and bound.of_offered and not case.at_hz:
         return undecided("The objective has no rate, so 'of offered' has no meaning.")
@@ -406,65 +394,10 @@ def _without_iterations(case: RequirementCase) -> Decision | None:
     return None
 
 
-def _without_event(case: RequirementCase) -> Decision | None:
-    """Undecided where no input event was played; a failure if none was reacted to."""
-    seen = case.monitor_samples
-    if not seen or not seen[0].of_events:
-        return None
-    events, unreadable = sum(one.sent for one in seen), sum(one.unreadable for one in seen)
-    if any(one.unpaired for one in seen):
-        return None
-    if not events and (aside := _aside_text(case)):
-        return undecided(
-            aside,
-            "Copy the stamp of the newest input in the node, or play events that are further "
-            "apart, and begin while the output does not meet 'when'."
-            if any(one.aside for one in seen)
-            else "Increase 'benchmark.duration', so that events end in their iteration.",
-        )
-    if not events:
-        return undecided(
-            f"No event began for monitor '{case.monitor}': no message of its input meets 'from' "
-            "after one that does not.",
-            "Play a recording in which one does, run for longer, or change 'from'.",
-        )
-    if unreadable:
-        return undecided(
-            f"The field of 'when' could not be read in {show(unreadable, 'count')} outputs at "
-            f"monitor '{case.monitor}'.",
-            "It must be within the first 64 KiB of a message, of an installed type, and not behind "
-            "a wstring or 100,000 items of lists.",
-        )
-    if any(one.answered for one in seen):
-        return None
-    reason = f"Monitor '{case.monitor}' received no reaction to {show(events, 'count')} events."
-    return Decision(outcome="fail", method="none", reason=reason, n=events)
-
-
-def _aside_text(case: RequirementCase) -> str:
-    """Which events do not count, and why; empty if all do."""
-    seen = case.monitor_samples
-    aside, unfinished = sum(one.aside for one in seen), sum(one.unfinished for one in seen)
-    events = show(aside + unfinished + sum(one.sent for one in seen), "count")
-    told = []
-    if unfinished:
-        told.append(
-            f"{show(unfinished, 'count')} of {events} events do not count: 'from' held until the "
-            "end of the iteration, so that a reaction may have been cut off."
-        )
-    if aside:
-        told.append(
-            f"{show(aside, 'count')} of {events} events do not count: the output met 'when' before "
-            "them, or had not reacted to an earlier one of the iteration. Without the stamp of a "
-            "step, a later reaction to that would look like one to them."
-        )
-    return " ".join(told)
-
-
 def _without_output(case: RequirementCase) -> Decision | None:
     """A failure if the monitor received no output at all."""
     seen = case.monitor_samples
-    known = any(sample.answered or sample.unpaired for sample in seen)
+    known = any(sample.answered for sample in seen)
     if case.monitor is None or known:
         return None
     if seen[0].own_pace:
@@ -534,12 +467,10 @@ def latency_unknown_by_order(
     info: MetricInfo, monitor: str | None, iterations: Sequence[SegmentSamples]
 ) -> tuple[str, str] | None:
     """Why a latency is unknown where outputs are matched by order, and what to do; else None."""
-    if monitor is None:
+    if monitor is None or info.family not in LOSS_SENSITIVE_FAMILIES:
         return None
     seen = [iteration.monitors[monitor] for iteration in iterations]
-    # Which of the events had a reaction is unknown, too.
-    of_pairs = info.family in LOSS_SENSITIVE_FAMILIES or any(sample.unpaired for sample in seen)
-    if not of_pairs or not any(sample.unknown_latency for sample in seen):
+    if not any(sample.unknown_latency for sample in seen):
         return None
     reason = (
         f"The latency at monitor '{monitor}' is unknown: {pool_monitor(seen).unknown_latency}. "

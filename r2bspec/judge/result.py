@@ -13,7 +13,6 @@ from r2bspec.language.spec import Scalar
 from r2bspec.record.comparison_folder import PairRecord
 from r2bspec.record.graph_identity import GraphIdentity, check_machine_facts
 from r2bspec.record.run_record import (
-    AccuracyRecord,
     Difference,
     HarnessOverheadRecord,
     OutputGapRecord,
@@ -83,13 +82,10 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         profiles: of an iteration that counts for nothing.
         anatomies: where the messages of an iteration spent their time, at each rate that was
             observed from inside.
-        accuracy: of the monitors that were compared with the truth.
         identity: what the graph was made of, with the revision; None where it is not known, or
             was not the same in all runs.
         base_identity: of the base, if this is a comparison.
         changes: from the base to this run, such as ``blur.py changed``; nodes first.
-        grown: which parts of which nodes and topics grew since the base, such as ``blur: callback
-            +4.1 ms (of +4.3 ms)``; where both were observed from inside.
         gate: what the reader has to know of the gate itself, a sentence each.
     """
 
@@ -122,21 +118,13 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     unplayed: tuple[UnplayedMessages, ...] = ()
     profiles: tuple[ProfileRecord, ...] = ()
     anatomies: tuple[AnatomySummary, ...] | msgspec.UnsetType = msgspec.UNSET
-    accuracy: tuple[AccuracyRecord, ...] = ()
     identity: GraphIdentity | None = None
     base_identity: GraphIdentity | None = None
     changes: tuple[str, ...] = ()
-    grown: tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET
     gate: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_machine_facts(self.machine)
-
-    def times_title(self, name: str) -> str:
-        """What the times of a monitor are: latencies, or those of reactions."""
-        seen = (rate.pooled.monitors.get(name) for rate in self.metrics.rates)
-        reacts = any(one is not None and one.reaction for one in seen)
-        return "Reaction time" if reacts else "Latency"
 
     def monitor_title(self, name: str) -> str:
         """The title of a monitor: its label and its name, or its name alone."""

@@ -94,7 +94,6 @@ _ADVICE: Final[dict[Kind, str]] = {
 _NOUNS: Final = {
     "latency": "the latency",
     "latency_from_due": "the latency from the due time",
-    "reaction": "the reaction time",
     "age": "the age",
     **dict.fromkeys(("throughput", "interval", "jitter"), "the interval between outputs"),
 }

@@ -216,7 +216,7 @@ class PlaybackValidity:
 
     def problem(self, statistic: Statistic, at_hz: float | None) -> Problem | None:
         """Why the values of a metric at a rate are invalid; None if they are not."""
-        if statistic in {"search", "truth"} or at_hz is None:
+        if statistic == "search" or at_hz is None:
             return None
         problems = self.probes if statistic == "sequential" else self.iterations
         return next((one for rate, one in problems.items() if math.isclose(rate, at_hz)), None)

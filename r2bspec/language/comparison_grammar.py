@@ -1,4 +1,4 @@
-"""The comparisons in a spec: of a metric (a requirement), or of a field of a message (a condition).
+"""The requirements of a spec, each a comparison of a metric.
 
 Grammar (white space between tokens is free)::
 
@@ -6,16 +6,10 @@ Grammar (white space between tokens is free)::
     metric      = [monitor "."] name ["." part]
     bound       = quantity | integer | share " of " ( "offered" | "baseline" )
     windows     = "in " share " of " duration " windows"
-    condition   = ( path | "len(" path ")" ) op literal
-    path        = field { "." field | "[" ( digits | "*" ) "]" }
-    literal     = number | "true" | "false" | "'" text "'" | constant
-    constant    = an upper-case name that the message type of the field declares
     op          = "<" | "<=" | ">" | ">=" | "==" | "!="
-    name, part, monitor, field = letter { letter | digit | "_" }
+    name, part, monitor = letter { letter | digit | "_" }
 
-An item ``[*]`` is any item: the condition holds if it holds for one of them. A time or a duration
-is compared as seconds. Which metrics there are, and what fields a message has, this module does not
-know (`r2bspec.judge.measure.metric_catalogue`, `r2bspec.plan.message_conditions`).
+Which metrics there are, this module does not know (`r2bspec.judge.measure.metric_catalogue`).
 """
 
 from __future__ import annotations
@@ -25,7 +19,7 @@ import operator
 import re
 from collections.abc import Callable, Mapping
 from functools import lru_cache
-from typing import Any, ClassVar, Final, Literal, TypeVar, dataclass_transform
+from typing import Any, ClassVar, Literal, TypeVar, dataclass_transform
 
 import msgspec
 
@@ -35,9 +29,6 @@ from r2bspec.safe_io.limits import MAX_REQUIREMENT_CHARACTERS
 
 _Q = TypeVar("_Q", bound=Quantity)
 Operator = Literal["<", "<=", ">", ">=", "==", "!="]
-
-Step = str | int
-"""Of a path: a field, the number of an item, or ``*`` for any item."""
 
 _WORD = "[A-Za-z][A-Za-z0-9_]*"
 # The first word may be a topic, without the slash that it begins with.
@@ -57,13 +48,6 @@ COMPARISONS: Mapping[Operator, Callable[[Any, Any], bool]] = {
 }
 _WINDOWS_START = re.compile(r"\sin(?:\s+|$)")
 _WINDOWS_EXAMPLE = "in 99 % of 1 s windows"
-_CONDITION_EXAMPLE: Final = "len(detections) > 0"
-_PATH: Final = rf"{_WORD}(?:\s*\.\s*{_WORD}|\s*\[\s*(?:\d{{1,9}}|\*)\s*\])*"
-_SUBJECT: Final = re.compile(rf"\s*(?:len\s*\(\s*(?P<listed>{_PATH})\s*\)|(?P<path>{_PATH}))\s*")
-_STEP: Final = re.compile(rf"{_WORD}|\d+|\*")
-_NUMBER: Final = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?")
-_TEXT: Final = re.compile(r"'(?P<single>[^']*)'|\"(?P<double>[^\"]*)\"")
-_CONSTANT: Final = re.compile(r"[A-Z][A-Z0-9_]*")
 
 
 class ComparisonError(ValueError):
@@ -90,38 +74,11 @@ class Bound(msgspec.Struct, frozen=True, kw_only=True):
 
 
 @dataclass_transform(kw_only_default=True, eq_default=False)
-class ParsedText:
-    """A text that a grammar has parsed: equal to any other of its class with the same text.
+class Requirement:
+    """One parsed requirement, equal to any other with the same text.
 
-    Its fields are annotated in its classes. Neither a struct nor a dataclass: in every document it
-    is a string (see `r2bspec.language.declaration`).
-    """
-
-    text: str
-
-    def __init__(self, **fields: object) -> None:
-        vars(self).update(fields)
-
-    def __eq__(self, other: object) -> bool:
-        return type(other) is type(self) and other.text == self.text
-
-    def __hash__(self) -> int:
-        return hash(self.text)
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.text!r})"
-
-    def __str__(self) -> str:
-        return self.text
-
-    @property
-    def is_positive(self) -> bool:
-        """Whether it is more than zero, which says nothing of what is no quantity."""
-        return True
-
-
-class Requirement(ParsedText):
-    """One parsed requirement.
+    Neither a struct nor a dataclass: in every document it is a string (see
+    `r2bspec.language.declaration`).
 
     Attributes:
         text: the text as the user wrote it.
@@ -144,6 +101,26 @@ class Requirement(ParsedText):
     windows_share: float | None = None
     window_ns: int = 0
 
+    def __init__(self, **fields: object) -> None:
+        vars(self).update(fields)
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and other.text == self.text
+
+    def __hash__(self) -> int:
+        return hash(self.text)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.text!r})"
+
+    def __str__(self) -> str:
+        return self.text
+
+    @property
+    def is_positive(self) -> bool:
+        """Whether it is more than zero, which says nothing of a requirement."""
+        return True
+
     @classmethod
     def parse(cls, text: str) -> Requirement:
         """Parse one requirement, as `parse_requirement` does."""
@@ -161,42 +138,6 @@ class Requirement(ParsedText):
         return COMPARISONS[self.op](value, limit)
 
 
-class Constant(str):
-    """The name of a constant, in place of its value."""
-
-    __slots__ = ()
-
-
-class Condition(ParsedText):
-    """One parsed condition.
-
-    Attributes:
-        text: as the user wrote it.
-        path: to the field.
-        of_length: whether the number of items, or of characters, is compared.
-        op: the comparison.
-        literal: what the value is compared with.
-        path_column: offset of the path into `text`.
-        literal_column: offset of the literal into `text`.
-    """
-
-    kind: ClassVar[str] = "condition on a message"
-    example: ClassVar[str] = _CONDITION_EXAMPLE
-
-    text: str
-    path: tuple[Step, ...]
-    of_length: bool
-    op: Operator
-    literal: float | bool | str
-    path_column: int = 0
-    literal_column: int = 0
-
-    @classmethod
-    def parse(cls, text: str) -> Condition:
-        """Parse one condition, as `parse_condition` does."""
-        return parse_condition(text)
-
-
 @lru_cache(maxsize=4096)
 def parse_requirement(text: str) -> Requirement:
     """Parse one requirement.
@@ -204,7 +145,7 @@ def parse_requirement(text: str) -> Requirement:
     Raises:
         ComparisonError: the text is not a requirement; with the offset of the first error.
     """
-    _check_length(text, "requirement")
+    _check_length(text)
     matched = _METRIC.match(text)
     if matched is None:
         raise ComparisonError(
@@ -350,59 +291,9 @@ def _relative_bound(found: re.Match[str], column: int) -> Bound:
     )
 
 
-@lru_cache(maxsize=1024)
-def parse_condition(text: str) -> Condition:
-    """Parse one condition.
-
-    Raises:
-        ComparisonError: the text is not a condition; with the offset of the first error.
-    """
-    _check_length(text, "condition")
-    subject = _SUBJECT.match(text)
-    if subject is None:
-        column = _next_token_column(text)
-        raise ComparisonError("expected the path of a field", column, _CONDITION_EXAMPLE)
-    part: Literal["listed", "path"] = "path" if subject["path"] else "listed"
-    path = subject[part]
-    compared = _OPERATOR.match(text, subject.end())
-    if compared is None and text[subject.end() :].lstrip().startswith("["):
-        at = text.index("[", subject.end())
-        raise ComparisonError("expected an index from 0 to 999999999, or *", at, f"{path}[0] > 1")
-    if compared is None:
-        meant = f"len({path})" if part == "listed" else path
-        example = f"{meant} == true" if part == "path" else f"{meant} > 0"
-        raise _operator_expected(meant, subject.end(), example)
-    column = _next_token_column(text, compared.end())
-    return Condition(
-        text=text,
-        path=tuple(int(step) if step.isdecimal() else step for step in _STEP.findall(path)),
-        of_length=part == "listed",
-        op=_operator(compared),
-        literal=_literal(text[column:].rstrip(), column),
-        path_column=subject.start(part),
-        literal_column=column,
-    )
-
-
-def _literal(text: str, column: int) -> float | bool | str:
-    if text in {"true", "false"}:
-        return text == "true"
-    if _NUMBER.fullmatch(text):
-        return int(text) if re.fullmatch(r"[+-]?\d{1,19}", text) else float(text)
-    if (quoted := _TEXT.fullmatch(text)) is not None:
-        return quoted["double"] if quoted["single"] is None else quoted["single"]
-    if _CONSTANT.fullmatch(text):
-        return Constant(text)
-    raise ComparisonError(
-        "expected a number, true, false, a text in quotes, or a constant of the message type",
-        column,
-        f"'{text}'" if text and "'" not in text else "0",
-    )
-
-
-def _check_length(text: str, kind: str) -> None:
+def _check_length(text: str) -> None:
     if len(text) > MAX_REQUIREMENT_CHARACTERS:
-        message = f"the {kind} has more than {MAX_REQUIREMENT_CHARACTERS} characters"
+        message = f"the requirement has more than {MAX_REQUIREMENT_CHARACTERS} characters"
         raise ComparisonError(message, 0)
 
 

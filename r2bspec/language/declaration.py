@@ -37,7 +37,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Union, get_args, ge
 import msgspec
 
 from r2bspec.diagnostics import Path
-from r2bspec.language.comparison_grammar import Condition, Requirement
+from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.quantities import Quantity
 
 Change = Literal["load", "graph", "neither"]
@@ -185,7 +185,7 @@ class ValueRule(msgspec.Struct, eq=False, dict=True, kw_only=True):
     pattern: NamePattern | None = None
     words: tuple[str, ...] = ()
     const: int | None = None
-    quantity: type[Quantity] | type[Requirement] | type[Condition] | None = None
+    quantity: type[Quantity] | type[Requirement] | None = None
     items: "ValueRule | None" = None
     keys: "dict[str, ValueRule] | None" = None
     names: NamePattern | None = None
@@ -394,7 +394,7 @@ def _rule_of_type(kind: Any) -> ValueRule:
     if issubclass(kind, Record):
         rule = ValueRule(kinds=("object",), keys=record_keys(kind), record=kind, about=kind.about)
         return rule if kind.word is None else _joined([rule_of(kind.word), rule], about=kind.about)
-    if issubclass(kind, Quantity | Requirement | Condition):
+    if issubclass(kind, Quantity | Requirement):
         return ValueRule(kinds=("string",), quantity=kind)
     return ValueRule(kinds=(_KINDS[kind],))
 
@@ -487,7 +487,7 @@ def _texts(record: type[Record]) -> Mapping[str, str]:
 
 def encode_text(value: object) -> str:
     """The `enc_hook` of msgspec: a quantity, a requirement or a condition as text."""
-    if isinstance(value, Quantity | Requirement | Condition):
+    if isinstance(value, Quantity | Requirement):
         return str(value)
     raise NotImplementedError(f"cannot write {type(value).__name__}")
 
@@ -501,6 +501,6 @@ def decode_text(kind: type, value: object) -> Any:
     """
     if isinstance(value, kind):
         return value
-    if isinstance(value, str) and issubclass(kind, Quantity | Requirement | Condition):
+    if isinstance(value, str) and issubclass(kind, Quantity | Requirement):
         return kind.parse(value)
     raise NotImplementedError(f"cannot read a {kind.__name__} from {type(value).__name__}")

@@ -20,7 +20,7 @@ from msgspec.structs import replace
 from r2bspec.diagnostics import Diagnostic, Edit, Path, Related, did_you_mean, format_path
 from r2bspec.diagnostics.quote import clip, first_words, join_words, quote, unknown_name_help
 from r2bspec.language import names
-from r2bspec.language.comparison_grammar import ComparisonError, Condition, Requirement
+from r2bspec.language.comparison_grammar import ComparisonError, Requirement
 from r2bspec.language.declaration import NamePattern, ValueRule, language, rule_at
 from r2bspec.language.document import MAX_PROBLEMS, inner_span
 from r2bspec.language.located_tree import (
@@ -510,7 +510,7 @@ def invalid_quantity_or_requirement(violation: Violation) -> Diagnostic:
         help_text = _example_help(violation)
         return violation.error("R2B103", message + describe_value(value), help_text)
     if not issubclass(kind, Quantity):
-        return _invalid_sentence(violation, value, kind)
+        return _invalid_requirement(violation, value)
     try:
         kind.parse(value)
     except QuantityError as error:
@@ -536,11 +536,9 @@ def _missing_unit(violation: Violation, number: str, kind: type[Quantity]) -> Di
     return violation.error("R2B109", message, f"write {text}", repair=text)
 
 
-def _invalid_sentence(
-    violation: Violation, text: str, kind: type[Requirement] | type[Condition]
-) -> Diagnostic:
+def _invalid_requirement(violation: Violation, text: str) -> Diagnostic:
     try:
-        kind.parse(text)
+        Requirement.parse(text)
     except ComparisonError as error:
         node, span = violation.node, None
         if isinstance(node, ScalarNode) and node.origin is None:
@@ -548,9 +546,8 @@ def _invalid_sentence(
             length = _token_length(node.text, error.column)
             span = inner_span(source, node.span, node.text, error.column, length)
         help_text = _suggestion_help(error.suggestion)
-        code = "R2B112" if issubclass(kind, Requirement) else "R2B144"
-        return violation.error(code, f"{violation.name}: {error}", help_text, span=span)
-    raise AssertionError(f"a {kind.kind} was refused that can be parsed")
+        return violation.error("R2B112", f"{violation.name}: {error}", help_text, span=span)
+    raise AssertionError("a requirement was refused that can be parsed")
 
 
 def _token_length(text: str, column: int) -> int:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from r2bspec.language.comparison_grammar import Condition
 from r2bspec.language.declaration import NamePattern, ValueRule, language
 from r2bspec.language.quantities import Quantity
 
@@ -27,8 +26,6 @@ _NUMBER = r"\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
 _SCALAR_NAMES = {"integer": "an integer", "boolean": "true or false"}
 _WORD = "[A-Za-z][A-Za-z0-9_]*"
 _METRIC = rf"{_WORD}(?:/{_WORD})*(?:\.{_WORD})*"
-_FIELD = rf"{_WORD}(?:\s*\.\s*{_WORD}|\s*\[\s*(?:\d+|\*)\s*\])*"
-_CONDITION = rf"^\s*(?:len\s*\(\s*{_FIELD}\s*\)|{_FIELD})\s*(?:[<>]=?|[=!]=)\s*\S.*$"
 _REQUIREMENT = rf"^\s*(?:sustained|{_METRIC}\s*(?:[<>]=?|[=!]=)\s*\d.*?)\s*$"
 _NULL_MESSAGE = "missing value; null removes a key of an extended map"
 
@@ -162,11 +159,6 @@ def _pattern(form: NamePattern, *, or_reference: bool = False) -> Schema:
 
 def _quantity(rule: ValueRule) -> Schema:
     kind = rule.quantity
-    if kind is Condition:
-        return {
-            "pattern": _CONDITION,
-            "patternErrorMessage": f"{kind.kind}: such as {kind.example}",
-        }
     if kind is None or not issubclass(kind, Quantity):
         return {
             "pattern": _REQUIREMENT,

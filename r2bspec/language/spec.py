@@ -26,11 +26,8 @@ from r2bspec.language.spec_benchmark import (
     Pacing,
     Playback,
     PlaybackInput,
-    Reaction,
     StartWaits,
     Transport,
-    Truth,
-    TruthKind,
 )
 from r2bspec.language.spec_graph import (
     AfterReadyStep,
@@ -74,7 +71,6 @@ __all__ = [
     "PlaybackInput",
     "ProcessSettings",
     "QoS",
-    "Reaction",
     "ReadyProbe",
     "Requires",
     "Scalar",
@@ -84,8 +80,6 @@ __all__ = [
     "StartWaits",
     "StartedProcess",
     "ThreadScheduling",
-    "Truth",
-    "TruthKind",
     "Tune",
 ]
 

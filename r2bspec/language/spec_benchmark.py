@@ -10,7 +10,7 @@ import msgspec
 
 from r2bspec.language import names
 from r2bspec.language.benchmark_defaults import CONFIDENCE, CONFIRM, MAX_STARTS, PROBE
-from r2bspec.language.comparison_grammar import Condition, Requirement
+from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.declaration import Record, Written, key
 from r2bspec.language.quantities import Duration, Rate, Share, Size
 from r2bspec.language.spec_graph import (
@@ -303,8 +303,6 @@ class Playback(Record, frozen=True, kw_only=True):
 
 TransportKind = Literal["inherit", "shared_memory", "udp"]
 HarnessPlacement = Literal["separate", "shared", "graph"]
-TruthKind = Literal["disparity", "tag"]
-"""What a ground truth says of an image: the disparity of each pixel, or the pose of its tag."""
 
 
 class Transport(Record, frozen=True, kw_only=True):
@@ -368,48 +366,6 @@ class Ratio(Record, frozen=True, kw_only=True):
     outputs: Annotated[int, key(3, minimum=1)] = 1
 
 
-class Truth(Record, frozen=True, kw_only=True):
-    """What the messages of a monitor are compared with, in the ground truth of the recording.
-
-    Attributes:
-        kind: The disparity of each pixel (stereo_msgs/msg/DisparityImage), or the pose of the tag
-            (geometry_msgs/msg/PoseArray).
-        name: A stereo pair of the ground truth (disparity), or an image topic of the recording
-            (tag).
-    """
-
-    about = key({"kind": "disparity", "name": "hawk_0"})
-
-    kind: TruthKind
-    name: Annotated[str, key("hawk_0", "/d455_1_rgb_image")]
-
-
-class Reaction(Record, frozen=True, kw_only=True):
-    """What the graph reacts to, and how: the monitor then measures the time from an input event to
-    the first output that meets a condition, in place of the latency.
-
-    An event is a played message that meets 'from' although the one before it did not; without
-    'from', each step is one. It is over when the next one begins: without such an output until
-    then it counts as missed.
-
-    Attributes:
-        when: The condition on an output: 'PATH op VALUE' or 'len(PATH) op VALUE', where [0] is an
-            item of a list and [*] any of them.
-        source: Likewise on a played message, with which an event begins. Header stamps, in seconds,
-            are those of the recording.
-        input: The playback input of the events; default: the only one. In a live graph, the topic
-            of another monitor, whose reception begins the event.
-    """
-
-    about = key({"when": "len(poses) > 0", "from": "header.stamp >= 1700000003.2"})
-
-    when: Annotated[Condition, key("len(poses) > 0", "poses[0].position.z < 1.5")]
-    source: Annotated[Condition | None, key("linear.x > 0")] = msgspec.field(
-        name="from", default=None
-    )
-    input: Annotated[names.Topic, key("image")] = ""
-
-
 class MonitorSettings(Record, frozen=True, kw_only=True):
     """How a topic is monitored: keys of `monitors` that the plan has as they are.
 
@@ -423,15 +379,11 @@ class MonitorSettings(Record, frozen=True, kw_only=True):
         qos: The profile of the monitor's subscription; default: the profile that is offered. The
             name of a ROS profile, or a map.
         label: What reports call it.
-        truth: What its messages are compared with, in the ground truth of the recording: on one
-            more iteration, after the measurement. Requirements can then name the metrics
-            'accuracy.…'.
     """
 
     match: Literal["stamp", "order", "own_pace"] = "stamp"
     qos: QoS | None = None
     label: Annotated[str, key("Tag detections")] = ""
-    truth: Truth | None = None
 
     @property
     def own_pace(self) -> bool:
@@ -451,8 +403,6 @@ class Monitor(MonitorSettings, frozen=True, kw_only=True):
         ratio: How many outputs answer how many inputs.
         taps: Whether the topics on the path to it are monitored, too, so that reports show the
             latency of each hop. The additional subscriptions cost some time.
-        reaction: What the graph reacts to, and how. Requirements then name the metrics 'reaction.…'
-            of this monitor, and not its latency.
         process: With 'harness: {placement: graph}': the node or the process that gets the monitor;
             default: the one that publishes the topic.
     """
@@ -469,7 +419,6 @@ class Monitor(MonitorSettings, frozen=True, kw_only=True):
     ] = ()
     ratio: Ratio = Ratio()
     taps: bool = False
-    reaction: Reaction | None = None
     process: Annotated[names.ProcessName, key("detector")] = msgspec.field(name="in", default="")
 
 

@@ -367,7 +367,7 @@ _VALUES: Final[Mapping[ProposalSource, tuple[str, ...]]] = {
         *("data_loader.topics.*", "playback.inputs.*.from", "playback.calls.*.from"),
         *("monitors.*.topic", "**.remappings.*"),
     ),
-    inputs: ("monitors.*.answers.*", "monitors.*.reaction.input"),
+    inputs: ("monitors.*.answers.*",),
     containers: ("**.container",),
     nodes: ("tune.keep.*",),
     metrics: ("tune.minimize",),

@@ -13,7 +13,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/eventfd.h>
-#include <sys/uio.h>
 #include <unistd.h>
 
 #include <rmw/rmw.h>
@@ -40,7 +39,6 @@ typedef struct watched {
   rcl_subscription_t subscription;
   bool subscribed, temporary, has_header;
   rows_t rows;
-  rows_t heads; /* of as many bytes of each message at most, after their number; 0 for none */
   atomic_bool has_messages; /* perhaps; set by threads of the middleware */
   int wake_fd;
 } watched_t;
@@ -78,16 +76,6 @@ static int check_written(const rows_t *rows, ssize_t written, size_t bytes)
 static int rows_append(rows_t *rows, const int64_t *values)
 {
   return check_written(rows, write(rows->fd, values, rows->row_bytes), rows->row_bytes);
-}
-
-static int head_append(rows_t *heads, const rcl_serialized_message_t *message)
-{
-  int64_t size = (int64_t)(
-    message->buffer_length < heads->row_bytes ? message->buffer_length : heads->row_bytes);
-  const struct iovec parts[2] = {
-    {.iov_base = &size, .iov_len = sizeof(size)},
-    {.iov_base = message->buffer, .iov_len = (size_t)size}};
-  return check_written(heads, writev(heads->fd, parts, 2), sizeof(size) + (size_t)size);
 }
 
 static void rows_close(rows_t *rows)
@@ -155,8 +143,7 @@ static int drain(watched_t *each, rcl_serialized_message_t *message)
     const int64_t row[5] = {
       each->has_header ? read_stamp(message) : 0, info.received_timestamp, taken_ns,
       (int64_t)message->buffer_length, difference_ns};
-    if (rows_append(&each->rows, row) < 0 ||
-        (each->heads.row_bytes > 0 && head_append(&each->heads, message) < 0)) {
+    if (rows_append(&each->rows, row) < 0) {
       return -1;
     }
   }
@@ -193,24 +180,11 @@ static void remove_watched(monitor_t *monitor, bool all)
       ignore_rcl(rcl_subscription_fini(&each->subscription, monitor->node));
     }
     rows_close(&each->rows);
-    rows_close(&each->heads);
     free(each);
   }
 }
 
-/* HEADS BYTES */
-static int open_heads(rows_t *heads, channel_t *channel, bool wanted)
-{
-  char *path = strdup(next_word(channel));
-  const int64_t bytes = next_number(channel);
-  const int failed = path == NULL ? fail_errno("memory")
-    : wanted && bytes > 0         ? rows_open(heads, path, (size_t)bytes)
-                                  : 0;
-  free(path);
-  return failed;
-}
-
-/* Subscribes to {TYPE ROWS HEADS BYTES QOS TOPIC}. A topic that is tapped for a while is left out
+/* Subscribes to {TYPE ROWS QOS TOPIC}. A topic that is tapped for a while is left out
  * if its type is not installed. */
 static int subscribe_to(monitor_t *monitor, bool temporary)
 {
@@ -220,15 +194,12 @@ static int subscribe_to(monitor_t *monitor, bool temporary)
     return fail_errno("memory");
   }
   *each = (watched_t){
-    .next = monitor->watched, .temporary = temporary, .rows.fd = -1, .heads.fd = -1,
+    .next = monitor->watched, .temporary = temporary, .rows.fd = -1,
     .wake_fd = monitor->wake_fd};
   monitor->watched = each;
   type_t *type = next_type(channel);
   const char *rows = next_word(channel);
   if (type != NULL && rows_open(&each->rows, rows, 5 * sizeof(int64_t)) < 0) {
-    return -1;
-  }
-  if (open_heads(&each->heads, monitor->channel, type != NULL) < 0) {
     return -1;
   }
   rcl_subscription_options_t options = rcl_subscription_get_default_options();

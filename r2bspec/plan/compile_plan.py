@@ -233,7 +233,6 @@ def _phases(spec: Spec, sustained_hz: tuple[float, ...], *, plays: bool) -> Iter
         "search": spec.benchmark.search is not None,
         "sustained": sustained_hz,
         "play": plays,
-        "truth": any(monitor.truth is not None for monitor in spec.monitors.values()),
         "collect": True,
     }
     return (phase for phase, is_present in has_phase.items() if is_present)

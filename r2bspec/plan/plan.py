@@ -266,22 +266,6 @@ class TapPlan(_Value, frozen=True, kw_only=True):
     type: str
 
 
-class ReactionPlan(_Value, frozen=True, kw_only=True):
-    """What a monitor measures in place of the latency.
-
-    Attributes:
-        when: the condition on an output, as in the spec.
-        since: the condition on a played message; empty if each step is an event.
-        input: the topic of these; in a live graph, that of another monitor.
-        input_type: the type of its messages.
-    """
-
-    when: str
-    since: str
-    input: str
-    input_type: str
-
-
 _Ratio = Annotated[int, msgspec.Meta(ge=1, le=1_000_000)]
 """One side of the ratio of inputs to outputs."""
 
@@ -295,9 +279,6 @@ class MonitorPlan(MonitorSettings, frozen=True, kw_only=True):
             step counts for it if
             it has messages of all of them. Otherwise empty, because each step has all inputs.
         taps: topics whose messages are also matched by stamp; in the order of the plan's topics.
-        reaction: what it measures in place of the latency; a plan without it has no such key.
-        begins_events: whether reactions of other monitors, in a live graph, are to its messages;
-            likewise.
     """
 
     name: str
@@ -307,8 +288,6 @@ class MonitorPlan(MonitorSettings, frozen=True, kw_only=True):
     ratio_outputs: _Ratio = 1
     answers: tuple[str, ...] = ()
     taps: tuple[TapPlan, ...] = ()
-    reaction: ReactionPlan | msgspec.UnsetType = msgspec.UNSET
-    begins_events: bool | msgspec.UnsetType = msgspec.UNSET
 
 
 class CallPlan(_Value, frozen=True, kw_only=True):
@@ -421,7 +400,7 @@ class Plan(Pacing, frozen=True, kw_only=True):
     """The plan of a run.
 
     `phases` are those of setup, load, preprocess, start, harness_overhead, graph, configure,
-    activate, ready, after_ready, warm_up, search, sustained, play, truth and collect that the run
+    activate, ready, after_ready, warm_up, search, sustained, play and collect that the run
     has, in this order. `sustained_hz` are the rates that an objective requires to be sustained,
     with one sequential probe each.
     `play_at_peak` is played at the peak rate of the search, if an objective needs it; its own rate

@@ -29,8 +29,7 @@ def smoke_plan(plan: Plan) -> Plan:
         play, duration_ns=min(play.duration_ns, _ITERATION_NS), iterations=1, max_iterations=0
     )
     phases = [phase for phase in plan.phases if phase not in _LEFT_OUT]
-    after = next((phase for phase in ("truth", "collect") if phase in phases), None)
-    phases.insert(len(phases) if after is None else phases.index(after), "play")
+    phases.insert(phases.index("collect"), "play")
     return msgspec.structs.replace(
         plan,
         title=f"{plan.title or plan.name} (smoke run: nothing is judged)",

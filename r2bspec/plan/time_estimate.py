@@ -87,7 +87,6 @@ def estimate_time(plan: Plan) -> TimeEstimate:
         # Only a play of its whole length shows that a rate is sustained.
         "sustained": len(plan.sustained_hz) * probe_s,
         "play": play_s + later_starts_s,
-        "truth": _truth_s(plan),
         "collect": _COLLECT_S,
     }
     phases = {name: seconds for name, seconds in phases.items() if seconds}
@@ -122,16 +121,6 @@ def estimate_pairs(plan: Plan, pairs: int | None = None) -> TimeEstimate:
     # A comparison that failed is confirmed by as many new pairs.
     confirmed = plan.gate.confirm and bool(plan.objectives)
     return TimeEstimate(once.phases, expected_s * (2 if confirmed else 1), runs=2 * played)
-
-
-def _truth_s(plan: Plan) -> float:
-    """Every message of the buffer once, at the lowest rate; a timeline about once."""
-    if "truth" not in plan.phases:
-        return 0.0
-    rates = [play.rate_hz for play in plan.play] + list(plan.sustained_hz)
-    rates += [plan.search.min_hz] if plan.search is not None else []
-    rate_hz = min(rates, default=0.0)
-    return plan.buffer / rate_hz if rate_hz and plan.buffer else _TYPICAL_TRUTH_S
 
 
 def _play_s(play: PlayPlan, iterations: int) -> float:

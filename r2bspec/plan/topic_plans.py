@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
-import msgspec
-
-from r2bspec.language.spec import Monitor, MonitorSettings, Reaction, Spec
-from r2bspec.plan.plan import InputPlan, MonitorPlan, ReactionPlan, TapPlan, TopicPlan
+from r2bspec.language.spec import Monitor, MonitorSettings, Spec
+from r2bspec.plan.plan import InputPlan, MonitorPlan, TapPlan, TopicPlan
 from r2bspec.plan.wiring.wiring import PhaseWiring, WiredEndpoint, Wiring
 
 
@@ -96,50 +94,18 @@ def _owners(endpoints: tuple[WiredEndpoint, ...]) -> tuple[str, ...]:
 def plan_monitors(spec: Spec, wiring: Wiring) -> tuple[MonitorPlan, ...]:
     """The monitors, in the order of the spec."""
     calls = {end: name for name, call in spec.recorded_calls.items() for end in call.answers(name)}
-    events = {
-        wiring.topic(monitor.reaction.input)
-        for monitor in spec.outputs.values()
-        if spec.live and monitor.reaction is not None
-    }
-    inputs = _event_inputs(spec, wiring)
     return tuple(
         MonitorPlan(
             name=name,
-            topic=(topic := wiring.topic(monitor.topic)),
+            topic=wiring.topic(monitor.topic),
             type=monitor.format,
             **MonitorSettings.fields_of(monitor),
             ratio_inputs=monitor.ratio.inputs,
             ratio_outputs=monitor.ratio.outputs,
             answers=_answers(monitor, spec, wiring, calls.get(name, "")),
             taps=_taps(monitor, wiring) if monitor.taps else (),
-            reaction=_reaction(monitor.reaction, inputs, wiring)
-            if monitor.reaction is not None
-            else msgspec.UNSET,
-            begins_events=topic in events or msgspec.UNSET,
         )
         for name, monitor in spec.outputs.items()
-    )
-
-
-def _event_inputs(spec: Spec, wiring: Wiring) -> dict[str, str]:
-    """The types of the topics in which events may begin; in a live graph those of monitors."""
-    played = [(name, each.format) for name, each in spec.playback.inputs.items()]
-    seen = [(each.topic, each.format) for each in spec.outputs.values()]
-    return {wiring.topic(name): format_ for name, format_ in (seen if spec.live else played)}
-
-
-def _reaction(reaction: Reaction, inputs: Mapping[str, str], wiring: Wiring) -> ReactionPlan:
-    """What a monitor measures in place of the latency; without a name, events of the first input.
-
-    Without a condition on it, it does not matter which input it is.
-    """
-    wanted = wiring.topic(reaction.input) if reaction.input else ""
-    topic = wanted if wanted in inputs else next(iter(inputs), "")
-    return ReactionPlan(
-        when=reaction.when.text,
-        since=reaction.source.text if reaction.source is not None else "",
-        input=topic,
-        input_type=inputs.get(topic, ""),
     )
 
 

@@ -130,7 +130,6 @@ def merge_runs(
         left_out=tuple(dict.fromkeys(text for record in records for text in record.left_out)),
         unplayed=tuple(dict.fromkeys(text for record in records for text in record.unplayed)),
         # Every run compares the same images; the first one that did so speaks for all.
-        accuracy=next((record.accuracy for record in records if record.accuracy), ()),
         identity=common_identity(record.identity for record in records or [whole]),
         gate=whole.gate,
     )

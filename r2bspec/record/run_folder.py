@@ -3,10 +3,6 @@
 `r2bspec.record.run_record` describes the layout. Every file is written atomically. A folder with
 ``record.json`` is a run folder: it is written last, and also earlier, marked as incomplete, so that
 a killed run can be read.
-
-A profile in it has folded stacks: each stack on a line, with the number of its samples. The frames
-are separated by semicolons, from the first called to the last, as flamegraph.pl and py-spy write
-them: ``main;work;memcpy 42``.
 """
 
 from __future__ import annotations
@@ -39,17 +35,9 @@ from r2bspec.record.files import (
     write_atomically,
 )
 from r2bspec.record.run_record import RunRecord, Segment
-from r2bspec.safe_io.limits import (
-    MAX_DOCUMENT_BYTES,
-    MAX_SEGMENTS,
-    MAX_STACK_FRAMES,
-    MAX_STACKS_BYTES,
-)
-from r2bspec.safe_io.safe_file import ByteBudget, is_folder, is_there, read_bytes, read_text
+from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES, MAX_SEGMENTS
+from r2bspec.safe_io.safe_file import is_folder, is_there, read_text
 from r2bspec.safe_io.safe_yaml import RefusedYamlError, check_document
-
-Stacks = Mapping[tuple[str, ...], int]
-"""The number of samples by the frames of their stack, the first called first."""
 
 LOADED_FILES: Final = "loaded_files.json"
 
@@ -59,7 +47,7 @@ FOLDER_ENTRIES: Final = frozenset(
     {
         *RECORD_FILES,
         *("spec.yaml", "plan.json", "base.plan.json", "result.json", "baseline.json"),
-        *("samples", "logs", "profile", "outputs", "base", "head", "trials"),
+        *("samples", "logs", "profile", "base", "head", "trials"),
         *("resources.npy", "interference.npy", "anatomy.npy", LOADED_FILES, LOCK_FILE),
     }
 )
@@ -78,58 +66,6 @@ _OTHER_FOLDERS: Final = {
 
 _MAX_LISTED = 10
 _MAX_LOOKED_AT = 1_000
-
-
-def write_stacks(path: Path, stacks: Stacks) -> None:
-    """Write a file of folded stacks.
-
-    Raises:
-        RecordError: the file system refuses.
-    """
-    lines = [f"{';'.join(map(_frame, stack))} {count}\n" for stack, count in sorted(stacks.items())]
-    write_atomically(path, "".join(lines).encode(errors="replace"))
-
-
-OTHER_STACKS: Final = ("[other stacks]",)
-"""Has the samples of stacks that were left out."""
-
-
-def read_stacks(path: Path, folder: Path, budget: ByteBudget | None = None) -> Stacks:
-    """Read a file of folded stacks below a folder; lines that are not such are left out.
-
-    Of very many stacks those with the most samples are kept; `OTHER_STACKS` has the samples of the
-    rest.
-
-    Args:
-        path: of the file.
-        folder: in which it must be.
-        budget: what it and others may have together.
-
-    Raises:
-        RefusedFileError: it is too large, is no file, or leads out of the folder.
-        OSError: it cannot be read.
-    """
-    content = read_bytes(path, max_bytes=MAX_STACKS_BYTES, folders=[folder], budget=budget)
-    counts: dict[str, int] = {}
-    for line in content.decode(errors="replace").splitlines():
-        frames, _, count = line.rpartition(" ")
-        if frames and count.isascii() and count.isdecimal() and len(count) < 16:
-            counts[frames] = counts.get(frames, 0) + int(count)
-    # Of equally many samples the first in the file.
-    ordered = sorted(counts, key=counts.__getitem__, reverse=True)
-    stacks: dict[tuple[str, ...], int] = {}
-    left, others = MAX_STACK_FRAMES, 0
-    for frames in ordered:
-        left -= frames.count(";") + 1
-        if left >= 0 or not stacks:
-            stacks[tuple(frames.split(";"))] = counts[frames]
-        else:
-            others += counts[frames]
-    return stacks | {OTHER_STACKS: others} if others else stacks
-
-
-def _frame(name: str) -> str:
-    return " ".join(name.replace(";", ":").split()) or "[unknown]"
 
 
 _FOLDER_MODE = 0o700
@@ -236,10 +172,6 @@ class RunFolder:
         """Write the messages of a tap in a segment."""
         self._write_rows(f"{_samples_of(segment)}/{_tap_file(topic)}", rows, arrays.MONITOR_DTYPE)
 
-    def write_marks(self, segment: str, monitor: str, rows: arrays.Rows) -> None:
-        """Write which messages the conditions of a monitor are met by in a segment."""
-        self._write_rows(f"{_samples_of(segment)}/{_mark_file(monitor)}", rows, arrays.MARK_DTYPE)
-
     def write_anatomy(self, segment: str, rows: arrays.Rows) -> None:
         """Write the events in the processes of the graph in a segment."""
         self._write_rows(f"{_samples_of(segment)}/{_ANATOMY}", rows, arrays.ANATOMY_DTYPE)
@@ -310,14 +242,6 @@ class Run:
             RecordError: the file is missing or damaged.
         """
         return self.segment_rows(segment, _tap_file(topic), arrays.MONITOR_DTYPE)
-
-    def marks(self, segment: Segment, name: str) -> arrays.Rows:
-        """Which messages the conditions of a monitor are met by (type `MARK_DTYPE`).
-
-        Raises:
-            RecordError: the file is missing or damaged.
-        """
-        return self.segment_rows(segment, _mark_file(name), arrays.MARK_DTYPE)
 
     def anatomy(self, segment: Segment) -> arrays.Rows:
         """The events in the processes of the graph, in the order in which they began.
@@ -531,10 +455,6 @@ def _samples_of(segment: str) -> str:
 
 def _monitor_file(name: str) -> str:
     return f"monitor.{_safe_name(name)}.npy"
-
-
-def _mark_file(name: str) -> str:
-    return f"marks.{_safe_name(name)}.npy"
 
 
 def _tap_file(topic: str) -> str:

@@ -26,7 +26,6 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
-from r2bspec.language.spec import TruthKind
 from r2bspec.record.graph_identity import GraphIdentity, check_machine_facts
 from r2bspec.safe_io.limits import MAX_PROCESSES, MAX_SEGMENTS
 
@@ -506,7 +505,6 @@ class ProfileRecord(msgspec.Struct, frozen=True, kw_only=True):
         process: its name.
         profiler: the name of the profiler.
         files: what the profiler wrote, as paths in the run folder.
-        stacks: the one with folded stacks (`r2bspec.record.run_folder`); empty without.
         rate_hz: the rate of the iteration.
         began_ns: before the profiler was started.
         ended_ns: after it had ended.
@@ -516,7 +514,6 @@ class ProfileRecord(msgspec.Struct, frozen=True, kw_only=True):
     process: str
     profiler: str
     files: tuple[str, ...] = ()
-    stacks: str = ""
     rate_hz: Hertz = 0.0
     began_ns: int
     ended_ns: int
@@ -605,29 +602,6 @@ class EndedRate(msgspec.Struct, frozen=True, kw_only=True):
     iterations: Count
 
 
-class AccuracyRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """The messages of one monitor, compared with the truth.
-
-    Attributes:
-        kind: of the truth.
-        of: the stereo pair or image topic in the ground truth.
-        outputs: how many messages were compared; the answers to `steps` steps of one more
-            iteration, in which every image of the recording was played once.
-        values: of the metrics that have one, by name; shares as fractions.
-        text: what was compared, in a sentence.
-        problem: why nothing was compared; empty if something was.
-    """
-
-    monitor: str
-    kind: TruthKind
-    of: str
-    outputs: Count
-    steps: Count
-    values: dict[str, float]
-    text: str = ""
-    problem: str = ""
-
-
 class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """A run, complete or not.
 
@@ -640,8 +614,7 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     sentence for each optional part that was not played, with the reason; `unplayed` has the
     messages of inputs that were not. `ended_rates` are those that ``--abort-on-fail`` ended.
     `starts` are those whose graph was warmed up. `profiles` are those of an iteration that
-    counts for nothing. `accuracy` has one entry for each monitor that is compared with the
-    truth, unless the run ended before that. `phases` say where the time went, and are empty in
+    counts for nothing. `phases` say where the time went, and are empty in
     older records. `identity` is what the graph was made of; None if that was not looked up.
     `gate` is what reports say of the merge gate, one sentence each. `exit_status` is that of the
     error that ended the run; 0 without one, and in older records. `samples` has the SHA-256 of
@@ -674,7 +647,6 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     profiles: tuple[ProfileRecord, ...] = ()
     anatomies: tuple[AnatomyRecord, ...] = ()
     ended_rates: tuple[EndedRate, ...] = ()
-    accuracy: tuple[AccuracyRecord, ...] = ()
     phases: tuple[PhaseTime, ...] = ()
     identity: GraphIdentity | None = None
     gate: tuple[str, ...] = ()

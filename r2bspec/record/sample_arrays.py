@@ -98,17 +98,11 @@ it when it was received, both on the system clock; 0 where there is none. For se
 is the sequence number, and for buffers within a process the index in the buffer. `header_ns` is
 the header stamp of the message, or 0. `clock_ns` is the system clock less the monotonic clock."""
 
-MARK_FIELDS = (("what", "<i8"), ("row", "<i8"))
-"""One row per message of which a condition of a monitor says something: `what` it says
-(`r2bspec.judge.measure.reactions`), and the `row` of the message among the steps of the segment, or
-among the messages of the monitor."""
-
 PLAYBACK_DTYPE: np.dtype[np.void] = np.dtype(list(PLAYBACK_FIELDS))
 MONITOR_DTYPE: np.dtype[np.void] = np.dtype(list(MONITOR_FIELDS))
 RESOURCE_DTYPE: np.dtype[np.void] = np.dtype(list(RESOURCE_FIELDS))
 INTERFERENCE_DTYPE: np.dtype[np.void] = np.dtype(list(INTERFERENCE_FIELDS))
 ANATOMY_DTYPE: np.dtype[np.void] = np.dtype(list(ANATOMY_FIELDS))
-MARK_DTYPE: np.dtype[np.void] = np.dtype(list(MARK_FIELDS))
 
 
 def write_rows(path: Path, rows: Rows, dtype: np.dtype[np.void]) -> str:

@@ -65,10 +65,9 @@ def requirement_headline(
 
 
 def _with_changes(line: str, result: Result, base: str) -> str:
-    """The line with what grew most, unless it passes, and what changed; the base is named once."""
+    """The line with what changed; the base is named once."""
     changes = changes_text(result.changes, "" if base in line else base)
-    grown = result.grown[:1] if result.grown and result.verdict.outcome != "pass" else ()
-    return "; ".join([line, *grown, *filter(None, [changes])])
+    return "; ".join(filter(None, [line, changes]))
 
 
 def reason_after(line: str, verdict: Verdict) -> str:

@@ -113,9 +113,7 @@ def _requirements(verdict: Verdict, pace: str, *, verbose: bool) -> Iterator[str
 def _measured(result: Result, said: Collection[str]) -> Iterator[str]:
     metrics = result.metrics
     for name in monitor_names(metrics):
-        times = result.times_title(name)
-        what = "" if times == "Latency" else f": {times.lower()}"
-        yield f"**{escaped(result.monitor_title(name))}**{what}"
+        yield f"**{escaped(result.monitor_title(name))}**"
         yield ""
         yield from table(
             ("offered", *(METRICS[metric].title for metric in _COLUMNS)),

@@ -160,7 +160,6 @@ def _weighted(result: Result) -> Iterator[Note]:
         (Weight.INTERFERENCE, (f"{text[:1].upper()}{text[1:]}" for text in decisions)),
         (Weight.INTERFERENCE, summary),
         (Weight.DETAIL if summary else Weight.INTERFERENCE, interference),
-        (Weight.PLAYED, accuracy_notes(result)),
         (Weight.PLAYED, unplayed_notes(result)),
         (Weight.PLAYED, result.left_out),
         (Weight.PLAYED, _message_anomalies(result)),
@@ -221,19 +220,6 @@ def _requirement_notes(result: Result, outcomes: Sequence[str]) -> Iterator[str]
 def _where(verdict: RequirementVerdict, *, several: bool) -> str:
     at = f" {at_rate(verdict.at_hz)}" if verdict.at_hz else ""
     return f"{wording.requirement_text(verdict, name_monitor=several)}{at}"
-
-
-def accuracy_notes(result: Result) -> Iterator[str]:
-    """What the comparison with the truth found, a sentence or two for each monitor."""
-    for accuracy in result.accuracy:
-        values_text = ", ".join(
-            f"{name.removeprefix('accuracy.')} {show(value, 'share')}"
-            for name, value in accuracy.values.items()
-        )
-        said = accuracy.problem or f"{values_text or 'no values'}. {accuracy.text}".strip()
-        compared = f"{accuracy.outputs:,} of {accuracy.steps:,} steps compared"
-        of = f"{accuracy.kind} of {accuracy.of}"
-        yield f"Accuracy of {accuracy.monitor}, {of}, {compared}: {said}"
 
 
 def _exit_notes(result: Result) -> Iterator[str]:
@@ -394,7 +380,7 @@ def _message_anomalies(result: Result) -> Iterator[str]:
         for name, seen in rate.pooled.monitors.items():
             where = f"{name} {at_rate(rate.offered_hz, rate.pace)}"
             if not seen.received:
-                yield f"{where} received {'no reaction' if seen.reaction else 'nothing'}"
+                yield f"{where} received nothing"
             elif seen.unknown_latency:
                 yield f"{where}: the latency is unknown: {seen.unknown_latency}"
             if seen.own_period_s is not None:

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from r2bspec.diagnostics.quote import pluralize
 from r2bspec.judge.measure.metrics import RunMetrics
 from r2bspec.judge.measure.units import show
-from r2bspec.judge.methods import METHODS
 from r2bspec.judge.methods.peak_bracket import bracket_confidence, peak_doubts
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import OverallOutcome, RequirementVerdict, UncertaintyBudget, Verdict
@@ -73,8 +72,7 @@ def estimate_text(one: RequirementVerdict) -> str:
 def bounds_text(one: RequirementVerdict) -> str:
     """The confidence interval, one-sided where only one side is bounded."""
     if one.lower is None and one.upper is None:
-        compared = one.method == "observation" or METHODS[one.method].rests_on == "truth"
-        return "observed" if compared else ""
+        return "observed" if one.method == "observation" else ""
     lower, upper = show(one.lower, one.unit), show(one.upper, one.unit)
     return lower if lower == upper else interval_text(one.lower, one.upper, one.unit)
 
@@ -164,8 +162,6 @@ def peak_text(search: SearchRecord) -> str:
 def comparison(result: Result) -> Iterator[str]:
     """The gate and the base of a result, a sentence each; nothing without them."""
     yield from (f"{text[:1].upper()}{text[1:]}" for text in result.gate)
-    if result.grown:
-        yield f"Grown since the base: {'; '.join(result.grown[:_MAX_CHANGES])}."
     # The first line of a report names only some of the changes.
     if len(result.changes) > NAMED_CHANGES:
         more = len(result.changes) - _MAX_CHANGES

@@ -129,7 +129,6 @@ def _metrics() -> Iterator[Metric]:
     for family, prefix in (
         ("latency", ""),
         ("latency_from_due", "from due, "),
-        ("reaction", "reaction "),
         ("age", "age "),
         ("interval", "interval "),
         ("jitter", "jitter "),

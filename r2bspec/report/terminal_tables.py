@@ -2,14 +2,12 @@
 
 A monitor has a line for each rate, with the range over iterations below. The latency of the hops on
 the path to a tapped monitor has one line a hop. The load is the lateness of the playback, CPU and
-memory. A line for each phase shows where the time of a run went, and what was waited for in it.
+memory.
 """
 
 from __future__ import annotations
 
-import shutil
-import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, get_args
 
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
@@ -28,10 +26,10 @@ from r2bspec.judge.measure.metrics import RateMetrics, RunMetrics, UseMetrics
 from r2bspec.judge.measure.units import at_rate, show, show_range, show_rate, significant
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import OverallOutcome, VarianceSource, Verdict
-from r2bspec.record.run_record import HarnessOverheadRecord, PhaseTime, RunRecord
+from r2bspec.record.run_record import HarnessOverheadRecord
 from r2bspec.report import anatomy_table
 from r2bspec.report import report_wording as wording
-from r2bspec.report.output import MAX_TABLE_ROWS, console, rows_left_out
+from r2bspec.report.output import MAX_TABLE_ROWS, rows_left_out
 from r2bspec.report.result_table import (
     HOP_COLUMNS,
     METRICS,
@@ -125,16 +123,12 @@ def monitor_sections(result: Result, width: int) -> Iterator[RenderableType]:
         ]
         live = any(row.rate.pace == "source" for row in rows)
         family = "age" if own_pace and not live else "latency"
-        if any(row.seen.reaction for row in rows):
-            family = "reaction"
         yield _section(result.monitor_title(name), rows, columns, family)
 
 
 def _section(title: str, rows: list[Measured], columns: list[str], family: str) -> RenderableType:
     """The table of a monitor, with one family of times."""
     titles = [METRICS[metric].title for metric in columns]
-    if family == "reaction":
-        titles = ["events" if title == "sent" else title for title in titles]
     grid = table(["offered", *titles])
     columns = [metric.replace("latency.", f"{family}.") for metric in columns]
     aside = family
@@ -323,91 +317,3 @@ def _faults(uses: list[UseMetrics | None]) -> str:
 def _lateness(rate: RateMetrics) -> str:
     late = rate.pooled.playback.lateness
     return f"{show(part_value(late, TAIL_PERCENTILE), 's')} ({show(late.max, 's')})"
-
-
-_SHOWN_WAITS = 3
-_SHORTEST_WAIT_NS = 1_000_000
-_ASKED_KINDS = frozenset({"iteration", "confirmation", "sustained"})
-
-
-def show_phases(record: RunRecord, began_ns: int, ended_ns: int) -> None:
-    """Print the table to standard error.
-
-    Args:
-        record: of the run.
-        began_ns: when the command began (CLOCK_MONOTONIC), later by what it waited for the host.
-        ended_ns: when it had written its reports.
-    """
-    if not record.phases:
-        return
-    page = console(sys.stderr, color_system=None, width=shutil.get_terminal_size((100, 24)).columns)
-    before_ns = record.phases[0].began_ns - began_ns
-    after_ns = ended_ns - record.phases[-1].ended_ns
-    page.print(heading("time", "of each phase; CPU is that of the controller"))
-    page.print(phase_table(record, before_ns, after_ns))
-
-
-def phase_table(record: RunRecord, before_ns: int = 0, after_ns: int = 0) -> Table:
-    """The phases of a run, those of the same name together.
-
-    Args:
-        record: of the run.
-        before_ns: from the start of the command to the first phase; 0 if unknown.
-        after_ns: from the end of the last phase to the end of the reports.
-    """
-    grid = table(["phase", "took", "CPU", ""])
-    grid.columns[-1].justify = "left"
-    grid.columns[-1].no_wrap = False
-    if before_ns:
-        grid.add_row("command", _short_time(before_ns), "", "interpreter, validating, planning")
-    for phases in _by_name(record.phases):
-        name = phases[0].name if len(phases) == 1 else f"{phases[0].name} ({len(phases)} times)"
-        cpu_ns = sum(phase.cpu_ns for phase in phases)
-        grid.add_row(name, _short_time(took_ns(phases)), _short_time(cpu_ns), waits_text(phases))
-    if after_ns:
-        grid.add_row("report", _short_time(after_ns), "", "metrics, verdict, reports")
-    whole_ns = before_ns + took_ns(record.phases) + after_ns
-    asked_ns = asked_playing_ns(record)
-    grid.add_row("in all", _short_time(whole_ns), "", "")
-    grid.add_row(
-        "beyond the playing", _short_time(whole_ns - asked_ns), "", f"of {_short_time(asked_ns)}"
-    )
-    return grid
-
-
-def took_ns(phases: Iterable[PhaseTime]) -> int:
-    """How long phases took together."""
-    return sum(phase.took_ns for phase in phases)
-
-
-def asked_playing_ns(record: RunRecord) -> int:
-    """How long the iterations and sustained rates of a run were played; a search is not counted."""
-    return sum(
-        segment.ended_ns - segment.began_ns
-        if not segment.rate_hz
-        else round(segment.steps / segment.rate_hz * 1e9)
-        for segment in record.segments
-        if segment.kind in _ASKED_KINDS
-    )
-
-
-def waits_text(phases: Sequence[PhaseTime]) -> str:
-    """The longest waits of phases: ``relay: ready 0.41 s, endpoints: matched 0.1 s``."""
-    waits: dict[str, int] = {}
-    for wait in (wait for phase in phases for wait in phase.waits):
-        waits[wait.what] = waits.get(wait.what, 0) + wait.took_ns
-    longest = sorted(waits.items(), key=lambda each: each[1], reverse=True)[:_SHOWN_WAITS]
-    return ", ".join(
-        f"{what} {_short_time(took)}" for what, took in longest if took >= _SHORTEST_WAIT_NS
-    )
-
-
-def _by_name(phases: Iterable[PhaseTime]) -> list[list[PhaseTime]]:
-    by_phase: dict[str, list[PhaseTime]] = {}
-    for phase in phases:
-        by_phase.setdefault(phase.name, []).append(phase)
-    return list(by_phase.values())
-
-
-def _short_time(time_ns: int) -> str:
-    return show(time_ns / 1e9, "s", digits=2)

@@ -108,7 +108,7 @@ def test_a_result_goes_on_where_the_slow_link_of_the_client_broke(tmp_path: Path
     ):
         hosts.start_worker("near", "--allow-python")
         path = bench.write(spec, "relay")
-        done = hosts.client(path, "--record-outputs", output=tmp_path / "out", at=link.address)
+        done = hosts.client(path, output=tmp_path / "out", at=link.address)
         done.finish()
     assert list(done.kept()) == ["near/relay"], done.stderr
     folder = tmp_path / "out" / "near" / "relay"

@@ -16,11 +16,11 @@ import pytest
 from hostile_calls import small_run
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from r2bspec.interop.ros2_benchmark import NotAReportError, parse_report
 
 from nightly import size
 from r2bspec.compare.report_input import read_folder, read_report_input
 from r2bspec.errors import R2bspecError
-from r2bspec.interop.ros2_benchmark import NotAReportError, parse_report
 from r2bspec.judge.judge_run import result_of, to_json
 from r2bspec.plan.wiring.parameter_files import read_parameter_file
 from r2bspec.record.run_folder import open_run

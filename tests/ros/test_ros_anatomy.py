@@ -13,7 +13,7 @@ pytest.importorskip("rclpy")
 from c_nodes import c_node, c_node_spec
 from r2bspec.judge.measure.anatomy import Anatomy
 from r2bspec.judge.measure.observed_runs import join_segment
-from r2bspec.judge.measure.run_samples import match_segment, read_samples
+from r2bspec.judge.measure.run_samples import match_segment
 from r2bspec.record.run_record import Segment
 from r2bspec.tune.observed_graph import observe
 from r2bspec.tune.predict import predict_deployment
@@ -41,27 +41,6 @@ def anatomy_of(done: Finished, segment: Segment) -> Anatomy:
     (record,) = (each for each in run.record.anatomies if each.start == segment.start)
     assert record.error == ""
     return join_segment(run, segment, record)
-
-
-REACTION = {"when": "data[0] == 4", "from": "data[0] >= 3"}
-"""Of five images in turn, the fourth begins an event, and the answer to the fifth is a reaction."""
-
-
-def assert_reactions(done: Finished, segment: Segment) -> None:
-    """See that a reaction takes the time between two images, and then the latency of the second."""
-    run = done.run()
-    (one,) = (each for each in read_samples(run).iterations[20.0] if each.segment == segment)
-    seen = one.monitors["seen"]
-    reactions = seen.times["reaction"]
-    # The last one may begin with the last image.
-    assert seen.expected in {3, 4}
-    assert seen.missed == seen.unreadable == 0
-    (path,) = anatomy_of(done, segment).paths["seen"]
-    np.testing.assert_allclose(np.sort(path.seconds), np.sort(reactions), rtol=0.02)
-    assert path.parts[0].name == "earlier"
-    between = np.diff(run.playback(segment)["published_ns"]) / 1e9
-    for waited in path.parts[0].seconds:
-        assert np.isclose(between, waited, atol=1e-3).any()
 
 
 def assert_parts_are_the_latency(done: Finished, segment: Segment) -> None:
@@ -144,29 +123,25 @@ def test_a_node_s_part_is_required(bench: Bench, placement: str) -> None:
     spec = chain(harness={"placement": placement})
     spec["benchmark"] |= {"anatomy": True, "iterations": 2}
     spec["benchmark"]["gate"] = {"confirm": False, "interference": "tolerate"}
-    spec["monitors"]["seen"] = spec["monitors"]["out"] | {"reaction": REACTION}
     requirements = [
         f"second.callback.max >= {SECOND_MS:g} ms",
         f"first.callback.max < {FIRST_MS / 2:g} ms",
         "path.second.share > 40 %",
         "first.overtaken <= 0.1 %",
-        "seen.reaction.max < 10 s",
     ]
     spec["slos"] = {"parts": {"at": "20 Hz", "require": requirements}}
     done = bench.run(spec)
-    met, broken, share, overtaken, reaction = (done.requirement(text) for text in requirements)
+    met, broken, share, overtaken = (done.requirement(text) for text in requirements)
     assert met["outcome"] == "pass"
     # Nothing but a player or a monitor that had no processor excuses the node.
     excuses = ("publications began", "playback reached", "had no processor")
     excused = any(excuse in broken["reason"] for excuse in excuses)
     assert broken["outcome"] == ("inconclusive" if excused else "fail"), broken["reason"]
     assert broken["estimate"] >= FIRST_MS / 1e3
-    assert reaction["outcome"] == "pass"
     assert 0 < share["estimate"] < 1
     assert overtaken["estimate"] == 0
     for segment in done.segments():
         assert_parts_are_the_latency(done, segment)
-        assert_reactions(done, segment)
     # What was stored is judged as what was seen.
     before = (done.folder / "result.json").read_bytes()
     bench.judge(done.folder)

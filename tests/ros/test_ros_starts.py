@@ -61,7 +61,7 @@ def spec(counter: str, *, iterations: int, starts: int, **changes: Any) -> dict[
 def done(bench: Bench) -> Finished:
     """Two starts, with the overhead of the harness."""
     used = spec("starts.txt", iterations=ITERATIONS, starts=2, playback=MEASURED)
-    finished = bench.run(used, "--timings")
+    finished = bench.run(used)
     finished.assert_complete()
     return finished
 

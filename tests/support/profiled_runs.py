@@ -8,7 +8,6 @@ WHOLE = ProfileRecord(
     process="relay",
     profiler="perf",
     files=("profile/relay/relay.folded", "profile/relay/relay.perf.data"),
-    stacks="profile/relay/relay.folded",
     rate_hz=30.0,
     began_ns=1,
     ended_ns=2,

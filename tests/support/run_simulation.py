@@ -32,7 +32,6 @@ from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import DatasetPlan, MonitorPlan, Plan
 from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.record.run_record import (
-    AccuracyRecord,
     ConfirmationRecord,
     Probe,
     ProcessRecord,
@@ -132,7 +131,6 @@ class Simulation:
     search: SearchRecord | None = None
     sustained: tuple[Probe, ...] = ()
     confirmation: ConfirmationRecord | None = None
-    accuracy: tuple[AccuracyRecord, ...] = ()
     status: Literal["complete", "incomplete", "invalid"] = "complete"
     reason: str = ""
     cpu: Mapping[str, float] = field(default_factory=lambda: {"player": 0.1, "apriltag": 0.5})
@@ -263,7 +261,6 @@ class Simulation:
             sustained=self.sustained,
             events=((self.start_ns, "start"),),
             confirmation=self.confirmation,
-            accuracy=self.accuracy,
         )
 
     def _interference(self, end_ns: int) -> Rows:

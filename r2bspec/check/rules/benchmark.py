@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 
 from r2bspec.check.check_context import Context, KnownMetric, max_wrong_share
-from r2bspec.check.input_events import most_events
 from r2bspec.check.rule import Finding, Findings, Pointer, rule, value_key
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import quote
@@ -110,7 +109,7 @@ def requirement_without_rate(context: Context) -> Findings:
         return
     rates = ", ".join(str(rate) for rate in context.spec.benchmark.rates)
     for metric in context.known_metrics:
-        if metric.needs_rate and metric.info.statistic not in {"search", "truth"}:
+        if metric.needs_rate and metric.info.statistic != "search":
             yield Finding(
                 message=f"requirement on {quote(metric.info.name)} has no rate",
                 path=metric.path,
@@ -242,19 +241,13 @@ def _too_few(context: Context, metric: KnownMetric, at: Rate, needed: int) -> Fi
     benchmark = context.spec.benchmark
     steps = round(at.hz * benchmark.duration.seconds)
     per_iteration = steps - _LOST_SAMPLES.get(metric.info.family, 0)
-    at_most, things = "", "messages"
-    for monitor in _monitors_of(metric, context):
-        events = most_events(context, monitor, steps)
-        if events is not None:
-            per_iteration = events
-            at_most, things = "at most ", "events that end within their iteration"
     iterations = max(benchmark.iterations, benchmark.max_iterations)
     counted = max(per_iteration, 0) * iterations
     if counted >= needed:
         return None
     enough = math.ceil(needed / per_iteration) if per_iteration > 0 else 0
     return Finding(
-        message=f"{at_most}{counted:,} {things} at {at} cannot confirm "
+        message=f"{counted:,} messages at {at} cannot confirm "
         f"{quote(metric.requirement.text)}: at least {needed:,} are needed",
         path=metric.path,
         help=(
@@ -262,7 +255,7 @@ def _too_few(context: Context, metric: KnownMetric, at: Rate, needed: int) -> Fi
             if enough
             else "increase 'benchmark.duration'"
         )
-        + f"; if some {things.split()[0]} violate the bound, several times as many are needed",
+        + "; if some messages violate the bound, several times as many are needed",
         suppressed_by={metric.subject, value_key(("slos", metric.objective, "at"))},
     )
 

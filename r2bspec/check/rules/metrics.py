@@ -143,8 +143,7 @@ _PROBE_STATISTICS = ("search", "sequential")
 def metric_unavailable(context: Context) -> Findings:
     """Requirements on metrics that the playback mode or the monitor does not provide."""
     for metric in context.known_metrics:
-        problem = _why_no_reaction(context, metric)
-        problem = problem or _why_unavailable_at_own_pace(context, metric)
+        problem = _why_unavailable_at_own_pace(context, metric)
         if problem is None and context.spec.has_own_rate:
             problem = _why_unavailable(context, metric)
         if problem is not None:
@@ -157,35 +156,6 @@ def metric_unavailable(context: Context) -> Findings:
             )
 
 
-_OF_REACTIONS = frozenset({"reaction", "missed", "drop_rate", "sent"})
-"""Families of metrics of a monitor that measures reactions."""
-
-
-def _why_no_reaction(context: Context, metric: KnownMetric) -> tuple[str, str] | None:
-    """Message and help where a metric is of reactions, and the monitor is not, or the reverse."""
-    if metric.info.scope != "monitor":
-        return None
-    name, monitors = quote(metric.info.name), context.spec.monitors
-    reacting = [each for each, monitor in monitors.items() if monitor.reaction is not None]
-    named = [metric.monitor] if metric.monitor else [*context.spec.outputs]
-    if metric.info.family == "reaction":
-        other = next((each for each in named if each not in reacting), None)
-        if other is None:
-            return None
-        whose = f"write {quote(f'{reacting[0]}.{metric.info.name}')}" if reacting else ""
-        return (
-            f"monitor {other} measures no reaction, so that {name} has no value",
-            whose or "add 'reaction:' to the monitor",
-        )
-    other = next((each for each in named if each in reacting), None)
-    if other is None or metric.info.family in _OF_REACTIONS:
-        return None
-    return (
-        f"monitor {other} measures reactions, and not {name}",
-        "use reaction, missed or drop_rate of it, or name another monitor of the same topic",
-    )
-
-
 def _why_unavailable_at_own_pace(context: Context, metric: KnownMetric) -> tuple[str, str] | None:
     """Message and help; None if no monitor with a pace of its own stands in the way."""
     name = quote(metric.info.name)
@@ -196,8 +166,6 @@ def _why_unavailable_at_own_pace(context: Context, metric: KnownMetric) -> tuple
             "add a monitor that matches by stamp or by order",
         )
     named = [metric.monitor] if metric.monitor else paces
-    if metric.info.family in _OF_REACTIONS:
-        named = [name for name in named if context.spec.outputs[name].reaction is None]
     # Answers of calls have no pace.
     found = next((each for each in named if paces.get(each)), None)
     if metric.info.scope != "monitor" or found is None:
@@ -232,11 +200,7 @@ def _why_unavailable(context: Context, metric: KnownMetric) -> tuple[str, str] |
         )
     if mode != "live":
         return None
-    of_events = metric.info.family in _OF_REACTIONS - {"sent"} and all(
-        context.spec.outputs[each].reaction is not None
-        for each in ([metric.monitor] if metric.monitor else context.spec.outputs)
-    )
-    if not of_events and not metric_catalogue.available_live(metric.info):
+    if not metric_catalogue.available_live(metric.info):
         return (
             f"{name} is not available with 'mode: live', which does not observe the inputs",
             "use a metric of the outputs: throughput, interval, jitter, received, latency",

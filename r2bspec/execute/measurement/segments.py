@@ -13,7 +13,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -21,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.execute.errors import RunError
-from r2bspec.execute.measurement.reaction_marks import ReactionMarks
 from r2bspec.execute.measurement.segment_observation import (
     DRAIN_POLL_S,
     DrainTimer,
@@ -47,7 +45,7 @@ from r2bspec.judge.measure.samples import SegmentSamples
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.plan.taps import tap_monitors
 from r2bspec.record.run_record import Segment, SegmentKind
-from r2bspec.record.sample_arrays import MONITOR_FIELDS, PLAYBACK_DTYPE, PLAYBACK_FIELDS, Rows
+from r2bspec.record.sample_arrays import MONITOR_FIELDS, PLAYBACK_DTYPE, PLAYBACK_FIELDS
 
 if TYPE_CHECKING:
     from r2bspec.execute.anatomy import AnatomyObservation
@@ -128,7 +126,6 @@ class SegmentPlayer:
             else PlaybackReader(rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
         )
         self._stall_log = StallLogReader(rows_dir)
-        self._rows_dir = rows_dir
         self._monitors = {
             plan.name: ArrivalReader(rows_dir / f"{plan.name}.rows", MONITOR_FIELDS)
             for plan in monitors
@@ -140,7 +137,6 @@ class SegmentPlayer:
         # Rows written before this point were played before the graph was started.
         self._initial_count = self._playback.count()
         self._next_rows: dict[str, int] = {}
-        self._places: dict[str, NDArray[np.intp]] = {}
         self._stopped_outputs: set[str] = set()
         self._reported_outputs: set[str] = set()
         self.on_output_stopped: Callable[[Segment, MonitorPlan], None] = lambda _, __: None
@@ -461,11 +457,6 @@ class SegmentPlayer:
         for topic, rows in taps.items():
             folder.write_tap(segment.id, topic, rows)
             self._next_rows[topic] = first[topic] + rows.size
-        marks: dict[str, Rows] = {}
-        if segment.kind in _OBSERVED_KINDS:
-            marks = self._mark_reactions(observation, first)
-        for name, rows in marks.items():
-            folder.write_marks(segment.id, name, rows)
         observed = None
         if self._anatomy is not None and segment.kind in _OBSERVED_KINDS:
             observed = self._anatomy.store(segment, time.monotonic_ns(), folder)
@@ -477,7 +468,6 @@ class SegmentPlayer:
                 taps,
                 lambda found: np.isin(found, earlier),
                 observed,
-                marks,
             )
             matched = None if segment.live else observation.all_matched()
             self.samples[segment.id] = segment_samples(self._plan, segment, rows_of, matched)
@@ -487,29 +477,6 @@ class SegmentPlayer:
         self._stamps.append(observation.playback["stamp_ns"].copy())
         self.segments.append(segment)
         self._context.on_segment()
-
-    @cached_property
-    def _reactions(self) -> dict[str, ReactionMarks]:
-        return {
-            monitor.name: ReactionMarks(
-                self._plan, monitor, self.schedule, self._context.buffer_dir, self._rows_dir
-            )
-            for monitor in self._plan.monitors
-            if monitor.reaction
-        }
-
-    def _mark_reactions(
-        self, observation: SegmentObservation, first: dict[str, int]
-    ) -> dict[str, Rows]:
-        """What the conditions of monitors say of the messages of a segment."""
-        numbers = {
-            name: first[name] + self._places.get(name, np.arange(rows.size))
-            for name, rows in observation.monitors.items()
-        }
-        return {
-            name: reaction.marks(observation.playback, first[""], numbers)
-            for name, reaction in self._reactions.items()
-        }
 
     def _earlier_stamps(self) -> NDArray[np.int64]:
         return np.concatenate(self._stamps) if self._stamps else NO_STAMPS
@@ -582,6 +549,5 @@ class LiveSegmentWatcher(SegmentPlayer):
         monitors = {}
         for name, rows in self._observe(first).monitors.items():
             received = rows["received_ns"]
-            self._places[name] = np.flatnonzero((received >= began_ns) & (received < ended_ns))
-            monitors[name] = rows[self._places[name]]
+            monitors[name] = rows[(received >= began_ns) & (received < ended_ns)]
         return SegmentObservation(self._plan, np.empty(0, PLAYBACK_DTYPE), monitors)

@@ -10,10 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from types import MappingProxyType
 from typing import Final
 
-import msgspec
 import numpy as np
 
 from r2bspec.judge.measure.anatomy_causes import find_causes
@@ -26,8 +24,7 @@ from r2bspec.judge.measure.anatomy_events import (
     grouped,
     join_events,
 )
-from r2bspec.judge.measure.anatomy_paths import Path, PathSearch, from_events, takes_of_reactions
-from r2bspec.judge.measure.matching import MatchedMonitor
+from r2bspec.judge.measure.anatomy_paths import Path, PathSearch
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.record.run_record import AnatomyKind, AnatomyRecord
@@ -162,7 +159,6 @@ def anatomy(
     rows: Rows,
     plan: Plan,
     window_ns: tuple[int, int],
-    reactions: Mapping[str, MatchedMonitor] = MappingProxyType({}),
 ) -> Anatomy:
     """Join the events of an observed iteration.
 
@@ -173,7 +169,6 @@ def anatomy(
         rows: of type `ANATOMY_DTYPE`.
         plan: of the run.
         window_ns: the iteration, from its first step to the end of its last period.
-        reactions: of monitors of reactions, by name: then only the paths of these are theirs.
     """
     events = join_events(record, rows, plan)
     live = plan.playback_mode == "live"
@@ -185,28 +180,15 @@ def anatomy(
     counted_ns = window_ns[0], max(ended_ns, window_ns[1])
     within = _within(events.began_ns, counted_ns)
     for monitor in plan.monitors:
-        if monitor.own_pace and monitor.reaction is msgspec.UNSET:
+        if monitor.own_pace:
             # Of its outputs, those count that arrive while inputs are played.
             of_it = takes[monitor.name]
             takes[monitor.name] = of_it[_within(events.ended_ns[of_it], window_ns)]
-    paths = {}
-    for name, places in takes.items():
-        if name not in reactions:
-            paths[name] = search.paths_to(name, places)
-            continue
-        reacting, began_ns = takes_of_reactions(places, events.ended_ns, reactions[name])
-        paths[name] = search.paths_to(name, reacting)
-        # The events of a live graph begin when the monitor of the input has received them.
-        if not live:
-            paths[name] = from_events(paths[name], reacting, began_ns)
     return Anatomy(
-        paths=paths,
+        paths={name: search.paths_to(name, places) for name, places in takes.items()},
         nodes={node.name: node for node in _nodes(events, record, window_ns, within)},
         transports=_transports(events, within),
-        monitored={
-            name: reactions[name].rows.size if name in reactions else int(within[places].sum())
-            for name, places in takes.items()
-        },
+        monitored={name: int(within[places].sum()) for name, places in takes.items()},
         window_ns=window_ns,
         lost=sum(process.lost for process in record.processes),
         left_out=events.left_out,

@@ -18,9 +18,8 @@ or not between those that are, leaves what lies between its neighbours ``not see
 to the end of the take, of the node after it. So the parts always add up to the end-to-end latency,
 to the nanosecond.
 
-A path may begin ``earlier`` than with a publication. A reaction to an input event may need further
-inputs: its path is that of the last one, and begins with the time that passed until that was
-published. In a live graph, a path begins with the header stamp of its source, as the latency does.
+In a live graph a path begins ``earlier`` than with a publication: with the header stamp of its
+source, as the latency does.
 """
 
 from __future__ import annotations
@@ -33,7 +32,6 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 
 from r2bspec.judge.measure.anatomy_events import NONE, UNKNOWN_NS, Events, Ints, Mask
-from r2bspec.judge.measure.matching import MatchedMonitor
 from r2bspec.judge.measure.times import Seconds
 
 if TYPE_CHECKING:
@@ -95,8 +93,6 @@ class Path:
         last: whether the message followed the input on this path: those on the other paths to the
             same message of the monitor had been there before, and waited.
         by_timer: whether a node on the path published it without being caused by a message.
-        held: for each hop but the last, whether the node held the message after its callback.
-        places: the rows of the send and the take of each hop, by hop.
     """
 
     monitor: str
@@ -106,21 +102,6 @@ class Path:
     ended_ns: Ints
     last: Mask
     by_timer: Mask
-    held: tuple[Mask, ...]
-    places: tuple[tuple[Ints, Ints], ...]
-
-    def only(self, which: Ints) -> Path:
-        """Some of the messages."""
-        return replace(
-            self,
-            parts=tuple(replace(part, seconds=part.seconds[which]) for part in self.parts),
-            began_ns=self.began_ns[which],
-            ended_ns=self.ended_ns[which],
-            last=self.last[which],
-            by_timer=self.by_timer[which],
-            held=tuple(held[which] for held in self.held),
-            places=tuple((send[which], take[which]) for send, take in self.places),
-        )
 
     @property
     def seconds(self) -> Seconds:
@@ -277,50 +258,17 @@ class PathSearch:
             ended_ns=times.ended_ns[order],
             last=chain.last[order],
             by_timer=chain.by_timer[order],
-            held=tuple(held[order] for held in chain.held[::-1]),
-            places=tuple((send[order], take[order]) for send, take in hops),
         )
-        return self._from_stamp(path) if self._live and order.size else path
+        return self._from_stamp(path, hops[0][0][order]) if self._live and order.size else path
 
-    def _from_stamp(self, path: Path) -> Path:
+    def _from_stamp(self, path: Path, sends: Ints) -> Path:
         """The path from the header stamp of its first message on, where that may be its begin."""
-        stamped = self._events.stamped_ns[path.places[0][0]]
+        stamped = self._events.stamped_ns[sends]
         possible = (stamped <= path.began_ns) & (stamped > path.began_ns - _OLDEST_STAMP_NS)
-        return _begun_earlier(path, np.where(possible, stamped, path.began_ns))
-
-
-def takes_of_reactions(takes: Ints, ended_ns: Ints, reactions: MatchedMonitor) -> tuple[Ints, Ints]:
-    """The takes that are reactions, by row, and when the events of these were published.
-
-    Args:
-        takes: the rows of the takes of the monitor.
-        ended_ns: of each row, when it ended.
-        reactions: see `r2bspec.judge.measure.reactions.find_reactions`.
-    """
-    matching = reactions.matching
-    rows = matching.first_row[matching.answered]
-    began_ns = reactions.steps["published_ns"][matching.trigger_steps[matching.answered]]
-    # The monitor reads the clock when a take has returned.
-    ordered = takes[np.argsort(ended_ns[takes], kind="stable")]
-    taken = np.searchsorted(ended_ns[ordered], reactions.rows["taken_ns"][rows], side="right") - 1
-    reacting, first = np.unique(ordered[taken[taken >= 0]], return_index=True)
-    return reacting, began_ns[taken >= 0][first]
-
-
-def from_events(paths: tuple[Path, ...], reacting: Ints, began_ns: Ints) -> tuple[Path, ...]:
-    """The paths of reactions from their events on; without those that began before these.
-
-    Args:
-        paths: of these takes.
-        reacting: the takes that are reactions, by row.
-        began_ns: when the event of each was published.
-    """
-    found = []
-    for path in paths:
-        events_ns = began_ns[np.searchsorted(reacting, path.places[-1][1])]
-        kept = np.flatnonzero(events_ns <= path.began_ns)
-        found.append(_begun_earlier(path.only(kept), events_ns[kept]))
-    return _most_used(found)
+        began_ns = np.where(possible, stamped, path.began_ns)
+        seconds = (path.began_ns - began_ns) / 1e9
+        earlier = Part(owner=path.hops[0], of="node", name="earlier", seconds=seconds)
+        return replace(path, parts=(earlier, *path.parts), began_ns=began_ns)
 
 
 def _most_used(paths: list[Path]) -> tuple[Path, ...]:
@@ -328,13 +276,6 @@ def _most_used(paths: list[Path]) -> tuple[Path, ...]:
     full = [path for path in paths if path.began_ns.size]
     full.sort(key=lambda path: (-int(np.count_nonzero(path.last)), -path.began_ns.size))
     return tuple(full)
-
-
-def _begun_earlier(path: Path, began_ns: Ints) -> Path:
-    """The path with times before those at which it began, and the part up to these."""
-    seconds = (path.began_ns - began_ns) / 1e9
-    earlier = Part(owner=path.hops[0], of="node", name="earlier", seconds=seconds)
-    return replace(path, parts=(earlier, *path.parts), began_ns=began_ns)
 
 
 def _by_count(values: Ints) -> list[int]:

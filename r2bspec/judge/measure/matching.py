@@ -115,8 +115,6 @@ class Matching:
         surplus: by order, messages after the last expected output; they are unmatched, too.
         per_step: expected outputs per step, on average.
         by_order: whether messages were matched by order.
-        aside: input events that show no reaction (`r2bspec.judge.measure.reactions`).
-        unfinished: input events that last to the end of the iteration.
     """
 
     step: NDArray[np.int64]
@@ -129,8 +127,6 @@ class Matching:
     surplus: int = 0
     per_step: float = 1.0
     by_order: bool = False
-    aside: int = 0
-    unfinished: int = 0
 
     @property
     def pairs_known(self) -> bool:

@@ -7,8 +7,7 @@ Grammar of a metric's name, as a requirement writes it::
            | node "." family ["." part]                 blur.callback.p99, blur.load
            | topic ".transport." part                   camera/image.transport.p50
 
-Also the kinds of truth that messages can be compared with, and the metrics of each. This module
-computes nothing and imports no NumPy, so that a spec can be checked with it.
+This module computes nothing and imports no NumPy, so that a spec can be checked with it.
 
 ``r2bspec metrics``, ``r2bspec explain METRIC`` and docs/metrics.md show what each of them means.
 Everything but the definitions comes from the catalogue, so that a new metric appears there by
@@ -21,7 +20,6 @@ import contextlib
 from collections.abc import Collection, Iterator
 from functools import cache
 from pathlib import Path
-from types import MappingProxyType
 from typing import Final, Literal
 
 import msgspec
@@ -30,7 +28,6 @@ from msgspec.structs import replace
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.judge.measure.distribution import PARTS, SHORT_PERCENTILES, quantile
 from r2bspec.language.comparison_grammar import Bound
-from r2bspec.language.spec import TruthKind
 from r2bspec.plan.plan import Plan
 
 
@@ -48,56 +45,13 @@ class MetricError(ValueError):
         self.suggestion = suggestion
 
 
-class TruthTraits(msgspec.Struct, frozen=True):
-    """What a kind of truth says, and of what.
-
-    Attributes:
-        format: the type of the messages that can be compared.
-        metrics: their names.
-        named: what ``truth.name`` names in the ground truth.
-    """
-
-    format: str
-    metrics: tuple[str, ...]
-    named: str
-
-
-BAD_PIXELS: Final = "accuracy.disparity_bad_pixels"
-DENSITY: Final = "accuracy.disparity_density"
-TAG_MISSED: Final = "accuracy.tag_missed"
-TAG_FALSE: Final = "accuracy.tag_false"
-TAG_POSITION_ERROR: Final = "accuracy.tag_position_error"
-
-TRUTHS: Final[MappingProxyType[TruthKind, TruthTraits]] = MappingProxyType(
-    {
-        "disparity": TruthTraits(
-            format="stereo_msgs/msg/DisparityImage",
-            metrics=(BAD_PIXELS, DENSITY),
-            named="a stereo pair",
-        ),
-        "tag": TruthTraits(
-            format="geometry_msgs/msg/PoseArray",
-            metrics=(TAG_MISSED, TAG_FALSE, TAG_POSITION_ERROR),
-            named="an image topic",
-        ),
-    }
-)
-
-
-def kind_of(metric: str) -> TruthKind | None:
-    """The kind of truth that a metric needs; None if it needs none."""
-    return next((kind for kind, traits in TRUTHS.items() if metric in traits.metrics), None)
-
-
-Statistic = Literal["percentile", "share", "mean", "observation", "search", "sequential", "truth"]
+Statistic = Literal["percentile", "share", "mean", "observation", "search", "sequential"]
 """How a bound on the metric is decided: by the exact binomial test on single messages
 (percentile, share), by t over the iterations (mean), by comparing the observed value
-(observation), by the bracket of the search (search), by a probe (sequential) or by comparing
-messages with the truth (truth)."""
+(observation), by the bracket of the search (search) or by a probe (sequential)."""
 
 Scope = Literal[
     "monitor",
-    "truth",
     "playback",
     "process",
     "graph",
@@ -107,10 +61,7 @@ Scope = Literal[
     "anatomy",
 ]
 """What the metric belongs to; those of scope ``anatomy`` belong to a node or a topic. Only the
-metrics of a monitor (monitor, truth) are prefixed with its name. Those of scope ``truth`` have a
-value for the monitors that name a truth of their kind."""
-
-_OF_MONITORS = frozenset({"monitor", "truth"})
+metrics of a monitor are prefixed with its name."""
 
 Dimension = Literal["time", "rate", "size", "share", "count", "none"]
 
@@ -215,12 +166,12 @@ class MetricInfo(msgspec.Struct, frozen=True):
         """Whether a bound has this metric's dimension.
 
         'of offered' applies to rates only; 'of baseline' to every metric that has a value in each
-        iteration and is not a count. Accuracy is not a matter of iterations.
+        iteration and is not a count.
         """
         if bound.of_offered:
             return self.dimension == "rate"
         if bound.of_baseline:
-            return self.dimension not in {"count", "none"} and self.scope != "truth"
+            return self.dimension not in {"count", "none"}
         return bound.dimension == self.dimension
 
 
@@ -237,8 +188,6 @@ _UNITS_AND_EXAMPLES: dict[Dimension, tuple[str, str]] = {
 _TIME_FAMILIES = {
     "latency": "time from publication of the input to reception of the output",
     "latency_from_due": "time from the due time of the input to reception of the output",
-    "reaction": "time from publication of an input event to reception of the first output that "
-    "meets the condition",
     "age": "time from publication of the newest input in an output to its reception",
     "interval": "time between consecutive outputs",
     "jitter": "absolute difference of consecutive intervals",
@@ -336,16 +285,6 @@ _CATALOGUE: tuple[MetricInfo, ...] = (
         "largest memory in use on the machine",
     ),
     *(
-        _metric(name, "truth", "share", "truth", description)
-        for name, description in (
-            (BAD_PIXELS, "disparities that are off by more than 2 pixels"),
-            (DENSITY, "pixels with a disparity, of all with a true one"),
-            (TAG_MISSED, "images in which the visible tag is not found"),
-            (TAG_FALSE, "detections that are not of the tag"),
-            (TAG_POSITION_ERROR, "mean distance from the true position / distance of the tag"),
-        )
-    ),
-    *(
         _anatomy(family, part)
         for family in _ANATOMY_FAMILIES
         for part in ("mean", *SHORT_PERCENTILES, "max")
@@ -373,7 +312,7 @@ _OWN_PACE_FAMILIES = ("throughput", "age", "interval", "jitter", "received")
 
 def available_live(info: MetricInfo) -> bool:
     """Whether a metric is known in a live run, in which the graph has its own source."""
-    known = {*_OWN_PACE_FAMILIES, "latency", "reaction", "cpu", "memory"}
+    known = {*_OWN_PACE_FAMILIES, "latency", "cpu", "memory"}
     return info.scope == "anatomy" or info.family in known
 
 
@@ -406,7 +345,7 @@ def resolve(
     """
     info = _find(metric, subjects)
     if info is not None:
-        only = next(iter(monitors)) if len(monitors) == 1 and info.scope in _OF_MONITORS else None
+        only = next(iter(monitors)) if len(monitors) == 1 and info.scope == "monitor" else None
         return only, info
     first, _, rest = metric.partition(".")
     if first in monitors:
@@ -416,7 +355,7 @@ def resolve(
         if info is None:
             of_one = replace(subjects, processes=(), nodes=(), topics=(), monitors=())
             raise _unknown_metric(rest, f"there is no metric {rest!r}", of_one, prefix=f"{first}.")
-        if info.scope not in _OF_MONITORS:
+        if info.scope != "monitor":
             raise MetricError(
                 f"{rest!r} is not a metric of a monitor", known=(rest,), suggestion=rest
             )
@@ -544,17 +483,12 @@ JUDGED: dict[Statistic, tuple[str, str]] = {
         "observation",
     ),
     "search": ("the final bracket of the search", "the bracket"),
-    "truth": (
-        "compared with the truth on one more iteration, without a confidence",
-        "the value",
-    ),
     "sequential": ("one sequential probe", "a sequential probe"),
 }
 """How metrics are judged: in full, and as in the table of docs/metrics.md."""
 
 SCOPES: dict[Scope, str] = {
     "monitor": "each monitor; MONITOR.NAME for one of several",
-    "truth": "a monitor with 'truth'; MONITOR.NAME for one of several",
     "playback": "the playback",
     "process": "each process of the plan",
     "graph": "the graph",

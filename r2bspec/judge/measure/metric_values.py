@@ -79,8 +79,6 @@ def monitor_value(info: MetricInfo, seen: MonitorSamples) -> float | None:
     if info.family in seen.times:
         lost = seen.missed if info.family in LOSS_SENSITIVE_FAMILIES else 0
         return time_value(info, seen.times[info.family], lost)
-    if info.family == "reaction":
-        return None
     match info.name:
         case "throughput.mean":
             return seen.throughput_hz

@@ -69,9 +69,6 @@ class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
             where they follow the inputs (`r2bspec.judge.measure.own_pace`).
         unknown_latency: why there is no latency though there are answers; empty if there is one.
         hops: the path of the messages, where it is tapped.
-        reaction: of a monitor of reactions, which counts input events in place of steps; its
-            latencies are the same.
-        unreadable: of such a monitor, outputs in which the field of the condition was not read.
     """
 
     sent: int | None
@@ -95,8 +92,6 @@ class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
     unknown_latency: str = ""
     hops: tuple[HopMetrics, ...] = ()
     age: Distribution | None = None
-    reaction: Distribution | msgspec.UnsetType = msgspec.UNSET
-    unreadable: int | msgspec.UnsetType = msgspec.UNSET
     own_period_s: float | None = None
 
     @property
@@ -274,7 +269,6 @@ def _measure_rate(
 
 _RANGES: Final = {
     "latency": ("mean", *MAIN_PERCENTILES, "max"),
-    "reaction": (*MAIN_PERCENTILES, "max"),
     "jitter": (TAIL_PERCENTILE,),
     "age": (*MAIN_PERCENTILES, "max"),
 }
@@ -313,8 +307,6 @@ def _monitor(seen: MonitorSamples) -> MonitorMetrics:
         received=seen.received,
         throughput_hz=seen.throughput_hz,
         age=distribution(seen.times["age"]) if seen.own_pace else None,
-        reaction=distribution(seen.times["reaction"]) if seen.of_events else msgspec.UNSET,
-        unreadable=seen.unreadable if seen.of_events else msgspec.UNSET,
         own_period_s=seen.own_period_s,
         untimed=seen.untimed,
         unknown_latency=seen.unknown_latency,

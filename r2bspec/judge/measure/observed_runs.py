@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 from r2bspec.judge.measure.anatomy import Anatomy, anatomy
 from r2bspec.judge.measure.anatomy_summary import AnatomySummary, summarised
-from r2bspec.judge.measure.matching import MatchedMonitor
-from r2bspec.judge.measure.reactions import find_reactions, match_monitors
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.plan.plan import Plan
 from r2bspec.record.comparison_folder import MergedRun
@@ -29,12 +27,9 @@ class ObservedRows:
     rows: Rows
     record: AnatomyRecord
 
-    def joined(
-        self, plan: Plan, segment: Segment, reactions: Mapping[str, MatchedMonitor]
-    ) -> Anatomy:
-        """The anatomy of the segment, with its reactions as `find_reactions` finds them."""
-        window_ns = segment.began_ns, segment.ended_ns
-        return anatomy(self.record, self.rows, plan, window_ns, reactions)
+    def joined(self, plan: Plan, segment: Segment) -> Anatomy:
+        """The anatomy of the segment."""
+        return anatomy(self.record, self.rows, plan, (segment.began_ns, segment.ended_ns))
 
 
 def observed_values(joined: Anatomy) -> dict[str, Seconds]:
@@ -99,13 +94,4 @@ def join_segment(run: Run, segment: Segment, record: AnatomyRecord) -> Anatomy:
     Raises:
         RecordError: a file of it is missing or damaged.
     """
-    plan = run.plan
-    reactions: dict[str, MatchedMonitor] = {}
-    reacting = [monitor for monitor in plan.monitors if monitor.reaction]
-    if reacting:
-        playback = run.playback(segment)
-        rows = {monitor.name: run.monitor(segment, monitor.name) for monitor in plan.monitors}
-        marks = {monitor.name: run.marks(segment, monitor.name) for monitor in reacting}
-        matched = match_monitors(plan, segment, playback, rows)
-        reactions = find_reactions(plan, segment, playback, rows, marks, matched)
-    return ObservedRows(run.anatomy(segment), record).joined(plan, segment, reactions)
+    return ObservedRows(run.anatomy(segment), record).joined(run.plan, segment)

@@ -13,7 +13,7 @@ successive hops add up to the mean of the whole path, for the same steps; percen
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -42,7 +42,6 @@ from r2bspec.judge.measure.matching import (
 )
 from r2bspec.judge.measure.metric_catalogue import Subjects
 from r2bspec.judge.measure.observed_runs import ObservedRows, observed_values
-from r2bspec.judge.measure.reactions import UNREADABLE, find_reactions, match_monitors
 from r2bspec.judge.measure.samples import (
     HopSamples,
     MonitorSamples,
@@ -51,7 +50,6 @@ from r2bspec.judge.measure.samples import (
     live_samples,
     monitor_samples,
     playback_samples,
-    reaction_samples,
 )
 from r2bspec.judge.measure.times import seconds
 from r2bspec.plan.plan import GRAPH_ROLES, MonitorPlan, Plan
@@ -82,7 +80,6 @@ class SegmentRows:
         played_earlier: which of some stamps are those of steps of earlier segments; called only
             where messages arrived that match no step of this one.
         anatomy: what was observed from inside; None if nothing was.
-        marks: rows of type `MARK_DTYPE` of each monitor of reactions.
     """
 
     playback: Rows
@@ -90,7 +87,6 @@ class SegmentRows:
     taps: Mapping[str, Rows]
     played_earlier: PlayedEarlier = lambda stamps: np.zeros(stamps.size, np.bool_)
     anatomy: ObservedRows | None = None
-    marks: Mapping[str, Rows] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -250,11 +246,6 @@ def _read_rows(run: Run, segment: Segment, played: _PlayedStamps) -> SegmentRows
         },
         taps={} if segment.live else {topic: run.tap(segment, topic) for topic in taps},
         anatomy=_observed_rows(run, segment) if run.plan.anatomy else None,
-        marks={
-            monitor.name: run.marks(segment, monitor.name)
-            for monitor in run.plan.monitors
-            if monitor.reaction
-        },
         played_earlier=partial(played.before, segment.began_ns),
     )
 
@@ -290,6 +281,26 @@ def match_segment(run: Run, segment: Segment, monitor: MonitorPlan) -> tuple[Row
     return steps, rows, match(steps, rows, "order")
 
 
+def match_monitors(
+    plan: Plan, segment: Segment, playback: Rows, received: Mapping[str, Rows]
+) -> dict[str, MatchedMonitor]:
+    """How the outputs of each monitor match the steps of a segment; nothing if the graph is live.
+
+    Args:
+        plan: of the run.
+        segment: one of its segments.
+        playback: rows of type `PLAYBACK_DTYPE`: all its steps.
+        received: the rows of each monitor, by name.
+    """
+    if segment.live:
+        return {}
+    inputs, before = plan.step_sources, segment.played_before
+    return {
+        monitor.name: match_monitor(playback, received[monitor.name], monitor, inputs, before)
+        for monitor in plan.monitors
+    }
+
+
 def segment_samples(
     plan: Plan,
     segment: Segment,
@@ -305,26 +316,15 @@ def segment_samples(
         matched: the match of each monitor, where the caller has it already.
     """
     matched = matched or match_monitors(plan, segment, rows.playback, rows.monitors)
-    reactions = find_reactions(plan, segment, rows.playback, rows.monitors, rows.marks, matched)
     monitors = {}
     for monitor in plan.monitors:
         name = monitor.name
-        if name in reactions:
-            unpaired = (
-                "" if segment.live else monitor_samples(segment, matched[name]).unknown_latency
-            )
-            monitors[name] = reaction_samples(
-                segment,
-                reactions[name],
-                unpaired=unpaired,
-                unreadable=int(np.count_nonzero(rows.marks[name]["what"] == UNREADABLE)),
-            )
-        elif segment.live:
+        if segment.live:
             monitors[name] = live_samples(segment, rows.monitors[name])
         else:
             monitors[name] = _monitor(plan, segment, rows, monitor, matched[name])
     observed = rows.anatomy
-    joined = observed.joined(plan, segment, reactions) if observed is not None else None
+    joined = observed.joined(plan, segment) if observed is not None else None
     return SegmentSamples(
         segment=segment,
         playback=playback_samples(rows.playback),

@@ -67,7 +67,7 @@ def pool_hops(iterations: Sequence[Iterable[HopSamples]]) -> tuple[HopSamples, .
     )
 
 
-LOSS_SENSITIVE_FAMILIES = ("latency", "latency_from_due", "reaction")
+LOSS_SENSITIVE_FAMILIES = ("latency", "latency_from_due")
 """Families in which a missed output counts as later than every other."""
 
 _FAMILIES_OF_PAIRS = (*LOSS_SENSITIVE_FAMILIES, "age")
@@ -85,17 +85,12 @@ class StepTimes:
 
     `newest_ns` is when the newest input in each output was published, `NO_MATCH` where unknown;
     None stands for `published_ns`.
-
-    Attributes:
-        of_events: whether they are input events, and the outputs reactions to them
-            (`r2bspec.judge.measure.reactions`).
     """
 
     due_ns: NDArray[np.int64]
     published_ns: NDArray[np.int64]
     received_ns: NDArray[np.int64]
     newest_ns: NDArray[np.int64] | None = None
-    of_events: bool = False
 
     @classmethod
     def joined(cls, parts: Sequence[StepTimes]) -> StepTimes:
@@ -106,7 +101,6 @@ class StepTimes:
             published_ns=np.concatenate([part.published_ns for part in parts]),
             received_ns=np.concatenate([part.received_ns for part in parts]),
             newest_ns=np.concatenate(newest) if newest else None,
-            of_events=parts[0].of_events,
         )
 
     def cut(self, part: slice) -> StepTimes:
@@ -184,10 +178,6 @@ class MonitorSamples:
             with `match: own_pace`. Each message then counts as a step, and what was sent or missed
             is unknown, whatever the counts say (`r2bspec.judge.measure.matching`).
         pace: see `r2bspec.judge.measure.own_pace`; of each segment.
-        unreadable: of a monitor of reactions, outputs whose field could not be read.
-        aside: of such a monitor, input events that show no reaction.
-        unfinished: likewise, that last to the end of the iteration.
-        unpaired: of such a monitor, why it is unknown which step an output answers.
     """
 
     steps: StepTimes
@@ -208,20 +198,11 @@ class MonitorSamples:
     hops: tuple[HopSamples, ...] = ()
     own_pace: bool = False
     pace: tuple[PaceEvidence, ...] = ()
-    unreadable: int = 0
-    aside: int = 0
-    unfinished: int = 0
-    unpaired: str = ""
 
     @property
     def expected(self) -> int:
         """The number of expected outputs."""
         return int(self.steps.due_ns.size)
-
-    @property
-    def of_events(self) -> bool:
-        """Whether reactions to input events are measured, which are its steps."""
-        return self.steps.of_events
 
     @cached_property
     def answered(self) -> int:
@@ -245,7 +226,7 @@ class MonitorSamples:
         See `Matching.pairs_known`.
         """
         if not self.by_order:
-            return self.unpaired
+            return ""
         faults = {
             f"{self.missed:,} of {self.expected:,} are missing": self.missed,
             f"{self.surplus:,} are more than the {self.expected:,} expected": self.surplus,
@@ -421,8 +402,6 @@ def samples_of_steps(
         "interval": between,
         "jitter": jitter(arrived),
     }
-    if steps.of_events:
-        times["reaction"] = latency
     return MonitorSamples(
         steps=steps,
         times=times,
@@ -462,32 +441,6 @@ def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> Monito
         untimed=_untimed(monitor),
         per_step=matched.per_step,
         pace=matched_monitor.pace_evidence(segment),
-    )
-
-
-def reaction_samples(
-    segment: Segment, matched: MatchedMonitor, unpaired: str, unreadable: int
-) -> MonitorSamples:
-    """The counts and times of a monitor of reactions; its steps are the events of the segment.
-
-    Args:
-        segment: of the messages.
-        matched: see `r2bspec.judge.measure.reactions.match_reactions`.
-        unpaired: see `MonitorSamples`.
-        unreadable: likewise.
-    """
-    steps = replace(step_times(matched.steps, matched.rows, matched.matching), of_events=True)
-    window_ns = segment.ended_ns - segment.began_ns
-    seen = samples_of_steps(steps, segment.ended_ns, window_ns, 0.0)
-    return replace(
-        seen,
-        times=seen.times | _UNKNOWN if unpaired else seen.times,
-        late=late_outputs(segment, steps),
-        untimed=_untimed(matched.rows),
-        unreadable=unreadable,
-        aside=matched.matching.aside,
-        unfinished=matched.matching.unfinished,
-        unpaired=unpaired,
     )
 
 
@@ -586,7 +539,7 @@ SENT_COUNTS = (
 )
 """Counts of `MonitorSamples` that depend on what was sent."""
 
-_COUNTS = (*SENT_COUNTS, "received", "untimed", "unreadable", "aside", "unfinished")
+_COUNTS = (*SENT_COUNTS, "received", "untimed")
 
 
 def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
@@ -610,7 +563,6 @@ def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
         hops=pool_hops([sample.hops for sample in samples]),
         own_pace=samples[0].own_pace,
         pace=tuple(each for sample in samples for each in sample.pace),
-        unpaired=next((sample.unpaired for sample in samples if sample.unpaired), ""),
         **counts,
     )
 

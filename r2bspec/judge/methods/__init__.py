@@ -17,7 +17,6 @@ Method = Literal[
     "observation",
     "search bracket",
     "sequential probe",
-    "comparison with truth",
     "none",
 ]
 """How a requirement was decided. ``none``: without a test, for lack of samples."""
@@ -29,13 +28,12 @@ class MethodTraits:
 
     Attributes:
         grows: whether more iterations can help it to a decision.
-        rests_on: what has to be measured again to confirm its FAIL; ``truth`` for nothing: the
-            messages are wrong, and another run would not make them right.
+        rests_on: what has to be measured again to confirm its FAIL.
         counts: what it counts, where it tests a share.
     """
 
     grows: bool = False
-    rests_on: Literal["iterations", "search", "probes", "truth"] = "iterations"
+    rests_on: Literal["iterations", "search", "probes"] = "iterations"
     counts: Literal["messages", "windows"] = "messages"
 
 
@@ -47,6 +45,5 @@ METHODS: Final[dict[Method, MethodTraits]] = {
     "observation": MethodTraits(),
     "search bracket": MethodTraits(rests_on="search"),
     "sequential probe": MethodTraits(rests_on="probes"),
-    "comparison with truth": MethodTraits(rests_on="truth"),
     "none": MethodTraits(),
 }

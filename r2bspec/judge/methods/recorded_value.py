@@ -1,4 +1,4 @@
-"""What is compared with the limit as it was recorded: observations, accuracy, sequential probes.
+"""What is compared with the limit as it was recorded: observations, sequential probes.
 
 Observations
 ------------
@@ -7,12 +7,6 @@ Minimum, maximum, counts, and all with == or != are compared with the limit.
 
 An observation describes this run, not the next one. The rule of three bounds what it may have
 missed: if none of n messages broke a bound, up to about 3/n of all may, at 95 % confidence.
-
-Accuracy
---------
-
-Every image of the recording is played once, and the same image gives the same answer as a rule. So
-the value is not a sample of anything, and has no interval: it is compared with the limit.
 
 Sequential probes
 -----------------
@@ -34,7 +28,6 @@ from typing import Final
 
 import numpy as np
 
-from r2bspec.judge.measure.metric_catalogue import kind_of
 from r2bspec.judge.measure.metric_values import metric_value, time_value
 from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, pool_segments
 from r2bspec.judge.measure.units import show
@@ -128,32 +121,6 @@ def _observation_text(case: RequirementCase, seen: float, n: int) -> str:
             return f"Observed {show(seen, 'count')} in {count} iteration{'s' if count > 1 else ''}"
         return f"Observed {show(seen, 'count')} in {show(n, 'count')} steps"
     return f"{info.name} is {show(seen, info.unit)}"
-
-
-def judge_accuracy(case: RequirementCase, record: RunRecord) -> Decision:
-    """Decide a requirement on a metric of scope ``truth``."""
-    kind = kind_of(case.info.name)
-    estimate = next(
-        (one for one in record.accuracy if one.kind == kind and one.monitor == case.monitor),
-        None,
-    )
-    if estimate is None:
-        return undecided(
-            "The messages of this run were not compared with a truth.",
-            f"Add 'truth: {{kind: {kind}, ...}}' to the monitor, and run to the end.",
-        )
-    if estimate.problem:
-        return undecided(estimate.problem, "Use a recording with a ground truth of its images.")
-    value = estimate.values.get(case.info.name)
-    seen = "has no value" if value is None else f"is {show(value, case.info.unit)}"
-    answers = f"{estimate.outputs:,} of {estimate.steps:,} steps were answered and compared."
-    return Decision(
-        outcome="pass" if value is not None and case.is_met(value) else "fail",
-        method="comparison with truth",
-        reason=f"{case.info.name} {seen}. {f'{estimate.text} {answers}'.strip()}",
-        estimate=value,
-        n=estimate.outputs,
-    )
 
 
 _ANSWER_TEXTS: Final = {True: "was sustained", False: "was not sustained", None: "was undecided"}

@@ -47,7 +47,6 @@ from r2bspec.judge.methods.share_wording import (
     clustering,
     counted_noun,
     counts_decide,
-    is_of_events,
     level_sentence,
     share_sentence,
 )
@@ -261,7 +260,7 @@ def percentile_decision(
         interval: the bounds, in the metric's unit.
         pieces: the messages of each iteration.
         method: of the decision.
-        things: what was counted, in the plural; by default messages or input events.
+        things: what was counted, in the plural.
     """
     outcome = case.outcome_of_bounds(interval.lower, interval.upper)
     levels, notes = interval.levels, share_notes(case, outcome)
@@ -302,7 +301,7 @@ def _remedy(
     observed: Observations,
     costs: Costs,
     interval: PercentileInterval | None = None,
-    things: str = "",
+    things: str = "messages",
 ) -> str:
     """What would decide a test that is undecided, by its counts or by levels that differ.
 
@@ -312,9 +311,8 @@ def _remedy(
         observed: the same messages by iterations and starts.
         costs: of more of them.
         interval: of the percentile, where it is one.
-        things: what was counted, in the plural; by default messages or input events.
+        things: what was counted, in the plural.
     """
-    things = things or ("events" if is_of_events(case) else "messages")
     if test.allowed <= 0:
         return (
             "No number of messages can prove that none is ever lost. Require an observed count "

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 _COUNTED_NOUNS = {
     "latency": "outputs",
     "latency_from_due": "outputs",
-    "reaction": "events",
     "age": "outputs",
     "path": "outputs",
     "interval": "intervals",
@@ -38,12 +37,7 @@ def counted_noun(case: RequirementCase) -> str:
     """What is counted for a metric, in the plural."""
     if case.in_windows:
         return f"windows of {show(case.requirement.window_ns / 1e9, 's')}"
-    return "events" if is_of_events(case) else _COUNTED_NOUNS.get(case.info.family, "steps")
-
-
-def is_of_events(case: RequirementCase) -> bool:
-    """Whether input events are in the place of messages, as for reaction times."""
-    return any(each.of_events for each in case.monitor_samples)
+    return _COUNTED_NOUNS.get(case.info.family, "steps")
 
 
 def share_sentence(case: RequirementCase, test: ShareTest, outcome: Outcome) -> str:

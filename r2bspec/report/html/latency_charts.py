@@ -81,30 +81,27 @@ def missed_runs(missed: NDArray[np.bool_], max_runs: int = 400) -> list[tuple[in
 _CURVE_POINTS = 300
 _MAX_CURVES = 24
 """The legend of more curves leaves them no room."""
-MIN_LOG_RATIO = 20.0
+_MIN_LOG_RATIO = 20.0
 """From this ratio of the largest latency to the median on, the latency axis is logarithmic."""
 
 
-def percentile_chart(
-    name: str, monitor: str, what: str, samples: RunSamples, verdict: Verdict
-) -> chart.Chart:
+def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdict) -> chart.Chart:
     """One curve for each offered rate, with the limits and bounds of its requirements.
 
     Args:
         name: of the chart, unique in its page.
         monitor: its name.
-        what: its times are, such as ``Latency``.
         samples: of the run.
         verdict: of the run.
     """
     all_rates = sorted(samples.iterations)
     rates = all_rates[-_MAX_CURVES:]
     description = (
-        f"{what} of {monitor} by percentile, one curve for each of "
+        f"Latency of {monitor} by percentile, one curve for each of "
         f"{', '.join(show_rate(rate, pace_of(samples.mode)) for rate in rates)}. The horizontal "
         "axis is logarithmic in the share of messages that took longer."
     )
-    title = f"{what} by percentile: {monitor}"
+    title = f"Latency by percentile: {monitor}"
     if len(all_rates) > len(rates):
         title += f", the highest {len(rates)} of {len(all_rates)} rates"
 
@@ -128,8 +125,8 @@ def percentile_chart(
         ]
         for limit in limits:
             _bar(axes, limit, rates.index(limit.at_hz or 0.0))
-        percentile_axes(axes, total, what)
-        is_wide = bool(median) and largest > MIN_LOG_RATIO * min(median)
+        _percentile_axes(axes, total)
+        is_wide = bool(median) and largest > _MIN_LOG_RATIO * min(median)
         chart.scale_values(axes, logarithmic=is_wide)
         for limit in limits:
             _label(axes, limit)
@@ -193,7 +190,7 @@ def _is_drawn(one: RequirementVerdict) -> bool:
     if one.compared is not None:
         return False
     family, _, part = one.metric.rpartition(".")
-    drawn = family.endswith(("latency", "reaction"))
+    drawn = family.endswith("latency")
     return drawn and quantile(part) is not None and one.limit is not None
 
 
@@ -226,7 +223,7 @@ def _label(axes: Axes, one: RequirementVerdict) -> None:
     chart.inside_label(axes, x, y, text, _ink(one), above=above)
 
 
-def percentile_axes(axes: Axes, total: int, what: str = "Latency") -> None:
+def _percentile_axes(axes: Axes, total: int) -> None:
     """An axis of shares up to one of `total` messages, which expands the tail; times in ms."""
     axes.set_xscale("log")
     axes.set_xlim(1, max(total * 1.8, 20))
@@ -236,7 +233,7 @@ def percentile_axes(axes: Axes, total: int, what: str = "Latency") -> None:
     axes.set_xticks([*ticks], labels=[*ticks.values()])
     axes.set_xticks([], minor=True)
     axes.set_xlabel("share of messages at or below")
-    axes.set_ylabel(f"{what.lower()}, ms")
+    axes.set_ylabel("latency, ms")
 
 
 _MAX_POINTS = 1_200
@@ -250,9 +247,7 @@ _MESSAGE_RATES = 6
 _WORST_FIRST = ("fail", "inconclusive", "pass")
 
 
-def messages_chart(
-    name: str, monitor: str, what: str, samples: RunSamples, verdict: Verdict
-) -> chart.Chart:
+def messages_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdict) -> chart.Chart:
     """A row for each offered rate; iterations follow each other from left to right.
 
     See `percentile_chart`.
@@ -261,7 +256,7 @@ def messages_chart(
     shown = rates[-_MESSAGE_RATES:]
     apart = max((len(samples.iterations[rate]) for rate in shown), default=0) <= _MAX_SEPARATORS
     description = (
-        f"{what} of each message at {monitor}, in the order of playing, a row for each offered "
+        f"Latency of each message at {monitor}, in the order of playing, a row for each offered "
         "rate. Bars at the top of a row are missed messages"
         + ("; vertical lines separate the iterations." if apart else ".")
     )
@@ -277,7 +272,7 @@ def messages_chart(
                 for requirement in verdict.requirements
                 if requirement.monitor == monitor
                 and requirement.at_hz == rate
-                and ("latency." in requirement.metric or "reaction." in requirement.metric)
+                and "latency." in requirement.metric
                 # The limit of a ratio is no time.
                 and requirement.compared is None
             ]
@@ -295,7 +290,7 @@ def messages_chart(
         sketch.note = " ".join(notes)
 
     height = 0.5 + 1.5 * len(shown)
-    return chart.draw(name, f"{what} by message: {monitor}", description, height, paint)
+    return chart.draw(name, f"Latency by message: {monitor}", description, height, paint)
 
 
 def _row(

@@ -211,9 +211,8 @@ def _latency_charts(report_input: ReportInput, monitors: list[str]) -> Iterator[
     for number, monitor in enumerate(monitors):
         if not has_latencies(samples, monitor):
             continue
-        what = report_input.result.times_title(monitor)
-        yield percentile_chart(f"percentiles-{number}", monitor, what, samples, verdict)
-        yield messages_chart(f"messages-{number}", monitor, what, samples, verdict)
+        yield percentile_chart(f"percentiles-{number}", monitor, samples, verdict)
+        yield messages_chart(f"messages-{number}", monitor, samples, verdict)
 
 
 def _baseline_charts(report_input: ReportInput, monitors: list[str]) -> Iterator[Chart]:

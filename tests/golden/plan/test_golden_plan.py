@@ -43,14 +43,3 @@ def plan_of(file: Path, *refused: str) -> Plan:
 @pytest.mark.parametrize("form", FORMS)
 def test_a_plan(form: str) -> None:
     compare(FORMS[form](plan_of(SPEC, "error")), SPEC.with_suffix(form))
-
-
-@pytest.mark.parametrize("file", SUITE, ids=lambda file: file.stem)
-def test_what_is_compared_with_the_truth_is_compared_after_the_measurement(file: Path) -> None:
-    plan = plan_of(file, "error", "warning")
-    truths = [monitor.truth for monitor in plan.monitors if monitor.truth is not None]
-    expected = {"disparity": "disparity", "apriltag": "tag"}.get(file.name.split("_")[0])
-    assert [truth.kind for truth in truths] == ([expected] if expected else [])
-    assert ("truth" in plan.phases) == bool(truths)
-    if truths:
-        assert plan.phases.index("play") < plan.phases.index("truth")

@@ -29,9 +29,8 @@ from data_bags import (
 )
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.bag_writer import write_output_bag
 from r2bspec.bags.integrity import hash_content, hash_files, verify
-from r2bspec.bags.recording import DataError, RecordedMessage, TimeWindow
+from r2bspec.bags.recording import DataError, TimeWindow
 
 MESSAGES = chatter(40)
 TOPICS = ("/ping", "/pong")
@@ -234,13 +233,3 @@ def test_a_compressed_file_alone_is_answered_with_its_way_out(tmp_path: Path) ->
     error = refusal_of(index_bag, file)
     assert error.code == "R2B304"
     assert "zstd -d" in error.hint
-
-
-def test_messages_of_a_type_that_only_the_user_has_are_written(tmp_path: Path) -> None:
-    message = RecordedMessage(topic="/own", time_ns=5, data=text("x"))
-    types = {"/own": "own_msgs/msg/Picture", "/words": "std_msgs/msg/String"}
-    counts = write_output_bag(tmp_path / "outputs", types, [message])
-    assert counts == {"/own": 1, "/words": 0}
-    (found,) = read_messages(tmp_path / "outputs", ["/own"])
-    assert found == message
-    assert index_bag(tmp_path / "outputs").topics["/own"].type == "own_msgs/msg/Picture"

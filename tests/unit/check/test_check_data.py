@@ -7,10 +7,8 @@ from pathlib import Path
 import pytest
 from check_specs import codes, findings, write_bag
 
-import data_bags
 from data_bags import STRING
 from example_spec import example
-from r2bspec.plan.message_conditions import MessageCondition
 
 SECOND = 1_000_000_000
 
@@ -135,54 +133,3 @@ def test_a_bag_that_is_a_map_is_pointed_into(tmp_path: Path) -> None:
     text = recorded().replace("bag: ./bag", "bag: {path: kitchen}")
     (found,) = findings(text, file=str(tmp_path / "spec.r2b.yaml"))
     assert (found.code, found.path) == ("R2B301", ("data_loader", "bag", "path"))
-
-
-@pytest.mark.parametrize(
-    ("iterations", "mode", "said"),
-    [
-        # Every tenth message meets 'from': 20 of 200 in an iteration, 21 from one that does on.
-        (1, "looping", ["at most 20 events", "'benchmark.iterations' to 2 or more"]),
-        (2, "looping", []),
-        (2, "timeline", []),
-    ],
-)
-def test_events_of_a_reaction_are_counted_in_the_recording(
-    tmp_path: Path, iterations: int, mode: str, said: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    read: list[str] = []
-    whole = MessageCondition.holds
-
-    def holds(condition: MessageCondition, message: bytes) -> bool:
-        read.append(condition.condition.text)
-        return whole(condition, message)
-
-    monkeypatch.setattr(MessageCondition, "holds", holds)
-    words = [data_bags.text("near" if number % 10 == 5 else "far") for number in range(100)]
-    data_bags.write_bag(
-        tmp_path / "bag",
-        [("/talk", number * SECOND // 10, data) for number, data in enumerate(words)],
-    )
-    rate = "" if mode == "timeline" else "rates: [10 Hz], "
-    text = recorded(
-        playback=f"{{mode: {mode}, inputs: {{talk: {{from: talk_raw, format: {STRING}}}}}}}",
-        monitors=f"""
-            heard:
-              topic: heard
-              format: {STRING}
-              match: order
-              reaction: {{when: "data == 'stop'", from: "data == 'near'"}}
-        """,
-        benchmark=f"{{{rate}duration: 20 s, iterations: {iterations}, starts: 1}}",
-        slos="{fast: {"
-        + "at: 10 Hz, " * bool(rate)
-        + "require: [reaction.p90 < 100 ms, reaction.p50 < 90 ms]}}",
-    )
-    found = [
-        each
-        for each in findings(text, file=str(tmp_path / "spec.r2b.yaml"))
-        if each.code == "R2B510"
-    ]
-    assert len(found) == bool(said)
-    assert all(part in f"{found[0].message} {found[0].help}" for part in said)
-    # Once for both requirements.
-    assert read == ([] if mode == "timeline" else 100 * ["data == 'near'"])

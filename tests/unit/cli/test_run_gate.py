@@ -350,7 +350,8 @@ def test_what_needs_no_playing_is_told_without_the_lock(
         else:
             (top / name).write_text(text)
     against = [] if "--against" in options else ["--against", "main"]
-    assert code in call("run", path, *options, *against, "--report", "junit=junit.xml", status=2).err
+    junit = ("--report", "junit=junit.xml")
+    assert code in call("run", path, *options, *against, *junit, status=2).err
     assert code in Path("junit.xml").read_text()
     assert (played, lock) == ([], [])
 

@@ -19,8 +19,6 @@ from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.progress import Progress
 from r2bspec.execute.run_context import TimeBudget
 from r2bspec.execute.states import NEXT, Interrupts, PhaseClock, RunState, RunStates
-from r2bspec.record.run_record import PhaseTime, WaitTime
-from r2bspec.report.terminal_tables import waits_text
 
 PAGE = Path(__file__).parents[3] / "docs" / "execution.md"
 
@@ -115,23 +113,6 @@ def test_the_longest_wait_is_first_and_the_processor_time_is_that_of_the_phase()
     prepare, load = clock.phases()
     assert [wait.what for wait in prepare.waits] == ["long", "short"]
     assert prepare.cpu_ns >= 21 * MS > load.cpu_ns
-
-
-def test_waits_of_several_starts_are_shown_together() -> None:
-    def phase(ready_ms: int, matched_ms: int) -> PhaseTime:
-        return PhaseTime(
-            name="graph",
-            began_ns=0,
-            ended_ns=1000 * MS,
-            cpu_ns=0,
-            waits=(
-                WaitTime(what="relay: ready", count=1, took_ns=ready_ms * MS),
-                WaitTime(what="endpoints: matched", count=1, took_ns=matched_ms * MS),
-            ),
-        )
-
-    shown = waits_text([phase(100, 300), phase(150, 300)])
-    assert shown == "endpoints: matched 600 ms, relay: ready 250 ms"
 
 
 HOUR_NS = 3600 * 10**9

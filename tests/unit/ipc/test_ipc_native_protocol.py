@@ -15,11 +15,10 @@ from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import TF, TF_STATIC, TF_TYPE, BufferWriter
 from r2bspec.ipc.native_protocol import NativeCodec
 from r2bspec.ipc.playback_file import ENTRY_DTYPE, HEADER_BYTES, PlaybackReader
-from r2bspec.ipc.sample_files import HEAD_BYTES
 from r2bspec.ipc.schedule import BetweenMessage, CyclicSchedule
 from r2bspec.language.spec import QoS
 from r2bspec.plan.package_advice import ros_package_advice
-from r2bspec.plan.plan import InputPlan, MonitorPlan, ReactionPlan
+from r2bspec.plan.plan import InputPlan, MonitorPlan
 from r2bspec.record.sample_arrays import PLAYBACK_FIELDS
 from transform_bags import transforms
 
@@ -77,18 +76,13 @@ def test_topics_have_the_paths_of_their_rows() -> None:
         *("monitor", f"{folder}/monitor.held", "0"),
     ]
     codec.encode(protocol.ConfigureMonitor(monitors=(), rows_dir="/a rows"))
-    named = (*IMAGE_WORDS, "/a rows/b.rows", "/a rows/b.heads", "0", "2", "2", "1", "3", "/out")
-    rows, qos = ("/a rows/out.rows", "/a rows/out.heads"), ("1", "2", "1", "10", "/out")
+    named = (*IMAGE_WORDS, "/a rows/b.rows", "2", "2", "1", "3", "/out")
+    rows, qos = "/a rows/out.rows", ("1", "2", "1", "10", "/out")
     assert words(protocol.Subscribe(monitors=(NAMED, OUT)), codec) == [
-        *("subscribe", "2", *named, *IMAGE_WORDS, *rows, "0", *qos),
+        *("subscribe", "2", *named, *IMAGE_WORDS, rows, *qos),
     ]
     assert words(protocol.StartTap(monitors=(OUT,)), codec) == [
-        *("start_tap", "1", *IMAGE_WORDS, *rows, "0", *qos),
-    ]
-    reaction = ReactionPlan(when="len(poses) > 0", since="", input="/in", input_type="")
-    reacting = msgspec.structs.replace(OUT, reaction=reaction)
-    assert words(protocol.Subscribe(monitors=(reacting,)), codec) == [
-        *("subscribe", "1", *IMAGE_WORDS, *rows, str(HEAD_BYTES), *qos),
+        *("start_tap", "1", *IMAGE_WORDS, rows, *qos),
     ]
     with pytest.raises(ValueError, match="known quality of service"):
         words(protocol.Subscribe(monitors=(msgspec.structs.replace(OUT, qos=None),)), codec)

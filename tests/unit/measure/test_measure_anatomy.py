@@ -10,9 +10,7 @@ import pytest
 
 from r2bspec.judge.measure.anatomy import Anatomy, anatomy
 from r2bspec.judge.measure.anatomy_paths import MAX_PATHS, NOT_SEEN, Path
-from r2bspec.judge.measure.matching import ONE_TO_ONE, MatchedMonitor, Matching
 from r2bspec.record.run_record import AnatomyKind
-from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE
 from simulated_anatomies import CHAIN, CLOCK_NS, FORK, TIMER, Graph, Observed, Stage, observed
 
 LOOP = replace(
@@ -149,27 +147,6 @@ def test_a_clock_that_steps_leaves_times_unseen_and_no_sum_wrong() -> None:
     assert 1 <= sum(np.count_nonzero(part.seconds) for part in unseen) <= 3
     assert path.began_ns.size == 200
     assert path.seconds.max() < 0.1
-
-
-def test_of_reactions_the_path_comes_first_that_most_of_them_took() -> None:
-    seen = observed(FORK.with_stage("right", service_s=0.0028))
-    found = joined(seen)
-    left, right = found.paths["out"]
-    assert np.count_nonzero(left.last) > np.count_nonzero(right.last) > 0
-    # Only messages that came over the other path last are reactions.
-    takes = right.places[-1][1]
-    number = np.arange(np.count_nonzero(right.last))
-    steps, rows = np.zeros(number.size, PLAYBACK_DTYPE), np.zeros(number.size, MONITOR_DTYPE)
-    steps["published_ns"] = right.began_ns[right.last]
-    rows["taken_ns"] = found.events.ended_ns[takes[right.last]]
-    matching = Matching(
-        step=number, trigger_steps=number, first_row=number, duplicates=0, reordered=0, unmatched=0
-    )
-    reactions = MatchedMonitor(steps, rows, ONE_TO_ONE, matching)
-    again = anatomy(seen.record, seen.rows, seen.plan, seen.window_ns, {"out": reactions})
-    first, *_ = again.paths["out"]
-    assert first.hops == right.hops
-    assert first.seconds.size == number.size
 
 
 def test_an_executor_that_never_waits_in_rcl_has_the_same_parts() -> None:

@@ -119,7 +119,7 @@ def test_every_metric_has_a_value_or_is_said_to_be_unknown(tmp_path: Path) -> No
             assert not available_live(info), name
         elif "<" not in name:
             monitor = "detections" if info.scope == "monitor" else None
-            known = available_live(info) and info.family != "reaction"
+            known = available_live(info)
             assert (metric_value(info, monitor, samples) is not None) == known, name
 
 

@@ -14,7 +14,6 @@ from r2bspec.judge.judge_run import from_json, result_of, to_json
 from r2bspec.judge.measure.anatomy_summary import AnatomySummary
 from r2bspec.report.format_registry import renderer
 from report_runs import HOSTILE
-from run_simulation import objective
 from simulated_anatomies import CHAIN, FORK, Graph, ObservedSimulation, Stage
 
 
@@ -156,14 +155,3 @@ def test_what_is_missing_is_said(tmp_path: Path) -> None:
     text = shown(ReportInput(result=result_of(run), run=run), "text")
     assert "blur is static\n" in text
     assert "No iteration of start 2 was observed from inside: blur did not start\n" in text
-
-
-def test_the_first_line_of_a_failure_names_the_part_that_grew(tmp_path: Path) -> None:
-    run = ObservedSimulation.of(
-        CHAIN, objectives={"fast": objective("latency.p50 < 1 ms", at="100 Hz")}
-    ).write(tmp_path / "run")
-    grown = "blur: callback +750 µs"
-    result = msgspec.structs.replace(result_of(run), grown=(grown,))
-    text = shown(ReportInput(result=result, run=run), "text")
-    assert grown in text.splitlines()[0]
-    assert f"Grown since the base: {grown}." in text
