@@ -16,7 +16,6 @@ import pytest
 from hostile_calls import small_run
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from r2bspec.interop.ros2_benchmark import NotAReportError, parse_report
 
 from nightly import size
 from r2bspec.compare.report_input import read_folder, read_report_input
@@ -98,22 +97,6 @@ def test_an_array_of_a_run(run: Path, data: st.DataObject) -> None:
         renew_digests(run)
         with contextlib.suppress(R2bspecError):
             read_folder(run)
-
-
-REPORT = {
-    "BasicPerformanceMetrics.MEAN_FRAME_RATE": 30.0,
-    "10.0fps": {"BasicPerformanceMetrics.MEAN_LATENCY": 5.0},
-    "metadata": {"BenchmarkMetadata.NAME": "x", "BenchmarkMetadata.CONFIG": {}},
-    "custom": {"a": 1},
-}
-
-
-@settings(max_examples=size(100, 1_000))
-@given(data=st.data())
-def test_a_report_of_ros2_benchmark(data: st.DataObject) -> None:
-    content = json.dumps(with_another_value(REPORT, data)).encode()
-    with contextlib.suppress(NotAReportError):
-        parse_report(content if data.draw(st.booleans()) else damaged(content, data), "x")
 
 
 PARAMETERS = b"/**:\n  ros__parameters:\n    a: [1, 2]\n    b: {c: true, d: x}\n/n*: *a\n"

@@ -85,7 +85,6 @@ def raw_messages(domain: int) -> Iterator[tuple[list[bytes], Callable[[], None]]
         yield content, lambda: executor.spin_once(timeout_sec=0.1)
     finally:
         executor.shutdown()
-        node.destroy_node()
         rclpy.shutdown(context=context)
 
 

@@ -249,7 +249,7 @@ def percentile_decision(
     pieces: Sequence[Seconds],
     *,
     method: Method = "exact binomial",
-    things: str = "",
+    things: str = "messages",
 ) -> Decision:
     """A decision by an interval, and what would settle an open one.
 
