@@ -105,7 +105,7 @@ def test_perf_shows_the_functions_of_a_program_in_c(bench: Bench, placement: str
     assert the_profile(done).error == ""
     data = done.folder / "profile/node/node.perf.data"
     script = subprocess.run(
-        ["perf", "script", "-F", "sym", "-i", str(data)],  # noqa: S607
+        ["perf", "script", "--no-inline", "-F", "comm,ip,sym", "-i", str(data)],  # noqa: S607
         capture_output=True,
         text=True,
         check=True,
