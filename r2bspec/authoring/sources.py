@@ -23,7 +23,7 @@ from r2bspec.authoring.launch_source import add_launch_nodes, find_launch_file
 from r2bspec.datasets.catalogue import index, locate
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.errors import R2bspecError, UsageError
-from r2bspec.interop.script_import.spec_text import Block, flow, identifier, unique_name
+from r2bspec.interop.spec_text import Block, flow, identifier, unique_name
 from r2bspec.language.spec import Node
 from r2bspec.language.templates import node_key
 from r2bspec.plan.installed_packages import python_target, top_level_names

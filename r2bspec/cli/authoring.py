@@ -81,8 +81,8 @@ class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     "launch",
     default="",
     metavar="FILE|PACKAGE",
-    help="The nodes of a launch file (Python, XML or YAML), which is not executed; a package, or "
-    "PACKAGE:FILE.",
+    help="The nodes of a launch file, which is executed with stand-ins if it is in Python, or the "
+    "file as one node; a package, or PACKAGE:FILE.",
 )
 @options.repeatable_option(
     "--launch-arg",

@@ -286,10 +286,9 @@ def compare(
     """
     differences = require_comparable(base, head, force=force)
     lines = tuple(
-        _line(key, before, head.series[other], margin)
+        _line(key, before, after, margin)
         for key, before in base.series.items()
-        if (other := _matching_key(key, head)) is not None
-        and (before.values or head.series[other].values)
+        if (after := head.series.get(key)) is not None and (before.values or after.values)
     )
     if not lines:
         raise IncomparableError(
@@ -393,17 +392,6 @@ def _rates_text(side: ComparedResult) -> str:
     """The rates of a result: ``10 Hz and 30 Hz``."""
     rates = sorted({rate for rate, _, _ in side.series if rate})
     return " and ".join(show(rate, "Hz") for rate in rates[:_MAX_DIFFERENCES]) or "no fixed rate"
-
-
-def _matching_key(key: SeriesKey, head: ComparedResult) -> SeriesKey | None:
-    """The same metric of the head. A monitor without a name matches the only monitor there is."""
-    if key in head.series:
-        return key
-    rate, monitor, metric = key
-    same = [
-        series_key for series_key in head.series if (series_key[0], series_key[2]) == (rate, metric)
-    ]
-    return same[0] if len(same) == 1 and not (monitor and same[0][1]) else None
 
 
 def _line(key: SeriesKey, base: MetricSeries, head: MetricSeries, margin: float) -> ComparisonLine:

@@ -25,9 +25,9 @@ from r2bspec.judge.verdict import Verdict
 from r2bspec.record.run_record import SearchRecord
 from r2bspec.report import report_wording as wording
 from r2bspec.report.findings_text import wants_colour
-from r2bspec.report.headline import headline, reason_after, verdict_headline
+from r2bspec.report.headline import headline, reason_after
 from r2bspec.report.notes import Notes, notes
-from r2bspec.report.output import console, echo, echo_document, echo_json, printed_text
+from r2bspec.report.output import console, echo, echo_document, printed_text
 from r2bspec.report.result_table import RequirementRow, reasons, requirement_rows
 from r2bspec.report.terminal_tables import (
     DIM_STYLE,
@@ -73,25 +73,6 @@ def show_result(
         width = max(shutil.get_terminal_size((_PIPED_WIDTH, 24)).columns, _PIPED_WIDTH)
         text = to_text(result, folder, width, whole_tables=True, verbose=verbose)
         echo(text, nl=False)
-
-
-def show_verdict(title: str, verdict: Verdict, output_format: str) -> None:
-    """Write a verdict by itself to standard output.
-
-    Args:
-        title: of what was judged.
-        verdict: what to write.
-        output_format: ``text``, or ``json`` for the verdict as in ``result.json``.
-    """
-    if output_format == "json":
-        echo_json(verdict)
-        return
-    terminal = standard_output()
-    line = verdict_headline(title, verdict)
-    section = verdict_section(verdict, max(terminal.width, _MIN_WIDTH), verbose=True)
-    for part in (first_line(line, verdict), second_line(line, verdict), section):
-        if part is not None:
-            terminal.print(part)
 
 
 def standard_output() -> Console:

@@ -48,7 +48,36 @@ def main():
 if __name__ == "__main__":
     main()
 """
-LAUNCH = Path(__file__).with_name("answer.launch.xml").read_text(encoding="utf-8")
+LAUNCH = """
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, GroupAction
+from launch.conditions import IfCondition, UnlessCondition
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node, PushRosNamespace
+
+
+def generate_launch_description():
+    simulated = LaunchConfiguration("simulated")
+    answer = Node(
+        package="cell",
+        executable="answer",
+        name="answer",
+        parameters=[{"gain": 4.5}],
+        remappings=[("question", LaunchConfiguration("camera"))],
+    )
+    simulator = Node(package="cell", executable="simulator", condition=IfCondition(simulated))
+    cell = GroupAction(
+        condition=UnlessCondition(simulated), actions=[PushRosNamespace("cell"), answer]
+    )
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("camera", default_value="/camera"),
+            DeclareLaunchArgument("simulated", default_value="false"),
+            cell,
+            simulator,
+        ]
+    )
+"""
 SCRIPT = '''
 """How fast images are answered."""
 
@@ -210,8 +239,8 @@ def test_a_launch_file_and_a_bag_run(tmp_path: Path, monkeypatch: pytest.MonkeyP
     (prefix / "share" / "cell").mkdir()
     paths = filter(None, (str(prefix), os.environ.get("AMENT_PREFIX_PATH", "")))
     monkeypatch.setenv("AMENT_PREFIX_PATH", ":".join(paths))
-    Path("cell.launch.xml").write_text(LAUNCH)
-    assert main(["init", "cell", "--from-launch", "cell.launch.xml", "--from-bag", "./bag"]) == 0
+    Path("cell.launch.py").write_text(LAUNCH)
+    assert main(["init", "cell", "--from-launch", "cell.launch.py", "--from-bag", "./bag"]) == 0
     finished = bench.run(bench.folder / "cell.r2b.yaml", *LAUNCHED)
     finished.assert_complete()
     monitor = finished.monitor("cell_answer")

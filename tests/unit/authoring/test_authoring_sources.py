@@ -24,7 +24,6 @@ from transform_bags import write_transform_bag
 HERE = Path(__file__).parent
 CASES = yaml.safe_load((HERE / "first_specs.yaml").read_text(encoding="utf-8"))
 NODE, COMPUTED = CASES["sources"]["bright"], CASES["sources"]["talker"]
-XML = stored("cell.launch.xml")
 PYTHON = """
 from launch import LaunchDescription
 from launch_ros.actions import Node
@@ -58,7 +57,7 @@ def test_what_is_known_is_written(name: str) -> None:
         assert old in content
         content = content.replace(old, new)
     name_of_source = "cell.launch.py" if case.get("source") == "launch" else "node.py"
-    Path(name_of_source if "source" in case else "a.launch.xml").write_text(content)
+    Path(name_of_source if "source" in case else "a.launch.py").write_text(content)
     for file, written in case.get("files", {}).items():
         Path(file).write_text(written)
     # The fields of a type are known where its package is installed.
@@ -170,18 +169,22 @@ def write_scans(folder: Path, hz: float, count: int) -> None:
 
 def test_an_environment_variable_that_is_not_set(monkeypatch: pytest.MonkeyPatch) -> None:
     """The spec needs it as the launch file does."""
-    node = "<node pkg='cell' exec='one' args='$(env CELL_MODEL)'/>"
-    Path("a.launch.xml").write_text(f"<launch>{node}</launch>")
-    assert main(["init", "made", "--from-launch", "a.launch.xml"]) == 0
+    argument = "package='cell', arguments=[EnvironmentVariable('CELL_MODEL')]"
+    content = PYTHON.replace("package='cell_light'", argument)
+    imports = "from launch.substitutions import EnvironmentVariable\n"
+    Path("a.launch.py").write_text(imports + content)
+    assert main(["init", "made", "--from-launch", "a.launch.py"]) == 0
     said = "# - the environment variable CELL_MODEL: set it as where the file is launched\n"
     assert said in Path("made.r2b.yaml").read_text()
     Path("made.r2b.yaml").unlink()
     monkeypatch.setenv("CELL_MODEL", "small")
-    assert said not in made("--from-launch", "a.launch.xml")
+    assert said not in made("--from-launch", "a.launch.py")
 
 
 def test_a_package(monkeypatch: pytest.MonkeyPatch) -> None:
-    prefix = install_package(Path("prefix").absolute(), "cell", {"launch/one.launch.xml": XML})
+    prefix = install_package(
+        Path("prefix").absolute(), "cell", {"launch/one.launch.xml": "<launch/>"}
+    )
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(prefix))
     made("--from-launch", "cell")
     Path("made.r2b.yaml").unlink()
@@ -191,46 +194,27 @@ def test_a_package(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "place"),
+    ("content", "said"),
     [
-        ("<launch><node></launch>", "a.launch:1:"),
-        ('<!DOCTYPE a [<!ENTITY b "c">]><launch>&b;</launch>', "a.launch:1:1"),
-        ("launch:\n- node: {a: [\n", "a.launch:3:"),
-        ("launch: 3\n", "a.launch:1:1"),
-        ("<launch>" + "<group>" * 300 + "</group>" * 300 + "</launch>", "a.launch:1:1"),
+        ("import os\nx = (1\n", "a.launch.py:2: invalid Python: '(' was never closed"),
+        ("import os\n\nos.nothing\n", "a.launch.py:3: AttributeError: module 'os' has no"),
+        ("raise SystemExit(3)\n", "a.launch.py:1: SystemExit: 3"),
+        ("import os\nos._exit(3)\n", "a.launch.py:1: it ends its process with status 3"),
+        ("class Core:\n    pass\n", "a.launch.py:1: the file has no generate_launch_description"),
     ],
 )
-def test_broken_launch_files(content: str, place: str, call: Call) -> None:
-    Path("a.launch").write_text(content)
-    error = call("init", "made", "--from-launch", "a.launch", status=2).err
-    assert place in error
-    assert "R2B702" in error
+def test_broken_launch_files(content: str, said: str, call: Call) -> None:
+    """The message has the line of the file, and no stack trace."""
+    Path("a.launch.py").write_text(content)
+    error = call("init", "made", "--from-launch", "a.launch.py", status=2).err
+    assert said in error
+    assert "Traceback" not in error
     assert not Path("made.r2b.yaml").exists()
 
 
-def test_a_launch_file_that_cannot_be_read(call: Call) -> None:
+def test_a_launch_file_that_is_none(call: Call) -> None:
     os.mkfifo("pipe.launch.py")
     call("init", "made", "--from-launch", "pipe.launch.py", status=2)
-    Path("loop.launch.py").write_text("while True: pass")
-    assert "R2B703" in call("init", "made", "--from-launch", "loop.launch.py", status=2).err
-    Path("self.launch.xml").write_text(
-        '<launch><include file="$(dirname)/self.launch.xml"/></launch>'
-    )
-    call("init", "made", "--from-launch", "self.launch.xml", status=0)
-
-
-def test_files_that_include_themselves_have_one_limit(call: Call) -> None:
-    Path("a.launch.py").write_text(
-        "import os\n"
-        "from launch import LaunchDescription\n"
-        "from launch.actions import IncludeLaunchDescription\n"
-        "for i in range(9000):\n    pass\n"
-        "def generate_launch_description():\n"
-        "    here = os.path.dirname(__file__) + '/a.launch.py'\n"
-        "    return LaunchDescription([IncludeLaunchDescription(here) for i in range(50)])\n"
-    )
-    ended = call("init", "made", "--from-launch", "a.launch.py", status=2)
-    assert "more than 200,000 steps" in ended.err
 
 
 def graph_node(name: str, namespace: str = "/", **more: Any) -> dict[str, Any]:
@@ -264,11 +248,3 @@ def test_a_graph() -> None:
     assert list(spec().graph.nodes) == ["camera", "detector", "detector_2"]
     assert spec().graph.nodes["camera"].qos["/image"].reliability == "best_effort"
     assert spec().monitors["cell_found"].match == "order"
-
-
-def test_a_file_that_other_launch_files_use(call: Call) -> None:
-    """It starts nothing by itself."""
-    Path("core.launch.py").write_text("class Core:\n    pass\n")
-    error = call("init", "made", "--from-launch", "core.launch.py", status=2).err
-    assert "core.launch.py:1:1: the file has no generate_launch_description" in error
-    assert "give the launch file that starts what this file has" in error

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 from pathlib import Path
@@ -18,7 +17,7 @@ CORPUS = Path(__file__).parents[2] / "golden" / "script_import" / "scripts"
 
 @pytest.fixture(autouse=True)
 def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("stereo_rectifier.py", "mistaken_stereo.py", "tensor_detector.py"):
+    for name in ("stereo_rectifier.py", "tensor_detector.py", "tracked_cups.py"):
         shutil.copy(CORPUS / name, tmp_path)
     monkeypatch.chdir(tmp_path)
 
@@ -52,53 +51,30 @@ def test_nothing_is_overwritten(call: Call) -> None:
 
 
 def test_several_scripts() -> None:
-    scripts = ["stereo_rectifier.py", "mistaken_stereo.py"]
+    scripts = ["stereo_rectifier.py", "tracked_cups.py"]
     assert main(["import", *scripts]) == 2
     assert main(["import", *scripts, "-o", "made"]) == 0
     assert sorted(each.name for each in Path("made").iterdir()) == [
-        "mistaken_stereo.r2b.yaml",
         "stereo_rectifier.r2b.yaml",
+        "tracked_cups.r2b.yaml",
     ]
 
 
-def test_check(call: Call) -> None:
-    call("import", "--check", "tensor_detector.py", status=0)
-    found = json.loads(
-        call("import", "--check", "--format", "json", "mistaken_stereo.py", status=1).out
-    )["findings"]
-    place = [(each["line"], each["column"]) for each in found if each["code"] == "R2B723"]
-    assert place == [(17, 43)]
-    assert not list(Path().glob("*.r2b.yaml"))
-
-
-@pytest.mark.parametrize("output_format", ["text", "json", "github", "sarif", "junit"])
+@pytest.mark.parametrize("output_format", ["json", "github", "sarif", "junit"])
 def test_formats(output_format: str, call: Call) -> None:
-    ended = call("import", "--check", "--format", output_format, "mistaken_stereo.py", status=1)
-    assert "R2B721" in ended.out
+    arguments = ("--format", output_format, "-o", "a.r2b.yaml")
+    assert "R2B710" in call("import", "tensor_detector.py", *arguments, status=1).err
 
 
 def test_what_cannot_be_read(call: Call) -> None:
+    """It is told with its line, the other scripts are imported, and there is no stack trace."""
     os.mkfifo("pipe.py")
-    Path("large.py").write_text("x = 1\n" * 60_000)
-    Path("latin.py").write_bytes(b"import a\n# \xe9\n")
-    Path("broken.py").write_text("import a\nx = (1\n")
-    for name, code in (
-        ("pipe.py", "R2B701"),
-        ("large.py", "R2B701"),
-        ("latin.py", "R2B701"),
-        ("missing.py", "R2B701"),
-        ("broken.py", "R2B702"),
-    ):
-        assert code in call("import", name, status=1).err
-
-
-def test_reports_are_told_apart_by_content(call: Call) -> None:
-    Path("report.py").write_text('{"BasicPerformanceMetrics.NUM_FRAMES_SENT": 3}')
-    assert "a report of ros2_benchmark" in call("import", "report.py", status=0).out
-    call("import", "report.py", "--check", status=2)
-    call("import", "report.py", "stereo_rectifier.py", status=2)
-    shutil.copy("stereo_rectifier.py", "script")
-    call("import", "script", status=0)
+    Path("broken.py").write_text("import os\nx = os.nothing\n")
+    said = call("import", "pipe.py", "broken.py", "stereo_rectifier.py", "-o", "made", status=1).err
+    assert "pipe.py:1:1: error[R2B701" in said
+    assert "broken.py:2:1: error[R2B701 script-unreadable]: AttributeError: module 'os'" in said
+    assert "Traceback" not in said
+    assert [each.name for each in Path("made").iterdir()] == ["stereo_rectifier.r2b.yaml"]
 
 
 HELPED = """
@@ -138,7 +114,7 @@ def test_a_module_that_is_missing_is_told(call: Call) -> None:
     Path("helped.py").write_text(HELPED)
     said = call("import", "helped.py", "-o", "a.r2b.yaml", status=1).err
     assert said.count(": error[") == 1
-    assert "helped.py:2:1: error[R2B705 script-module-missing]: the module 'cell_monitors'" in said
+    assert "helped.py:13:1: error[R2B705 script-module-missing]: cell_monitors." in said
     assert "create_monitor" in said
     assert [each for each in validate(Path("a.r2b.yaml")) if each.severity == "error"] == []
 

@@ -63,7 +63,6 @@ def generate_test_description():
     if not os.path.isfile(ENGINE):
         print('building')
         TRTConverter()([f'--onnx={models}/detector.onnx', f'--saveEngine={ENGINE}', '--fp16'])
-    upload_metrics(models)
     return DetectorTest.generate_test_description_with_nsys(launch_setup)
 
 
