@@ -22,7 +22,9 @@ import msgspec
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.errors import R2bspecError
 from r2bspec.report.output import echo
+from r2bspec.safe_io.limits import MAX_PYTHON_BYTES
 from r2bspec.safe_io.private_files import temporary_folder
+from r2bspec.safe_io.safe_file import is_regular
 
 TIME_LIMIT_S: Final = 60.0
 _MAX_RESULT_BYTES: Final = 20_000_000
@@ -217,8 +219,10 @@ def record(
         UnusableFileError: it cannot be read, ends with an exception, or is no such file.
     """
     place = (str(file), 1)
-    if not file.is_file():
+    if not is_regular(file):
         raise UnusableFileError("there is no such file", place)
+    if file.stat().st_size > MAX_PYTHON_BYTES:
+        raise UnusableFileError(f"it has more than {MAX_PYTHON_BYTES:,} bytes", place)
     what = "benchmark" if kind == "script" else "nodes"
     echo(f"executing {file} to read its {what}; stand-ins take the place of ROS", err=True)
     with temporary_folder("record") as scratch:

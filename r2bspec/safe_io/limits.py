@@ -88,34 +88,6 @@ MAX_SPEC_PYTHON_BYTES: Final = 600_000
 """Python files of a spec together."""
 MAX_BASE_CLASSES: Final = 100
 """Classes may name each other as their bases."""
-MAX_SCRIPT_BYTES: Final = 2_000_000
-"""A script and everything that is read with it."""
-MAX_SCRIPT_STEPS: Final = 200_000
-"""Statements, expressions and entities of one script."""
-MAX_SCRIPT_CALL_DEPTH: Final = 25
-"""Functions that call each other."""
-MAX_SCRIPT_ITEMS: Final = 10_000
-"""Of one list or map, and characters of a repeated text."""
-MAX_SCRIPT_TEXT: Final = 100_000
-"""Characters of one text."""
-MAX_SCRIPT_BITS: Final = 256
-"""Of one integer."""
-MAX_SCRIPT_NESTING: Final = 20
-"""Of values in a spec that is made."""
-MAX_REQUEST_MESSAGES: Final = 100
-"""Inside of one request to a service."""
-MAX_LAUNCH_INCLUDES: Final = 5
-"""Files that include each other."""
-MAX_LAUNCH_LEVELS: Final = 100
-"""Groups inside of groups."""
-MAX_LAUNCH_PARTS: Final = 1_000
-"""Nodes and included files; real launch files have dozens."""
-MAX_MARKUP_DEPTH: Final = 40
-"""Of a launch file in XML or YAML."""
-MAX_SUBSTITUTION_CHARACTERS: Final = 1_000
-"""Of an expression in a launch file."""
-MAX_SUBSTITUTION_DEPTH: Final = 10
-"""Of substitutions inside each other."""
 
 # Recordings, of any size
 

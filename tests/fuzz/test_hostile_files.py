@@ -104,9 +104,7 @@ def test_a_file_of_a_run_without_an_end_is_refused(name: str, kind: str, tmp_pat
 
 
 @pytest.mark.parametrize("kind", ["pipe", "zeros", "terabyte", "deep"])
-@pytest.mark.parametrize(
-    "words", ["import @", "compare @ @", "report @", "judge @", "plan @", "data info @"]
-)
+@pytest.mark.parametrize("words", ["compare @ @", "report @", "judge @", "plan @", "data info @"])
 def test_a_hostile_file_is_refused_by_every_verb(words: str, kind: str, tmp_path: Path) -> None:
     file = tmp_path / "result.json"
     file.write_bytes(DEEP) if kind == "deep" else make_special(file, kind)
