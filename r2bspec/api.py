@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Unpack
 
 from r2bspec.diagnostics.quote import clip, pluralize
-from r2bspec.errors import ExitStatus, R2bspecError, UsageError
+from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.language.selected_spec import SelectionValues, select
 from r2bspec.language.selected_spec import SpecSelection as SpecSelection
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark as PreparedBenchmark
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
     from r2bspec.language.spec import Spec
     from r2bspec.plan.plan import Plan
-    from r2bspec.plan.this_machine import SchedulingFacts
-    from r2bspec.plan.tuning_space import TuningSpace
     from r2bspec.record.graph_identity import GraphIdentity
     from r2bspec.record.run_folder import Run, RunFolder
 
@@ -189,45 +187,6 @@ def _stored_plan(selection: SpecSelection, *, smoke: bool) -> PreparedBenchmark:
 
         plan = smoke_plan(plan)
     return PreparedBenchmark(plan, base_dir=selection.spec.parent.absolute(), spec_text="")
-
-
-def tuning_space(
-    prepared: PreparedBenchmark,
-    spec: SpecSelection | Path | str,
-    *,
-    facts: SchedulingFacts | None = None,
-    **values: Unpack[SelectionValues],
-) -> TuningSpace:
-    """The deployments of a spec that `r2bspec tune` may try.
-
-    Args:
-        prepared: from `prepare`, with the following arguments.
-        spec: as for `prepare`.
-        facts: of the machine on which they are tried, if it is not this one.
-        values: as for `prepare`.
-
-    Raises:
-        UsageError: it was read from a plan, or from standard input.
-    """
-    from r2bspec.check.engine import context_of
-    from r2bspec.check.usable_settings import usable_space
-    from r2bspec.plan.this_machine import scheduling_facts
-
-    selection = select(spec, values)
-    context = context_of(prepared.loaded) if prepared.loaded is not None else None
-    if context is None:
-        raise UsageError(
-            f"{selection.spec} is a plan, whose deployment is fixed",
-            hint="Give the spec that it was compiled from.",
-        )
-    if str(selection.spec) == "-":
-        raise UsageError(
-            "a spec on standard input cannot be varied: it is read once for each setting",
-            hint="Write it to a file.",
-        )
-    size = prepared.plan.largest_message_bytes
-    facts = facts or scheduling_facts()
-    return usable_space(selection, context, facts, largest_message_bytes=size)
 
 
 def compile_plan(spec: SpecSelection | Path | str, **values: Unpack[SelectionValues]) -> Plan:

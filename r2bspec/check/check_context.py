@@ -39,7 +39,7 @@ from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.judge.measure.metric_catalogue import MetricError, MetricInfo, Subjects, resolve
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.comparison_grammar import Requirement
-from r2bspec.language.located_tree import MapNode, TreeNode, child, count_values, items_of, lookup
+from r2bspec.language.located_tree import MapNode, TreeNode, child, items_of, lookup
 from r2bspec.language.quantities import Rate
 from r2bspec.language.spec import Spec
 from r2bspec.plan.installed_packages import package_version
@@ -49,7 +49,7 @@ from r2bspec.plan.wiring.companion_files import CompanionFiles, CompanionReader
 from r2bspec.plan.wiring.wiring import NodeWiring, Wiring
 from r2bspec.safe_io.cache_folder import cache_folder
 from r2bspec.safe_io.file_search import note_folder
-from r2bspec.safe_io.limits import MAX_BAG_INDEX_BYTES, MAX_STAMPS_BYTES, MAX_TRIED_VALUES
+from r2bspec.safe_io.limits import MAX_BAG_INDEX_BYTES, MAX_STAMPS_BYTES
 from r2bspec.safe_io.private_files import private_files
 from r2bspec.safe_io.safe_json import read_json
 
@@ -142,23 +142,11 @@ class Recording(NamedTuple):
 
 
 class DocumentFiles:
-    """The companion files and bags of a document.
+    """The companion files and bags of a document in a folder."""
 
-    Args:
-        base_dir: the folder of the document.
-        tried_values: the most values of specs that are checked again with other settings.
-    """
-
-    def __init__(self, base_dir: FilePath, tried_values: int = MAX_TRIED_VALUES) -> None:
+    def __init__(self, base_dir: FilePath) -> None:
         self._base_dir = base_dir
         self._bags: dict[str, Recording] = {}
-        self._untried_values = tried_values
-
-    def may_try(self, loaded: LoadedSpec) -> bool:
-        """Whether a case of the document may be checked once more, with another setting."""
-        if loaded.tree is not None:
-            self._untried_values -= count_values(loaded.tree)
-        return self._untried_values >= 0
 
     @cached_property
     def companions(self) -> CompanionReader:

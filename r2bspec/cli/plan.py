@@ -43,13 +43,6 @@ if TYPE_CHECKING:
     help="Print the origin of a value, such as benchmark.rates[0], instead: every file, line and "
     "option that set it.",
 )
-@click.option(
-    "--tune",
-    "tune",
-    is_flag=True,
-    help="Print the deployments that 'r2bspec tune' may try instead: levers with their settings, "
-    "and what is left out.",
-)
 @options.spec_options
 @click.option(
     "--output",
@@ -62,7 +55,6 @@ def command(
     graph: str | None,
     other: Path | None,
     explain_path: str | None,
-    tune: bool,
     values: SelectionValues,
     output: Path | None,
 ) -> int:
@@ -71,8 +63,8 @@ def command(
     SPEC is a spec, or a plan written by this command. The same spec and the same data give the same
     bytes on every machine. Nothing is started.
     """
-    if sum((graph is not None, other is not None, explain_path is not None, tune)) > 1:
-        raise click.UsageError("--graph, --diff, --explain and --tune cannot be combined")
+    if sum((graph is not None, other is not None, explain_path is not None)) > 1:
+        raise click.UsageError("--graph, --diff and --explain cannot be combined")
     for read in (spec, other):
         if output and read and os.path.realpath(output) == os.path.realpath(read):
             raise UsageError(f"{output} is read, and cannot be written", hint="Name another file.")
@@ -84,13 +76,6 @@ def command(
         return ExitStatus.OK
     prepared = prepare_and_report(SpecSelection(spec, **values))
     plan = prepared.plan
-    if tune:
-        from r2bspec import api
-        from r2bspec.tune.tuning_texts import space_text
-
-        space = api.tuning_space(prepared, spec, **values)
-        _write(space_text(space).encode(), output)
-        return ExitStatus.OK
     if other is not None:
         from r2bspec.plan.comparability import diff_plans
 

@@ -30,12 +30,6 @@ class NoHostError(HostRefusesError):
     code = "R2B683"
 
 
-class HostsDifferError(UsageError):
-    """Hosts are of several classes, so that costs on them cannot be compared."""
-
-    code = "R2B808"
-
-
 class VersionDiffersError(UsageError):
     """Host and client have different versions."""
 

@@ -125,11 +125,21 @@ def read_spec(
 
 
 def read_value(
-    root: TreeNode, rule: ValueRule, sources: Mapping[str, Source] | None = None
+    root: TreeNode,
+    rule: ValueRule,
+    sources: Mapping[str, Source] | None = None,
+    path: Path = (),
 ) -> tuple[Any, Sequence[Violation]]:
-    """The value of a tree by any rule, or `INVALID`; and what it violates."""
+    """The value of a tree by any rule, or `INVALID`; and what it violates.
+
+    Args:
+        root: the tree.
+        rule: of its value.
+        sources: the texts that its places point into.
+        path: what messages call the value.
+    """
     reader = _Reader(root, sources or {})
-    return reader.read(root, rule, ()), reader.violations
+    return reader.read(root, rule, path), reader.violations
 
 
 def required_keys(rule: ValueRule, root: TreeNode) -> tuple[str, ...]:

@@ -311,21 +311,41 @@ def _apply_set(document: Document, text: str) -> None:
             "for example: --set benchmark.iterations=3",
         )
         return
-    node: TreeNode | None = document.tree
-    for depth, part in enumerate(option.path):
-        below = child(node, part)
-        if below is None and not _can_add(node, option, option.path[: depth + 1]):
-            wrong = option.path[: depth + 1]
-            message = f"the document has no '{format_path(wrong)}' to replace"
-            help_text = _path_suggestion(node, wrong)
-            document.problems.error("R2B127", message, option.places[depth], help_text)
-            return
-        node = below
+    is_map = option.source.text[option.value_offset :].startswith("{")
+    if (missing := missing_step(document.tree, option.path, sets_map=is_map)) is not None:
+        position, help_text = missing
+        wrong = format_path(option.path[: position + 1])
+        message = f"the document has no '{wrong}' to replace"
+        document.problems.error("R2B127", message, option.places[position], help_text)
+        return
     value = _value(document, option)
     document.tree = replace_at(document.tree, option.path, value, option.places)
 
 
-def _can_add(node: TreeNode | None, option: _Option, path: Path) -> bool:
+def missing_step(
+    root: TreeNode | None, path: Path, *, sets_map: bool = False
+) -> tuple[int, str] | None:
+    """Return the position of the first step that a document lacks and that cannot be added.
+
+    Args:
+        root: the document.
+        path: of a value to set.
+        sets_map: whether that value is a map.
+
+    Returns:
+        The position, and what to write instead; None if the value can be set.
+    """
+    node = root
+    for position, step in enumerate(path):
+        above, below = path[: position + 1], child(node, step)
+        whole = sets_map and above == path
+        if below is None and not _can_add(node, above, sets_map=whole):
+            return position, _path_suggestion(node, above)
+        node = below
+    return None
+
+
+def _can_add(node: TreeNode | None, path: Path, *, sets_map: bool) -> bool:
     """Whether a value that the document lacks can be set: a key of the language.
 
     A name that the user chooses, such as that of a node, is added only where its value has no keys
@@ -334,8 +354,8 @@ def _can_add(node: TreeNode | None, option: _Option, path: Path) -> bool:
 
     Args:
         node: the parent; None if the document lacks it, too.
-        option: that sets it.
         path: of the value.
+        sets_map: whether the value is a map.
     """
     # A key without a value, as in ``benchmark:``, is as good as a map.
     is_empty = isinstance(node, ScalarNode) and node.value is None
@@ -349,8 +369,7 @@ def _can_add(node: TreeNode | None, option: _Option, path: Path) -> bool:
         return False
     if key in (parent.keys or ()) or (parent.values is not None and parent.values.keys is None):
         return True
-    whole = path == option.path and option.source.text[option.value_offset :].startswith("{")
-    return whole and path[:-1] == ("containers",)
+    return sets_map and path[:-1] == ("containers",)
 
 
 def _apply_variable(document: Document, name: str, text: str) -> None:
@@ -425,4 +444,4 @@ def _path_suggestion(node: TreeNode | None, path: Path) -> str:
     keys = list(dict.fromkeys([*written, *of_language]))
     if keys:
         return unknown_name_help(str(path[-1]), keys, "known keys")
-    return "--set can only replace values that the document has, or set keys of the language"
+    return "only values that the document has, or keys of the language, can be set"

@@ -194,13 +194,6 @@ def containers(analysis: Analysis, _: CursorContext) -> Iterator[CompletionPropo
         yield CompletionProposal(name, "container", kind=types.CompletionItemKind.Module, order=5)
 
 
-def nodes(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
-    """The nodes of the graph."""
-    known = analysis.known
-    for name in known.spec.graph.nodes if known is not None else ():
-        yield CompletionProposal(name, "node", kind=types.CompletionItemKind.Class, order=5)
-
-
 def lever_paths(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
     """The paths of what a search can vary: parameters of nodes, and threads of processes."""
     known = analysis.known
@@ -369,7 +362,6 @@ _VALUES: Final[Mapping[ProposalSource, tuple[str, ...]]] = {
     ),
     inputs: ("monitors.*.answers.*",),
     containers: ("**.container",),
-    nodes: ("tune.keep.*",),
     metrics: ("tune.minimize",),
     python_classes: ("**.python",),
     packages: ("**.package",),

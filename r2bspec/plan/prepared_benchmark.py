@@ -1,10 +1,10 @@
-"""What is played: a plan with what a run needs besides it, one run of it, or pairs of two."""
+"""A plan with what a run needs besides it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from r2bspec.diagnostics import Diagnostic
@@ -28,31 +28,3 @@ class PreparedBenchmark:
     spec_text: str
     diagnostics: tuple[Diagnostic, ...] = ()
     loaded: LoadedSpec | None = None
-
-
-class PlannedRun(NamedTuple):
-    """A run to be made in a new folder.
-
-    Attributes:
-        group: runs of one group above 0 are compared with each other, so one host makes them.
-        anatomy: whether it is observed from inside, too.
-    """
-
-    benchmark: PreparedBenchmark
-    folder: Path
-    group: int = 0
-    anatomy: bool = False
-
-
-class PlannedPairs(NamedTuple):
-    """Two benchmarks to be played in interleaved pairs, at most so many.
-
-    Attributes:
-        against: what reports call the base.
-    """
-
-    base: PreparedBenchmark
-    head: PreparedBenchmark
-    against: str
-    pairs: int
-    folder: Path

@@ -9,7 +9,6 @@ import fnmatch
 import importlib.util
 import os
 import re
-import resource
 import sys
 from collections.abc import Iterator, Mapping
 from importlib.machinery import ModuleSpec, PathFinder
@@ -61,33 +60,6 @@ class MachineFacts(msgspec.Struct, frozen=True, kw_only=True):
     gpus: tuple[str, ...] = ()
     ros_distro: str = ""
     labels: dict[str, str] = {}
-
-
-class SchedulingFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """What this user may ask of the scheduler of a machine.
-
-    Attributes:
-        cpus: their numbers, of those that a process may use.
-        realtime_priority: the highest priority of real time; 0 where there is no permission.
-        lowest_nice: the lowest niceness; 0 without permission to go below it.
-    """
-
-    cpus: tuple[int, ...] = (0,)
-    realtime_priority: int = 0
-    lowest_nice: int = 0
-
-
-def scheduling_facts() -> SchedulingFacts:
-    """What this user may ask of the scheduler of this machine, by the limits of this process."""
-    priority = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
-    nice = resource.getrlimit(resource.RLIMIT_NICE)[0]
-    free = has_capability(CAP_SYS_NICE)
-    return SchedulingFacts(
-        cpus=tuple(sorted(os.sched_getaffinity(0))),
-        realtime_priority=99 if free or priority == resource.RLIM_INFINITY else min(priority, 99),
-        # The limit counts from 1, for a niceness of 19, to 40 for -20.
-        lowest_nice=-20 if free or nice == resource.RLIM_INFINITY else max(-20, min(0, 20 - nice)),
-    )
 
 
 def has_capability(number: int) -> bool:

@@ -47,18 +47,12 @@ MAX_REQUIREMENTS: Final = 10_000
 """Of all objectives together."""
 MAX_RANGE_RATES: Final = 1_000
 """Of a range of rates."""
-MAX_PREDICTED_RATES: Final = 32
-"""Of one prediction: each is simulated for about 0.1 s."""
 MAX_CASES: Final = 1_000
 """Of the matrix of a document."""
 MAX_CASE_VALUES: Final = 100_000
 """Of all cases together: each is a document of its own."""
 MAX_CASE_NAME_CHARACTERS: Final = 200
 """A part of the names of files."""
-MAX_TRIED_VALUES: Final = 7_500
-"""Values of specs that are checked again with one of `tune.values`: each takes 0.15 ms."""
-MAX_VARIED_VALUES: Final = 25_000
-"""Likewise, where the deployments of a graph are asked for."""
 MAX_PARAMETER_SOURCES: Final = 100
 """Parameter files and maps that one node lists."""
 MAX_COMPANION_BYTES: Final = 1_000_000

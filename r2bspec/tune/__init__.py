@@ -1,1 +1,1 @@
-"""The search for the deployment of a graph that meets its objectives at the least cost."""
+"""The search for the values of a spec that meet its objectives at the least cost, and its proof."""

@@ -23,7 +23,7 @@ pytest.importorskip("distributed")
 from fleet_hosts import HANG_S, RUNS, Fleet, fleet, overlapping, quick_spec, wait_until
 from r2bspec._version import __version__
 from r2bspec.record.run_folder import open_run
-from ros_runs import Bench, relay_node, relay_spec
+from ros_runs import Bench
 
 pytestmark = pytest.mark.timeout(HANG_S)
 
@@ -130,34 +130,6 @@ def test_a_client_that_was_killed_is_resumed(hosts: Fleet, bench: Bench, tmp_pat
     done = Counter(event.run for event in again.events("done"))
     assert all(count == 1 for path, count in done.items() if path in before)
     assert [run["outcome"] for run in again.summary()["runs"] if not run["rows"]] == []
-
-
-@only_nightly()
-def test_a_search_tries_deployments_on_several_hosts_and_proves_on_one(
-    hosts: Fleet, bench: Bench, tmp_path: Path
-) -> None:
-    service_time = "graph.nodes.relay.parameters.service_time_ms"
-    spec = bench.write(
-        relay_spec(
-            graph={"nodes": {"relay": relay_node(20.0)}},
-            slos={"all": {"at": "20 Hz", "require": ["drop_rate <= 90 %"]}},
-            tune={"levers": ["placement"], "values": {service_time: [0.0, 10.0]}, "pairs": 3},
-        )
-    )
-    client = hosts.client(spec, "--trials", "3", output=tmp_path / "out", verb="tune").finish()
-    assert client.status == 0, client.stdout + client.stderr
-    found = json.loads((tmp_path / "out" / "tuning.json").read_text())
-    assert found["outcome"] == "improved"
-    assert found["machine"]["hosts"] == list(HOSTS)
-    played = {each.run: each.host for each in client.events("done")}
-    assert played["trials/001"] != played["trials/002"]
-    rounds: dict[str, set[str]] = {}
-    for run, host in played.items():
-        if "race-" in run:
-            rounds.setdefault(run.split("-")[1], set()).add(host)
-    assert rounds
-    assert all(len(on) == 1 for on in rounds.values())
-    assert "trials/proof" in played
 
 
 @only_nightly()
