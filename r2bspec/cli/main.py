@@ -42,7 +42,6 @@ VERBS = {
     "tune": "Find the values that meet the objectives at the least cost.",
     "import": "Make specs from scripts of ros2_benchmark, or read its reports.",
     "data": "List, create, inspect and verify datasets.",
-    "fleet": "Run benchmarks on several machines.",
     "doctor": "Check this machine's fitness for benchmarking.",
     "lsp": "Start the language server, for editors.",
     "schema": "Print a JSON Schema.",

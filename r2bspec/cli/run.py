@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,10 +56,7 @@ class RunArguments:
     no_wait: bool = False
     no_lock: bool = False
     on: str | None = None
-    hosts: tuple[str, ...] = ("all",)
-    connection: Mapping[str, Any] = field(default_factory=dict)
-    host_timeout: float = 600.0
-    retry_invalid: int = 1
+    hosts: tuple[str, ...] = ("any",)
     output_format: str = "text"
     quiet: bool = False
     verbose: bool = False
@@ -118,9 +115,7 @@ class RunArguments:
                 "cannot be combined with --against: it compares SPEC with itself", "--control"
             )
         if self.on is None:
-            hosts = ["--hosts"] if self.hosts != ("all",) else []
-            connection = [f"--{name}" for name, value in self.connection.items() if value]
-            _refuse([*hosts, *connection], "needs --on")
+            _refuse(["--hosts"] if self.hosts != ("any",) else [], "needs --on")
         comparisons = self.given("--against", "--control")
         if self.smoke:
             judging = [*comparisons, *self.given("--require-slos")]
@@ -176,7 +171,7 @@ class RunArguments:
         self.refuse(why, "--no-lock", "--no-wait")
         if self.has_base_tree:
             raise click.UsageError(f"--against with a revision or a work tree {why}")
-        self.refuse(why, "--anatomy", "--profile")
+        self.refuse(why, "--record-outputs", "--anatomy", "--profile")
 
     def check_suite(self) -> None:
         """Report options that are for a single run.
@@ -238,21 +233,17 @@ def _refuse(given: Sequence[str], why: str) -> None:
     help="Play one more iteration, which counts for nothing, and start each node with "
     "perf, py-spy, nsys, or any program that runs the command after its own words.",
 )
-@shared_options.fleet_options("on every host that fits, on any one of them")
 @click.option(
-    "--host-timeout",
-    type=click.FloatRange(min=0),
-    default=600.0,
-    show_default=True,
-    metavar="SECONDS",
-    help="With --on: how long runs wait for a host that left.",
+    "--on",
+    metavar="SCHEDULER",
+    help="Run on the hosts of a fleet: the address of its Dask scheduler ('r2bspec docs fleet').",
 )
 @click.option(
-    "--retry-invalid",
-    type=click.IntRange(min=0),
-    default=1,
+    "--hosts",
+    default="any",
     show_default=True,
-    help="With --on: how often an invalid run is made again, on the same host.",
+    metavar="any|all|NAME,...",
+    help="With --on: each run on any host that fits, on every one of them, or on those named.",
 )
 @shared_options.flag_options(
     {
@@ -317,8 +308,7 @@ def command(
 
     Two specs are compared in interleaved runs, the first being the base. More of them, a folder, a
     pattern such as 'specs/*.r2b.yaml', '--case all' and --scan are run one after the other, with
-    one summary and the worst exit status. With --on, specs run on the hosts of a
-    fleet ('r2bspec fleet').
+    one summary and the worst exit status. With --on, they run on the hosts of a fleet.
 
     Requirements 'of baseline' are judged by interleaved runs of a base and of SPEC (--against).
     Without it they are inconclusive.
@@ -327,7 +317,7 @@ def command(
     this work tree. What the base demands must still be demanded ('r2bspec docs gate').
     """
     hosts = tuple(dict.fromkeys(host for host in others.pop("hosts").split(",") if host))
-    options = RunArguments(reports=reports, hosts=hosts or ("all",), **others)
+    options = RunArguments(reports=reports, hosts=hosts or ("any",), **others)
     options.check()
     from r2bspec.cli.check_files import present_spec_files, spec_files
     from r2bspec.cli.run_single import run_single

@@ -87,7 +87,7 @@ def run_suite(entries: Sequence[SuiteEntry], options: RunArguments, paths: Seque
     from r2bspec.cli.fleet_suite import fleet_executor
 
     suite.create_folder()
-    with private_files(), fleet_executor(suite, root, options) as executor:
+    with private_files(), fleet_executor(suite, options) as executor:
         placed = executor.place(entries)
         suite.enter(placed)
         return suite.run(executor.announce(placed), executor.play(placed))

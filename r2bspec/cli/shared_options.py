@@ -165,59 +165,6 @@ _base_ref_option = click.option(
 )
 
 
-_CONNECTION_FILES = {
-    "--key": "Of a tls:// scheduler: the private key of --certificate.",
-    "--certificate": "Of a tls:// scheduler: the certificate that this command shows, such as "
-    "client.pem.",
-    "--ca": "Of a tls:// scheduler: the certificate of the fleet's authority, ca.pem.",
-}
-
-
-def fleet_options(where: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    """``--on`` and ``--hosts``, with those of the connection.
-
-    Args:
-        where: what ``all`` and ``any`` mean to the verb.
-    """
-
-    def decorated(command: Callable[..., int]) -> Callable[..., int]:
-        on_hosts = click.option(
-            "--hosts",
-            default="all",
-            show_default=True,
-            metavar="all|any|NAME,...",
-            help=f"With --on: {where}, or on those that are named.",
-        )(connection_options(command))
-        return click.option(
-            "--on",
-            metavar="SCHEDULER",
-            help="Run on the hosts of a fleet: the address of its scheduler, or a cluster file.",
-        )(on_hosts)
-
-    return decorated
-
-
-def connection_options(command: Callable[..., int]) -> Callable[..., int]:
-    """The options of a connection to a scheduler, which a verb takes as `connection`."""
-
-    @click.option(
-        "--insecure",
-        is_flag=True,
-        help="Connect to a scheduler on another machine without TLS; every machine of the "
-        "network is trusted then.",
-    )
-    @functools.wraps(command)
-    def with_connection(
-        ca: Path | None, certificate: Path | None, key: Path | None, insecure: bool, **others: Any
-    ) -> int:
-        connection = {"ca": ca, "certificate": certificate, "key": key, "insecure": insecure}
-        return command(connection=connection, **others)
-
-    for name, text in _CONNECTION_FILES.items():
-        with_connection = click.option(name, type=FILE, help=text)(with_connection)
-    return with_connection
-
-
 def parse_pairs(option: str, texts: Iterable[str]) -> dict[str, str]:
     """The values of an option that takes ``NAME=VALUE``.
 

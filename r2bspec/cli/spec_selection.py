@@ -111,7 +111,6 @@ class SuiteEntry:
         suffix: added to the name of the benchmark, such as ``[rate=5 Hz]`` of a scan.
         prepared: None if the spec has errors; the first of them is `error` then.
         host: of a fleet, if the run is made on that host; empty if any may make it, and here.
-        hosts: of a fleet, those that may make it.
         folder: of the run.
         run: its row in the summary, once it has ended or is skipped.
     """
@@ -124,7 +123,6 @@ class SuiteEntry:
     estimate: TimeEstimate | None = None
     folder: Path = field(default_factory=Path)
     host: str = ""
-    hosts: frozenset[str] = frozenset()
     run: SuiteRun | None = None
 
     @property

@@ -1,167 +1,307 @@
-"""A client's connection to a fleet: which hosts there are, and tasks for one of them.
+"""The runs of a suite on a fleet: one task of Dask for each.
 
-A task of Dask is bound to the worker of one host and to its slot, a resource. So tasks of several
-clients for a host are done in turn, and none moves to another host by itself: what becomes of a
-run whose host is lost is decided by the client, which knows what the host has been sent.
+Dask gives a task to one of the hosts that fit, one at a time to a host (the resource ``r2bspec``),
+and to another one where a host is lost. Beyond that, a run whose hosts have all left is submitted
+again when one that fits is in the fleet, because Dask knows workers by their addresses.
+Connections are as Dask is configured, with TLS if `distributed.comm.tls` says so.
 """
 
 from __future__ import annotations
 
-import asyncio
-import concurrent.futures
 import contextlib
-import secrets
+import logging
+import re
 import time
-from collections.abc import Collection
-from typing import Any, Final
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from r2bspec.fleet.errors import FalseAnswerError, FleetError
-from r2bspec.fleet.hosts import Host, HostFacts
-from r2bspec.fleet.messages import FACTS, SLOT, Call, HostState, on_host, read_answer, request_of
-from r2bspec.fleet.security import FleetAddress, quiet_logs, require_distributed
+from r2bspec._version import __version__
+from r2bspec.errors import ExitStatus, R2bspecError, UsageError
+from r2bspec.fleet.archive import unpack
+from r2bspec.fleet.errors import FleetError, HostLostError, HostRunError, NoHostError
+from r2bspec.fleet.host import HostFacts, Job, Played, describe_host, play
+from r2bspec.plan.plan import Plan
+from r2bspec.plan.this_machine import unmet
 
+ALL: Final = "all"
+ANY: Final = "any"
+LOG_FILE: Final = "fleet.log"
+"""In a run folder: what `r2bspec run` said on the host."""
+
+_RESOURCE: Final = "r2bspec"
 _CONNECT_S: Final = 10.0
 _JOIN_S: Final = 30.0
-"""For so long the first hosts are waited for: workers start with their scheduler."""
+"""For so long a first host is waited for: workers start with their scheduler."""
+_RETURN_S: Final = 600.0
+"""For so long a run waits for a host after all that fit have left."""
+_POLL_S: Final = 0.5
+_RETRIES: Final = 2
+"""Of a task that fails by itself, as where the disk of a host is full."""
+_ERROR: Final = re.compile(r"^error\[(R2B\d{3})[^\]]*\]: (.*)$", re.MULTILINE)
 
 
-class FleetClient:
-    """A connection to the scheduler of a fleet, which is made anew when it was lost.
+class Host(NamedTuple):
+    """A host that is in the fleet now; it has no facts if it has no r2bspec."""
+
+    name: str
+    address: str
+    facts: HostFacts | None
+
+    def lacks(self, plan: Plan) -> tuple[str, ...]:
+        """What keeps this host from making a run, each as a clause; nothing if it fits."""
+        if self.facts is None:
+            return ("it has no r2bspec",)
+        if self.facts.version != __version__:
+            return (f"it has r2bspec {self.facts.version}, not {__version__}",)
+        return unmet(plan.requires or None, self.facts.machine)
+
+
+class Placement(NamedTuple):
+    """Where a run is to be made: on the host of this name, on any that fits if it is empty."""
+
+    host: str
+    error: R2bspecError | None = None
+
+
+def place(plan: Plan, wanted: Sequence[str], hosts: Iterable[Host]) -> list[Placement]:
+    """Return the runs of a plan: one, or one for each host.
+
+    Args:
+        plan: of the benchmark.
+        wanted: ``any`` for a run on any host that fits, ``all`` for one on each of them, or the
+            names of hosts.
+        hosts: those in the fleet.
+    """
+    lacks = {host.name: host.lacks(plan) for host in hosts}
+    if list(wanted) in ([ALL], [ANY]):
+        fitting = sorted(name for name, what in lacks.items() if not what)
+        if not fitting:
+            return [Placement("", _nothing_fits(lacks))]
+        return [Placement("")] if wanted[0] == ANY else [Placement(name) for name in fitting]
+    lacks = {name: lacks.get(name, ("it is not in the fleet",)) for name in wanted}
+    return [
+        Placement(name, _nothing_fits({name: what}) if what else None)
+        for name, what in lacks.items()
+    ]
+
+
+@dataclass(eq=False)
+class FleetRun:
+    """A run to be made.
 
     Attributes:
-        hosts: at the last `refresh`, by their names.
-        connections: how many there were: a task of an earlier one is lost.
+        folder: where its run folder will be.
+        host: the name of the only host that may make it; empty if any may.
+        plan: says what a host must have.
     """
 
-    def __init__(self, address: FleetAddress) -> None:
-        """Connect.
+    name: str
+    folder: Path
+    host: str
+    plan: Plan
+    job: Job
+
+
+class EndedRun(NamedTuple):
+    """A run that has ended, with its folder in place or an error."""
+
+    run: FleetRun
+    host: str
+    error: R2bspecError | None
+
+
+@dataclass
+class _Task:
+    """A run that is under way.
+
+    Attributes:
+        future: of Dask; None while no host that fits is in the fleet.
+        addresses: of the workers that may make it.
+        since: since when none of them is in the fleet; 0 while there is one.
+    """
+
+    run: FleetRun
+    future: Any = None
+    addresses: frozenset[str] = frozenset()
+    since: float = 0.0
+
+
+class Fleet:
+    """A connection to the scheduler of a fleet.
+
+    Attributes:
+        hosts: by the addresses of their workers, at the last look.
+    """
+
+    def __init__(self, scheduler: str) -> None:
+        """Connect, and wait a moment for a first host.
 
         Raises:
             FleetError: the scheduler does not answer.
+            UsageError: Dask distributed is not installed.
         """
-        require_distributed()
-        quiet_logs()
-        self._address = address
+        try:
+            from distributed import Client
+        except ImportError as error:
+            raise UsageError(
+                "a fleet needs Dask distributed, which is not installed",
+                hint="pip install 'r2bspec[fleet]'",
+                code=FleetError.code,
+            ) from error
+        # What matters of it is an error of r2bspec.
+        logging.getLogger("distributed").setLevel(logging.CRITICAL + 1)
+        try:
+            self._client: Any = Client(  # type: ignore[no-untyped-call]
+                scheduler, timeout=_CONNECT_S, set_as_default=False, name="r2bspec"
+            )
+        except Exception as error:  # Dask raises many kinds
+            raise FleetError(
+                f"the scheduler {scheduler} does not answer: {error}",
+                hint="Start one with 'dask scheduler --host 127.0.0.1'; 'r2bspec docs fleet' says "
+                "how to start workers, and how to set up TLS.",
+            ) from error
         self.hosts: dict[str, Host] = {}
-        self.connections = 0
-        self._client = self._connect()
-        self.refresh()
+        with contextlib.suppress(TimeoutError):
+            self._client.wait_for_workers(1, timeout=_JOIN_S)
+        self._look()
 
-    def __enter__(self) -> FleetClient:
+    def __enter__(self) -> Fleet:
         return self
 
     def __exit__(self, *_: object) -> None:
         with contextlib.suppress(Exception):
             self._client.close(timeout=2)
 
-    def refresh(self) -> bool:
-        """Ask the scheduler which hosts there are; False if it does not answer.
+    def _look(self) -> list[str]:
+        """Ask for the hosts of the fleet; return the names of those that have left."""
+        workers = self._client.scheduler_info(n_workers=-1)["workers"]
+        gone = [host.name for address, host in self.hosts.items() if address not in workers]
+        new = [address for address in workers if address not in self.hosts]
+        told = self._client.run(describe_host, workers=new, on_error="return") if new else {}
+        self.hosts = {address: host for address, host in self.hosts.items() if address in workers}
+        for address, facts in told.items():
+            if isinstance(facts, dict):
+                described = msgspec.convert(facts, HostFacts)
+            elif isinstance(facts, ImportError | AttributeError):
+                described = None
+            else:
+                continue  # it has left again
+            self.hosts[address] = Host(str(workers[address]["name"]), address, described)
+        return gone
 
-        A scheduler that was restarted knows nothing of this client, which then connects anew.
+    def play(
+        self, runs: Sequence[FleetRun], on_note: Callable[[str], None]
+    ) -> Generator[EndedRun, None, None]:
+        """Make runs, and yield them as they end; what has not ended is cancelled on closing.
+
+        Args:
+            runs: each with a host that fits.
+            on_note: is told of hosts that have left.
         """
+        tasks = [_Task(run) for run in runs]
         try:
-            if self._client.status != "running":
-                with contextlib.suppress(Exception):
-                    self._client.close(timeout=1)
-                self._client = self._connect()
-            info = self._client.sync(self._identity)
-        except Exception:  # Dask raises many kinds; whatever it was, there is no answer
-            self.hosts = {}
-            return False
-        hosts = (_host(address, worker) for address, worker in info["workers"].items())
-        self.hosts = {host.name: host for host in hosts if host is not None}
-        return True
+            while tasks:
+                with contextlib.suppress(Exception):  # a scheduler that is gone ends the tasks
+                    for name in self._look():
+                        on_note(f"the host {name} has left the fleet; its run is placed again")
+                for task in list(tasks):
+                    ended = self._advance(task)
+                    if ended is not None:
+                        tasks.remove(task)
+                        yield ended
+                time.sleep(_POLL_S)
+        finally:
+            for task in tasks:
+                self._cancel(task)
 
-    def wait_for_hosts(self, named: Collection[str] = ()) -> None:
-        """Wait a moment for a first host, or for those that are named."""
-        deadline = time.monotonic() + _JOIN_S
-        while time.monotonic() < deadline:
-            if self.hosts.keys() >= set(named) if named else self.hosts:
-                return
-            time.sleep(0.5)
-            self.refresh()
-
-    def submit(self, host: Host, call: Call) -> concurrent.futures.Future[Any]:
-        """Have a host do something; cancelling takes back what waits."""
-        client = self._client
-        request = request_of(call)
-        task = client.submit(
-            on_host,
-            request,
-            key=f"r2bspec-{call.method}-{secrets.token_hex(8)}",
-            workers=[host.address],
-            resources={SLOT: 1},
-            allow_other_workers=False,
-            pure=False,
-            retries=0,
-        )
-
-        async def gathered(task: Any) -> Any:
-            try:
-                answer = await client.gather(task, asynchronous=True)
-            except TypeError as error:  # it is a pickle: see `deserializers`
-                raise FalseAnswerError(host.name, f"its answer is none: {error}") from error
-            return read_answer(host.name, call.method, request, answer)
-
-        return asyncio.run_coroutine_threadsafe(gathered(task), client.loop.asyncio_loop)
-
-    async def _identity(self) -> Any:
-        answer = self._client.scheduler.identity(n_workers=-1)
-        return await asyncio.wait_for(answer, _CONNECT_S)
-
-    def _connect(self) -> Any:
-        from distributed import Client
-
-        security = self._address.security()
-        self.connections += 1
-        try:
-            # Client would wait for ever for a server that is no scheduler.
-            asyncio.run(asyncio.wait_for(_greet(self._address.scheduler, security), _CONNECT_S))
-            client: Any = Client(  # type: ignore[no-untyped-call]
-                self._address.scheduler,
-                security=security,
-                timeout=_CONNECT_S,
-                set_as_default=False,
-                name="r2bspec",
-                deserializers=["msgpack"],
+    def _advance(self, task: _Task) -> EndedRun | None:
+        if task.future is not None and task.future.done():
+            return _ended(task)
+        if task.future is not None and not task.addresses.isdisjoint(self.hosts):
+            return None
+        run = task.run
+        addresses = [
+            host.address
+            for host in self.hosts.values()
+            if run.host in {"", host.name} and not host.lacks(run.plan)
+        ]
+        if addresses:
+            self._cancel(task)
+            task.addresses, task.since = frozenset(addresses), 0.0
+            task.future = self._client.submit(
+                play,
+                run.job,
+                workers=addresses,
+                resources={_RESOURCE: 1},
+                retries=_RETRIES,
+                pure=False,
             )
-        except Exception as error:  # what a server that is none says may be taken for anything
-            if (refusal := self._address.refusal()) is not None:
-                raise refusal from error
-            reason = str(error) or f"nothing that a scheduler says within {_CONNECT_S:g} s"
-            raise FleetError(
-                f"the scheduler {self._address.scheduler} does not answer: {reason}",
-                hint="Start one with 'dask scheduler --host 127.0.0.1 --dashboard-address "
-                "127.0.0.1:8787', and workers with 'r2bspec fleet worker'.",
-            ) from error
-        # Dask drops tasks of its own when a worker is lost, and asyncio would print a traceback for
-        # each. What becomes of a task of ours is in its future.
-        client.loop.asyncio_loop.set_exception_handler(lambda _loop, _context: None)
-        return client
-
-
-async def _greet(scheduler: str, security: Any) -> None:
-    """See that a server answers as a scheduler does."""
-    from distributed.comm.core import connect
-    from distributed.core import send_recv
-
-    options = security.get_connection_args("client") if security is not None else {}
-    comm = await connect(scheduler, timeout=_CONNECT_S, **options)  # type: ignore[no-untyped-call]
-    try:
-        await send_recv(comm, op="identity", n_workers=0)
-    finally:
-        comm.abort()
-
-
-def _host(address: str, worker: dict[str, Any]) -> Host | None:
-    """A worker of r2bspec; None for any other one, and for one that takes the name of another."""
-    try:
-        facts = msgspec.convert(worker[FACTS], HostFacts)
-        state = msgspec.convert(worker.get("metrics", {}).get(FACTS, {}), HostState)
-    except (KeyError, msgspec.ValidationError):
+        elif not task.since:
+            task.since = time.monotonic()
+        elif time.monotonic() - task.since > _RETURN_S:
+            self._cancel(task)
+            return EndedRun(run, "", HostLostError("every host that fits has left the fleet"))
         return None
-    seen_s = max(0.0, time.time() - float(worker.get("last_seen", time.time())))
-    # Dask sees that no two workers have one name.
-    return Host(address, facts, state, seen_s) if facts.name == worker.get("name") else None
+
+    def _cancel(self, task: _Task) -> None:
+        if task.future is not None:
+            with contextlib.suppress(Exception):
+                task.future.cancel()
+            task.future = None
+
+
+def _ended(task: _Task) -> EndedRun:
+    run = task.run
+    host = run.host
+    try:
+        played: Played = task.future.result()
+        host = played.host
+        _keep(run, played)
+    except R2bspecError as error:
+        return EndedRun(run, host, error)
+    except Exception as error:  # the worker was lost again and again, or the connection is
+        kind = type(error).__name__
+        if kind in {"KilledWorker", "CancelledError", "FutureCancelledError", "CommClosedError"}:
+            text = f"the hosts of {run.name}, or the scheduler, were lost: {error or kind}"
+            return EndedRun(run, host, HostLostError(text))
+        return EndedRun(run, host, FleetError(f"{run.name} failed on its host: {kind}: {error}"))
+    return EndedRun(run, host, None)
+
+
+def _keep(run: FleetRun, played: Played) -> None:
+    """Put the run folder of a host in its place.
+
+    Raises:
+        HostRunError: the run ended without a result.
+        ArchiveError: the archive cannot be unpacked.
+    """
+    run.folder.mkdir(parents=True, exist_ok=True)
+    unpack(played.archive, run.folder) if played.archive else None
+    log = run.folder / LOG_FILE
+    log.write_text(played.log, encoding="utf-8")
+    has_result = {ExitStatus.OK, ExitStatus.FINDINGS_OR_FAILED, ExitStatus.INCONCLUSIVE}
+    errors = _ERROR.findall(played.log)
+    if played.status in has_result and not errors:
+        return
+    code, message = errors[-1] if errors else ("R2B690", played.log.strip().rpartition("\n")[2])
+    statuses = {int(status): status for status in ExitStatus}
+    raise HostRunError(
+        f"the run on {played.host} failed: {message}",
+        status=statuses.get(played.status, ExitStatus.RUN_FAILED),
+        code=code,
+        hint=f"All that it said is in {log}.",
+    )
+
+
+def _nothing_fits(lacks: Mapping[str, Sequence[str]]) -> R2bspecError:
+    if not lacks:
+        return NoHostError("no host is in the fleet", hint="Start workers: 'r2bspec docs fleet'.")
+    parts = "; ".join(f"{name}: {', '.join(what)}" for name, what in sorted(lacks.items()))
+    return NoHostError(
+        f"no host can make the run: {parts}",
+        hint="Change 'requires' in the spec, or add a host that fits.",
+    )

@@ -165,20 +165,12 @@ MAX_EDITOR_PARSED_CHARACTERS: Final = 400_000
 """To propose something: a text that is being written is tried in several ways."""
 MAX_EDITOR_CURSORS: Final = 1_000
 """Places whose selections are asked for."""
-MAX_BUNDLE_BYTES: Final = 512 << 20
+MAX_FLEET_ARCHIVE_BYTES: Final = 2 << 30
+"""Unpacked: of the files of a spec, or of a run folder. It travels as one message."""
+MAX_FLEET_ARCHIVE_FILES: Final = 20_000
 """A folder that a command names may be a whole workspace."""
 MAX_RUN_FOLDER_LEVELS: Final = 100
 """Folders inside each other in a run folder; what is deeper was left there by a node."""
-MAX_BUNDLE_FILES: Final = 20_000
-"""Likewise."""
-MAX_BUNDLE_PATH_CHARACTERS: Final = 4_000
-"""Of the system."""
-MAX_FLEET_FILE_BYTES: Final = 100_000
-"""The file that names a scheduler, and its certificates."""
-MAX_JOURNAL_BYTES: Final = 256_000_000
-"""Of the runs that a client has sent."""
-MAX_FLEET_RUN_BYTES: Final = 64 << 30
-"""One run folder that comes back."""
 
 # Memory
 
