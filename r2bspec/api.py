@@ -15,6 +15,7 @@ from r2bspec.diagnostics.quote import clip, pluralize
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.language.selected_spec import SelectionValues, select
 from r2bspec.language.selected_spec import SpecSelection as SpecSelection
+from r2bspec.plan.prepared_benchmark import SPEC_BESIDE_PLAN
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark as PreparedBenchmark
 
 if TYPE_CHECKING:
@@ -176,8 +177,9 @@ def prepare(
 
 
 def _stored_plan(selection: SpecSelection, *, smoke: bool) -> PreparedBenchmark:
-    """The plan that a file has."""
+    """The plan that a file has, with the resolved spec where that is beside it."""
     from r2bspec.plan.canonical_json import read_plan
+    from r2bspec.record.run_folder import read_spec_text
 
     plan = read_plan(selection.spec)
     if selection.untrusted is not None and plan.environment:
@@ -186,7 +188,8 @@ def _stored_plan(selection: SpecSelection, *, smoke: bool) -> PreparedBenchmark:
         from r2bspec.plan.smoke_plan import smoke_plan
 
         plan = smoke_plan(plan)
-    return PreparedBenchmark(plan, base_dir=selection.spec.parent.absolute(), spec_text="")
+    spec_text = read_spec_text(selection.spec.with_suffix(SPEC_BESIDE_PLAN))
+    return PreparedBenchmark(plan, selection.spec.parent.absolute(), spec_text)
 
 
 def compile_plan(spec: SpecSelection | Path | str, **values: Unpack[SelectionValues]) -> Plan:

@@ -17,7 +17,7 @@ from r2bspec.execute.processes.environment import texts
 from r2bspec.fleet.archive import pack
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.plan import Plan
-from r2bspec.plan.prepared_benchmark import PreparedBenchmark
+from r2bspec.plan.prepared_benchmark import SPEC_BESIDE_PLAN, PreparedBenchmark
 from r2bspec.safe_io.file_search import regular_files, walk
 
 _PLAN_FILE: Final = ".fleet-plan-{}.json"
@@ -35,11 +35,14 @@ def make_bundle(sides: Sequence[PreparedBenchmark]) -> tuple[bytes, list[str]]:
     for side in sides:
         contents |= {_path_in_archive(file): file for file in _named_files(side)}
         contents |= _recorded_files(side)
-    plans = {
-        _path_in_archive(side.base_dir / _PLAN_FILE.format(number)): canonical_json(side.plan)
-        for number, side in enumerate(sides)
-    }
-    return pack(contents | plans), list(plans)
+    plans = []
+    for number, side in enumerate(sides):
+        plan = side.base_dir / _PLAN_FILE.format(number)
+        plans.append(_path_in_archive(plan))
+        contents[plans[-1]] = canonical_json(side.plan)
+        spec = _path_in_archive(plan.with_suffix(SPEC_BESIDE_PLAN))
+        contents[spec] = side.spec_text.encode()
+    return pack(contents), plans
 
 
 def _path_in_archive(path: Path) -> str:

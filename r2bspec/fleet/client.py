@@ -280,12 +280,12 @@ def _keep(run: FleetRun, played: Played) -> None:
         ArchiveError: the archive cannot be unpacked.
     """
     run.folder.mkdir(parents=True, exist_ok=True)
-    unpack(played.archive, run.folder) if played.archive else None
+    if played.archive:
+        unpack(played.archive, run.folder)
     log = run.folder / LOG_FILE
     log.write_text(played.log, encoding="utf-8")
-    has_result = {ExitStatus.OK, ExitStatus.FINDINGS_OR_FAILED, ExitStatus.INCONCLUSIVE}
     errors = _ERROR.findall(played.log)
-    if played.status in has_result and not errors:
+    if played.archive and not errors:
         return
     code, message = errors[-1] if errors else ("R2B690", played.log.strip().rpartition("\n")[2])
     statuses = {int(status): status for status in ExitStatus}

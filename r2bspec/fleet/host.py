@@ -52,7 +52,7 @@ class Played(NamedTuple):
 
     Attributes:
         status: of the process.
-        log: what it wrote to standard error, or the end of it.
+        log: what it wrote, or the end of it.
         archive: of its run folder; empty if there is none.
     """
 
@@ -84,8 +84,8 @@ def play(job: Job) -> Played:
             process = subprocess.Popen(
                 [sys.executable, "-m", _PROGRAM, *words],
                 stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL,
-                stderr=log,
+                stdout=log,
+                stderr=subprocess.STDOUT,
                 cwd=scratch,
                 env={**os.environ, "CI": "1"},
             )

@@ -45,7 +45,10 @@ def test_only_what_the_plan_names_travels_and_is_where_the_plan_looks_for_it(
     names += [f"bag/{file.name}" for file in (folder / "bag").iterdir()]
     expected = {str(folder / name) for name in names} | {str(folder.parent / "config/relay.yaml")}
     arrived = {str(file)[len(str(tree)) :] for file in tree.rglob("*") if file.is_file()}
-    assert arrived == expected | {f"/{plan}" for plan in plans}
+    sent = {f"/{plan}" for plan in plans}
+    specs = {plan.replace(".json", ".spec.yaml") for plan in sent}
+    assert arrived == expected | sent | specs
     here = [api.prepare(tree / plan) for plan in plans]
     assert [side.plan for side in here] == [head.plan, base.plan]
+    assert [side.spec_text for side in here] == [head.spec_text, ""]
     assert (here[0].base_dir / "../config/relay.yaml").is_file()
