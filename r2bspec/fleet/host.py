@@ -6,7 +6,6 @@ process that measures.
 
 from __future__ import annotations
 
-import contextlib
 import os
 import subprocess
 import sys
@@ -91,8 +90,7 @@ def play(job: Job) -> Played:
             )
             with process:
                 status = process.wait()
-            with contextlib.suppress(OSError):
-                log.seek(-_MAX_LOG_BYTES, os.SEEK_END)
+            log.seek(max(0, log.seek(0, os.SEEK_END) - _MAX_LOG_BYTES))
             text = log.read().decode(errors="replace")
         archive = pack_folder(folder) if folder.is_dir() else b""
     return Played(str(worker.name), status, text, archive)
