@@ -171,7 +171,7 @@ class RunArguments:
         self.refuse(why, "--no-lock", "--no-wait")
         if self.has_base_tree:
             raise click.UsageError(f"--against with a revision or a work tree {why}")
-        self.refuse(why, "--record-outputs", "--anatomy", "--profile")
+        self.refuse(why, "--anatomy", "--profile")
 
     def check_suite(self) -> None:
         """Report options that are for a single run.
