@@ -243,7 +243,7 @@ def run(
 
     check_machine(prepared.plan)
     listener = progress or Progress()
-    options = RunOptions(abort_on_fail, anatomy, profile, identity, tuple(gate))
+    options = RunOptions(abort_on_fail, anatomy, profile, identity=identity, gate=tuple(gate))
     with (
         locked_host(prepared.plan.name, lock, listener.note),
         private_files(),

@@ -25,10 +25,10 @@ from r2bspec.compare.report_input import read_folder
 from r2bspec.diagnostics.quote import pluralize, time_text
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.execute.errors import InterruptedRunError
-from r2bspec.execute.identity.identify_graph import graph_identity
+from r2bspec.execute.identity.identify_graph import changes_since
 from r2bspec.plan.canonical_json import plan_hash
 from r2bspec.record.files import FolderTakenError, write_atomically
-from r2bspec.record.graph_identity import GraphIdentity, identity_differences, source_differences
+from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.report import suite as suites
 from r2bspec.report.headline import headline
 from r2bspec.report.notes import notes_of_an_open_run
@@ -404,25 +404,19 @@ class Suite:
             result is not None
             and result.status == "complete"
             and result.plan_hash == plan_hash(benchmark.plan)
-            and self._is_same_code(
-                entry, result.identity, graph_identity(benchmark.plan, benchmark.base_dir)
-            )
+            and self._is_same_code(entry, result.identity)
         ):
             return result
         _move_away(entry.folder)
         return None
 
-    def _is_same_code(
-        self, entry: SuiteEntry, earlier: GraphIdentity | None, current: GraphIdentity
-    ) -> bool:
+    def _is_same_code(self, entry: SuiteEntry, earlier: GraphIdentity | None) -> bool:
         """Whether an earlier run was of the code that there is now; says what has changed."""
         if earlier is None:
-            changes: tuple[str, ...] = ("it does not say what code it ran",)
-        elif entry.host:
-            # Another machine has other versions of what is installed.
-            changes = source_differences(earlier, current)
+            changes = ["it does not say what code it ran"]
         else:
-            changes = identity_differences(earlier, current)
+            is_elsewhere = bool(self._options.on)
+            changes = changes_since(earlier, entry.benchmark.base_dir, is_elsewhere=is_elsewhere)
         if changes and not self._options.quiet:
             echo(f"{entry.name}: the earlier run does not count: {', '.join(changes)}", err=True)
         return not changes

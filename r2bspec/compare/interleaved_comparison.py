@@ -29,6 +29,7 @@ class ComparisonSide:
         environment: the variables of its runs that differ from this process; see
             `environment.applied_environment`.
         identity: of its graph; each run looks it up itself if None.
+        top: of the work tree of `identity`.
     """
 
     plan: Plan
@@ -36,6 +37,7 @@ class ComparisonSide:
     spec_text: str
     environment: Mapping[str, str] = field(default_factory=dict)
     identity: GraphIdentity | None = None
+    top: Path | None = None
 
 
 class BaseFailsError(R2bspecError):

@@ -299,7 +299,7 @@ class _PairRunner:
                 run_id=secrets.token_hex(8),
                 spec_text=side_run.spec_text,
                 progress=self._progress,
-                options=RunOptions(identity=side_run.identity),
+                options=RunOptions(identity=side_run.identity, top=side_run.top),
             )
         if self._comparison.check_run is not None:
             self._comparison.check_run(side, folder.path)

@@ -206,8 +206,8 @@ class MergeGate:
                 f"Same spec and same code as {self.tree.name}: the graph is compared with itself."
             )
         return GateSides(
-            head=self._side(head, head.plan, {}, head_identity),
-            base=self._side(base, as_head, environment, base_identity),
+            head=self._side(head, head.plan, {}, head_identity, self.tree.head_top),
+            base=self._side(base, as_head, environment, base_identity, self.tree.top),
             sentences=tuple(sentences),
             differences=tuple(difference_lines(differences)),
             changes=changes,
@@ -312,7 +312,8 @@ class MergeGate:
             sentences += (f"{number} of the baseline: not judged without a base.",)
         identity = graph_identity(head.plan, head.base_dir, top=self.tree.head_top)
         plan = msgspec.structs.replace(head.plan, objectives=objectives)
-        return GateSides(self._side(head, plan, {}, identity), None, sentences)
+        side = self._side(head, plan, {}, identity, self.tree.head_top)
+        return GateSides(side, None, sentences)
 
     def alone_without_base(self, head: PreparedBenchmark, error: R2bspecError) -> GateSides:
         """The head alone, because the base cannot run, and that is allowed."""
@@ -344,9 +345,10 @@ class MergeGate:
         plan: Plan,
         environment: Mapping[str, str],
         identity: GraphIdentity,
+        top: Path,
     ) -> ComparisonSide:
         return ComparisonSide(
-            plan, prepared.base_dir, prepared.spec_text, environment, identity=identity
+            plan, prepared.base_dir, prepared.spec_text, environment, identity=identity, top=top
         )
 
     def _build_settings(self, selection: SpecSelection) -> GateBase:

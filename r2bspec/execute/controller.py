@@ -25,7 +25,7 @@ from r2bspec.execute import errors
 from r2bspec.execute.anatomy import events_folder
 from r2bspec.execute.bringup.launcher import Launcher, message_packages
 from r2bspec.execute.fill_buffers import ResolvedDataset, buffer_bags, obtain_dataset, preprocess
-from r2bspec.execute.identity.identify_graph import graph_identity
+from r2bspec.execute.identity.identify_graph import graph_identity, observed_identity
 from r2bspec.execute.identity.loaded_files import LoadedFiles
 from r2bspec.execute.measurement.measurement import Measurement
 from r2bspec.execute.processes import environment as run_environment
@@ -77,6 +77,7 @@ class RunOptions:
         anatomy: observe one more iteration from inside.
         profile: a profiler for one more iteration; empty for none (`find_profiler`).
         identity: what the graph is made of; looked up if None, after the setup steps.
+        top: of the work tree of `identity`; looked up if None.
         gate: what reports say of the merge gate, one sentence each.
     """
 
@@ -84,6 +85,7 @@ class RunOptions:
     anatomy: bool = False
     profile: str = ""
     identity: GraphIdentity | None = None
+    top: Path | None = None
     gate: tuple[str, ...] = ()
 
 
@@ -420,6 +422,10 @@ class _Run:
             context.note(f"truncated large logs: {', '.join(log.name for log in cut)}")
         processes = context.supervisor.records()
         loaded = context.loaded_files.by_process(processes, complete=failure is None)
+        if self._identity is not None:
+            self._identity = observed_identity(
+                self._identity, self._plan, context.base_dir, loaded, self._options.top
+            )
         record = self._record(failure)
         # If the disk is full, this frees the space for the record.
         remove_folder(context.buffer_dir)

@@ -1,4 +1,4 @@
-"""What a graph was made of: the sources of its nodes, what they import, and the revision.
+"""What a graph was made of: the files of its nodes, the packages that they load, and the revision.
 
 A plan says what is run, and is the same on every machine. Which code that was is an observation,
 and belongs to the record. Digests do not depend on where a work tree lies, so that two work trees
@@ -59,12 +59,10 @@ class NodeIdentity(msgspec.Struct, frozen=True, kw_only=True):
         kind: ``python``, ``plugin``, ``executable``, ``command``, ``launch`` or ``external``, and
             ``setup`` or ``step`` for a command before or after the start.
         digest: over everything but the paths; empty if nothing is known.
-        files: its sources, launch files, parameter files and the files that its command names,
-            sorted by path.
+        files: its launch files, parameter files, what its command names, and what its process
+            has loaded and is not installed, sorted by path.
         package: the ROS package that it is from.
         version: of the package.
-        build_id: of an executable or a library: what its linker wrote into it, or the digest of
-            the file, with ``sha256:`` before it.
         unknown: why it is not known, or not completely.
     """
 
@@ -73,7 +71,6 @@ class NodeIdentity(msgspec.Struct, frozen=True, kw_only=True):
     files: tuple[FileDigest, ...] = ()
     package: str = ""
     version: str = ""
-    build_id: str = ""
     unknown: str = ""
 
 
@@ -84,7 +81,7 @@ class GraphIdentity(msgspec.Struct, frozen=True, kw_only=True):
         digest: over all nodes and packages; the revision does not count.
         nodes: by their keys in the spec; those of a preprocessor begin with ``preprocess.``, those
             of a command with ``setup `` or ``step ``.
-        packages: versions of what the sources import, by distribution, and of what contains them.
+        packages: versions of what is installed and loaded, by distribution, and of the container.
         revision: of the work tree that holds the spec; None outside of a repository.
     """
 
@@ -96,9 +93,9 @@ class GraphIdentity(msgspec.Struct, frozen=True, kw_only=True):
 
 def node_digest(node: NodeIdentity) -> str:
     """The digest of a node, over everything in it but the paths of its files."""
-    if not (node.files or node.build_id or node.version):
+    if not (node.files or node.version):
         return ""
-    return _digest([node.kind, _contents(node), node.package, node.version, node.build_id])
+    return _digest([node.kind, _contents(node), node.package, node.version])
 
 
 def identity_digest(nodes: Mapping[str, NodeIdentity], packages: Mapping[str, str]) -> str:
@@ -135,11 +132,32 @@ def revision_text(revision: Revision | None) -> str:
 
 
 def common_identity(identities: Iterable[GraphIdentity | None]) -> GraphIdentity | None:
-    """The first of several identities, if all are of the same code."""
+    """One identity for several runs of the same code; None if a file or a version differs.
+
+    A node may load a file in some starts only.
+    """
     first, *others = [*identities] or [None]
-    if first is None or any(other is None or other.digest != first.digest for other in others):
-        return None
+    for other in others:
+        if first is None or other is None:
+            return None
+        if other.digest != first.digest:
+            first = _merged(first, other)
     return first
+
+
+def _merged(first: GraphIdentity, other: GraphIdentity) -> GraphIdentity | None:
+    nodes = dict(first.nodes)
+    for name, node in other.nodes.items():
+        files = {file.path: file for file in (*nodes.get(name, node).files, *node.files)}
+        merged = msgspec.structs.replace(node, files=tuple(files[path] for path in sorted(files)))
+        nodes[name] = msgspec.structs.replace(merged, digest=node_digest(merged))
+    packages = {**first.packages, **other.packages}
+    merged_files = _files(first) | _files(other)
+    is_same = _files(first).items() <= merged_files.items()
+    if not (is_same and first.packages.items() <= packages.items()):
+        return None
+    digest = identity_digest(nodes, packages)
+    return GraphIdentity(digest=digest, nodes=nodes, packages=packages, revision=first.revision)
 
 
 def identity_differences(base: GraphIdentity, head: GraphIdentity) -> tuple[str, ...]:
@@ -155,14 +173,9 @@ def identity_differences(base: GraphIdentity, head: GraphIdentity) -> tuple[str,
     for name in sorted(base.nodes.keys() | head.nodes.keys()):
         texts += _node_differences(name, base.nodes.get(name), head.nodes.get(name))
     return (
-        *sorted({*texts, *source_differences(base, head)}),
+        *sorted({*texts, *_file_changes(_files(base), _files(head))}),
         *sorted(_version_changes(base.packages, head.packages)),
     )
-
-
-def source_differences(base: GraphIdentity, head: GraphIdentity) -> tuple[str, ...]:
-    """The files that differ, whatever is installed: for runs that are made on several machines."""
-    return tuple(sorted(_file_changes(_files(base), _files(head))))
 
 
 def _node_differences(
@@ -176,9 +189,6 @@ def _node_differences(
         yield f"{name}: {base.kind} → {head.kind}"
     if (base.package, base.version) != (head.package, head.version):
         yield from _version_changes({base.package: base.version}, {head.package: head.version})
-    if base.build_id != head.build_id:
-        same_sources = bool(base.files) and _contents(base) == _contents(head)
-        yield f"{name} built differently{' from the same sources' if same_sources else ''}"
 
 
 def _contents(node: NodeIdentity) -> list[tuple[str, str]]:

@@ -129,10 +129,6 @@ MAX_LOADED_NAMES_BYTES: Final = 16 << 20
 """Names of files that a process has loaded."""
 MAX_MANIFEST_BYTES: Final = 1_000_000
 """A package.xml."""
-MAX_DISTRIBUTION_BYTES: Final = 16_000_000
-"""The list of files of a Python distribution."""
-MAX_IMPORTED_PYTHON_BYTES: Final = 4_000_000
-"""One Python file of a node, searched for imports."""
 MAX_TREE_FILES: Final = 1_000_000
 """Of a commit that is compared with."""
 MAX_TREE_BYTES: Final = 200 << 30

@@ -1,16 +1,15 @@
-"""The identity of the graph of a plan: of each node, from what its process would start.
+"""The identity of the graph of a plan: of each node, the files that its process uses.
+
+Before a run these are the files that the plan names: of a Python node its file and the Python files
+beside it, of a program or a component the file, or the sources of its package where these lie in
+the work tree, because what is built of them changes with the place of the build. After a run they
+are the files that the processes have really loaded (`observed_identity`). What is installed is
+known by the versions of its packages.
 
 Nothing is executed, and nothing of the graph is imported. Files are looked up as the processes of
 the run would: relative to the folder of the spec, on ``PATH``, ``PYTHONPATH`` and in the ament
 index, with the environment as it now is. What cannot be known is said in `NodeIdentity.unknown`
 instead of being left out.
-
-The linker writes a build id into a note of an ELF file (``.note.gnu.build-id``). Files of the same
-content have the same one, and reading it takes a few hundred bytes of a file of many megabytes.
-
-A program of a package whose sources lie in a work tree is known by its sources rather than by what
-was built of them: these change with every path that a compiler wrote into a file, and a build may
-be older than the sources.
 """
 
 from __future__ import annotations
@@ -21,8 +20,7 @@ import os
 import platform
 import re
 import shutil
-import struct
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache, cached_property
@@ -32,8 +30,15 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.execute.identity import python_sources
-from r2bspec.execute.processes.elf import DAMAGED, ELF, ElfFile, read_elf
+from r2bspec.execute.identity.installed_python import (
+    entry_module,
+    installed_version,
+    is_installed,
+    module_path,
+    python_beside,
+    version_changes,
+)
+from r2bspec.execute.processes.elf import ELF
 from r2bspec.plan.command_lines import EXECUTABLE, INCLUDED_LAUNCH
 from r2bspec.plan.installed_packages import ament_packages, package_share, package_version
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
@@ -66,12 +71,6 @@ _QUOTED: Final = re.compile(r"""["']([^"'\n]{1,300})["']""")
 _PODMAN_FILE: Final = Path("/run/.containerenv")
 _PODMAN_IMAGE: Final = re.compile(rb'(?m)^imageid="([^"\n]+)"')
 _IMAGE_VARIABLES: Final = ("CI_JOB_IMAGE", "DEVCONTAINER_IMAGE")
-
-
-_NOTE_SEGMENT: Final = 4
-"""PT_NOTE: it has notes of the linker."""
-
-_BUILD_ID_NOTE: Final = 3
 
 
 class FileDigests:
@@ -136,39 +135,6 @@ def is_elf(path: Path) -> bool:
             return file.read(len(ELF)) == ELF
     except OSError:
         return False
-
-
-def build_id(path: Path) -> str:
-    """The build id of an executable or a library; empty if the file cannot be read.
-
-    A file without one has the digest of its content, with ``sha256:`` before it.
-    """
-    try:
-        with open_regular(path) as file:
-            try:
-                note = _build_id_note(read_elf(file))
-            except DAMAGED:
-                note = ""
-        return note or f"sha256:{file_sha256(path)}"
-    except OSError:
-        return ""
-
-
-def _build_id_note(elf: ElfFile | None) -> str:
-    """The note of the linker, in hexadecimal digits; empty without one."""
-    if elf is None:
-        return ""
-    head = struct.Struct(f"{elf.order}III")
-    for notes in elf.segments(_NOTE_SEGMENT):
-        # Each note has the lengths of name and value, a type, and both, padded to four bytes.
-        while len(notes) >= head.size:
-            name_bytes, value_bytes, kind = head.unpack_from(notes)
-            name = notes[head.size : head.size + name_bytes]
-            value_at = head.size + (name_bytes + 3 & ~3)
-            if kind == _BUILD_ID_NOTE and name == b"GNU\0":
-                return notes[value_at : value_at + value_bytes].hex()
-            notes = notes[value_at + (value_bytes + 3 & ~3) :]
-    return ""
 
 
 _MANIFEST: Final = "package.xml"
@@ -279,6 +245,57 @@ def graph_identity(
     )
 
 
+def observed_identity(
+    identity: GraphIdentity,
+    plan: Plan,
+    base_dir: Path,
+    loaded: Mapping[str, Iterable[str]],
+    top: Path | None = None,
+) -> GraphIdentity:
+    """The identity of a graph by what its processes have loaded.
+
+    Args:
+        identity: before the run.
+        plan: of the run.
+        base_dir: the folder of the spec.
+        loaded: the files of each process, by its name.
+        top: as for `graph_identity`.
+    """
+    identify = _GraphIdentifier(base_dir, top or find_work_tree(base_dir) or base_dir)
+    nodes = dict(identity.nodes)
+    for process in plan.processes:
+        before = "preprocess." if process.phase == "preprocess" else ""
+        for node in process.nodes:
+            name = f"{before}{node.node}"
+            if process.name in loaded and name in nodes:
+                nodes[name] = identify.observed(nodes[name], loaded[process.name])
+    packages = dict(sorted((identity.packages | identify.packages()).items()))
+    digest = identity_digest(nodes, packages)
+    return GraphIdentity(digest=digest, nodes=nodes, packages=packages, revision=identity.revision)
+
+
+def changes_since(identity: GraphIdentity, base_dir: Path, *, is_elsewhere: bool) -> list[str]:
+    """What of a graph is not as it was in an earlier run: files, and versions of packages.
+
+    Args:
+        identity: of the earlier run.
+        base_dir: the folder of the spec.
+        is_elsewhere: whether that was on another machine, which has other installations.
+    """
+    top = find_work_tree(base_dir) or base_dir
+    digests = FileDigests(top)
+    changes = set()
+    for file in (file for node in identity.nodes.values() for file in node.files):
+        if is_elsewhere and file.path.startswith("/"):
+            continue
+        now = digests.digest(top / file.path)
+        if now is None or now.sha256 != file.sha256:
+            changes.add(f"{Path(file.path).name} {'removed' if now is None else 'changed'}")
+    if not is_elsewhere:
+        changes |= set(version_changes(identity.packages))
+    return sorted(changes)
+
+
 def _revision_of(work_tree: Path | None) -> Revision | None:
     state = inspect_work_tree(work_tree) if work_tree is not None else None
     return Revision(state.commit, bool(state.changed)) if state is not None else None
@@ -291,7 +308,6 @@ class _Parts:
     kind: str
     files: dict[str, FileDigest] = field(default_factory=dict)
     package: str = ""
-    build_ids: list[str] = field(default_factory=list)
     unknown: list[str] = field(default_factory=list)
 
 
@@ -304,9 +320,7 @@ class _GraphIdentifier:
         self._workspace = WorkspacePackages(top)
         self._version = cache(package_version)
         self._share = cache(package_share)
-        self._search = python_sources.ModuleSearch()
-        self._distributions: set[str] = set()
-        self._has_python = False
+        self._packages: dict[str, str] = {}
 
     def nodes(self, plan: Plan) -> Iterator[tuple[str, NodeIdentity]]:
         """Every node of the graph and every command of the run, by its name."""
@@ -330,13 +344,31 @@ class _GraphIdentifier:
                 yield f"step {step.name}", self._identity(parts)
 
     def packages(self) -> dict[str, str]:
-        """The versions of what the sources import, and of what contains all of it."""
-        packages = self._search.with_requirements(self._distributions)
-        if self._has_python:
-            packages["python"] = platform.python_version()
+        """The versions of Python, of what is installed, and of what contains all of it."""
+        packages = {"python": platform.python_version(), **self._packages}
         if image := container_image():
             packages["container image"] = image
         return packages
+
+    def observed(self, node: NodeIdentity, loaded: Iterable[str]) -> NodeIdentity:
+        """The node by what its process has loaded; what is named and no Python file stays.
+
+        What was built in the work tree is known by its sources.
+        """
+        parts = _Parts(node.kind, package=node.package, unknown=[node.unknown] * bool(node.unknown))
+        for name in loaded:
+            path = Path(name)
+            if is_installed(path):
+                self._packages |= installed_version(path)
+            elif path.suffix == ".py":
+                self._add_file(parts, path)
+                self._add_counterpart(parts, path)
+            elif not self._digests.is_inside(path) and is_regular(path):
+                self._add_file(parts, path)
+        is_python_known = any(path.endswith(".py") for path in parts.files)
+        named = (file for file in node.files if not (is_python_known and file.path.endswith(".py")))
+        parts.files = {file.path: file for file in named} | parts.files
+        return self._identity(parts)
 
     def _identity(self, parts: _Parts) -> NodeIdentity:
         node = NodeIdentity(
@@ -345,7 +377,6 @@ class _GraphIdentifier:
             files=tuple(parts.files[path] for path in sorted(parts.files)),
             package=parts.package,
             version=self._version(parts.package),
-            build_id=" ".join(dict.fromkeys(parts.build_ids)),
             unknown="; ".join(dict.fromkeys(parts.unknown)),
         )
         return msgspec.structs.replace(node, digest=node_digest(node))
@@ -381,35 +412,30 @@ class _GraphIdentifier:
     def _add_target(self, parts: _Parts, target: str) -> None:
         path, colon, _ = target.rpartition(":")
         if colon:
-            self._add_sources(
-                parts,
-                python_sources.sources_of_file(self._search, (self._base_dir / path).resolve()),
-            )
+            self._add_python(parts, (self._base_dir / path).resolve())
         else:
             self._add_module(parts, target.rpartition(".")[0])
 
     def _add_module(self, parts: _Parts, name: str) -> None:
-        sources = python_sources.sources_of_module(self._search, name)
-        if sources is None:
+        file = module_path(name)
+        if file is None:
             parts.unknown.append(f"module {name} is not installed")
             return
-        top = self._search.find(name.partition(".")[0])
-        owner = self._search.owner(top) if top is not None else None
-        if owner is not None:
-            self._distributions.add(owner.name)
-            if owner.kind == "egg-info" and not parts.package:
-                parts.package = owner.name if self._share(owner.name) else ""
-        self._add_sources(parts, sources)
+        self._packages |= installed_version(file)
+        package = name.partition(".")[0]
+        if not parts.package and self._share(package):
+            parts.package = package
+        self._add_python(parts, file)
 
-    def _add_sources(self, parts: _Parts, sources: python_sources.Sources) -> None:
-        self._has_python = True
-        self._distributions |= sources.distributions
-        if sources.incomplete:
-            parts.unknown.append(sources.incomplete)
-        for path in sources.files:
-            if path.suffix == ".so":
-                parts.build_ids.append(build_id(path))
-                continue
+    def _add_python(self, parts: _Parts, file: Path) -> None:
+        """A Python file with what it may import: from its folder, and from packages of ROS."""
+        self._add_file(parts, file)
+        if not parts.files:
+            return
+        for package, folder in self._workspace.folders.items():
+            if file.is_relative_to(folder):
+                self._add_package(parts, package)
+        for path in python_beside(file):
             self._add_file(parts, path)
             self._add_counterpart(parts, path)
 
@@ -438,8 +464,15 @@ class _GraphIdentifier:
         if library is None:
             parts.unknown.append(f"{package} registers no component {plugin}")
         else:
-            parts.build_ids.append(build_id(library))
+            self._add_built(parts, library, package)
+            return
         self._add_package(parts, package)
+
+    def _add_built(self, parts: _Parts, file: Path, package: str) -> None:
+        """What was built of a package: its sources in the work tree, or else the file."""
+        sources = list(self._workspace.sources(package))
+        for path in sources or [file]:
+            self._add_file(parts, path)
 
     def _add_package(self, parts: _Parts, package: str) -> None:
         """The sources of a ROS package that lies in the work tree."""
@@ -456,34 +489,28 @@ class _GraphIdentifier:
             self._add_program(parts, program, package)
 
     def _add_program(self, parts: _Parts, program: Path, package: str = "") -> None:
-        """A file: its build id, or its sources if it is a program of Python, or itself."""
+        """A file, or the sources that it is built of, or those of a program of Python."""
         if is_elf(program):
-            parts.build_ids.append(build_id(program))
-            if package:
-                self._add_package(parts, package)
+            self._add_built(parts, program, package)
             return
         self._add_file(parts, program)
         text = _read(program)
         if program.suffix != ".py" and _PYTHON_PROGRAM.match(text) is None:
-            if package:
-                self._add_package(parts, package)
+            self._add_package(parts, package)
             return
         entry = _ENTRY_SCRIPT.search(text)
-        distribution = self._search.distribution(entry["name"].decode()) if entry else None
-        if entry is not None and distribution is not None:
-            module = distribution.entry_module(entry["group"].decode(), entry["entry"].decode())
-            if module:
-                # The program has the version in it, but nothing that runs.
-                parts.files.pop(self._digests.shown(self._digests.real_path(program)), None)
-                self._add_module(parts, module)
-                return
-        sources = python_sources.sources_of_file(self._search, program.resolve())
-        self._add_sources(parts, sources)
+        words = (entry[name].decode() for name in ("name", "group", "entry")) if entry else ()
+        if entry is not None and (module := entry_module(*words)):
+            # The program has the version in it, but nothing that runs.
+            parts.files.pop(self._digests.shown(self._digests.real_path(program)), None)
+            self._add_module(parts, module)
+        else:
+            self._add_python(parts, program.resolve())
 
     def _add_command(self, parts: _Parts, argv: Sequence[str], folder: Path) -> None:
         """A command: its program, and the files of the work tree that it names.
 
-        A program elsewhere is of the system, and known by its build id at most.
+        A program elsewhere is known by its content.
         """
         rest = [*argv]
         match rest:
@@ -509,8 +536,6 @@ class _GraphIdentifier:
             parts.unknown.append(f"program {word} is not installed")
         elif self._digests.is_inside(program):
             self._add_program(parts, program)
-        elif is_elf(program):
-            parts.build_ids.append(build_id(program))
         elif not _PYTHON_INTERPRETER.fullmatch(word):
             self._add_file(parts, program)
 

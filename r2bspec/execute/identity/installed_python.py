@@ -1,0 +1,118 @@
+"""Where the processes of the graph find Python modules, and which packages these are of.
+
+Folders are those that a process of the graph searches: of ``PYTHONPATH`` as it is now, which
+differs between the sides of a comparison, and those of this interpreter.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import sys
+from collections.abc import Iterator, Mapping
+from functools import cache
+from importlib.machinery import PathFinder
+from itertools import islice
+from pathlib import Path
+from typing import Final
+
+from r2bspec.plan.installed_packages import package_version
+from r2bspec.safe_io.file_search import walk
+
+_SITES: Final = ("site-packages", "dist-packages")
+_SYSTEM: Final = tuple({"/usr/", "/opt/ros/", f"{sys.prefix}/", f"{sys.base_prefix}/"})
+_MAX_FILES: Final = 4_000
+
+
+def python_beside(file: Path) -> Iterator[Path]:
+    """The Python files in the folder of a file, and in the packages below it."""
+    yield from islice(_python_in(file.parent), _MAX_FILES)
+
+
+def _python_in(folder: Path) -> Iterator[Path]:
+    yield from sorted(folder.glob("*.py"))
+    for package in sorted(folder.glob("*/__init__.py")):
+        for parent, folders, files in walk(package.parent):
+            folders[:] = sorted(name for name in folders if not name.startswith((".", "__")))
+            yield from (parent / name for name in sorted(files) if name.endswith(".py"))
+
+
+def _folders() -> list[str]:
+    entries = (os.environ.get("PYTHONPATH") or "").split(os.pathsep)
+    return [*(str(Path(entry).absolute()) for entry in entries if entry), *sys.path]
+
+
+def module_path(name: str) -> Path | None:
+    """The file of a module, for which nothing is imported; None if it is not found."""
+    folders, file = _folders(), None
+    parts = name.split(".")
+    for count in range(1, len(parts) + 1):
+        try:
+            spec = PathFinder.find_spec(".".join(parts[:count]), folders)
+        except (ImportError, ValueError, OSError):
+            spec = None
+        if spec is None:
+            return None
+        folders = list(spec.submodule_search_locations or ())
+        file = spec.origin
+    return Path(file) if file is not None else None
+
+
+def entry_module(distribution: str, group: str, name: str) -> str:
+    """The module of an entry point of an installed distribution; empty if it has none."""
+    for found in importlib.metadata.distributions(name=distribution, path=_folders()):
+        for entry in found.entry_points:
+            if (entry.group, entry.name) == (group, name):
+                return entry.module
+    return ""
+
+
+def is_installed(file: Path) -> bool:
+    """Whether a file belongs to the system or to an installed distribution: a version names it."""
+    return str(file).startswith(_SYSTEM) or bool(installed_version(file))
+
+
+def installed_version(file: Path) -> dict[str, str]:
+    """The version of the distribution that a file belongs to, by its name; empty if there is none.
+
+    What was installed from a folder, as colcon does it, has a version that says little of its code.
+    """
+    parts = file.parts
+    place = next((at for at, part in enumerate(parts) if part in _SITES), len(parts))
+    if place + 1 >= len(parts):
+        return {}
+    folder = str(Path(*parts[: place + 1]))
+    owner = _owners(folder).get(parts[place + 1].partition(".")[0])
+    return dict([owner]) if owner is not None else {}
+
+
+@cache
+def _owners(folder: str) -> Mapping[str, tuple[str, str]]:
+    """Name and version of a distribution, by each module, package or folder that it has."""
+    owners = {}
+    for found in importlib.metadata.distributions(path=[folder]):
+        record = found.read_text("RECORD")
+        from_folder = '"file://' in (found.read_text("direct_url.json") or "")
+        if from_folder or (record is None and not folder.startswith(_SYSTEM)):
+            continue
+        listed = record or found.read_text("top_level.txt") or ""
+        name = found.name.replace("_", "-")
+        for line in listed.splitlines():
+            first = line.partition(",")[0].partition("/")[0].partition(".")[0]
+            owners[first] = (name, found.version)
+    return owners
+
+
+def version_changes(packages: Mapping[str, str]) -> Iterator[str]:
+    """Which packages have another version now, as ``numpy 2.1 → 2.2``."""
+    for name, before in packages.items():
+        now = platform.python_version() if name == "python" else _version(name)
+        if now and now != before:
+            yield f"{name} {before} → {now}"
+
+
+def _version(name: str) -> str:
+    for found in importlib.metadata.distributions(name=name, path=_folders()):
+        return found.version
+    return package_version(name)
