@@ -138,12 +138,6 @@ def _list_formats(ctx: click.Context, _param: click.Parameter, list_formats: boo
     help="The spec of the run, so that annotations can refer to its lines.",
 )
 @click.option(
-    "--against",
-    type=options.FOLDER,
-    metavar="BASE",
-    help="Another run folder, shown next to RUN where a report supports it (html).",
-)
-@click.option(
     "--formats",
     is_flag=True,
     is_eager=True,
@@ -156,7 +150,6 @@ def report_command(
     reports: tuple[ReportRequest, ...],
     verbose: bool,
     spec: Path | None,
-    against: Path | None,
 ) -> int:
     """Write reports of RUN: the folder of a run or a comparison, or a result.json.
 
@@ -164,7 +157,6 @@ def report_command(
     whether the reports were written; for the verdict, use 'r2bspec judge'.
     """
     from r2bspec.compare.report_input import read_report_input
-    from r2bspec.record.run_folder import open_run
     from r2bspec.report.format_registry import ReportUsageError
     from r2bspec.report.write_reports import check_targets, write_reports
 
@@ -173,8 +165,7 @@ def report_command(
             "no report was requested", hint="Name a format and a file: --report html=report.html"
         )
     check_targets(reports, [str(run), *([str(spec)] if spec is not None else ())])
-    baseline = open_run(against) if against is not None else None
-    report_input = read_report_input(run, spec_file=spec, baseline=baseline)
+    report_input = read_report_input(run, spec_file=spec)
     _say_what_is_not_judged(report_input)
     write_reports(reports, replace(report_input, verbose=verbose))
     return ExitStatus.OK
@@ -194,7 +185,7 @@ _RESULT = click.Path(path_type=Path)
     help="Differences up to this share count as none.",
 )
 @click.option("--force", is_flag=True, help="Compare even if load, data or machine differ.")
-@options.format_option("text", "json", "markdown", "html", "csv", "github")
+@options.format_option("text", "json", "markdown")
 def compare_command(
     base: Path, heads: tuple[Path, ...], margin: Share, force: bool, output_format: str
 ) -> int:

@@ -44,7 +44,6 @@ class ReportInput:
         run: the opened run folder, with plan and samples; None where only the result is known.
         spec_file: the spec whose objectives were judged, as the user named it, so that a report
             can refer to its lines; None where it is not known.
-        baseline: another run, shown next to this one where a report supports it.
         verbose: with every reason and every note; a report is short otherwise.
         suite_page: the HTML page of the suite that the run belongs to, if it has one.
         suite_link: the same, as a link of the page that is being written.
@@ -54,7 +53,6 @@ class ReportInput:
     result: Result
     run: Run | None = None
     spec_file: Path | None = None
-    baseline: Run | None = None
     verbose: bool = False
     suite_page: Path | None = None
     suite_link: str = ""
@@ -80,15 +78,8 @@ class ReportInput:
             return self.judged_samples
         return read_samples(self.run)
 
-    @cached_property
-    def baseline_samples(self) -> RunSamples | None:
-        """The same of the baseline."""
-        return None if self.baseline is None else read_samples(self.baseline)
 
-
-def read_report_input(
-    path: Path, *, spec_file: Path | None = None, baseline: Run | None = None
-) -> ReportInput:
+def read_report_input(path: Path, *, spec_file: Path | None = None) -> ReportInput:
     """The input of a report: a folder is measured and judged again, a file is read as it is.
 
     Raises:
@@ -96,15 +87,14 @@ def read_report_input(
         UnreadableResultError: a file is not a result.
     """
     if is_folder(path):
-        return read_folder(path, spec_file=spec_file, baseline=baseline)
-    return ReportInput(result=read_result(path), spec_file=spec_file, baseline=baseline)
+        return read_folder(path, spec_file=spec_file)
+    return ReportInput(result=read_result(path), spec_file=spec_file)
 
 
 def read_folder(
     path: Path,
     *,
     spec_file: Path | None = None,
-    baseline: Run | None = None,
     objectives: Mapping[str, Objective] | None = None,
     judged_by: str = "",
     gate: GatePlan | None = None,
@@ -114,7 +104,6 @@ def read_folder(
     Args:
         path: the folder.
         spec_file: the spec whose objectives are judged, where it is known.
-        baseline: another run to be shown next to it; a comparison has its own.
         objectives: to judge by, if not the folder's own objectives.
         judged_by: the name of the spec of `objectives`.
         gate: of that spec, if not the folder's own.
@@ -125,14 +114,13 @@ def read_folder(
     if comparison_folder.is_comparison(path):
         pairs = comparison_folder.open_comparison(path)
         judged = judge_comparison_folder(pairs, objectives, judged_by, gate)
-        return replace(judged, spec_file=spec_file, baseline=baseline or judged.baseline)
+        return replace(judged, spec_file=spec_file)
     run = open_run(path)
     samples = read_samples(run)
     return ReportInput(
         result=result_of(run, objectives, judged_by, gate, samples),
         run=run,
         spec_file=spec_file,
-        baseline=baseline,
         judged_samples=samples,
     )
 
@@ -169,7 +157,7 @@ def judge_comparison_folder(
 ) -> ReportInput:
     """A comparison measured and judged. Needs no ROS; the same folder gives the same bytes.
 
-    The run and its baseline are those of head and base in the pairs that count, as one each.
+    The run is that of the head in the pairs that count, as one.
 
     Args:
         pairs: the opened comparison.
@@ -201,7 +189,7 @@ def judge_comparison_folder(
             head, measured[counted[-1].folder("head")].summaries if counted else None
         ),
     )
-    return ReportInput(result=result, run=head, baseline=base, judged_samples=first.played.merged)
+    return ReportInput(result=result, run=head, judged_samples=first.played.merged)
 
 
 def read_pair_set(

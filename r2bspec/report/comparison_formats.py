@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from html import escape
-from typing import TYPE_CHECKING, Final
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from r2bspec.compare.comparison import ADVICE, Comparison, ComparisonLine, Outcome
 from r2bspec.diagnostics.plain_text import harmless, plain_values
 from r2bspec.judge.measure.units import at_rate, show
-from r2bspec.report.csv_formats import csv_text
-from r2bspec.report.finding_formats import command
 from r2bspec.report.markdown import code, escaped, folded, table
 from r2bspec.report.output import printed_text
-from r2bspec.report.plain_page import plain_page, plain_table
 from r2bspec.report.report_wording import interval_text
 
 if TYPE_CHECKING:
@@ -33,8 +29,8 @@ def render(comparisons: Sequence[Comparison], name: str, width: int = 100) -> by
     if name == "json":
         return to_json(comparisons)
     plain = plain_values(list(comparisons))
-    text = to_text(plain, width) if name == "text" else _RENDERERS[name](plain)
-    return harmless(text, commands=name == "github").encode()
+    text = to_text(plain, width) if name == "text" else to_markdown(plain)
+    return harmless(text).encode()
 
 
 OUTCOME_TEXTS: dict[Outcome, str] = {
@@ -135,91 +131,3 @@ def summary(one: Comparison) -> str:
     counts = {outcome: sum(line.outcome == outcome for line in one.lines) for outcome in _ORDER}
     texts = [f"{count} {outcome}" for outcome, count in counts.items() if count]
     return f"{', '.join(texts)}, at {show(one.confidence, 'share')} confidence."
-
-
-HEADER = (
-    *("base", "head", "offered_hz", "monitor", "metric", "unit"),
-    *("base_value", "head_value", "ratio", "lower", "upper", "margin", "outcome", "reason"),
-)
-
-
-def to_csv(comparisons: Sequence[Comparison]) -> str:
-    """RFC 4180 with a header line; unknown values are empty."""
-    rows = (
-        (
-            *(comparison.base.source, comparison.head.source),
-            *(line.offered_hz, line.monitor, line.metric, line.unit),
-            *(line.base, line.head, line.ratio, line.lower, line.upper, line.margin),
-            *(line.outcome, line.reason),
-        )
-        for comparison in comparisons
-        for line in comparison.lines
-    )
-    return csv_text(HEADER, rows)
-
-
-MAX_ANNOTATIONS = 9
-"""GitHub keeps ten annotations of a step; one is the summary."""
-
-_KINDS: dict[Outcome, str] = {
-    "worse": "warning",
-    "can't tell": "notice",
-    "improved": "notice",
-}
-"""Comparisons of stored results are advisory: nothing is an error. Metrics that are the same are
-left out."""
-
-
-def to_github(comparisons: Sequence[Comparison]) -> str:
-    """The commands, a line each: for each result a summary, then its metrics, the worse first."""
-    return "".join(f"{line}\n" for comparison in comparisons for line in _commands(comparison))
-
-
-def _commands(one: Comparison) -> Iterator[str]:
-    worse = any(line.outcome == "worse" for line in one.lines)
-    yield command("warning" if worse else "notice", title(one), summary(one), {})
-    annotated = [line for kind in _KINDS for line in one.lines if line.outcome == kind]
-    for line in annotated[:MAX_ANNOTATIONS]:
-        head = f"{metric_text(line)}: {line.outcome}"
-        yield command(_KINDS[line.outcome], head, line.reason, {})
-
-
-_STYLES = {"improved": "pass", "worse": "fail", "same": "", "can't tell": "inconclusive"}
-
-
-def to_html(comparisons: Sequence[Comparison]) -> str:
-    """One self-contained page in the style of the report of a run: tables only, no scripts."""
-    return plain_page(f"Comparison with {comparisons[0].base.source}", _sections(comparisons))
-
-
-def _sections(comparisons: Sequence[Comparison]) -> Iterator[str]:
-    yield "<main>"
-    for comparison in comparisons:
-        yield f"<section>\n<h2>{escape(title(comparison))}</h2>"
-        yield f"<p>{escape(summary(comparison))}</p>"
-        if comparison.differences:
-            yield "<p>Differences between the runs:</p>\n<ul>"
-            yield from (f"<li>{escape(difference)}</li>" for difference in comparison.differences)
-            yield "</ul>"
-        rows = map(_page_row, comparison.lines)
-        yield plain_table("Table of metrics", (*_COLUMNS, "reason"), _COLUMNS[2:], rows)
-        yield "</section>"
-    yield f"<p>{escape(ADVICE)}</p>\n</main>"
-
-
-def _page_row(line: ComparisonLine) -> str:
-    cells = "".join(f'<td class="n">{escape(number) or "–"}</td>' for number in numbers(line))
-    return (
-        f'<tr class="{_STYLES[line.outcome]}"><td class="outcome"><strong>'
-        f"{escape(OUTCOME_TEXTS[line.outcome])}</strong></td>"
-        f'<th scope="row" align="left"><code>{escape(metric_text(line))}</code></th>'
-        f"{cells}<td>{escape(line.reason)}</td></tr>"
-    )
-
-
-_RENDERERS: Final[Mapping[str, Callable[[Sequence[Comparison]], str]]] = {
-    "markdown": to_markdown,
-    "csv": to_csv,
-    "github": to_github,
-    "html": to_html,
-}

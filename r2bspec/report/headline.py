@@ -33,25 +33,12 @@ _SUSTAINED: Final = {
 
 
 def headline(result: Result) -> str:
-    """The first line of the reports of a run."""
-    base = base_name(result)
-    text = verdict_headline(result.name, result.verdict, base, wording.own_pace(result.metrics))
-    return _with_changes(text, result, base)
-
-
-def verdict_headline(name: str, verdict: Verdict, base: str = "", pace: str = "") -> str:
-    """The verdict and the number that decided it.
-
-    Args:
-        name: of what was judged.
-        verdict: on it.
-        base: what it was compared with, if it was.
-        pace: what set the rate of messages, where none was offered.
-    """
+    """The first line of the reports of a run: the verdict and the number that decided it."""
+    verdict, base = result.verdict, base_name(result)
     of_start = " of this start of" if verdict.starts == 1 else ""
-    outcome = wording.overall_word(verdict)
-    text = f"{outcome}{of_start} {name}: {_decisive(verdict, base, pace)}"
-    return " ".join(text.split())
+    decisive = _decisive(verdict, base, wording.own_pace(result.metrics))
+    text = f"{wording.overall_word(verdict)}{of_start} {result.name}: {decisive}"
+    return _with_changes(" ".join(text.split()), result, base)
 
 
 def requirement_headline(

@@ -1,7 +1,8 @@
 """What a reader must know to interpret the results: sentences, the most important first.
 
-A report shows at most five of them; the others stand in the HTML, and elsewhere with ``--verbose``.
-What is true of every run alike is no note: it stands in the documentation of verdicts. A sentence
+A report shows at most five of them, and none of an ordinary run that passes; the others stand in
+the HTML, and elsewhere with ``--verbose``. What is true of every run alike is no note: it stands in
+the documentation of verdicts. A sentence
 that the report has said already, such as the reason of a failed requirement, is left out.
 """
 
@@ -37,6 +38,8 @@ _HOST_INTERFERENCE: Final = "Host interference"
 class Weight(IntEnum):
     """How much a note matters, the most first."""
 
+    BUSY = 0
+    """Nothing but other programs leaves the run open: what they did is said first and alone."""
     BROKEN = 1
     """The run, a process or an output did not do what it was to do."""
     OPEN = 2
@@ -47,9 +50,7 @@ class Weight(IntEnum):
     """What was played, received and compared is not all that the spec names."""
     MEANING = 5
     """What a value includes."""
-    MET = 6
-    """What a requirement that is met rests on."""
-    DETAIL = 7
+    DETAIL = 6
     """True, but no reason to read the results in another way; only in a verbose report."""
 
 
@@ -82,7 +83,9 @@ def notes(result: Result, *, verbose: bool = False) -> Notes:
     ordered = all_notes(result)
     if verbose:
         return Notes(tuple(note.text for note in ordered), ())
-    important = [note.text for note in ordered if note.weight < Weight.DETAIL][:MOST_NOTES]
+    busy = [note.text for note in ordered if note.weight is Weight.BUSY]
+    important = busy or [note.text for note in ordered if note.weight < Weight.DETAIL]
+    important = important[:MOST_NOTES]
     return Notes(tuple(important), tuple(note.text for note in ordered[len(important) :]))
 
 
@@ -105,9 +108,9 @@ def notes_of_an_open_run(result: Result) -> tuple[str, ...]:
     if result.verdict.outcome != "inconclusive":
         return ()
     main = [note for note in all_notes(result) if note.weight <= Weight.INTERFERENCE]
-    of_machine = [note.text for note in main if note.text in set(_machine_notes(result))]
+    busy = [note.text for note in main if note.weight is Weight.BUSY]
     of_host = [note.text for note in main if _HOST_INTERFERENCE in note.text]
-    return (*of_machine, *of_host[:1]) or tuple(note.text for note in main[:1])
+    return tuple(busy[:2] or of_host[:1] or [note.text for note in main[:1]])
 
 
 def particular_sentences(verdict: RequirementVerdict) -> list[str]:
@@ -134,6 +137,8 @@ def _weight(weight: Weight, text: str) -> Weight:
 
 def _weighted(result: Result) -> Iterator[Note]:
     """The notes in the order in which they are worked out."""
+    machine = [*_machine_notes(result)]
+    of_host = Weight.BUSY if machine else Weight.INTERFERENCE
     found = [*_interference(result)]
     interference = map(_interference_text, found)
     summary = []
@@ -155,21 +160,21 @@ def _weighted(result: Result) -> Iterator[Note]:
         (Weight.BROKEN, ended_outputs),
         # Each start has a process of the name; that all end in one way is one note.
         (Weight.BROKEN, _exit_notes(result)),
-        (Weight.OPEN, _machine_notes(result)),
+        (Weight.BUSY, machine),
         (Weight.OPEN, _requirement_notes(result, ("fail", "inconclusive"))),
         (Weight.INTERFERENCE, (f"{text[:1].upper()}{text[1:]}" for text in decisions)),
-        (Weight.INTERFERENCE, summary),
-        (Weight.DETAIL if summary else Weight.INTERFERENCE, interference),
+        (of_host, summary),
+        (Weight.DETAIL if summary else of_host, interference),
         (Weight.PLAYED, unplayed_notes(result)),
         (Weight.PLAYED, result.left_out),
         (Weight.PLAYED, _message_anomalies(result)),
         (Weight.PLAYED, harmless_differences),
         (Weight.MEANING, _live_notes(result)),
-        (Weight.MEANING, _reception_notes(result)),
         (Weight.MEANING, wording.joined_notes(result)),
         (Weight.MEANING, profile_notes(result.profiles)),
-        (Weight.MET, _requirement_notes(result, ("pass",))),
-        (Weight.MET, particular_caveats(result.verdict.limits)),
+        (Weight.DETAIL, _reception_notes(result)),
+        (Weight.DETAIL, _requirement_notes(result, ("pass",))),
+        (Weight.DETAIL, particular_caveats(result.verdict.limits)),
         (Weight.DETAIL, wording.overhead_notes(result)),
     )
     yield from (Note(weight, text) for weight, texts in groups for text in texts)

@@ -1,4 +1,4 @@
-"""Charts of the latency: by percentile, by message, and next to that of a baseline.
+"""Charts of the latency: by percentile, and by message.
 
 The percentile curve has an axis that expands the tail. The messages are in the order of playing,
 with misses marked.
@@ -357,54 +357,3 @@ def _row(
         )
     sketch.register_axes(axes, "message", "ms")
     return bool(kept.size < values.size - count)
-
-
-_BASELINE_RATES = 4
-
-
-def ecdf_chart(
-    name: str, monitor: str, samples: RunSamples, baseline: RunSamples
-) -> chart.Chart | None:
-    """The share of messages within each latency, for rates that both runs have; None without."""
-    rates = sorted(
-        rate
-        for rate in set(samples.iterations) & set(baseline.iterations)
-        if monitor in samples.monitors and monitor in baseline.monitors
-    )[-_BASELINE_RATES:]
-    if not rates:
-        return None
-    description = (
-        f"Share of all messages that arrived at {monitor} within each latency: this run as a full "
-        "line, the baseline as a dashed one. The rest of a curve that ends below 100 % was lost."
-    )
-
-    def paint(sketch: chart.ChartBuilder) -> None:
-        axes = sketch.figure.subplots()
-        for number, rate in enumerate(rates):
-            for run, style, side in ((samples, "-", "this run"), (baseline, "--", "baseline")):
-                seen = [iteration.monitors[monitor] for iteration in run.iterations[rate]]
-                values = np.sort(known_latencies(seen))
-                total = values.size + sum(sample.missed for sample in seen)
-                if not values.size:
-                    continue
-                ranks = np.unique(np.linspace(1, values.size, _CURVE_POINTS).astype(np.int64))
-                label = f"{show_rate(rate, pace_of(run.mode))}, {side}"
-                (line,) = axes.step(
-                    values[ranks - 1] * 1e3,
-                    ranks / total * 100,
-                    where="post",
-                    color=chart.colour(number),
-                    linestyle=style,
-                    label=label,
-                )
-                sketch.series(line, label)
-        axes.set_ylim(0, 103)
-        axes.set_xlabel("latency, ms")
-        axes.set_ylabel("messages within, %")
-        if sketch.labels:
-            axes.legend(loc="lower right")
-        sketch.register_axes(axes, "ms", "%")
-
-    return chart.draw(
-        name, f"Latency compared with the baseline: {monitor}", description, 3.2, paint
-    )

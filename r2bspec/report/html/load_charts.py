@@ -1,4 +1,4 @@
-"""Charts of load: throughput and drops by offered rate; CPU, memory and pressure over the run."""
+"""Charts of load: throughput and drops by offered rate; CPU and memory over the run."""
 
 from __future__ import annotations
 
@@ -227,30 +227,19 @@ _MIB = 2**20
 
 
 def loads_chart(name: str, run: Run) -> Chart | None:
-    """Processor time, memory, and, where known, the pressure, one below the other.
-
-    None if nothing was sampled.
-    """
+    """Processor time, and memory below it; None if nothing was sampled."""
     rows = run.resources()
     if not rows.size:
         return None
-    interference = run.interference()
-    pressed = has_pressure(interference)
     start_ns = int(rows["time_ns"].min())
     description = (
         "Processor time of each process, where 100 % is one core, and its memory below, over the "
         "time since the first sample. The background shows the phases of the run."
     )
-    if pressed:
-        description += (
-            " At the bottom, the share of the time in which some task of the machine waited for a "
-            "processor, or the machine itself was stopped."
-        )
 
     def paint(sketch: ChartBuilder) -> None:
-        heights = (3, 2, 1.5) if pressed else (3, 2)
-        panels = sketch.figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
-        upper, lower = panels[:2]
+        panels = sketch.figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+        upper, lower = panels
         most = 1
         names = [(number, listed.name) for number, listed in enumerate(run.record.processes)]
         # A confirmation run starts processes of the same names: they keep their colours.
@@ -276,19 +265,16 @@ def loads_chart(name: str, run: Run) -> Chart | None:
         upper.set_xlim(left=0)
         upper.set_ylabel("CPU, % of a core")
         lower.set_ylabel("memory, MiB")
-        panels[-1].set_xlabel("seconds")
+        lower.set_xlabel("seconds")
         sketch.figure.legend(
             *upper.get_legend_handles_labels(), loc="outside lower center", ncols=4
         )
         sketch.register_axes(upper, "s", "%")
         sketch.register_axes(lower, "s", "MiB")
-        if pressed:
-            paint_pressure(sketch, panels[2], interference, start_ns)
         if most > 1:
             sketch.note = f"Each point is the mean of up to {most} samples."
 
-    title = "CPU, memory and pressure over the run" if pressed else "CPU and memory over the run"
-    return draw(name, title, description, 6.0 if pressed else 4.6, paint)
+    return draw(name, "CPU and memory over the run", description, 4.6, paint)
 
 
 def _process(
@@ -372,47 +358,3 @@ def _draw_phases(run: Run, panels: Sequence[Axes], start_ns: int, end_ns: int) -
             middle = ((first + last) / 2, 1)
             style = {"xycoords": ("data", "axes fraction"), "ha": "center", "va": "bottom"}
             write(panels[0], printable(phase), middle, (0, 2), PALETTE["quiet"], **style)
-
-
-_SERIES = (
-    ("waited_s", "tasks waited for a processor"),
-    ("stolen_s", "stolen by other virtual machines"),
-    ("throttled_s", "throttled"),
-)
-
-
-def has_pressure(rows: Rows) -> bool:
-    """Whether there is anything to draw: at least one of them was sampled, twice."""
-    return rows.size > 2 and any(np.isfinite(rows[field]).all() for field, _ in _SERIES)
-
-
-def paint_pressure(sketch: ChartBuilder, axes: Axes, rows: Rows, start_ns: int) -> None:
-    """Draw each series of host interference as its growth, in % of the time.
-
-    Series that are always zero are not drawn, except the waiting: a line at zero shows that it was
-    sampled.
-    """
-    rows, ends, _ = _grouped(rows)
-    rows = rows[ends]
-    times = (rows["time_ns"] - start_ns) / 1e9
-    most = 10.0
-    for number, (field, label) in enumerate(_SERIES):
-        grown = np.diff(rows[field])
-        if not np.isfinite(grown).all() or (number and not grown.any()):
-            continue
-        share = _percent(rows[field], times)
-        (line,) = axes.plot(
-            (times[1:] + times[:-1]) / 2,
-            share,
-            label=label,
-            color=PALETTE["quiet"] if not number else colour(number),
-            linestyle=line_style(number),
-            linewidth=1.2,
-        )
-        sketch.series(line, label)
-        most = max(most, float(share.max()) * 1.05)
-    axes.set_ylim(0, most)
-    axes.set_ylabel("pressure, %")
-    # Above the panel: inside, it would cover the lines of a busy machine.
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=len(_SERIES), fontsize=8)
-    sketch.register_axes(axes, "s", "%")

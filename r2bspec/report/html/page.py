@@ -28,12 +28,7 @@ from r2bspec.report.anatomy_table import anatomies_of
 from r2bspec.report.headline import headline, reason_after
 from r2bspec.report.html.chart import Chart
 from r2bspec.report.html.graph_drawing import lay_out
-from r2bspec.report.html.latency_charts import (
-    ecdf_chart,
-    has_latencies,
-    messages_chart,
-    percentile_chart,
-)
+from r2bspec.report.html.latency_charts import has_latencies, messages_chart, percentile_chart
 from r2bspec.report.html.load_charts import load_curve_chart, loads_chart
 from r2bspec.report.html.templates import own_style, own_text, render_template
 from r2bspec.report.html.waterfall import waterfalls
@@ -200,7 +195,6 @@ def _charts(report_input: ReportInput, monitors: list[str]) -> dict[str, list[Ch
     return charts | {
         "latency": [*_latency_charts(report_input, monitors)],
         "anatomy": [*waterfalls(report_input.result)],
-        "baseline": [*_baseline_charts(report_input, monitors)],
     }
 
 
@@ -213,16 +207,6 @@ def _latency_charts(report_input: ReportInput, monitors: list[str]) -> Iterator[
             continue
         yield percentile_chart(f"percentiles-{number}", monitor, samples, verdict)
         yield messages_chart(f"messages-{number}", monitor, samples, verdict)
-
-
-def _baseline_charts(report_input: ReportInput, monitors: list[str]) -> Iterator[Chart]:
-    samples, baseline = report_input.samples, report_input.baseline_samples
-    if samples is None or baseline is None:
-        return
-    for number, monitor in enumerate(monitors):
-        chart = ecdf_chart(f"ecdf-{number}", monitor, samples, baseline)
-        if chart is not None:
-            yield chart
 
 
 def _annotations(result: Result, plan: Plan) -> dict[str, list[str]]:
