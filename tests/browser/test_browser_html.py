@@ -58,7 +58,7 @@ def report_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("reports")
     for name, simulation in {"usual": USUAL, "hostile": HOSTILE_RUN}.items():
         run = simulation.write(tmp_path_factory.mktemp(name) / "run")
-        reported = ReportInput(result=result_of(run), run=run, baseline=run)
+        reported = ReportInput(result=result_of(run), run=run)
         (folder / f"{name}.html").write_bytes(render(reported))
     return folder
 
