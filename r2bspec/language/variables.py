@@ -290,16 +290,6 @@ def parse_path(text: str) -> Path:
     return _parse(f"{text}=").path
 
 
-def assigned_path(text: str) -> Path:
-    """The path in an assignment, such as ``graph.placement=shared``; empty if it is none."""
-    return _parse(text).path
-
-
-def paths_overlap(one: Path, other: Path) -> bool:
-    """Whether two paths are the same, or one is inside the value of the other."""
-    return all(a == b for a, b in zip(one, other, strict=False))
-
-
 def _apply_set(document: Document, text: str) -> None:
     option = _parse(text)
     document.sources[option.source.file] = option.source

@@ -120,10 +120,6 @@ def all_probes(metrics: RunMetrics) -> list[Probe]:
     return [*(metrics.search.probes if metrics.search is not None else ()), *metrics.sustained]
 
 
-PROBE_PURPOSES = {"saturation": "overload", "confirmation": "played whole"}
-"""Why a rate was played, where it was not only to test it."""
-
-
 def peak_text(search: SearchRecord) -> str:
     """The peak as a bracket, its confidence, what limited it, and the number of probes.
 

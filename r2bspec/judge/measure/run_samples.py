@@ -117,16 +117,6 @@ def read_samples(run: Run) -> RunSamples:
     )
 
 
-def read_segment(run: Run, segment: Segment) -> SegmentSamples:
-    """The samples of one segment of any kind, as the harness alone sees it.
-
-    Raises:
-        RecordError: a file is missing or damaged.
-    """
-    rows = replace(_read_rows(run, segment, _PlayedStamps(run)), anatomy=None)
-    return segment_samples(run.plan, segment, rows)
-
-
 def _read_process_samples(run: Run) -> ProcessSamples:
     """What was sampled of the processes in the record, and of the machine.
 

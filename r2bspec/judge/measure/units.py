@@ -58,13 +58,6 @@ def at_rate(rate_hz: float, pace: str = "") -> str:
     return text if text in {"as recorded", "live"} else f"at {text}"
 
 
-def rate_name(rate_hz: float, pace: str = "") -> str:
-    """A word for an offered rate, for names of files and series: ``30Hz``, ``live``."""
-    if rate_hz:
-        return f"{rate_hz:g}Hz"
-    return {"recording": "recorded", "source": "live"}.get(pace, "own-rate")
-
-
 def show_range(low: float, high: float, unit: str) -> str:
     """Write a range with its unit once, that of the larger end: ``11.2–12.9 ms``."""
     text = show(high, unit)
