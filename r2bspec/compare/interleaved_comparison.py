@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
 from r2bspec.compare.errors import IncomparableError
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.execute.errors import RunError, UnwritableRunError, WorkspaceError
 from r2bspec.execute.processes.environment import inherited_environment
 from r2bspec.execute.processes.prerequisites import check_middleware
+from r2bspec.judge.measure.metric_catalogue import MetricError, MetricInfo, Subjects, resolve
+from r2bspec.judge.turn_comparison import can_be_played_by_turns
 from r2bspec.plan import comparability
 from r2bspec.plan.plan import Plan
 from r2bspec.record.comparison_folder import Side
@@ -70,6 +74,10 @@ class ComparisonSpec:
 
     Attributes:
         check_run: is called after each run.
+        alternates: why the sides are not played by turns; empty if they are.
+        needs_base_alone: whether a requirement compares what turns do not show, so that the base
+            is played alone, too.
+        buffers_of: the side whose recording both sides play, by turns.
     """
 
     base: ComparisonSide
@@ -80,6 +88,9 @@ class ComparisonSpec:
     differences: tuple[str, ...] = ()
     gate: tuple[str, ...] = ()
     check_run: CheckRun | None = None
+    alternates: str = ""
+    needs_base_alone: bool = False
+    buffers_of: Side = "base"
 
 
 def prepare_comparison(
@@ -129,16 +140,51 @@ def prepare_comparison(
     _check_environment_inherited(head, base.environment)
     for side in (base, head):
         check_middleware(side.plan, {**os.environ, **side.environment})
+    alternates = why_not_by_turns(base.plan, head.plan)
+    usual = comparability.pair_count(head.plan) if alternates else STARTS_OF_BOTH
     return ComparisonSpec(
         base=base,
         head=head,
-        pairs=pairs or comparability.pair_count(head.plan),
+        pairs=pairs or usual,
+        alternates=alternates,
+        needs_base_alone=not all(map(can_be_played_by_turns, _baseline_metrics(head.plan))),
         against=against,
         control=control,
         differences=tuple(comparability.difference_lines(differences)),
         gate=gate,
         check_run=check_run,
     )
+
+
+STARTS_OF_BOTH: Final = 12
+"""The most starts of both sides by turns; fewer are played where they decide."""
+
+NOTHING_BY_TURNS: Final = "no requirement is judged by turns"
+
+
+def why_not_by_turns(base: Plan, head: Plan) -> str:
+    """Return why two sides cannot be played by turns; empty if they can."""
+    for plan in (base, head):
+        single = comparability.single_run_plan(plan)
+        if plan.external:
+            return "external nodes cannot be up twice"
+        if plan.playback_mode not in {"looping", "sweeping"} or not plan.inputs:
+            return "the load has times of its own"
+        if plan.called or single.search or single.sustained_hz or not single.play:
+            return "a search, probes or calls are not played step by step"
+    if not any(map(can_be_played_by_turns, _baseline_metrics(head))):
+        return NOTHING_BY_TURNS
+    return ""
+
+
+def _baseline_metrics(plan: Plan) -> Iterator[MetricInfo]:
+    """The metrics of the requirements of the baseline."""
+    monitors = [monitor.name for monitor in plan.monitors]
+    for objective in plan.objectives.values():
+        for requirement in objective.require:
+            if requirement.bound is not None and requirement.bound.of_baseline:
+                with contextlib.suppress(MetricError):
+                    yield resolve(requirement.metric, monitors, Subjects.of_plan(plan))[1]
 
 
 def _check_environment_inherited(head: ComparisonSide, environment: Mapping[str, str]) -> None:

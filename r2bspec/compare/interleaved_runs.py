@@ -14,12 +14,18 @@ import contextlib
 import datetime
 import secrets
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from r2bspec.compare.interleaved_comparison import BaseFailsError, ComparisonSpec
+from r2bspec.compare.interleaved_comparison import (
+    NOTHING_BY_TURNS,
+    BaseFailsError,
+    ComparisonSide,
+    ComparisonSpec,
+)
 from r2bspec.compare.report_input import judge_comparison_folder, read_pair_set
+from r2bspec.compare.side_process import BothSides, both_sides
 from r2bspec.errors import R2bspecError, without_output
 from r2bspec.execute.controller import RunOptions, run_plan
 from r2bspec.execute.errors import InterruptedRunError, RunError
@@ -49,10 +55,16 @@ from r2bspec.record.comparison_folder import (
     open_comparison,
 )
 from r2bspec.record.run_folder import Run, RunFolder, open_run
-from r2bspec.safe_io.private_files import private_files
+from r2bspec.safe_io.private_files import private_files, remove_folder
 
 _MAX_AFFECTED_RERUNS = 2
 """Reruns that are affected again. After that the machine counts as always busy."""
+
+
+_LEAST_FRESH_STARTS = 3
+"""Of both sides, that confirm a failure."""
+
+_BUFFERS = ".buffers"
 
 
 def compare(comparison: ComparisonSpec, output: Path, progress: Progress | None = None) -> Result:
@@ -114,8 +126,13 @@ def run_pairs(
     folder.write_spec(comparison.head.spec_text)
     with Interrupts() as interrupts:
         runner = _PairRunner(comparison, folder, progress, interrupts)
-        runner.play_all()
+        with runner.by_turns():
+            runner.play_all()
     return runner.measured
+
+
+def _is_interrupted(failures: Mapping[Side, Exception]) -> bool:
+    return any(isinstance(error, InterruptedRunError) for error in failures.values())
 
 
 @dataclass
@@ -147,6 +164,31 @@ class _PairRunner:
         self._started_at = _now()
         self._run_id = secrets.token_hex(8)
         self._seed = secrets.randbits(32)
+        self._both: BothSides | None = None
+        self._confirmed_from = 0
+
+    @contextlib.contextmanager
+    def by_turns(self) -> Iterator[None]:
+        """Have the processes of both sides, if they can be played by turns."""
+        comparison = self._comparison
+        if comparison.alternates:
+            if comparison.alternates != NOTHING_BY_TURNS:
+                self._note(f"the sides are played one after the other: {comparison.alternates}")
+            yield
+            return
+        sides: dict[Side, ComparisonSide] = {"base": comparison.base, "head": comparison.head}
+        with both_sides(
+            sides,
+            self._plans,
+            self._folder.path / _BUFFERS,
+            buffers_of=comparison.buffers_of,
+            seed=self._seed,
+            alone=frozenset({"base", "head"} if comparison.needs_base_alone else {"head"}),
+        ) as self._both:
+            try:
+                yield
+            finally:
+                remove_folder(self._folder.path / _BUFFERS)
 
     def play_all(self) -> None:
         """Play pairs until they decide, and write the record in any case."""
@@ -154,6 +196,8 @@ class _PairRunner:
         self._write_record("R2B671: the comparison was killed")
         try:
             verdict = self._play_pairs(confirms=False)
+            if self._both is not None:
+                return
             if self._comparison.head.plan.gate.confirm and needs_confirmation(verdict):
                 self._note("the comparison failed: new pairs are played to confirm it")
                 self._failed = verdict.failed_keys
@@ -182,7 +226,25 @@ class _PairRunner:
             if not confirms and place < self._planned and self._over_budget(place):
                 break
         self._write_record("")
+        if self._both is not None:
+            return self._confirm_by_turns(self._both, len({pair.number for pair in self._pairs}))
         return self._play_affected_again(disturbed, confirms=confirms)
+
+    def _confirm_by_turns(self, both: BothSides, played: int) -> Verdict:
+        """Play half as many starts again after a failure, in the same list; the verdict on all."""
+        verdict, _ = self._judge(confirms=False)
+        if not self._comparison.head.plan.gate.confirm or not needs_confirmation(verdict):
+            return verdict
+        self._confirmed_from = played
+        self._planned = played + max(_LEAST_FRESH_STARTS, played // 2)
+        self._note(f"it fails after {played} starts: {self._planned - played} more confirm it")
+        orders = pair_orders(self._planned, self._seed)
+        for place in range(played + 1, self._planned + 1):
+            pair = self._play_both(both, place, orders[place - 1], again=False)
+            if pair.unusable:
+                self._play_again(pair, pair.unusable)
+        self._write_record("")
+        return self._judge(confirms=False)[0]
 
     def _is_decided(self, played: int, *, confirms: bool) -> bool:
         """Whether the pairs so far decide all that counts; those that come later are left out."""
@@ -200,7 +262,8 @@ class _PairRunner:
         ]
         if decide_after_look(looks, looks.completed_looks(usable), counted) == "go on":
             return False
-        self._note(f"decided after {played} of {self._planned} pairs")
+        noun = "pairs" if self._both is None else "starts of both sides"
+        self._note(f"decided after {played} of {self._planned} {noun}")
         return True
 
     def _play_affected_again(self, disturbed: Sequence[PairRecord], *, confirms: bool) -> Verdict:
@@ -251,6 +314,8 @@ class _PairRunner:
         self, number: int, order: PairOrder, *, confirms: bool, again: bool = False
     ) -> PairRecord:
         """Play one pair; it is in the record afterwards."""
+        if self._both is not None:
+            return self._play_both(self._both, number, order, again=again)
         name = f"{'confirm-' if confirms else ''}{number:03d}{'-again' if again else ''}"
         sides: tuple[Side, Side] = ("base", "head") if order == "AB" else ("head", "base")
         unusable, disturbed = "", ""
@@ -284,6 +349,53 @@ class _PairRunner:
         self._write_record("R2B671: the comparison was killed")
         return pair
 
+    def _play_both(
+        self, both: BothSides, number: int, order: PairOrder, *, again: bool
+    ) -> PairRecord:
+        """Play one start of both sides by turns; it is in the record afterwards."""
+        name = f"{number:03d}{'-again' if again else ''}"
+        self._progress.note(f"start {number} of at most {self._planned}, of both sides")
+        folders: dict[Side, Path] = {
+            side: self._folder.path / side / name for side in ("base", "head")
+        }
+        failures = both.play(folders, self._interrupts.check)
+        self._interrupts.check()
+        if failures and number == 1 and not again and not _is_interrupted(failures):
+            # Two at once can need what one has alone: memory, a device, a port.
+            self._both = None
+            side, error = next(iter(failures.items()))
+            self._note(
+                f"the sides are played one after the other: beside the other one, {side}: "
+                f"{without_output(str(error))}"
+            )
+            for folder in folders.values():
+                remove_folder(folder)
+            return self._play(number, order, confirms=False)
+        unusable = ""
+        for side, error in failures.items():
+            certain = getattr(error, "exit_code", None) != RunError.exit_code
+            if isinstance(error, InterruptedRunError) or not isinstance(error, RunError):
+                raise error
+            if certain or again:
+                raise BaseFailsError.of(error) if side == "base" else error
+            unusable = f"the {side} failed: {error}"
+        for side in ("base", "head") if not unusable else ():
+            why = self._read_run(side, name)[0]
+            unusable = unusable or (why and f"{side}: {why}")
+        if both.too_long:
+            self._note(f"the sides are not played by turns: {both.too_long}")
+        pair = PairRecord(
+            number=number,
+            order=order,
+            base=f"base/{name}",
+            head=f"head/{name}",
+            again=again,
+            unusable=unusable,
+        )
+        self._pairs.append(pair)
+        self._write_record("R2B671: the comparison was killed")
+        return pair
+
     def _run(self, side: Side, name: str) -> tuple[str, str]:
         """One run: why it cannot be judged, and which interference affected it, or empty texts."""
         self._interrupts.check()
@@ -301,10 +413,15 @@ class _PairRunner:
                 progress=self._progress,
                 options=RunOptions(identity=side_run.identity, top=side_run.top),
             )
+        return self._read_run(side, name)
+
+    def _read_run(self, side: Side, name: str) -> tuple[str, str]:
+        """Read a finished run; see `_run`."""
+        folder = self._folder.path / side / name
         if self._comparison.check_run is not None:
-            self._comparison.check_run(side, folder.path)
+            self._comparison.check_run(side, folder)
         self._interrupts.check()
-        run = open_run(folder.path)
+        run = open_run(folder)
         samples = read_samples(run)
         self._opened[f"{side}/{name}"], self.measured[f"{side}/{name}"] = run, samples
         return pair_comparison.why_unusable(samples), pair_comparison.interference_text(samples)
@@ -342,6 +459,8 @@ class _PairRunner:
             pairs=tuple(self._pairs),
             differences=comparison.differences,
             gate=comparison.gate,
+            by_turns=self._both is not None,
+            confirmed_from=self._confirmed_from,
             # That of a work tree leads to its code, and is no difference that matters.
             environment={
                 name: shown_value(name, value)

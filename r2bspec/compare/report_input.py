@@ -214,6 +214,9 @@ def read_pair_set(
         played=_interleaved(pairs, played, measured),
         tried=len({pair.number for pair in pairs.record.pairs if pair.confirms == confirms}),
         looks=_planned_looks(pairs.record),
+        fresh_starts=pairs.record.planned - pairs.record.confirmed_from
+        if pairs.record.confirmed_from
+        else 0,
         unaffected=_interleaved(pairs, unaffected, measured) if disturbed else None,
         disturbance_text=_affected_pairs_text(disturbed),
     )
@@ -221,6 +224,8 @@ def read_pair_set(
 
 def _planned_looks(record: comparison_folder.PairsRecord) -> InterimLooks | None:
     """When the pairs are judged; a control measures the noise, with all of them."""
+    if record.by_turns and not record.control:
+        return InterimLooks.after_starts_of_both(record.planned, record.confirmed_from)
     looks = InterimLooks.after_each_pair(record.planned)
     return looks if len(looks) > 1 and not record.control else None
 
@@ -263,6 +268,7 @@ def _pairs_result(pairs: comparison_folder.PairedComparison) -> PairsResult:
         used=len(pairs.usable_pairs()),
         pairs=record.pairs,
         notes=record.notes,
+        by_turns=record.by_turns,
     )
 
 

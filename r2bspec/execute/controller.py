@@ -46,6 +46,7 @@ from r2bspec.execute.progress import Progress
 from r2bspec.execute.run_context import MEASURE_PHASE, HostWatch, RunContext, TimeBudget
 from r2bspec.execute.session import StartSequence
 from r2bspec.execute.states import Interrupts, RunState, RunStates
+from r2bspec.execute.turns import Partner, play_by_turns
 from r2bspec.ipc.arrivals import ClockOffsetTracker
 from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.judge.confirmation import needs_confirmation
@@ -79,6 +80,7 @@ class RunOptions:
         identity: what the graph is made of; looked up if None, after the setup steps.
         top: of the work tree of `identity`; looked up if None.
         gate: what reports say of the merge gate, one sentence each.
+        partner: the other side of a comparison by turns, of which this run is a side.
     """
 
     abort_on_fail: bool = False
@@ -87,6 +89,7 @@ class RunOptions:
     identity: GraphIdentity | None = None
     top: Path | None = None
     gate: tuple[str, ...] = ()
+    partner: Partner | None = None
 
 
 def run_plan(
@@ -244,8 +247,7 @@ class _Run:
         external = contextlib.nullcontext(own) if self._plan.external else None
         with external or prerequisites.reserved_domain() as self._domain:
             self._set_up()
-            self._load()
-            self._preprocess()
+            self._fill_buffers()
             try:
                 self._measure()
             except errors.RunError as error:
@@ -293,6 +295,17 @@ class _Run:
                 for make in (join_object, harness_library):
                     prerequisites.built(make)
 
+    def _fill_buffers(self) -> None:
+        """Make the messages that are played, unless the other side of a comparison has them."""
+        partner, folder = self._options.partner, self._context.buffer_dir
+        if partner is not None and (datasets := partner.take_buffers(folder)) is not None:
+            self._datasets = tuple(datasets)
+            return
+        self._load()
+        self._preprocess()
+        if partner is not None:
+            partner.share_buffers(folder, self._datasets)
+
     def _load(self) -> None:
         plan, context = self._plan, self._context
         if "load" not in plan.phases:
@@ -338,6 +351,12 @@ class _Run:
         """Measure in the starts of the plan and, if the run fails, in as many that confirm it."""
         began_s = time.monotonic()
         measurement = self._begin(self._judge_so_far)
+        if self._options.partner is not None:
+            player = measurement.segment_player
+            self._states.enter(RunState.PLAY, "playing by turns with the other side")
+            play_by_turns(self._plan, player, self._options.partner, player.last_observation)
+            self._starts.find_foreign_publishers()
+            return
         verdict, iterations = measurement.measure()
         if self._starts.find_foreign_publishers():
             # Others took part in what was measured: a fresh batch would confirm nothing.

@@ -47,6 +47,7 @@ from r2bspec.execute.measurement.segments import (
     SegmentPlayer,
 )
 from r2bspec.execute.processes.prerequisites import built
+from r2bspec.execute.processes.resources import family
 from r2bspec.execute.processes.scheduling import apply_when_ready
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.run_context import MEASURE_PHASE, RunContext
@@ -226,6 +227,7 @@ class Session:
         self.look_at_loaded_files()
         self._warm_up(segment_player, silent_outputs, deadline)
         self._schedule_threads(final=True)
+        segment_player.watch_work(self._graph_processes())
         segment_player.on_output_stopped = silent_outputs.explain_stop
         return segment_player
 
@@ -538,6 +540,17 @@ class Session:
             )
             if final or attempt == _DIAGNOSED_ATTEMPT:
                 silent_outputs.explain_start(silent, final=final)
+
+    def _graph_processes(self) -> dict[int, list[int]]:
+        """The pids of each process of the graph and its descendants, by its index in the record."""
+        started = {record.pid: index for index, record in enumerate(self._supervisor.records())}
+        names = {process.name for process in self._node_processes()}
+        names |= {process.name for process in self._plan.processes if process.nodes}
+        return {
+            started[child.pid]: family(child.pid)
+            for child in self._supervisor
+            if child.name in names
+        }
 
     def _is_idle(self) -> bool:
         """Whether all nodes have processed what was played, and wait for more.

@@ -6,6 +6,7 @@ A command is some words, each followed by a zero byte; how many come is known fr
     player INPUTS {TYPE QOS TOPIC BUFFER}           ConfigurePlayer
     play PLAYLIST                                   LoadSchedule, after the playlist was written
     play PLAYBACK                                   Play, after the playback file was written
+    watch PROCESSES {PID}                           WatchClocks
     monitor STALLS TYPES {TYPE}                     ConfigureMonitor
     subscribe TOPICS {TYPE ROWS QOS TOPIC}   Subscribe
     start_tap TOPICS {TYPE ROWS QOS TOPIC}   StartTap
@@ -27,6 +28,7 @@ A reply is one line of words; the text at its end is written as it is::
     matched {COUNT}         Matched: of each input of a player, or of each topic of a monitor, the
                             latest one first; -1 for one without a subscription
     played STEPS            Played; for a playlist, Ready
+    watched CLOCKS          Watched
     failed CODE TEXT        Failed
     failed errno NUMBER WHAT: REASON    Failed; the code follows from the number
 """
@@ -91,6 +93,7 @@ class NativeCodec:
         self._is_loading = False
         self._playlists = 0
         self._playbacks = 0
+        self._clocks = 0
         # Steps that were played of earlier schedules.
         self._steps_before = 0
         # In the order of the counts, with whether it is tapped for a while only.
@@ -117,9 +120,11 @@ class NativeCodec:
             case protocol.LoadSchedule(schedule=schedule):
                 self._is_loading = True
                 return ["play", str(self._write_playlist(schedule))]
-            case protocol.Play(rate_hz=rate_hz, steps=steps):
+            case protocol.Play():
                 self._is_loading = False
-                return ["play", str(self._write_playback(rate_hz, steps))]
+                return ["play", str(self._write_playback(message))]
+            case protocol.WatchClocks(pids=pids):
+                return ["watch", str(len(pids)), *map(str, pids)]
             case protocol.ConfigureMonitor(monitors=monitors, rows_dir=folder):
                 self._rows_dir = Path(folder)
                 types = dict.fromkeys(monitor.type for monitor in monitors)
@@ -155,15 +160,24 @@ class NativeCodec:
         self._steps_before = self._played.count()
         return path
 
-    def _write_playback(self, rate_hz: float, steps: int) -> Path:
+    def _write_playback(self, play: protocol.Play) -> Path:
         if self._player is None or self._played is None or self._round is None:
             raise ValueError("a player gets a schedule before it plays")
         self._playbacks += 1
         path = playback_file.playback_path(Path(self._player.rows), self._playbacks)
         # A playback may have been stopped: the next one goes on after the last complete step.
         first = (self._played.count() - self._steps_before) % self._round.steps
-        last_stamp_ns = self._played.last_stamp_ns()
-        playback_file.write_playback(path, self._round, rate_hz, steps, first, last_stamp_ns)
+        playback_file.write_playback(
+            path,
+            self._round,
+            play.rate_hz,
+            play.steps,
+            first,
+            self._played.last_stamp_ns(),
+            clocks=self._clocks,
+            begin_ns=play.begin_ns,
+            delays_ns=play.delays_ns,
+        )
         return path
 
     def _topic_words(self, monitors: Iterable[MonitorPlan]) -> Iterator[str]:
@@ -213,6 +227,9 @@ class NativeCodec:
                 return protocol.Ready()
             case "played":
                 return protocol.Played(steps=int(rest))
+            case "watched":
+                self._clocks = int(rest)
+                return protocol.Watched(clocks=self._clocks)
             case "failed":
                 return _failure(rest)
         raise msgspec.DecodeError(f"no reply of a native part: {word}")

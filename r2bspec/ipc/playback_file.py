@@ -3,12 +3,15 @@
 The controller writes a file for each playback, and the player (``player.c``) maps it, plays it, and
 writes the times into it. A file has the entries (`ENTRY_DTYPE`) after a header, all little-endian::
 
-    int64 published, magic "R2BPLAY4", int64 entries, is_loaded, has_stamps, least_ns
+    int64 published, magic "R2BPLAY5", int64 entries, is_loaded, has_stamps, least_ns, begin_ns,
+    clocks
 
 With `is_loaded` 0 nothing is played: the player loads these messages into memory.
 `has_stamps` is 1 if the stamps of a recording are shifted to the beginning of the playback, which
 is then given a system time of at least `least_ns`; otherwise this is the least stamp. Stamps of
 earlier playbacks are not repeated in this way, although stamps may be ahead of the clock.
+`begin_ns` is when the first entry is due; with 0 that is soon. Behind the entries, `clocks` int64
+for each of them: the processor time of each watched process when the entry was due.
 The first `published` entries are complete: the player writes them before it counts them, so that
 this process can read while it plays, and after it was killed.
 
@@ -332,9 +335,10 @@ def _timeline_round(entries: _Entries, schedule: TimelineSchedule) -> TimelineRo
     return TimelineRound(array, len(schedule.steps), schedule.period_ns, schedule.stamp_period_ns)
 
 
-_MAGIC = b"R2BPLAY4"
-_HEADER = struct.Struct("<q8s4q")
+_MAGIC = b"R2BPLAY5"
+_HEADER = struct.Struct("<q8s6q")
 HEADER_BYTES = _HEADER.size
+_CLOCK_DTYPE = np.dtype("<i8")
 
 
 def playback_path(path: Path, number: int) -> Path:
@@ -348,11 +352,20 @@ def write_playlist(path: Path, made: Round) -> None:
     Raises:
         OSError: the disk is full; it has the name of the file.
     """
-    _write(path, made.blocks(1.0, made.steps, 0), is_loaded=False, has_stamps=False, least_ns=0)
+    _write(path, made.blocks(1.0, made.steps, 0), is_loaded=False)
 
 
 def write_playback(
-    path: Path, made: Round, rate_hz: float, steps: int, first: int = 0, last_stamp_ns: int = 0
+    path: Path,
+    made: Round,
+    rate_hz: float,
+    steps: int,
+    first: int = 0,
+    last_stamp_ns: int = 0,
+    *,
+    clocks: int = 0,
+    begin_ns: int = 0,
+    delays_ns: Sequence[int] = (),
 ) -> None:
     """Write the file of a playback.
 
@@ -363,6 +376,10 @@ def write_playback(
         steps: how many.
         first: the step of the round to begin with; also without effect on a recording.
         last_stamp_ns: the last stamp of earlier playbacks.
+        clocks: how many processes the player watches.
+        begin_ns: when the first step is due; 0 for soon.
+        delays_ns: how much later than at `rate_hz` each step is due, and what is played between it
+            and the next step; empty for no delay.
 
     Raises:
         OSError: the disk is full; it has the name of the file.
@@ -373,11 +390,35 @@ def write_playback(
         least_ns -= int(made.entries["stamp_ns"][made.entries["step"] != NO_STEP].min())
         first = 0
     blocks = made.blocks(rate_hz, steps, first)
-    _write(path, blocks, is_loaded=True, has_stamps=has_stamps, least_ns=least_ns)
+    if delays_ns:
+        blocks = _delayed(blocks, np.array(delays_ns, dtype=np.int64))
+    _write(
+        path,
+        blocks,
+        is_loaded=True,
+        has_stamps=has_stamps,
+        least_ns=least_ns,
+        begin_ns=begin_ns,
+        clocks=clocks,
+    )
+
+
+def _delayed(blocks: Iterable[Entries], delays_ns: NDArray[np.int64]) -> Iterator[Entries]:
+    """Delay all entries up to the next step by the delay of their step."""
+    for block in blocks:
+        block["due_ns"] += delays_ns[np.maximum(block["complete"] - 1, 0)]
+        yield block
 
 
 def _write(
-    path: Path, blocks: Iterable[Entries], *, is_loaded: bool, has_stamps: bool, least_ns: int
+    path: Path,
+    blocks: Iterable[Entries],
+    *,
+    is_loaded: bool,
+    has_stamps: bool = False,
+    least_ns: int = 0,
+    begin_ns: int = 0,
+    clocks: int = 0,
 ) -> None:
     # Under its name it is complete, whatever happens.
     part = path.with_name(f".{path.name}.part")
@@ -387,8 +428,11 @@ def _write(
         for block in blocks:
             file.write(block.data)
             count += block.size
+        file.truncate(file.tell() + count * clocks * _CLOCK_DTYPE.itemsize)
         file.seek(0)
-        file.write(_HEADER.pack(0, _MAGIC, count, is_loaded, has_stamps, least_ns))
+        file.write(
+            _HEADER.pack(0, _MAGIC, count, is_loaded, has_stamps, least_ns, begin_ns, clocks)
+        )
     part.rename(path)
 
 
@@ -433,6 +477,15 @@ class PlaybackReader:
         stamps_ns = (playback.last_stamp_ns() for playback in reversed(self._playbacks))
         return next((stamp_ns for stamp_ns in stamps_ns if stamp_ns), 0)
 
+    def last_clocks(self) -> NDArray[np.int64]:
+        """The clocks of the watched processes at each step of the last playback.
+
+        Returns:
+            Processor times in nanoseconds, steps × processes, and -1 of a process that had ended.
+        """
+        self._find_playbacks()
+        return self._playbacks[-1].clocks() if self._playbacks else np.empty((0, 0), np.int64)
+
     def _find_playbacks(self) -> None:
         while (path := playback_path(self._path, len(self._playbacks) + 1)).exists():
             self._playbacks.append(_Playback(path))
@@ -443,11 +496,18 @@ class _Playback:
 
     def __init__(self, path: Path) -> None:
         self._published = np.memmap(path, dtype="<i8", mode="r", shape=(1,))
-        count = (path.stat().st_size - HEADER_BYTES) // ENTRY_DTYPE.itemsize
+        with path.open("rb") as file:
+            _, _, count, *_, clocks = _HEADER.unpack(file.read(HEADER_BYTES))
         self._entries: Entries = np.empty(0, ENTRY_DTYPE)
+        self._clocks: NDArray[np.int64] = np.empty((count, clocks), _CLOCK_DTYPE)
         if count:
             self._entries = np.memmap(
                 path, dtype=ENTRY_DTYPE, mode="r", offset=HEADER_BYTES, shape=(count,)
+            )
+        if self._clocks.size:
+            offset = HEADER_BYTES + count * ENTRY_DTYPE.itemsize
+            self._clocks = np.memmap(
+                path, dtype=_CLOCK_DTYPE, mode="r", offset=offset, shape=(count, clocks)
             )
         self._bounds: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
 
@@ -460,10 +520,17 @@ class _Playback:
         stamps_ns: NDArray[np.int64] = played["stamp_ns"][played["step"] != NO_STEP]
         return int(stamps_ns.max(initial=0))
 
-    def rows(self, start: int, stop: int, dtype: np.dtype[np.void]) -> NDArray[np.void]:
+    def clocks(self) -> NDArray[np.int64]:
+        first, _ = self._bounds_of_steps()
+        return np.array(self._clocks[first[: self.complete()]])
+
+    def _bounds_of_steps(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         if self._bounds is None:
             self._bounds = _first_and_last(self._entries["step"])
-        first, last = (bound[start:stop] for bound in self._bounds)
+        return self._bounds
+
+    def rows(self, start: int, stop: int, dtype: np.dtype[np.void]) -> NDArray[np.void]:
+        first, last = (bound[start:stop] for bound in self._bounds_of_steps())
         begun = self._entries[first]
         row_array = np.empty(stop - start, dtype)
         for name in ("stamp_ns", "due_ns", "published_ns", "inputs"):

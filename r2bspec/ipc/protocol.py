@@ -287,10 +287,25 @@ class Play(Command, frozen=True, kw_only=True, tag=True):
 
     A rate of 0 is that of the recording. A loader publishes this number of its first messages
     again, and records nothing.
+
+    Attributes:
+        begin_ns: when the first step is due, on the monotonic clock; 0 for soon.
+        delays_ns: for each step, how much later than at the rate it is due; empty for no delay.
     """
 
     rate_hz: float
     steps: int
+    begin_ns: int = 0
+    delays_ns: tuple[int, ...] = ()
+
+
+class WatchClocks(Command, frozen=True, kw_only=True, tag=True):
+    """Record the processor time of these processes at each due time from now on.
+
+    The reply is `Watched`.
+    """
+
+    pids: tuple[int, ...]
 
 
 class Stop(Command, frozen=True, kw_only=True, tag=True):
@@ -478,6 +493,12 @@ class Played(Reply, frozen=True, kw_only=True, tag=True):
     """The number of published steps."""
 
     steps: int
+
+
+class Watched(Reply, frozen=True, kw_only=True, tag=True):
+    """The number of processes whose processor time is recorded: the first ones that were named."""
+
+    clocks: int
 
 
 class Failed(Reply, frozen=True, kw_only=True, tag=True):

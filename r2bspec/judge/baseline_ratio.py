@@ -22,6 +22,7 @@ from r2bspec.judge.methods import Method
 from r2bspec.judge.requirement_case import Decision, RequirementCase, finite, requirement_verdict
 from r2bspec.judge.statistics.t_interval import RatioInterval, paired_ratio
 from r2bspec.judge.statistics.variance_components import ASSURANCE, growth_for_mean, pieces_for
+from r2bspec.judge.turn_comparison import ratio_of_starts
 from r2bspec.judge.verdict import BaselineEstimate, Outcome, RequirementVerdict
 
 Values = Sequence[float | None]
@@ -41,7 +42,7 @@ class BaselineCase(RequirementCase):
     @property
     def sampled(self) -> bool:
         """Whether a missing value means that nothing was sampled, not that nothing arrived."""
-        return self.info.scope in {"process", "graph", "machine"}
+        return self.info.scope in {"process", "graph", "machine", "work"}
 
 
 @dataclass(frozen=True)
@@ -140,6 +141,18 @@ class _Sides:
             f"{self.case.info.name} is 0 in some iterations, and a ratio to 0 is undefined.",
             "Use an absolute bound, such as 0.1 %, instead of one 'of baseline'.",
         )
+
+
+def judge_by_turns(case: BaselineCase, base: Values, head: Values) -> RequirementVerdict:
+    """Decide by starts of both sides; see `r2bspec.judge.turn_comparison`."""
+    sides = _Sides(case, "trimmed t by turns", base, head)
+    unknown = sides.without_value()
+    if unknown is not None:
+        return unknown
+    before, after = _known(base), _known(head)
+    if len(before) < 2:
+        return sides.undecided("A single start does not show how starts differ.")
+    return sides.decided(ratio_of_starts(before, after, case.confidence), "starts of both", "")
 
 
 def judge_pairs(case: BaselineCase, base: Values, head: Values) -> RequirementVerdict:

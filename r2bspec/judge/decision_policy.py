@@ -135,6 +135,9 @@ def combine_looks(
     )
     first = next((one for one in decided if one.outcome != "inconclusive"), last)
     chosen = last if last.outcome == "fail" else first
+    if looks.by_turns and chosen.outcome == "fail":
+        # The starts after a failure confirm it in the same list: it stands if they do not mend it.
+        chosen = last
     if chosen.outcome != "inconclusive" or latest == len(looks):
         return chosen
     remedy = f"The next look, after {looks.iterations[latest]} {counted}, may decide it."

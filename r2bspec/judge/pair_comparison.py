@@ -56,7 +56,7 @@ import msgspec
 
 from r2bspec.judge.affected_iterations import find_affected_iterations, strict_refusal
 from r2bspec.judge.baseline_comparison import judge_baseline_requirements, run_value
-from r2bspec.judge.baseline_ratio import BaselineCase, judge_pairs
+from r2bspec.judge.baseline_ratio import BaselineCase, judge_by_turns, judge_pairs
 from r2bspec.judge.confirmation import confirm_run, needs_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks, without_own_confidence
 from r2bspec.judge.interference_bound import REMEDY, best_case_iteration, largest_taken_share
@@ -64,6 +64,7 @@ from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.pipeline import first_iterations, judge
 from r2bspec.judge.statistics.t_interval import mean_interval
+from r2bspec.judge.turn_comparison import can_be_played_by_turns, turn_values
 from r2bspec.judge.unmet_starts import early_doubt_of_pairs
 from r2bspec.judge.validity import PlaybackValidity
 from r2bspec.judge.verdict import EXIT_CODES, Outcome, RequirementVerdict, Verdict, outcome_of
@@ -223,6 +224,8 @@ _EXPLAINED_BY: Final[Mapping[str, Side]] = {"fail": "head", "pass": "base"}
 """The side whose excess of host interference explains a verdict."""
 
 _CONFIRMED = "Confirmed by new pairs."
+_CONFIRMED_BY = "Confirmed by {} more starts of both sides."
+_NOT_CONFIRMED_BY = "It had failed, but does not with {} more starts of both sides."
 _NO_NEW_PAIRS = "No new pairs were played to confirm it."
 _NOT_COUNTED = "With 'gate.confirm: false' the new pairs do not count."
 _NOT_CONFIRMED = "It had failed, but new pairs did not confirm the failure."
@@ -238,6 +241,7 @@ class PairSet:
         looks: the planned looks after each pair; None where all are judged at once.
         unaffected: those without host interference; None if there was none in any.
         disturbance_text: which pairs were affected, and by what.
+        fresh_starts: of both sides, at the end, that were played to confirm a failure.
     """
 
     played: InterleavedRuns
@@ -245,6 +249,7 @@ class PairSet:
     looks: InterimLooks | None = None
     unaffected: InterleavedRuns | None = None
     disturbance_text: str = ""
+    fresh_starts: int = 0
 
 
 def judge_comparison(
@@ -259,6 +264,11 @@ def judge_comparison(
         policy: of the head's plan.
     """
     verdict = judge_pair_set(objectives, first, policy)
+    if first.fresh_starts:
+        held = needs_confirmation(verdict)
+        return verdict.saying(
+            (_CONFIRMED_BY if held else _NOT_CONFIRMED_BY).format(first.fresh_starts)
+        )
     if not needs_confirmation(verdict):
         return verdict
     if again is None or not policy.confirm:
@@ -433,6 +443,12 @@ def _judge_once(objectives: Objectives, pairs: InterleavedRuns, policy: Decision
 def _judge_by_pairs(
     case: BaselineCase, pairs: InterleavedRuns, *, early: bool
 ) -> RequirementVerdict:
+    if can_be_played_by_turns(case.info) and _by_turns(pairs, case.at_hz):
+        values = [
+            turn_values(case.info, case.monitor, case.at_hz, before, after)
+            for before, after in zip(pairs.base, pairs.head, strict=True)
+        ]
+        return judge_by_turns(case, [base for base, _ in values], [head for _, head in values])
     base, head = (
         [run_value(case.info, case.monitor, case.at_hz, run) for run in side]
         for side in (pairs.base, pairs.head)
@@ -444,6 +460,12 @@ def _judge_by_pairs(
     family = case.info.family
     messages = sum(sample.times[family].size for sample in seen if family in sample.times)
     return verdict.held_back(early_doubt_of_pairs(case, verdict, messages))
+
+
+def _by_turns(pairs: InterleavedRuns, at_hz: float | None) -> bool:
+    """Whether both sides were played by turns at a rate in every start of both."""
+    runs = [*pairs.base, *pairs.head]
+    return bool(runs) and all(run.turns_at(at_hz) is not None for run in runs)
 
 
 def _combine_sustained(found: Sequence[RequirementVerdict]) -> RequirementVerdict:

@@ -76,6 +76,8 @@ class RequirementCase:
         family, worst = self.info.family, math.inf if self.is_upper_bound else -math.inf
         if self.info.scope == "playback":
             return [iteration.playback.lateness for iteration in self.iterations], 0
+        if self.info.scope == "work":
+            return [iteration.known_work(self.info.subject) for iteration in self.iterations], 0
         if self.info.scope == "anatomy":
             return self._with_lost(worst), self.lost_on_paths
         seen = self.monitor_samples

@@ -43,6 +43,7 @@ class PairsResult(msgspec.Struct, frozen=True, kw_only=True):
         used: the number of pairs that the verdicts are based on.
         pairs: every pair that was played, with the folders of its runs.
         notes: decisions made during the comparison, a sentence each.
+        by_turns: whether a pair is a start of both sides, which were played by turns.
     """
 
     against: str
@@ -54,6 +55,7 @@ class PairsResult(msgspec.Struct, frozen=True, kw_only=True):
     used: int
     pairs: tuple[PairRecord, ...]
     notes: tuple[str, ...]
+    by_turns: bool = False
 
 
 class Result(msgspec.Struct, frozen=True, kw_only=True):

@@ -32,6 +32,9 @@
 #define STAMP_BYTES 8
 #define NO_PLACE (-1)
 #define PAGE_BYTES 4096 /* or a multiple of it */
+#define MAX_CLOCKS 256
+#define NO_TIME (-1)
+#define NO_CLOCK INT32_MAX /* which cannot be read */
 
 /* Of size 0 if nothing is mapped: munmap() then only returns an error. */
 typedef struct mapping {
@@ -57,17 +60,19 @@ typedef struct entry {
   int32_t step, complete;
 } entry_t;
 
-/* r2bspec/ipc/playback_file.py */
+/* r2bspec/ipc/playback_file.py: the entries, and after them for each entry the time of each clock. */
 typedef struct playback {
   int64_t published;
   char magic[8];
   int64_t count, is_loaded, has_stamps;
   int64_t least_ns; /* the least time of the beginning, or stamp if it has no stamps */
+  int64_t begin_ns; /* when the first event is due; 0 for soon */
+  int64_t clocks;
   entry_t entries[];
 } playback_t;
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the files are little-endian");
-_Static_assert(sizeof(playback_t) == 48 && sizeof(entry_t) == 80, "as Python writes them");
+_Static_assert(sizeof(playback_t) == 64 && sizeof(entry_t) == 80, "as Python writes them");
 
 typedef struct player {
   channel_t *channel;
@@ -75,6 +80,10 @@ typedef struct player {
   source_t *sources;
   int64_t source_count;
   int64_t spin_ns;
+  clockid_t clocks[MAX_CLOCKS]; /* of the processes whose work is measured */
+  int64_t clock_count;
+  int64_t *times; /* a row of times for each entry of the file that is played */
+  int64_t row_size;
 } player_t;
 
 /* ---- files ---- */
@@ -122,19 +131,23 @@ static int take_entry(
 }
 
 /* To be unmapped in any case. */
-static int open_playback(const player_t *player, mapping_t *file, const char *path)
+static int open_playback(player_t *player, mapping_t *file, const char *path)
 {
   if (map_file(file, path, true) < 0) {
     return -1;
   }
   playback_t *playback = (void *)file->data;
-  const size_t entries = (file->size - sizeof(*playback)) / sizeof(entry_t);
-  bool whole = file->size >= sizeof(*playback) && memcmp(playback->magic, "R2BPLAY4", 8) == 0 &&
-               playback->count == (int64_t)entries &&
-               file->size == sizeof(*playback) + entries * sizeof(entry_t);
+  bool whole = file->size >= sizeof(*playback) && memcmp(playback->magic, "R2BPLAY5", 8) == 0 &&
+               within(playback->clocks, 0, player->clock_count);
+  player->row_size = whole ? playback->clocks : 0;
+  const size_t size = sizeof(entry_t) + (size_t)player->row_size * sizeof(int64_t);
+  const int64_t entries = whole ? (int64_t)((file->size - sizeof(*playback)) / size) : 0;
+  whole = whole && playback->count == entries &&
+          file->size == sizeof(*playback) + (size_t)entries * size;
+  player->times = whole ? (int64_t *)&playback->entries[entries] : NULL;
   entry_t entry;
-  for (int64_t i = 0; whole && i < (int64_t)entries; ++i) {
-    whole = take_entry(player, playback, i, (int64_t)entries, &entry) == 0;
+  for (int64_t i = 0; whole && i < entries; ++i) {
+    whole = take_entry(player, playback, i, entries, &entry) == 0;
     /* Its page is made writable before it is needed. */
     playback->entries[i].published_ns = 0;
   }
@@ -170,11 +183,26 @@ static int64_t later(int64_t one_ns, int64_t other_ns)
   return one_ns > other_ns ? one_ns : other_ns;
 }
 
+/* ---- work ---- */
+
+/* Reads the processor time of each process; one that has ended has none. */
+static void read_work(const player_t *player, int64_t entry)
+{
+  for (int64_t i = 0; i < player->row_size; ++i) {
+    struct timespec used;
+    player->times[entry * player->row_size + i] =
+      clock_gettime(player->clocks[i], &used) == 0 ? used.tv_sec * NS_PER_S + used.tv_nsec
+                                                   : NO_TIME;
+  }
+}
+
 /* ---- playing ---- */
 
-/* Sleeps, then spins; learns for how long it must spin. True, perhaps earlier, for a command. */
-static bool wait_until(player_t *player, int64_t due_ns, bool looks)
+/* Sleeps, reads the clocks, then spins; learns for how long it must spin. True, perhaps earlier,
+ * for a command. The clocks are read while it would spin, so that they delay no publication. */
+static bool wait_until(player_t *player, int64_t due_ns, int64_t entry)
 {
+  const bool looks = entry % ENTRIES_PER_LOOK == 0;
   const int64_t sleep_ns = due_ns - monotonic_ns() - player->spin_ns;
   if ((sleep_ns > 0 || looks) && channel_wait(player->channel, sleep_ns > 0 ? sleep_ns : 0)) {
     return true;
@@ -185,6 +213,7 @@ static bool wait_until(player_t *player, int64_t due_ns, bool looks)
   } else if (sleep_ns > 0 && !is_late && player->spin_ns > MIN_SPIN_NS) {
     player->spin_ns -= EARLY_STEP_NS;
   }
+  read_work(player, entry);
   while (monotonic_ns() < due_ns) {
   }
   return false;
@@ -215,9 +244,11 @@ static int publish_event(player_t *player, playback_t *playback, int64_t first, 
 /* Plays until the last event or until a command arrives; returns how many steps are complete. */
 static int play_events(player_t *player, playback_t *playback, int64_t count)
 {
-  const int64_t begin_ns = monotonic_ns() + START_DELAY_NS;
+  const int64_t begin_ns =
+    playback->begin_ns != 0 ? playback->begin_ns : monotonic_ns() + START_DELAY_NS;
   /* To which the stamps of a recording are shifted. */
-  const int64_t epoch_ns = later(system_ns() + START_DELAY_NS, playback->least_ns);
+  const int64_t epoch_ns = later(
+    system_ns() + later(begin_ns - monotonic_ns(), START_DELAY_NS), playback->least_ns);
   int64_t least_stamp_ns = playback->least_ns;
   int steps = 0;
   entry_t entry;
@@ -242,7 +273,7 @@ static int play_events(player_t *player, playback_t *playback, int64_t count)
       }
       write_stamp(player, &entry, stamp_ns);
     }
-    if (wait_until(player, due_ns, first % ENTRIES_PER_LOOK == 0)) {
+    if (wait_until(player, due_ns, first)) {
       break;
     }
     if (publish_event(player, playback, first, end) < 0) {
@@ -279,7 +310,7 @@ static int play(player_t *player, const char *path)
   int steps = open_playback(player, &file, path);
   if (steps == 0) {
     playback_t *playback = (void *)file.data;
-    const int64_t count = (int64_t)((file.size - sizeof(*playback)) / sizeof(entry_t));
+    const int64_t count = (entry_t *)player->times - playback->entries;
     steps = playback->is_loaded ? play_events(player, playback, count)
                                 : touch(player, playback, count);
   }
@@ -321,6 +352,23 @@ static int configure(player_t *player)
   return failed;
 }
 
+/* watch PROCESSES {PID}: whose work is measured from now on */
+static int watch(player_t *player)
+{
+  const int64_t processes = next_number(player->channel);
+  player->clock_count = 0;
+  for (int64_t i = 0; i < processes; ++i) {
+    clockid_t clock;
+    const pid_t process = (pid_t)next_number(player->channel);
+    if (player->clock_count < MAX_CLOCKS) {
+      /* A process that has ended keeps its place. */
+      player->clocks[player->clock_count++] =
+        clock_getcpuclockid(process, &clock) == 0 ? clock : NO_CLOCK;
+    }
+  }
+  return channel_reply(player->channel, "watched %lld\n", (long long)player->clock_count);
+}
+
 /* Sends a number for each input: whether its type begins with a header, or its subscriptions. */
 static int send_numbers(player_t *player, const char *reply, bool headers)
 {
@@ -341,6 +389,9 @@ static int execute(player_t *player)
   const char *command = next_word(player->channel);
   if (strcmp(command, "play") == 0) {
     return play(player, next_word(player->channel));
+  }
+  if (strcmp(command, "watch") == 0) {
+    return watch(player);
   }
   if (strcmp(command, "count") == 0) {
     return send_numbers(player, "matched", false);

@@ -35,6 +35,13 @@ from r2bspec.plan.plan import PlayPlan
 LOOK_FACTORS: Final = (1, 2, 4)
 """Of the declared iterations, in a run of one start."""
 
+_FIRST_LOOK_BY_TURNS: Final = 5
+"""After so many starts of both sides."""
+
+_SHARE_BY_TURNS: Final = 0.3
+"""Of the error, for each look at starts of both sides. Pairs share most of their values from look
+to look, so that the sum is not used up (`tests/simulation/test_simulation_turns.py`)."""
+
 _FIRST_LOOK: Final = 3
 """After so many starts; fewer are judged only at the end of a run that has no more."""
 
@@ -74,11 +81,13 @@ class InterimLooks:
     Attributes:
         declared: the declared number of iterations: before it, a run ends only with a decision.
         after_starts: whether each comes after a start.
+        by_turns: whether each comes after a start of both sides of a comparison.
     """
 
     iterations: tuple[int, ...]
     declared: int = 0
     after_starts: bool = False
+    by_turns: bool = False
 
     def __post_init__(self) -> None:
         ends = (0, *self.iterations)
@@ -120,11 +129,25 @@ class InterimLooks:
         """The looks at pairs of runs: each pair is a start of either side."""
         return cls.planned(pairs, pairs)
 
+    @classmethod
+    def after_starts_of_both(cls, starts: int, confirmed_from: int = 0) -> InterimLooks:
+        """The looks at a comparison by turns.
+
+        Args:
+            starts: the largest number of starts of both sides.
+            confirmed_from: the look that failed; the next one is at the end.
+        """
+        last = confirmed_from or starts
+        ends = set(range(_FIRST_LOOK_BY_TURNS, last)) | {last, starts}
+        return cls(tuple(sorted(ends)), declared=starts, after_starts=True, by_turns=True)
+
     def __len__(self) -> int:
         return len(self.iterations)
 
     def error_share(self, look: int) -> float:
         """The part of the error that a look may make; looks are counted from 1."""
+        if self.by_turns:
+            return _SHARE_BY_TURNS
         if len(self) == 1:
             return 1.0
         if self.after_starts:

@@ -31,7 +31,15 @@ from r2bspec.plan.plan import Plan
 from r2bspec.record.files import FolderReader, RecordError, to_json, write_atomically
 from r2bspec.record.graph_identity import common_identity
 from r2bspec.record.run_folder import Run, RunFolder, open_run, read_spec_text, read_stored_plan
-from r2bspec.record.run_record import ExitNumber, Limit, Number, RunRecord, SearchRecord, Segment
+from r2bspec.record.run_record import (
+    Count,
+    ExitNumber,
+    Limit,
+    Number,
+    RunRecord,
+    SearchRecord,
+    Segment,
+)
 from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
 from r2bspec.safe_io.limits import MAX_SEGMENTS
 from r2bspec.safe_io.safe_file import is_regular
@@ -224,6 +232,9 @@ class PairsRecord(msgspec.Struct, frozen=True, kw_only=True):
         environment: the changed variables of the base, by name; empty for a removed one.
         notes: on decisions during the comparison, one sentence each.
         gate: on the base, if it has its own work tree, one sentence each.
+        by_turns: whether a pair is a start of both sides, which were played by turns.
+        confirmed_from: after so many pairs a requirement failed; those that follow confirm it. 0
+            where nothing had to be confirmed in this way.
     """
 
     r2bspec_pairs: Literal[1] = 1
@@ -243,6 +254,8 @@ class PairsRecord(msgspec.Struct, frozen=True, kw_only=True):
     environment: dict[str, str] = {}
     notes: tuple[str, ...] = ()
     gate: tuple[str, ...] = ()
+    by_turns: bool = False
+    confirmed_from: Count = 0
     exit_status: ExitNumber = 0
 
 

@@ -74,6 +74,7 @@ _FOLDER_MODE = 0o700
 _RESOURCES = "resources.npy"
 _INTERFERENCE = "interference.npy"
 _ANATOMY = "anatomy.npy"
+_WORK = "work.npy"
 
 _SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+=@-]*")
 
@@ -162,6 +163,10 @@ class RunFolder:
         """Write the playback of a segment: rows of `PLAYBACK_DTYPE`."""
         self._write_rows(f"{_samples_of(segment)}/playback.npy", rows, arrays.PLAYBACK_DTYPE)
 
+    def write_work(self, segment: str, rows: arrays.Rows) -> None:
+        """Write the processor time of each step of a segment: rows of `WORK_DTYPE`."""
+        self._write_rows(f"{_samples_of(segment)}/{_WORK}", rows, arrays.WORK_DTYPE)
+
     def write_monitor(self, segment: str, monitor: str, rows: arrays.Rows) -> None:
         """Write the messages of a monitor in a segment, even if there are none (no rows)."""
         self._write_rows(
@@ -226,6 +231,16 @@ class Run:
             RecordError: the file is missing or damaged.
         """
         return self.segment_rows(segment, "playback.npy", arrays.PLAYBACK_DTYPE)
+
+    def work(self, segment: Segment) -> arrays.Rows:
+        """The processor time of each step and process; no rows if nothing was played by a player.
+
+        Raises:
+            RecordError: the file is missing or damaged.
+        """
+        if f"{_samples_of(segment.id)}/{_WORK}" not in self.record.samples:
+            return np.empty(0, arrays.WORK_DTYPE)
+        return self.segment_rows(segment, _WORK, arrays.WORK_DTYPE)
 
     def monitor(self, segment: Segment, name: str) -> arrays.Rows:
         """The messages of a monitor, one row each in order of arrival (type `MONITOR_DTYPE`).

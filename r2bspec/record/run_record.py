@@ -77,11 +77,12 @@ class PhaseTime(msgspec.Struct, frozen=True, kw_only=True):
 
 
 SegmentKind = Literal[
-    "warm_up", "probe", "sustained", "iteration", "confirmation", "recorded", "anatomy"
+    "warm_up", "probe", "sustained", "iteration", "confirmation", "recorded", "anatomy", "turns"
 ]
 """The purpose of a segment; those of the confirmation run after a failure are ``confirmation``, the
 messages of ``recorded`` are in a bag of the run folder, and ``anatomy`` is the one that is observed
-from inside where the others are not."""
+from inside where the others are not. ``turns`` was played by turns with the other side of a
+comparison; its `index` is the place of the rate in the plan, from 1."""
 
 
 class Segment(msgspec.Struct, frozen=True, kw_only=True):

@@ -32,6 +32,11 @@ which publishing was due, at which it began, and at which the last input was pub
 inputs of the plan of which the step has messages: bit k for input k, -1 for all of them. In a
 timeline a step is due, and begins, with its first message."""
 
+WORK_FIELDS = (("step", "<i8"), ("process", "<i8"), ("work_ns", "<i8"))
+"""One row per step and process of the graph: the processor time that the process (an index into
+`RunRecord.processes`) and its descendants used from when the step was due until the next step was
+due. The last step of a playback has no row, nor has a step during which a process ended."""
+
 MONITOR_FIELDS = (
     ("stamp_ns", "<i8"),
     ("received_ns", "<i8"),
@@ -99,6 +104,7 @@ is the sequence number, and for buffers within a process the index in the buffer
 the header stamp of the message, or 0. `clock_ns` is the system clock less the monotonic clock."""
 
 PLAYBACK_DTYPE: np.dtype[np.void] = np.dtype(list(PLAYBACK_FIELDS))
+WORK_DTYPE: np.dtype[np.void] = np.dtype(list(WORK_FIELDS))
 MONITOR_DTYPE: np.dtype[np.void] = np.dtype(list(MONITOR_FIELDS))
 RESOURCE_DTYPE: np.dtype[np.void] = np.dtype(list(RESOURCE_FIELDS))
 INTERFERENCE_DTYPE: np.dtype[np.void] = np.dtype(list(INTERFERENCE_FIELDS))

@@ -165,12 +165,16 @@ def comparison(result: Result) -> Iterator[str]:
         yield f"Changed since the base: {', '.join(result.changes[:_MAX_CHANGES])}{others}."
     pairs = result.pairs
     if pairs is not None:
-        played = f"{pairs.used} of {pairs.planned} pairs" if pairs.used < pairs.planned else ""
-        played = played or pluralize(pairs.used, "pair")
-        if pairs.control:
-            yield f"Control: the graph compared with itself, in {played} of interleaved runs."
-        else:
-            yield f"Compared with {pairs.against}, in {played} of interleaved runs."
+        noun = "start" if pairs.by_turns else "pair"
+        how = "of both sides, played by turns" if pairs.by_turns else "of interleaved runs"
+        played = f"{pairs.used} of {pairs.planned} {noun}s" if pairs.used < pairs.planned else ""
+        played = played or pluralize(pairs.used, noun)
+        what = (
+            "Control: the graph compared with itself"
+            if pairs.control
+            else (f"Compared with {pairs.against}")
+        )
+        yield f"{what}, in {played} {how}."
         if pairs.environment:
             yield f"The environment of the base differs in {', '.join(sorted(pairs.environment))}."
         yield from (

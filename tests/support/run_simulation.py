@@ -23,6 +23,7 @@ from r2bspec.judge.measure.run_samples import (
     SegmentRows,
     run_samples,
     segment_samples,
+    work_of_steps,
 )
 from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
 from r2bspec.language.comparison_grammar import parse_requirement
@@ -45,6 +46,7 @@ from r2bspec.record.sample_arrays import (
     MONITOR_DTYPE,
     PLAYBACK_DTYPE,
     RESOURCE_DTYPE,
+    WORK_DTYPE,
     Rows,
 )
 
@@ -149,6 +151,7 @@ class Simulation:
             folder.write_playback(segment.id, rows.playback)
             for name, seen in rows.monitors.items():
                 folder.write_monitor(segment.id, name, seen)
+            folder.write_work(segment.id, self._work(segment, rows.playback.size))
         end_ns = self._end_ns(played)
         folder.write_resources(self._resources(end_ns))
         if self.interference:
@@ -193,10 +196,24 @@ class Simulation:
             monitors = {name: rows[:0] if name in played.silent else rows for name in self.monitors}
             earlier = [NO_STAMPS, *(rows.playback["stamp_ns"] for _, rows in found)]
             played_earlier = partial(np.isin, test_elements=np.concatenate(earlier))
+            work = work_of_steps(self._work(segment, playback.size), [*self.cpu], playback.size)
             found.append(
-                (segment, SegmentRows(playback, monitors, {}, played_earlier=played_earlier))
+                (
+                    segment,
+                    SegmentRows(playback, monitors, {}, played_earlier=played_earlier, work=work),
+                )
             )
         return found
+
+    def _work(self, segment: Segment, steps: int) -> Rows:
+        """The processor time of all steps but the last one."""
+        rows = np.zeros((len(self.cpu), max(0, steps - 1)), WORK_DTYPE)
+        rows["step"] = np.arange(rows.shape[1])
+        rows["process"] = np.arange(len(self.cpu))[:, np.newaxis]
+        if segment.rate_hz:
+            share = np.array([*self.cpu.values()])[:, np.newaxis]
+            rows["work_ns"] = share / segment.rate_hz * 1e9
+        return rows.ravel()
 
     def _end_ns(self, played: Sequence[tuple[Segment, SegmentRows]]) -> int:
         return played[-1][0].ended_ns + 500_000_000 if played else self.start_ns

@@ -11,7 +11,7 @@ CLOCK_MONOTONIC, so the offset of the two is stored with each segment.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -40,21 +40,28 @@ from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import RowReader, StallLogReader
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.judge.measure.matching import StepStamps
-from r2bspec.judge.measure.run_samples import NO_STAMPS, SegmentRows, segment_samples
+from r2bspec.judge.measure.run_samples import NO_STAMPS, SegmentRows, segment_samples, work_of_steps
 from r2bspec.judge.measure.samples import SegmentSamples
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.plan.taps import tap_monitors
 from r2bspec.record.run_record import Segment, SegmentKind
-from r2bspec.record.sample_arrays import MONITOR_FIELDS, PLAYBACK_DTYPE, PLAYBACK_FIELDS
+from r2bspec.record.sample_arrays import (
+    MONITOR_FIELDS,
+    PLAYBACK_DTYPE,
+    PLAYBACK_FIELDS,
+    WORK_DTYPE,
+    Rows,
+)
 
 if TYPE_CHECKING:
     from r2bspec.execute.anatomy import AnatomyObservation
+    from r2bspec.execute.turns import Turns
 
 PLAYBACK_ROWS = "playback"
 """The player's files (`r2bspec.ipc.playback_file`); those of the monitors end in ``.rows``."""
 
 _CHECK_INTERVAL_S = 0.25
-_JUDGED_KINDS: Final = frozenset({"iteration", "sustained", "confirmation"})
+_JUDGED_KINDS: Final = frozenset({"iteration", "sustained", "confirmation", "turns"})
 _OBSERVED_KINDS: Final = _JUDGED_KINDS | {"anatomy"}
 """Whose events are kept: nobody reads those of a warm-up or of a probe."""
 
@@ -91,6 +98,7 @@ class SegmentPlayer:
 
     Attributes:
         segments: all that have been played.
+        last_observation: of the segment that was played last.
         samples: of the segments that are judged, by id, without those of processes and the host.
         schedule: of the player; without steps if there is none.
         on_output_stopped: is called once for each monitor whose output stops, after the segment.
@@ -141,8 +149,11 @@ class SegmentPlayer:
         self._reported_outputs: set[str] = set()
         self.on_output_stopped: Callable[[Segment, MonitorPlan], None] = lambda _, __: None
         self.segments: list[Segment] = []
+        self.last_observation: SegmentObservation | None = None
         self.samples: dict[str, SegmentSamples] = {}
         self._stamps: list[NDArray[np.int64]] = []
+        # The process of each clock that the player reads, by its index in the record.
+        self._clocks: tuple[int, ...] = ()
         self._unasked = UnaskedOutputs(lambda found: np.isin(found, self._earlier_stamps()))
 
     def play(
@@ -151,6 +162,7 @@ class SegmentPlayer:
         rate_hz: float,
         steps: int,
         stop_condition: StopCondition | None = None,
+        turns: Turns | None = None,
     ) -> SegmentObservation:
         """Play a segment and record it; one that ends with an exception is kept as incomplete.
 
@@ -168,7 +180,7 @@ class SegmentPlayer:
         complete = False
         try:
             with self._supervisor.waiting(f"{heading.kind.replace('_', '-')}: playing"):
-                self._play(rate_hz, steps, first, stop_condition)
+                self._play(rate_hz, steps, first, stop_condition, turns)
             with self._supervisor.waiting("answers after the last input"):
                 self._drain(heading.kind, rate_hz, first)
             complete = True
@@ -189,7 +201,41 @@ class SegmentPlayer:
                     monitor_held_ns=self._stall_log.between(began_ns, time.monotonic_ns()),
                 )
         self._detect_stopped_outputs(heading.kind, observation)
+        self.last_observation = observation
         return observation
+
+    def watch_work(self, processes: Mapping[int, Sequence[int]]) -> None:
+        """Record the processor time that these processes use for each step from now on.
+
+        Args:
+            processes: the pids of each process and its descendants, by its index in the record.
+
+        Raises:
+            RunError: the player does not respond.
+        """
+        if not isinstance(self._playback, PlaybackReader) or self._player is None:
+            return
+        pids = [(index, pid) for index, family in processes.items() for pid in family]
+        command = protocol.WatchClocks(pids=tuple(pid for _, pid in pids))
+        reply = self._supervisor.request(self._player, command, protocol.Watched)
+        self._clocks = tuple(index for index, _ in pids[: reply.clocks])
+
+    def _work(self) -> Rows:
+        """The processor time of the steps of the last playback, of type `WORK_DTYPE`."""
+        if not self._clocks or not isinstance(self._playback, PlaybackReader):
+            return np.empty(0, WORK_DTYPE)
+        clocks_ns = self._playback.last_clocks()
+        known = (clocks_ns[1:] >= 0) & (clocks_ns[:-1] >= 0)
+        used_ns = np.where(known, np.diff(clocks_ns, axis=0), 0)
+        blocks = []
+        for process in dict.fromkeys(self._clocks):
+            columns = np.array(self._clocks) == process
+            steps = np.flatnonzero(known[:, columns].all(axis=1))
+            block = np.empty(steps.size, WORK_DTYPE)
+            block["step"], block["process"] = steps, process
+            block["work_ns"] = used_ns[np.ix_(steps, columns)].sum(axis=1)
+            blocks.append(block)
+        return np.concatenate(blocks)
 
     def play_unrecorded(self, rate_hz: float, steps: int) -> None:
         """Play steps that belong to no segment; `discard_new_rows` discards their output.
@@ -295,6 +341,7 @@ class SegmentPlayer:
         steps: int,
         first: dict[str, int],
         stop_condition: StopCondition | None,
+        turns: Turns | None,
     ) -> None:
         if self._player is None:
             raise RunError("this run has no player")
@@ -304,7 +351,10 @@ class SegmentPlayer:
         next_check = begin + _CHECK_INTERVAL_S
         stopping = False
         live = self._live(first)
-        self._player.send(protocol.Play(rate_hz=rate_hz, steps=steps))
+        begin_ns, delays_ns = (turns.begin_ns, turns.delays_ns) if turns else (0, ())
+        self._player.send(
+            protocol.Play(rate_hz=rate_hz, steps=steps, begin_ns=begin_ns, delays_ns=delays_ns)
+        )
         # While the player waits for the first due time, so that earlier use is not counted.
         self._context.resources.sample_at(time.monotonic_ns())
         while True:
@@ -451,6 +501,10 @@ class SegmentPlayer:
         }
         self._step_stamps.remember(observation.playback, first[""])
         folder.write_playback(segment.id, observation.playback)
+        work = np.empty(0, WORK_DTYPE)
+        if segment.kind in _JUDGED_KINDS:
+            work = self._work()
+            folder.write_work(segment.id, work)
         for name, rows in observation.monitors.items():
             folder.write_monitor(segment.id, name, rows)
             self._next_rows[name] = first[name] + rows.size
@@ -468,6 +522,11 @@ class SegmentPlayer:
                 taps,
                 lambda found: np.isin(found, earlier),
                 observed,
+                work_of_steps(
+                    work,
+                    [process.name for process in self._supervisor.records()],
+                    int(observation.playback.size),
+                ),
             )
             matched = None if segment.live else observation.all_matched()
             self.samples[segment.id] = segment_samples(self._plan, segment, rows_of, matched)

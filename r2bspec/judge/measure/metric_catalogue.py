@@ -3,7 +3,7 @@
 Grammar of a metric's name, as a requirement writes it::
 
     metric = [monitor "."] name ["." part]          latency.p99, detections.latency.p99
-           | ("cpu" | "memory") "." process "." part    cpu.apriltag.mean, cpu.graph.mean
+           | ("cpu" | "memory" | "work") "." process "." part    cpu.apriltag.mean, work.graph.p50
            | node "." family ["." part]                 blur.callback.p99, blur.load
            | topic ".transport." part                   camera/image.transport.p50
 
@@ -56,6 +56,7 @@ Scope = Literal[
     "process",
     "graph",
     "machine",
+    "work",
     "search",
     "probe",
     "anatomy",
@@ -228,6 +229,11 @@ def _metric(
     return MetricInfo(name, scope, dimension, unit, statistic, description)
 
 
+def _work(subject: str, part: str) -> MetricInfo:
+    """A metric of the processor time that a process, or the graph, uses for a step."""
+    return _time_metric("work", f"work.{subject}", part, "processor time per step", subject)
+
+
 def _anatomy(family: str, part: str) -> MetricInfo:
     """A metric of a node or topic, with a placeholder in its name."""
     subject, what = _ANATOMY_FAMILIES[family]
@@ -275,6 +281,11 @@ _CATALOGUE: tuple[MetricInfo, ...] = (
     _metric(
         "memory.graph.max", "graph", "size", "observation", "largest sum of their resident sets"
     ),
+    *(
+        _work(subject, part)
+        for subject in (PROCESS, WHOLE_GRAPH)
+        for part in ("mean", "p10", "p25", "p50", "p90")
+    ),
     _metric("cpu.system.mean", "machine", "share", "mean", "CPU of the machine; one core is 100 %"),
     _metric("cpu.system.max", "machine", "share", "observation", "the same in the busiest sample"),
     _metric(
@@ -305,6 +316,8 @@ METRICS: dict[str, MetricInfo] = {info.name: info for info in _CATALOGUE}
 """Every metric by name; ``<process>`` stands for any process, and more percentiles than those
 listed exist (see `r2bspec.judge.measure.distribution.quantile`)."""
 
+
+_PROCESS_FAMILIES = ("cpu", "memory", "work")
 
 _OWN_PACE_FAMILIES = ("throughput", "age", "interval", "jitter", "received")
 """Families of a monitor's metrics that do not depend on what was played."""
@@ -383,6 +396,9 @@ def _find(name: str, subjects: Subjects) -> MetricInfo | None:
 
 def _find_process(family: str, part: str, subjects: Subjects) -> MetricInfo | None:
     kind, _, process = family.partition(".")
+    if kind == "work" and quantile(part) is not None:
+        is_known = process == WHOLE_GRAPH or process in subjects.processes
+        return _work(process, part) if is_known else None
     template = METRICS.get(f"{kind}.{PROCESS}.{part}")
     if template is None or process not in subjects.processes:
         return None
@@ -493,6 +509,7 @@ SCOPES: dict[Scope, str] = {
     "process": "each process of the plan",
     "graph": "the graph",
     "machine": "the machine",
+    "work": "each process of the graph, and the graph",
     "search": "the search for the peak",
     "probe": "a probe at one rate",
     "anatomy": "each node, topic or monitor, with 'benchmark: {anatomy: true}'",
@@ -537,7 +554,7 @@ def find_metric(name: str) -> MetricInfo:
     for candidate in (name, rest):
         if candidate in METRICS:
             return METRICS[candidate]
-    processes = Subjects(processes=(rest.rpartition(".")[0],) if first in {"cpu", "memory"} else ())
+    processes = Subjects(processes=(rest.rpartition(".")[0],) if first in _PROCESS_FAMILIES else ())
     named = replace(
         processes, nodes=(first, rest.partition(".")[0]), topics=(first,), monitors=(first,)
     )

@@ -63,6 +63,9 @@ def metric_value(info: MetricInfo, monitor: str | None, samples: SegmentSamples)
             return _use_value(info, samples.graph)
         case "machine":
             return _use_value(info, samples.machine)
+        case "work":
+            used = samples.known_work(info.subject)
+            return time_value(info, used, 0) if used.size else None
         case "anatomy":
             times = samples.anatomy.get(info.series)
             if times is None or not times.size:

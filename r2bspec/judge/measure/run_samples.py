@@ -13,7 +13,7 @@ successive hops add up to the mean of the whole path, for the same steps; percen
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -40,7 +40,7 @@ from r2bspec.judge.measure.matching import (
     match_monitor,
     source_times_ns,
 )
-from r2bspec.judge.measure.metric_catalogue import Subjects
+from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH, Subjects
 from r2bspec.judge.measure.observed_runs import ObservedRows, observed_values
 from r2bspec.judge.measure.samples import (
     HopSamples,
@@ -51,7 +51,7 @@ from r2bspec.judge.measure.samples import (
     monitor_samples,
     playback_samples,
 )
-from r2bspec.judge.measure.times import seconds
+from r2bspec.judge.measure.times import Seconds, seconds
 from r2bspec.plan.plan import GRAPH_ROLES, MonitorPlan, Plan
 from r2bspec.plan.taps import PLAYER, hops_to
 from r2bspec.record.comparison_folder import MergedRun, prefixed_id
@@ -80,6 +80,7 @@ class SegmentRows:
         played_earlier: which of some stamps are those of steps of earlier segments; called only
             where messages arrived that match no step of this one.
         anatomy: what was observed from inside; None if nothing was.
+        work: see `SegmentSamples`.
     """
 
     playback: Rows
@@ -87,6 +88,7 @@ class SegmentRows:
     taps: Mapping[str, Rows]
     played_earlier: PlayedEarlier = lambda stamps: np.zeros(stamps.size, np.bool_)
     anatomy: ObservedRows | None = None
+    work: Mapping[str, Seconds] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -229,13 +231,16 @@ def _read_rows(run: Run, segment: Segment, played: _PlayedStamps) -> SegmentRows
         RecordError: a file of the segment is missing or damaged.
     """
     taps = dict.fromkeys(tap.topic for monitor in run.plan.monitors for tap in monitor.taps)
+    playback = run.playback(segment)
+    processes = [process.name for process in run.record.processes]
     return SegmentRows(
-        playback=run.playback(segment),
+        playback=playback,
         monitors={
             monitor.name: run.monitor(segment, monitor.name) for monitor in run.plan.monitors
         },
         taps={} if segment.live else {topic: run.tap(segment, topic) for topic in taps},
         anatomy=_observed_rows(run, segment) if run.plan.anatomy else None,
+        work=work_of_steps(run.work(segment), processes, int(playback.size)),
         played_earlier=partial(played.before, segment.began_ns),
     )
 
@@ -323,7 +328,28 @@ def segment_samples(
         summary=summarised(joined, segment, observed.record, plan) if joined and observed else None,
         processes={},
         machine=None,
+        work=rows.work,
     )
+
+
+def work_of_steps(rows: Rows, processes: Sequence[str], steps: int) -> dict[str, Seconds]:
+    """Return the processor time of each step, in seconds, by process and for the whole graph.
+
+    Args:
+        rows: of type `WORK_DTYPE`.
+        processes: their names, by the index that rows have.
+        steps: how many were played; a step without a row has NaN.
+    """
+    named: dict[str, Seconds] = {}
+    for index in np.unique(rows["process"]):
+        chosen = rows[(rows["process"] == index) & (rows["step"] < steps)]
+        used = np.full(steps, np.nan)
+        used[chosen["step"]] = chosen["work_ns"] / 1e9
+        name = processes[index]
+        named[name] = named[name] + used if name in named else used
+    if named:
+        named[WHOLE_GRAPH] = np.sum(list(named.values()), axis=0)
+    return named
 
 
 def _monitor(
@@ -450,6 +476,14 @@ def run_samples(
         record,
         [segment for segment in record.segments if segment.kind == "iteration"],
         [segment for segment in record.segments if segment.kind == "sustained"],
+    )
+    first = replace(
+        first,
+        turns={
+            plan.play[segment.index - 1].rate_hz: replace(samples_of(segment), **used[segment.id])
+            for segment in record.segments
+            if segment.kind == "turns" and segment.complete
+        },
     )
     fresh = record.confirmation
     if fresh is None:

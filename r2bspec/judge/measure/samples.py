@@ -277,6 +277,8 @@ class SegmentSamples:
 
     Attributes:
         graph: what the processes of the graph used together.
+        work: the processor time of each step, of each process of the graph and of ``graph``; NaN
+            where it is unknown, as of the last step.
         anatomy: what was observed from inside of each node and topic, by its name and the family of
             the metric, such as ``blur.callback``: the values of single messages, in seconds, in the
             order in which they began. The load has one value.
@@ -292,11 +294,17 @@ class SegmentSamples:
     anatomy: Mapping[str, Seconds] = field(default_factory=dict)
     summary: AnatomySummary | None = None
     graph: ResourceUse | None = None
+    work: Mapping[str, Seconds] = field(default_factory=dict)
 
     @property
     def live(self) -> bool:
         """Whether nothing was played."""
         return self.segment.live
+
+    def known_work(self, process: str) -> Seconds:
+        """Return the processor time of the steps of a process for which it is known."""
+        used = self.work.get(process, np.empty(0))
+        return used[~np.isnan(used)]
 
     def lost_on_paths(self, info: MetricInfo) -> int:
         """How many expected outputs of a monitor never came, so that they have no path.
@@ -323,6 +331,7 @@ class RunSamples:
         confirmation: the confirmation session that was played after a failure, as a run of its own.
         peak_hz: the rate that counts as the peak: the highest sustained rate of the search.
         subjects: what there are metrics of, besides the monitors.
+        turns: offered rate to what was played by turns with the other side of a comparison.
     """
 
     record: RunRecord
@@ -335,6 +344,7 @@ class RunSamples:
     peak_hz: float | None = None
     mode: str = "looping"
     subjects: Subjects = NO_SUBJECTS
+    turns: Mapping[float, SegmentSamples] = field(default_factory=dict)
 
     @property
     def own_rate(self) -> bool:
@@ -363,6 +373,11 @@ class RunSamples:
             return ()
         rates = self.iterations.items()
         return next((played for rate, played in rates if math.isclose(rate, at_hz)), ())
+
+    def turns_at(self, at_hz: float | None) -> SegmentSamples | None:
+        """Return what was played by turns for a rate; None if nothing was."""
+        found = (turns for rate, turns in self.turns.items() if math.isclose(rate, at_hz or 0.0))
+        return next(found, None)
 
     def with_each(self, change: Callable[[SegmentSamples], SegmentSamples | None]) -> RunSamples:
         """The run with each iteration as it is changed, without those that become None."""
@@ -588,6 +603,10 @@ def pool_segments(samples: Sequence[SegmentSamples]) -> SegmentSamples:
         anatomy={
             name: np.concatenate([one.anatomy[name] for one in samples if name in one.anatomy])
             for name in observed
+        },
+        work={
+            name: np.concatenate([one.work[name] for one in samples if name in one.work])
+            for name in dict.fromkeys(name for sample in samples for name in sample.work)
         },
     )
 

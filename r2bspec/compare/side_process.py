@@ -1,0 +1,256 @@
+"""The two processes of a comparison by turns, one for each side, and where they meet.
+
+Each side is played by the controller of an ordinary run (`r2bspec.execute.controller`), with its
+own run folder, domain, processes and player. Controllers change the environment of their process
+and handle its signals, so that each needs a process of its own, which serves all starts of a side.
+
+In a start, both sides come to the same points in the same order (`r2bspec.execute.turns`). Here is
+what they are answered: when the steps of either side are due, and which side is played alone first.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import pickle
+import random
+import secrets
+import signal
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnProcess
+from pathlib import Path
+from typing import Any, Final
+
+from r2bspec.compare.interleaved_comparison import ComparisonSide
+from r2bspec.execute.controller import RunOptions, run_plan
+from r2bspec.execute.errors import RunError
+from r2bspec.execute.processes.environment import applied_environment
+from r2bspec.execute.progress import Progress
+from r2bspec.execute.turns import Partner, PartnerLeftError, Turns
+from r2bspec.plan.plan import Plan
+from r2bspec.record.comparison_folder import Side
+from r2bspec.record.run_folder import RunFolder
+from r2bspec.safe_io.private_files import private_files
+
+STEPS: Final = 40
+"""Of each side, for each rate, in each start."""
+
+LONGEST_TURN_S: Final = 2.0
+"""Where a step takes longer, the sides are not played by turns."""
+
+_ROOM: Final = 3.0
+"""A turn is so many times as long as the slower side needs for a step. A step that outlasts its
+turn disturbs a ratio or two, of which the median takes no notice."""
+
+_LEAD_NS: Final = 150_000_000
+"""From the answer to the first due time, so that both players have their schedules."""
+
+_POLL_S: Final = 0.1
+_END_TIMEOUT_S: Final = 60.0
+_SIDES: Final[tuple[Side, Side]] = ("base", "head")
+
+
+def serve(connection: Connection, side: ComparisonSide, plan: Plan, partner: Partner) -> None:
+    """Play the starts of a side until the connection is closed."""
+    with contextlib.suppress(EOFError, OSError, KeyboardInterrupt), private_files():
+        while True:
+            folder: Path = connection.recv()
+            try:
+                with (
+                    RunFolder.create(folder) as run_folder,
+                    applied_environment(side.environment),
+                ):
+                    run_plan(
+                        plan,
+                        base_dir=side.base_dir,
+                        folder=run_folder,
+                        run_id=secrets.token_hex(8),
+                        spec_text=side.spec_text,
+                        progress=Progress(),
+                        options=RunOptions(identity=side.identity, partner=partner),
+                    )
+            except Exception as error:
+                connection.send(("ended", _sendable(error), None))
+            else:
+                connection.send(("ended", None, None))
+
+
+def _sendable(error: Exception) -> Exception:
+    """Return an error that another process can read: itself, or one with its text."""
+    try:
+        pickle.loads(pickle.dumps(error))  # noqa: S301 - it was made here
+    except Exception:
+        return RunError(f"{type(error).__name__}: {error}", hint=getattr(error, "hint", ""))
+    return error
+
+
+@dataclass
+class _Channel:
+    """A process of a side, as the comparison has it."""
+
+    process: SpawnProcess
+    connection: Connection
+    ended: bool = False
+    failure: Exception | None = None
+    met: tuple[str, Any] | None = None
+
+
+@dataclass
+class BothSides:
+    """The processes of both sides.
+
+    Attributes:
+        seed: of the coin that decides each pair of steps.
+        alone: the sides that are also played alone in each start, at each rate.
+        too_long: why a rate could not be played by turns; both sides are then played alone.
+    """
+
+    seed: int
+    alone: frozenset[Side]
+    channels: Mapping[Side, _Channel]
+    too_long: str = ""
+    _start: int = field(default=0, init=False)
+
+    def play(
+        self, folders: Mapping[Side, Path], check: Callable[[], None]
+    ) -> dict[Side, Exception]:
+        """Play a start of both sides.
+
+        Args:
+            folders: receive the run of either side.
+            check: is called several times a second, and raises an error to end the start.
+
+        Returns:
+            What failed, by side; a side that only ended because the other one failed is left out.
+        """
+        self._start += 1
+        for side, channel in self.channels.items():
+            channel.ended, channel.failure, channel.met = False, None, None
+            channel.connection.send(folders[side])
+        while not all(channel.ended for channel in self.channels.values()):
+            check()
+            for channel in self._readable():
+                self._receive(channel)
+            self._answer()
+        return {
+            side: channel.failure
+            for side, channel in self.channels.items()
+            if channel.failure is not None and not isinstance(channel.failure, PartnerLeftError)
+        }
+
+    def _readable(self) -> Iterator[_Channel]:
+        running = {
+            channel.connection: channel for channel in self.channels.values() if not channel.ended
+        }
+        for connection in wait(list(running), timeout=_POLL_S):
+            yield running[connection]  # type: ignore[index]
+
+    def _receive(self, channel: _Channel) -> None:
+        try:
+            kind, first, second = channel.connection.recv()
+        except (EOFError, OSError):
+            channel.ended = True
+            channel.failure = RunError("the process that plays this side was ended")
+            return
+        if kind == "meet":
+            channel.met = (first, second)
+        else:
+            channel.ended, channel.failure = True, first
+
+    def _answer(self) -> None:
+        """Answer both sides once they have come to the same point; one alone cannot go on."""
+        waiting = {side: each for side, each in self.channels.items() if each.met is not None}
+        if len(waiting) == len(self.channels):
+            points = {side: each.met for side, each in waiting.items() if each.met is not None}
+            answers = self._answers(points)
+            for side, channel in waiting.items():
+                channel.met = None
+                channel.connection.send(("go", answers[side]))
+        elif waiting and any(channel.ended for channel in self.channels.values()):
+            for channel in waiting.values():
+                channel.met = None
+                channel.connection.send(("end", None))
+
+    def _answers(self, points: Mapping[Side, tuple[str, Any]]) -> Mapping[Side, Any]:
+        (point, head), (_, base) = points["head"], points["base"]
+        if point == "turns":
+            slowest_s = max(head["step_s"], base["step_s"])
+            return self._turns(head["rate_hz"], slowest_s)
+        if point == "alone":
+            order = [side for side in _SIDES if side in self._alone()]
+            self._coin("alone").shuffle(order)
+            return {side: order.index(side) if side in order else None for side in _SIDES}
+        return dict.fromkeys(_SIDES)
+
+    def _alone(self) -> frozenset[Side]:
+        return frozenset(_SIDES) if self.too_long else self.alone
+
+    def _coin(self, what: str) -> random.Random:
+        return random.Random(f"{self.seed}/{self._start}/{what}")  # noqa: S311 - no secret
+
+    def _turns(self, rate_hz: float, step_s: float) -> Mapping[Side, Turns | None]:
+        """When either side is played: a coin decides which is first in each pair of steps."""
+        turn_s = max(0.5 / rate_hz if rate_hz else 0.0, _ROOM * step_s)
+        if turn_s > LONGEST_TURN_S or not rate_hz:
+            self.too_long = (
+                f"a step takes {step_s:.1f} s" if rate_hz else "the recording has its own times"
+            )
+            return dict.fromkeys(_SIDES)
+        turn_ns = round(turn_s * 1e9)
+        coin = self._coin(f"{rate_hz:g}")
+        base_first = [coin.random() < 0.5 for _ in range(STEPS)]
+        begin_ns = time.monotonic_ns() + _LEAD_NS
+        delays = {
+            "base": tuple(0 if first else turn_ns for first in base_first),
+            "head": tuple(turn_ns if first else 0 for first in base_first),
+        }
+        return {side: Turns(begin_ns, 0.5e9 / turn_ns, delays[side]) for side in _SIDES}
+
+
+@contextlib.contextmanager
+def both_sides(
+    sides: Mapping[Side, ComparisonSide],
+    plans: Mapping[Side, Plan],
+    buffers: Path,
+    *,
+    buffers_of: Side,
+    seed: int,
+    alone: frozenset[Side],
+) -> Iterator[BothSides]:
+    """Start a process for either side, and end both.
+
+    Args:
+        sides: of the comparison.
+        plans: of one run of either side.
+        buffers: a folder that does not exist yet; has the messages that both sides play.
+        buffers_of: the side whose recording and preprocessors make them.
+        seed: of the coins.
+        alone: see `BothSides`.
+    """
+    context = multiprocessing.get_context("spawn")
+    channels: dict[Side, _Channel] = {}
+    try:
+        for side in _SIDES:
+            ours, theirs = context.Pipe()
+            partner = Partner(theirs, buffers, makes_buffers=side == buffers_of)
+            process = context.Process(
+                target=serve, args=(theirs, sides[side], plans[side], partner)
+            )
+            process.start()
+            theirs.close()
+            channels[side] = _Channel(process, ours)
+        yield BothSides(seed=seed, alone=alone, channels=channels)
+    finally:
+        for channel in channels.values():
+            channel.connection.close()
+            if not channel.ended and channel.process.pid is not None:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(channel.process.pid, signal.SIGINT)
+        for channel in channels.values():
+            channel.process.join(_END_TIMEOUT_S)
+            if channel.process.is_alive():
+                channel.process.kill()

@@ -1,0 +1,170 @@
+"""One side of a comparison by turns: head and base are up at once and are played step by step.
+
+The speed of a shared machine changes by a third within seconds, so that runs that follow each
+other are measured on different machines; steps that follow each other within milliseconds are not.
+So each side has its own processes, domain and player, and the schedules of both players interleave:
+a step of one side, then a step of the other one. While a side is not played, it waits.
+
+The sides are in two processes (`r2bspec.compare.side_process`). They meet at the same points in the
+same order: `Partner.meet` waits for the other side and returns the answer of the comparison.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from r2bspec.execute.errors import InterruptedRunError
+from r2bspec.execute.fill_buffers import ResolvedDataset
+from r2bspec.execute.measurement.segment_observation import SegmentObservation
+from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
+from r2bspec.judge.measure.matching import MatchedMonitor
+from r2bspec.judge.measure.samples import step_times
+from r2bspec.judge.measure.times import Seconds
+from r2bspec.plan.plan import Plan, PlayPlan
+
+_DATASETS_FILE = "datasets"
+
+
+class Turns(msgspec.Struct, frozen=True):
+    """When a side is played, by turns with the other one.
+
+    Attributes:
+        begin_ns: when the first pair of steps begins, on the monotonic clock.
+        pair_hz: pairs of steps per second.
+        delays_ns: of each step of this side, after the beginning of its pair.
+    """
+
+    begin_ns: int
+    pair_hz: float
+    delays_ns: tuple[int, ...]
+
+
+class PartnerLeftError(InterruptedRunError):
+    """The other side of the comparison has failed, or the comparison has ended."""
+
+
+@dataclass
+class Partner:
+    """What a side knows of the comparison.
+
+    Attributes:
+        connection: to the process of the comparison.
+        buffers: the folder of the messages that both sides play.
+        makes_buffers: whether this side makes them.
+    """
+
+    connection: Connection
+    buffers: Path
+    makes_buffers: bool
+
+    def meet(self, point: str, value: Any = None) -> Any:
+        """Tell the comparison that this side has come to a point, and wait for its answer.
+
+        Raises:
+            PartnerLeftError: the comparison goes on without this side.
+        """
+        try:
+            self.connection.send(("meet", point, value))
+            kind, answer = self.connection.recv()
+        except (EOFError, OSError) as error:
+            raise PartnerLeftError("the comparison has ended") from error
+        if kind != "go":
+            raise PartnerLeftError("the other side of the comparison has failed")
+        return answer
+
+    def take_buffers(self, buffer_dir: Path) -> list[ResolvedDataset] | None:
+        """Let a side play the buffers that are there already; None if it has to make them.
+
+        Args:
+            buffer_dir: where the side has its buffers; an empty folder.
+
+        Raises:
+            PartnerLeftError: the side that makes them has failed.
+        """
+        if self.makes_buffers and not self.buffers.exists():
+            return None
+        self.meet("buffers")
+        buffer_dir.rmdir()
+        buffer_dir.symlink_to(self.buffers)
+        rows = json.loads((self.buffers / _DATASETS_FILE).read_text(encoding="utf-8"))
+        return [ResolvedDataset(Path(row["path"]), row["provenance"]) for row in rows]
+
+    def share_buffers(self, buffer_dir: Path, datasets: tuple[ResolvedDataset, ...]) -> None:
+        """Give the buffers that this side has made to both.
+
+        Raises:
+            PartnerLeftError: the other side has failed.
+            OSError: the disk is full.
+        """
+        rows = [{"path": str(each.path), "provenance": each.provenance} for each in datasets]
+        (buffer_dir / _DATASETS_FILE).write_text(json.dumps(rows), encoding="utf-8")
+        shutil.move(buffer_dir, self.buffers)
+        buffer_dir.symlink_to(self.buffers)
+        self.meet("buffers")
+
+
+def play_by_turns(
+    plan: Plan, player: SegmentPlayer, partner: Partner, warm_up: SegmentObservation | None
+) -> None:
+    """Play each rate by turns with the other side, then this side alone if that is asked for.
+
+    Args:
+        plan: of one run of a pair.
+        player: of the graph that is up and warm.
+        partner: the other side.
+        warm_up: what was observed last, which tells how long a step takes.
+
+    Raises:
+        RunError: a process exited, failed, or does not respond.
+        PartnerLeftError: the other side has failed.
+    """
+    step_s = lone_step_s(warm_up)
+    for number, play in enumerate(plan.play, start=1):
+        turns: Turns | None = partner.meet("turns", {"rate_hz": play.rate_hz, "step_s": step_s})
+        if turns is not None:
+            heading = SegmentHeading(
+                "turns", f"turns-{play.rate_hz:g}Hz", "by turns with the other side", number
+            )
+            player.play(heading, turns.pair_hz, len(turns.delays_ns), turns=turns)
+        place: int | None = partner.meet("alone")
+        for turn in range(2):
+            if place == turn:
+                _play_alone(player, play)
+            partner.meet(f"alone-{turn}")
+
+
+def _play_alone(player: SegmentPlayer, play: PlayPlan) -> None:
+    name = f"rate-{play.rate_hz:g}Hz" if play.rate_hz else "iteration"
+    heading = SegmentHeading("iteration", f"{name}-001", "alone", 1)
+    player.play_for(heading, play.rate_hz, play.duration_ns)
+
+
+def lone_step_s(observed: SegmentObservation | None) -> float:
+    """Return how long the graph takes for a step that waits for none before it, in seconds.
+
+    This is the longest p10 of the latencies of its outputs: while both sides start, most steps of
+    the warm-up wait. 0 if nothing is known.
+    """
+    if observed is None:
+        return 0.0
+    longest: Mapping[str, float] = {
+        name: float(np.quantile(times, 0.1))
+        for name, matched in observed.all_matched().items()
+        if (times := _latencies_s(matched)).size
+    }
+    return max(longest.values(), default=0.0)
+
+
+def _latencies_s(matched: MatchedMonitor) -> Seconds:
+    if matched.own_pace:
+        return np.empty(0)
+    return step_times(matched.steps, matched.rows, matched.matching).latency
