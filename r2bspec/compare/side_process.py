@@ -30,7 +30,8 @@ from r2bspec.execute.controller import RunOptions, run_plan
 from r2bspec.execute.errors import RunError
 from r2bspec.execute.processes.environment import applied_environment
 from r2bspec.execute.progress import Progress
-from r2bspec.execute.turns import Partner, PartnerLeftError, Turns
+from r2bspec.execute.turns import Partner, PartnerLeftError
+from r2bspec.ipc.schedule import Turns
 from r2bspec.plan.plan import Plan
 from r2bspec.record.comparison_folder import Side
 from r2bspec.record.run_folder import RunFolder

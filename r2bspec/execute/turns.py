@@ -19,33 +19,19 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.fill_buffers import ResolvedDataset
 from r2bspec.execute.measurement.segment_observation import SegmentObservation
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
+from r2bspec.ipc.schedule import Turns
 from r2bspec.judge.measure.matching import MatchedMonitor
 from r2bspec.judge.measure.samples import step_times
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.plan.plan import Plan, PlayPlan
 
 _DATASETS_FILE = "datasets"
-
-
-class Turns(msgspec.Struct, frozen=True):
-    """When a side is played, by turns with the other one.
-
-    Attributes:
-        begin_ns: when the first pair of steps begins, on the monotonic clock.
-        pair_hz: pairs of steps per second.
-        delays_ns: of each step of this side, after the beginning of its pair.
-    """
-
-    begin_ns: int
-    pair_hz: float
-    delays_ns: tuple[int, ...]
 
 
 class PartnerLeftError(InterruptedRunError):

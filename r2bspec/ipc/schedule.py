@@ -178,6 +178,20 @@ class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"
 Schedule = CyclicSchedule | TimelineSchedule
 
 
+class Turns(msgspec.Struct, frozen=True):
+    """When a side of a comparison is played, by turns with the other one.
+
+    Attributes:
+        begin_ns: when the first pair of steps begins, on the monotonic clock.
+        pair_hz: pairs of steps per second.
+        delays_ns: of each step of this side, after the beginning of its pair.
+    """
+
+    begin_ns: int
+    pair_hz: float
+    delays_ns: tuple[int, ...]
+
+
 def round_length_ns(times_ns: list[int]) -> int:
     """The duration of a round, from its first time to the first time of the next round.
 

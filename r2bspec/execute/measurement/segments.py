@@ -38,7 +38,7 @@ from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ArrivalReader, read_clocks
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import RowReader, StallLogReader
-from r2bspec.ipc.schedule import CyclicSchedule, Schedule
+from r2bspec.ipc.schedule import CyclicSchedule, Schedule, Turns
 from r2bspec.judge.measure.matching import StepStamps
 from r2bspec.judge.measure.run_samples import NO_STAMPS, SegmentRows, segment_samples, work_of_steps
 from r2bspec.judge.measure.samples import SegmentSamples
@@ -55,7 +55,6 @@ from r2bspec.record.sample_arrays import (
 
 if TYPE_CHECKING:
     from r2bspec.execute.anatomy import AnatomyObservation
-    from r2bspec.execute.turns import Turns
 
 PLAYBACK_ROWS = "playback"
 """The player's files (`r2bspec.ipc.playback_file`); those of the monitors end in ``.rows``."""

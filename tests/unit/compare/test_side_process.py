@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from r2bspec.compare.side_process import LONGEST_TURN_S, STEPS, BothSides
-from r2bspec.execute.turns import Turns
+from r2bspec.ipc.schedule import Turns
 
 
 def turns(rate_hz: float, step_s: float, seed: int = 1) -> dict[str, Turns]:
