@@ -33,10 +33,10 @@ def play(world: str, ratio: float, seed: int) -> tuple[str, int]:
     values += (generator.random(number) < odd) * generator.uniform(0.1, 0.2, number)
     looks = InterimLooks.after_starts_of_both(STARTS_OF_BOTH)
     for look, end in enumerate(looks.iterations, start=1):
-        outcome = judged(values[:end], looks.confidence_at(look))
+        outcome = judged(values[:end].tolist(), looks.confidence_at(look))
         if outcome == "fail":
             end += max(3, end // 2)
-            return judged(values[:end], looks.confidence_at(look)), end
+            return judged(values[:end].tolist(), looks.confidence_at(look)), end
         if outcome == "pass":
             return outcome, end
     return "open", STARTS_OF_BOTH

@@ -13,7 +13,8 @@ from r2bspec.ipc.schedule import Turns
 def turns(rate_hz: float, step_s: float, seed: int = 1) -> dict[str, Turns]:
     both = BothSides(seed=seed, alone=frozenset({"head"}), channels={})
     point: Any = ("turns", {"rate_hz": rate_hz, "step_s": step_s})
-    return dict(both._answers({"base": point, "head": point}))
+    answers = both._answers({"base": point, "head": point})
+    return {side: answers[side] for side in ("base", "head")}
 
 
 def due_ns(side: Turns) -> list[int]:
