@@ -125,14 +125,14 @@ def _require_cache() -> None:
             process.
     """
     from r2bspec.bags.recording import DataError
-    from r2bspec.datasets.dataset_cache import KIND
+    from r2bspec.datasets.catalogue import CACHE_KIND
     from r2bspec.safe_io.cache_folder import cache_folder, cache_path
 
     try:
-        cache_folder(KIND)
+        cache_folder(CACHE_KIND)
     except OSError as error:
         raise DataError(
-            f"the cache {cache_path(KIND)} cannot keep a dataset: {error.strerror or error}",
+            f"the cache {cache_path(CACHE_KIND)} cannot keep a dataset: {error.strerror or error}",
             code="R2B311",
             hint="name another folder by XDG_CACHE_HOME",
         ) from error

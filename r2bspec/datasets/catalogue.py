@@ -20,6 +20,9 @@ from r2bspec.safe_io.safe_file import is_folder, is_there, names_in
 
 DURATION_NS = 10_000_000_000
 
+CACHE_KIND = "datasets"
+"""The folder of datasets in the cache of the user."""
+
 # 2023-03-14 15:00:00 UTC; the sequences lie an hour apart.
 _FIRST_START_NS = 1_678_806_000_000_000_000
 _HOUR_NS = 3_600_000_000_000
@@ -40,25 +43,19 @@ class Sequence(msgspec.Struct, frozen=True):
     description: str
 
 
-_DESCRIPTIONS = {
-    "r2b_lounge": "a lounge with low tables",
-    "r2b_storage": "a storage room; a crate carries an AprilTag",
-    "r2b_hallway": "a long, narrow hallway",
-    "r2b_datacenter": "rows of racks",
-    "r2b_cafe": "a cafe with a counter",
-    "r2b_hideaway": "a small, cluttered room",
-    "r2b_mezzanine": "a wide, high hall",
-    "r2b_hope": "boxes on a table",
-}
+_NAMES = (
+    *("r2b_lounge", "r2b_storage", "r2b_hallway", "r2b_datacenter"),
+    *("r2b_cafe", "r2b_hideaway", "r2b_mezzanine", "r2b_hope"),
+)
 
 SEQUENCES: dict[str, Sequence] = {
     name: Sequence(
         name,
         _FIRST_START_NS + number * _HOUR_NS,
         rig.HOPE_TOPICS if name == "r2b_hope" else rig.ROBOT_TOPICS,
-        description,
+        "textured boards" + (" and an AprilTag" if name == "r2b_storage" else ""),
     )
-    for number, (name, description) in enumerate(_DESCRIPTIONS.items())
+    for number, name in enumerate(_NAMES)
 }
 
 

@@ -13,27 +13,53 @@ from __future__ import annotations
 
 import msgspec
 
-from r2bspec.datasets.cameras import Camera, Lens
-
 IMAGE = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 IMU = "sensor_msgs/msg/Imu"
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
 
 
-class Lidar(msgspec.Struct, frozen=True):
-    """A spinning lidar: every column of beams fires at its own time of the turn.
+_CHANNELS = {"rgb8": 3, "mono8": 1, "16UC1": 2}
+
+
+class Camera(msgspec.Struct, frozen=True):
+    """A pinhole camera whose images are rectified.
 
     Attributes:
-        elevations_deg: one a beam, from ring 0 up.
+        frame_id: its optical frame.
+        encoding: of its images.
+        focal_px: the same in x and y.
+        center_px: principal point (cx, cy).
+        position_m: of its optical centre in the body frame.
+        baseline_m: distance to the left camera of the pair; zero for any other camera.
+    """
+
+    frame_id: str
+    width: int
+    height: int
+    encoding: str
+    focal_px: float
+    center_px: tuple[float, float]
+    position_m: tuple[float, float, float]
+    baseline_m: float = 0.0
+
+    @property
+    def bytes_per_pixel(self) -> int:
+        """Size of one pixel in its encoding."""
+        return _CHANNELS[self.encoding]
+
+
+class Lidar(msgspec.Struct, frozen=True):
+    """A spinning lidar.
+
+    Attributes:
+        elevations_deg: of its beams, from ring 0 up.
         columns: firings a turn.
-        position_m: in the body frame, whose axes it shares.
     """
 
     frame_id: str
     elevations_deg: tuple[float, ...]
     columns: int
-    position_m: tuple[float, float, float]
 
 
 class TopicSource(msgspec.Struct, frozen=True):
@@ -45,14 +71,6 @@ class TopicSource(msgspec.Struct, frozen=True):
     frame_id: str
     camera: Camera | None = None
     lidar: Lidar | None = None
-
-
-class StereoPair(msgspec.Struct, frozen=True):
-    """Two image topics of one pair, whose rectified images have the same rows."""
-
-    name: str
-    left_topic: str
-    right_topic: str
 
 
 def _infrared(side: str, y_m: float, baseline_m: float, encoding: str = "mono8") -> Camera:
@@ -68,7 +86,7 @@ def _infrared(side: str, y_m: float, baseline_m: float, encoding: str = "mono8")
     )
 
 
-def _hawk(side: str, y_m: float, baseline_m: float, lens: Lens) -> Camera:
+def _hawk(side: str, y_m: float, baseline_m: float) -> Camera:
     return Camera(
         frame_id=f"hawk_0_{side}_rgb_optical_frame",
         width=1920,
@@ -78,7 +96,6 @@ def _hawk(side: str, y_m: float, baseline_m: float, lens: Lens) -> Camera:
         center_px=(958.5, 600.25),
         position_m=(0.03, y_m, 0.06),
         baseline_m=baseline_m,
-        lens=lens,
     )
 
 
@@ -95,9 +112,8 @@ COLOUR = Camera(
     center_px=(640.5, 399.0),
     position_m=(0.02, -0.0115, 0.0),
 )
-# Two lenses of one kind differ a little. They move the corners of an image by some 130 pixels.
-LEFT_HAWK = _hawk("left", 0.075, 0.0, Lens(-0.112, 0.0211, 0.00041, -0.00028, -0.0021))
-RIGHT_HAWK = _hawk("right", -0.075, 0.15, Lens(-0.102, 0.0187, -0.00035, 0.00022, -0.0018))
+LEFT_HAWK = _hawk("left", 0.075, 0.0)
+RIGHT_HAWK = _hawk("right", -0.075, 0.15)
 HOPE = Camera(
     frame_id="camera_optical_frame",
     width=1920,
@@ -112,7 +128,6 @@ PANDAR = Lidar(
     frame_id="pandar_xt_32_0_lidar",
     elevations_deg=tuple(float(15 - ring) for ring in range(32)),
     columns=2000,
-    position_m=(-0.05, 0.0, 0.28),
 )
 
 _CAMERA_HZ = 30
@@ -142,12 +157,6 @@ ROBOT_TOPICS: tuple[TopicSource, ...] = (
 HOPE_TOPICS: tuple[TopicSource, ...] = (
     TopicSource("/image", IMAGE, _CAMERA_HZ, HOPE.frame_id, camera=HOPE),
 )
-STEREO_PAIRS: tuple[StereoPair, ...] = (
-    StereoPair("d455_1_ir", "/d455_1_left_ir_image", "/d455_1_right_ir_image"),
-    StereoPair("hawk_0", "/hawk_0_left_rgb_image", "/hawk_0_right_rgb_image"),
-)
-
-
 # Name, offset and datatype of each field; datatypes are sensor_msgs/PointField's: 7 is float32,
 # 4 is uint16, 8 is float64. The layout is the Hesai driver's, packed.
 CLOUD_FIELDS: tuple[tuple[str, int, int], ...] = (

@@ -1,8 +1,4 @@
-"""What the sensors of the rig see, as the CDR bytes of their messages: images, depth, clouds, IMU.
-
-Everything is element by element in fixed order, so that the same numpy gives the same bytes; a
-frame is worked through in bands of rows that stay in the processor's cache.
-"""
+"""The messages of the sensors of the rig, as CDR: images, depth, scans, IMU."""
 
 from __future__ import annotations
 
@@ -14,118 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.bags.message_types import typestore
-from r2bspec.datasets import cameras, rig, surfaces
-from r2bspec.datasets.scenes import Room, Scene, Tag, paint_tag
-
-_BAND_ROWS = 32
-
-
-def render_image(
-    room: Room, tag: Tag | None, camera: cameras.Camera, pose: cameras.Pose
-) -> NDArray[np.uint8]:
-    """What a camera sees from a pose (world from optical frame).
-
-    Returns:
-        (height, width, 3) for rgb8, (height, width) for mono8.
-    """
-    table = surfaces.brightness_ranges(room, camera.encoding)
-    image = np.empty((camera.height, camera.width, len(table)), np.uint8)
-    for rows in _bands(camera):
-        rays = _camera_rays(camera, pose, rows)
-        hits = _intersect(room, camera, pose, rays, rows)
-        level = surfaces.texture_level(
-            hits.surface, rays.directions, hits.distance, camera.focal_px
-        )
-        shade = surfaces.texture_values(room, hits.surface, rays.points(hits), level)
-        for channel, paint in enumerate(table):
-            image[rows, :, channel] = surfaces.surface_brightness(
-                paint, hits.surface, shade
-            ) + np.float32(0.5)
-    if tag is not None:
-        paint_tag(image, tag, camera, pose)
-    return image if len(table) > 1 else image[:, :, 0]
-
-
-def render_depth(room: Room, camera: cameras.Camera, pose: cameras.Pose) -> NDArray[np.float32]:
-    """Distance along the optical axis in metres, (height, width)."""
-    depth = np.empty((camera.height, camera.width), np.float32)
-    for rows in _bands(camera):
-        rays = _camera_rays(camera, pose, rows)
-        depth[rows] = _intersect(room, camera, pose, rays, rows).distance
-    return depth
-
-
-def _bands(camera: cameras.Camera) -> list[slice]:
-    return [
-        slice(first, min(first + _BAND_ROWS, camera.height))
-        for first in range(0, camera.height, _BAND_ROWS)
-    ]
-
-
-def _camera_rays(camera: cameras.Camera, pose: cameras.Pose, rows: slice) -> surfaces.Rays:
-    """Rays through pixel centres, with length 1 along the optical axis."""
-    x = (np.arange(camera.width) - camera.center_px[0]) / camera.focal_px
-    y = (np.arange(rows.start, rows.stop) - camera.center_px[1]) / camera.focal_px
-    if camera.lens is not None:
-        ideal_x, ideal_y = (part[rows] for part in _ideal_grid(camera))
-        turned = (row[0] * ideal_x + row[1] * ideal_y + row[2] for row in pose.rotation)
-        return surfaces.Rays(pose.position_m, tuple(part.astype(np.float32) for part in turned))
-    world_x, world_y, world_z = (
-        (row[0] * x)[None, :].astype(np.float32) + (row[1] * y + row[2])[:, None].astype(np.float32)
-        for row in pose.rotation
-    )
-    return surfaces.Rays(pose.position_m, (world_x, world_y, world_z))
-
-
-@lru_cache(maxsize=2)
-def _ideal_grid(camera: cameras.Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where an ideal camera sees what each pixel shows, one focal length away; (height, width)."""
-    across = np.empty((camera.height, camera.width))
-    down = np.empty((camera.height, camera.width))
-    for rows in _bands(camera):
-        across[rows], down[rows] = cameras.undistorted(
-            camera,
-            np.arange(camera.width, dtype=np.float64),
-            np.arange(rows.start, rows.stop, dtype=np.float64),
-        )
-    return across, down
-
-
-def _intersect(
-    room: Room, camera: cameras.Camera, pose: cameras.Pose, rays: surfaces.Rays, rows: slice
-) -> surfaces.Hits:
-    """Intersect rays with the room and the boxes that are visible in the rows."""
-    hits = rays.intersect_shell(room)
-    for number, bounds in _box_bounds(room, camera, pose):
-        top, bottom = max(bounds.top, rows.start), min(bounds.bottom, rows.stop)
-        if top < bottom:
-            part = (slice(top - rows.start, bottom - rows.start), bounds.columns)
-            rays.intersect_box(room.boxes[number - 1], number, hits, part)
-    return hits
-
-
-@lru_cache(maxsize=16)
-def _box_bounds(
-    room: Room, camera: cameras.Camera, pose: cameras.Pose
-) -> tuple[tuple[int, cameras.Bounds], ...]:
-    """Number and bounds of each box in view."""
-    inverse = pose.inverse()
-    visible = []
-    for number, box in enumerate(room.boxes, start=1):
-        seen = [inverse.apply(corner) for corner in box.corners]
-        if all(z < cameras.MIN_DEPTH_M for _, _, z in seen):
-            continue
-        bounds = cameras.image_bounds(camera, seen)
-        if bounds is not None:
-            visible.append((number, bounds))
-    return tuple(visible)
-
+from r2bspec.datasets import geometry, rendering, rig
+from r2bspec.datasets.scenes import Scene
 
 _NUMPY_TYPES = {7: "<f4", 4: "<u2", 8: "<f8"}
 
+# How far the walls are from the lidar: before and behind, beside, below and above, metres.
+_WALLS_M = (4.5, 5.0, 1.2)
+
 
 def cloud_dtype() -> np.dtype[np.void]:
-    """The packed layout of a point."""
+    """Return the packed layout of a point."""
     return np.dtype(
         {
             "names": [name for name, _, _ in rig.CLOUD_FIELDS],
@@ -136,62 +31,27 @@ def cloud_dtype() -> np.dtype[np.void]:
     )
 
 
-def scan(
-    room: Room,
-    motion: cameras.Motion,
-    lidar: rig.Lidar,
-    start_ns: int,
-    offset_ns: int,
-    turn_ns: int,
-) -> NDArray[np.void]:
-    """The points of one turn, in firing order, rings inside columns.
-
-    Each column is seen from where the rig is at that column's time, which its `timestamp` says,
-    in seconds since the epoch; x, y and z are in the lidar's frame at that same time.
-
-    Args:
-        room: what is scanned.
-        motion: of the rig.
-        lidar: the sensor.
-        start_ns: start of the sequence, ns since the epoch.
-        offset_ns: start of the turn after that.
-        turn_ns: how long a turn takes.
-
-    Returns:
-        (columns * beams,) of `cloud_dtype`.
-    """
+@lru_cache(maxsize=1)
+def _scan(lidar: rig.Lidar) -> NDArray[np.void]:
+    """Return the points of one turn in an empty room, rings inside columns; times are zero."""
     beams = [math.radians(elevation) for elevation in lidar.elevations_deg]
-    flat = np.array([cameras.cosine(beam) for beam in beams])[None, :]
-    up = np.array([cameras.sine(beam) for beam in beams])[None, :]
-    times_ns = [offset_ns + column * turn_ns // lidar.columns for column in range(lidar.columns)]
     # Seen from above, the head turns clockwise.
     angles = [-2 * math.pi * column / lidar.columns for column in range(lidar.columns)]
-    ahead = np.array([cameras.cosine(angle) for angle in angles])[:, None] * flat
-    left = np.array([cameras.sine(angle) for angle in angles])[:, None] * flat
-
-    poses = [motion.pose(time_ns / 1e9) for time_ns in times_ns]
-    origins = np.array([pose.apply(lidar.position_m) for pose in poses])
-    rotations = np.array([pose.rotation for pose in poses])
-    directions = tuple(
-        rotations[:, axis, :1] * ahead
-        + rotations[:, axis, 1:2] * left
-        + rotations[:, axis, 2:] * up
-        for axis in range(3)
+    flat = np.array([geometry.cosine(beam) for beam in beams])[None, :]
+    directions = (
+        np.array([geometry.cosine(angle) for angle in angles])[:, None] * flat,
+        np.array([geometry.sine(angle) for angle in angles])[:, None] * flat,
+        np.broadcast_to([geometry.sine(beam) for beam in beams], (lidar.columns, len(beams))),
     )
-    rays = surfaces.Rays(tuple(origins[:, axis : axis + 1] for axis in range(3)), directions)
-    hits = rays.intersect_shell(room)
-    everything = (slice(None), slice(None))
-    for number, box in enumerate(room.boxes, start=1):
-        rays.intersect_box(box, number, hits, everything)
-
-    cloud = np.empty((lidar.columns, len(beams)), cloud_dtype())
-    cloud["x"] = ahead * hits.distance
-    cloud["y"] = left * hits.distance
-    cloud["z"] = up * hits.distance
-    cloud["intensity"] = surfaces.lidar_brightness(room, hits.surface, rays.points(hits))
+    with np.errstate(divide="ignore"):
+        reach = [wall / np.abs(along) for wall, along in zip(_WALLS_M, directions, strict=True)]
+    distance = np.minimum(np.minimum(reach[0], reach[1]), reach[2])
+    cloud = np.zeros((lidar.columns, len(beams)), cloud_dtype())
+    for name, along in zip("xyz", directions, strict=True):
+        cloud[name] = along * distance
+    cloud["intensity"] = 255 / (1 + distance)
     cloud["ring"] = np.arange(len(beams))[None, :]
-    cloud["timestamp"] = np.array([(start_ns + time_ns) / 1e9 for time_ns in times_ns])[:, None]
-    return cloud.ravel()
+    return cloud
 
 
 _DEPTH_ENCODING = "16UC1"
@@ -203,7 +63,7 @@ _ACCELEROMETER_VARIANCE = 1e-4
 
 
 def render_message(scene: Scene, source: rig.TopicSource, start_ns: int, offset_ns: int) -> bytes:
-    """The message of a topic at a time.
+    """Return the message of a topic at a time.
 
     Args:
         scene: what is there to be seen.
@@ -231,7 +91,7 @@ def _header(source: rig.TopicSource, time_ns: int) -> Any:
     return _type("std_msgs/msg/Header")(stamp=stamp, frame_id=source.frame_id)
 
 
-def _camera_of(source: rig.TopicSource) -> cameras.Camera:
+def _camera_of(source: rig.TopicSource) -> rig.Camera:
     if source.camera is None:
         raise ValueError(f"{source.name} has no camera")
     return source.camera
@@ -239,12 +99,12 @@ def _camera_of(source: rig.TopicSource) -> cameras.Camera:
 
 def _image(scene: Scene, source: rig.TopicSource, start_ns: int, offset_ns: int) -> Any:
     camera = _camera_of(source)
-    pose = cameras.camera_pose(scene.motion.pose(offset_ns / 1e9), camera)
+    body = scene.motion.pose(offset_ns / 1e9)
     if camera.encoding == _DEPTH_ENCODING:
-        metres = render_depth(scene.room, camera, pose)
+        metres = rendering.render_depth(scene, camera, body)
         pixels = (metres * np.float32(_MM_PER_M) + np.float32(0.5)).astype("<u2").view(np.uint8)
     else:
-        pixels = render_image(scene.room, scene.tag, camera, pose)
+        pixels = rendering.render_image(scene, camera, body)
     return _type(rig.IMAGE)(
         header=_header(source, start_ns + offset_ns),
         height=camera.height,
@@ -265,7 +125,7 @@ def _camera_info(_: Scene, source: rig.TopicSource, start_ns: int, offset_ns: in
         height=camera.height,
         width=camera.width,
         distortion_model=rig.DISTORTION_MODEL,
-        d=np.array(camera.lens.coefficients if camera.lens else (0.0,) * rig.DISTORTION_TERMS),
+        d=np.zeros(rig.DISTORTION_TERMS),
         k=np.array([focal, 0, cx, 0, focal, cy, 0, 0, 1], np.float64),
         r=np.array([1, 0, 0, 0, 1, 0, 0, 0, 1], np.float64),
         p=np.array([focal, 0, cx, shift, 0, focal, cy, 0, 0, 0, 1, 0], np.float64),
@@ -280,10 +140,10 @@ def _camera_info(_: Scene, source: rig.TopicSource, start_ns: int, offset_ns: in
 def _imu(scene: Scene, source: rig.TopicSource, start_ns: int, offset_ns: int) -> Any:
     """Rate and specific force in optical axes, as the camera's driver gives them."""
     seconds = offset_ns / 1e9
-    optical_from_body = cameras.transpose(cameras.BODY_FROM_OPTICAL)
+    optical_from_body = geometry.transpose(geometry.BODY_FROM_OPTICAL)
     vector = _type("geometry_msgs/msg/Vector3")
-    rate = cameras.apply(optical_from_body, scene.motion.angular_velocity_rad_s(seconds))
-    force = cameras.apply(optical_from_body, scene.motion.specific_force_m_s2(seconds))
+    rate = geometry.apply(optical_from_body, scene.motion.angular_velocity_rad_s(seconds))
+    force = geometry.apply(optical_from_body, scene.motion.specific_force_m_s2(seconds))
     return _type(rig.IMU)(
         header=_header(source, start_ns + offset_ns),
         orientation=_type("geometry_msgs/msg/Quaternion")(x=0.0, y=0.0, z=0.0, w=1.0),
@@ -296,11 +156,14 @@ def _imu(scene: Scene, source: rig.TopicSource, start_ns: int, offset_ns: int) -
     )
 
 
-def _cloud(scene: Scene, source: rig.TopicSource, start_ns: int, offset_ns: int) -> Any:
+def _cloud(_: Scene, source: rig.TopicSource, start_ns: int, offset_ns: int) -> Any:
     if source.lidar is None:
         raise ValueError(f"{source.name} has no lidar")
-    turn_ns = 10**9 // source.rate_hz
-    points = scan(scene.room, scene.motion, source.lidar, start_ns, offset_ns, turn_ns)
+    lidar = source.lidar
+    turn_s = np.arange(lidar.columns) / (lidar.columns * source.rate_hz)
+    turn = _scan(lidar).copy()
+    turn["timestamp"] = ((start_ns + offset_ns) / 1e9 + turn_s)[:, None]
+    points = turn.ravel()
     field = _type("sensor_msgs/msg/PointField")
     return _type(rig.POINT_CLOUD)(
         header=_header(source, start_ns + offset_ns),

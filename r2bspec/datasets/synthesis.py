@@ -1,7 +1,4 @@
-"""Making a synthetic dataset: the requested topics and window, once, in a cache for all processes.
-
-See `r2bspec.datasets.dataset_cache` for what is believed of the cache.
-"""
+"""Making a synthetic dataset: the requested topics and window, in a cache for all processes."""
 
 from __future__ import annotations
 
@@ -10,32 +7,24 @@ import os
 from collections import deque
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing
-from itertools import count
+from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import msgspec
-from msgspec.structs import replace
 
 from r2bspec.bags import recording
 from r2bspec.bags.bag_writer import write_bag
 from r2bspec.bags.integrity import ContentHash
-from r2bspec.datasets import catalogue, dataset_cache, ground_truth
-from r2bspec.datasets.cameras import camera_pose
+from r2bspec.datasets import catalogue
 from r2bspec.datasets.rig import TopicSource, message_bytes
-from r2bspec.datasets.scenes import Scene, find_scene
-from r2bspec.datasets.sensors import render_depth, render_message
+from r2bspec.datasets.scenes import find_scene
+from r2bspec.datasets.sensors import render_message
 from r2bspec.safe_io.cache_folder import cache_or_temporary_folder
-from r2bspec.safe_io.private_files import private_files
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
+from r2bspec.safe_io.private_files import private_files, temporary_folder
 
 # Raise it whenever the rendered bytes change: caches are keyed by it.
-GENERATOR_VERSION = 3
+GENERATOR_VERSION = 4
 
 Progress = Callable[[int, int], None]
 
@@ -72,9 +61,9 @@ def make(
 ) -> recording.SyntheticDataset:
     """Synthesise a dataset, or find it in the cache.
 
-    The messages of a dataset in the cache are checked; a damaged dataset is created again. If
-    another process synthesises the same dataset, this function waits for it. A killed process
-    leaves no incomplete dataset; its files are removed by the next call.
+    An incomplete dataset in the cache is created again. If another process synthesises the same
+    dataset, this function waits for it. A killed process leaves no incomplete dataset; its files
+    are removed by the next call.
 
     Args:
         dataset: name of a sequence.
@@ -99,59 +88,78 @@ def make(
         window=catalogue.bounded_window(dataset, window),
         storage=storage,
     )
-    root = cache_dir or cache_or_temporary_folder(dataset_cache.KIND)
+    root = cache_dir or cache_or_temporary_folder(catalogue.CACHE_KIND)
     final = root / cache_key.name
-    record = _cached_record(root, final)
+    record, was_damaged = _cached_record(final), False
+    made = record is None
     if record is None:
-        with private_files(), dataset_cache.entry_lock(root, cache_key.name):
-            dataset_cache.remove_stale_entries(root, cache_key.name)
-            record = _cached_record(root, final)
+        with private_files(), _write_errors(root), _entry_lock(root, cache_key.name):
+            record = _cached_record(final)
+            made, was_damaged = record is None, final.exists()
             if record is None:
-                damaged = final.exists()
-                with (
-                    dataset_cache.new_entry(root, cache_key.name) as folder,
-                    dataset_cache.write_errors(root),
-                ):
-                    record = _build(folder, cache_key, sources, progress)
-                return recording.SyntheticDataset(
-                    path=final, content_sha256=record.content_sha256, made=True, damaged=damaged
-                )
-    return recording.SyntheticDataset(path=final, content_sha256=record.content_sha256, made=False)
+                with temporary_folder("dataset", root) as scratch:
+                    record = _build(scratch / cache_key.name, cache_key, sources, progress)
+                    if was_damaged:
+                        # It is moved away, because only an empty folder can be replaced.
+                        final.rename(scratch / "damaged")
+                    (scratch / cache_key.name).rename(final)
+    return recording.SyntheticDataset(
+        path=final,
+        content_sha256=record.content_sha256,
+        made=made,
+        damaged=made and was_damaged,
+    )
 
 
-def _cached_record(root: Path, folder: Path) -> recording.DatasetRecord | None:
-    """The record of a cached dataset that is complete and has the messages that were made."""
+@contextmanager
+def _entry_lock(root: Path, name: str) -> Iterator[None]:
+    """Hold the lock of an entry of the cache, which ends with the process; wait for others."""
+    from filelock import FileLock
+
+    (root / ".locks").mkdir(parents=True, exist_ok=True)
+    with FileLock(root / ".locks" / f"{name}.lock"):
+        yield
+
+
+@contextmanager
+def _write_errors(root: Path) -> Iterator[None]:
+    """Report a full or read-only disk as DataError (R2B311)."""
+    import sqlite3
+
+    try:
+        yield
+    except (OSError, sqlite3.Error) as error:
+        errno = getattr(error, "errno", None)
+        reason = str(error) if errno is None else os.strerror(errno)
+        raise recording.DataError(
+            f"the dataset cannot be written to {root}: {reason}",
+            code="R2B311",
+            hint="free space on this disk, or select another folder with XDG_CACHE_HOME",
+        ) from error
+
+
+def _cached_record(folder: Path) -> recording.DatasetRecord | None:
+    """Return the record of a cached dataset whose files have their sizes; None if there is none."""
     record = recording.read_provenance(folder)
     if record is None:
         return None
     sizes = {path.name: path.stat().st_size for path in folder.iterdir()}
     sizes.pop(recording.RECORD_NAME, None)
-    return (
-        record
-        if sizes == record.file_bytes and dataset_cache.is_intact(root, folder, record)
-        else None
-    )
+    return record if sizes == record.file_bytes else None
 
 
 def _build(
     folder: Path, cache_key: _CacheKey, sources: tuple[TopicSource, ...], progress: Progress | None
 ) -> recording.DatasetRecord:
-    """Write bag, ground truth and record into a new folder."""
+    """Write bag and record into a new folder."""
     sequence, scene = catalogue.find_sequence(cache_key.dataset), find_scene(cache_key.dataset)
     times_ns = {source: catalogue.message_times_ns(source, cache_key.window) for source in sources}
-    truth = ground_truth.build_ground_truth(cache_key.dataset, scene, sequence.start_ns, times_ns)
     schedule = sorted(
         ((time_ns, source) for source, times in times_ns.items() for time_ns in times),
         key=lambda entry: (entry[0], entry[1].name),
     )
-    pairs = [(name, stamp_ns) for name, pair in truth.stereo.items() for stamp_ns in pair.stamps_ns]
-    total, numbers = len(schedule) + len(pairs), count(1)
     types = {source.name: source.type for source in sources}
     content = ContentHash(types, sequence.start_ns)
-
-    def step() -> None:
-        if progress is not None:
-            progress(next(numbers), total)
 
     def render(entry: tuple[int, TopicSource]) -> recording.RecordedMessage:
         time_ns, source = entry
@@ -163,19 +171,15 @@ def _build(
     def hashed(
         messages: Iterable[recording.RecordedMessage],
     ) -> Iterator[recording.RecordedMessage]:
-        for message in messages:
+        for number, message in enumerate(messages, start=1):
             content.add(message)
             yield message
-            step()
+            if progress is not None:
+                progress(number, len(schedule))
 
     # Always closed, so that no thread continues to render after the folder is removed.
     with closing(_map_in_order(render, schedule)) as messages:
         write_bag(folder, types, hashed(messages), cache_key.storage)
-    if pairs:
-        ground_truth.write_disparities(
-            folder, _disparities(scene, sequence.start_ns, truth, sources, step)
-        )
-    ground_truth.write_ground_truth(folder, truth)
     record = recording.DatasetRecord(
         generator=GENERATOR_VERSION,
         dataset=cache_key.dataset,
@@ -196,33 +200,6 @@ def _build(
     )
     recording.write_provenance(folder, record)
     return record
-
-
-def _disparities(
-    scene: Scene,
-    start_ns: int,
-    truth: ground_truth.GroundTruth,
-    sources: tuple[TopicSource, ...],
-    step: Callable[[], None],
-) -> Iterator[tuple[str, int, NDArray[np.uint16]]]:
-    """Pair, stamp and disparity in parts of a pixel: focal length times baseline over depth.
-
-    Of the rectified images, whose cameras are those of the pair without their lenses.
-    """
-    import numpy as np
-
-    cameras = {source.name: source.camera for source in sources}
-    for name, pair in truth.stereo.items():
-        camera = cameras[pair.left_topic]
-        if camera is None:
-            continue
-        camera = replace(camera, lens=None)
-        scale = np.float32(pair.focal_px * pair.baseline_m * ground_truth.DISPARITY_PARTS)
-        for stamp_ns in pair.stamps_ns:
-            pose = camera_pose(scene.motion.pose((stamp_ns - start_ns) / 1e9), camera)
-            parts = scale / render_depth(scene.room, camera, pose) + np.float32(0.5)
-            yield name, stamp_ns, parts.astype(np.uint16)
-            step()
 
 
 def _map_in_order(

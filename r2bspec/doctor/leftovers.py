@@ -2,8 +2,8 @@
 
 Every process of a run has the id of the run in its environment. A run is active as long as its
 watchdog runs: it runs until it has ended all other processes. Processes are left only if both
-controller and watchdog were killed. Besides them, dead runs leave segments of shared memory,
-scratch folders, and datasets that were not completed.
+controller and watchdog were killed. Besides them, dead runs leave segments of shared memory and
+scratch folders.
 """
 
 from __future__ import annotations
@@ -16,14 +16,12 @@ from collections.abc import Iterator, Set
 from dataclasses import dataclass
 from pathlib import Path
 
-from r2bspec.datasets.dataset_cache import KIND
 from r2bspec.diagnostics.quote import first_words
 from r2bspec.doctor.checkup import CheckResult, System, advised
 from r2bspec.ipc.process_cleanup import ProcessSession, end_run_processes, now_ticks
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.judge.measure.units import show
 from r2bspec.middleware.middleware import known_middlewares
-from r2bspec.safe_io.cache_folder import cache_path
 from r2bspec.safe_io.private_files import remove_folder
 
 _WATCHDOG = "r2bspec.harness.watchdog"
@@ -168,15 +166,6 @@ def abandoned_scratch(system: System, living: Set[str]) -> list[Path]:
     )
 
 
-def unfinished_datasets(cache: Path | None = None) -> list[Path]:
-    """Incomplete datasets in the cache whose process has exited.
-
-    A process holds the lock of the dataset that it creates, so a free lock means that it exited.
-    """
-    root = cache or cache_path(KIND)
-    return sorted(path for path in root.glob(".making-*") if _is_old(path) and _is_free(root, path))
-
-
 def _is_old(folder: Path) -> bool:
     try:
         return time.time() - folder.stat().st_mtime > _MIN_AGE_S
@@ -189,17 +178,6 @@ def _run_of_folder(folder: Path) -> str:
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         return str(json.loads((folder / "record.json").read_bytes())["run_id"])
     return ""
-
-
-def _is_free(root: Path, folder: Path) -> bool:
-    from filelock import FileLock, Timeout
-
-    name = folder.name.removeprefix(".making-")
-    try:
-        with FileLock(root / ".locks" / f"{name}.lock", timeout=0):
-            return True
-    except (Timeout, OSError):
-        return False
 
 
 _RUNS = "runs"
@@ -219,23 +197,23 @@ class Leftovers:
     folders: tuple[Path, ...]
 
 
-def find_leftovers(system: System, cache: Path | None = None) -> Leftovers:
+def find_leftovers(system: System) -> Leftovers:
     """Look; nothing is changed."""
     living, orphans = find_runs(system)
-    folders = (*abandoned_scratch(system, living), *unfinished_datasets(cache))
+    folders = tuple(abandoned_scratch(system, living))
     return Leftovers(living, orphans, tuple(dead_shm_files(system)), folders)
 
 
-def check_leftovers(system: System, cache: Path | None = None) -> list[CheckResult]:
+def check_leftovers(system: System) -> list[CheckResult]:
     """Runs in progress, and what dead ones have left."""
-    leftovers = find_leftovers(system, cache)
+    leftovers = find_leftovers(system)
     return [_living(leftovers), _orphans(leftovers), _segments(leftovers), _folders(leftovers)]
 
 
-def clean(system: System, cache: Path | None = None) -> list[str]:
+def clean(system: System) -> list[str]:
     """Remove what dead runs have left; says what was removed, a line each."""
     seen = now_ticks()
-    leftovers = find_leftovers(system, cache)
+    leftovers = find_leftovers(system)
     removed = []
     for run_id in sorted({orphan.run_id for orphan in leftovers.orphans}):
         of_run = [orphan for orphan in leftovers.orphans if orphan.run_id == run_id]

@@ -7,21 +7,17 @@ datasets: its size, and the free space of its disk.
 
 from __future__ import annotations
 
-import contextlib
 import os
 import shutil
-import stat
 import time
-from collections.abc import Callable, Iterator
-from itertools import islice
+from collections.abc import Callable
 from pathlib import Path
 
-from r2bspec.datasets.dataset_cache import KIND
+from r2bspec.datasets.catalogue import CACHE_KIND
 from r2bspec.doctor.checkup import CheckResult, Status, System, advised, read_int, read_text
 from r2bspec.judge.measure.units import show
 from r2bspec.middleware.middleware import MessageTransport, Middleware, middleware_of
-from r2bspec.safe_io.cache_folder import cache_path, distrust
-from r2bspec.safe_io.file_search import walk
+from r2bspec.safe_io.cache_folder import cache_path
 
 _PROCESSOR = "processor"
 
@@ -213,7 +209,7 @@ _MIN_FREE_BYTES = 4 << 30
 
 def check_datasets(system: System, cache: Path | None = None) -> list[CheckResult]:
     """Check the cache, and the folder of recorded datasets if R2B_DATASETS is set."""
-    checks = [_cache(cache or cache_path(KIND))]
+    checks = [_cache(cache or cache_path(CACHE_KIND))]
     named = system.environ.get("R2B_DATASETS")
     if named and not Path(named).is_dir():
         text = f"R2B_DATASETS is {named}, which is not a folder"
@@ -223,43 +219,14 @@ def check_datasets(system: System, cache: Path | None = None) -> list[CheckResul
 
 
 def _cache(folder: Path) -> CheckResult:
-    entries = []
-    with contextlib.suppress(OSError):
-        entries = [entry for entry in folder.iterdir() if not entry.name.startswith(".")]
-    # A cache that is a link may lead to a whole disk.
-    files = islice((file for entry in entries for file in _files(entry)), _MAX_SIZED)
-    size = sum(map(_file_size, files))
     # The nearest parent that exists is on the same disk.
     existing = next(place for place in (folder, *folder.parents) if place.exists())
     free = shutil.disk_usage(existing).free
-    data = {"path": str(folder), "entries": len(entries), "bytes": size, "free_bytes": free}
-    used = f"{show(size, 'B')} in {len(entries)} datasets" if entries else "empty"
     advice = (
         "remove synthetic datasets, which are created again when needed, "
         "or select another disk with XDG_CACHE_HOME"
         if free < _MIN_FREE_BYTES
         else ""
     )
-    if reason := distrust(existing.resolve()):
-        advice = f"it is not used: {reason}; XDG_CACHE_HOME names another folder"
-    return advised(_DATASETS, "cache", f"{used}, {show(free, 'B')} free; {folder}", advice, data)
-
-
-def _files(path: Path) -> Iterator[Path]:
-    """A file, or everything below a folder; what a link leads to is not."""
-    yield path
-    if path.is_dir() and not path.is_symlink():
-        for parent, folders, names in walk(path):
-            yield from (parent / name for name in (*folders, *names))
-
-
-def _file_size(file: Path) -> int:
-    """In bytes; 0 for a folder, and for what has disappeared."""
-    with contextlib.suppress(OSError):
-        status = file.lstat()
-        return 0 if stat.S_ISDIR(status.st_mode) else status.st_size
-    return 0
-
-
-_MAX_SIZED = 20_000
-"""Files and folders; a cache of datasets has dozens."""
+    data = {"path": str(folder), "free_bytes": free}
+    return advised(_DATASETS, "cache", f"{show(free, 'B')} free; {folder}", advice, data)

@@ -17,7 +17,6 @@ from rosbags.typesys import Stores, get_typestore
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.recording import DataError, RecordedMessage, TimeWindow
-from r2bspec.datasets.ground_truth import GroundTruth, read_ground_truth
 
 STRING = "std_msgs/msg/String"
 START_NS = 1_700_000_000_000_000_000
@@ -152,13 +151,6 @@ def change_storage(folder: Path, statement: str) -> None:
 def storage_file(folder: Path) -> Path:
     (found,) = [path for path in folder.iterdir() if path.suffix in {".db3", ".mcap", ".zstd"}]
     return found
-
-
-def truth_of(folder: Path) -> GroundTruth:
-    """The ground truth of a made dataset."""
-    truth = read_ground_truth(folder)
-    assert truth is not None
-    return truth
 
 
 @cache

@@ -11,7 +11,7 @@ import pytest
 
 from r2bspec.bags.recording import TimeWindow
 from r2bspec.cli.main import main
-from r2bspec.datasets.dataset_cache import KIND
+from r2bspec.datasets.catalogue import CACHE_KIND
 from r2bspec.datasets.synthesis import make
 from r2bspec.safe_io.cache_folder import (
     UnusableCacheError,
@@ -132,7 +132,7 @@ def test_a_dataset_of_a_commit_is_not_believed(
     """It is rendered again; 'data make', whose dataset would be gone after the call, refuses."""
     dataset = ("r2b_storage", ["/d455_1_imu"], TimeWindow(end_ns=20_000_000))
     committed = make(*dataset)
-    assert committed.path.parent == kept.with_name(KIND)
+    assert committed.path.parent == kept.with_name(CACHE_KIND)
     (tmp_path / ".git").mkdir()
     again = make(*dataset)
     assert (again.made, again.content_sha256) == (True, committed.content_sha256)
