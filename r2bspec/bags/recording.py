@@ -220,7 +220,7 @@ class SyntheticDataset(msgspec.Struct, frozen=True, kw_only=True):
     """A synthetic dataset on disk.
 
     Attributes:
-        path: bag folder; `ground_truth.json` and `dataset.json` lie in it.
+        path: bag folder, with its `dataset.json`.
         content_sha256: hash of the uncompressed content, as `ContentHash` gives it.
         made: False if it was found in the cache.
         damaged: whether the cache had a damaged one, which was replaced.
@@ -233,8 +233,6 @@ class SyntheticDataset(msgspec.Struct, frozen=True, kw_only=True):
 
 
 RECORD_NAME = "dataset.json"
-GROUND_TRUTH_NAME = "ground_truth.json"
-DISPARITY_NAME = "disparity.npz"
 
 
 class TopicRecord(msgspec.Struct, frozen=True, kw_only=True):

@@ -19,7 +19,6 @@ from r2bspec.doctor.leftovers import (
     dead_shm_files,
     find_leftovers,
     find_runs,
-    unfinished_datasets,
 )
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 
@@ -130,7 +129,7 @@ def test_a_number_that_another_program_has_by_now_is_not_ended(
     ) as other:
         # It was an orphan of a run when the doctor looked, and is another program now.
         process(system, other.pid, "node", run_id="dead")
-        clean(system, tmp_path / "cache")
+        clean(system)
         assert other.poll() is None
         other.kill()
 
@@ -184,41 +183,17 @@ def test_scratch_beside_no_readable_record_is_abandoned(system: System) -> None:
     assert abandoned_scratch(system, {"alive"}) == [dead]
 
 
-def test_a_dataset_that_nobody_makes_any_more_is_unfinished(tmp_path: Path) -> None:
-    from filelock import FileLock
-
-    (tmp_path / ".locks").mkdir()
-    old = time.time() - 60.0
-    for name in ("dead", "alive"):
-        (tmp_path / f".making-{name}").mkdir()
-        os.utime(tmp_path / f".making-{name}", (old, old))
-    with FileLock(tmp_path / ".locks" / "alive.lock"):
-        program = (
-            "import sys; from pathlib import Path\n"
-            "from r2bspec.doctor.leftovers import unfinished_datasets\n"
-            "print([each.name for each in unfinished_datasets(Path(sys.argv[1]))])"
-        )
-        said = subprocess.run(
-            [sys.executable, "-c", program, str(tmp_path)], capture_output=True, check=True
-        )
-    assert said.stdout.strip() == b"['.making-dead']"
-    assert [unfinished_dataset.name for unfinished_dataset in unfinished_datasets(tmp_path)] == [
-        ".making-alive",
-        ".making-dead",
-    ]
-
-
-def test_a_clean_machine_has_no_leftovers(system: System, tmp_path: Path) -> None:
-    checks = check_leftovers(system, tmp_path / "cache")
+def test_a_clean_machine_has_no_leftovers(system: System) -> None:
+    checks = check_leftovers(system)
     assert {check.status for check in checks} == {"ok"}
 
 
-def test_leftovers_are_told_with_the_way_to_remove_them(system: System, tmp_path: Path) -> None:
+def test_leftovers_are_told_with_the_way_to_remove_them(system: System) -> None:
     for number in range(5):
         process(system, 200 + number, "node", run_id="dead")
     segment(system, "fastrtps_dead")
     scratch(system, "dead")
-    checks = {check.name: check for check in check_leftovers(system, tmp_path / "cache")}
+    checks = {check.name: check for check in check_leftovers(system)}
     assert {name: check.status for name, check in checks.items()} == {
         "in progress": "ok",
         "lost processes": "problem",
@@ -242,7 +217,7 @@ def test_cleaning_ends_orphans_and_removes_what_they_left(system: System, tmp_pa
         # Shown as one whose controller is gone; ending it is done on the real process.
         process(system, sleeper.pid, "node", run_id=run_id)
         watchdog(system, 5, "alive")
-        removed = clean(system, tmp_path / "cache")
+        removed = clean(system)
         assert sleeper.wait(30.0) != 0
     assert f"process {sleeper.pid} (python3) of run {run_id}" in removed
     assert f"folder {dead}" in removed
@@ -250,5 +225,5 @@ def test_cleaning_ends_orphans_and_removes_what_they_left(system: System, tmp_pa
     assert len(removed) == 3
     assert alive.is_dir()
     (system.proc / str(sleeper.pid) / "stat").unlink()
-    assert find_leftovers(system, tmp_path / "cache").orphans == ()
-    assert clean(system, tmp_path / "cache") == []
+    assert find_leftovers(system).orphans == ()
+    assert clean(system) == []
