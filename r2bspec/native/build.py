@@ -4,10 +4,8 @@ A result is kept under the digest of everything that it was made from: sources, 
 and flags. It is compiled in a folder of its own and moved into place, so that two builds at once
 do not disturb each other, and an interrupted one leaves nothing behind that would be used.
 
-What is kept is run. It is opened where nobody else can exchange it (`safe_io.cache_folder`), is
-used only while it is the very file that was stored on this machine, and programs are started by
-that open file. Where there is no such cache, a result is a file without a name, which ends with
-this process.
+What is kept is run, so it is kept where no other user can write (`safe_io.cache_folder`). Where
+there is no such cache, a result ends with this process.
 
 A ROS installation that is sourced has headers and libraries in its prefixes
 (``AMENT_PREFIX_PATH``); the wheels have them in the environment of the interpreter. Both have one
@@ -17,31 +15,20 @@ folder for each package below ``include``.
 from __future__ import annotations
 
 import contextlib
-import errno
 import hashlib
 import os
 import shlex
 import shutil
-import stat
 import subprocess
 import sys
-import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from r2bspec.errors import ExitStatus, R2bspecError
-from r2bspec.safe_io.cache_folder import (
-    UnusableCacheError,
-    cache_folder,
-    exposed_by,
-    file_state,
-    pass_over,
-)
-from r2bspec.safe_io.limits import MAX_FILE_STATE_BYTES
-from r2bspec.safe_io.private_files import private_files, temporary_folder
-from r2bspec.safe_io.safe_file import read_text
+from r2bspec.safe_io.cache_folder import UnusableCacheError, cache_or_temporary_folder, pass_over
+from r2bspec.safe_io.private_files import private_files, process_folder, temporary_folder
 
 NOT_BUILT = "R2B668"
 
@@ -163,45 +150,7 @@ def find_compiler(environ: Mapping[str, str] = os.environ) -> list[str]:
     return [path, *words[1:]]
 
 
-@dataclass(frozen=True)
-class _Result:
-    """A program or library that this process uses.
-
-    Attributes:
-        path: of a kept one, which no other user can exchange; else it leads to the descriptor.
-        descriptor: the file itself.
-    """
-
-    path: Path
-    descriptor: int
-
-    @classmethod
-    def open(cls, path: Path) -> _Result:
-        flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-        return cls(path, os.open(path, flags))
-
-    @property
-    def link(self) -> Path:
-        """A path that leads to the file even after it was moved or removed."""
-        return Path(f"/proc/{os.getpid()}/fd/{self.descriptor}")
-
-    def is_kept(self) -> bool:
-        """Whether its path still leads to it, and no other user can change that."""
-        try:
-            status = os.fstat(self.descriptor)
-            return (
-                stat.S_ISREG(status.st_mode)
-                and not exposed_by(self.path)
-                and os.path.samestat(status, self.path.lstat())
-            )
-        except OSError:
-            return False
-
-    def state(self) -> str:
-        return str(file_state(os.fstat(self.descriptor)))
-
-
-_results: dict[str, _Result] = {}
+_results: dict[str, Path] = {}
 """By the digests of what they were made from."""
 
 
@@ -229,8 +178,7 @@ def build(
         libraries: to link.
 
     Returns:
-        The path of the result. It stays the same file while this process lives, as long as this
-        user does not exchange it: no other one can.
+        The path of the result.
 
     Raises:
         BuildError: there is no compiler, or it rejects the sources.
@@ -245,102 +193,39 @@ def build(
     links = [f"-L{library_folder}" for library_folder in ros.library_folders()] + [*libraries]
     digest = _digest(command, sources, includes, [name, kind, *words, *links])
     result = _results.get(digest)
-    if result is None or not (result.path == result.link or result.is_kept()):
+    if result is None or not result.is_file():
         command += [*words, *map(str, sources), *links]
         result = _results[digest] = _find_or_make(digest, name, command)
-    return result.path
+    return result
 
 
-def descriptor_of(program: str) -> int | None:
-    """The open file of a program that `build` has given the path of."""
-    return next(
-        (result.descriptor for result in _results.values() if str(result.path) == program), None
-    )
-
-
-def _find_or_make(digest: str, name: str, command: Sequence[str]) -> _Result:
-    entry: Path | None = None
+def _find_or_make(digest: str, name: str, command: Sequence[str]) -> Path:
+    folder = cache_or_temporary_folder("native")
+    if _is_noexec(folder):
+        pass_over("native", UnusableCacheError("its file system is mounted noexec"))
+        folder = process_folder("native")
+        _require_executable(folder)
+    entry = folder / digest
+    if (entry / name).is_file():
+        return entry / name
     try:
-        folder = cache_folder("native")
-        if _is_noexec(folder):
-            raise UnusableCacheError("its file system is mounted noexec")
-        entry = folder / digest
-    except OSError as error:
-        pass_over("native", error)
-    if entry is not None and (kept := _open_kept(entry / name)):
-        return kept
-    try:
-        with private_files(), _scratch_folder() as scratch:
-            _compile(scratch / name, command)
-            if entry is not None:
-                _keep(scratch / name, entry)
-            if entry is not None and (kept := _open_kept(entry / name)):
-                return kept
-            _require_executable(scratch)
-            result = _Result.open(scratch / name)
-            return replace(result, path=result.link)
+        with private_files(), temporary_folder("build", folder) as scratch:
+            made = scratch / "made"
+            made.mkdir()
+            _compile(made / name, command)
+            # Another build may have been faster: its folder is not empty, and its result is used.
+            with contextlib.suppress(OSError):
+                made.rename(entry)
+            if not (entry / name).is_file():
+                # The cache has a damaged entry, which is moved away.
+                entry.rename(scratch / "damaged")
+                made.rename(entry)
     except OSError as error:
         raise BuildError(
-            f"cannot build in {tempfile.gettempdir()}: {error.strerror or error}",
-            hint="Make room there, or choose another folder in TMPDIR.",
+            f"cannot build in {folder}: {error.strerror or error}",
+            hint="Make room there, or choose another cache folder in XDG_CACHE_HOME.",
         ) from error
-
-
-_STORED = "stored"
-"""Beside a result: its state when it was stored."""
-
-
-def _open_kept(path: Path) -> _Result | None:
-    """A result in the cache, if it is what was stored."""
-    try:
-        result = _Result.open(path)
-    except OSError:
-        return None
-    with contextlib.suppress(OSError):
-        stored = read_text(path.with_name(_STORED), max_bytes=MAX_FILE_STATE_BYTES)
-        if result.is_kept() and result.state() == stored:
-            return result
-    os.close(result.descriptor)
-    return None
-
-
-def _keep(made: Path, entry: Path) -> None:
-    """Keep a result; without room for it, it is made again next time."""
-    with (
-        contextlib.suppress(OSError),
-        tempfile.TemporaryDirectory(prefix=".building-", dir=entry.parent) as scratch,
-    ):
-        copy = Path(scratch) / "made"
-        copy.mkdir()
-        state = file_state(Path(shutil.copy(made, copy)).stat())
-        (copy / _STORED).write_text(str(state))
-        if kept := _open_kept(entry / made.name):
-            # Another build was faster. Its result is used, and stays where it is.
-            os.close(kept.descriptor)
-            return
-        with contextlib.suppress(FileNotFoundError):
-            # A damaged one is moved away first, because only an empty folder can be replaced.
-            entry.rename(Path(scratch) / "damaged")
-        copy.rename(entry)
-
-
-@contextlib.contextmanager
-def _scratch_folder() -> Iterator[Path]:
-    """A new folder, by a path on which nobody can exchange it.
-
-    Raises:
-        OSError: it cannot be made.
-    """
-    with temporary_folder("build") as folder:
-        flags = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
-        descriptor = os.open(folder, flags)
-        try:
-            status = os.fstat(descriptor)
-            if status.st_uid != os.geteuid() or status.st_mode & 0o077:
-                raise PermissionError(errno.EPERM, "another user has exchanged a folder", folder)
-            yield Path(f"/proc/{os.getpid()}/fd/{descriptor}")
-        finally:
-            os.close(descriptor)
+    return entry / name
 
 
 def _compile(target: Path, command: Sequence[str]) -> None:
@@ -521,7 +406,9 @@ def _object(name: str, sources: Sequence[str], flags: Sequence[str]) -> Path:
     libraries = ("-ldl", "-pthread")
     path = build(name, files, no_ros, kind="library", flags=flags, libraries=libraries)
     if any(separator in str(path) for separator in _SEPARATORS):
-        return Path(f"/proc/{os.getpid()}/fd/{descriptor_of(str(path))}")
+        copy = process_folder("preloaded") / name
+        shutil.copy(path, copy)
+        return copy
     return path
 
 

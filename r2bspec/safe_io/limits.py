@@ -123,8 +123,6 @@ MAX_IDENTITY_TEXT_BYTES: Final = 4_000_000
 """A text file of the graph that is compared between runs."""
 MAX_DIGEST_BYTES: Final = 512_000_000
 """A program whose content is compared."""
-MAX_FILE_STATE_BYTES: Final = 100
-"""Four numbers of 64 bits about a kept file."""
 MAX_LOADED_NAMES_BYTES: Final = 16 << 20
 """Names of files that a process has loaded."""
 MAX_MANIFEST_BYTES: Final = 1_000_000

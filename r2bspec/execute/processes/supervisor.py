@@ -34,7 +34,6 @@ from r2bspec.execute.states import PhaseClock
 from r2bspec.ipc import protocol
 from r2bspec.ipc.process_cleanup import SessionLeader, clean_up, run_processes
 from r2bspec.middleware.middleware import middleware_of
-from r2bspec.native.build import descriptor_of
 from r2bspec.record.run_record import ProcessRecord
 from r2bspec.safe_io.private_files import PRIVATE_UMASK
 
@@ -132,8 +131,6 @@ class ProcessSupervisor:
         named = () if role in _ROLES_WITHOUT_CHANNEL else ("", *parts)
         channels = {part: socket.socketpair() for part in named}
         theirs = {part: pair[1] for part, pair in channels.items()}
-        # What was checked is run, whatever its path leads to by now.
-        opened = descriptor_of(command[0])
         env = env | {
             protocol.control_variable(part): str(socket_end.fileno())
             for part, socket_end in theirs.items()
@@ -144,16 +141,12 @@ class ProcessSupervisor:
                 log_start = os.fstat(output.fileno()).st_size
                 process = SessionLeader(
                     command,
-                    executable=None if opened is None else f"/proc/self/fd/{opened}",
                     cwd=cwd,
                     env=env,
                     stdin=subprocess.DEVNULL,
                     stdout=output,
                     stderr=subprocess.STDOUT,
-                    pass_fds=[
-                        *(socket_end.fileno() for socket_end in theirs.values()),
-                        *([] if opened is None else [opened]),
-                    ],
+                    pass_fds=[socket_end.fileno() for socket_end in theirs.values()],
                     umask=umask,
                 )
         except OSError as error:

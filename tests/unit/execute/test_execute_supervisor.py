@@ -7,7 +7,6 @@ import itertools
 import os
 import resource
 import secrets
-import shutil
 import signal
 import sys
 import time
@@ -134,21 +133,6 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 # Listening
-
-
-def test_a_program_that_was_checked_is_run_whatever_takes_its_place(
-    stage: Stage, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    program = stage.folder / "program"
-    shutil.copy("/bin/echo", program)
-    descriptor = os.open(program, os.O_RDONLY)
-    monkeypatch.setattr(supervisor, "descriptor_of", {str(program): descriptor}.get)
-    program.unlink()
-    program.write_text("#!/bin/sh\necho exchanged\n")
-    program.chmod(0o755)
-    stage.run([str(program), "checked"], role="command").process.wait(HANG_S)
-    os.close(descriptor)
-    assert stage.said() == "checked\n"
 
 
 def test_what_is_no_answer_is_passed_over(stage: Stage) -> None:

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import errno
 import os
-import shutil
 import subprocess
-import tempfile
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,16 +11,8 @@ from types import SimpleNamespace
 import pytest
 
 from r2bspec.native import build as native_build
-from r2bspec.native.build import (
-    NOT_BUILT,
-    BuildError,
-    RosFiles,
-    build,
-    descriptor_of,
-    find_compiler,
-    find_ros,
-)
-from r2bspec.safe_io.cache_folder import file_state, passed_over
+from r2bspec.native.build import NOT_BUILT, BuildError, RosFiles, build, find_compiler, find_ros
+from r2bspec.safe_io.cache_folder import passed_over
 
 NO_ROS = RosFiles(prefixes=(), wheels=False)
 ANSWER = '#include "answer.h"\n#include <stdio.h>\nint main(void) { return printf("%d", N) < 0; }\n'
@@ -87,125 +75,23 @@ def test_builds_at_once_end_with_one_program(source: Path, kept: Path) -> None:
     assert [each.name for each in kept.iterdir()] == [path.parent.name]
 
 
-FORGED = "#!/bin/sh\nprintf forged"
-
-
-def forge(program: Path) -> None:
-    """Put another program in the place of a kept one, with the state that belongs to it."""
-    program.unlink()
-    program.write_text(FORGED)
-    program.chmod(0o755)
-    program.with_name("stored").write_text(str(file_state(program.stat())))
-
-
-def expose(folder: Path) -> None:
-    folder.chmod(0o777)
-
-
-def give_away(path: Path) -> None:
-    """Let a file or folder be another user's."""
-    if os.geteuid():
-        pytest.skip("only root can give a file away")
-    os.chown(path, 65534, 65534)
-
-
-@pytest.mark.parametrize("change", [expose, give_away])
-@pytest.mark.parametrize("above", range(6))
-def test_no_program_is_run_that_another_user_can_exchange(
-    above: int,
-    change: Callable[[Path], None],
-    source: Path,
-    kept: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Neither by the next process nor by one that has found it good before."""
-    program = compiled(source)
-    place = (program, *program.parents)[above]
-    forge(program)
-    change(place)
-    for path in (compiled(source), anew(source, monkeypatch)):
-        assert output(path) == "42"
-    if place in {kept, *kept.parents}:
-        (note,) = passed_over
-        assert str(place) in note
-        assert "XDG_CACHE_HOME" in note
-
-
-def test_no_program_is_run_that_an_archive_has_brought(
-    source: Path, kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Unpacked, with the times that it had, where XDG_CACHE_HOME happens to lead."""
-    forge(compiled(source))
-    assert output(anew(source, monkeypatch)) == "forged"
-    archive = shutil.make_archive(str(tmp_path / "archive"), "tar", kept)
-    shutil.rmtree(kept)
-    shutil.unpack_archive(archive, kept)
-    assert output(anew(source, monkeypatch)) == "42"
-    assert output(anew(source, monkeypatch)) == "42"
-
-
-def test_what_was_found_is_run_whatever_takes_its_place(source: Path) -> None:
-    program = compiled(source)
-    descriptor = descriptor_of(str(program))
-    program.parent.rename(program.parent.with_name("away"))
-    program.parent.mkdir()
-    program.write_text(FORGED)
-    program.chmod(0o755)
-    assert output(program) == "forged"
-    done = subprocess.run(
-        [program],
-        executable=f"/proc/self/fd/{descriptor}",
-        pass_fds=[descriptor or -1],
-        stdout=subprocess.PIPE,
-        check=True,
-    )
-    assert done.stdout == b"42"
-
-
-@pytest.mark.parametrize(
-    "damage", ["cut", "a link", "a pipe", "no file", "no state", "a state without an end"]
-)
 def test_what_is_damaged_is_made_anew(
-    damage: str, source: Path, kept: Path, monkeypatch: pytest.MonkeyPatch
+    source: Path, kept: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     program = compiled(source)
-    state = program.with_name("stored")
-    if damage == "cut":
-        os.truncate(program, 1000)
-    elif "state" in damage:
-        state.unlink()
-        if damage != "no state":
-            os.mkfifo(state)
-    else:
-        program.unlink()
-        if damage == "a link":
-            program.symlink_to("/bin/false")
-        elif damage == "a pipe":
-            os.mkfifo(program)
+    program.rename(program.with_name("another"))
     again = anew(source, monkeypatch)
     assert (again, output(again)) == (program, "42")
     assert [each.name for each in kept.iterdir()] == [program.parent.name]
 
 
-def test_a_cache_without_room_fails_no_build(
-    source: Path, kept: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(shutil, "copy", full)
-    assert output(compiled(source)) == "42"
-    assert not [*kept.iterdir()]
-
-
-@pytest.mark.parametrize("place", ["a work tree", "a file", "noexec"])
+@pytest.mark.parametrize("place", ["for all", "a file", "noexec"])
 def test_a_cache_that_cannot_be_used_is_passed_over_with_one_note(
     place: str, source: Path, tmp_path: Path, kept: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if place == "a work tree":
-        program = compiled(source)
-        forge(program)
-        (tmp_path / ".git").write_text("gitdir: /somewhere\n")
+    if place == "for all":
+        kept.mkdir(parents=True)
+        kept.chmod(0o777)
     elif place == "a file":
         (tmp_path / "cache").write_text("")
     else:
@@ -281,12 +167,3 @@ def test_a_machine_on_which_nothing_can_run_is_named(
     with pytest.raises(BuildError, match="mounted noexec") as caught:
         compiled(source)
     assert "XDG_CACHE_HOME" in caught.value.hint
-
-
-def test_a_full_disk_for_temporary_files_is_named(
-    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "nowhere"))
-    with pytest.raises(BuildError, match="cannot build in") as caught:
-        compiled(source)
-    assert "TMPDIR" in caught.value.hint
