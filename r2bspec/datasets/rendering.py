@@ -152,7 +152,9 @@ def _texture() -> NDArray[np.float32]:
         rows = values[before] * (1 - share[:, None]) + values[after] * share[:, None]
         total += (rows[:, before] * (1 - share) + rows[:, after] * share) * np.float32(weight)
     low, high = total.min(), total.max()
-    return ((total - low) / (high - low) * np.float32(1 - _DARK) + np.float32(_DARK)).ravel()
+    texture: NDArray[np.float32] = (total - low) / (high - low) * np.float32(1 - _DARK)
+    texture += np.float32(_DARK)
+    return texture.ravel()
 
 
 def _sample(across: NDArray[np.float32], up: NDArray[np.float32]) -> NDArray[np.float32]:
