@@ -207,7 +207,6 @@ def run(
     output: Path | None = None,
     progress: Progress | None = None,
     *,
-    abort_on_fail: bool = False,
     anatomy: bool = False,
     profile: str = "",
     lock: HostLock = "wait",
@@ -220,7 +219,6 @@ def run(
         prepared: from `prepare`.
         output: the run folder, new or empty; by default one below ``runs/``.
         progress: is notified of progress.
-        abort_on_fail: end a rate as soon as a requirement at it can no longer be met.
         anatomy: play one more iteration in processes that are observed from inside.
         profile: play one more iteration with this profiler: ``perf``, ``py-spy``, ``nsys``, or the
             words before the command of a process, in which ``$(profile)`` is its file.
@@ -243,7 +241,7 @@ def run(
 
     check_machine(prepared.plan)
     listener = progress or Progress()
-    options = RunOptions(abort_on_fail, anatomy, profile, identity=identity, gate=tuple(gate))
+    options = RunOptions(anatomy, profile, identity=identity, gate=tuple(gate))
     with (
         locked_host(prepared.plan.name, lock, listener.note),
         private_files(),

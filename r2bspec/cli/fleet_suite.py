@@ -108,8 +108,11 @@ class FleetExecutor:
         """
         options = self.options
         sides = [entry.benchmark]
-        flags = {"--smoke": options.smoke, "--abort-on-fail": options.abort_on_fail}
-        flags |= {"--control": options.control, "--force": options.force}
+        flags = {
+            "--smoke": options.smoke,
+            "--control": options.control,
+            "--force": options.force,
+        }
         words = [name for name, is_given in flags.items() if is_given]
         words += ["--pairs", str(options.pairs)] if options.pairs is not None else []
         if options.against:

@@ -50,7 +50,6 @@ class RunArguments:
     smoke: bool = False
     resume: bool = False
     fail_fast: bool = False
-    abort_on_fail: bool = False
     anatomy: bool = False
     profile: str | None = None
     no_wait: bool = False
@@ -124,10 +123,7 @@ class RunArguments:
                     f"--smoke cannot be combined with {judging[0]}: it judges nothing"
                 )
         if self.compares:
-            self.refuse(
-                "cannot be combined with --against or --control",
-                *("--abort-on-fail", "--anatomy", "--profile"),
-            )
+            self.refuse("cannot be combined with --against or --control", "--anatomy", "--profile")
         of_gate = self.given("--allow", "--base-build", "--base-setup")
         if of_gate and not self.has_base_tree:
             _refuse(of_gate, "needs --against with a revision or a work tree")
@@ -222,7 +218,6 @@ def _refuse(given: Sequence[str], why: str) -> None:
     {
         "--resume": "Run only what the folder of --output does not have yet.",
         "--fail-fast": "End after the first run that does not pass.",
-        "--abort-on-fail": "End a rate as soon as a requirement at it can no longer be met.",
         "--anatomy": "Play one more iteration, which counts for nothing, and observe from inside "
         "where each millisecond goes.",
     }

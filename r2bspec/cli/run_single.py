@@ -227,7 +227,6 @@ def execute(
 def _ways(options: RunArguments) -> dict[str, Any]:
     """Return how a single run is made, as arguments of `api.run`."""
     return {
-        "abort_on_fail": options.abort_on_fail,
         "anatomy": options.anatomy,
         "profile": options.profile or "",
     }

@@ -252,7 +252,7 @@ GATE_KEYS: Final[Mapping[str, GateKey]] = {
     "confirm": _benchmark_key("gate.confirm", rank(True, False)),
     # A budget of none is longer than any.
     "time_budget_ns": _benchmark_key("gate.time_budget", lambda ns: ns or math.inf, _budget_text),
-    "interference": _benchmark_key("gate.interference", rank("tolerate", "note", "strict")),
+    "interference": _benchmark_key("gate.interference", rank("tolerate", "note")),
 }
 """Fields of `GatePlan`; others, and keys of ``gate`` in a document, are without an order."""
 

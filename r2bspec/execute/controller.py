@@ -50,7 +50,7 @@ from r2bspec.execute.turns import Partner, play_by_turns
 from r2bspec.ipc.arrivals import ClockOffsetTracker
 from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.judge.confirmation import needs_confirmation
-from r2bspec.judge.decision_policy import certain_failures, decision_policy
+from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import judge_confirmation
 from r2bspec.judge.measure.host_usage import ProcessSamples
 from r2bspec.judge.measure.run_samples import HostSamples, run_samples
@@ -74,7 +74,6 @@ class RunOptions:
     """What a run does apart from its plan.
 
     Attributes:
-        abort_on_fail: end a rate as soon as a requirement can no longer be met.
         anatomy: observe one more iteration from inside.
         profile: a profiler for one more iteration; empty for none (`find_profiler`).
         identity: what the graph is made of; looked up if None, after the setup steps.
@@ -83,7 +82,6 @@ class RunOptions:
         partner: the other side of a comparison by turns, of which this run is a side.
     """
 
-    abort_on_fail: bool = False
     anatomy: bool = False
     profile: str = ""
     identity: GraphIdentity | None = None
@@ -372,8 +370,6 @@ class _Run:
             self._context,
             judge_so_far,
             partial(self._starts.begin, confirms=confirms),
-            # A confirmation run plays as many iterations as the run that it confirms.
-            self._lost_rates if self._options.abort_on_fail and not confirms else None,
         )
         self._measurements.append(measurement)
         return measurement
@@ -520,16 +516,6 @@ class _Run:
         samples = samples or self._samples_so_far()
         return judge(self._plan.objectives, samples, decision_policy(self._plan))
 
-    def _lost_rates(self) -> dict[float, str]:
-        """The rates with a requirement that can no longer be met, and which one that is."""
-        samples = self._samples_so_far()
-        verdict = self._judge_so_far(samples)
-        return {
-            failed.at_hz: f"'{failed.text.strip()}' can no longer be met"
-            for failed in certain_failures(verdict, samples, self._plan)
-            if failed.at_hz is not None
-        }
-
     def _judge_confirmation(self, first: Verdict) -> Verdict:
         """The verdict on the confirmation run if it ended now, given that on the run."""
         fresh = self._samples_so_far().confirmation
@@ -629,7 +615,6 @@ class _Run:
             differences=self._differences(failure),
             confirmation=again[0].confirmation(fresh_overhead) if again else None,
             left_out=tuple(self._context.budget.left_out),
-            ended_rates=tuple(self._context.budget.ended_rates),
             starts=tuple(self._starts.records),
             unplayed=sessions[0].unplayed if sessions else (),
             anatomies=self._anatomies(),

@@ -10,18 +10,17 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
-import msgspec
 import numpy as np
 
 from r2bspec.execute.processes.resources import ResourceSampler
-from r2bspec.judge.interference_bound import largest_taken_share
 from r2bspec.judge.measure.host_usage import (
     HostInterference,
     ProcessSamples,
     host_interference,
     interference_reasons,
+    taken_share,
 )
 from r2bspec.language.quantities import Duration
 from r2bspec.record.sample_arrays import Rows
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
     from r2bspec.execute.progress import Progress
     from r2bspec.execute.states import RunStates
     from r2bspec.record.run_folder import RunFolder
-    from r2bspec.record.run_record import EndedRate
 
 MEASURE_PHASE = "measure"
 """The phase of the processes that run during the measurement."""
@@ -40,8 +38,6 @@ MEASURE_PHASE = "measure"
 
 _SAMPLE_TIMEOUT_S = 1.0
 _POLL_S = 0.005
-_OWN_PRESSURE: Final = 1.0
-"""A probe near the peak has tasks that wait for each other: pressure alone shows nothing."""
 
 
 @dataclass(frozen=True)
@@ -93,15 +89,8 @@ class HostWatch:
 
 def interference_of(found: HostInterference | None) -> Interference:
     """What was sampled, in words and as a share."""
-    reasons = interference_reasons(found, _OWN_PRESSURE)
-    if found is None or not reasons:
-        return Interference()
-    if found.own_waited is None:
-        # The pressure is the graph's own, too; what others used bounds what they took.
-        used = found.foreign_cores or 0.0
-        pressure = min(used, 1.0 if found.pressure is None else found.pressure)
-        found = msgspec.structs.replace(found, pressure=pressure)
-    return Interference(reasons, largest_taken_share(found))
+    reasons = interference_reasons(found)
+    return Interference(reasons, taken_share(found)) if reasons else Interference()
 
 
 class TimeBudget:
@@ -112,7 +101,6 @@ class TimeBudget:
 
     Attributes:
         left_out: a sentence for each part that was left out.
-        ended_rates: those whose further iterations were.
     """
 
     def __init__(self, limit_ns: int, note: Callable[[str], None]) -> None:
@@ -126,7 +114,6 @@ class TimeBudget:
         self._note = note
         self._began_s: float | None = None
         self.left_out: list[str] = []
-        self.ended_rates: list[EndedRate] = []
 
     def begin(self) -> None:
         """Start the time."""

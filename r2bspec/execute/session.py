@@ -604,7 +604,6 @@ class StartSequence:
         )
         segment_player = session.bring_up()
         ready_ns = time.monotonic_ns()
-        interference = self.context.host.between(began_ns, ready_ns)
         self.records.append(
             run_record.StartRecord(
                 number=session.start,
@@ -612,8 +611,6 @@ class StartSequence:
                 ready_ns=ready_ns,
                 overhead_ns=session.overhead_ns,
                 confirms=confirms,
-                disturbed=interference.reasons,
-                taken=interference.taken,
             )
         )
         return segment_player

@@ -16,8 +16,8 @@ from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.measure.metric_catalogue import MetricError, MetricInfo, resolve
 from r2bspec.judge.measure.metric_values import metric_value
 from r2bspec.judge.measure.samples import RunSamples
+from r2bspec.judge.methods.mean_bound import resolution
 from r2bspec.judge.pipeline import latency_unknown_by_order
-from r2bspec.judge.uncertainty_budget import resolution
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.spec import Objective

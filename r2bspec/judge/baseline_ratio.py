@@ -20,8 +20,8 @@ import msgspec
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import Method
 from r2bspec.judge.requirement_case import Decision, RequirementCase, finite, requirement_verdict
+from r2bspec.judge.statistics.more_pieces import advice, mean_decides, more_pieces
 from r2bspec.judge.statistics.t_interval import RatioInterval, paired_ratio
-from r2bspec.judge.statistics.variance_components import ASSURANCE, growth_for_mean, pieces_for
 from r2bspec.judge.turn_comparison import ratio_of_starts
 from r2bspec.judge.verdict import BaselineEstimate, Outcome, RequirementVerdict
 
@@ -176,15 +176,13 @@ def judge_pairs(case: BaselineCase, base: Values, head: Values) -> RequirementVe
 def _pairs_hint(case: BaselineCase, interval: RatioInterval) -> str:
     n, distance = interval.n, abs(math.log(interval.ratio / case.limit))
     half = math.log(interval.upper / interval.lower) / 2
-    growth = growth_for_mean(distance, half, n - 1, case.confidence)
-    pairs = pieces_for(growth, n, case.confidence)
-    if pairs is None:
+    more = more_pieces(n, mean_decides(distance, half, n, case.confidence))
+    if more is None:
         return (
             f"The ratio is too close to {show(case.limit, 'share')} for pairs that differ by "
             f"{show(interval.deviation, 'share')}: widen the margin, or use a quieter machine."
         )
-    often = f"in {10 * ASSURANCE:.0f} of 10 such comparisons"
-    return f"About {pairs} pairs (--pairs {pairs}) would decide it {often}."
+    return f"{advice(more, 'pairs')[:-1]} (--pairs {n + more})."
 
 
 def _count_missing(case: BaselineCase, values: Values) -> int:

@@ -7,50 +7,26 @@ A growing run is judged at planned looks, among which the error is divided
 (`r2bspec.plan.interim_looks`).
 
 A requirement is decided at the first look that decides it; a PASS before the declared starts, only
-if it has room for what they may meet (`r2bspec.judge.unmet_starts`). A later look, which another
+if it has room for what they may meet (`r2bspec.judge.early_pass`). A later look, which another
 requirement needed, may still turn its PASS into a FAIL, but nothing else: both errors stay
 within the sum.
-
-With ``--abort-on-fail`` a rate also ends between looks, once a requirement fails for certain. It
-fails then on what was played, and what is left cannot make it pass:
-
-    observed    a count of faults, or an extreme, is beyond its limit, and it only grows
-    share       of N planned messages, k are over the limit already, and the test of the whole
-                plan fails though all the others are within it: the lower bound of k in N exceeds
-                the allowed share, with the effective sample size that messages have had so far
-
-k only grows, so that k / N stays above the allowed share, and no look passes a share above it.
-For the same reason to stop there costs no error: what has reached the bound of the whole plan early
-would be beyond it at the end. A first iteration, or the first of several starts, does not show
-whether the next one is like it, and ends only what was observed. Means, windows, and the rest of a
-live run have no such bound.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import msgspec
 
-from r2bspec.judge.measure.samples import RunSamples, starts_of
 from r2bspec.judge.methods import METHODS
-from r2bspec.judge.statistics.binomial import lower_bound
-from r2bspec.judge.verdict import (
-    InconclusivePolicy,
-    InterferencePolicy,
-    RequirementVerdict,
-    Verdict,
-)
+from r2bspec.judge.verdict import InconclusivePolicy, InterferencePolicy, RequirementVerdict
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.spec import Objective
 from r2bspec.plan.interim_looks import InterimLooks
 from r2bspec.plan.plan import GatePlan, Plan
 from r2bspec.plan.smoke_plan import is_smoke_plan
-
-_MIN_PIECES = 2
 
 LookDecision = Literal["pass", "fail", "go on", "inconclusive"]
 """What to do after a look: stop because everything is decided, or play the next iterations; stop
@@ -67,7 +43,7 @@ def decide_after_look(
     A requirement that fails stops the run: a second session in new processes confirms the failure
     or does not (`r2bspec.judge.confirmation`); no more iterations of this session are played. One
     that passes stops it before the declared iterations only if a test has decided it, with room for
-    what was not met (`r2bspec.judge.unmet_starts`): an observation is the more certain the more was
+    what was not met (`r2bspec.judge.early_pass`): an observation is the more certain the more was
     observed. What needs no iterations waits for none.
 
     Args:
@@ -109,17 +85,13 @@ def _can_be_decided(one: RequirementVerdict) -> bool:
     return one.lower <= one.limit <= one.upper
 
 
-def combine_looks(
-    looks: InterimLooks, judged: Sequence[RequirementVerdict], counted: str = "iterations"
-) -> RequirementVerdict:
+def combine_looks(looks: InterimLooks, judged: Sequence[RequirementVerdict]) -> RequirementVerdict:
     """One requirement at each look so far, as one verdict.
 
     Args:
         looks: the plan.
         judged: the verdicts of look 1, 2, .., each at the look's own confidence.
-        counted: what the numbers of the looks count.
     """
-    latest = len(judged)
     numbered = [
         msgspec.structs.replace(requirement, look=number, looks=len(looks))
         for number, requirement in enumerate(judged, start=1)
@@ -137,76 +109,8 @@ def combine_looks(
     chosen = last if last.outcome == "fail" else first
     if looks.by_turns and chosen.outcome == "fail":
         # The starts after a failure confirm it in the same list: it stands if they do not mend it.
-        chosen = last
-    if chosen.outcome != "inconclusive" or latest == len(looks):
-        return chosen
-    remedy = f"The next look, after {looks.iterations[latest]} {counted}, may decide it."
-    return msgspec.structs.replace(chosen, remedy=remedy)
-
-
-def certain_failures(
-    verdict: Verdict, samples: RunSamples, plan: Plan
-) -> Iterator[RequirementVerdict]:
-    """The requirements that have failed and cannot pass any more, whatever the rest of the run is.
-
-    Where an inconclusive requirement counts as passed, only an observation is certain: iterations
-    that differ can leave a test undecided.
-
-    Args:
-        verdict: on the run so far.
-        samples: of the run so far.
-        plan: of the run.
-    """
-    for requirement in verdict.requirements:
-        if requirement.level != "error" or requirement.outcome != "fail":
-            continue
-        if requirement.method == "observation":
-            if _only_gets_worse(requirement):
-                yield requirement
-        elif plan.gate.inconclusive != "pass" and _exceeds_whole_plan(requirement, samples, plan):
-            yield requirement
-
-
-def _only_gets_worse(failed: RequirementVerdict) -> bool:
-    """Whether an observed value is beyond its limit, on the side to which it only moves."""
-    value = math.inf if failed.lost else failed.estimate
-    if value is None or failed.limit is None:
-        return False
-    part = failed.metric.rpartition(".")[2]
-    if part == "min":
-        return value < failed.limit
-    none_allowed = failed.metric == "drop_rate" and failed.limit == 0
-    return value > failed.limit and (part == "max" or failed.unit == "count" or none_allowed)
-
-
-def _exceeds_whole_plan(failed: RequirementVerdict, samples: RunSamples, plan: Plan) -> bool:
-    """Whether the binomial test of all planned messages fails with those over the limit so far."""
-    test = failed.share
-    if failed.method != "exact binomial" or test is None or samples.mode == "live":
-        return False
-    played = samples.iterations.get(failed.at_hz or 0.0, ())
-    number = max(
-        (
-            max(play.iterations, play.max_iterations)
-            for play in plan.play
-            if play.rate_hz == failed.at_hz
-        ),
-        default=0,
-    )
-    pieces = len(set(starts_of(played))) if plan.starts > 1 else len(played)
-    if not number or pieces < _MIN_PIECES:
-        return False
-    # An iteration may have one output, or one interval at its ends, more than another.
-    longest = 1 + max(
-        iteration.monitors[failed.monitor].expected
-        if failed.monitor is not None
-        else iteration.playback.sent
-        for iteration in played
-    )
-    independent = test.effective_n / test.n
-    whole = max(number * longest, test.n)
-    bound = lower_bound(test.over * independent, whole * independent, failed.confidence)
-    return bound > test.allowed
+        return last
+    return chosen
 
 
 @dataclass(frozen=True)

@@ -17,32 +17,18 @@ So a verdict on pairs is opened only where more was taken from one side than fro
 where that can explain it.
 
 Of each run the record has the share w of the time that others can have taken from it
-(`r2bspec.judge.interference_bound`). A run that needs more of the processor waits longer under the
-same load, and this is its own affair. So in pair i, with the processor time u per time that the
-runs used themselves, the excess of the head is
+(`r2bspec.judge.measure.host_usage.taken_share`). A run that needs more of the processor waits
+longer under the same load, and this is its own affair. So in pair i, with the processor time u per
+time that the runs used themselves, the excess of the head is
 
     e_i = w_head - w_base max(1, u_head / u_base)
 
 and that of the base likewise. A side has an excess if the lower bound of Student's t on the mean
 e_i over all pairs is above 0 at 99 % confidence; otherwise the sides had it alike. (At 95 % the
-load would seem uneven in one of seven comparisons with new pairs, though it was not.) A disturbance
-of some pairs that is too uneven to show as an excess makes the ratios of those pairs as uneven, and
-their t is no larger.
+load would seem uneven in one of seven comparisons with new pairs, though it was not.)
 
-    verdict   stays if                                        otherwise
-    FAIL      the unaffected pairs fail, too                  INCONCLUSIVE
-              or the head has no excess
-              or all pairs fail without the head's excess
-    PASS      the unaffected pairs pass, too                  INCONCLUSIVE
-              or the base has no excess
-              or all pairs pass without the base's excess
-
-*Without the excess*: an affected iteration of that side is given its best case, as if others had
-taken max(0, e_i) of the time from it and nothing besides; the other side is as it was played. No
-verdict becomes a PASS or a FAIL, so the errors are at most those of the pairs as they were played.
-
-Under ``strict`` a PASS also needs an unaffected pair in place of each, and that these pass. Under
-``tolerate`` nothing is examined.
+A FAIL stays if the unaffected pairs fail, too, or if the head has no excess; a PASS likewise with
+the base. Otherwise it becomes INCONCLUSIVE. Under ``tolerate`` nothing is examined.
 """
 
 from __future__ import annotations
@@ -54,18 +40,18 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.judge.affected_iterations import find_affected_iterations, strict_refusal
+from r2bspec.judge.affected_iterations import REMEDY, find_affected_iterations
 from r2bspec.judge.baseline_comparison import judge_baseline_requirements, run_value
 from r2bspec.judge.baseline_ratio import BaselineCase, judge_by_turns, judge_pairs
 from r2bspec.judge.confirmation import confirm_run, needs_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks, without_own_confidence
-from r2bspec.judge.interference_bound import REMEDY, best_case_iteration, largest_taken_share
-from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
+from r2bspec.judge.early_pass import early_doubt_of_pairs
+from r2bspec.judge.measure.host_usage import taken_share
+from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.pipeline import first_iterations, judge
 from r2bspec.judge.statistics.t_interval import mean_interval
 from r2bspec.judge.turn_comparison import can_be_played_by_turns, turn_values
-from r2bspec.judge.unmet_starts import early_doubt_of_pairs
 from r2bspec.judge.validity import PlaybackValidity
 from r2bspec.judge.verdict import EXIT_CODES, Outcome, RequirementVerdict, Verdict, outcome_of
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
@@ -137,71 +123,39 @@ def pair_excess(one: RunSamples, other: RunSamples, at_hz: float | None) -> floa
     return _taken(one, at_hz) - longer * _taken(other, at_hz)
 
 
-def without_excess(pairs: InterleavedRuns, side: Side) -> InterleavedRuns:
-    """The pairs with the affected iterations of one side as if it had met what the other met."""
-    runs = [_without_excess(run, other) for run, other in pairs.each_with_other(side)]
-    return replace(pairs, base=runs) if side == "base" else replace(pairs, head=runs)
-
-
 def _examined(
     judged: RequirementVerdict,
     unaffected: RequirementVerdict,
-    without: RequirementVerdict,
     taken: TakenShares,
     disturbance_text: str,
 ) -> RequirementVerdict:
-    """A decision on pairs of which some were affected by host interference.
+    """Return a decision on pairs of which some were affected by host interference.
 
     Args:
         judged: the verdict on all pairs as they were played.
-        unaffected: that on the unaffected ones.
-        without: that on all pairs without the excess that explains the decision.
-        taken: from both sides, with that excess.
+        unaffected: that on the unaffected pairs.
+        taken: from both sides, with the excess that would explain the decision.
         disturbance_text: which pairs were affected, as a sentence without its full stop.
     """
-    failed = judged.outcome == "fail"
-    # A latency of which nothing is left without the excess has no ratio: it is explained.
-    explained = failed and without.estimate is None and judged.estimate is not None
-    if unaffected.outcome == judged.outcome:
-        note = "The unaffected pairs fail, too."
-    elif taken.excess <= 0:
-        note = (
-            f"Base and head had it alike ({taken.text}), so that it does not explain the "
-            "difference."
-        )
-    elif without.outcome == judged.outcome and not explained:
-        note = (
-            f"The head had more of it ({taken.text}). That does not explain the failure: it fails "
-            "without the excess, too."
-        )
-    else:
-        might = "be met" if failed else "not be met"
+    if unaffected.outcome != judged.outcome and taken.excess > 0:
         return judged.opened(
             f"{disturbance_text}. The {_EXPLAINED_BY[judged.outcome]} had more of it "
-            f"({taken.text}). Without the excess the requirement might {might}, so it does not "
-            f"count as {judged.outcome}ed.",
+            f"({taken.text}), and the unaffected pairs alone do not decide it.",
             REMEDY,
         )
-    return judged.noted(f"{disturbance_text}. {note}") if failed else judged
-
-
-def _without_excess(one: RunSamples, other: RunSamples) -> RunSamples:
-    affected = find_affected_iterations(one)
-
-    def best_case(iteration: SegmentSamples) -> SegmentSamples:
-        if (disturbed := affected.get(iteration.segment.id)) is None:
-            return iteration
-        excess = pair_excess(one, other, disturbed.rate_hz)
-        return best_case_iteration(iteration, max(0.0, excess))
-
-    return one.with_each(best_case)
+    if judged.outcome != "fail":
+        return judged
+    if unaffected.outcome == "fail":
+        return judged.noted(f"{disturbance_text}. The unaffected pairs fail, too.")
+    return judged.noted(
+        f"{disturbance_text}. Base and head had it alike ({taken.text}), so that it does not "
+        "explain the difference."
+    )
 
 
 def _taken(run: RunSamples, at_hz: float | None) -> float:
     """The share of the time that others can have taken from a run at a rate, in the mean."""
-    return _mean(
-        [largest_taken_share(iteration.interference) for iteration in run.iterations_at(at_hz)]
-    )
+    return _mean([taken_share(iteration.interference) for iteration in run.iterations_at(at_hz)])
 
 
 def _own_cores(run: RunSamples, at_hz: float | None) -> float:
@@ -359,29 +313,14 @@ def _examine_pairs(
     }
     if not decided & {"pass", "fail"}:
         return verdict.requirements
-    text = pair_set.disturbance_text
-    replaced = len(unaffected.head) == len(pair_set.played.head)
     calm = _judge(objectives, unaffected, policy).requirements
-    # Interference makes a side worse: more on the head's explains a FAIL, on the base's a PASS.
-    without: dict[str, Sequence[RequirementVerdict]] = {
-        outcome: _judge(objectives, without_excess(pair_set.played, side), policy).requirements
-        for outcome, side in _EXPLAINED_BY.items()
-        if outcome in decided
-    }
     requirements = []
     for place, requirement in enumerate(verdict.requirements):
-        if not _is_on_pairs(requirement) or requirement.outcome == "inconclusive":
-            requirements.append(requirement)
-            continue
-        taken = taken_shares(pair_set.played, _EXPLAINED_BY[requirement.outcome], requirement.at_hz)
-        judged = _examined(
-            requirement, calm[place], without[requirement.outcome][place], taken, text
-        )
-        # Under ``strict`` a PASS needs an unaffected pair in place of each.
-        accepted = replaced and calm[place].outcome == "pass"
-        if policy.interference == "strict" and judged.outcome == "pass" and not accepted:
-            judged = strict_refusal(judged, text)
-        requirements.append(judged)
+        if _is_on_pairs(requirement) and requirement.outcome != "inconclusive":
+            side = _EXPLAINED_BY[requirement.outcome]
+            taken = taken_shares(pair_set.played, side, requirement.at_hz)
+            requirement = _examined(requirement, calm[place], taken, pair_set.disturbance_text)
+        requirements.append(requirement)
     return tuple(requirements)
 
 
@@ -405,7 +344,7 @@ def _judge(objectives: Objectives, pairs: InterleavedRuns, policy: DecisionPolic
         for look, end in enumerate(completed, start=1)
     ]
     columns = zip(*(verdict.requirements for verdict in verdicts), strict=True)
-    requirements = tuple(combine_looks(looks, column, "pairs") for column in columns)
+    requirements = tuple(combine_looks(looks, column) for column in columns)
     return verdicts[-1].with_requirements(requirements, policy.inconclusive)
 
 

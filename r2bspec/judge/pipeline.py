@@ -4,17 +4,12 @@ The value is a `JudgedRequirement`: a requirement at one monitor, and the run th
 It is decided by the method of its metric, at each planned interim look. Then `STEPS` are carried
 out in their order, each on the verdict of the one before:
 
-    weaken_affected_failure         a FAIL that host interference can explain becomes open
-    refuse_affected_pass            under ``strict``, a PASS on affected iterations becomes open,
-                                    unless the worst case passes, too
+    downgrade_affected_fail         a FAIL that is not clear on a busy machine becomes open
     examine_affected_probes         the same for what rests on probes
-    refuse_disturbed_starts         the same for starts that others disturbed
-    question_unsteady               a verdict that rests on a part unlike the rest becomes open
-    note_narrow_margin              a latency too close to its limit for what was not met says so
+    check_steadiness                a verdict that rests on a part unlike the rest becomes open
 
 Reasons for which nothing can be decided come first, and the method of the metric last
-(`decide_case`). The outcome of the run follows from the verdicts on its
-requirements, and each of them is told what it cannot know (`r2bspec.judge.caveats`). What a second
+(`decide_case`). The outcome of the run follows from the verdicts on its requirements. What a second
 run changes is in `r2bspec.judge.confirmation`, what a baseline does in
 `r2bspec.judge.baseline_comparison`.
 
@@ -32,16 +27,15 @@ from typing import Final
 import msgspec
 
 from r2bspec.judge.affected_iterations import (
+    REMEDY,
     affected_iterations_text,
-    disturbed_starts_text,
+    best_case_iteration,
     find_affected_iterations,
     judge_probe,
-    strict_refusal,
     unaffected_or_rerun,
 )
-from r2bspec.judge.caveats import run_caveats, with_caveats
 from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks
-from r2bspec.judge.interference_bound import REMEDY, best_case_iteration, worst_case_iteration
+from r2bspec.judge.early_pass import early_doubt
 from r2bspec.judge.measure.metric_catalogue import (
     MetricError,
     MetricInfo,
@@ -70,9 +64,7 @@ from r2bspec.judge.requirement_case import (
     requirement_verdict,
     undecided,
 )
-from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
-from r2bspec.judge.steady_state import find_unsteady_part, iteration_times
-from r2bspec.judge.unmet_starts import early_doubt, narrow_margin_notes
+from r2bspec.judge.steady_state import find_unsteady_part, iteration_levels
 from r2bspec.judge.validity import PlaybackValidity
 from r2bspec.judge.verdict import (
     EXIT_CODES,
@@ -162,19 +154,8 @@ class JudgedRun:
 
     @cached_property
     def best_case_samples(self) -> RunSamples:
-        """The run without what interference can explain."""
+        """The run at its best without the interference."""
         return self.samples.with_each(lambda one: self._unaffected(one) or best_case_iteration(one))
-
-    @cached_property
-    def worst_case_samples(self) -> RunSamples:
-        """The run with all that interference can have spared it."""
-        return self.samples.with_each(
-            lambda one: (
-                worst_case_iteration(one, affected.taken)
-                if (affected := self.affected.get(one.segment.id)) is not None
-                else one
-            )
-        )
 
     def _unaffected(self, one: SegmentSamples) -> SegmentSamples | None:
         return unaffected_or_rerun(one, self.samples, self.affected)
@@ -488,86 +469,54 @@ def _losses_may_hide(case: RequirementCase) -> bool:
 # The steps.
 
 
-def weaken_affected_failure(
+def downgrade_affected_fail(
     judged: JudgedRequirement, played: RequirementVerdict
 ) -> RequirementVerdict:
-    """A FAIL is open if neither the unaffected part fails nor the best case does."""
+    """Open a FAIL on a busy machine that is not clear, and say of what is open that it was busy."""
     run = judged.run
     text = affected_iterations_text(played, run.affected)
-    if run.policy.interference == "tolerate" or played.outcome != "fail" or not text:
+    if run.policy.interference == "tolerate" or played.outcome == "pass" or not text:
         return played
+    if METHODS[played.method].rests_on != "iterations":
+        return played
+    if played.outcome == "inconclusive":
+        grows = METHODS[played.method].grows
+        return msgspec.structs.replace(played, remedy=REMEDY) if grows else played
     unaffected = judged.decided_by(run.unaffected_samples)
-    without_metric = played.method == "none" and played == unaffected
-    if METHODS[played.method].rests_on != "iterations" or without_metric:
+    if played.method == "none" and played == unaffected:
         return played
     if unaffected.outcome == "fail":
         return played.noted(f"{text}. The unaffected part fails, too.")
-    if judged.decided_by(run.best_case_samples).outcome == "fail":
+    # What the whole machine uses is the use of others, too.
+    of_machine = judged.asked.info.scope == "machine"
+    if not of_machine and judged.decided_by(run.best_case_samples).outcome == "fail":
         return played.noted(
-            f"{text}. That does not explain the failure: it fails in the best case, too."
+            f"{text}. The faster half of the messages, sped up by that, fails, too."
         )
     return played.opened(
-        f"{text}. Without it the requirement might be met, so it does not count as failed.", REMEDY
+        f"{text}. That it fails is not shown on a machine that was so busy.", REMEDY
     )
-
-
-def refuse_affected_pass(
-    judged: JudgedRequirement, played: RequirementVerdict
-) -> RequirementVerdict:
-    """Under ``strict``, a PASS needs unaffected reruns that pass, or a worst case that does."""
-    run = judged.run
-    text = affected_iterations_text(played, run.affected)
-    if run.policy.interference != "strict" or played.outcome != "pass" or not text:
-        return played
-    replaced = all(
-        affected.rerun and affected.rerun not in run.affected
-        for affected in run.affected.values()
-        if not affected.rerun_of and played.is_at(affected.rate_hz)
-    )
-    if replaced and judged.decided_by(run.unaffected_samples).outcome == "pass":
-        return played.noted(f"{text}. With those in their places it passes, too.")
-    # The worst case delivers less, and later: it says nothing of other metrics and limits.
-    info, asks_for_more = judged.asked.info, judged.asked.requirement.op in {">", ">="}
-    has_worst_case = info.scope == "monitor" and (info.dimension == "rate") == asks_for_more
-    if has_worst_case and judged.decided_by(run.worst_case_samples).outcome == "pass":
-        return played.noted(f"{text}. It passes in the worst case, too.")
-    return strict_refusal(played, text)
 
 
 def examine_affected_probes(
     judged: JudgedRequirement, verdict: RequirementVerdict
 ) -> RequirementVerdict:
-    """What rests on probes, with regard to the interference during them.
-
-    The search has left failures that interference can explain out of its bracket already.
-    """
+    """Judge what rests on probes with regard to the interference during them."""
     return judge_probe(verdict, judged.run.samples.record, judged.run.policy.interference)
 
 
-def refuse_disturbed_starts(
-    judged: JudgedRequirement, verdict: RequirementVerdict
-) -> RequirementVerdict:
-    """Under ``strict``, a PASS needs starts that nobody disturbed while they came up."""
-    run = judged.run
-    if run.policy.interference != "strict" or verdict.outcome != "pass":
-        return verdict
-    text = disturbed_starts_text(verdict, run.samples)
-    return strict_refusal(verdict, text) if text else verdict
-
-
-def question_unsteady(judged: JudgedRequirement, verdict: RequirementVerdict) -> RequirementVerdict:
-    """What differs in one part of the iterations is noted; a verdict that rests on it is open."""
+def check_steadiness(judged: JudgedRequirement, verdict: RequirementVerdict) -> RequirementVerdict:
+    """Note what differs in a part of the iterations, and open a verdict that rests on it."""
     samples, at_hz, info = judged.run.samples, judged.asked.at_hz, judged.asked.info
     if not METHODS[verdict.method].grows or at_hz is None:
         return verdict
     iterations = samples.iterations_at(at_hz)
-    part = find_unsteady_part(iteration_times(info, judged.asked.monitor, iterations))
+    part = find_unsteady_part(iteration_levels(info, judged.asked.monitor, iterations))
     if part is None:
         return verdict
     found, advice = part.text(info), part.advice(samples, iterations)
     if verdict.outcome == "inconclusive":
-        remedy = verdict.remedy if verdict.weakened else advice
-        return msgspec.structs.replace(verdict.noted(found), remedy=remedy)
+        return verdict.noted(f"{found} {advice}")
     rest = judged.decided_by(part.left_out_of(samples, at_hz))
     if not judged.rests_on_more_than(rest, verdict):
         return verdict.noted(f"{found} {advice}")
@@ -579,22 +528,10 @@ def question_unsteady(judged: JudgedRequirement, verdict: RequirementVerdict) ->
     )
 
 
-def note_narrow_margin(
-    judged: JudgedRequirement, verdict: RequirementVerdict
-) -> RequirementVerdict:
-    """What the starts have not met is said where it would break the limit."""
-    if judged.problem or not METHODS[verdict.method].grows:
-        return verdict
-    return verdict.noted(*narrow_margin_notes(judged.case(judged.run.samples), verdict))
-
-
 STEPS: Final[tuple[Callable[[JudgedRequirement, RequirementVerdict], RequirementVerdict], ...]] = (
-    weaken_affected_failure,
-    refuse_affected_pass,
+    downgrade_affected_fail,
     examine_affected_probes,
-    refuse_disturbed_starts,
-    question_unsteady,
-    note_narrow_margin,
+    check_steadiness,
 )
 
 
@@ -627,12 +564,10 @@ def _run_verdict(run: JudgedRun, requirements: tuple[RequirementVerdict, ...]) -
         exit_code=(samples.record.exit_status if samples.record.status != "complete" else 0)
         or EXIT_CODES[outcome],
         reason=reason,
-        requirements=with_caveats(requirements) if judged else requirements,
+        requirements=requirements,
         unusable=unusable,
         disturbed=tuple(run.affected.values()),
         starts=samples.starts if judged else 0,
-        unseen_starts=zero_failure_bound(samples.starts, CONFIDENCE),
-        limits=run_caveats(requirements, samples) if judged else (),
     )
 
 

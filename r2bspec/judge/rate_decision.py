@@ -16,7 +16,7 @@ look these tests are made, the others only if the first does not reject:
 random walk of service times. The first third of the steps is left out there, because queues that
 fill up to a constant level are no overload. While a graph does keep up, latencies scatter about a
 level, and the slope of the line through them is known much better than the rate is
-(`r2bspec.judge.statistics.autocorrelation`). `loss` is the drop rate that the spec allows, zero by
+(`r2bspec.judge.statistics.trend`). `loss` is the drop rate that the spec allows, zero by
 default: "none is lost" means that at most half the precision is. The upper bound is the larger one
 of that by batch means, which knows of bursts, and that of Clopper and Pearson, which knows that a
 probe of 20 messages without a drop shows no more than that at most a fifth is dropped. So a rate
@@ -56,10 +56,10 @@ from numpy.typing import NDArray
 from r2bspec.judge.measure.delivery import DeliveryEstimate, delivery
 from r2bspec.judge.measure.matching import Matching
 from r2bspec.judge.stationarity import CompletionTimes
-from r2bspec.judge.statistics.autocorrelation import trend
 from r2bspec.judge.statistics.binomial import upper_bound
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.judge.statistics.t_interval import t_quantile
+from r2bspec.judge.statistics.trend import trend
 from r2bspec.language.benchmark_defaults import (
     CONFIDENCE,
     FIRST_LOOK_S,

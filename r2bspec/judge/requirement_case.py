@@ -18,8 +18,8 @@ from r2bspec.judge.measure.samples import (
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import Method
-from r2bspec.judge.statistics.effective_sample_size import SampleDesign
-from r2bspec.judge.verdict import Outcome, RequirementVerdict, ShareTest, UncertaintyBudget
+from r2bspec.judge.statistics.design_effect import SampleDesign
+from r2bspec.judge.verdict import Outcome, RequirementVerdict, ShareTest
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.comparison_grammar import Requirement
 
@@ -122,6 +122,12 @@ class RequirementCase:
         )
 
     @property
+    def pieces(self) -> tuple[int, str]:
+        """How many starts there are, or iterations of a single start, and what they are."""
+        starts = len(set(starts_of(self.iterations)))
+        return (starts, "starts") if starts > 1 else (len(self.iterations), "iterations")
+
+    @property
     def limit_text(self) -> str:
         """The limit with its unit."""
         return show(self.limit, self.info.unit)
@@ -160,11 +166,9 @@ class Decision:
     n: int = 0
     effective_n: float | None = None
     over: int | None = None
-    bursts: int | None = None
     share: ShareTest | None = None
     rule_of_three: float | None = None
     notes: tuple[str, ...] = ()
-    budget: UncertaintyBudget | None = None
 
 
 def undecided(reason: str, remedy: str = "") -> Decision:

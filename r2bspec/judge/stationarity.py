@@ -10,7 +10,7 @@ mean x and the standard deviation s of m batches of all plays,
     capacity = 1 / x        bounds: 1 / (x +- t s sqrt(F / m))
 
 with Student's t of m / F - 1 degrees of freedom and the inflation F of batches that resemble their
-neighbours (`r2bspec.judge.statistics.autocorrelation`), where that is significant: batches of a
+neighbours (`r2bspec.judge.statistics.trend`), where that is significant: batches of a
 second or longer of a stationary graph are independent, and a graph that is not is found by the
 tests below. The start of each play is left out.
 
@@ -49,8 +49,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.statistics.autocorrelation import least_squares, significant_inflation
 from r2bspec.judge.statistics.t_interval import t_quantile
+from r2bspec.judge.statistics.trend import least_squares, significant_inflation
 
 _START_SHARE = 0.1
 _START_S = 1.0

@@ -52,26 +52,19 @@ class ShareTest(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         effective_n: effective sample size: the number of independent messages equivalent to `n`.
-        bursts: in how many bursts the messages over the limit come.
-        clustering: why `effective_n` is below `n`: they come in ``bursts`` one after the other,
-            in ``clusters`` near one another, or in some ``iterations`` or ``starts`` more than in
-            others.
-        burst_tolerance: for a share that was shown to be small enough, the mean length of bursts up
-            to which the same counts would still show it; otherwise None. Bursts that are too rare
-            to occur in this run cannot be seen in it.
+        differ: why `effective_n` is below `n`: the messages over the limit come more in some
+            ``starts``, ``iterations``, or ``stretches`` of a single iteration than in others.
     """
 
     n: int
     effective_n: float
     over: int
-    bursts: int
-    clustering: Literal["", "bursts", "clusters", "iterations", "starts"]
+    differ: Literal["", "stretches", "iterations", "starts"]
     lost: int
     share: float
     lower: float
     upper: float
     allowed: float
-    burst_tolerance: float | None
 
 
 class BaselineEstimate(msgspec.Struct, frozen=True, kw_only=True):
@@ -94,42 +87,6 @@ class BaselineEstimate(msgspec.Struct, frozen=True, kw_only=True):
     deviation: float | None
 
 
-VarianceSource = Literal["starts", "iterations", "sampling", "harness", "clock", "allowance"]
-
-
-class VariancePart(msgspec.Struct, frozen=True, kw_only=True):
-    """The share of one source in the variance of an estimate.
-
-    Attributes:
-        source: see `r2bspec.judge.uncertainty_budget`.
-        share: of the variance; None where it cannot be told apart.
-        deviation: its standard deviation, in the unit of the metric; None likewise.
-        unknown: why it cannot be told apart, in a sentence; otherwise empty.
-    """
-
-    source: VarianceSource
-    share: float | None = None
-    deviation: float | None = None
-    unknown: str = ""
-
-
-class UncertaintyBudget(msgspec.Struct, frozen=True, kw_only=True):
-    """What the interval of a requirement is made of.
-
-    Attributes:
-        half_width: of the interval, in the unit of the metric.
-        parts: of its variance; the known shares add up to 1, rounded.
-        halve: what would halve the interval, in a sentence.
-        halve_s: the run time that this adds, in seconds; None if it is not more playing, or if
-            nothing that can be proposed halves it.
-    """
-
-    half_width: float
-    parts: tuple[VariancePart, ...]
-    halve: str
-    halve_s: float | None = None
-
-
 RequirementKey = tuple[str, str, str | None, float | None]
 """Objective, text, monitor and offered rate of a requirement."""
 
@@ -147,7 +104,6 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
         text: the requirement as the user wrote it.
         effective_n: the effective sample size; None if `n` is 0.
         over: messages over the limit (see `ShareTest`), where single messages were compared.
-        bursts: in how many bursts they come, where that is known.
         rule_of_three: for an observation that was met by n messages, the share of messages for
             which it may still not be met, at the stated confidence; otherwise None.
         reason: the decision in one sentence.
@@ -161,7 +117,6 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
         weakened: whether it was decided, and is inconclusive only because of host interference.
         early: whether it passed before the declared starts or pairs, without room for what they may
             meet.
-        budget: what the interval is made of; None where none was estimated.
     """
 
     objective: str
@@ -185,7 +140,6 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
     reason: str
     remedy: str
     effective_n: float | None = None
-    bursts: int | None = None
     level: Level = "error"
     look: int = 0
     looks: int = 0
@@ -193,7 +147,6 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
     compared: BaselineEstimate | None = None
     weakened: bool = False
     early: bool = False
-    budget: UncertaintyBudget | None = None
 
     @property
     def key(self) -> RequirementKey:
@@ -257,11 +210,8 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
 
     `reason` is the outcome in one sentence; it says of how many `starts` of all processes the
     verdict is (0 if it is not about a run): with 1, it is of this start, and another one may
-    differ. `unseen_starts` is the largest share of starts of a kind that is not among these, at
-    95 % confidence (0.45 for 5 starts); None in results of versions that did not state it.
-    `disturbed` are the iterations affected by host interference, those of the confirmation session
-    among them; their effect on a requirement is in its notes. `limits` is what no test can tell
-    from this run, a sentence each.
+    differ. `disturbed` are the iterations affected by host interference, those of the confirmation
+    session among them; their effect on a requirement is in its notes.
     """
 
     outcome: OverallOutcome
@@ -271,8 +221,6 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     unusable: tuple[Unusable, ...]
     disturbed: tuple[DisturbedIteration, ...] = ()
     starts: int = 0
-    unseen_starts: float | None = None
-    limits: tuple[str, ...] = ()
 
     @property
     def is_judged(self) -> bool:
@@ -312,7 +260,7 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
 InconclusivePolicy = Literal["report", "fail", "pass"]
 """What an inconclusive requirement does to the run."""
 
-InterferencePolicy = Literal["tolerate", "note", "strict"]
+InterferencePolicy = Literal["tolerate", "note"]
 """What host interference may do to a verdict (`r2bspec.judge.affected_iterations`)."""
 
 

@@ -514,8 +514,7 @@ class Gate(Record, frozen=True, kw_only=True):
             affected iterations and probes, and the confirmation of a failure are skipped if they
             would exceed it.
         interference: The effect of other load on the machine: tolerate judges the run as it was
-            measured; note makes a failure inconclusive if the load can explain it; strict also
-            makes a pass inconclusive if it was measured under such load.
+            measured; note makes a failure inconclusive if it is not clear without the load.
         base: How the base of 'run --against REVISION' becomes what runs: its own version of this
             key counts. Paths are relative to the top of the work tree.
     """
@@ -526,7 +525,7 @@ class Gate(Record, frozen=True, kw_only=True):
     inconclusive: Literal["report", "pass", "fail"] = "report"
     confirm: bool = True
     time_budget: Annotated[Duration | None, key("10 min", positive=True)] = None
-    interference: Literal["tolerate", "note", "strict"] = "note"
+    interference: Literal["tolerate", "note"] = "note"
     base: GateBase = GateBase()
 
 
@@ -609,7 +608,7 @@ class Benchmark(Pacing, frozen=True, kw_only=True):
         iterations: The number of iterations at each rate, over all starts.
         starts: The most starts: how often all processes are started afresh, each time for a part of
             the iterations. A verdict is about the graph, and not about one start of it, if there
-            are several. From the third on, the run ends after a start that decides everything.
+            are several. From the fifth on, the run ends after a start that decides everything.
             Default: 5, but each start has at least two iterations; 1 for graphs with external
             nodes, which cannot be restarted.
         max_iterations: The maximum number of iterations at each rate, played while a verdict is

@@ -389,7 +389,7 @@ class GatePlan(_Value, frozen=True, kw_only=True):
     inconclusive: Literal["report", "pass", "fail"] = "report"
     confirm: bool = True
     time_budget_ns: int = 0
-    interference: Literal["tolerate", "note", "strict"] = "note"
+    interference: Literal["tolerate", "note"] = "note"
 
 
 _OF_NODES = frozenset({"host", "container", "command"})

@@ -480,9 +480,6 @@ class StartRecord(msgspec.Struct, frozen=True, kw_only=True):
         overhead_ns: the part of the time in between in which the harness overhead was measured;
             0 in a start that did not measure it.
         confirms: whether it is one of the confirmation run.
-        disturbed: the host interference from its beginning until it was ready, in words; empty for
-            none, and in records of versions that did not state it.
-        taken: the largest share of that time that others can have taken from the run.
     """
 
     number: Number
@@ -490,8 +487,6 @@ class StartRecord(msgspec.Struct, frozen=True, kw_only=True):
     ready_ns: int
     overhead_ns: int = 0
     confirms: bool = False
-    disturbed: tuple[str, ...] = ()
-    taken: float = 0.0
 
     @property
     def cost_ns(self) -> int:
@@ -592,17 +587,6 @@ class AnatomyRecord(msgspec.Struct, frozen=True, kw_only=True):
     error: str = ""
 
 
-class EndedRate(msgspec.Struct, frozen=True, kw_only=True):
-    """A rate at which not all declared iterations were played, because it could no longer pass.
-
-    Attributes:
-        iterations: how many were played.
-    """
-
-    rate_hz: Hertz
-    iterations: Count
-
-
 class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """A run, complete or not.
 
@@ -613,7 +597,7 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     `confirmation` is the confirmation run, if there was one. `output_gaps` are outputs that
     stopped; `differences` those between the running graph and the spec. `left_out` has one
     sentence for each optional part that was not played, with the reason; `unplayed` has the
-    messages of inputs that were not. `ended_rates` are those that ``--abort-on-fail`` ended.
+    messages of inputs that were not.
     `starts` are those whose graph was warmed up. `profiles` are those of an iteration that
     counts for nothing. `phases` say where the time went, and are empty in
     older records. `identity` is what the graph was made of; None if that was not looked up.
@@ -647,7 +631,6 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     unplayed: tuple[UnplayedMessages, ...] = ()
     profiles: tuple[ProfileRecord, ...] = ()
     anatomies: tuple[AnatomyRecord, ...] = ()
-    ended_rates: tuple[EndedRate, ...] = ()
     phases: tuple[PhaseTime, ...] = ()
     identity: GraphIdentity | None = None
     gate: tuple[str, ...] = ()

@@ -14,7 +14,6 @@ from enum import IntEnum
 from typing import Final, NamedTuple
 
 from r2bspec.diagnostics.quote import first_words, join_words, pluralize
-from r2bspec.judge.caveats import WITHOUT_BURST, particular_caveats
 from r2bspec.judge.measure.own_pace import own_pace_text
 from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.result import Result
@@ -96,7 +95,7 @@ def all_notes(result: Result) -> tuple[Note, ...]:
     for note in _weighted(result):
         text = " ".join(note.text.split())
         if text and text.rstrip(".").lower() not in said:
-            texts.setdefault(text, Note(_weight(note.weight, text), text))
+            texts.setdefault(text, Note(note.weight, text))
     return tuple(sorted(texts.values(), key=lambda note: note.weight))
 
 
@@ -113,15 +112,6 @@ def notes_of_an_open_run(result: Result) -> tuple[str, ...]:
     return tuple(busy[:2] or of_host[:1] or [note.text for note in main[:1]])
 
 
-def particular_sentences(verdict: RequirementVerdict) -> list[str]:
-    """What is said of a requirement that is shown by itself, without what most runs have alike."""
-    return [
-        text
-        for text in wording.sentences(verdict)
-        if _weight(Weight.OPEN, text) is not Weight.DETAIL
-    ]
-
-
 def _said(result: Result) -> str:
     """What every report says before its notes, in lower case."""
     texts = [headline(result), result.verdict.reason]
@@ -129,10 +119,6 @@ def _said(result: Result) -> str:
         if verdict.outcome != "pass":
             texts += (verdict.reason, verdict.remedy)
     return " ".join(texts).lower()
-
-
-def _weight(weight: Weight, text: str) -> Weight:
-    return Weight.DETAIL if WITHOUT_BURST in text else weight
 
 
 def _weighted(result: Result) -> Iterator[Note]:
@@ -174,7 +160,6 @@ def _weighted(result: Result) -> Iterator[Note]:
         (Weight.MEANING, profile_notes(result.profiles)),
         (Weight.DETAIL, _reception_notes(result)),
         (Weight.DETAIL, _requirement_notes(result, ("pass",))),
-        (Weight.DETAIL, particular_caveats(result.verdict.limits)),
         (Weight.DETAIL, wording.overhead_notes(result)),
     )
     yield from (Note(weight, text) for weight, texts in groups for text in texts)
@@ -205,8 +190,8 @@ def _machine_notes(result: Result) -> Iterator[str]:
         requirement.weakened for requirement in open_requirements
     ):
         yield (
-            "What is open could not be decided because other programs used the machine. That is no "
-            "failure of the graph: run again when the machine has nothing else to do."
+            "What is open is not shown on this busy machine, which other programs used. Run again "
+            "when it has nothing else to do; 'gate.interference: tolerate' judges it as it is."
         )
 
 
@@ -278,11 +263,6 @@ def _interference(result: Result) -> Iterator[_Interference]:
             "iterations",
             sum(len(rate.iterations) + len(rate.reruns) for rate in rates),
             [(_iteration_name(one), one.reasons, _rerun(one)) for one in result.verdict.disturbed],
-        ),
-        (
-            "starts",
-            len(result.starts),
-            [(str(start.number), start.disturbed, "") for start in result.starts],
         ),
         (
             "probes",

@@ -28,8 +28,14 @@ from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import ListNode, ScalarNode, lookup
 from r2bspec.report.finding_formats import command, command_place, junit_text
 from r2bspec.report.headline import headline, reason_after, requirement_headline
-from r2bspec.report.notes import notes, particular_sentences, unplayed_notes
-from r2bspec.report.report_wording import code_text, comparison, outcome_title, several_monitors
+from r2bspec.report.notes import notes, unplayed_notes
+from r2bspec.report.report_wording import (
+    code_text,
+    comparison,
+    outcome_title,
+    sentences,
+    several_monitors,
+)
 from r2bspec.report.result_table import RequirementRow, requirement_rows
 from r2bspec.safe_io.safe_file import is_regular
 
@@ -177,7 +183,7 @@ def _commands(report_input: ReportInput) -> Iterator[str]:
     annotated.sort(key=lambda row: row.verdict.level in _ADVISORY_COMMANDS)
     for row in annotated[:MAX_ANNOTATIONS]:
         requirement = row.verdict
-        texts = "\n".join(particular_sentences(requirement))
+        texts = "\n".join(sentences(requirement))
         kind = _ADVISORY_COMMANDS.get(requirement.level, _COMMANDS[requirement.outcome])
         place = _place(requirement, loaded, whole)
         yield command(kind, f"{requirement.objective}: {row.title}", texts, place)

@@ -10,7 +10,7 @@ from r2bspec.judge.measure.metrics import RunMetrics
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods.peak_bracket import bracket_confidence, peak_doubts
 from r2bspec.judge.result import Result
-from r2bspec.judge.verdict import OverallOutcome, RequirementVerdict, UncertaintyBudget, Verdict
+from r2bspec.judge.verdict import OverallOutcome, RequirementVerdict, Verdict
 from r2bspec.record.graph_identity import revision_text
 from r2bspec.record.run_record import HarnessOverheadRecord, Probe, SearchRecord, StartRecord
 
@@ -84,23 +84,6 @@ def interval_text(lower: float | None, upper: float | None, unit: str, digits: i
     if upper is None:
         return f"≥ {show(lower, unit, digits)}"
     return f"{show(lower, unit, digits)} … {show(upper, unit, digits)}"
-
-
-BUDGET_CAPTION = (
-    "shares of the variance behind each interval; allowance: for knowing them from few values"
-)
-
-
-def share_text(share: float | None) -> str:
-    """A share of a budget in whole percents; a dash where it cannot be told apart."""
-    if share is None:
-        return "–"
-    return "< 1 %" if 0 < share < 0.01 else f"{100 * share:.0f} %"
-
-
-def budget_sentences(budget: UncertaintyBudget) -> list[str]:
-    """What would halve the interval, and why some parts are not known."""
-    return [budget.halve, *(part.unknown for part in budget.parts if part.unknown)]
 
 
 PROBE_MARKS = {True: "✔", False: "✘", None: "?"}

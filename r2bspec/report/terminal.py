@@ -33,7 +33,6 @@ from r2bspec.report.terminal_tables import (
     DIM_STYLE,
     OUTCOME_STYLES,
     anatomy_sections,
-    budget_section,
     harness_overhead_section,
     heading,
     hop_sections,
@@ -103,7 +102,6 @@ def _print_report(
         *anatomy_sections(result, verbose=verbose),
         load_section(result.metrics, width),
         harness_overhead_section(result.harness_overhead),
-        budget_section(result.verdict) if verbose else None,
         search_section(result.metrics.search),
     )
     for section in sections:
@@ -139,7 +137,7 @@ def to_text(
         folder: the run folder, named in the last line.
         width: of the text, in columns.
         whole_tables: tables that are wider are not cut.
-        verbose: with every reason, every note, and the budgets of the intervals.
+        verbose: with every reason and every note.
     """
     return printed_text(
         lambda page: _print_report(result, folder, page, width, verbose=verbose),

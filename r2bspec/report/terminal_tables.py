@@ -8,10 +8,9 @@ memory.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, get_args
+from typing import Any
 
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
-from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
@@ -25,7 +24,7 @@ from r2bspec.judge.measure.distribution import (
 from r2bspec.judge.measure.metrics import RateMetrics, RunMetrics, UseMetrics
 from r2bspec.judge.measure.units import at_rate, show, show_range, show_rate, significant
 from r2bspec.judge.result import Result
-from r2bspec.judge.verdict import OverallOutcome, VarianceSource, Verdict
+from r2bspec.judge.verdict import OverallOutcome, Verdict
 from r2bspec.record.run_record import HarnessOverheadRecord
 from r2bspec.report import anatomy_table
 from r2bspec.report import report_wording as wording
@@ -37,7 +36,6 @@ from r2bspec.report.result_table import (
     hop_cells,
     measured,
     monitor_names,
-    requirement_rows,
 )
 
 OUTCOME_STYLES: dict[OverallOutcome, str] = {
@@ -208,30 +206,6 @@ def load_section(metrics: RunMetrics, width: int) -> RenderableType | None:
         heading("load", "CPU mean (max); 100 % is one core; minor page faults a message"),
         *(_load_table(rates[start : start + across]) for start in range(0, len(rates), across)),
     )
-
-
-def budget_section(verdict: Verdict) -> RenderableType | None:
-    """Where the interval of each requirement comes from; None where no interval was divided."""
-    rows = [
-        (row, row.verdict.budget)
-        for row in requirement_rows(verdict)
-        if row.verdict.budget is not None
-    ]
-    if not rows:
-        return None
-    grid = table(["requirement", "interval", *get_args(VarianceSource)])
-    titles: dict[str, list[str]] = {}
-    for row, budget in rows:
-        shares = (wording.share_text(part.share) for part in budget.parts)
-        grid.add_row(row.title, f"± {show(budget.half_width, row.verdict.unit)}", *shares)
-        for sentence in wording.budget_sentences(budget):
-            titles.setdefault(sentence, []).append(row.title)
-    lines: list[RenderableType] = []
-    for sentence, (first, *others) in titles.items():
-        more = f" and {len(others)} more" if others else ""
-        text = sentence if len(others) + 1 == len(rows) else f"{first}{more}: {sentence}"
-        lines.append(Padding(Text(text, style=DIM_STYLE), (0, 0, 0, 2), expand=False))
-    return Group(heading("uncertainty", wording.BUDGET_CAPTION), grid, *lines[:MAX_TABLE_ROWS])
 
 
 def harness_overhead_section(overheads: tuple[HarnessOverheadRecord, ...]) -> RenderableType | None:

@@ -69,26 +69,6 @@ def test_a_smoke_run_plays_one_short_iteration(bench: Bench) -> None:
     assert verdict["reason"].endswith("a smoke run does not judge the SLOs.")
 
 
-def test_a_rate_whose_failure_nothing_can_change_ends(bench: Bench) -> None:
-    slos = {
-        "never": {"at": "20 Hz", "require": ["latency.p90 < 1 us"]},
-        "easy": {"at": "10 Hz", "require": ["received > 0"]},
-    }
-    # On a busy machine iterations differ, and then it takes some of them to see that nothing helps.
-    benchmark = short(iterations=8, duration="500 ms", rates=["10 Hz", "20 Hz"])
-    done = bench.run_on_time(relay_spec(slos=slos, benchmark=benchmark), "--abort-on-fail")
-    played = [segment.rate_hz for segment in done.segments()]
-    assert played.count(10) == 8
-    assert 1 <= played.count(20) < 8
-    record = done.run().record
-    assert [ended_rate.rate_hz for ended_rate in record.ended_rates] == [20]
-    assert record.ended_rates[0].iterations == played.count(20)
-    (sentence,) = record.left_out
-    assert "20 Hz was ended" in sentence
-    assert "'latency.p90 < 1 us' can no longer be met" in sentence
-    assert (done.status, done.outcome) == (1, "fail")
-
-
 @only_nightly()
 def test_a_second_run_waits_for_the_first_or_refuses(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -108,9 +108,6 @@ def test_a_start_is_complete_before_its_first_iteration(done: Finished) -> None:
     record = done.run().record
     assert [(each.number, each.confirms) for each in record.starts] == [(1, False), (2, False)]
     for start in record.starts:
-        # Others can have had a part of the time of each, and no more.
-        assert 0.0 <= start.taken <= 1.0
-        assert bool(start.disturbed) >= bool(start.taken)
         own = [segment for segment in record.segments if segment.start == start.number]
         assert all(start.began_ns < each.began_ns for each in own)
         assert all(start.ready_ns < each.began_ns for each in own if each.kind == "iteration")

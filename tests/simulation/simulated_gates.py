@@ -17,10 +17,9 @@ from scipy import signal
 from simulated_worlds import World, bursts, stationary
 
 from r2bspec.judge.measure.times import rank
-from r2bspec.judge.statistics.autocorrelation import serial_inflation
 from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
-from r2bspec.judge.statistics.effective_sample_size import SampleDesign, effective_sample
-from r2bspec.judge.statistics.percentile_interval import RankedMessages
+from r2bspec.judge.statistics.design_effect import SampleDesign, effective_sample
+from r2bspec.judge.statistics.percentile_interval import RankedMessages, level_margin
 from r2bspec.judge.statistics.t_interval import (
     RatioInterval,
     mean_interval,
@@ -102,7 +101,7 @@ def share_outcome(
 ) -> int:
     """The test of one run, on its effective number of messages or on the plain one."""
     worth = effective_sample(list(pieces), SampleDesign(allowed=allowed, confidence=confidence))
-    f = 1.0 if plain else worth.inflation
+    f = 1.0 if plain else worth.effect
     return share_test(worth.bad / f, worth.n / f, allowed, confidence)
 
 
@@ -111,8 +110,8 @@ def percentile_outcome(
 ) -> int:
     """The test of one run, whose percentile has to be as far from the limit as levels scatter."""
     ranked = RankedMessages(list(values), SampleDesign(starts, allowed, confidence))
-    sample = ranked.effective_sample(int(np.count_nonzero(values > limit)))
-    levels = ranked.level_margin(1 - allowed, confidence)
+    sample = ranked.sample(int(np.count_nonzero(values > limit)))
+    levels = level_margin(ranked.values, starts, 1 - allowed, confidence)
     below, above = (levels.half, levels.tail) if levels is not None else (0.0, 0.0)
     estimate = float(ranked.ordered[rank(1 - allowed, ranked.n) - 1])
     found = share_test(sample.bad_messages, sample.messages, allowed, confidence)
@@ -122,7 +121,7 @@ def percentile_outcome(
 
 def mean_outcome(values: list[float], confidence: float = CONFIDENCE, limit: float = 1.0) -> int:
     """``mean < limit`` by t over iterations."""
-    found = mean_interval(values, confidence, inflation=serial_inflation(values))
+    found = mean_interval(values, confidence)
     return int(found.upper < limit) - int(found.lower >= limit)
 
 

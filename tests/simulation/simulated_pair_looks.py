@@ -14,11 +14,9 @@ from simulated_gates import CONFIDENCE, Errors, ratio_outcome
 from simulated_starts import QUANTILES, Shape, StartWorld
 
 from nightly import size
-from r2bspec.judge.caveats import LONG_BURST
-from r2bspec.judge.statistics.binomial import burst_tolerance
+from r2bspec.judge.early_pass import holds_in_bursts, room_of_mean
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.statistics.t_interval import RatioInterval, paired_ratio
-from r2bspec.judge.unmet_starts import room_of_mean
 from r2bspec.plan.interim_looks import InterimLooks
 
 PAIR_RUN = Shape(1, 2, 300)
@@ -30,7 +28,7 @@ HEADS: dict[str, StartWorld] = {
 }
 """Two runs of the base differ by 2.7 %."""
 
-_TRUTH_PAIRS = size(1000, 4000)
+_TRUTH_PAIRS = size(300, 4000)
 
 
 def _value(world: StartWorld, random: np.random.Generator, quantity: str) -> float:
@@ -52,12 +50,11 @@ def _truth(head: str, quantity: str) -> float:
 
 
 def has_room(interval: RatioInterval, limit: float, quantity: str, confidence: float) -> bool:
-    """Whether a PASS may end the pairs before the last, as `early_doubt_of_pairs` has it."""
+    """Return True if a PASS may end the pairs before the last, as `early_doubt_of_pairs` has it."""
     quantile = QUANTILES.get(quantity)
     if quantile is not None:
         messages = interval.n * PAIR_RUN.pieces * PAIR_RUN.messages
-        allowed = round(1 - quantile, 12)
-        if (burst_tolerance(0, messages, allowed, confidence) or 0) < LONG_BURST:
+        if not holds_in_bursts(0, messages, round(1 - quantile, 12), confidence):
             return False
     unmet = zero_failure_bound(interval.n, CONFIDENCE)
     return unmet <= room_of_mean(interval.upper, limit, upper=True)

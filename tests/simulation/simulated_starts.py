@@ -10,11 +10,9 @@ each failure is played again, in fresh starts, and judged at the confidence of a
 from __future__ import annotations
 
 import math
-import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
-import msgspec
 import numpy as np
 from scipy import signal, special
 from simulated_gates import (
@@ -27,11 +25,16 @@ from simulated_gates import (
 )
 
 from nightly import size
-from r2bspec.judge.caveats import LONG_BURST
 from r2bspec.judge.decision_policy import DecisionPolicy
+from r2bspec.judge.early_pass import (
+    holds_in_bursts,
+    room_of_losses,
+    room_of_mean,
+    room_of_percentile,
+)
 from r2bspec.judge.pipeline import judge
-from r2bspec.judge.statistics.binomial import burst_tolerance, upper_bound
-from r2bspec.judge.statistics.effective_sample_size import SampleDesign, effective_sample
+from r2bspec.judge.statistics.binomial import upper_bound
+from r2bspec.judge.statistics.design_effect import SampleDesign, effective_sample
 from r2bspec.judge.statistics.percentile_interval import RankedMessages, percentile_interval
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.statistics.t_interval import (
@@ -39,12 +42,9 @@ from r2bspec.judge.statistics.t_interval import (
     hierarchical_interval,
     welch_ratio_of_runs,
 )
-from r2bspec.judge.statistics.variance_components import NestedSample, sampling_variance
-from r2bspec.judge.unmet_starts import room_of_losses, room_of_mean, room_of_percentile
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 from r2bspec.plan.interim_looks import InterimLooks
-from r2bspec.record.run_record import StartRecord
 from run_simulation import objective
 from simulated_runs import run_of
 
@@ -245,7 +245,7 @@ def outcome(
     if quantity == WINDOWS:
         design = SampleDesign(starts, round(1 - _WINDOW_SHARE, 12), confidence)
         ranked = RankedMessages(list(window_means(values)), design)
-        interval = percentile_interval(ranked, _WINDOW_SHARE, confidence)
+        interval = percentile_interval(ranked, _WINDOW_SHARE)
         return int(interval.upper < limit) - int(interval.lower >= limit)
     allowed = round(1 - QUANTILES.get(quantity, 0.99), 12)
     if quantity == "drop rate 1 %":
@@ -356,8 +356,7 @@ def has_room(values: Values, shape: Shape, quantity: str, limit: float, confiden
         found = hierarchical_interval(values.mean(axis=1).tolist(), numbers, confidence)
         return unmet <= room_of_mean(found.interval.upper, limit, upper=True)
     allowed = round(1 - QUANTILES.get(quantity, 0.99), 12)
-    over = int(np.count_nonzero(values > limit))
-    if (burst_tolerance(over, values.size, allowed, confidence) or 0) < LONG_BURST:
+    if not holds_in_bursts(int((values > limit).sum()), values.size, allowed, confidence):
         return False
     if quantity == "drop rate 1 %":
         sample = effective_sample(list(values > limit), SampleDesign(numbers, allowed, confidence))
@@ -410,7 +409,6 @@ def verdict_on(
     limit: float,
     shape: Shape = DEFAULT,
     *,
-    start_s: float = 0.0,
     looks: InterimLooks | None = None,
 ) -> Verdict:
     """The verdict on a run with these messages, of which one takes 20 ms.
@@ -420,7 +418,6 @@ def verdict_on(
         quantity: on which there is a requirement.
         limit: its limit.
         shape: of the run.
-        start_s: what a start took; an iteration takes a thirtieth of a second a message.
         looks: at which the run is judged; once if None.
     """
     latency, metric = values * 0.02, quantity.partition(",")[0]
@@ -428,119 +425,7 @@ def verdict_on(
     if quantity == "drop rate 1 %":
         latency, text = np.where(values > limit, np.nan, latency), "drop_rate <= 1 %"
     run = run_of(latency, shape.numbers)
-    starts = tuple(
-        StartRecord(number=number, began_ns=0, ready_ns=round(start_s * 1e9))
-        for number in range(1, shape.starts + 1)
-    )
-    run = replace(run, record=msgspec.structs.replace(run.record, starts=starts))
     return judge({"slo": objective(text)}, run, DecisionPolicy(looks=looks))
-
-
-_ADVICE = re.compile(r"(?P<starts>\d+) starts with (?P<all>\d+)|(?P<only>\d+) iterations in")
-
-
-def advised_shape(text: str, shape: Shape) -> Shape | None:
-    """The run that a sentence of advice asks for; None if it advises neither starts nor iterations.
-
-    Args:
-        text: such as ``About 14 starts with 28 iterations would decide it``.
-        shape: of the run that it is about.
-    """
-    found = _ADVICE.search(text)
-    if found is None:
-        return None
-    if found["starts"]:
-        return replace(shape, starts=int(found["starts"]))
-    return replace(shape, iterations=int(found["only"]) // shape.starts)
-
-
-@dataclass
-class Advised:
-    """Counts of open runs: all, those with advice, for starts, and those that it then decided."""
-
-    open: int = 0
-    advised: int = 0
-    starts: int = 0
-    decided: int = 0
-
-    def __str__(self) -> str:
-        """Shares in percent."""
-        return (
-            f"{100 * self.advised / self.open:.0f} ({100 * self.starts / self.advised:.0f}) / "
-            f"{100 * self.decided / self.advised:.0f}"
-        )
-
-
-def follow_advice(world: StartWorld, quantity: str, *, runs: int, start_s: float = 12.0) -> Advised:
-    """Play what an open verdict advises, and count how often that decides it.
-
-    Limits are up to four standard deviations of the estimate from the truth, evenly.
-    """
-    random, truth, found = np.random.default_rng(8), limit_of(world, quantity), Advised()
-    estimates = [_estimate(world.run(random, DEFAULT), quantity) for _ in range(100)]
-    for _ in range(runs):
-        limit = truth + float(np.std(estimates)) * random.uniform(-4, 4)
-        values = world.run(random, DEFAULT)
-        if outcome(values, DEFAULT, quantity, limit):
-            continue
-        verdict = verdict_on(values, quantity, limit, start_s=start_s).requirements[0]
-        if verdict.outcome != "inconclusive":
-            continue
-        found.open += 1
-        if shape := advised_shape(verdict.remedy, DEFAULT):
-            found.advised += 1
-            found.starts += shape.starts > DEFAULT.starts
-            found.decided += outcome(world.run(random, shape), shape, quantity, limit) != 0
-    return found
-
-
-def _estimate(values: Values, quantity: str) -> float:
-    if quantity == "mean, throughput":
-        return float(values.mean())
-    return float(np.quantile(values, QUANTILES.get(quantity, 0.99)))
-
-
-ADVICE_WORLDS: dict[str, StartWorld] = {
-    "nothing differs": StartWorld(),
-    "iterations differ by 2.7 %": StartWorld(iteration=0.027),
-    "starts differ by 2.7 %": StartWorld(start=0.027, iteration=0.01),
-    "starts differ by 5 %": StartWorld(start=0.05, iteration=0.027),
-    "starts differ by 10 %": StartWorld(start=0.1, iteration=0.01),
-}
-
-
-@dataclass(frozen=True)
-class Components:
-    """The parts of the variance of an estimate, in millionths: starts, iterations, sampling.
-
-    Attributes:
-        truth: what they are.
-        mean: of the estimates of many runs.
-        spread: their standard deviation.
-    """
-
-    truth: Values
-    mean: Values
-    spread: Values
-
-    def __str__(self) -> str:
-        parts = zip(self.truth, self.mean, self.spread, strict=True)
-        return ", ".join(f"{a:.3g}: {b:.3g} ± {c:.2g}" for a, b, c in parts)
-
-
-def components(world: StartWorld, shape: Shape, *, runs: int) -> Components:
-    """What the analysis of variance makes of the messages of runs, for their mean."""
-    random, tau = np.random.default_rng(9), (1 + world.message_memory) / (1 - world.message_memory)
-    samples = []
-    for _ in range(runs):
-        values = world.run(random, shape)
-        sampling = sampling_variance(list(values))
-        found = NestedSample.of(values.mean(axis=1).tolist(), shape.numbers, sampling)
-        samples.append((found.by_starts, found.by_iterations, found.by_sampling))
-    sampled = SCATTER**2 * tau / shape.messages
-    truth = np.array([world.start**2 * shape.iterations, world.iteration**2, sampled])
-    parts = 1e6 * np.array(samples)
-    return Components(1e6 * truth / shape.pieces, parts.mean(axis=0), parts.std(axis=0))
 
 
 def stored_errors(world: StartWorld, shape: Shape, *, by_starts: bool = True, runs: int) -> Errors:

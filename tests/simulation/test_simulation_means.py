@@ -14,10 +14,8 @@ RUNS = 2000
 @pytest.mark.parametrize(
     ("world", "iterations", "passed", "failed"),
     [
-        # Where t alone is wrong in 15 to 17 %, however many there are.
-        ("each like the one before (r = 0.5)", 5, 0.09, 0.09),
-        ("each like the one before (r = 0.5)", 10, 0.07, 0.07),
-        ("each like the one before (r = 0.5)", 20, 0.065, 0.065),
+        # Few iterations hardly show that each resembles the one before: docs/verdicts.md says so.
+        ("each like the one before (r = 0.5)", 10, 0.19, 0.19),
         ("messages like those before (r = 0.9)", 10, 0.06, 0.06),
         ("drifting by 6 %", 10, 0.05, 0.05),
         # The mean of 300 skewed messages is skewed still: too few runs see the tail.
@@ -32,16 +30,15 @@ def test_errors_on_the_limit(world: str, iterations: int, passed: float, failed:
 
 
 @pytest.mark.parametrize("iterations", [3, 5, 10, 20])
-def test_independent_iterations_pay_for_those_that_resemble_each_other(iterations: int) -> None:
+def test_independent_iterations_are_wrong_as_often_as_stated(iterations: int) -> None:
     world = MEAN_WORLDS["stationary, 2 % variation"]
     found = mean_gate(world(np.random.default_rng(1), RUNS, iterations))
-    assert 0.02 <= found.passed <= 0.05
-    assert 0.02 <= found.failed <= 0.05
+    assert 0.035 <= found.passed <= 0.065
+    assert 0.035 <= found.failed <= 0.065
 
 
 def test_power() -> None:
     random = np.random.default_rng(5)
-    # Iterations that resemble each other by chance cost some of it.
     for slower, iterations, least in ((1.12, 3, 0.85), (1.06, 10, 0.75)):
         values = random.normal(slower, 0.02 * slower, (500, iterations))
         assert mean_gate(values, 1.03).failed >= least

@@ -1,4 +1,4 @@
-"""Bounds of requirements: units and contradictions."""
+"""Bounds of requirements: units, contradictions and directions."""
 
 from __future__ import annotations
 
@@ -114,6 +114,37 @@ def bound_contradiction(context: Context) -> Findings:
                 suppressed_by={metric.subject},
             )
         earlier.add(metric, low, high)
+
+
+@rule("R2B534")
+def bound_backwards(context: Context) -> Findings:
+    """Bounds that pass what got worse, or that no graph can be shown to meet."""
+    for metric in context.known_metrics:
+        requirement, bound = metric.requirement, metric.requirement.bound
+        if bound is None or requirement.windows_share is not None:
+            continue
+        at_least, more_is_better = requirement.op in {">", ">="}, metric.info.dimension == "rate"
+        name = quote(metric.info.name)
+        if bound.of_baseline and requirement.op not in {"==", "!="} and at_least != more_is_better:
+            better, way = ("larger", ">= 97 %") if more_is_better else ("smaller", "<= 103 %")
+            message = (
+                f"{name} is better the {better} it is: this bound passes a head that got worse"
+            )
+            help_text = f"write '{way} of baseline', with the margin that you allow"
+        elif bound.of_offered and at_least and bound.value >= 1:
+            message = (
+                f"{name} cannot be shown to be 100 % of the offered rate: no graph delivers more"
+            )
+            help_text = "allow a margin, such as '>= 98 % of offered'"
+        else:
+            continue
+        yield Finding(
+            message=message,
+            path=metric.path,
+            part=metric.bound_part,
+            help=help_text,
+            suppressed_by={metric.subject},
+        )
 
 
 def _is_empty(low: _Limit, high: _Limit) -> bool:

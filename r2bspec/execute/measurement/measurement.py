@@ -4,7 +4,7 @@ The search and the probes of sustained rates are made in the first start. The it
 the peak among them, are spread over all starts (`r2bspec.plan.plan`).
 
 All rates are played in each iteration, so that a slow drift of the machine affects them equally.
-After each start from the third one on there is an interim look, with the error probability divided
+After each start from the fifth on there is an interim look, with the error probability divided
 among them (`r2bspec.plan.interim_looks`). The run continues only while a requirement is undecided
 that more iterations can decide.
 
@@ -16,7 +16,7 @@ record says which one that is.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -32,13 +32,7 @@ from r2bspec.judge.methods import METHODS, Method
 from r2bspec.judge.verdict import DisturbedIteration, Verdict
 from r2bspec.plan.interim_looks import InterimLooks, iterations_of_starts
 from r2bspec.plan.plan import Plan, PlayPlan
-from r2bspec.record.run_record import (
-    ConfirmationRecord,
-    EndedRate,
-    HarnessOverheadRecord,
-    Probe,
-    SearchRecord,
-)
+from r2bspec.record.run_record import ConfirmationRecord, HarnessOverheadRecord, Probe, SearchRecord
 
 
 @dataclass
@@ -54,10 +48,8 @@ class Measurement:
     context: RunContext
     judge_so_far: Callable[[], Verdict]
     next_start: Callable[[], SegmentPlayer]
-    lost_rates: Callable[[], Mapping[float, str]] | None = None
     _search: PeakSearch | None = None
     _sustained: list[Probe] = field(default_factory=list)
-    _ended: set[float] = field(default_factory=set)
     _starts: list[SegmentPlayer] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -181,12 +173,6 @@ class Measurement:
         for iterations in self._iterations_of_starts():
             self._play_start(iterations, looks.iterations[-1])
             played = iterations[-1]
-            if self._all_ended:
-                # The largest number that a rate has is that of a confirmation run.
-                segments = self.segment_player.segments
-                played = max(segment.index for segment in segments if segment.kind == "iteration")
-                verdict = None
-                break
             if played not in looks.iterations:
                 continue
             verdict = self.judge_so_far()
@@ -229,26 +215,7 @@ class Measurement:
         self._starts.append(self.segment_player)
         for index in iterations:
             for play in self._plays:
-                if play.rate_hz not in self._ended:
-                    self._play_once(play, index, f"iteration {index} of {end}")
-            if self.lost_rates is not None and index < end:
-                self._end_rates(self.lost_rates(), index, end)
-            if self._all_ended:
-                return
-
-    @property
-    def _all_ended(self) -> bool:
-        return all(play.rate_hz in self._ended for play in self._plays)
-
-    def _end_rates(self, lost: Mapping[float, str], index: int, end: int) -> None:
-        """End the rates with a requirement that no rest can make pass."""
-        rates = {play.rate_hz for play in self._plays} - self._ended
-        for rate_hz, why in lost.items():
-            if rate_hz in rates:
-                at = f"{rate_hz:g} Hz" if rate_hz else "the recording"
-                self._ended.add(rate_hz)
-                self.budget.ended_rates.append(EndedRate(rate_hz=rate_hz, iterations=index))
-                self.budget.leave_out(f"{at} was ended after {index} of {end} iterations: {why}")
+                self._play_once(play, index, f"iteration {index} of {end}")
 
     def _with_reruns(self, verdict: Verdict) -> Verdict:
         """The verdict, after the affected iterations on which it depends were repeated."""

@@ -7,8 +7,9 @@ not, or that stayed undecided, says nothing about the graph if the interference 
     the output rate + w x the offered rate  >=  (1 - precision) x the offered rate
 
 with w the largest share of the time that others can have taken
-(`r2bspec.judge.interference_bound`). What comes out of an overloaded graph bounds its capacity only
-if w is at most half the precision.
+(`r2bspec.judge.measure.host_usage.taken_share`). What comes out of an overloaded graph bounds its
+capacity only if w is at most half the precision.
+
 Such a probe is played again. If it is disturbed again, the search uses it to aim, but not as a
 bound (`r2bspec.execute.measurement.peak_search.unexplained_end`). On a machine that is always busy
 that would double every search, so after `MAX_FUTILE_REPLAYS` that were disturbed again there are
@@ -42,6 +43,7 @@ from r2bspec.judge.rate_decision import (
     plan_interim_looks,
     worst_judgement,
 )
+from r2bspec.judge.verdict import InterferencePolicy
 from r2bspec.language.benchmark_defaults import (
     CONFIDENCE,
     MAX_LONGER,
@@ -337,7 +339,7 @@ class AffectedProbes:
         context: of the run; without time left, nothing is played again.
     """
 
-    policy: Literal["tolerate", "note", "strict"]
+    policy: InterferencePolicy
     precision: float
     segment_player: SegmentPlayer
     context: RunContext

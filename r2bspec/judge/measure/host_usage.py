@@ -7,18 +7,16 @@ host interference.
 from __future__ import annotations
 
 import math
-import statistics
 from bisect import bisect_left, bisect_right
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.judge.measure.units import show
-from r2bspec.record.run_record import HarnessOverheadRecord
 from r2bspec.record.sample_arrays import RESOURCE_DTYPE, Rows
 
 
@@ -311,9 +309,6 @@ def _sum(found: Iterable[ResourceUse], name: str) -> float | None:
     return sum(known) if known else None
 
 
-_MIN_LATENCY_DIFFERENCE_NS = 100_000
-
-
 def pool_resource_use(samples: Iterable[ResourceUse | None]) -> ResourceUse | None:
     """The mean of the means, the largest of the maxima, the sum of the counts; None without any."""
     known = [sample for sample in samples if sample is not None]
@@ -340,7 +335,6 @@ class HostInterference(msgspec.Struct, frozen=True, kw_only=True):
         pressure: share of the time in which some task waited for a processor (PSI, ``some``).
         throttled_s: time for which a processor or the control group was throttled.
         frequency_hz: of the processors while they were in use, on average.
-        calibration: latency of the harness alone, relative to its usual latency here.
         own_cores: processor time per time that the run used itself.
         own_waited: run-queue wait of all threads of the run per time; over 1 if several wait.
     """
@@ -353,7 +347,6 @@ class HostInterference(msgspec.Struct, frozen=True, kw_only=True):
     pressure: float | None = None
     throttled_s: float | None = None
     frequency_hz: float | None = None
-    calibration: float | None = None
     own_cores: float | None = None
     own_waited: float | None = None
 
@@ -437,47 +430,38 @@ def _foreign_cores(
     return max(0.0, busy_s / seconds - known)
 
 
-def harness_slowdown(
-    usual: tuple[HarnessOverheadRecord, ...], now: tuple[HarnessOverheadRecord, ...]
-) -> float | None:
-    """The latency of the harness alone over its usual one: the largest ratio of the inputs.
-
-    Medians of the same input are compared. A difference below `_MIN_LATENCY_DIFFERENCE_NS` is
-    caused by the timer and the scheduler, whatever the ratio.
-
-    Returns:
-        None if the harness overhead of no input is in both.
-    """
-    before = {(overhead.topic, overhead.rate_hz): overhead.latency_p50_ns for overhead in usual}
-    ratios = [
-        overhead.latency_p50_ns / known
-        if overhead.latency_p50_ns - known > _MIN_LATENCY_DIFFERENCE_NS
-        else 1.0
-        for overhead in now
-        if overhead.latency_p50_ns and (known := before.get((overhead.topic, overhead.rate_hz)))
-    ]
-    return max(ratios, default=None)
-
-
 _MAX_STEAL_SHARE = 0.01
 _MAX_FOREIGN_SHARE = 0.1
 _MAX_FOREIGN_CORES = 0.5
-_MAX_PRESSURE = 0.1
-_MAX_PRESSURE_RATIO = 2.0
 _MAX_THROTTLED_SHARE = 0.01
-_MAX_SLOWDOWN = 1.5
 
 
-def median_pressure(interference: Sequence[HostInterference | None]) -> float:
-    """The pressure in the median iteration, to which the others are compared."""
-    pressures = [
-        sample.pressure for sample in interference if sample and sample.pressure is not None
-    ]
-    return statistics.median(pressures) if pressures else 0.0
+MAX_TAKEN_SHARE: Final = 0.75
+"""A machine on which everything takes over four times as long keeps no schedule either."""
+
+_SHARED_PROCESSOR_LOSS = 0.5
 
 
-def interference_reasons(one: HostInterference | None, usual: float) -> tuple[str, ...]:
-    """Which host interference affected an iteration, in words; empty for none.
+def taken_share(known: HostInterference | None) -> float:
+    """Return the largest share of the time that others can have taken from the run.
+
+    Its threads could run but did not (`own_waited`), no longer than tasks waited for a processor at
+    all (`pressure`) and others used processors. What was stolen or throttled is added, and where
+    two hardware threads share a core, half of the time in which another program ran beside the run.
+    """
+    if known is None:
+        return 0.0
+    bounds = (known.own_waited, known.pressure, known.foreign_cores)
+    taken = min((bound for bound in bounds if bound is not None), default=0.0)
+    taken += (known.steal or 0.0) * (known.cores or 1)
+    taken += (known.throttled_s or 0.0) / known.seconds if known.seconds else 0.0
+    if (known.threads_per_core or 1) > 1:
+        taken += _SHARED_PROCESSOR_LOSS * min(known.own_cores or 0.0, known.foreign_cores or 0.0)
+    return min(MAX_TAKEN_SHARE, taken)
+
+
+def interference_reasons(one: HostInterference | None) -> tuple[str, ...]:
+    """Return which host interference affected a part of a run, in words; empty for none.
 
     On a shared machine other programs take the processor, the hypervisor takes it away (steal), and
     it is throttled because of heat. An iteration is affected if one of these is known of it:
@@ -485,17 +469,11 @@ def interference_reasons(one: HostInterference | None, usual: float) -> tuple[st
         steal          over 1 % of the time of all cores was given to other virtual machines
         foreign load   processes outside the benchmark used more than a tenth of all cores, and
                        more than half a core
-        pressure       tasks waited for a processor for over 10 % of the time, and more than twice
-                       as long as in the median iteration: a graph with more threads than cores
-                       makes pressure of its own, but the same in each iteration
         throttling     the kernel reports that a processor was throttled, or the control group ran
                        out of its quota, for over 1 % of the time
-        calibration    the harness alone, with no graph between player and monitor, took over 1.5
-                       times as long as it usually does
 
     Args:
-        one: its host interference.
-        usual: the `median_pressure` at its rate.
+        one: what is known of it.
     """
     if one is None:
         return ()
@@ -514,20 +492,9 @@ def interference_reasons(one: HostInterference | None, usual: float) -> tuple[st
                 else f"{one.foreign_cores:.2g}"
             )
             reasons.append(f"other processes used {used} cores (limit {least:.2g})")
-    most = max(_MAX_PRESSURE, _MAX_PRESSURE_RATIO * usual)
-    if one.pressure is not None and one.pressure > most:
-        reasons.append(
-            f"tasks waited for a processor {show(one.pressure, 'share')} of the time "
-            f"(limit {show(most, 'share')})"
-        )
     if one.throttled_s is not None and one.throttled_s > _MAX_THROTTLED_SHARE * one.seconds:
         reasons.append(
             f"processors were throttled for {show(one.throttled_s, 's')} "
             f"(limit {show(_MAX_THROTTLED_SHARE * one.seconds, 's')})"
-        )
-    if one.calibration is not None and one.calibration > _MAX_SLOWDOWN:
-        reasons.append(
-            f"the harness alone took {one.calibration:.2g} times as long as before "
-            f"(limit {_MAX_SLOWDOWN:g})"
         )
     return tuple(reasons)

@@ -21,7 +21,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-import msgspec
 import numpy as np
 
 from r2bspec.judge.measure.host_usage import ResourceUse
@@ -241,25 +240,6 @@ def windows(
         if last > first:
             end_ns = began_ns + (j + 1) * window_ns
             yield _cut_window(seen, slice(first, last), end_ns, window_ns, period_ns)
-
-
-def later_part(samples: SegmentSamples, from_s: float) -> SegmentSamples:
-    """An iteration without what was due in its first `from_s` seconds."""
-    segment = samples.segment
-    began_ns = segment.began_ns + round(from_s * 1e9)
-
-    def later(seen: MonitorSamples) -> MonitorSamples:
-        first = int(np.searchsorted(seen.steps.due_ns, began_ns - _ROUNDING_TOLERANCE_NS))
-        period_ns = output_period_ns(segment, seen.sent, seen.per_step)
-        part = slice(first, None)
-        cut = _cut_window(seen, part, segment.ended_ns, segment.ended_ns - began_ns, period_ns)
-        return replace(cut, sent=round(cut.sent / seen.per_step))
-
-    return replace(
-        samples,
-        segment=msgspec.structs.replace(segment, began_ns=began_ns),
-        monitors={name: later(seen) for name, seen in samples.monitors.items()},
-    )
 
 
 def _cut_window(

@@ -24,10 +24,8 @@ from numpy.typing import NDArray
 from r2bspec.judge.measure.anatomy_summary import summarised
 from r2bspec.judge.measure.host_usage import (
     MACHINE_INDEX,
-    HostInterference,
     ProcessSamples,
     ResourceUse,
-    harness_slowdown,
     host_interference,
     total_use,
 )
@@ -499,23 +497,7 @@ def run_samples(
     if second.peak_hz is None:
         # The segments at the peak are then played at the peak of the first session.
         second = replace(second, peak_hz=first.peak_hz)
-    slowdown = harness_slowdown(record.harness_overhead, fresh.harness_overhead)
-    return replace(first, confirmation=_calibrated(second, slowdown))
-
-
-def _calibrated(session: RunSamples, calibration: float | None) -> RunSamples:
-    """A session with the slowdown of its harness; None is unknown."""
-    if calibration is None:
-        return session
-
-    def with_calibration(one: SegmentSamples) -> SegmentSamples:
-        interference = one.interference or HostInterference()
-        return replace(
-            one, interference=msgspec.structs.replace(interference, calibration=calibration)
-        )
-
-    reruns = {name: with_calibration(rerun) for name, rerun in session.reruns.items()}
-    return replace(session.with_each(with_calibration), reruns=reruns)
+    return replace(first, confirmation=second)
 
 
 def hop_samples(

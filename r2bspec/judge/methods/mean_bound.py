@@ -14,29 +14,50 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
-from r2bspec.judge.caveats import correlation_notes, stall_notes
+from r2bspec.judge.measure.metric_catalogue import MetricInfo
 from r2bspec.judge.measure.metric_values import metric_value
 from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, SegmentSamples, starts_of
-from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.requirement_case import MAX_LOST_SHARE, Decision, RequirementCase, undecided
-from r2bspec.judge.statistics.autocorrelation import serial_degrees_of_freedom
+from r2bspec.judge.statistics.more_pieces import advice, mean_decides, more_pieces
 from r2bspec.judge.statistics.t_interval import HierarchicalInterval, hierarchical_interval
-from r2bspec.judge.statistics.variance_components import growth_for_mean
-from r2bspec.judge.uncertainty_budget import (
-    Costs,
-    Observations,
-    deciding_addition,
-    deciding_text,
-    resolution,
-    uncertainty_budget,
-)
 from r2bspec.judge.verdict import Outcome
 from r2bspec.record.run_record import RunRecord
 
+_CLOCK_RESOLUTION_S: Final = 1e-6
+"""Times are taken by software between system calls: nothing below a microsecond is meaningful."""
 
-def judge_mean(case: RequirementCase, record: RunRecord) -> Decision:
+_CPU_TICK_S: Final = 0.01
+"""Linux accounts processor time in ticks of 10 ms."""
+
+_PAGE_BYTES: Final = 4096.0
+
+
+def resolution(info: MetricInfo, typical: float, window_s: float) -> float:
+    """Return the smallest difference in a value of a metric that the clocks can show.
+
+    Args:
+        info: the metric.
+        typical: its size.
+        window_s: the length of the window in which it was measured.
+    """
+    window_s = max(window_s, _CLOCK_RESOLUTION_S)
+    match info.dimension:
+        case "time":
+            return _CLOCK_RESOLUTION_S
+        case "rate":
+            return typical * _CLOCK_RESOLUTION_S / window_s
+        case "share":
+            return _CPU_TICK_S / window_s
+        case "size":
+            return _PAGE_BYTES
+        case _:
+            return 0.0
+
+
+def judge_mean(case: RequirementCase, _: RunRecord) -> Decision:
     """Decide a requirement on a mean."""
     values: list[float] = []
     for iteration in case.iterations:
@@ -58,33 +79,17 @@ def judge_mean(case: RequirementCase, record: RunRecord) -> Decision:
     step = resolution(case.info, max(values), case.iterations[0].segment.length_s)
     sample = hierarchical_interval(values, starts_of(case.iterations), case.confidence, step)
     interval, shown = sample.interval, _possible(sample, values)
-    observed = Observations(values, starts_of(case.iterations), _messages(case))
     outcome = case.outcome_of_bounds(shown.interval.lower, shown.interval.upper)
     decision = Decision(
         outcome=outcome,
         method="t over iterations",
         reason=_reason(case, shown, outcome),
-        remedy=_remedy(case, sample, observed, Costs.of(case.iterations, record))
-        if outcome == "inconclusive"
-        else "",
+        remedy=_remedy(case, sample) if outcome == "inconclusive" else "",
         estimate=interval.mean,
         lower=shown.interval.lower,
         upper=shown.interval.upper,
         n=len(values),
-        effective_n=sample.number / sample.inflation,
-        notes=()
-        if outcome == "inconclusive"
-        else (
-            *correlation_notes(sample.pieces, sample.number, sample.inflation),
-            *stall_notes(case, interval.lower, interval.upper, outcome),
-        ),
-        budget=uncertainty_budget(
-            case,
-            record,
-            observed,
-            (interval.mean, interval.lower, interval.upper),
-            step / math.sqrt(12 * len(values)),
-        ),
+        effective_n=sample.number,
     )
     return _without_lost(case, decision)
 
@@ -97,16 +102,6 @@ def _possible(sample: HierarchicalInterval, values: Sequence[float]) -> Hierarch
     least = 0.0 if min(values) >= 0 else -math.inf
     interval = replace(sample.interval, lower=max(sample.interval.lower, least))
     return replace(sample, interval=interval)
-
-
-def _messages(case: RequirementCase) -> list[Seconds]:
-    """The messages behind the value of each iteration; nothing where it has none."""
-    family = case.info.family
-    return [
-        monitor_sample.times[family]
-        for monitor_sample in case.monitor_samples
-        if family in monitor_sample.times
-    ]
 
 
 def _without_lost(case: RequirementCase, decision: Decision) -> Decision:
@@ -162,9 +157,6 @@ def _reason(case: RequirementCase, found: HierarchicalInterval, outcome: Outcome
     if found.pieces == "starts":
         mean += f" in {found.number} starts"
     mean += f" is {show(interval.mean, unit)}"
-    if found.inflation > 1:
-        effective = found.number / found.inflation
-        mean += f" (effective sample size {effective:.2g}, as successive ones may be correlated)"
     lower, upper = show(interval.lower, unit), show(interval.upper, unit)
     sure = f"at {case.confidence_text}"
     if outcome == "inconclusive":
@@ -179,19 +171,13 @@ def _reason(case: RequirementCase, found: HierarchicalInterval, outcome: Outcome
     return f"{mean}, {sure} at least {lower}{limit}."
 
 
-def _remedy(
-    case: RequirementCase, found: HierarchicalInterval, observed: Observations, costs: Costs
-) -> str:
-    interval = found.interval
-    growth = growth_for_mean(
-        abs(interval.mean - case.limit),
-        (interval.upper - interval.lower) / 2,
-        serial_degrees_of_freedom(found.number, found.inflation),
-        case.confidence,
-    )
-    addition = deciding_addition(observed, growth, case.confidence, costs)
-    if addition is not None:
-        return deciding_text(addition, len(set(observed.starts)))
+def _remedy(case: RequirementCase, found: HierarchicalInterval) -> str:
+    interval, (number, pieces) = found.interval, case.pieces
+    half = (interval.upper - interval.lower) / 2
+    distance = abs(interval.mean - case.limit)
+    more = more_pieces(number, mean_decides(distance, half, number, case.confidence))
+    if more is not None:
+        return advice(more, pieces)
     return (
         f"The mean is too close to {case.limit_text} for {found.pieces} that differ by "
         f"{show(interval.deviation, case.info.unit)}: change the limit, or use a quieter machine."

@@ -16,7 +16,7 @@ the error of the bracket each:
     the backlog grows    b_i, the slope of the latency over the time of publication, by least
                          squares on the later two thirds of iteration i, is above precision / 4 on
                          average: Student's t over the iterations. Of one iteration, the bound of
-                         its slope (`r2bspec.judge.statistics.autocorrelation`).
+                         its slope (`r2bspec.judge.statistics.trend`).
     messages are lost    the lower Clopper-Pearson bound of the share that never arrived is above
                          what the search allowed.
 
@@ -34,13 +34,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.interference_bound import REMEDY
+from r2bspec.judge.affected_iterations import REMEDY
 from r2bspec.judge.measure.samples import MonitorSamples, RunSamples
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.requirement_case import Decision, RequirementCase, decide, undecided
-from r2bspec.judge.statistics.autocorrelation import trend
 from r2bspec.judge.statistics.binomial import lower_bound
 from r2bspec.judge.statistics.t_interval import mean_interval
+from r2bspec.judge.statistics.trend import trend
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.record.run_record import RunRecord, SearchRecord
 

@@ -29,8 +29,6 @@ _COUNTED_NOUNS = {
 
 _MIN_EFFECTIVE_SHARE = 0.95
 _MIN_WHOLE_COUNT = 10
-_CLEAR_SCATTER = 0.5
-"""Where the effective sample is a smaller share than this, iterations differ, and not by chance."""
 
 
 def counted_noun(case: RequirementCase) -> str:
@@ -71,25 +69,15 @@ def level_sentence(case: RequirementCase, interval: PercentileInterval, levels: 
 
 
 def _effective_size_text(test: ShareTest) -> str:
-    """The effective sample size, where messages over the limit come in bursts."""
-    if test.effective_n > _MIN_EFFECTIVE_SHARE * test.n:
-        return ""
-    by_scatter = test.clustering in {"iterations", "starts"}
-    chance = by_scatter and test.effective_n > _CLEAR_SCATTER * test.n
-    how = f"judged by the scatter of the {test.clustering}" if chance else clustering(test)
+    """Return the effective sample size, where starts, iterations or stretches differ."""
     n = test.effective_n
+    if n > _MIN_EFFECTIVE_SHARE * test.n:
+        return ""
     size = show(n, "count") if n >= _MIN_WHOLE_COUNT else show(n, "", 2)
-    return f", {how} (effective sample size {size} of {show(test.n, 'count')})"
-
-
-def clustering(test: ShareTest) -> str:
-    """How the messages over the limit are clustered."""
-    match test.clustering:
-        case "clusters":
-            return "close to one another"
-        case "iterations" | "starts":
-            return f"more in some {test.clustering} than in others"
-    return "in 1 burst" if test.bursts == 1 else f"in {show(test.bursts, 'count')} bursts"
+    return (
+        f", judged by the scatter of the {test.differ} (effective sample size {size} of "
+        f"{show(test.n, 'count')})"
+    )
 
 
 def _wrong_side(case: RequirementCase, test: ShareTest) -> str:

@@ -12,7 +12,7 @@ alpha < 1/2. The Clopper-Pearson bounds are the same tests turned round: the upp
 largest p, the lower bound the smallest, that k does not contradict.
 
 Messages that are not independent have a smaller effective sample size, and neither k nor n need be
-whole then (`effective_sample_size`). The binomial distribution function is an incomplete beta
+whole then (`design_effect`). The binomial distribution function is an incomplete beta
 function,
 
     P(X <= k | p) = I_(1-p)(n - k, k + 1)        P(X >= k | p) = I_p(k, n - k + 1),
@@ -22,7 +22,6 @@ which is defined between whole numbers as well, and is used there.
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_left
 from collections.abc import Callable
 
@@ -57,26 +56,3 @@ def last_true(holds: Callable[[int], bool], low: int, high: int) -> int:
     `holds(low)` must be true.
     """
     return low + bisect_left(range(low + 1, high + 1), True, key=lambda k: not holds(k))
-
-
-def burst_tolerance(k: float, n: float, allowed: float, confidence: float) -> float | None:
-    """The mean length of bursts up to which k of n still show a share of at most `allowed`.
-
-    Bursts of the mean length L inflate the variance by about F = 2 L - 1, so that k and n count
-    as k / F and n / F. This solves upper_bound(k / F, n / F) = allowed for L, by bisection to
-    a thousandth.
-
-    Returns:
-        None if k of n do not show it even if all messages are independent.
-    """
-
-    def shows(inflation: float) -> bool:
-        return upper_bound(k / inflation, n / inflation, confidence) <= allowed
-
-    if n < 1 or not shows(1.0):
-        return None
-    low, high = 1.0, float(n)
-    while high - low > 1e-3 * low:
-        middle = math.sqrt(low * high)
-        low, high = (middle, high) if shows(middle) else (low, middle)
-    return (low + 1) / 2

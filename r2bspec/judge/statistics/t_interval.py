@@ -9,8 +9,7 @@ With values v_1 .. v_m of m independent iterations, their mean v and standard de
 
 follows Student's t with m - 1 degrees of freedom, if the values are close to normal, which means
 over seconds of messages are. One-sided bounds at the confidence c on the true mean mu are then
-v -+ t_c s / sqrt(m). Where values resemble their neighbours in time, m / F takes the place of m,
-and t has fewer degrees of freedom (`autocorrelation`).
+v -+ t_c s / sqrt(m).
 
 Iterations in starts
 --------------------
@@ -22,9 +21,6 @@ iterations each has: the interval is that of t over the means of the starts (Kal
 "Rigorous benchmarking in reasonable time", ISMM 2013, which has a level for each source). By chance
 the means of few starts agree better than their iterations, so t over all iterations is worked out,
 too, and the wider interval counts.
-
-The highest level may be correlated in time (`autocorrelation`): starts, or the iterations of a
-single start. Iterations of one start resemble each other anyway, which t over starts covers.
 
 Pairs
 -----
@@ -46,13 +42,11 @@ The limit of the requirement is the margin: ``throughput.mean >= 97 % of baselin
 lower bound on rho is at least 0.97, fails if the upper bound is below it. That is a test for
 non-inferiority, not for a difference: given enough pairs any two graphs differ.
 
-Which side of a pair is first is decided by a coin for every two pairs (`pair_orders`), of which
-the second has the other order, so that a drift does not become a difference between the sides
-wherever the comparison ends. Whatever happens to the first or
-the second run of a pair, to every third or every fourth run, or to all runs after a moment, then
-falls on either side by chance alone, and chance is what the test accounts for. A fixed order such
-as A B B A shares a linear drift exactly, but puts whatever returns with every fourth run on one
-side: equal graphs then fail in half of the comparisons.
+Which side of a pair is first is decided by a coin for each pair (`pair_orders`). Whatever happens
+to the first or the second run of a pair, to every third or every fourth run, or to all runs after a
+moment, then falls on either side by chance alone, and chance is what the test accounts for. A fixed
+order such as A B B A shares a linear drift exactly, but puts whatever returns with every fourth run
+on one side: equal graphs then fail in half of the comparisons.
 
 Two stored runs
 ---------------
@@ -106,8 +100,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal, TypeVar
 
-from r2bspec.judge.statistics.autocorrelation import serial_degrees_of_freedom, serial_inflation
-
 Value = TypeVar("Value")
 
 
@@ -153,7 +145,6 @@ def mean_interval(
     values: Sequence[float],
     confidence: float,
     resolution: float = 0.0,
-    inflation: float = 1.0,
 ) -> MeanInterval:
     """The mean of `values` with one-sided bounds on the true mean.
 
@@ -163,7 +154,6 @@ def mean_interval(
         resolution: the smallest difference that the clock can show in such a value. Values that
             agree exactly differ by less than that, not by nothing: the deviation is taken to be
             at least resolution / sqrt(12), that of a value rounded to it.
-        inflation: F, at least 1.
 
     Raises:
         ValueError: fewer than two values.
@@ -174,20 +164,17 @@ def mean_interval(
     mean = math.fsum(values) / m
     variance = math.fsum((value - mean) ** 2 for value in values) / (m - 1)
     deviation = max(math.sqrt(variance), resolution / math.sqrt(12))
-    effective_n = m / inflation
-    t = t_quantile(serial_degrees_of_freedom(m, inflation), confidence)
-    half = t * deviation / math.sqrt(effective_n)
+    half = t_quantile(m - 1, confidence) * deviation / math.sqrt(m)
     return MeanInterval(mean=mean, lower=mean - half, upper=mean + half, deviation=deviation)
 
 
 @dataclass(frozen=True)
 class HierarchicalInterval:
-    """The interval of a mean, and what it counts: `number` iterations or starts, with their F."""
+    """The interval of a mean, and what it counts: `number` iterations or starts."""
 
     interval: MeanInterval
     pieces: Literal["iterations", "starts"]
     number: int
-    inflation: float
 
 
 def hierarchical_interval(
@@ -204,22 +191,16 @@ def hierarchical_interval(
     Raises:
         ValueError: fewer than two values.
     """
-    serial = len(set(starts)) < 2
-    inflation = serial_inflation(values) if serial else 1.0
     interval = HierarchicalInterval(
-        mean_interval(values, confidence, resolution, inflation),
-        "iterations",
-        len(values),
-        inflation,
+        mean_interval(values, confidence, resolution), "iterations", len(values)
     )
-    if serial:
+    if len(set(starts)) < 2:
         return interval
     means = [statistics.fmean(group) for group in by_start(values, starts)]
-    inflation = serial_inflation(means)
-    of_starts = mean_interval(means, confidence, resolution, inflation)
+    of_starts = mean_interval(means, confidence, resolution)
     if _width(of_starts) < _width(interval.interval):
         return interval
-    return HierarchicalInterval(of_starts, "starts", len(means), inflation)
+    return HierarchicalInterval(of_starts, "starts", len(means))
 
 
 def _width(interval: MeanInterval) -> float:
@@ -263,21 +244,21 @@ def _logarithms(values: Sequence[float]) -> list[float]:
 
 
 def pair_orders(pairs: int, seed: int, session: int = 0) -> tuple[PairOrder, ...]:
-    """The order of the two sides in each of so many pairs: a coin for every two, which differ.
-
-    So both orders occur from two pairs on, wherever a comparison ends.
+    """Return the order of the two sides in each pair, by a coin for each; never one order alone.
 
     Args:
         pairs: how many.
-        seed: of the coin; the same one gives the same orders.
+        seed: of the coin; the same seed gives the same orders.
         session: which of the sessions of a comparison: 0 for the first pairs, 1 for those that
             confirm a failure.
     """
     coin = random.Random(f"{seed}/{session}")  # noqa: S311 - chance, not a secret
-    orders: list[PairOrder] = []
-    while len(orders) < pairs:
-        orders += ["BA", "AB"] if coin.getrandbits(1) else ["AB", "BA"]
-    return tuple(orders[:pairs])
+    while True:
+        orders: tuple[PairOrder, ...] = tuple(
+            "BA" if coin.getrandbits(1) else "AB" for _ in range(pairs)
+        )
+        if len(set(orders)) > 1 or pairs < 2:
+            return orders
 
 
 def paired_ratio(

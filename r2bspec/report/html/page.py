@@ -6,7 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator
 from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -21,7 +21,6 @@ from r2bspec.judge.measure.distribution import (
 )
 from r2bspec.judge.measure.units import show, show_rate
 from r2bspec.judge.result import Result
-from r2bspec.judge.verdict import VarianceSource
 from r2bspec.plan.plan import Plan
 from r2bspec.report import anatomy_table, result_table
 from r2bspec.report.anatomy_table import anatomies_of
@@ -120,8 +119,6 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "result": result,
         "metrics": metrics,
         "counts": Counter(row.verdict.outcome for row in ordered),
-        "budgets": [row for row in shown if row.verdict.budget is not None],
-        "sources": get_args(VarianceSource),
         "requirements": [*zip(shown, result_table.reasons(shown), strict=True)],
         "more_requirements": len(ordered) - len(shown),
         "compared": [

@@ -25,7 +25,7 @@ GATE_VALUES: dict[tuple[str | int, ...], list[Any]] = {
     ("benchmark", "gate", "inconclusive"): ["pass", "report", "fail"],
     ("benchmark", "gate", "confirm"): [True, False],
     ("benchmark", "gate", "time_budget"): [GONE, "5 min", "10 min"],
-    ("benchmark", "gate", "interference"): ["tolerate", "note", "strict"],
+    ("benchmark", "gate", "interference"): ["tolerate", "note"],
     ("benchmark", "search", "max"): ["50 Hz", "60 Hz"],
     ("playback", "buffer"): [0, 5, 10],
     ("data_loader", "window", "end"): ["8 s", GONE],

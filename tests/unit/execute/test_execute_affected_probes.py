@@ -36,7 +36,7 @@ class Machine:
     def __init__(
         self,
         *around: Interference,
-        policy: Literal["tolerate", "note", "strict"] = "note",
+        policy: Literal["tolerate", "note"] = "note",
         budget_ns: int = 0,
     ) -> None:
         self.around = around

@@ -13,10 +13,9 @@ import pytest
 
 from r2bspec import api
 from r2bspec.execute.measurement.measurement import iterations_to_rerun
-from r2bspec.judge.affected_iterations import find_affected_iterations
+from r2bspec.judge.affected_iterations import REMEDY, best_case_iteration
 from r2bspec.judge.decision_policy import DecisionPolicy
-from r2bspec.judge.interference_bound import best_case_iteration, waiting_share
-from r2bspec.judge.measure.host_usage import HostInterference, interference_reasons
+from r2bspec.judge.measure.host_usage import HostInterference, interference_reasons, taken_share
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import InterferencePolicy, Outcome, RequirementVerdict, Verdict
@@ -47,7 +46,6 @@ QUIET = HostInterference(
     foreign_cores=0.1,
     pressure=0.05,
     throttled_s=0.0,
-    calibration=1.0,
 )
 STOLEN = msgspec.structs.replace(QUIET, steal=0.02)
 BUSY = HostInterference(
@@ -67,24 +65,18 @@ class TestWhatDisturbs:
         [
             ("steal", 0.02, "stolen"),
             ("foreign_cores", 1.0, "other processes"),
-            ("pressure", 0.3, "waited"),
             ("throttled_s", 0.2, "throttled"),
-            ("calibration", 2.0, "harness alone"),
         ],
     )
     def test_one_thing_is_enough(self, field: str, value: float, word: str) -> None:
         odd = msgspec.structs.replace(QUIET, **{field: value})
-        assert interference_reasons(QUIET, usual=0.05) == ()
-        (found,) = interference_reasons(odd, usual=0.05)
+        assert interference_reasons(QUIET) == ()
+        (found,) = interference_reasons(odd)
         assert word in found
 
     def test_what_is_not_known_disturbs_nothing(self) -> None:
-        assert interference_reasons(HostInterference(), usual=0.0) == ()
-        assert interference_reasons(None, usual=0.0) == ()
-
-    def test_pressure_that_the_graph_makes_itself(self) -> None:
-        own = HostInterference(seconds=10.0, pressure=0.4)
-        assert find_affected_iterations(run({"pass": own}, {"pass": own})) == {}
+        assert interference_reasons(HostInterference(pressure=1.0)) == ()
+        assert interference_reasons(None) == ()
 
     def test_what_the_system_does_not_tell_stays_unknown(self) -> None:
         around = {"stolen_s": np.nan, "waited_s": np.nan, "throttled_s": np.nan, "busy_s": np.nan}
@@ -150,6 +142,8 @@ class TestWhatTheyMayDo:
         assert all("stolen" in one.reasons[0] for one in found.disturbed)
         notes = found.requirements[0].notes
         assert any("interference" in note for note in notes) == (first == "fail")
+        # The machine is said first, and alone: more starts would not help.
+        assert (found.requirements[0].remedy == REMEDY) == (outcome == "inconclusive")
 
     def test_a_rerun_that_is_disturbed_too_does_not_count(self) -> None:
         samples = run(
@@ -192,7 +186,6 @@ class TestWhatTheyMayDo:
         crowded = with_interference(samples, STOLEN)
         assert judged(samples, "cpu.system.mean < 62 %").outcome == "fail"
         assert judged(crowded, "cpu.system.mean < 62 %").outcome == "inconclusive"
-        assert judged(crowded, "cpu.system.mean < 50 %").outcome == "fail"
 
     def test_only_failures_at_its_rate_are_in_doubt(self) -> None:
         samples = run({"fail": STOLEN}, {"fail": STOLEN})
@@ -247,14 +240,16 @@ class TestTheBestLight:
             (HostInterference(seconds=10.0, foreign_cores=0.3), 0.3),
             (HostInterference(seconds=10.0, cores=4, steal=0.1, pressure=0.1), 0.5),
             (HostInterference(seconds=10.0, throttled_s=2.0), 0.2),
-            (HostInterference(seconds=10.0, calibration=2.0), 0.5),
+            (HostInterference(own_waited=0.1, pressure=0.4, foreign_cores=1.0), 0.1),
+            # Beside another program, a hardware thread is at least half as fast.
+            (BUSY, 0.4),
             (HostInterference(seconds=10.0, pressure=1.0), 0.75),
         ],
     )
     def test_for_how_long_it_was_kept_waiting(
         self, known: HostInterference | None, share: float
     ) -> None:
-        assert waiting_share(known) == pytest.approx(share)
+        assert taken_share(known) == pytest.approx(share)
 
     def test_the_faster_half_stands_for_all(self) -> None:
         latency = np.linspace(0.010, 0.0399, 300)
@@ -292,13 +287,10 @@ class TestTheBestLight:
     [
         ("fast", "tolerate", "pass"),
         ("fast", "note", "pass"),
-        ("fast", "strict", "inconclusive"),
         ("slow", "tolerate", "fail"),
         ("slow", "note", "inconclusive"),
-        ("slow", "strict", "inconclusive"),
         ("far", "tolerate", "fail"),
         ("far", "note", "fail"),
-        ("far", "strict", "fail"),
     ],
 )
 def test_what_each_policy_makes_of_a_busy_machine(
@@ -312,45 +304,12 @@ def test_what_each_policy_makes_of_a_busy_machine(
     ] * 2
 
 
-@pytest.mark.parametrize("policy", ["tolerate", "note", "strict"])
+@pytest.mark.parametrize("policy", ["tolerate", "note"])
 def test_a_quiet_machine_is_judged_alike(policy: InterferencePolicy) -> None:
     for latency, outcome in (("fast", "pass"), ("slow", "fail")):
         found = judged(run({latency: QUIET}, {latency: QUIET}), P90, policy)
         assert found.outcome == outcome
         assert not found.disturbed
-
-
-def test_a_strict_pass_needs_an_unaffected_rerun_of_each() -> None:
-    samples = run({"fast": QUIET}, {"fast": BUSY}, again={1: ("fast", QUIET)})
-    (alone,) = judged(replace(samples, reruns={}), P90, "strict").requirements
-    assert (alone.outcome, alone.weakened) == ("inconclusive", True)
-    assert "'interference: strict' accepts no such PASS" in alone.notes[-1]
-    (again,) = judged(samples, P90, "strict").requirements
-    assert (again.outcome, again.weakened) == ("pass", False)
-    assert "1 of them played again, 1 without interference" in again.notes[-1]
-
-
-@pytest.mark.parametrize(
-    ("waited", "asked", "outcome"),
-    [
-        (0.0, ASKED, "pass"),
-        (0.0, "throughput.mean > 29 Hz", "pass"),
-        # Of 600 messages, 15 and two more may have been spared.
-        (0.025, ASKED, "inconclusive"),
-        (0.025, "latency.p90 < 60 ms", "pass"),
-        (0.025, "throughput.mean > 29.5 Hz", "inconclusive"),
-        # The worst case is later, not earlier.
-        (0.0, "latency.p50 > 1 ms", "inconclusive"),
-    ],
-)
-def test_a_strict_pass_stands_where_the_worst_case_keeps_it(
-    waited: float, asked: str, outcome: Outcome
-) -> None:
-    busy = msgspec.structs.replace(BUSY, own_waited=waited, threads_per_core=1)
-    found = judged(run({"fast": busy}, {"fast": busy}, {"fast": busy}), asked, "strict")
-    assert found.outcome == outcome
-    if outcome == "pass":
-        assert "passes in the worst case, too" in found.requirements[0].notes[-1]
 
 
 @pytest.mark.parametrize("rate_hz", [10, 30, 100])
@@ -369,14 +328,14 @@ def test_a_limit_that_even_the_best_case_breaks_fails_on_a_busy_host(
     latency = np.random.default_rng(3).uniform(0.010, 0.014, (10, 100))
     folder = Simulation(
         segments=[Played(rate_hz, row) for row in latency],
-        objectives={"slo": objective("latency.p99 < 9 ms", at=f"{rate_hz} Hz")},
+        objectives={"slo": objective("latency.p99 < 4 ms", at=f"{rate_hz} Hz")},
         interference={"busy_s": 1.9, "stolen_s": 0.0, "waited_s": 0.15, "throttled_s": 0.0},
         waited=waited,
     ).write(tmp_path / "run")
     found = api.judge(folder).verdict
     assert len(found.disturbed) == 10
     assert found.outcome == "fail"
-    assert "it fails in the best case, too" in found.requirements[0].notes[0]
+    assert "The faster half of the messages" in found.requirements[0].notes[0]
 
 
 def test_the_note_says_how_much_was_taken() -> None:
@@ -407,10 +366,8 @@ def judged_probes(policy: InterferencePolicy, asked: str, **record: object) -> R
     ("holds", "explained", "policy", "outcome"),
     [
         (True, False, "note", "pass"),
-        (True, False, "strict", "inconclusive"),
         (False, True, "note", "inconclusive"),
         (False, False, "note", "fail"),
-        (False, False, "strict", "fail"),
         (False, False, "tolerate", "fail"),
         (True, False, "tolerate", "pass"),
     ],
@@ -435,13 +392,8 @@ def test_a_peak_that_was_found_on_a_busy_machine() -> None:
     at_least = judged_probes("note", asked, search=search)
     assert (at_least.outcome, at_least.upper) == ("pass", None)
     assert "during the probes above it other processes used" in at_least.reason
-    strict = judged_probes("strict", asked, search=search)
-    assert strict.outcome == "inconclusive"
     open_ = judged_probes("note", "peak.rate >= 90 Hz", search=search)
-    assert (open_.outcome, open_.remedy) == (
-        "inconclusive",
-        "Run again on an otherwise idle machine.",
-    )
+    assert (open_.outcome, open_.remedy) == ("inconclusive", REMEDY)
     # That it is below 90 Hz is not known: the failures may be the machine's.
     below = judged_probes("note", "peak.rate < 90 Hz", search=search)
     assert below.outcome == "inconclusive"

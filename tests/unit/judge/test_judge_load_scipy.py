@@ -14,7 +14,7 @@ load_scipy().join()
 known = {name for name in sys.modules if name.startswith("scipy")}
 assert "scipy.special" in known
 from r2bspec.judge.statistics.binomial import upper_bound
-from r2bspec.judge.statistics.autocorrelation import trend
+from r2bspec.judge.statistics.trend import trend
 upper_bound(1, 100, 0.95)
 trend(np.arange(50.0), np.random.default_rng(1).normal(size=50), 0.95)
 new = {name for name in sys.modules if name.startswith("scipy")} - known

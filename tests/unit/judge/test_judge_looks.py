@@ -33,12 +33,12 @@ class TestThePlan:
         assert InterimLooks.planned(5, most=30).iterations == (5, 10, 20, 30)
         assert InterimLooks.planned(5, most=3).iterations == (5,)
 
-    def test_several_starts_have_them_after_each_from_the_third_on(self) -> None:
-        assert InterimLooks.planned(10, 5).iterations == (6, 8, 10)
+    def test_several_starts_have_them_after_each_from_the_fifth_on(self) -> None:
+        assert InterimLooks.planned(14, 7).iterations == (10, 12, 14)
+        assert InterimLooks.planned(10, 5).iterations == (10,)
         assert InterimLooks.planned(7, 3).iterations == (7,)
-        assert InterimLooks.planned(4, 2).iterations == (4,)
-        assert InterimLooks.planned(4, 2, 8).iterations == (6, 8)
-        assert InterimLooks.after_each_pair(4).iterations == (3, 4)
+        assert InterimLooks.planned(4, 2, 12).iterations == (10, 12)
+        assert InterimLooks.after_each_pair(6).iterations == (5, 6)
         many = InterimLooks.planned(2000, 1000)
         assert len(many) <= MAX_LOOKS
         assert many.iterations[-1] == 2000
@@ -48,9 +48,9 @@ class TestThePlan:
         assert InterimLooks.of_plays((), 5) is None
         assert InterimLooks.of_plays((play,), 1) is None
         assert InterimLooks.of_plays((play,), 2) is None
-        looks = InterimLooks.of_plays((play, msgspec.structs.replace(play, iterations=8)), 4)
+        looks = InterimLooks.of_plays((play, msgspec.structs.replace(play, iterations=12)), 6)
         assert looks is not None
-        assert (looks.iterations, looks.declared) == ((6, 8), 8)
+        assert (looks.iterations, looks.declared) == ((10, 12), 12)
 
     @pytest.mark.parametrize("iterations", [(5,), (5, 10, 20), (3, 7, 50)])
     def test_the_error_is_divided_without_a_rest(self, iterations: tuple[int, ...]) -> None:
@@ -63,7 +63,7 @@ class TestThePlan:
         looks = InterimLooks.planned(40, 20)
         *others, last = (looks.error_share(look) for look in range(1, len(looks) + 1))
         assert last == 0.7
-        assert set(others) == {18**-1.1}
+        assert set(others) == {16**-1.1}
 
     @pytest.mark.parametrize("iterations", [(), (0,), (5, 5), (5, 3)])
     def test_nonsense_is_refused(self, iterations: tuple[int, ...]) -> None:
@@ -121,7 +121,7 @@ class TestWhatToDoNext:
     def test_before_the_declared_iterations_only_a_test_ends_the_run(
         self, requirements: list[RequirementVerdict], step: str
     ) -> None:
-        looks = InterimLooks.planned(10, 5)
+        looks = InterimLooks.planned(14, 7)
         assert decide_after_look(looks, 2, requirements) == step
 
 
@@ -149,10 +149,6 @@ class TestAllLooksTogether:
         seen = [verdict_of("pass", "observation"), verdict_of("inconclusive", "observation")]
         assert combine_looks(self.LOOKS, seen).outcome == "inconclusive"
 
-    def test_the_next_look_is_named(self) -> None:
-        found = combine_looks(self.LOOKS, [verdict_of("inconclusive")])
-        assert "after 10 iterations" in found.remedy
-
 
 class TestAWholeRun:
     @staticmethod
@@ -179,25 +175,24 @@ class TestAWholeRun:
     @pytest.mark.parametrize(
         ("text", "met"),
         [
-            # 20 ms, and starts that differ by 1 %: a third kind of start could be at 22 ms.
+            # 20 ms, and starts that differ by 1 %: another kind of start could be at 21.8 ms.
             ("latency.mean < 25 ms", "room"),
-            ("latency.mean < 22 ms", "starts do not rule out"),
+            ("latency.mean < 21.5 ms", "starts do not rule out"),
             ("latency.p50 < 25 ms", "room"),
-            ("latency.p50 < 22 ms", "starts do not rule out"),
             ("latency.p99 < 30 ms", "bursts of 20"),
             ("drop_rate <= 2 %", "bursts of 20"),
             ("drop_rate <= 15 %", "room"),
-            ("drop_rate <= 10 %", "starts do not rule out"),
+            ("drop_rate <= 7 %", "starts do not rule out"),
             ("latency.p50 < 30 ms in 50 % of 1 s windows", "of what is counted"),
         ],
     )
     def test_a_pass_waits_for_the_declared_starts_without_room_for_what_they_may_meet(
         self, text: str, met: str
     ) -> None:
-        random, looks = np.random.default_rng(2), InterimLooks.planned(10, 5)
-        levels = np.repeat(0.02 * (1 + 0.01 * random.standard_normal(5)), 2)
-        latency = levels[:, None] * (1 + 0.02 * random.standard_normal((10, 300)))
-        starts = np.repeat(np.arange(1, 6), 2).tolist()
+        random, looks = np.random.default_rng(2), InterimLooks.planned(14, 7)
+        levels = np.repeat(0.02 * (1 + 0.01 * random.standard_normal(7)), 2)
+        latency = levels[:, None] * (1 + 0.02 * random.standard_normal((14, 300)))
+        starts = np.repeat(np.arange(1, 8), 2).tolist()
         ends = []
         for look, end in enumerate(looks.iterations, start=1):
             samples = run_of(latency[:end], starts[:end])
@@ -205,10 +200,7 @@ class TestAWholeRun:
             (one,) = found.requirements
             assert one.outcome == "pass"
             assert one.early == (met != "room" and look < 3)
-            told = any(met in note for note in one.notes)
-            # Of a latency that has no room for them, the end of the run tells it, too.
-            assert told or not one.early
-            assert not told or one.early or text == "latency.mean < 22 ms"
+            assert any(met in note for note in one.notes) == one.early
             ends.append(decide_after_look(looks, look, [one]))
         assert ends == (["pass"] * 3 if met == "room" else ["go on", "go on", "pass"])
         assert one.look == (1 if met == "room" else 3)

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pytest
@@ -95,12 +95,11 @@ def test_other_requirements_rest_on_the_runs_of_the_head(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("asked", "head", "outcome", "pairs"),
     [
-        ("latency.mean <= 120 % of baseline", SAME, "pass", 3),
-        ("latency.mean <= 112 % of baseline", SAME, "pass", 5),
+        ("latency.mean <= 120 % of baseline", SAME, "pass", 5),
         ("latency.mean <= 105 % of baseline", SAME, "pass", 6),
         ("latency.p50 <= 120 % of baseline", SAME, "pass", 6),
         ("latency.max <= 200 % of baseline", SAME, "pass", 6),
-        ("latency.mean < 30 ms", SAME, "pass", 3),
+        ("latency.mean < 30 ms", SAME, "pass", 5),
         ("latency.mean < 21.5 ms", SAME, "pass", 6),
         ("latency.mean <= 105 % of baseline", SLOWER, "fail", 6),
     ],
@@ -108,15 +107,14 @@ def test_other_requirements_rest_on_the_runs_of_the_head(tmp_path: Path) -> None
 def test_a_pass_by_few_pairs_needs_room_for_starts_that_they_have_not_met(
     asked: str, head: list[float], outcome: str, pairs: int, tmp_path: Path
 ) -> None:
-    """Of 30 messages a run, no percentile has room for bursts of 20."""
     verdict = judged(Comparison(BASE, head, objectives={"slo": objective(asked)}), tmp_path)
     (one,) = verdict.requirements
     assert (one.outcome, one.n) == (outcome, pairs)
     # Where a comparison ends before that, the PASS says what it has no room for.
-    fewer = Comparison(BASE[:4], head[:4], objectives={"slo": objective(asked)}, planned=6)
+    fewer = Comparison(BASE[:5], head[:5], objectives={"slo": objective(asked)}, planned=6)
     (one,) = judged(fewer, tmp_path / "fewer").requirements
-    assert one.early == (outcome == "pass" and pairs > 4)
-    told = any("do not rule out" in note or "too few to pass" in note for note in one.notes)
+    assert one.early == (outcome == "pass" and pairs > 5)
+    told = any("do not rule out" in note or "too few to end" in note for note in one.notes)
     assert told == one.early
 
 
@@ -172,13 +170,6 @@ def test_more_load_on_the_head_opens_a_failure(tmp_path: Path) -> None:
     again = dict(enumerate(zip(BASE, SAME, strict=True), start=1))
     selected = Comparison(BASE, SLOWER, disturbed=EVERYWHERE, again=again, load=(CALM, BUSY))
     assert ratio(judged(selected, tmp_path / "selected")).outcome == "inconclusive"
-    # What no disturbance explains stays, also where everything was disturbed.
-    far = (np.array(SLOWER) * 10).tolist()
-    explained = ratio(
-        judged(Comparison(BASE, far, disturbed=EVERYWHERE, load=(CALM, BUSY)), tmp_path / "far")
-    )
-    assert explained.outcome == "fail"
-    assert any("it fails without the excess, too" in note for note in explained.notes)
 
 
 def test_load_that_both_sides_had_alike_opens_nothing(tmp_path: Path) -> None:
@@ -203,26 +194,6 @@ def test_more_load_on_the_base_opens_a_pass(tmp_path: Path) -> None:
     two = {number: EVERYWHERE[number] for number in (1, 2)}
     rest = judged(Comparison(BASE, SAME, disturbed=two, load=(BUSY, CALM)), tmp_path / "two")
     assert ratio(rest).outcome == "pass"
-    faster = (np.array(SAME) / 10).tolist()
-    far = judged(
-        Comparison(BASE, faster, disturbed=EVERYWHERE, load=(BUSY, CALM)), tmp_path / "far"
-    )
-    assert ratio(far).outcome == "pass"
-
-
-@pytest.mark.parametrize(
-    ("policy", "same", "slower"),
-    [("tolerate", "pass", "fail"), ("note", "pass", "fail"), ("strict", "inconclusive", "fail")],
-)
-def test_under_strict_only_unaffected_pairs_pass(
-    tmp_path: Path, policy: Literal["tolerate", "note", "strict"], same: str, slower: str
-) -> None:
-    for name, head, outcome in (("same", SAME, same), ("slower", SLOWER, slower)):
-        pairs = Comparison(BASE, head, disturbed=EVERYWHERE).write(tmp_path / name)
-        found = judge_pair_set(
-            pairs.plan.objectives, read_pair_set(pairs, {}), DecisionPolicy(interference=policy)
-        )
-        assert ratio(found).outcome == outcome
 
 
 def test_a_head_that_computes_more_waits_longer_under_the_same_load(tmp_path: Path) -> None:
@@ -253,7 +224,6 @@ def test_a_head_that_computes_more_waits_longer_under_the_same_load(tmp_path: Pa
         # Open or failed, the outcome is a FAIL; open or passed, it is a PASS.
         ((CALM, BUSY), SLOWER, "fail", "note", False),
         ((BUSY, CALM), SAME, "pass", "note", False),
-        ((BUSY, BUSY), SAME, "report", "strict", True),
         ((CALM, BUSY), SLOWER, "report", "tolerate", False),
     ],
 )

@@ -10,16 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from r2bspec.judge.statistics.autocorrelation import (
-    lagged_products,
-    serial_inflation,
-    significant_inflation,
-)
-from r2bspec.judge.statistics.binomial import burst_tolerance, lower_bound, upper_bound
-from r2bspec.judge.statistics.effective_sample_size import BadFlags, effective_sample
+from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
+from r2bspec.judge.statistics.design_effect import BadFlags, SampleDesign, effective_sample
+from r2bspec.judge.statistics.more_pieces import advice, mean_decides, more_pieces, share_decides
 from r2bspec.judge.statistics.percentile_interval import RankedMessages, percentile_interval
 from r2bspec.judge.statistics.rule_of_three import min_sample_size, zero_failure_bound
 from r2bspec.judge.statistics.t_interval import mean_interval
+from r2bspec.judge.statistics.trend import lagged_products, significant_inflation
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 
 COUNTS = [(0, 1), (1, 1), (0, 298), (0, 299), (3, 10), (14, 3000), (60, 3000), (2999, 3000)]
@@ -94,12 +91,6 @@ class TestBinomial:
         assert between == sorted(between)
         assert upper_bound(0.5, 333.3, 0.95) == pytest.approx(stats.beta.ppf(0.95, 1.5, 332.8))
 
-    def test_bursts_that_a_pass_withstands(self) -> None:
-        # 3,000 messages are worth 299 if bursts inflate the variance by 10: 2 L - 1 = 10.
-        assert burst_tolerance(0, 3000, 0.01, 0.95) == pytest.approx(5.5, abs=0.05)
-        assert burst_tolerance(0, 299, 0.01, 0.95) == pytest.approx(1.0, abs=0.01)
-        assert burst_tolerance(0, 298, 0.01, 0.95) is None
-
 
 class TestPercentileInterval:
     """The bounds in seconds decide exactly as the test on counts does."""
@@ -108,11 +99,11 @@ class TestPercentileInterval:
     @pytest.mark.parametrize("quantile", [0.5, 0.9, 0.99])
     def test_comparing_bounds_is_the_binomial_test(self, n: int, quantile: float) -> None:
         values = np.random.default_rng(n).exponential(size=n)
-        ranked = RankedMessages([values])
-        interval = percentile_interval(ranked, quantile, 0.95)
         allowed = 1 - quantile
+        ranked = RankedMessages([values], SampleDesign(allowed=allowed))
+        interval = percentile_interval(ranked, quantile)
         for limit in np.quantile(values, np.linspace(0, 1, 101)):
-            worth = ranked.effective_sample(int(np.count_nonzero(values > limit)))
+            worth = ranked.sample(int(np.count_nonzero(values > limit)))
             upper = upper_bound(worth.bad_messages, worth.messages, 0.95)
             lower = lower_bound(worth.bad_messages, worth.messages, 0.95)
             if interval.upper <= limit:
@@ -121,71 +112,127 @@ class TestPercentileInterval:
                 assert lower > allowed - 1e-12
 
     def test_independent_messages_are_judged_as_independent(self) -> None:
-        values = np.random.default_rng(3).permutation(np.arange(3000.0))
-        interval = percentile_interval([values], 0.99, 0.95)
+        # Each hundredth message is slow, so that no stretch differs from the others.
+        values = np.concatenate([*np.arange(3000.0).reshape(100, 30).T])
+        interval = percentile_interval(RankedMessages([values], SampleDesign()), 0.99)
         # At most 20 may be over to pass, at least 40 must be to fail.
-        assert (interval.lower, interval.estimate, interval.upper) == (2960, 2969, 2979)
+        assert (interval.lower, interval.estimate, interval.upper) == (2960, 2969, 2980)
 
     def test_too_few_messages_bound_nothing(self) -> None:
         def upper(n: int) -> float:
-            return percentile_interval([np.arange(float(n))], 0.99, 0.95).upper
+            ranked = RankedMessages([np.arange(float(n))], SampleDesign())
+            return percentile_interval(ranked, 0.99).upper
 
         assert upper(298) == np.inf
         assert upper(299) == 298
 
     def test_lost_messages_are_infinitely_late(self) -> None:
         values = np.random.default_rng(1).permutation([1.0] * 97 + [np.inf] * 3)
-        interval = percentile_interval([values], 0.95, 0.95)
+        interval = percentile_interval(RankedMessages([values], SampleDesign()), 0.95)
         assert (interval.estimate, interval.upper) == (1.0, np.inf)
 
 
-class TestEffective:
-    @staticmethod
-    def flags(n: int, *bursts: tuple[int, int]) -> BadFlags:
-        found = np.zeros(n, dtype=bool)
-        for start, length in bursts:
-            found[start : start + length] = True
-        return found
+def flags(*bad: int, n: int = 100) -> list[BadFlags]:
+    """Iterations with so many bad messages each, far apart."""
+    found = []
+    for number in bad:
+        piece = np.zeros(n, dtype=bool)
+        piece[np.linspace(0, n - 1, number).astype(int) if number else []] = True
+        found.append(piece)
+    return found
 
-    def test_single_ones_far_apart_count_in_full(self) -> None:
-        found = effective_sample([self.flags(1000, (10, 1), (400, 1), (800, 1))])
-        assert (found.n, found.bad, found.bursts, found.inflation) == (1000, 3, 3, 1.0)
+
+STARTS = (1, 1, 2, 2, 3, 3, 4, 4, 5, 5)
+
+
+class TestDesignEffect:
+    BAD = (2, 2, 9, 9, 2, 2, 9, 9, 2, 2)
 
     @pytest.mark.parametrize("share", [0, 1])
     def test_where_nothing_differs_there_is_nothing_to_estimate(self, share: int) -> None:
-        assert effective_sample([np.full(100, bool(share))]).inflation == 1.0
+        assert effective_sample([np.full(100, bool(share))]).effect == 1.0
 
-    def test_bursts_count_as_far_fewer(self) -> None:
-        found = effective_sample([self.flags(3000, (100, 5), (900, 5), (2000, 5))])
-        assert (found.bursts, found.cause) == (3, "bursts")
-        # Three bursts of five and the longest again: 20 / 3, so F is about 2 x 6.67 - 1.
-        assert found.inflation == pytest.approx(12.3, abs=0.2)
-
-    def test_stretches_are_seen_though_nothing_is_adjacent(self) -> None:
-        flags = self.flags(3000)
-        random = np.random.default_rng(4)
-        for start in range(200, 3000, 400):
-            flags[start + random.choice(60, 20, replace=False)] = True
-        found = effective_sample([flags])
-        assert found.cause == "clusters"
-        assert found.inflation > 5
-
-    def test_iterations_that_differ(self) -> None:
-        pieces = [self.flags(300, (150, 1)) for _ in range(9)]
-        worst = self.flags(300, *((at, 1) for at in range(0, 300, 10)))
-        found = effective_sample([*pieces, worst])
-        assert found.cause == "iterations"
-        assert found.inflation > 10
-
-    def test_nothing_spans_two_iterations(self) -> None:
-        first, second = self.flags(300, (299, 1)), self.flags(300, (0, 1))
-        assert effective_sample([first, second]).bursts == 2
-        assert effective_sample([first, second]).inflation == 1.0
-        assert effective_sample([np.concatenate((first, second))]).bursts == 1
-
-    def test_no_iteration_and_empty_ones(self) -> None:
+    def test_no_iteration_and_empty_iterations(self) -> None:
         assert effective_sample([]).n == 0
-        assert effective_sample([self.flags(0), self.flags(10, (2, 1))]).n == 10
+        empty = np.zeros(0, dtype=bool)
+        assert effective_sample([empty, *flags(1, n=10)]).n == 10
+
+    def test_what_starts_share_counts_once(self) -> None:
+        alone, shared, agreeing = (
+            effective_sample(flags(*bad), SampleDesign(starts))
+            for bad, starts in (
+                (self.BAD, ()),
+                (self.BAD, STARTS),
+                ((1, 9, 9, 1, 1, 9, 9, 1, 1, 9), STARTS),
+            )
+        )
+        assert (shared.differ, agreeing.differ) == ("starts", "iterations")
+        assert shared.effect > 1.5 * alone.effect
+
+    def test_two_pieces_pay_by_their_t_quantile(self) -> None:
+        found = effective_sample(flags(2, 10))
+        p = 12 / 200
+        scatter = (100 * (0.02 - p) ** 2 + 100 * (0.1 - p) ** 2) / (p * (1 - p))
+        factor = (stats.t.ppf(0.95, 1) / stats.norm.ppf(0.95)) ** 2
+        assert found.effect == pytest.approx(scatter * factor, rel=1e-5)
+
+    def test_a_run_of_the_better_starts_does_not_look_uniform(self) -> None:
+        seen = effective_sample(flags(0, 0, 6, 0, 0))
+        asked = effective_sample(flags(0, 0, 6, 0, 0), SampleDesign(allowed=0.1))
+        worse = effective_sample(flags(0, 0, 6, 0, 0), SampleDesign(allowed=0.001))
+        assert asked.effect > 2 * seen.effect
+        assert worse.effect == seen.effect
+
+    def test_a_burst_in_a_single_iteration_counts_by_stretches(self) -> None:
+        late = np.zeros(3000, dtype=bool)
+        late[500:505] = late[1500:1505] = True
+        found = effective_sample([late])
+        assert found.differ == "stretches"
+        assert found.effect > 3
+
+    @given(st.permutations(range(5)), st.lists(st.integers(0, 9), min_size=10, max_size=10))
+    def test_the_order_of_starts_does_not_count(self, order: list[int], bad: list[int]) -> None:
+        pieces = flags(*bad)
+        moved = [pieces[2 * start + place] for start in order for place in (0, 1)]
+        design = SampleDesign(STARTS, 0.01)
+        assert effective_sample(moved, design) == effective_sample(pieces, design)
+
+    @pytest.mark.parametrize("lost", [(1, 0, 0, 0, 0), (1, 1, 0, 0, 0), (1, 1, 1, 0, 0)])
+    def test_fewer_losses_give_no_worse_bound(self, lost: tuple[int, ...]) -> None:
+        """Of 750 messages of five starts."""
+
+        def bound(*bad: int) -> float:
+            sample = effective_sample(flags(*bad, n=150), SampleDesign((1, 2, 3, 4, 5), 0.01))
+            return upper_bound(sample.bad_messages, sample.messages, 0.95)
+
+        first = next(at for at, count in enumerate(lost) if count)
+        fewer = (*lost[:first], lost[first] - 1, *lost[first + 1 :])
+        assert bound(*fewer) <= bound(*lost)
+
+
+class TestMorePieces:
+    def test_a_mean_needs_the_number_whose_interval_ends_at_the_limit(self) -> None:
+        more = more_pieces(5, mean_decides(0.5, 1.0, 5, 0.95))
+        assert more is not None
+
+        def half(m: int) -> float:
+            return float(stats.t.ppf(0.95, m - 1)) / math.sqrt(m)
+
+        assert half(5 + more) / half(5) < 0.5 <= half(5 + more - 1) / half(5)
+
+    def test_messages_without_a_late_one_need_what_the_rule_of_three_says(self) -> None:
+        # 299 messages; 60 in each of five starts are 300.
+        assert more_pieces(4, share_decides(0, 240, 0.01, 4, 0.95)) == 1
+        assert more_pieces(4, share_decides(2.4, 240, 0.01, 4, 0.95)) is None
+
+    def test_the_hardest_test_counts(self) -> None:
+        few, many = mean_decides(0.9, 1.0, 5, 0.95), mean_decides(0.5, 1.0, 5, 0.95)
+        assert more_pieces(5, few, many) == more_pieces(5, many)
+        assert more_pieces(5, mean_decides(0.0, 1.0, 5, 0.95)) is None
+
+    def test_the_sentence(self) -> None:
+        assert advice(1, "starts") == "About 1 more start would decide it."
+        assert advice(7, "pairs") == "About 7 more pairs would decide it."
 
 
 class TestMeanInterval:
@@ -208,55 +255,21 @@ class TestMeanInterval:
             mean_interval([1.0], 0.95)
 
 
-class TestSerial:
-    @pytest.mark.parametrize("m", [3, 4, 5, 10, 100])
-    def test_some_information_always_remains(self, m: int) -> None:
-        assert serial_inflation([float(n) for n in range(m)]) <= m - 1 + 1e-6
-
-    @pytest.mark.parametrize(
-        "values", [[1.0, 2.0], [1.0] * 10, [1.0, -1.0] * 10, [3.0, 1.0, 2.0, 5.0, 1.0, 4.0]]
-    )
-    def test_what_chance_explains_costs_nothing(self, values: list[float]) -> None:
-        assert serial_inflation(values) == 1.0
-
-    def test_a_climb_is_worth_a_few_values_only(self) -> None:
-        climb = [float(n) for n in range(20)]
-        f = serial_inflation(climb)
-        assert f == serial_inflation([1e3 * value + 7 for value in climb])
-        assert 1.0 <= 20 / f < 2.0
-
-    def test_the_known_correlation_is_found_in_many_values(self) -> None:
-        noise = np.random.default_rng(1).standard_normal(20_000)
-        values = [0.0]
-        for each in noise.tolist():
-            values.append(0.5 * values[-1] + each)
-        assert serial_inflation(values) == pytest.approx(3.0, rel=0.1)
-
-    def test_of_values_that_are_independent_by_design_only_what_is_significant_counts(self) -> None:
+class TestTrend:
+    def test_of_batches_that_are_independent_by_design_only_what_is_significant_counts(
+        self,
+    ) -> None:
         random = np.random.default_rng(2)
         runs = [random.standard_normal(40).tolist() for _ in range(400)]
         unaffected = sum(significant_inflation(run) == 1.0 for run in runs)
-        # One in six exceeds the standard error; the other estimate always adds to it.
+        # One in six exceeds the standard error.
         assert 0.78 * 400 <= unaffected <= 0.92 * 400
-        assert all(significant_inflation(run) <= serial_inflation(run) for run in runs)
-
-    def test_a_clear_correlation_counts_by_either_estimate(self) -> None:
         climb = [float(n) for n in range(40)]
         assert significant_inflation(climb) == pytest.approx(19.0)
-        assert significant_inflation(climb[:4]) == 1.0
-        assert significant_inflation([2.0] * 40) == 1.0
+        assert significant_inflation(climb[:4]) == significant_inflation([2.0] * 40) == 1.0
 
-    def test_the_interval_is_that_of_so_many_values(self) -> None:
-        values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
-        plain, wide = mean_interval(values, 0.95), mean_interval(values, 0.95, inflation=2.0)
-        freedom = (6 + 6 / 2) / 2 - 1
-        half = stats.t.ppf(0.95, freedom) * plain.deviation / math.sqrt(6 / 2)
-        assert wide.upper - wide.mean == pytest.approx(half)
-        assert mean_interval([1.0, 2.0], 0.95, inflation=50.0).upper < math.inf
-
-
-@pytest.mark.parametrize(("shape", "lags"), [((1, 5), 2), ((3, 500), 4), ((2, 3000), 200)])
-def test_products_in_blocks_are_those_of_all_values(shape: tuple[int, int], lags: int) -> None:
-    rows = np.random.default_rng(1).normal(size=shape)
-    expected = [(rows[:, lag:] * rows[:, : shape[1] - lag]).sum() for lag in range(lags + 1)]
-    assert lagged_products(rows, lags) == pytest.approx(expected, abs=1e-8)
+    @pytest.mark.parametrize(("size", "lags"), [(5, 2), (3000, 200)])
+    def test_products_by_fourier_transform_are_the_sums(self, size: int, lags: int) -> None:
+        values = np.random.default_rng(1).normal(size=size)
+        expected = [values[lag:] @ values[: size - lag] for lag in range(lags + 1)]
+        assert lagged_products(values, lags) == pytest.approx(expected, abs=1e-8)

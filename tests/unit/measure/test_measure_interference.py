@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -14,27 +13,14 @@ from r2bspec.judge.measure.host_usage import (
     MIN_SPACING_NS,
     HostInterference,
     ProcessSamples,
-    harness_slowdown,
     host_interference,
     spaced_indices,
 )
-from r2bspec.record.run_record import HarnessOverheadRecord
 from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
 from run_simulation import EPOCH_NS
 
 S = 10**9
 SUMS = ("busy_s", "stolen_s", "waited_s", "throttled_s")
-FLOOR = HarnessOverheadRecord(
-    topic="/r2b/image",
-    bytes=1000,
-    rate_hz=30.0,
-    sent=30,
-    received=30,
-    latency_p50_ns=400_000,
-    latency_p99_ns=900_000,
-    lateness_p50_ns=0,
-    lateness_p99_ns=0,
-)
 
 
 def around(*samples: tuple[float, float, float, float, float]) -> Rows:
@@ -106,19 +92,6 @@ def test_without_samples_nothing_is_known() -> None:
     short = around((0, 0, 0, 0, 0), (1, 0, 0, 0, 0))
     window = (EPOCH_NS, EPOCH_NS + 4 * S)
     assert interference(short, used({0: 1.0}), 1, *window) is None
-
-
-def test_a_fresh_batch_is_compared_with_the_first_input_by_input() -> None:
-    def at(latency_ns: int | None, topic: str = "/r2b/image") -> tuple[HarnessOverheadRecord, ...]:
-        return (msgspec.structs.replace(FLOOR, topic=topic, latency_p50_ns=latency_ns),)
-
-    assert harness_slowdown((FLOOR,), at(800_000)) == pytest.approx(2.0)
-    assert harness_slowdown((FLOOR,), at(200_000)) == 1.0
-    assert harness_slowdown((FLOOR,), at(None)) is None
-    assert harness_slowdown((FLOOR,), at(800_000, "/r2b/other")) is None
-    assert harness_slowdown((), (FLOOR,)) is None
-    # Twice of nearly nothing is nearly nothing.
-    assert harness_slowdown(at(40_000), at(80_000)) == 1.0
 
 
 @pytest.mark.parametrize(

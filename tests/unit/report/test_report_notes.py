@@ -20,7 +20,7 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import DisturbedIteration
 from r2bspec.record.run_record import OutputGapRecord, StartRecord
 from r2bspec.report.format_registry import renderer
-from r2bspec.report.notes import MOST_NOTES, Weight, all_notes, notes
+from r2bspec.report.notes import MOST_NOTES, all_notes, notes
 from report_runs import USUAL, with_monitors, with_starts
 from run_simulation import Played, Simulation, objective
 
@@ -45,12 +45,9 @@ def noted(folder: Path) -> Result:
             for number in (1, 2)
         ),
     )
-    starts = (
-        StartRecord(number=1, began_ns=0, ready_ns=1, disturbed=("the disk was busy",), taken=0.5),
-    )
     left_out = tuple(f"Planned part {number} was not played." for number in range(6))
     return msgspec.structs.replace(
-        result, output_gaps=(silence,), verdict=verdict, starts=starts, left_out=left_out
+        result, output_gaps=(silence,), verdict=verdict, left_out=left_out
     )
 
 
@@ -60,9 +57,8 @@ def test_at_most_five_the_most_important_first(tmp_path: Path) -> None:
     assert len(found.shown) == MOST_NOTES == 5
     assert found.shown[0].startswith("No more messages on /r2b/out")
     assert "A note about one requirement." in found.shown[1]
-    assert "at another hour" in found.shown[2]
-    assert found.shown[3].startswith("Host interference in 2 of ")
-    assert found.shown[4] == "Planned part 0 was not played."
+    assert found.shown[2].startswith("Host interference in 2 of ")
+    assert found.shown[3:] == ("Planned part 0 was not played.", "Planned part 1 was not played.")
     weights = [note.weight for note in all_notes(result)]
     assert weights == sorted(weights)
     assert found == notes(result)
@@ -78,13 +74,8 @@ def test_verbose_has_all_of_them(tmp_path: Path) -> None:
 
 def test_interference_is_told_in_a_line_and_in_full_where_all_is_told(tmp_path: Path) -> None:
     result = noted(tmp_path / "run")
-    (line,) = [text for text in notes(result).shown if "interference" in text]
-    assert line.endswith("and 1 of 1 starts; for example, other processes used 1.5 of 2 cores")
-    details = {note.text for note in all_notes(result) if note.weight == Weight.DETAIL}
-    assert "Host interference in 1 of 1 starts: 1 (the disk was busy)" in details
     # What happened in one way is told in that way.
-    alone = msgspec.structs.replace(result, starts=())
-    (line,) = [text for text in notes(alone).shown if "interference" in text]
+    (line,) = [text for text in notes(result).shown if "interference" in text]
     assert line.startswith("Host interference in 2 of 6 iterations: iteration-001 at 30 Hz (")
 
 
@@ -134,7 +125,6 @@ def test_the_options_of_the_command_line(tmp_path: Path, call: Call) -> None:
             text = call(*asked, *verbose).out
             reason = "at 95 % confidence at least"
             assert (reason in " ".join(text.split())) == bool(verbose)
-            assert ("with --verbose" in text) != bool(verbose)
 
 
 def test_the_page_shows_the_first_and_folds_the_others(tmp_path: Path) -> None:
@@ -190,7 +180,7 @@ def test_no_sentence_stands_in_every_report(tmp_path: Path) -> None:
         for result in results
         for sentence in {re.sub(r"[\d.,]+", "#", note.text) for note in all_notes(result)}
     )
-    assert len(said) > 5
+    assert said
     assert max(said.values()) <= len(results) / 2
 
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import html
 import json
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -17,15 +14,12 @@ from command_line import Call
 from example_spec import example
 from pair_simulation import Comparison
 from r2bspec.compare.report_input import ReportInput, read_folder
-from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.record.comparison_folder import PairedComparison
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import StartRecord
 from r2bspec.report.format_registry import FORMATS, check_installed, renderer
-from r2bspec.report.html.page import render
-from r2bspec.report.report_wording import BUDGET_CAPTION, bounds_text, starts_text
-from r2bspec.report.terminal import to_text
+from r2bspec.report.report_wording import bounds_text, starts_text
 from report_runs import with_starts
 
 # Comparisons in every report: base, head, their ratio with its interval, margin, and pairs.
@@ -150,48 +144,3 @@ def test_the_cost_is_that_of_a_start_after_the_first_without_the_harness_overhea
     assert starts_text([started(1, 9.0), started(2, 3.0)]) == "2 starts, 3 s each"
     confirmed = [started(1, 9.0), started(2, 3.0, confirms=True)]
     assert starts_text(confirmed) == "1 start and 1 to confirm, 3 s each"
-
-
-def test_only_strict_refuses_a_pass_of_a_disturbed_start(usual: Callable[[int], Run]) -> None:
-    run = usual(3)
-    first, second, third = run.record.starts
-    busy = msgspec.structs.replace(second, disturbed=("other processes were busy",), taken=0.9)
-    record = msgspec.structs.replace(run.record, starts=(first, busy, third))
-
-    def judged(policy: str) -> tuple[RequirementVerdict, ...]:
-        gate = msgspec.structs.replace(run.plan.gate, interference=policy)
-        plan = msgspec.structs.replace(run.plan, gate=gate)
-        return result_of(replace(run, plan=plan, record=record)).verdict.requirements
-
-    undisturbed = [requirement.outcome for requirement in result_of(run).verdict.requirements]
-    assert "pass" in undisturbed
-    for policy in ("tolerate", "note"):
-        assert [one.outcome for one in judged(policy)] == undisturbed
-    refused = [
-        one
-        for one, was in zip(judged("strict"), undisturbed, strict=True)
-        if was == "pass" and one.method != "search bracket"
-    ]
-    assert {one.outcome for one in refused} == {"inconclusive"}
-    assert all("while start 2 came up" in one.notes[-1] for one in refused)
-
-
-def test_the_budget_is_in_the_text_on_request_and_in_the_page(usual: Callable[[int], Run]) -> None:
-    run = usual(3)
-    result = result_of(run)
-    budgets = [
-        requirement.budget
-        for requirement in result.verdict.requirements
-        if requirement.budget is not None
-    ]
-    assert budgets
-    short, long = (to_text(result, verbose=verbose, width=160) for verbose in (False, True))
-    assert "uncertainty" not in short
-    assert f"uncertainty  {BUDGET_CAPTION}" in long
-    words = " ".join(long.split())
-    page = render(ReportInput(result, run)).decode()
-    for number, one in enumerate(result.verdict.requirements):
-        if one.budget is not None:
-            assert one.budget.halve in words
-            assert one.budget.halve in html.unescape(page)
-            assert f'data-path="verdict/requirements/{number}/budget/half_width"' in page

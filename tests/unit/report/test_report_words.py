@@ -72,8 +72,6 @@ STARTS = (
             number=number,
             began_ns=0,
             ready_ns=3 * SECOND_NS,
-            disturbed=("other processes used 1.9 of 2 cores",),
-            taken=0.9,
         )
         for number in (2, 3)
     ),
@@ -149,10 +147,6 @@ def text(result: Result) -> Callable[[str], str]:
     [
         ("ver 3 starts of the processes: ", "text markdown html junit github json"),
         ("3 starts, 3 s each", "text markdown html"),
-        (
-            "interference in 2 of 3 starts: 2 (other processes used 1.9 of 2 cores); 3 (other",
-            "text markdown html junit",
-        ),
         ("1 of 56 messages of /r2b/right have no partner of", "text markdown html junit github"),
         ("No more messages on /r2b/detections in rate-30Hz-002. /r2b/a publishes nothing", "text"),
         ("R2B204: node /r2b/a has no topic 'x' that could be remapped", "text"),
