@@ -49,7 +49,7 @@ def test_every_dependency_of_pip_is_one_of_rosdep_or_said_to_have_no_key() -> No
     )
     assert lines
     names = {re.sub("^py(?=yaml)", "", name) for name in re.findall(r'"([\w-]+)', lines[1])}
-    assert names - keys == {"google-re2", "msgspec"}
+    assert names - keys == {"google-re2", "mcap", "msgspec"}
     assert keys <= names
     assert all(name in manifest for name in names)
 
