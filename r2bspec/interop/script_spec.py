@@ -42,27 +42,6 @@ _LICENCE: Final = re.compile(r"SPDX-|copyright", re.IGNORECASE)
 
 
 _MODES: Final = frozenset({"timeline", "looping", "sweeping", "live"})
-_TOOL_KEYS: Final = frozenset(
-    {
-        *("default_config_version", "option", "assets_root", "ros1_ws"),
-        *("log_folder", "log_file_name", "export_monitor_raw_data"),
-        *("enable_resource_profiler", "resource_profiling_interval_sec"),
-        *("enforce_publisher_rate", "enable_trial_buffer_preparation"),
-        *("revise_timestamps_as_message_ids", "collect_start_timestamps_from_monitors"),
-        *("setup_service_client_timeout_sec", "start_recording_service_timeout_sec"),
-        *("default_service_future_timeout_sec", "set_data_service_future_timeout_sec"),
-        "start_recording_service_future_timeout_sec",
-        "play_messages_service_future_timeout_sec",
-        *("pre_stop_monitoring_wait_time_sec", "pre_trial_run_wait_time_sec"),
-        "post_trial_run_wait_time_sec",
-        *("binary_search_terminal_interval_width", "binary_search_duration_fraction"),
-        "binary_search_acceptable_frame_rate_drop",
-        *("linear_scan_step_size", "linear_scan_duration_fraction"),
-        "linear_scan_acceptable_frame_loss_fraction",
-        "linear_scan_acceptable_frame_rate_drop",
-    }
-)
-"""Keys of the configuration that tune the tool itself: its timeouts, waits, search and files."""
 _DEFAULTS: Final[dict[str, Any]] = {
     "benchmark_name": "",
     "benchmark_namespace": "r2b",
@@ -143,8 +122,9 @@ class _SpecBuilder:
         self._add_nodes(body)
         body.add("monitors", monitors)
         body.add("benchmark", self._benchmark([entry.key for entry in monitors.entries]))
-        for key in self.recorded.config.keys() - _DEFAULTS.keys() - _TOOL_KEYS:
-            self.values.lose(f"{key!r} is no known key", self._place(key))
+        for key in self.recorded.config.keys() - _DEFAULTS.keys():
+            what = f"{key!r} is left out: it tunes the tool itself, or is no key of it"
+            self.values.change(what, self._place(key))
         self._note_members()
         stem = self.file.stem
         name = stem if re.search(NAME.pattern, stem) else identifier(stem)

@@ -13,23 +13,16 @@ from launch_specs import made
 CASES = yaml.safe_load(Path(__file__).with_name("first_specs.yaml").read_text(encoding="utf-8"))
 
 UNKNOWN = {
-    "a condition": "node(condition=IfCondition(EnvironmentVariable('CELL_MODE')))",
     "an argument": "node(arguments=['--map', LaunchConfiguration('map')])",
-    "a remapping": "node(remappings=[('image', LaunchConfiguration('map'))])",
     "a parameter": "node(parameters=[{'robot_description': Command(['xacro ', 'a.xacro'])}])",
-    "a parameter file": "node(parameters=[RewrittenYaml(source_file='a.yaml')])",
     "parameters of a class": "node(parameters=[MoveItConfigsBuilder('arm').to_dict()])",
     "a name": "node(name=LaunchConfiguration('map'))",
-    "a program": "Node(package='cell', executable=LaunchConfiguration('map'))",
-    "an environment variable": "node(additional_env={'A': LaunchConfiguration('map')})",
     "an environment": "node(env=open('a'))",
     "a working directory": "ExecuteProcess(cmd=['./eye'], cwd='/tmp')",
     "an action of a package": "MoveItConfigsBuilder('arm')",
     "a function": "OpaqueFunction(function=lambda context: open('a').read())",
     "what follows another": "RegisterEventHandler(OnProcessExit(target_action=node(), "
     "on_exit=[node('next')]))",
-    "a container of a package": "ComposableNodeContainer(name='c', namespace='', package='cell', "
-    "executable='own_container', composable_node_descriptions=[])",
     "an effect": "node(name=os.system('make') or 'eye')",
     "nothing": "LogInfo(msg='hello')",
 }
