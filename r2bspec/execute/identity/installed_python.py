@@ -97,10 +97,10 @@ def _owners(folder: str) -> Mapping[str, tuple[str, str]]:
         if from_folder or (record is None and not folder.startswith(_SYSTEM)):
             continue
         listed = record or found.read_text("top_level.txt") or ""
-        name = found.name.replace("_", "-")
+        # Each look at the name or version of a distribution parses its metadata again.
+        owner = found.name.replace("_", "-"), found.version
         for line in listed.splitlines():
-            first = line.partition(",")[0].partition("/")[0].partition(".")[0]
-            owners[first] = (name, found.version)
+            owners[line.partition(",")[0].partition("/")[0].partition(".")[0]] = owner
     return owners
 
 
