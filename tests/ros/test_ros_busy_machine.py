@@ -79,7 +79,7 @@ def test_a_node_that_sleeps_too_long_fails_on_a_busy_machine(bench: Bench) -> No
     (one,) = done.result()["verdict"]["requirements"]
     assert one["outcome"] == "fail"
     assert SAID in done.words
-    assert "That does not explain the failure" in done.words
+    assert "The faster half of the messages" in done.words or "unaffected part fails" in done.words
 
 
 def test_a_tolerant_gate_judges_as_measured_and_says_what_was_there(bench: Bench) -> None:
