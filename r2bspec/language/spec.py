@@ -151,8 +151,8 @@ class Matrix(Record, frozen=True, kw_only=True):
 
     Attributes:
         axes: Variables with their values; every combination is a case.
-        exclude: Combinations to leave out: all that have these values.
-        cases: Further cases by name, with the variables in which each differs.
+        exclude: Combinations to leave out.
+        cases: Further cases by name, with their variables.
     """
 
     about = key({"axes": {"threads": [1, 2, 4]}})
@@ -191,38 +191,34 @@ class Spec(Record, frozen=True, kw_only=True):
 
     Attributes:
         r2bspec: The version of the language.
-        name: The name of the benchmark; it identifies results and baselines.
+        name: The name of the benchmark, in results and baselines.
         title: A title of one line, shown in reports.
         description: What is measured, and why.
         extends: The file that this one extends, relative to it, or several, in which later ones
             have precedence. Maps are merged, lists are replaced, and null removes a key.
         labels: Labels that reports show.
-        requires: What the machine of a run must be. A run is refused on any other one.
+        requires: What the machine of a run must be; others are refused.
         environment: The environment variables that $(env NAME) may read.
         variables: Values for $(var name); --var name=value replaces one.
-        matrix: Cases of this benchmark that differ in variables. Each case has its own verdict,
-            under the name of the benchmark with the case in brackets: name[threads=2].
+        matrix: Cases of this benchmark that differ in variables. Each has its own verdict, as
+            name[threads=2].
         namespace: The namespace of nodes and of relative topics.
-        transport: How messages are transported: shared_memory with segments for the largest
-            message, udp, or inherit for the settings of the environment. A map can also set the
-            size.
+        transport: How messages are transported: shared_memory, with segments for the largest
+            message; udp; or inherit, by the settings of the environment.
         harness: Where the player and the monitors run.
         data_loader: The recorded topics to load, and their names in the graph.
-        preprocessors: Nodes that prepare the recorded messages. They run before measuring, and are
-            stopped before it starts.
-        containers: Processes for several nodes, by the names that nodes refer to.
-        setup: Commands that run once, in this order, before anything else is started.
+        preprocessors: Nodes that prepare the recorded messages, and are stopped before anything is
+            measured.
+        containers: Processes for several nodes, by name.
+        setup: Commands that run once, in this order, before anything is started.
         playback: How the buffered messages are played to the graph.
         graph: The graph under test.
-        ready: Conditions for the graph to be ready, in addition to all publishers and subscriptions
-            being matched.
-        after_ready: Steps that run once, in this order, when the graph is ready and before playing
-            starts.
+        ready: Conditions for the graph to be ready, besides that all topics are connected.
+        after_ready: Steps that run once, in this order, between readiness and playing.
         monitors: The monitored topics, by the names that requirements use.
-        benchmark: What is played: 'iterations' iterations of 'duration' at each of 'rates', in
-            'starts' starts of all processes; and a search if there is one.
+        benchmark: What is played: rates, iterations, starts, and a search.
         slos: The objectives that decide the verdict, by name.
-        tune: What 'r2bspec tune' may change of how the graph is deployed, and what it looks for.
+        tune: What 'r2bspec tune' may change, and what it looks for.
     """
 
     r2bspec: Annotated[Literal[1], key(changes="neither")]

@@ -35,8 +35,7 @@ class BagSource(Record, frozen=True, kw_only=True):
 
     Attributes:
         dataset: The name of a dataset; 'r2bspec data list' lists them.
-        sha256: The digest of the data, as 'r2bspec data info' shows it. A bag with other content is
-            refused.
+        sha256: The digest of the data, as 'r2bspec data info' shows it; other content is refused.
     """
 
     about = key("r2b_storage", {"path": "./bags/kitchen"})
@@ -81,16 +80,14 @@ class DataLoader(Record, frozen=True, kw_only=True):
     If the document lists several recordings, `bag` is the first of them.
 
     Attributes:
-        bag: The recording: the name of a dataset, or the path of a bag relative to this file. A map
-            can also pin the content.
-        bags: Several recordings instead of one, in the order of recording; their topics are merged.
+        bag: The recording: the name of a dataset, or the path of a bag relative to this file.
+        bags: Several recordings instead, in the order of recording; their topics are merged.
         window: The part of the recording to use, relative to its first message.
-        topics: The topics to load: the topic in the bag, and the topic in the graph. Other topics
-            of the bag are ignored.
+        topics: The topics to load: the topic in the bag, and the topic in the graph.
         publish_tf: Whether the recorded /tf is played with the inputs.
         publish_tf_static: Whether the recorded /tf_static is published before playing starts.
-        real_time: Whether the preprocessors get the messages at the recorded times instead of as
-            fast as they process them.
+        real_time: Whether the preprocessors get the messages at the recorded times, not as fast as
+            they process them.
     """
 
     about = key({"bag": "r2b_storage", "topics": {"/d455_1_rgb_image": "data_loader/image"}})
@@ -149,12 +146,12 @@ class PlaybackInput(Record, frozen=True, kw_only=True):
     Attributes:
         source: The loaded or preprocessed topic that provides the messages.
         format: The type of its messages.
-        qos: The QoS profile of the player's publisher. The name of a ROS profile, or a map.
-        timestamp: header writes the time of playing into the header of each message; none leaves
-            messages as recorded.
-        pairing: Which messages of this input belong to a step; the default is 'playback.pairing'.
-        rate: step plays one message in each step; recorded plays what was recorded between two
-            steps between them, for an input with another rate, such as an IMU.
+        qos: The QoS profile of the player's publisher, or its name.
+        timestamp: header writes the time of playing into each header; none leaves messages as
+            recorded.
+        pairing: Which messages of this input belong to a step, if not as in 'playback.pairing'.
+        rate: step plays one message in each step; recorded plays all between two steps, for an
+            input with another rate, such as an IMU.
     """
 
     about = key(_IMAGE_INPUT)
@@ -186,13 +183,13 @@ class Call(Record, frozen=True, kw_only=True):
 
     Attributes:
         service: The service and its request.
-        action: The action and its goal. NAME is measured up to the result, NAME_accepted up to
-            the acceptance. A goal that does not succeed counts as missed.
-        each: Fields of the request or the goal that differ from call to call, used in turn.
+        action: The action and its goal, measured as NAME up to the result and as NAME_accepted. A
+            goal that does not succeed counts as missed.
+        each: Fields that differ from call to call, used in turn.
         source: The loaded topic NAME/_service_event, whose recorded requests are used in turn, or
-            with mode timeline at their recorded times. Fields that are stated replace theirs.
-        every: At which steps it is made: at all of them, or at every 30th.
-        success: A field of the response; one in which it is false counts as missed.
+            with mode timeline at their times. Stated fields replace theirs.
+        every: It is called at every step, or at every 30th.
+        success: A field of the response; where it is false, the call counts as missed.
         feedback: Whether NAME_feedback is measured, up to the first feedback.
     """
 
@@ -255,25 +252,23 @@ class Playback(Record, frozen=True, kw_only=True):
     """How the buffered messages are played to the graph.
 
     Attributes:
-        mode: looping repeats the buffered messages at the offered rate; sweeping plays them
-            forwards and backwards in turn; timeline plays them at the recorded times; live plays
-            nothing, for graphs with a source of their own.
-        buffer: The number of messages to buffer for each input; 0 buffers all of the window.
-        inputs: The topics that are played to the graph. All inputs of one step are played together,
-            with the same stamp unless 'pairing' allows differences.
-        calls: Services and actions that are called in each step, with the inputs or without any.
-            Each is measured under its name: its answers are the outputs.
-        unpaired: Messages without a partner of the same stamp in all other inputs are not played.
-            With mode timeline, those whose stamp no recorded message has are not. refuse warns
-            above 5 % of the messages of an input, and stops above 50 %; drop agrees to any number.
+        mode: looping repeats the messages at the offered rate; sweeping plays them forwards and
+            backwards in turn; timeline plays them at the recorded times; live plays nothing.
+        buffer: The number of messages of each input; 0 means all of the window.
+        inputs: The topics that are played. All inputs of one step are played together, with the
+            same stamp unless 'pairing' allows differences.
+        calls: Services and actions that are called in each step. Each is measured under its name:
+            its answers are the outputs.
+        unpaired: Messages without a partner in all other inputs, or with mode timeline without a
+            recorded message of their stamp, are not played. refuse warns above 5 % of an input, and
+            stops above 50 %; drop agrees to any number.
         timeline: With mode timeline: how recorded times are converted to times of playing.
-        record_timeline: Whether the timeline follows the times at which the preprocessors published
-            the messages, instead of the recorded times.
-        tf: Whether stamps in /tf are shifted like those of other messages, or kept.
-        pairing: Which messages of several inputs are one step. Differences of stamps within a step
-            stay as recorded.
+        record_timeline: Whether the timeline follows the times at which the preprocessors
+            published.
+        tf: Whether stamps in /tf are shifted like others, or kept.
+        pairing: Which messages of several inputs are one step.
         clock: Whether the system time is published on /clock, 100 times per second, for nodes with
-            'use_sim_time'. The stamps of played messages are of the same clock.
+            'use_sim_time'.
     """
 
     about = key({"mode": "looping", "buffer": 30, "inputs": {"image": _IMAGE_INPUT}})
@@ -310,8 +305,8 @@ class Transport(Record, frozen=True, kw_only=True):
 
     Attributes:
         kind: How messages are transported.
-        segment: The size of the shared memory segment of each process; default: computed from the
-            largest message.
+        segment: The size of the shared memory segment of each process; by default for the largest
+            message.
     """
 
     about = key("shared_memory", {"kind": "shared_memory", "segment": "64 MiB"})
@@ -330,12 +325,11 @@ class Harness(Record, frozen=True, kw_only=True):
     """Where the player and the monitors run.
 
     Attributes:
-        placement: Whether the player and the monitors run in separate processes, share one, or run
-            in the processes of the graph: the player in the one that reads the inputs, each monitor
-            in the one that publishes its topic.
-        process: With placement graph, and if several processes read the inputs, or it is unknown
-            which one does: the node or the process that gets the player. NODE/PROGRAM is the
-            program or node of this name that a launch file starts.
+        placement: Whether player and monitors run in separate processes, share one, or run in the
+            graph: the player in the process that reads the inputs, each monitor in the one that
+            publishes its topic.
+        process: With placement graph: the node or process that gets the player, if that is not
+            clear; NODE/PROGRAM of a launch file.
     """
 
     about = key("graph", {"placement": "graph", "in": "detector"})
@@ -373,11 +367,9 @@ class MonitorSettings(Record, frozen=True, kw_only=True):
     once.
 
     Attributes:
-        match: How outputs are matched to inputs: by the stamp in the header, by order for types
-            without a header, or not at all: own_pace is for outputs that come whether inputs do or
-            not, such as those of a timer. Of them no number is expected.
-        qos: The profile of the monitor's subscription; default: the profile that is offered. The
-            name of a ROS profile, or a map.
+        match: How outputs are matched to inputs: by the stamp in the header, by order, or not at
+            all: own_pace is for outputs of a timer, of which no number is expected.
+        qos: The profile of the subscription, or its name; default: the profile that is offered.
         label: What reports call it.
     """
 
@@ -397,14 +389,12 @@ class Monitor(MonitorSettings, frozen=True, kw_only=True):
     Attributes:
         topic: The topic to monitor.
         format: The type of its messages.
-        answers: With mode timeline and inputs of different rates: the inputs that its messages
-            answer. Only steps with messages of all these inputs count for it. Default: all inputs
-            with a path to the topic.
+        answers: With mode timeline: the inputs that its messages answer. Only steps with messages
+            of all of them count. Default: all inputs with a path to the topic.
         ratio: How many outputs answer how many inputs.
-        taps: Whether the topics on the path to it are monitored, too, so that reports show the
-            latency of each hop. The additional subscriptions cost some time.
-        process: With 'harness: {placement: graph}': the node or the process that gets the monitor;
-            default: the one that publishes the topic.
+        taps: Whether the topics on its path are monitored, too, for the latency of each hop.
+        process: With 'harness: {placement: graph}': the node or process that gets the monitor, if
+            not the publisher's.
     """
 
     about = key({"topic": "tag_detections", "format": "geometry_msgs/msg/PoseArray"})
@@ -438,11 +428,11 @@ class Search(Record, frozen=True, kw_only=True):
         min: The lowest rate of the search.
         max: The highest rate of the search.
         precision: The search ends when the peak is known to this relative precision.
-        holds: Further conditions for a rate to count as sustained: one requirement or several.
-        probe: The maximum duration of the probe of one rate; most probes end earlier.
-        confirm: How long the lower end of the result is played without a pause before it counts; a
-            graph that is fast for a short time only does not sustain it. 0 s: not at all.
-        confidence: The confidence at which a rate counts as sustained, or as not sustained.
+        holds: Further conditions for a sustained rate.
+        probe: The maximum duration of the probe of one rate.
+        confirm: How long the lower end of the result is played without a pause before it counts; 0
+            s: not at all.
+        confidence: The confidence at which a rate is sustained, or not.
     """
 
     about = key({"min": "5 Hz", "max": "200 Hz"})
@@ -477,7 +467,7 @@ class GateBase(Record, frozen=True, kw_only=True):
         build: The commands that build it, one after the other, in the top of its work tree.
         setup: What its runs are set up with after that: a setup file to source, the folder of an
             installation, or NAME=VALUE.
-        timeout: The maximum duration of each command; if it is exceeded, the build fails.
+        timeout: The maximum duration of each command; beyond it, the build fails.
     """
 
     about = key({"build": [_COLCON], "setup": "install/setup.bash"})
@@ -507,12 +497,10 @@ class Gate(Record, frozen=True, kw_only=True):
 
     Attributes:
         confidence: The confidence of a verdict, pass or fail, unless an objective sets its own.
-        inconclusive: The effect of an inconclusive verdict: report it with an exit status of its
-            own, pass, or fail.
-        confirm: Whether a failure counts only if a second run in new processes confirms it.
-        time_budget: The maximum duration of measuring. Additional iterations, repetitions of
-            affected iterations and probes, and the confirmation of a failure are skipped if they
-            would exceed it.
+        inconclusive: What an inconclusive verdict does: report has an exit status of its own.
+        confirm: Whether a failure counts only if it is confirmed in new processes.
+        time_budget: The maximum duration of measuring: what would exceed it of additional
+            iterations, repetitions and confirmation is skipped.
         interference: The effect of other load on the machine: tolerate judges the run as it was
             measured; note makes a failure inconclusive if it is not clear without the load.
         base: How the base of 'run --against REVISION' becomes what runs: its own version of this
@@ -570,8 +558,8 @@ class StartWaits(Record, frozen=True, kw_only=True):
     All of it is a part of the time of a run, and a smoke run shortens it.
 
     Attributes:
-        warm_up: How long is played after each start of the processes, before anything is counted;
-            at least until every monitor has received a message.
+        warm_up: How long is played after each start before anything is counted; at least until
+            every monitor has received a message.
     """
 
     warm_up: Annotated[Duration, key("1 s", "0 s")] = Duration(10**9)
@@ -585,10 +573,9 @@ class Pacing(StartWaits, frozen=True, kw_only=True):
     weaker.
 
     Attributes:
-        start_timeout: How long the graph may take from the start of its first process to its first
-            output. Readiness probes and 'after_ready' steps have timeouts of their own.
-        drain_timeout: How long the graph may publish nothing, after the last input of an iteration,
-            until the outputs that are still missing count as lost.
+        start_timeout: How long the graph may take from its first process to its first output.
+        drain_timeout: How long the graph may publish nothing after the last input of an iteration,
+            until missing outputs count as lost.
     """
 
     start_timeout: Annotated[Duration, key("30 s", "2 min", positive=True, changes="graph")] = (
@@ -606,22 +593,17 @@ class Benchmark(Pacing, frozen=True, kw_only=True):
     Attributes:
         duration: The duration of one iteration.
         iterations: The number of iterations at each rate, over all starts.
-        starts: The most starts: how often all processes are started afresh, each time for a part of
-            the iterations. A verdict is about the graph, and not about one start of it, if there
-            are several. From the fifth on, the run ends after a start that decides everything.
-            Default: 5, but each start has at least two iterations; 1 for graphs with external
-            nodes, which cannot be restarted.
-        max_iterations: The maximum number of iterations at each rate, played while a verdict is
-            inconclusive after 'iterations', in further starts if there are several; 0 means no
-            additional ones.
-        anatomy: Observe the processes of the graph from inside in every iteration, for metrics such
-            as NODE.callback.p99 and for the parts of each path. 'run --anatomy' observes one more
-            iteration instead. A list observes the processes of these nodes alone, with player and
-            monitors: of a path through others, no parts are known.
-        rates: The rates at which the inputs are played: a list, or a range with a 'step' or with
-            'count' rates.
-        search: Search for the highest sustained rate: the backlog of unanswered messages does not
-            grow, and the conditions in 'holds' are met.
+        starts: How often all processes are started afresh at most, each time for a part of the
+            iterations. Default: 5, but each start has at least two iterations; 1 for graphs with
+            external nodes.
+        max_iterations: The maximum number of iterations at each rate while a verdict is
+            inconclusive.
+        anatomy: Observe the processes of the graph, or of the listed nodes alone, from inside in
+            every iteration, for metrics such as NODE.callback.p99. 'run --anatomy' observes one
+            more iteration instead.
+        rates: The rates at which the inputs are played: a list, or a range.
+        search: Search for the highest rate at which the backlog of unanswered messages does not
+            grow.
         gate: How verdicts are reached, and their consequences.
     """
 
@@ -655,14 +637,12 @@ class Objective(Record, frozen=True, kw_only=True):
     """Requirements at one rate.
 
     Attributes:
-        at: The rate at which the requirements apply; omit it for requirements on the whole search,
-            such as peak.rate. peak is the highest rate that the search finds.
-        level: The effect of a failure: error fails the run; warn and info only report it; off skips
-            the objective.
+        at: The rate at which the requirements apply, or peak; none for requirements on the search,
+            such as peak.rate.
+        level: error fails the run; warn and info only report; off skips the objective.
         when: The objective applies only if these variables have these values.
-        confidence: The confidence of the verdict; default: that of benchmark.gate.
-        require: The requirements: 'metric op bound', such as latency.p99 < 50 ms; or sustained.
-            With 'in 99 % of 1 s windows' at the end, the requirement applies to windows of time.
+        confidence: The confidence of the verdict, if not that of benchmark.gate.
+        require: The requirements, such as latency.p99 < 50 ms, optionally 'in 99 % of 1 s windows'.
         at_peak: Whether `at` is the highest rate that the search finds.
     """
 

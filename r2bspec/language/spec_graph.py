@@ -106,8 +106,7 @@ class Scheduling(PolicySettings, frozen=True, kw_only=True):
     refused before the run.
 
     Attributes:
-        memory_lock: Whether a process of ROS locks all of its memory (mlockall), now and later, so
-            that no page of it is waited for.
+        memory_lock: Whether a process of ROS locks its memory, now and later (mlockall).
         threads: Other settings for threads by their names; of several, the last one counts.
     """
 
@@ -126,9 +125,8 @@ class ProcessSettings(Record, frozen=True, kw_only=True):
     once, and is refused where r2bspec starts no process.
 
     Attributes:
-        cpus: The CPUs on which the process may run; empty means all.
-        nice: The niceness of the process; values below 0 raise its priority and need the permission
-            to do so.
+        cpus: The CPUs of the process; empty means all.
+        nice: The niceness of the process; values below 0 need a permission.
         executor: Whether callbacks of Python nodes, or of component_container_isolated, run one
             after another or in parallel.
         threads: The number of threads of the executor; 0 means its default.
@@ -146,7 +144,7 @@ class StartedProcess(ProcessSettings, frozen=True, kw_only=True):
 
     Attributes:
         prefix: Words before the command line, such as a profiler.
-        memory_limit: The maximum resident memory of the process; if it is exceeded, the run fails.
+        memory_limit: The maximum resident memory of the process; beyond it, the run fails.
     """
 
     prefix: Annotated[tuple[Word, ...], key(["perf", "record", "-g"])] = ()
@@ -191,11 +189,11 @@ class QoS(Record, frozen=True, kw_only=True):
     """A quality-of-service profile; the default is the one that rclpy uses for `depth=10`.
 
     Attributes:
-        profile: The profile that provides the values of keys that this map does not set.
+        profile: The profile on which this map is based.
         reliability: Whether lost messages are sent again. A reliable subscription does not match a
             best-effort publisher.
-        durability: Whether a subscription that is made later gets the last messages, too.
-        history: Whether only the last 'depth' messages are kept, or all.
+        durability: Whether a later subscription gets the last messages.
+        history: Whether the last 'depth' messages are kept, or all.
         depth: The number of messages that keep_last keeps.
     """
 
@@ -329,40 +327,30 @@ class Node(StartedProcess, frozen=True, kw_only=True):
     Attributes:
         description: What the node does.
         python: A Python node, as module.Class, or ./file.py:Class relative to this file: a subclass
-            of rclpy's Node, or a function that returns one. If it takes no **kwargs to pass to
-            Node, it gets its own process, as with 'ros2 run'; so does a main() that calls
-            rclpy.init.
+            of rclpy's Node, a function that returns a node, or a main() that calls rclpy.init.
         package: The ROS package of the plugin or the executable.
         plugin: The C++ class of a composable node in the package.
         executable: The executable of the package, as for 'ros2 run'.
-        command: Any program with its arguments, one item each, run without a shell. If the node has
-            a namespace, remappings, parameters, 'publishes' or 'subscribes', the namespace,
-            remappings and parameters are appended after --ros-args; otherwise it is run exactly as
-            written.
-        launch: A launch file: 'package' and 'file', or 'path'. The remappings and the namespace of
-            the node apply to everything that it starts.
-        external: Whether the node is already running, started by other means. The run waits for it
-            and does not stop it.
+        command: Any program with its arguments, one item each, run without a shell. A namespace,
+            remappings and parameters follow after --ros-args if the node has any of them,
+            'publishes' or 'subscribes'.
+        launch: A launch file: 'package' and 'file', or 'path'. Remappings and namespace of the node
+            apply to everything that it starts.
+        external: Whether the node is already running. The run waits for it and does not stop it.
         container: The container of the node; without one, graph.placement applies.
-        lifecycle: The state into which the run brings a lifecycle node before its topics are waited
-            for. All nodes are configured in the order of the spec, then activated in this order.
-            Without this key the run changes no state: something in the graph does, such as a
-            lifecycle manager.
-        intra_process: Whether a plugin exchanges messages with the plugins of its container by
-            pointer, without the middleware: 'use_intra_process_comms' of launch files. Both sides
-            need it.
-        extra_arguments: Further arguments with which the container loads a plugin:
-            'extra_arguments' of launch files.
+        lifecycle: The state into which the run brings a lifecycle node: all nodes are configured in
+            the order of the spec, then activated. Without this key the run changes no state.
+        intra_process: Whether a plugin exchanges messages with those of its container by pointer:
+            'use_intra_process_comms' of launch files. Both sides need it.
+        extra_arguments: Further arguments with which a plugin is loaded, as in launch files.
         arguments: Arguments of an executable or a command.
-        namespace: The namespace of the node; a relative one is in the namespace of the benchmark.
-        parameters: ROS parameters of the node: a map, the path of a parameter file relative to this
-            file, or a list of both, in which later items have precedence. Nested names are written
-            with dots: camera.fx.
-        remappings: Remappings: the name in the code of the node, and the topic to use instead.
-        publishes: The topics that the node publishes, by their names in its code, with their types.
-            This lets 'validate' check the wiring of a node whose topics it does not know.
-        subscribes: The topics to which the node subscribes, by their names in its code, with their
-            types.
+        namespace: The namespace of the node, by default in that of the benchmark.
+        parameters: ROS parameters: a map, the path of a parameter file, or a list of both, in which
+            later items have precedence. Nested names have dots: camera.fx.
+        remappings: The name in the code of the node, and the topic to use instead.
+        publishes: The topics that the node publishes, by their names in its code, with their types,
+            where 'validate' does not know them.
+        subscribes: The topics to which it subscribes, likewise.
         qos: The QoS profiles of its topics, by their names in its code.
         parameter_sources: Files and values in the order in which they apply; empty if there is no
             file, because `parameters` is then complete.
@@ -471,9 +459,9 @@ class SetupStep(Record, frozen=True, kw_only=True):
 
     Attributes:
         command: The program with its arguments, one item each, run without a shell.
-        creates: The file that the command creates. If it exists, the command is skipped; while it
-            is being created, other runs wait.
-        timeout: The maximum duration of the command; if it is exceeded, the run fails.
+        creates: The file that the command creates. If it exists, the command is skipped; other runs
+            wait while it is created.
+        timeout: The maximum duration of the command; beyond it, the run fails.
         directory: The working directory; default: the folder of this file.
     """
 
@@ -515,7 +503,7 @@ class ReadyProbe(Record, frozen=True, kw_only=True):
         service: A service that is available.
         log: A line in the output of a process.
         topic: A topic that is published.
-        timeout: The maximum duration of the wait; if it is exceeded, the run fails.
+        timeout: The maximum duration of the wait; beyond it, the run fails.
     """
 
     about = key({"log": {"process": "detector", "pattern": "model loaded"}})
@@ -582,7 +570,7 @@ class AfterReadyStep(Record, frozen=True, kw_only=True):
     Attributes:
         command: The program with its arguments, one item each, run without a shell.
         service: A service call.
-        timeout: The maximum duration of the step; if it is exceeded, the run fails.
+        timeout: The maximum duration of the step; beyond it, the run fails.
     """
 
     about = key({"service": {"name": "detector/enable", "type": "std_srvs/srv/Trigger"}})

@@ -600,21 +600,21 @@ def as_builtins(info: MetricInfo) -> dict[str, object]:
 _INTRODUCTION = """\
 # Metrics
 
-Every metric that a requirement of `slos:` can name. `r2bspec metrics` prints this list,
-`r2bspec explain latency.p99` one of them. This page is written by the program from its catalogue.
+Every metric that a requirement of `slos:` can name, as `r2bspec metrics` and
+`r2bspec explain latency.p99` print them. This page is generated.
 
-A metric of a monitor may be prefixed with the name of the monitor (`detections.latency.p99`);
-without it, a requirement applies to each monitor. `<process>` is the name of any process of the
-plan. Besides the percentiles listed, every other one can be named: `p42`, `p99_5` for 99.5 %.
-Units are those of values in `result.json`; requirements write theirs, as in `latency.p99 < 50 ms`.
+The name of a monitor before a metric (`detections.latency.p99`) selects the monitor; without it, a
+requirement applies to each. `<process>` is the name of any process of the plan. Every other
+percentile can be named, too: `p42`, `p99_5` for 99.5 %.
 
 - *n* counts the outputs of one segment, *t* are their arrival times in ascending order.
 - *Expected* outputs are one for each step, or as many as `ratio` says; *answered* ones arrived.
-- A percentile pQ is the k-th of the n values in ascending order, k = ceil(Q/100 · n): always an
-  observed value.
-- Metrics have a value in all modes of playback, unless their section says otherwise.
-- [verdicts.md](verdicts.md#which-test-decides-which-requirement) describes the tests by which
-  metrics are judged.
+- A percentile pQ is the k-th of the n values in ascending order, k = ceil(Q/100 · n).
+- Percentiles are judged by the exact binomial test, means by Student's t, `min` and `max` by
+  observation; other [tests](verdicts.md#which-test-decides-which-requirement) are named.
+- `latency.{mean,p99}` stands for `latency.mean` and `latency.p99`; in brackets is the unit that
+  `result.json` has. Metrics exist in all modes of playback, unless their section says otherwise.
+- Metrics of `<node>`, `<topic>` and `path` need `benchmark: {anatomy: true}`.
 """
 
 
@@ -627,20 +627,31 @@ def markdown_page() -> str:
         meant = definitions()[name]
         formula = meant.formula.replace(f"; {_PERCENTILE_RULE}", "").replace("; ", ";\n    ")
         block = [f"## {name}\n", f"{textwrap.fill(meant.text, 100)}\n", f"    {formula}\n"]
-        block.append(textwrap.fill(_unit_modes_and_tests(infos), 100))
+        block.append(textwrap.fill(_names_and_unit(infos), 100))
         blocks.append("\n".join(block) + "\n")
     return "\n".join(blocks)
 
 
-def _unit_modes_and_tests(infos: tuple[MetricInfo, ...]) -> str:
-    """What the metrics of one stem have in common, and how each of them is judged."""
-    judged: dict[str, list[str]] = {}
+def _names_and_unit(infos: tuple[MetricInfo, ...]) -> str:
+    """Return the names of the metrics of one stem, with their unit and modes.
+
+    How they are judged is said where no part of their names says it.
+    """
+    parts: dict[str, list[str]] = {}
     for info in infos:
-        judged.setdefault(JUDGED[info.statistic][1], []).append(f"`{info.name}`")
-    available = modes(infos[0])
-    tests = "; ".join(f"{', '.join(members)} by {test}" for test, members in judged.items())
-    only = "" if available == MODES else f", {_IN_MODES[available]}"
-    return f"Unit {infos[0].unit}{only}. Judged: {tests}."
+        family, _, part = info.name.rpartition(".")
+        if part in ("min", "mean", "max") or quantile(part) is not None:
+            parts.setdefault(f"{family}.", []).append(part)
+        else:
+            parts[info.name] = []
+    names = [
+        f"`{family}{{{','.join(of)}}}`" if len(of) > 1 else f"`{family}{''.join(of)}`"
+        for family, of in parts.items()
+    ]
+    first = infos[0]
+    only = "" if modes(first) == MODES else f", {_IN_MODES[modes(first)]}"
+    judged = f", judged by {JUDGED[first.statistic][1]}" if first.name in parts else ""
+    return f"{', '.join(names)} ({first.unit}{only}){judged}."
 
 
 _IN_MODES = {MODES[:-1]: "not live", MODES[:2]: "looping and sweeping only"}
