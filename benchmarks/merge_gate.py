@@ -1,6 +1,6 @@
 """How often the merge gate errs on real pull requests: neutral ones, and ones 15 % slower.
 
-Each is a repository of its own, gated by ``r2bspec run --against main`` on real ROS 2, one after
+Each is a repository of its own, gated by ``r2bspec gate --base main`` on real ROS 2, one after
 the other. Prints a row for each kind, with the load of the machine. What a gate that ends in an
 error has printed, and its run folder, are kept in a folder that is named on standard error. The
 r2bspec that gates is the one that is installed: it must not change meanwhile. Usage::

@@ -19,8 +19,8 @@ from r2bspec.plan.prepared_benchmark import SPEC_BESIDE_PLAN
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark as PreparedBenchmark
 
 if TYPE_CHECKING:
-    from r2bspec.compare.base_tree import BaseReference
-    from r2bspec.compare.merge_gate import GateSettings, MergeGate
+    from r2bspec.compare.base_reference import BaseReference
+    from r2bspec.compare.merge_gate import ComparedSpec, GateSides, MergeGate
     from r2bspec.diagnostics import Diagnostic
     from r2bspec.execute.controller import RunOptions
     from r2bspec.execute.progress import Progress
@@ -141,12 +141,25 @@ def prepare(
     selection = select(spec, values)
     if selection.spec.suffix == ".json":
         return _stored_plan(selection, smoke=smoke)
+    return prepare_loaded(selection.load(), smoke=smoke)
+
+
+def prepare_loaded(loaded: LoadedSpec, *, smoke: bool = False) -> PreparedBenchmark:
+    """Check a document that has been loaded, and compile its plan.
+
+    Args:
+        loaded: the document.
+        smoke: as for `prepare`.
+
+    Raises:
+        InvalidSpecError: it has errors.
+        DataError: the bag does not exist or is not readable.
+    """
     import msgspec
 
     from r2bspec.check.engine import check, context_of
     from r2bspec.plan.compile_plan import compile_plan
 
-    loaded = selection.load()
     context = context_of(loaded)
     diagnostics = check(loaded, context=context)
     if smoke:
@@ -329,7 +342,7 @@ def run_pairs(
 
     Args:
         head: to be judged.
-        against: the base (`r2bspec.compare.base_tree`); empty for a control.
+        against: the base (`r2bspec.compare.base_reference`); empty for a control.
         output: the folder of the comparison, new or empty; by default one below ``runs/``.
         progress: is notified of progress.
         prepare_base: prepares the base if it is another spec, or has other values.
@@ -346,7 +359,7 @@ def run_pairs(
         RunError: a run failed; the folder has the pairs finished until then.
         RecordError: the folder cannot be created.
     """
-    from r2bspec.compare.base_tree import parse_base_reference
+    from r2bspec.compare.base_reference import parse_base_reference
     from r2bspec.compare.interleaved_comparison import ComparisonSide, prepare_comparison
     from r2bspec.compare.interleaved_runs import compare
     from r2bspec.execute.processes.environment import applied_environment, workspace_environments
@@ -374,58 +387,49 @@ def run_pairs(
 
 
 @contextlib.contextmanager
-def open_gate(
-    against: Sequence[str],
-    spec: Path,
-    settings: GateSettings | None = None,
-) -> Iterator[MergeGate]:
-    """The base of a merge gate: a revision of git, or another work tree, while the context lasts.
+def open_gate(base: str, allow: Sequence[str] = ()) -> Iterator[MergeGate]:
+    """Yield the merge gate of the repository that holds the working folder.
 
     Args:
-        against: the base (`r2bspec.compare.base_tree`), with a revision or a work tree.
-        spec: of the head, or a folder of specs, in its work tree.
-        settings: what the pipeline allows, and how the base is built.
+        base: a revision of git.
+        allow: what may differ from the base, by name.
 
     Raises:
-        UsageError: the base is not valid.
-        BaseRevisionError: it cannot be had as files.
+        BaseRevisionError: there is no such revision, it is ambiguous, or it cannot be written.
     """
-    from r2bspec.compare.base_tree import open_base_tree, parse_base_reference
-    from r2bspec.compare.merge_gate import GateSettings, MergeGate
+    from r2bspec.compare.base_tree import open_base_tree
+    from r2bspec.compare.merge_gate import MergeGate
     from r2bspec.execute.states import Interrupts
 
-    reference = parse_base_reference(against)
     # The first signal ends the run in progress, and not this process, which has to tidy up.
-    with Interrupts() as interrupts, open_base_tree(reference, spec) as tree:
+    with Interrupts() as interrupts, open_base_tree(base) as tree:
         interrupts.check()
-        yield MergeGate(tree, reference, settings or GateSettings(), prepare)
+        yield MergeGate(tree, tuple(allow), prepare_loaded)
 
 
 def run_gated(
-    head: PreparedBenchmark,
-    selection: SpecSelection,
     gate: MergeGate,
-    output: Path | None = None,
+    compared: ComparedSpec,
+    sides: GateSides,
+    output: Path,
     progress: Progress | None = None,
     *,
     pairs: int | None = None,
-    lock: HostLock = "wait",
 ) -> Result:
     """Compare a spec and its code with the base of a merge gate, in interleaved runs.
 
-    Without a base to compare with, the head alone is run and judged; the result says why.
+    Without a base to compare with, the head alone is run and judged; the result says why. The
+    caller has the lock of the host.
 
     Args:
-        head: to be judged, prepared from `selection`.
-        selection: of the head.
         gate: from `open_gate`.
-        output: the run folder, new or empty; by default one below ``runs/``.
+        compared: the spec, from `MergeGate.compare`.
+        sides: what is played of it, from `MergeGate.sides`.
+        output: the run folder, new or empty.
         progress: is notified of progress.
         pairs: how many; as many as the spec has iterations if None.
-        lock: as for `run`.
 
     Raises:
-        WeakerGateError: the head's verdict depends on less than the base's.
         BaseFailsError: the base cannot be played, and that is not allowed.
         OtherSidesFilesError: a side has loaded files of the other one.
         RunError: the head failed; the folder has the pairs finished until then.
@@ -433,38 +437,29 @@ def run_gated(
     """
     from r2bspec.compare.interleaved_comparison import BaseFailsError, prepare_comparison
     from r2bspec.compare.interleaved_runs import compare
-    from r2bspec.compare.merge_gate import ALLOW_BASE
-    from r2bspec.execute.progress import Progress
+    from r2bspec.compare.merge_gate import RunCheck
 
-    name = f"{head.plan.name}-pairs"
-    listener = progress or Progress()
-    folder = output or default_run_folder(name)
-    sides = gate.sides(selection, head, progress)
     if sides.base is not None:
         comparison = prepare_comparison(
             sides.base,
             sides.head,
             against=gate.tree.name,
             pairs=pairs,
-            force=gate.settings.force,
+            force=True,
             gate=sides.sentences,
-            check_run=gate.check_loaded_files,
+            check_run=RunCheck(gate.tree, "preprocess" in sides.head.plan.phases),
         )
         try:
-            with locked_host(name, lock, listener.note):
-                return compare(comparison, folder, progress)
+            return compare(comparison, output, progress)
         except BaseFailsError as error:
-            if ALLOW_BASE not in gate.settings.allow:
-                raise
+            sides = gate.alone_without_base(compared, error)
             # What was played is kept, beside the run of the head.
-            folder.rename(folder.with_name(f"{folder.name}-base-failed"))
-            sides = gate.alone_without_base(head, error)
-    alone = replace(head, plan=sides.head.plan)
+            output.rename(output.with_name(f"{output.name}-base-failed"))
     return run(
-        alone,
-        folder,
+        replace(compared.head, plan=sides.head.plan),
+        output,
         progress,
-        lock=lock,
+        lock="off",
         identity=sides.head.identity,
         gate=sides.sentences,
     )

@@ -89,6 +89,10 @@ def refusal_hint(error: OSError) -> str:
     """The way out of it."""
     if error.errno == errno.EFBIG:
         return "Raise the limit on the size of a file: ulimit -f unlimited."
+    if error.errno in {errno.EMFILE, errno.ENFILE}:
+        return "Raise the limit on open files: ulimit -n 4096."
+    if error.errno in {errno.EACCES, errno.EPERM}:
+        return "Choose a folder that you may write with --output."
     return "Free space on this disk, or choose another folder with --output."
 
 

@@ -2,19 +2,19 @@
 # Gate a change with r2bspec: gate.sh SPEC [BASE]
 #
 # SPEC is a spec, or a folder of specs, in a work tree of git. BASE is what it is compared with: a
-# revision of git that the clone has, another work tree, or 'none'; by default origin/main. The exit
-# status is that of 'r2bspec run'.
+# revision that the clone has; by default refs/remotes/origin/main. The exit status is that of
+# 'r2bspec gate'.
 #
 #   R2BSPEC_PYTHON        a Python interpreter that has r2bspec; by default python3. For the HTML
 #                         report it needs what 'pip install "r2bspec[report]"' installs
-#   R2BSPEC_ALLOW         what may be weaker than in the base, one name per line
+#   R2BSPEC_ALLOW         what may differ from the base, one name per line
 #   R2BSPEC_INCONCLUSIVE  'fail', or 'pass' to let an inconclusive run pass
-#   R2BSPEC_ARGUMENTS     further arguments of 'r2bspec run', one per line
+#   R2BSPEC_ARGUMENTS     further arguments of 'r2bspec gate', one per line
 #   R2BSPEC_OUTPUT        a new folder for the run and its reports; by default a temporary one
 set -u
 
 spec=${1:?"usage: gate.sh SPEC [BASE]"}
-base=${2:-origin/main}
+base=${2:-refs/remotes/origin/main}
 if [ -n "${R2BSPEC_OUTPUT:-}" ]; then
   folder=$R2BSPEC_OUTPUT
 else
@@ -24,7 +24,7 @@ fi
 mkdir -p -- "$folder" && mkdir -- "$folder/reports" || exit 2
 
 python=${R2BSPEC_PYTHON:-python3}
-set -- --require-slos --output "$folder/run" \
+set -- "--base=$base" --output "$folder/run" \
   --report "junit=$folder/reports/junit.xml" \
   --report "markdown=$folder/reports/summary.md" \
   --report "json=$folder/reports/result.json"
@@ -38,15 +38,12 @@ fi
 set -f
 IFS='
 '
-if [ "$base" != none ]; then
-  set -- "$@" "--against=$base"
-  for name in ${R2BSPEC_ALLOW:-}; do set -- "$@" "--allow=$name"; done
-fi
+for name in ${R2BSPEC_ALLOW:-}; do set -- "$@" "--allow=$name"; done
 for argument in ${R2BSPEC_ARGUMENTS:-}; do set -- "$@" "$argument"; done
 unset IFS
 set +f
 
-"$python" -I -m r2bspec run "$@" -- "$spec" < /dev/null
+"$python" -I -m r2bspec gate "$@" -- "$spec" < /dev/null
 status=$?
 echo "The reports are in $folder/reports."
 if [ "$status" = 0 ] && [ ! -s "$folder/reports/result.json" ]; then

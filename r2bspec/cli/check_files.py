@@ -48,15 +48,6 @@ def spec_files(paths: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(file for path in paths for file in _expand_path(path)))
 
 
-def present_spec_files(paths: Iterable[str]) -> list[str]:
-    """The same without the paths that do not exist, or have no spec."""
-    files: list[str] = []
-    for path in paths:
-        with contextlib.suppress(click.UsageError):
-            files += _expand_path(path)
-    return list(dict.fromkeys(files))
-
-
 def _expand_path(path: str) -> list[str]:
     if path == "-":
         return [path]
@@ -86,7 +77,6 @@ class CheckOptions(msgspec.Struct, frozen=True):
     values: SelectionValues = {}
     offline: bool = False
     resolved: bool = False
-    require_slos: bool = False
 
 
 class FileReport(msgspec.Struct, frozen=True):
@@ -174,8 +164,6 @@ def check_file(file: str, options: CheckOptions) -> FileReport:
     """Check one file; ``-`` is standard input."""
     cases = _load(Path(file), file, options)
     findings = _findings(cases, options)
-    if options.require_slos:
-        findings = [*_missing_objectives(cases), *findings]
     return FileReport(
         file=cases[0].file,
         cases=len(cases),
@@ -210,20 +198,6 @@ def _findings(cases: tuple[LoadedSpec, ...], options: CheckOptions) -> list[Diag
     from r2bspec.check.engine import check_cases
 
     return check_cases(cases, offline=options.offline)
-
-
-def _missing_objectives(cases: tuple[LoadedSpec, ...]) -> list[Diagnostic]:
-    """A finding if nothing can fail in some cases. No waiver applies to it."""
-    from r2bspec.compare.gate_strength import can_fail, missing_objectives
-    from r2bspec.plan.compile_plan import active_objectives
-
-    lacking = [
-        case
-        for case in cases
-        if case.spec is not None and not can_fail(active_objectives(case.spec))
-    ]
-    names = [objective.case for objective in lacking if objective.case]
-    return [missing_objectives(cases[0].file, names)] if lacking else []
 
 
 def _title(loaded: LoadedSpec) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from r2bspec.cli.main import show_error
 from r2bspec.cli.spec_selection import Playing, SuiteEntry, base_selection, prepare_and_report
-from r2bspec.compare.base_tree import parse_base_reference
+from r2bspec.compare.base_reference import parse_base_reference
 from r2bspec.compare.report_input import read_folder
 from r2bspec.diagnostics.plain_text import plain
 from r2bspec.diagnostics.quote import pluralize, time_text

@@ -15,6 +15,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
+from types import FrameType
 from typing import Any
 
 import click
@@ -26,6 +27,7 @@ from r2bspec.errors import ExitStatus, R2bspecError, UsageError, exit_status_tex
 from r2bspec.report.output import echo
 from r2bspec.safe_io.cache_folder import passed_over
 from r2bspec.safe_io.limits import MIN_NUMPY_ADDRESS_SPACE, MIN_RUN_ADDRESS_SPACE
+from r2bspec.safe_io.terminal import leave_terminal
 
 VERBS = {
     "init": "Create a commented spec to start from.",
@@ -35,6 +37,7 @@ VERBS = {
     "interfaces": "Start each node once and record its interface.",
     "plan": "Show the plan of a run, as JSON or as a diagram.",
     "run": "Run a benchmark on real ROS 2 and judge it by its SLOs.",
+    "gate": "Gate a change of a repository: compare specs and their code with a base.",
     "judge": "Judge a finished run again, optionally by other SLOs.",
     "report": "Write reports of a finished run: HTML, JUnit, Markdown and others.",
     "compare": "Compare finished runs: improved, worse, same, or can't tell.",
@@ -66,9 +69,6 @@ _PLACES = {
 """Where the command of a verb is, if not under the name `command` in a module of its own."""
 
 
-_COMMANDS_MEANT = {"gate": "run SPEC --against REVISION"}
-"""What people call a command that is no verb, and the command."""
-
 _MAX_ERROR_LINE = 1_000
 """Characters: a message names files, whose names may have 4,000, and arguments of any length."""
 
@@ -80,6 +80,9 @@ _LEAST_STACK_BYTES = 512 << 10
 
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 """No fault of r2bspec: the file system, or a limit on the size of files, leaves no room."""
+
+_CLOSED = frozenset({errno.EACCES, errno.EPERM, errno.ELOOP, errno.EROFS})
+"""Nor is it that the user may not look into a folder, or that a path leads to itself."""
 
 COMPLETE = "_R2BSPEC_COMPLETE"
 """Set by a completion script when it asks for proposals; the name is click's for ``r2bspec``."""
@@ -105,7 +108,7 @@ class _Verbs(click.Group):
         if args and args[0] not in VERBS and not args[0].startswith("-"):
             from r2bspec.diagnostics import did_you_mean
 
-            close = _COMMANDS_MEANT.get(args[0]) or did_you_mean(args[0], VERBS)
+            close = did_you_mean(args[0], VERBS)
             ctx.fail(
                 f"unknown verb {args[0]!r}"
                 + (f"; did you mean {close!r}?" if close else f"; verbs: {', '.join(VERBS)}")
@@ -179,6 +182,14 @@ def main(argv: list[str] | None = None) -> int:
             with contextlib.suppress(OSError):
                 show_error(full)
             return full.exit_code
+        if isinstance(error, OSError) and error.errno in _CLOSED and error.filename is not None:
+            closed = UsageError(
+                f"{os.fsdecode(error.filename)} cannot be used: {error.strerror}",
+                hint="Name another path, or change the permissions of its folders.",
+                code="R2B651",
+            )
+            show_error(closed)
+            return closed.exit_code
         if isinstance(error, FileNotFoundError) and _is_folder_gone():
             gone = UsageError("the current folder was removed", hint="Change to one that exists.")
             show_error(gone)
@@ -324,8 +335,14 @@ def _interruptible() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        if number == signal.SIGHUP:
+            leave_terminal()
+        signal.default_int_handler(number, frame)
+
     before = {
-        each: signal.signal(each, signal.default_int_handler)
+        each: signal.signal(each, interrupt)
         for each in (signal.SIGTERM, signal.SIGHUP)
         if each is signal.SIGTERM or signal.getsignal(each) is not signal.SIG_IGN
     }

@@ -30,20 +30,14 @@ class RunArguments:
     """The options as they were given; the names are those of the command line.
 
     Attributes:
-        known_names: names of `allow` that are known to some spec of a suite.
         suite_page: the HTML page of the suite that a run belongs to, to which its own pages link.
     """
 
     output: Path | None = None
     against: tuple[str, ...] = ()
-    allow: tuple[str, ...] = ()
-    known_names: tuple[str, ...] = ()
-    base_build: tuple[str, ...] = ()
-    base_setup: str = ""
     control: bool = False
     pairs: int | None = None
     force: bool = False
-    require_slos: bool = False
     each: bool = False
     select: tuple[str, ...] = ()
     scan: tuple[str, ...] = ()
@@ -66,19 +60,6 @@ class RunArguments:
     def compares(self) -> bool:
         """Whether interleaved pairs are run."""
         return bool(self.against) or self.control
-
-    @property
-    def has_base_tree(self) -> bool:
-        """Whether the base has a work tree of its own: a revision of git, or a folder.
-
-        Raises:
-            BadReferenceError: the base is not valid.
-        """
-        if not self.against:
-            return False
-        from r2bspec.compare.base_tree import parse_base_reference
-
-        return parse_base_reference(self.against).has_tree
 
     @property
     def lock(self) -> HostLock:
@@ -117,16 +98,9 @@ class RunArguments:
             _refuse(["--hosts"] if self.hosts != ("any",) else [], "needs --on")
         comparisons = self.given("--against", "--control")
         if self.smoke:
-            judging = [*comparisons, *self.given("--require-slos")]
-            if judging:
-                raise click.UsageError(
-                    f"--smoke cannot be combined with {judging[0]}: it judges nothing"
-                )
+            _refuse(comparisons, "cannot be combined with --smoke, which judges nothing")
         if self.compares:
             self.refuse("cannot be combined with --against or --control", "--anatomy", "--profile")
-        of_gate = self.given("--allow", "--base-build", "--base-setup")
-        if of_gate and not self.has_base_tree:
-            _refuse(of_gate, "needs --against with a revision or a work tree")
         if not self.against:
             self.refuse("needs --against", "--force")
         if self.output is None:
@@ -165,8 +139,6 @@ class RunArguments:
         """
         why = "cannot be combined with --on"
         self.refuse(why, "--no-lock", "--no-wait")
-        if self.has_base_tree:
-            raise click.UsageError(f"--against with a revision or a work tree {why}")
         self.refuse(why, "--anatomy", "--profile")
 
     def check_suite(self) -> None:
@@ -175,13 +147,11 @@ class RunArguments:
         Raises:
             click.UsageError: there are some.
         """
-        if self.compares and not self.has_base_tree:
+        if self.compares:
             raise click.UsageError(
-                "--against with another spec, value or environment, and --control take "
-                "one SPEC, without --case all, --select, --scan, --resume, --fail-fast and --each"
+                "--against and --control take one SPEC, without --case all, --select, --scan, "
+                "--resume, --fail-fast and --each; 'r2bspec gate' takes a folder"
             )
-        if self.compares and (self.resume or self.scan):
-            raise click.UsageError("--against cannot be combined with --resume and --scan")
 
 
 def _refuse(given: Sequence[str], why: str) -> None:
@@ -250,29 +220,8 @@ def _refuse(given: Sequence[str], why: str) -> None:
     "--against",
     "against",
     metavar="REF",
-    help="Compare with a base in interleaved runs: a revision of git such as origin/main, another "
-    "work tree or spec, var:NAME=VALUE, set:PATH=VALUE, or env: with a setup file, an installed "
-    "workspace or NAME=VALUE",
-)
-@click.option(
-    "--allow",
-    multiple=True,
-    metavar="NAME",
-    help="With --against a revision: what may be weaker than in the base, such as 'objective "
-    "fast', as the error names it; or 'base', which may fail. May be repeated.",
-)
-@shared_options.repeatable_option(
-    "--base-build",
-    metavar="COMMAND",
-    help="With --against a revision: how the base is built in its work tree, where its spec does "
-    "not say it (benchmark.gate.base)",
-)
-@click.option(
-    "--base-setup",
-    default="",
-    metavar="PATH",
-    help="With --against a revision: the setup file or installation of the base after its build, "
-    "relative to its work tree.",
+    help="Compare in interleaved runs with another spec, var:NAME=VALUE, set:PATH=VALUE, or env: "
+    "with a setup file, an installed workspace or NAME=VALUE",
 )
 @click.option("--control", is_flag=True, help="Compare SPEC with itself to see the noise.")
 @click.option(
@@ -282,8 +231,7 @@ def _refuse(given: Sequence[str], why: str) -> None:
 )
 @shared_options.flag_options(
     {
-        "--require-slos": "Refuse a spec without an objective that can fail: nothing would gate.",
-        "--force": "Compare even if load, data or machine differ.",
+        "--force": "Compare even if the load differs.",
     }
 )
 @shared_options.format_option()
@@ -308,22 +256,19 @@ def command(
     Requirements 'of baseline' are judged by interleaved runs of a base and of SPEC (--against).
     Without it they are inconclusive.
 
-    --against REVISION is the gate of a pull request: the same spec with the code of the base and of
-    this work tree. What the base demands must still be demanded ('r2bspec docs gate').
+    The gate of a pull request is 'r2bspec gate'.
     """
     hosts = tuple(dict.fromkeys(host for host in others.pop("hosts").split(",") if host))
     options = RunArguments(reports=reports, hosts=hosts or ("any",), **others)
     options.check()
-    from r2bspec.cli.check_files import present_spec_files, spec_files
+    from r2bspec.cli.check_files import spec_files
     from r2bspec.cli.run_single import run_single
     from r2bspec.cli.run_suite import run_suite
 
-    # Whether a spec that is gone may be gone is for the gate to say, which knows the base.
-    files = present_spec_files(specs) if options.has_base_tree else None
-    several = options.needs_suite or values["case"] == ALL_CASES or files == []
+    several = options.needs_suite or values["case"] == ALL_CASES
     if options.on is not None:
         options.check_fleet()
-    pair = len(specs) == 2 and not several and not options.smoke and not options.has_base_tree
+    pair = len(specs) == 2 and not several and not options.smoke
     if pair and is_file_list(specs):
         base, head = specs
         echo(f"comparing {head} with {base} in pairs; --each runs them one by one", err=True)
@@ -337,11 +282,10 @@ def command(
         return run_single(SpecSelection(Path(specs[0]), **values), options)
     if options.on is None:
         options.check_suite()
-    if files is None:
-        files = spec_files(specs)
     selection = SpecSelection(Path(), **values)
-    entries = suite_entries(selection, files, options.select, options.scan) if files else []
-    return run_suite(entries, options, specs)
+    return run_suite(
+        suite_entries(selection, spec_files(specs), options.select, options.scan), options
+    )
 
 
 def _is_collection(path: str) -> bool:

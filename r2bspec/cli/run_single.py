@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +16,7 @@ from r2bspec.report.output import echo, echo_json
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
     from r2bspec.cli.run import RunArguments
-    from r2bspec.compare.gate_strength import WeakerGateError
-    from r2bspec.compare.merge_gate import MergeGate
+    from r2bspec.execute.progress import Progress
     from r2bspec.judge.result import Result
     from r2bspec.plan.time_estimate import TimeEstimate
     from r2bspec.report.progress import RemainingTime
@@ -37,34 +36,40 @@ def run_single(selection: SpecSelection, options: RunArguments) -> int:
 def _run(selection: SpecSelection, options: RunArguments, folder: OutputFolder) -> int:
     from r2bspec import api
     from r2bspec.report.progress import RemainingTime
+
+    with options.sparing_inputs():
+        prepared = prepare_and_report(selection, smoke=options.smoke, infos=options.verbose)
+    name = prepared.plan.name
+    name += "-pairs" if options.compares else "-smoke" if options.smoke else ""
+    path = folder.path = options.output or api.default_run_folder(name)
+    with locked_host(name, options.lock):
+        estimate = estimate_of(prepared, options)
+        if not options.quiet:
+            echo(f"{name}: {estimate.text()}", err=True)
+        result = execute(
+            options,
+            path,
+            selection.spec,
+            RemainingTime(estimate),
+            lambda progress: play(prepared, selection, options, path, progress),
+        )
+    show(result, prepared, options, path, selection.spec)
+    return result.verdict.exit_code
+
+
+def show(
+    result: Result, prepared: PreparedBenchmark, options: RunArguments, folder: Path, spec: Path
+) -> None:
+    """Print a result, and write its reports."""
     from r2bspec.report.terminal import show_result
     from r2bspec.report.write_reports import takes_stdout
 
-    with options.sparing_inputs():
-        prepared = prepare_and_report(
-            selection, smoke=options.smoke, require_slos=options.require_slos, infos=options.verbose
-        )
-    name = prepared.plan.name
-    name += "-pairs" if options.compares else "-smoke" if options.smoke else ""
-    folder.path = options.output or api.default_run_folder(name)
-    with gate_of(options, selection.spec) as gate:
-        # A build would disturb who has the host: with one, base and head are compared later.
-        if gate is not None and not gate.builds_base(selection, prepared):
-            compare_with_base(gate, selection, prepared, options)
-        with locked_host(name, options.lock):
-            estimate = estimate_of(prepared, selection, options, gate)
-            if not options.quiet:
-                echo(f"{name}: {estimate.text()}", err=True)
-            result = execute(
-                prepared, selection, options, folder.path, RemainingTime(estimate), gate
-            )
     show_differences(result, prepared)
     if not takes_stdout(options.reports):
-        show_result(result, options.output_format, folder.path, verbose=options.verbose)
+        show_result(result, options.output_format, folder, verbose=options.verbose)
     if options.output_format == "json" or takes_stdout(options.reports):
-        echo(folder_line(folder.path), err=True)
-    write_reports_of(options, folder.path, selection.spec)
-    return result.verdict.exit_code
+        echo(folder_line(folder), err=True)
+    write_reports_of(options, folder, spec)
 
 
 class OutputFolder:
@@ -78,140 +83,43 @@ def folder_line(folder: Path) -> str:
     return f"run folder: {folder}"
 
 
-def estimate_of(
-    prepared: PreparedBenchmark,
-    selection: SpecSelection,
-    options: RunArguments,
-    gate: MergeGate | None = None,
-) -> TimeEstimate:
-    """How long the run of a spec will take, or its comparison with a base.
-
-    Args:
-        prepared: the spec.
-        selection: from which it was prepared.
-        options: of the run.
-        gate: says whether the base has the spec; without it, the head is played alone.
-    """
+def estimate_of(prepared: PreparedBenchmark, options: RunArguments) -> TimeEstimate:
+    """Return how long the run of a spec will take, or its comparison with another."""
     from r2bspec.plan.time_estimate import estimate_pairs, estimate_time
 
-    alone = gate is not None and gate.base_spec(selection.spec, prepared) is None
-    if alone or not options.compares:
+    if not options.compares:
         return estimate_time(prepared.plan)
     return estimate_pairs(prepared.plan, options.pairs)
 
 
-@contextlib.contextmanager
-def gate_of(options: RunArguments, spec: Path) -> Iterator[MergeGate | None]:
-    """The merge gate, if the base has a work tree of its own.
-
-    Args:
-        options: of the run.
-        spec: a spec of the head, or a folder of specs.
-
-    Raises:
-        BaseRevisionError: the base cannot be had as files.
-    """
-    if not options.has_base_tree:
-        yield None
-        return
-    import shlex
-
-    from r2bspec import api
-    from r2bspec.compare.merge_gate import GateSettings
-    from r2bspec.language.spec import GateBase
-
-    build = tuple(tuple(shlex.split(command)) for command in options.base_build)
-    settings = GateSettings(
-        allow=options.allow,
-        build=GateBase(build=build, setup=options.base_setup),
-        force=options.force,
-        known_names=options.known_names,
-    )
-    with api.open_gate(options.against, spec, settings) as gate:
-        if not options.quiet:
-            echo(f"base: {gate.tree.name}", err=True)
-        yield gate
-
-
-def compare_with_base(
-    gate: MergeGate, selection: SpecSelection, prepared: PreparedBenchmark, options: RunArguments
-) -> None:
-    """Compare a spec with that of the base, and print what is weaker; nothing is played.
-
-    The caller has the lock of the host if the base is built.
-
-    Raises:
-        R2bspecError: the gate refuses the spec, or its base.
-    """
-    from r2bspec.compare.gate_strength import WeakerGateError
-    from r2bspec.report.progress import shown_progress
-
-    try:
-        with shown_progress(quiet=options.quiet) as progress:
-            gate.sides(selection, prepared, progress)
-    except WeakerGateError as error:
-        _show_weakening(error, prepared)
-        raise
-
-
-def _show_weakening(error: WeakerGateError, prepared: PreparedBenchmark) -> None:
-
-    if prepared.loaded is not None:
-        show_findings(error.diagnostics, prepared.loaded)
-        error.remainder = str(error)
-
-
 def execute(
-    prepared: PreparedBenchmark,
-    selection: SpecSelection,
     options: RunArguments,
     folder: Path,
+    spec: Path,
     remaining: RemainingTime | None,
-    gate: MergeGate | None = None,
+    play: Callable[[Progress], Result],
 ) -> Result:
-    """Make the run, or the comparison. The caller has the lock of the host.
+    """Make a run or a comparison, with its progress shown. The caller has the lock of the host.
 
     Args:
-        prepared: the spec.
-        selection: from which it was prepared.
         options: of the run.
         folder: receives what is measured.
+        spec: as the user named it.
         remaining: the expected time, for the progress that is shown.
-        gate: the base with its own work tree, if there is one.
+        play: makes it.
 
     Raises:
         R2bspecError: it failed; reports of what was observed have been written, and the error has
             the run folder as a note.
     """
     from r2bspec import api
-    from r2bspec.compare.gate_strength import WeakerGateError
     from r2bspec.record.files import FolderTakenError
     from r2bspec.report.progress import shown_progress
 
     try:
         with shown_progress(quiet=options.quiet, remaining=remaining) as progress:
-            if gate is not None:
-                return api.run_gated(
-                    prepared, selection, gate, folder, progress, pairs=options.pairs, lock="off"
-                )
-            if not options.compares:
-                return api.run(prepared, folder, progress, lock="off", **_ways(options))
-            return api.run_pairs(
-                prepared,
-                options.against,
-                folder,
-                progress,
-                prepare_base=lambda reference: prepare_and_report(
-                    base_selection(selection, reference)
-                ),
-                pairs=options.pairs,
-                control=options.control,
-                force=options.force,
-                lock="off",
-            )
+            return play(progress)
     except BaseException as error:
-        if isinstance(error, WeakerGateError):
-            _show_weakening(error, prepared)
         if isinstance(error, api.GraphMismatchError):
             show_findings(error.diagnostics, error.loaded)
             error.remainder = error.details
@@ -220,8 +128,33 @@ def execute(
             error.add_note(folder_line(folder))
             if isinstance(error, R2bspecError):
                 with contextlib.suppress(R2bspecError):
-                    write_reports_of(options, folder, selection.spec)
+                    write_reports_of(options, folder, spec)
         raise
+
+
+def play(
+    prepared: PreparedBenchmark,
+    selection: SpecSelection,
+    options: RunArguments,
+    folder: Path,
+    progress: Progress,
+) -> Result:
+    """Run a spec, or compare it with another, as `execute` asks for."""
+    from r2bspec import api
+
+    if not options.compares:
+        return api.run(prepared, folder, progress, lock="off", **_ways(options))
+    return api.run_pairs(
+        prepared,
+        options.against,
+        folder,
+        progress,
+        prepare_base=lambda reference: prepare_and_report(base_selection(selection, reference)),
+        pairs=options.pairs,
+        control=options.control,
+        force=options.force,
+        lock="off",
+    )
 
 
 def _ways(options: RunArguments) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import datetime
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,13 +14,11 @@ import click
 import msgspec
 
 from r2bspec import api
-from r2bspec.api import PreparedBenchmark, folder_name
+from r2bspec.api import folder_name
 from r2bspec.cli import run_single
-from r2bspec.cli.check_files import present_spec_files, spec_files
 from r2bspec.cli.main import show_error
-from r2bspec.cli.spec_selection import Playing, SuiteEntry, prepare_and_report, selected_files
+from r2bspec.cli.spec_selection import Playing, SuiteEntry, prepare_and_report
 from r2bspec.cli.text_output import locked_host
-from r2bspec.compare.gate_strength import allowable_names, check_allowed
 from r2bspec.compare.report_input import read_folder
 from r2bspec.diagnostics.quote import pluralize, time_text
 from r2bspec.errors import ExitStatus, R2bspecError
@@ -40,7 +38,6 @@ from r2bspec.safe_io.safe_file import is_regular
 
 if TYPE_CHECKING:
     from r2bspec.cli.run import RunArguments
-    from r2bspec.compare.merge_gate import MergeGate
     from r2bspec.judge.result import Result
 SUMMARY_FILE = "suite.json"
 """The summary in the folder of the suite; complete after each run."""
@@ -52,38 +49,27 @@ _SUMMARY_SHARE = 10.0
 """Of ten thousand runs, writing the summary after each would take longer than the runs: it is
 written again when ten times as long has passed as it took."""
 
-_NAME_FIELD = "{name}"
+NAME_FIELD = "{name}"
 """In the path of a report: one file for each run."""
 
 
-def run_suite(entries: Sequence[SuiteEntry], options: RunArguments, paths: Sequence[str]) -> int:
+Play = Callable[[SuiteEntry, "RunArguments", RemainingTime], "Result"]
+"""Makes the run of an entry."""
+
+
+def run_suite(entries: Sequence[SuiteEntry], options: RunArguments) -> int:
     """Make all runs; returns the worst exit status.
 
-    Args:
-        entries: the runs; none where the head of a gate has no spec any more.
-        options: of all of them.
-        paths: the files, folders and patterns that they are from.
-
     Raises:
-        WeakerGateError: specs of the base are gone; nothing has been played.
         InterruptedRunError: a signal ended a run; the summary of the others has been written.
         FleetError: the fleet of ``--on`` cannot be reached.
     """
-    if not entries:
-        options = _with_summaries_only(options)
-    _check_reports(options)
-    root = options.output or api.default_run_folder("smoke-suite" if options.smoke else "suite")
-    if not options.resume and is_regular(root / SUMMARY_FILE):
-        raise FolderTakenError(
-            f"{root} has the runs of an earlier call",
-            hint="Choose a new folder with --output, or go on with --resume.",
-        )
+    suite = Suite.of(options)
     with options.sparing_inputs():
         for entry in entries:
-            _prepare(entry, options)
-    suite = Suite(root, options)
+            prepare_entry(entry, options)
     if options.on is None:
-        return _run_here(suite, entries, options, paths)
+        return _run_here(suite, entries, options)
     from r2bspec.cli.fleet_suite import fleet_executor
 
     suite.create_folder()
@@ -93,127 +79,51 @@ def run_suite(entries: Sequence[SuiteEntry], options: RunArguments, paths: Seque
         return suite.run(executor.announce(placed), executor.play(placed))
 
 
-def _run_here(
-    suite: Suite, entries: Sequence[SuiteEntry], options: RunArguments, paths: Sequence[str]
-) -> int:
-    """Make all runs on this host; its lock is taken once nothing more can be told without it.
-
-    A gate that refuses one of the specs plays none of them.
-    """
-    # All specs are in one work tree.
-    place = entries[0].selection.spec if entries else Path(paths[0])
-    # A name that one spec does not know may be for another: all of them together are asked.
-    of_suite = replace(options, known_names=options.allow)
-    prepared = [entry.prepared for entry in entries if entry.prepared is not None]
+def _run_here(suite: Suite, entries: Sequence[SuiteEntry], options: RunArguments) -> int:
+    """Make all runs on this host."""
     with contextlib.ExitStack() as stack:
-        of_all = tuple(request for request in options.reports if _NAME_FIELD not in request.path)
-        summaries_only = replace(options, reports=of_all)
-        with run_single.reported_failures(summaries_only, run_single.OutputFolder(), place):
-            gate = stack.enter_context(run_single.gate_of(of_suite, place))
-            if gate is not None:
-                suite.gate = _compare_spec_sets(gate, paths, entries, options.select)
-        unplayed = [entry for entry in entries if entry.error is None]
-        # A build would disturb who has the host.
-        built = {
-            id(entry)
-            for entry in unplayed
-            if gate is not None and gate.builds_base(entry.selection, entry.benchmark)
-        }
-        for needs_lock in (False, True):
-            if needs_lock and unplayed:
-                stack.enter_context(locked_host(f"{len(entries)} benchmarks", options.lock))
-            if gate is None:
-                continue
-            for entry in unplayed:
-                if (id(entry) in built) == needs_lock:
-                    _compare_with_base(gate, entry, options)
-            if needs_lock or not built:
-                with run_single.reported_failures(summaries_only, run_single.OutputFolder(), place):
-                    _check_allowed(gate, options, prepared)
-            if any(entry.error is not None for entry in entries):
-                suite.create_folder()
-                suite.enter(entries)
-                return suite.refuse()
-        for entry in unplayed:
-            entry.estimate = run_single.estimate_of(entry.benchmark, entry.selection, options, gate)
+        if any(entry.error is None for entry in entries):
+            stack.enter_context(locked_host(f"{len(entries)} benchmarks", options.lock))
         suite.create_folder()
         suite.enter(entries)
-        total = time_text(sum(entry.seconds for entry in entries))
-        announcement = f"{pluralize(len(entries), 'run')}: about {total}"
-        return suite.run(announcement, LocalExecutor(suite, options, gate).play(entries))
+        return suite.run(announcement(entries), LocalExecutor(suite, options, _play).play(entries))
 
 
-def _compare_with_base(gate: MergeGate, entry: SuiteEntry, options: RunArguments) -> None:
-    """Compare the spec of a run with that of the base; what the gate refuses is its error."""
-    try:
-        run_single.compare_with_base(gate, entry.selection, entry.benchmark, options)
-    except InterruptedRunError:
-        raise
-    except R2bspecError as error:
-        show_error(error)
-        entry.error = error
+def _play(entry: SuiteEntry, options: RunArguments, remaining: RemainingTime) -> Result:
+    return run_single.execute(
+        options,
+        entry.folder,
+        entry.selection.spec,
+        remaining,
+        lambda progress: run_single.play(
+            entry.benchmark, entry.selection, options, entry.folder, progress
+        ),
+    )
 
 
-def _check_allowed(
-    gate: MergeGate, options: RunArguments, prepared: Sequence[PreparedBenchmark]
-) -> None:
-    """Check that each name of ``--allow`` is known to one of the specs, in the head or the base.
-
-    Raises:
-        UsageError: one is known to none.
-    """
-    if prepared:
-        of_heads = [name for head in prepared for name in allowable_names(head, head)]
-        check_allowed(options.allow, [*of_heads, *sorted(gate.names)])
-
-
-def _compare_spec_sets(
-    gate: MergeGate, paths: Sequence[str], entries: Sequence[SuiteEntry], select: Sequence[str]
-) -> tuple[str, ...]:
-    """Compare the specs of the head with those of the base, before anything is played.
-
-    Returns:
-        What is gone and allowed, a sentence each.
-
-    Raises:
-        WeakerGateError: specs of the base, or cases of them, are gone.
-        click.UsageError: neither the head nor the base has one of the paths.
-    """
-    base: list[str] = []
-    for path in paths:
-        place = gate.tree.in_base(Path(path))
-        files = present_spec_files([str(place)]) if place is not None else []
-        if not files:
-            spec_files([path])
-        base += files
-    head = dict.fromkeys(entry.selection.spec for entry in entries)
-    return gate.require_specs(map(Path, selected_files(base, select)), head)
-
-
-def _with_summaries_only(options: RunArguments) -> RunArguments:
-    """The options without reports that only a run could have: there is none."""
-    reports = (request for request in options.reports if request.format in suites.SUITE_FORMATS)
-    return replace(options, reports=tuple(reports))
+def announcement(entries: Sequence[SuiteEntry]) -> str:
+    """Return the line that says how many runs there are, and how long they will take."""
+    total = time_text(sum(entry.seconds for entry in entries))
+    return f"{pluralize(len(entries), 'run')}: about {total}"
 
 
 def _check_reports(options: RunArguments) -> None:
     for report in options.reports:
-        if report.format not in suites.SUITE_FORMATS and _NAME_FIELD not in report.path:
+        if report.format not in suites.SUITE_FORMATS and NAME_FIELD not in report.path:
             raise click.UsageError(
                 f"the summary of several runs has no format {report.format}: it has "
-                f"{', '.join(suites.SUITE_FORMATS)}; with {_NAME_FIELD} in the path, as in "
-                f"{report.format}=reports/{_NAME_FIELD}.{report.format}, each run has a report"
+                f"{', '.join(suites.SUITE_FORMATS)}; with {NAME_FIELD} in the path, as in "
+                f"{report.format}=reports/{NAME_FIELD}.{report.format}, each run has a report"
             )
 
 
-def _prepare(entry: SuiteEntry, options: RunArguments) -> None:
+def prepare_entry(entry: SuiteEntry, options: RunArguments) -> None:
     """Check one spec before anything runs; its error is that of its run."""
     selection = entry.selection
     try:
         prepared = prepare_and_report(
             selection,
             smoke=options.smoke,
-            require_slos=options.require_slos,
             infos=options.verbose,
         )
     except R2bspecError as error:
@@ -225,7 +135,7 @@ def _prepare(entry: SuiteEntry, options: RunArguments) -> None:
     entry.name = f"{prepared.plan.name}{entry.suffix}"
     named = msgspec.structs.replace(prepared.plan, name=entry.name)
     entry.prepared = replace(prepared, plan=named)
-    entry.estimate = run_single.estimate_of(entry.prepared, selection, options)
+    entry.estimate = run_single.estimate_of(entry.prepared, options)
 
 
 def _assign_folders(entries: Sequence[SuiteEntry], root: Path) -> None:
@@ -253,6 +163,22 @@ class Suite:
         self._started_at = _now()
         self._results: dict[str, Result] = {}
         self._written = self._writing = 0.0
+
+    @classmethod
+    def of(cls, options: RunArguments) -> Suite:
+        """Return the suite of a call.
+
+        Raises:
+            FolderTakenError: its folder has the runs of an earlier call.
+        """
+        _check_reports(options)
+        root = options.output or api.default_run_folder("smoke-suite" if options.smoke else "suite")
+        if not options.resume and is_regular(root / SUMMARY_FILE):
+            raise FolderTakenError(
+                f"{root} has the runs of an earlier call",
+                hint="Choose a new folder with --output, or go on with --resume.",
+            )
+        return cls(root, options)
 
     def create_folder(self) -> None:
         """Create the folder of the suite."""
@@ -372,7 +298,7 @@ class Suite:
             for request in self._options.reports
             if request.format == "html" and request.path != STDOUT
         )
-        return next((page for page in pages if _NAME_FIELD not in page.path), None)
+        return next((page for page in pages if NAME_FIELD not in page.path), None)
 
     def _page_of(self, entry: SuiteEntry) -> str:
         """The HTML page of a run, where there is one."""
@@ -383,9 +309,9 @@ class Suite:
         """The reports of one run; a summary in HTML has a page of each run to link to."""
         name = "-".join(entry.folder.relative_to(self.root).parts)
         requests = tuple(
-            replace(request, path=request.path.replace(_NAME_FIELD, name))
+            replace(request, path=request.path.replace(NAME_FIELD, name))
             for request in self._options.reports
-            if _NAME_FIELD in request.path
+            if NAME_FIELD in request.path
         )
         summary = self._summary_page()
         if summary is None or any(request.format == "html" for request in requests):
@@ -438,7 +364,7 @@ class Suite:
         """Write the summary to its file, to the requested reports, and to standard output."""
         self._write_summary()
         summary = self._summary()
-        requests = [report for report in self._options.reports if _NAME_FIELD not in report.path]
+        requests = [report for report in self._options.reports if NAME_FIELD not in report.path]
         for request in requests:
             content = suites.render(request.format, summary, self._results, request.path)
             write_report(request.path, content)
@@ -453,7 +379,7 @@ class LocalExecutor:
 
     suite: Suite
     options: RunArguments
-    gate: MergeGate | None = None
+    make: Play
 
     def play(self, entries: Sequence[SuiteEntry]) -> Playing:
         """The runs in their order."""
@@ -481,10 +407,7 @@ class LocalExecutor:
             echo(f"[{number + 1}/{len(entries)}] {entry.name}: {entry.estimate.text()}", err=True)
         later_s = sum(later.seconds for later in entries[number + 1 :])
         remaining = RemainingTime(entry.estimate, after_s=later_s)
-        of_run = self.suite.options_of(entry)
-        result = run_single.execute(
-            entry.benchmark, entry.selection, of_run, entry.folder, remaining, self.gate
-        )
+        result = self.make(entry, self.suite.options_of(entry), remaining)
         if not self.options.quiet:
             echo(f"  {headline(result)}", err=True)
             for sentence in (*notes_of_an_open_run(result), *result.gate):

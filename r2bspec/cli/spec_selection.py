@@ -20,7 +20,7 @@ from r2bspec.language.selected_spec import SpecSelection as SpecSelection
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
-    from r2bspec.compare.base_tree import BaseReference
+    from r2bspec.compare.base_reference import BaseReference
     from r2bspec.language.load_spec import LoadedSpec
     from r2bspec.plan.time_estimate import TimeEstimate
     from r2bspec.report.suite import SuiteRun
@@ -33,7 +33,6 @@ def prepare_and_report(
     selection: SpecSelection,
     *,
     smoke: bool = False,
-    require_slos: bool = False,
     infos: bool = True,
 ) -> PreparedBenchmark:
     """Prepare a spec, or a smoke run of it; findings are printed to standard error.
@@ -41,12 +40,10 @@ def prepare_and_report(
     Args:
         selection: the spec.
         smoke: prepare a smoke run.
-        require_slos: refuse a spec that nothing can fail.
         infos: print findings of severity info, too.
 
     Raises:
         InvalidSpecError: it has errors.
-        MissingObjectivesError: nothing can fail it, and `require_slos` is given.
         PlanError: the file is not a valid plan.
         DataError: the bag does not exist or is not readable.
     """
@@ -65,21 +62,7 @@ def prepare_and_report(
             if infos or diagnostic.severity != Severity.INFO
         ]
         show_findings(shown, prepared.loaded)
-    if require_slos:
-        _require_objectives(prepared, selection)
     return prepared
-
-
-def _require_objectives(prepared: PreparedBenchmark, selection: SpecSelection) -> None:
-    from r2bspec.compare.gate_strength import MissingObjectivesError, require_objectives
-
-    loaded = prepared.loaded
-    try:
-        require_objectives(prepared.plan, loaded.file if loaded else str(selection.spec))
-    except MissingObjectivesError as error:
-        show_findings([error.diagnostic], loaded)
-        error.remainder = ""
-        raise
 
 
 def base_selection(head: SpecSelection, reference: BaseReference) -> SpecSelection:
@@ -176,20 +159,6 @@ def suite_entries(
             hint="See 'labels' of the specs.",
         )
     return entries
-
-
-def selected_files(files: Sequence[str], select: Sequence[str]) -> list[str]:
-    """The files of which a case has all labels of ``--select``.
-
-    Raises:
-        click.UsageError: a label is malformed.
-    """
-    labels = [_parse_label(text) for text in select]
-    return [
-        file
-        for file in files
-        if any(_matches(loaded, labels) for loaded, _ in _cases_of(SpecSelection(Path(file))))
-    ]
 
 
 def _cases_of(selection: SpecSelection) -> Iterator[tuple[LoadedSpec | None, str]]:

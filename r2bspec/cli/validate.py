@@ -54,7 +54,6 @@ if TYPE_CHECKING:
         "--fix": "Apply safe fixes to the files.",
         "--diff": "Show the changes of --fix without writing them.",
         "--strict": "Warnings fail, too.",
-        "--require-slos": "A spec without an objective that can fail is an error.",
     }
 )
 @click.option(
@@ -70,7 +69,6 @@ def command(
     fix: bool,
     diff: bool,
     strict: bool,
-    require_slos: bool,
     quiet: bool,
     watch: bool,
 ) -> int:
@@ -81,9 +79,7 @@ def command(
     """
     from r2bspec.cli.internal_error import InternalError, WorkerEndedError
 
-    check_options = CheckOptions(
-        values, offline=offline, resolved=resolved, require_slos=require_slos
-    )
+    check_options = CheckOptions(values, offline=offline, resolved=resolved)
     if watch:
         if fix or diff or resolved or output_format != "text" or "-" in paths:
             raise click.UsageError(

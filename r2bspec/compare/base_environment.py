@@ -8,39 +8,33 @@ of the base that kept them would run the head's code, and find no difference. So
   the base has none;
 - a package that is installed as editable from the head's work tree is found in the base first;
 - an overlay that was built from the head's work tree, and a package that was installed from it as
-  a copy, cannot be turned into the base's. They go if the base is built (``benchmark.gate.base``,
-  ``--base-build``, ``--base-setup``), and are an error otherwise.
+  a copy, cannot be turned into the base's. They go if the base is built
+  (``benchmark.gate.base``), and are an error otherwise.
 
 What the processes have really loaded is checked after each run (`r2bspec.compare.merge_gate`).
 
 Then the base becomes what runs: its build commands, and the environment that its setup makes.
 Which commands these are is the base's own matter: its version of ``benchmark.gate.base`` counts, so
-that a change cannot decide how it is compared. The options of the pipeline are for a base that says
-nothing.
+that a change cannot decide how it is compared.
 """
 
 from __future__ import annotations
 
 import ast
-import contextlib
 import importlib.metadata
 import json
 import os
 import re
-import signal
-import subprocess
 import sys
-import tempfile
-import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO
 from urllib.parse import unquote, urlsplit
 
 from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
 from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import ExitStatus, R2bspecError
+from r2bspec.execute.processes.bounded_command import run_bounded
 from r2bspec.execute.processes.environment import applied_environment, workspace_environment
 from r2bspec.execute.progress import Progress
 from r2bspec.execute.states import Interrupts
@@ -57,9 +51,7 @@ SEARCH_PATHS = (
 _COLCON_MARK = ".colcon_install_layout"
 _FINDER = re.compile(r"__editable___.*_finder\.py")
 
-_WAY_OUT = (
-    "Say how the base is built: benchmark.gate.base in the spec, or --base-build and --base-setup."
-)
+_WAY_OUT = "Say in the spec how the base is built: benchmark.gate.base."
 
 
 def base_environment(tree: BaseTree, *, built: bool) -> dict[str, str]:
@@ -222,12 +214,6 @@ def _finder_folders(file: Path) -> list[str]:
     return []
 
 
-_POLL_S = 0.05
-_TAIL_LINES = 20
-_TAIL_BYTES = 16_384
-_MAX_LINE = 200
-
-
 class BaseBuildError(R2bspecError):
     """The base of a gate does not build."""
 
@@ -287,31 +273,11 @@ def _run(command: Sequence[str], tree: BaseTree, timeout_s: float) -> None:
         BaseBuildError: it fails, or takes too long.
         InterruptedRunError: a signal arrived.
     """
-    with tempfile.TemporaryFile() as log, Interrupts() as interrupts:
-        try:
-            process = subprocess.Popen(
-                list(command),
-                cwd=tree.top,
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
-        except (OSError, ValueError) as error:
-            raise _failed(command, tree, f"cannot be started: {error}") from error
-        deadline_s = time.monotonic() + timeout_s
-        try:
-            while process.poll() is None:
-                interrupts.check()
-                if time.monotonic() > deadline_s:
-                    raise _failed(command, tree, f"did not end within {timeout_s:g} s", _tail(log))
-                time.sleep(_POLL_S)
-        finally:
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
-        if process.returncode:
-            raise _failed(command, tree, f"ended with {process.returncode}", _tail(log))
+    with Interrupts() as interrupts:
+        done = run_bounded(command, timeout_s=timeout_s, folder=tree.top, check=interrupts.check)
+        interrupts.check()
+    if done.problem:
+        raise _failed(command, tree, done.problem, done.last_lines)
 
 
 def _failed(command: Sequence[str], tree: BaseTree, what: str, tail: str = "") -> BaseBuildError:
@@ -320,11 +286,3 @@ def _failed(command: Sequence[str], tree: BaseTree, what: str, tail: str = "") -
         + (f"; its last output:\n{tail}" if tail else ""),
         hint="Mend the base, or judge the head alone: --allow base.",
     )
-
-
-def _tail(log: IO[bytes]) -> str:
-    """The last lines of a log."""
-    size = log.seek(0, os.SEEK_END)
-    log.seek(max(0, size - _TAIL_BYTES))
-    lines = log.read().decode(errors="replace").splitlines()[-_TAIL_LINES:]
-    return "\n".join(clip(line, _MAX_LINE) for line in lines)

@@ -1,29 +1,20 @@
-"""The base of a comparison: the argument of ``--against``, and the work tree that it names.
+"""The base of a gate: a commit, its files as git lists them, and a private copy of them.
 
-    REVISION            the same spec as a revision of git has it: a branch, a tag, a commit;
-                        with three dots at its end, where the work tree branched off from it
-    FOLDER              the same spec in another work tree
-    SPEC                another spec, or a plan written by 'r2bspec plan'
-    var:NAME=VALUE      the same spec with another value of a declared variable
-    set:PATH=VALUE      the same spec with another value anywhere
-    env:FILE            another workspace: its setup file, the folder of its installation,
-    env:FOLDER          or a single variable of the environment
-    env:NAME=VALUE
+The copy is written from the objects of the repository, byte for byte, into a folder outside of it,
+which is removed at the end. Nothing that a repository can bring along is executed or applied: no
+hook, no filter, no attribute, no replaced object, no graft; and nothing is fetched. ``git archive``
+would apply the attributes of the very tree that is compared: files could leave themselves out.
 
-Several are combined: a spec and its variables, in an environment. Whether a revision exists is
-asked of the repository that holds the spec, when the base is opened.
+A name that two references have is refused: a tag or a branch that somebody pushed must not take the
+place of the branch that a pipeline means.
 
-A revision is written from the objects of the repository, into a folder of its own outside of the
-repository, which is removed at the end. Nothing that a repository can bring along is executed or
-applied: no hook, no filter, no attribute, no configuration of a submodule; and nothing is fetched.
-Files of Git LFS are taken from the local storage of the repository; what is not there stays the
-pointer that git knows, and is named in a note.
+Files of Git LFS are taken from the storage of the clone, or from the work tree where it has the
+same content. Submodules are not in the copy. What is missing is named in a note.
 """
 
 from __future__ import annotations
 
 import contextlib
-import errno
 import hashlib
 import os
 import re
@@ -31,169 +22,58 @@ import shutil
 import stat
 import subprocess
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import IO, BinaryIO
+from typing import IO
 
 from r2bspec.diagnostics import did_you_mean
-from r2bspec.diagnostics.quote import clip, first_words
+from r2bspec.diagnostics.quote import clip, first_words, pluralize
 from r2bspec.errors import UsageError
-from r2bspec.language.secrets import shown_value
 from r2bspec.record.graph_identity import Revision, revision_text
 from r2bspec.safe_io import git
-from r2bspec.safe_io.limits import MAX_TREE_BYTES, MAX_TREE_FILES
 from r2bspec.safe_io.private_files import temporary_folder
-from r2bspec.safe_io.safe_file import is_folder, is_regular, is_there
+from r2bspec.safe_io.safe_file import is_regular
 
-HINT = (
-    "Give a revision of git such as origin/main, another work tree, a spec, var:NAME=VALUE, "
-    "set:PATH=VALUE, or env: with a setup file, an installed workspace or NAME=VALUE."
-)
-
-_SPEC_SUFFIXES = (".yaml", ".yml", ".json")
-
-
-class BadReferenceError(UsageError):
-    """The argument of ``--against`` is not a base."""
-
-    code = "R2B656"
-
-
-@dataclass(frozen=True)
-class BaseReference:
-    """The base of a comparison, as given on the command line.
-
-    Attributes:
-        text: the arguments, joined, without the values of secrets.
-        revision: what git calls the base; empty for none.
-        folder: another work tree; None for none.
-        spec: another spec or plan; None for that of the head.
-        variables: values of variables that differ from the head's.
-        sets: values that differ from the head's, each as ``path=value``.
-        environments: read by `r2bspec.execute.processes.environment.workspace`, in order.
-    """
-
-    text: str
-    revision: str = ""
-    folder: Path | None = None
-    spec: Path | None = None
-    variables: Mapping[str, str] = field(default_factory=dict)
-    sets: tuple[str, ...] = ()
-    environments: tuple[str, ...] = ()
-
-    @property
-    def changes_spec(self) -> bool:
-        """Whether the base has another spec, or other values, and not only an environment."""
-        return bool(self.spec or self.variables or self.sets or self.has_tree)
-
-    @property
-    def has_tree(self) -> bool:
-        """Whether the base has a work tree of its own, with its spec and its code."""
-        return bool(self.revision) or self.folder is not None
-
-
-def parse_base_reference(texts: Sequence[str]) -> BaseReference:
-    """Parse the arguments of ``--against``.
-
-    Raises:
-        BadReferenceError: an argument is malformed, or a second spec, or does not exist.
-    """
-    bases: list[str] = []
-    variables: dict[str, str] = {}
-    sets: list[str] = []
-    environments: list[str] = []
-    for text in texts:
-        kind, colon, rest = text.partition(":")
-        if colon and kind in {"var", "set"}:
-            name, equals, value = rest.partition("=")
-            if not equals or not name:
-                raise BadReferenceError(f"{kind}: takes NAME=VALUE, not {rest!r}", hint=HINT)
-            if kind == "var":
-                variables[name] = value
-            else:
-                sets.append(rest)
-        elif colon and kind == "env":
-            environments.append(rest)
-        else:
-            bases.append(text)
-    if len(bases) > 1:
-        raise BadReferenceError(
-            f"only one base is possible: {bases[0]} or {bases[1]}",
-            hint="Compare with each of them in a run of its own.",
-        )
-    reference = BaseReference(
-        text=", ".join(map(_shown, texts)),
-        variables=variables,
-        sets=tuple(sets),
-        environments=tuple(environments),
-    )
-    return _with_base(reference, bases[0]) if bases else reference
-
-
-def _with_base(reference: BaseReference, text: str) -> BaseReference:
-    """A reference with a spec, a work tree, or what may be a revision."""
-    path = Path(text)
-    if text and is_regular(path):
-        return replace(reference, spec=path)
-    if is_there(path / "record.json") or is_there(path / "pairs.json"):
-        raise BadReferenceError(
-            f"{text!r} is a stored run: it cannot be a base",
-            hint="A stored run cannot be played again; 'r2bspec compare' compares finished runs.",
-        )
-    if text and is_folder(path):
-        return replace(reference, folder=path)
-    if not text or text.endswith(_SPEC_SUFFIXES):
-        raise BadReferenceError(f"{text!r} does not exist: it cannot be a base", hint=HINT)
-    return replace(reference, revision=text)
-
-
-def _shown(text: str) -> str:
-    """A reference as it may be shown: one that sets a secret, without its value."""
-    name, equals, value = text.removeprefix("env:").partition("=")
-    return f"env:{name}={shown_value(name, value)}" if text.startswith("env:") and equals else text
-
-
-_TREE = "tree"
+HINT = "Give --base a revision that this clone has, such as refs/remotes/origin/main."
 
 _BLOCK_BYTES = 1 << 20
-
+_MAX_POINTER_BYTES = 1024
 _LFS_POINTER = re.compile(
     rb"version https://git-lfs\.github\.com/spec/v1\n(?:ext-.*\n)*"
-    rb"oid sha256:([0-9a-f]{64})\nsize (\d{1,15})\n"
+    rb"oid sha256:([0-9a-f]{64})\nsize \d{1,15}\n"
 )
-_MAX_POINTER_BYTES = 1024
 _COMMIT = re.compile("[0-9a-f]{40}")
-_BRANCH = re.compile(r"(?![0-9a-f]{7,40}$)[A-Za-z][\w.-]*")
 
 
 class BaseRevisionError(UsageError):
     """The base of a gate cannot be had as files."""
 
     code = "R2B694"
-    way_out = "Give --against a commit that 'git worktree add' can check out, or a work tree."
 
 
 @dataclass(frozen=True)
 class BaseTree:
-    """The work tree of the base.
+    """The files of the base.
 
     Attributes:
-        top: its folder.
+        top: the folder with the copy.
         head_top: the top of the work tree of the head, which has the same layout.
         name: of the base, as reports show it: ``origin/main@9b1e44f``.
-        revision: what it is a state of; None if that is not known.
-        notes: what is not as in a checkout, a sentence each.
+        revision: what it is a state of.
+        files: the mode of each file and link, by its path below the top, as git lists them.
+        notes: what is not as in a checkout of the base, a sentence each.
     """
 
     top: Path
     head_top: Path
     name: str
-    revision: Revision | None
+    revision: Revision
+    files: Mapping[str, int]
     notes: tuple[str, ...] = ()
 
     def in_base(self, path: Path) -> Path | None:
-        """Where the base has a path of the head's tree; None for a path outside of it."""
+        """Return where the base has a path of the head's tree; None for a path outside of it."""
         try:
             return self.top / path.resolve().relative_to(self.head_top)
         except ValueError:
@@ -201,140 +81,98 @@ class BaseTree:
 
 
 @contextlib.contextmanager
-def open_base_tree(reference: BaseReference, spec: Path) -> Iterator[BaseTree]:
-    """The work tree of a base, while the context lasts.
+def open_base_tree(text: str) -> Iterator[BaseTree]:
+    """Yield the base of the repository that holds the working folder.
 
     Args:
-        reference: has a revision or a folder.
-        spec: of the head, or its folder; a file of the repository.
+        text: a revision. If HEAD lacks commits of it, the base is where HEAD left it.
 
     Raises:
-        BaseRevisionError: there is no such revision, or it cannot be written.
+        BaseRevisionError: there is no such revision, it is ambiguous, or it cannot be written.
     """
-    folder = spec if spec.is_dir() else spec.parent
-    head_top = git.find_work_tree(folder)
-    if reference.folder is not None:
-        yield _other_work_tree(reference.folder.resolve(), head_top or folder.resolve())
-        return
+    head_top = git.find_work_tree(Path.cwd())
     if head_top is None:
         raise BaseRevisionError(
-            f"{clip(reference.revision)!r} is neither a file nor a folder, and {folder} is in no "
-            "git repository that could know it as a revision",
-            hint=HINT,
+            f"the working folder is in no git repository: there is no base {clip(text)!r}",
+            hint="Call it in the work tree of the change.",
         )
-    commit = _commit(head_top, reference.revision)
-    revision = Revision(commit=commit, dirty=False, name=reference.revision.removesuffix("..."))
+    tip = _named_commit(head_top, text)
+    commit, notes = _merge_base(head_top, text, tip)
+    name = re.sub("^refs/(heads|remotes|tags)/", "", text)
+    revision = Revision(commit=commit, dirty=False, name=name)
     with contextlib.ExitStack() as stack:
         try:
-            place = stack.enter_context(temporary_folder("base"))
+            top = stack.enter_context(temporary_folder("base")).resolve() / "tree"
+            # What looks for the top of a work tree finds it, although git finds no repository.
+            (top / ".git").mkdir(parents=True)
         except OSError as error:
             raise _unwritable(Path(tempfile.gettempdir()), error) from error
-        (place / _TREE).mkdir()
-        # What looks for the top of a work tree finds it, although git finds no repository.
-        (place / _TREE / ".git").mkdir()
-        notes = _TreeWriter(head_top, commit, place / _TREE).write()
+        writer = _TreeWriter(head_top, commit, top)
         yield BaseTree(
-            # As `resolve` names it: files that processes load are compared with it.
-            top=(place / _TREE).resolve(),
+            top=top,
             head_top=head_top,
             name=revision_text(revision),
             revision=revision,
-            notes=notes,
+            files=writer.write(),
+            notes=(*notes, *writer.notes()),
         )
 
 
-def _other_work_tree(folder: Path, head_top: Path) -> BaseTree:
-    """A work tree that exists; it is used as it is."""
-    top = git.find_work_tree(folder) or folder
-    if top == head_top:
-        raise BaseRevisionError(
-            f"{folder} is in the work tree of the head",
-            hint="Give another work tree, such as one of git worktree add, or a revision.",
-        )
-    state = git.inspect_work_tree(top)
-    if state is None or not state.commit:
-        return BaseTree(top=top, head_top=head_top, name=folder.name, revision=None)
-    revision = Revision(commit=state.commit, dirty=bool(state.changed), name=folder.name)
-    return BaseTree(top=top, head_top=head_top, name=revision_text(revision), revision=revision)
-
-
-def _commit(top: Path, text: str) -> str:
-    """The commit that a text means.
+def _named_commit(top: Path, text: str) -> str:
+    """Return the commit that a text means.
 
     Raises:
-        BaseRevisionError: git knows none.
+        BaseRevisionError: git knows none, or several.
     """
-    name = text.removesuffix("...")
-    commit = git.commit_of(top, name)
-    if commit is not None and name != text:
-        commit = _output(top, "merge-base", commit, "HEAD") or None
-    if commit is not None:
-        return commit
-    raise _unknown_revision(top, name, branched_off=name != text)
+    commits = git.commits_named(top, text)
+    if len({*commits.values()}) > 1:
+        places = (f"{name} is {commit[:12]}" for name, commit in commits.items() if name != text)
+        raise BaseRevisionError(
+            f"{clip(text)!r} is ambiguous: {', '.join(places)}",
+            hint="Give the full name of the one that is meant, such as refs/remotes/origin/main.",
+        )
+    if commits:
+        return next(iter(commits.values()))
+    raise _unknown_revision(top, text)
 
 
-def _unknown_revision(top: Path, name: str, *, branched_off: bool) -> BaseRevisionError:
-    """The error that git does not know a commit, with the name that may be meant."""
-    shallow = _output(top, "rev-parse", "--is-shallow-repository") == "true"
-    known = git.commit_of(top, name) is not None
-    message = f"git knows no revision {name!r}"
-    if branched_off and known:
-        message = f"git finds no commit from which HEAD and {name!r} branched off"
+def _unknown_revision(top: Path, name: str) -> BaseRevisionError:
+    """Return the error that git knows no such commit, with what to fetch, or what may be meant."""
+    message, hint = f"git knows no revision {clip(name)!r}", HINT
+    short = re.sub("^refs/(heads|remotes)/", "", name)
+    remote, slash, branch = short.partition("/")
+    shallow = git.output_of(top, "rev-parse", "--is-shallow-repository") == "true"
+    depth = " --depth=1" if shallow else ""
     if shallow:
         message += ": this clone is shallow, and does not have it"
-    fetch = _fetch_of(top, name, shallow=shallow, branched_off=branched_off)
-    # What a shallow clone has is the change itself: nothing to compare it with.
-    if not known and not (fetch and shallow) and (close := _similar_ref(top, name)):
+    if shallow and _COMMIT.fullmatch(name):
+        hint = f"Fetch it first: git fetch{depth} origin {name}."
+    elif slash and remote in git.output_of(top, "remote").split():
+        hint = f"Fetch it first: git fetch{depth} {remote} {branch}:refs/remotes/{short}."
+    if not shallow and (close := did_you_mean(short, git.ref_names(top))):
         message += f"; did you mean {close!r}?"
-    way_out = f"Fetch it first: {fetch}. The base can also be a work tree, or a spec."
-    return BaseRevisionError(message, hint=way_out if fetch else HINT)
+    return BaseRevisionError(message, hint=hint)
 
 
-def _similar_ref(top: Path, name: str) -> str:
-    """The branch or tag that may be meant: the same one of another place, or a similar name."""
-    refs = [ref for ref in git.ref_names(top) if not ref.endswith("/HEAD")]
-    branch = name.rpartition("/")[2]
-    elsewhere = next((ref for ref in refs if ref.rpartition("/")[2] == branch), "")
-    similar = did_you_mean(name, refs)
-    return similar or elsewhere if "/" in name else elsewhere or similar
-
-
-def _fetch_of(top: Path, name: str, *, shallow: bool, branched_off: bool) -> str:
-    """The command that gets a revision which this clone left out; empty if it left none out."""
-    depth = " --unshallow" if shallow and branched_off else " --depth=1" if shallow else ""
-    remote, slash, branch = name.partition("/")
-    remotes = _output(top, "remote").split()
-    if not slash and remotes and _BRANCH.fullmatch(name) and git.commit_of(top, name) is None:
-        there = f"{remotes[0]}/{name}"
-        if not shallow or git.commit_of(top, there) is not None:
-            return ""
-        return f"git fetch{depth} {remotes[0]} {name}:refs/remotes/{there}, and name it {there}"
-    if slash and remote in remotes:
-        fetched = _output(top, "config", "--get-all", f"remote.{remote}.fetch").split()
-        has_all = any("refs/heads/*:" in refspec for refspec in fetched)
-        return (
-            f"git fetch{depth} {remote} {branch}:refs/remotes/{name}"
-            if shallow or not has_all
-            else ""
-        )
-    if shallow and git.commit_of(top, name) is not None:
-        return f"git fetch{depth}"
-    return f"git fetch{depth} origin {name}" if shallow and _COMMIT.fullmatch(name) else ""
-
-
-def _output(top: Path, *arguments: str) -> str:
-    """What git prints; empty if it fails."""
-    done = git.run_git(top, *arguments)
-    return done.stdout.decode(errors="replace").strip() if done and done.returncode == 0 else ""
+def _merge_base(top: Path, name: str, tip: str) -> tuple[str, list[str]]:
+    """Return the commit to compare HEAD with, and what there is to say about it."""
+    base = git.output_of(top, "merge-base", tip, "HEAD")
+    # A shallow clone has no history, but HEAD itself names its parents.
+    head = git.output_of(top, "cat-file", "commit", "HEAD")
+    if base == tip or f"parent {tip}" in head.split("\n\n")[0].splitlines():
+        return tip, []
+    if not base:
+        return tip, [f"This clone knows no common commit of HEAD and {name}: {name} itself counts."]
+    lacking = pluralize(int(git.output_of(top, "rev-list", "--count", f"HEAD..{tip}")), "commit")
+    return base, [f"HEAD lacks {lacking} of {name}: it is compared with {base[:7]}, where it left."]
 
 
 @dataclass(frozen=True)
 class _TreeEntry:
-    """A file of a revision: its mode and object, the size of that, and its path."""
+    """A file of a revision."""
 
     mode: int
     object_id: str
-    size: int
     path: str
 
 
@@ -345,75 +183,58 @@ class _TreeWriter:
         self._top = top
         self._commit = commit
         self._folder = folder
+        self._submodules: list[str] = []
         self._missing_lfs: list[str] = []
         # Linked work trees share the storage of the repository.
-        self._lfs_objects = Path(top, _output(top, "rev-parse", "--git-common-dir"), "lfs/objects")
+        common = git.output_of(top, "rev-parse", "--git-common-dir")
+        self._lfs_objects = Path(top, common, "lfs/objects")
 
-    def write(self) -> tuple[str, ...]:
-        """Write all of them; returns what is not as in a checkout.
+    def write(self) -> dict[str, int]:
+        """Write all files; return their modes by path.
 
         Raises:
             BaseRevisionError: objects are missing, or the disk refuses.
         """
-        entries, submodules = self._entries()
-        files = [entry for entry in entries if stat.S_ISREG(entry.mode)]
-        links = [entry for entry in entries if stat.S_ISLNK(entry.mode)]
-        self._check_space(sum(entry.size for entry in files))
+        entries = [*self._entries()]
+        files = {entry.path: entry.mode for entry in entries}
+        for path in map(PurePosixPath, files):
+            inside = {str(parent) for parent in path.parents} & files.keys()
+            if inside or any(part == ".." or part.lower() == ".git" for part in path.parts):
+                raise BaseRevisionError(
+                    f"{self._commit[:12]} has the path {clip(str(path))!r}, which git would not "
+                    "write"
+                )
+        # Links last: no file is written through one.
+        entries.sort(key=lambda entry: stat.S_ISLNK(entry.mode))
         try:
-            # Links last: nothing is written through one, whatever the tree contains.
-            self._write_objects(files)
-            self._write_objects(links)
+            self._write_objects(entries)
         except OSError as error:
             raise _unwritable(self._folder, error) from error
-        notes = []
-        if submodules:
-            notes.append(f"Submodules are empty in the base: {_named(submodules)}.")
-        if self._missing_lfs:
-            notes.append(
-                f"Files of Git LFS are not in this clone, and are pointers in the base: "
-                f"{_named(self._missing_lfs)}; git lfs fetch origin {self._commit[:12]} gets them."
-            )
-        return tuple(notes)
+        return files
 
-    def _entries(self) -> tuple[list[_TreeEntry], list[str]]:
-        done = git.run_git(self._top, "ls-tree", "-r", "-l", "-z", "--full-tree", self._commit)
+    def notes(self) -> Iterator[str]:
+        """Yield what is not as in a checkout, a sentence each."""
+        if self._submodules:
+            yield f"Submodules are not in the base: {_listed(self._submodules)}."
+        if self._missing_lfs:
+            yield (
+                f"Files of Git LFS are pointers in the base: {_listed(self._missing_lfs)}; "
+                f"git lfs fetch origin {self._commit[:12]} gets them."
+            )
+
+    def _entries(self) -> Iterator[_TreeEntry]:
+        done = git.run_git(self._top, "ls-tree", "-r", "-z", "--full-tree", self._commit)
         if done is None or done.returncode:
             raise self._incomplete(done.stderr if done is not None else b"git does not answer")
-        entries, submodules = [], []
-        paths: set[str] = set()
         for row in done.stdout.split(b"\0")[:-1]:
             description, _, name = row.partition(b"\t")
-            mode, kind, object_id, size = description.split()
-            path = os.fsdecode(name)
+            mode, kind, object_id = description.split()
             if kind == b"commit":
-                submodules.append(path)
-                continue
-            parts = PurePosixPath(path).parts
-            hostile = path.startswith("/") or any(
-                part == ".." or part.lower() == ".git" for part in parts
-            )
-            if hostile or path in paths:
-                raise BaseRevisionError(
-                    f"{self._commit[:12]} has the path {clip(path)!r}, which git would not write"
-                )
-            paths.add(path)
-            length = int(size) if size.isdigit() else 0
-            entries.append(_TreeEntry(int(mode, 8), object_id.decode(), length, path))
-            if len(entries) > MAX_TREE_FILES:
-                raise BaseRevisionError(f"{self._commit[:12]} has over {MAX_TREE_FILES:,} files")
-        return entries, submodules
+                self._submodules.append(os.fsdecode(name))
+            else:
+                yield _TreeEntry(int(mode, 8), object_id.decode(), os.fsdecode(name))
 
-    def _check_space(self, needed: int) -> None:
-        free = shutil.disk_usage(self._folder).free
-        if needed > min(free, MAX_TREE_BYTES):
-            raise _unwritable(
-                self._folder,
-                OSError(errno.ENOSPC, f"{needed:,} bytes are needed, and {free:,} are free"),
-            )
-
-    def _write_objects(self, entries: Sequence[_TreeEntry]) -> None:
-        if not entries:
-            return
+    def _write_objects(self, entries: Iterable[_TreeEntry]) -> None:
         with tempfile.TemporaryFile() as names:
             names.write(b"".join(entry.object_id.encode() + b"\n" for entry in entries))
             names.seek(0)
@@ -436,46 +257,36 @@ class _TreeWriter:
         header = objects.readline().split()
         if len(header) != 3 or header[0].decode() != entry.object_id:
             raise self._incomplete(b" ".join(header))
-        size = int(header[2])
-        target = self._folder / entry.path
+        size, target = int(header[2]), self._folder / entry.path
         target.parent.mkdir(parents=True, exist_ok=True)
         if stat.S_ISLNK(entry.mode):
-            target.symlink_to(os.fsdecode(_read(objects, size)))
+            target.symlink_to(os.fsdecode(self._read(objects, size)))
         else:
-            first = _read(objects, min(size, _BLOCK_BYTES))
-            with self._own_file(target, entry.mode) as file:
-                file.write(first)
-                left = size - len(first)
-                while left:
-                    block = _read(objects, min(left, _BLOCK_BYTES))
+            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
+            first = b""
+            with os.fdopen(os.open(target, flags, 0o600 | entry.mode & 0o100), "wb") as file:
+                while left := size - file.tell():
+                    block = self._read(objects, min(left, _BLOCK_BYTES))
+                    first = first or block
                     file.write(block)
-                    left -= len(block)
             if size <= _MAX_POINTER_BYTES and (pointer := _LFS_POINTER.fullmatch(first)):
                 self._take_lfs_object(target, entry, pointer[1].decode())
         objects.read(1)
 
-    @staticmethod
-    def _own_file(target: Path, mode: int) -> BinaryIO:
-        permissions = 0o700 if mode & 0o100 else 0o600
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
-        return os.fdopen(os.open(target, flags, permissions), "wb")
-
     def _take_lfs_object(self, target: Path, entry: _TreeEntry, digest: str) -> None:
         """Put the content of a file of Git LFS in the place of its pointer, if it is here."""
         stored = self._lfs_objects / digest[:2] / digest[2:4] / digest
-        if not stored.is_file():
-            self._missing_lfs.append(entry.path)
-            return
-        found = hashlib.sha256()
-        with stored.open("rb") as source, target.open("wb") as file:
-            while block := source.read(_BLOCK_BYTES):
-                found.update(block)
-                file.write(block)
-        if found.hexdigest() != digest:
-            raise BaseRevisionError(
-                f"the file of Git LFS for {clip(entry.path)} is damaged in this clone",
-                hint="Remove it from .git/lfs/objects, and fetch it again: git lfs fetch.",
-            )
+        for source in (stored, self._top / entry.path):
+            if is_regular(source) and _sha256(source) == digest:
+                shutil.copyfile(source, target)
+                return
+        self._missing_lfs.append(entry.path)
+
+    def _read(self, source: IO[bytes], size: int) -> bytes:
+        data = source.read(size)
+        if len(data) != size:
+            raise self._incomplete(b"git ended before it had given all objects")
+        return data
 
     def _incomplete(self, said: bytes) -> BaseRevisionError:
         return BaseRevisionError(
@@ -486,19 +297,17 @@ class _TreeWriter:
         )
 
 
-def _read(source: IO[bytes], size: int) -> bytes:
-    data = source.read(size)
-    if len(data) != size:
-        raise BaseRevisionError("git ended before it had given all objects")
-    return data
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _named(paths: Iterable[str]) -> str:
+def _listed(paths: Iterable[str]) -> str:
     return first_words([clip(path) for path in paths], 5)
 
 
 def _unwritable(folder: Path, error: OSError) -> BaseRevisionError:
     return BaseRevisionError(
-        f"the work tree of the base cannot be written to {folder}: {error.strerror or error}",
+        f"the files of the base cannot be written to {folder}: {error.strerror or error}",
         hint="Set TMPDIR to a folder on a disk with enough space.",
     )

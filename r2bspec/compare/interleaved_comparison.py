@@ -48,6 +48,8 @@ class BaseFailsError(R2bspecError):
     """The base of a comparison cannot be played: its spec is not valid, or its graph fails."""
 
     code = "R2B698"
+    exit_code = ExitStatus.USAGE
+    way_out = "Mend the base, or judge the head alone: --allow base."
 
     @classmethod
     def of(cls, error: R2bspecError, text: str = "") -> BaseFailsError:
@@ -57,8 +59,7 @@ class BaseFailsError(R2bspecError):
         that failed was already repeated, so its cause is the base's code, which no pipeline has
         to try a third time; only a disk that cannot be written is no fault of the code.
         """
-        hint = "Mend the base, or judge the head alone: --allow base."
-        failure = cls(text or f"the base fails: {error}", hint=hint)
+        failure = cls(text or f"the base fails: {error}")
         graph_failed = isinstance(error, RunError) and not isinstance(error, UnwritableRunError)
         failure.exit_code = ExitStatus.USAGE if graph_failed else error.exit_code
         return failure

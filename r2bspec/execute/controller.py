@@ -24,7 +24,13 @@ from r2bspec.errors import R2bspecError, refusal_hint
 from r2bspec.execute import errors
 from r2bspec.execute.anatomy import events_folder
 from r2bspec.execute.bringup.launcher import Launcher, message_packages
-from r2bspec.execute.fill_buffers import ResolvedDataset, buffer_bags, obtain_dataset, preprocess
+from r2bspec.execute.fill_buffers import (
+    ResolvedDataset,
+    buffer_bags,
+    obtain_dataset,
+    played_digest,
+    preprocess,
+)
 from r2bspec.execute.identity.identify_graph import graph_identity, observed_identity
 from r2bspec.execute.identity.loaded_files import LoadedFiles
 from r2bspec.execute.measurement.measurement import Measurement
@@ -166,6 +172,7 @@ class _Run:
         self._versions = describe_versions()
         self._wall_clock = ClockOffsetTracker()
         self._datasets: tuple[ResolvedDataset, ...] = ()
+        self._played = ""
         # Checked several times a second, and empty for most plans.
         self._memory_limits = {
             process.name: process.memory_limit_bytes
@@ -241,11 +248,12 @@ class _Run:
         """Take the run through its states."""
         self._prepare()
         # External nodes are in the domain of the user.
-        own = int(os.environ.get("ROS_DOMAIN_ID", "0"))
-        external = contextlib.nullcontext(own) if self._plan.external else None
-        with external or prerequisites.reserved_domain() as self._domain:
+        external = self._plan.external
+        domain = prerequisites.own_domain if external else prerequisites.reserved_domain
+        with domain() as self._domain:
             self._set_up()
             self._fill_buffers()
+            self._played = played_digest(self._plan, self._context.buffer_dir)
             try:
                 self._measure()
             except errors.RunError as error:
@@ -554,7 +562,7 @@ class _Run:
         if not self._datasets:
             return {}
         first, *others = (dataset.provenance for dataset in self._datasets)
-        return first | ({"also": others} if others else {})
+        return first | ({"also": others} if others else {}) | {"played": self._played}
 
     def _differences(self, failure: BaseException | None) -> tuple[Difference, ...]:
         """The differences between the graph and the plan, without duplicates."""

@@ -8,6 +8,7 @@ they take no CPU time from the graph under test.
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import heapq
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -15,6 +16,8 @@ from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, Final
+
+import msgspec
 
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
@@ -295,6 +298,19 @@ def _expected_subscriptions_by_host(
         for child, process in nodes
         if process.role == "host"
     }
+
+
+def played_digest(plan: Plan, folder: Path) -> str:
+    """Return a digest of the messages in the buffers of all inputs and calls; empty without any."""
+    whole = hashlib.sha256()
+    sources = {input_.source for input_ in plan.inputs}
+    sources |= {call.source for call in plan.called.values() if call.source}
+    for topic in sorted(sources):
+        index = buffers.read_index(folder, topic)
+        whole.update(msgspec.json.encode((topic, index.sizes)))
+        with buffers.buffer_path(folder, topic, "cdr").open("rb") as file:
+            whole.update(hashlib.file_digest(file, "sha256").digest())
+    return whole.hexdigest() if sources else ""
 
 
 def _check_outputs(

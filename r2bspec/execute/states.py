@@ -24,6 +24,7 @@ from typing import Any, Final
 from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.progress import Progress
 from r2bspec.record.run_record import PhaseTime, WaitTime
+from r2bspec.safe_io.terminal import leave_terminal
 
 
 class RunState(StrEnum):
@@ -245,6 +246,8 @@ class Interrupts:
             signal.signal(number, handler)
 
     def _note(self, number: int, _frame: FrameType | None) -> None:
+        if number == signal.SIGHUP:
+            leave_terminal()
         now_s = time.monotonic()
         if self._received is None:
             self._received, self._received_s = signal.Signals(number), now_s

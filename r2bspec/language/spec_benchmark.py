@@ -503,7 +503,7 @@ class Gate(Record, frozen=True, kw_only=True):
             iterations, repetitions and confirmation is skipped.
         interference: The effect of other load on the machine: tolerate judges the run as it was
             measured; note makes a failure inconclusive if it is not clear without the load.
-        base: How the base of 'run --against REVISION' becomes what runs: its own version of this
+        base: How the base of 'r2bspec gate' becomes what runs: its own version of this
             key counts. Paths are relative to the top of the work tree.
     """
 
@@ -569,8 +569,7 @@ class Pacing(StartWaits, frozen=True, kw_only=True):
     """How long a run waits, at least or at most: keys of `benchmark` that the plan has as they are.
 
     A key that only the executor reads is one of these, or of `StartWaits`: what is declared here is
-    a key of the language and a field of `r2bspec.plan.plan.Plan` at once. More of it makes a gate
-    weaker.
+    a key of the language and a field of `r2bspec.plan.plan.Plan` at once.
 
     Attributes:
         start_timeout: How long the graph may take from its first process to its first output.

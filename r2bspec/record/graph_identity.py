@@ -5,7 +5,7 @@ and belongs to the record. Digests do not depend on where a work tree lies, so t
 with the same code have the same identity. The revision is for people: a commit that changes
 nothing of the graph is not another graph.
 
-Runs can be compared if they share the fingerprint of a machine. What was really in the processes of
+What was really in the processes of
 a graph is in ``loaded_files.json`` of a run folder: mapped files (programs, libraries, extension
 modules) and modules of Python. A node that took a module from elsewhere shows there.
 """
@@ -19,8 +19,6 @@ from pathlib import PurePosixPath
 from typing import Any, Final
 
 import msgspec
-
-from r2bspec.safe_io.safe_json import decode_json
 
 _SHOWN_COMMIT_DIGITS: Final = 7
 
@@ -106,19 +104,6 @@ def identity_digest(nodes: Mapping[str, NodeIdentity], packages: Mapping[str, st
 
 def _digest(value: object) -> str:
     return hashlib.sha256(msgspec.json.encode(value)).hexdigest()
-
-
-def encode_identity(identity: GraphIdentity | None) -> str:
-    """An identity as JSON on one line; empty for None."""
-    return msgspec.json.encode(identity).decode() if identity is not None else ""
-
-
-def decode_identity(text: str) -> GraphIdentity | None:
-    """What `encode_identity` wrote; None for an empty or a damaged text."""
-    try:
-        return decode_json(text.encode(), GraphIdentity) if text else None
-    except (msgspec.DecodeError, ValueError):
-        return None
 
 
 def revision_text(revision: Revision | None) -> str:
@@ -242,8 +227,6 @@ MACHINE_FACTS: Final = ("architecture", "cpu", "cores", "gpus", "cpu_governor")
 """The facts that determine the speed of a machine and are constant over time. They do not include
 the host name: machines of one kind are interchangeable, as in a pool of CI runners."""
 
-_FINGERPRINT_DIGITS = 12
-
 
 def check_machine_facts(machine: Mapping[str, Any]) -> None:
     """See that the facts which are calculated with are what they should be.
@@ -260,25 +243,3 @@ def check_machine_facts(machine: Mapping[str, Any]) -> None:
             raise ValueError(f"machine.{name} is no number above 0")
     if not isinstance(machine.get("gpus") or [], list):
         raise ValueError("machine.gpus is no list")
-
-
-def fingerprint(machine: Mapping[str, Any]) -> str:
-    """Identifies the kind of machine, with twelve hexadecimal digits.
-
-    Args:
-        machine: as in `RunRecord.machine`; unknown facts are ignored.
-    """
-    facts = [machine.get(key) or None for key in MACHINE_FACTS]
-    return hashlib.sha256(msgspec.json.encode(facts)).hexdigest()[:_FINGERPRINT_DIGITS]
-
-
-def describe_machine(machine: Mapping[str, Any]) -> str:
-    """The description of a machine, on one line."""
-    cores = machine.get("cores")
-    parts = (
-        str(machine.get("cpu") or machine.get("architecture") or "an unknown machine"),
-        f"{cores} cores" if cores else "",
-        ", ".join(map(str, machine.get("gpus") or ())),
-        str(machine.get("cpu_governor") or ""),
-    )
-    return " · ".join(part for part in parts if part)

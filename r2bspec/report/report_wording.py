@@ -158,6 +158,9 @@ def comparison(result: Result) -> Iterator[str]:
             else (f"Compared with {pairs.against}")
         )
         yield f"{what}, in {played} {how}."
+        base, head = result.base_identity, result.identity
+        if base is not None and head is not None and base.digest == head.digest:
+            yield "Base and head have loaded the same code."
         if pairs.environment:
             yield f"The environment of the base differs in {', '.join(sorted(pairs.environment))}."
         yield from (

@@ -14,6 +14,7 @@ would have them filtered, asks for the names first and overrides each.
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -31,6 +32,7 @@ _KEPT_VARIABLES: Final = frozenset(
 
 _VARIABLES: Final = {
     "GIT_ALLOW_PROTOCOL": "none",
+    "GIT_GRAFT_FILE": os.devnull,
     "GIT_LITERAL_PATHSPECS": "1",
     "GIT_NO_LAZY_FETCH": "1",
     "GIT_NO_REPLACE_OBJECTS": "1",
@@ -117,12 +119,16 @@ def run_git(
 ) -> subprocess.CompletedProcess[bytes] | None:
     """Run git on a work tree; None if there is no git, or it does not end in time.
 
+    A configuration can include a pipe, which nobody writes to: git is asked no second time then.
+
     Args:
         top: the top of the work tree.
         arguments: the subcommand and what follows it. One that reads or writes files of the work
             tree needs `filters`.
         filters: the names of filters that are to do nothing (`filter_names`).
     """
+    if top in _SILENT:
+        return None
     try:
         return subprocess.run(
             git_command(top, *arguments),
@@ -132,8 +138,20 @@ def run_git(
             timeout=GIT_TIMEOUT_S,
             check=False,
         )
-    except (OSError, ValueError, subprocess.TimeoutExpired):
-        return None
+    except subprocess.TimeoutExpired:
+        _SILENT.add(top)
+    except (OSError, ValueError):
+        pass
+    return None
+
+
+_SILENT: Final[set[Path]] = set()
+"""The work trees of which git did not answer in time."""
+
+
+def output_of(top: Path, *arguments: str) -> str:
+    """Return what git prints about a work tree, without the last line break; empty if it fails."""
+    return (_output(top, *arguments) or "").strip()
 
 
 def _output(top: Path, *arguments: str, filters: Iterable[str] = ()) -> str | None:
@@ -193,6 +211,26 @@ def ref_names(top: Path) -> tuple[str, ...]:
     options = (f"--count={MAX_GIT_REFS}", "--format=%(refname:short)")
     names = _output(top, "for-each-ref", *options, "refs/remotes", "refs/heads", "refs/tags")
     return tuple((names or "").split())
+
+
+def commits_named(top: Path, revision: str) -> dict[str, str]:
+    """Return the commits that a revision may mean, by the full names that lead to them.
+
+    Git takes the first that there is, a tag before a branch before one of a remote.
+    """
+    match = _REVISION.fullmatch(revision)
+    if match is None:
+        return {}
+    name, steps = match["name"], match["steps"]
+    names = [name]
+    if not name.startswith("refs/"):
+        names += [f"refs/{kind}{name}" for kind in ("remotes/", "heads/", "tags/", "")]
+    commits = {full: commit_of(top, f"{full}{steps}") for full in names}
+    return {full: commit for full, commit in commits.items() if commit is not None}
+
+
+_REVISION: Final = re.compile(r"(?P<name>[^~^]*)(?P<steps>.*)", re.DOTALL)
+"""A name, and steps from the commit that it has: ``main~2``."""
 
 
 def commit_of(top: Path, revision: str) -> str | None:

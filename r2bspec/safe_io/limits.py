@@ -127,10 +127,8 @@ MAX_LOADED_NAMES_BYTES: Final = 16 << 20
 """Names of files that a process has loaded."""
 MAX_MANIFEST_BYTES: Final = 1_000_000
 """A package.xml."""
-MAX_TREE_FILES: Final = 1_000_000
-"""Of a commit that is compared with."""
-MAX_TREE_BYTES: Final = 200 << 30
-"""Of a commit that is compared with."""
+MAX_COMMAND_OUTPUT_BYTES: Final = 64 << 20
+"""What a build of a base, or a setup file, prints: far more than either needs."""
 MAX_PATH_FILE_BYTES: Final = 1 << 20
 """A .pth file of an environment."""
 MAX_GIT_REFS: Final = 1_000

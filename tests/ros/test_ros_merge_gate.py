@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -26,6 +27,7 @@ pytest.importorskip("rclpy")
 from git_repositories import git
 from nightly import only_nightly, size
 from pull_requests import PACKAGE, PARAMETERS, SPEC, Recipe, Workspace, spec, without_sections
+from ros_runs import write_bag
 
 OUTCOMES = {
     "neutral": "PASS",
@@ -37,15 +39,19 @@ OUTCOMES = {
     "objective weakened": "error R2B692, exit status 2",
     "objective deleted": "error R2B692, exit status 2",
     "all objectives deleted": "error R2B693, exit status 2",
-    "spec deleted": "error R2B692, exit status 2",
-    "spec renamed": "judged, against the base's spec of the same name",
+    "recording or preprocessor changed": (
+        "error R2B692, exit status 2; with `--allow input` both sides get it"
+    ),
+    "spec deleted, renamed, or a link": "error R2B692, exit status 2",
     "new spec without a base": "the head alone is judged",
     "base that fails itself": "error R2B698, exit status 2; with `--allow base` the head alone",
     "base whose spec is broken": "error R2B698, exit status 2; with `--allow base` the head alone",
     "base that does not build": "error R2B695, exit status 2; with `--allow base` the head alone",
     "dirty work tree": "judged as it is; the report says `+dirty`",
-    "same code on both sides": "the graph against itself, which the report says",
-    "shallow clone without the base": "error R2B694, exit status 2, with what to fetch",
+    "same spec and code on both sides": "judged; the report says both",
+    "base that is ambiguous, or not in a shallow clone": (
+        "error R2B694, exit status 2, with what to do"
+    ),
     "a side that loads files of the other": "error R2B696, exit status 2",
 }
 """What a pull request is, and what the gate makes of it."""
@@ -130,7 +136,7 @@ def test_what_changed_is_judged_and_named(workspace: Workspace) -> None:
     workspace.change({PARAMETERS: parameters, RENAMED: WEAKER})
     with (workspace.top / PACKAGE / "cost.py").open("a") as file:
         file.write("# not committed\n")
-    gated = workspace.gate(*ONE_PAIR, spec=RENAMED, allow="objective fast")
+    gated = workspace.gate(*ONE_PAIR, spec=RENAMED, allow=f"objective fast\nspec {SPEC}")
     gated.assert_status(0, 1, 3)
     for words in ("blur.yaml changed", "+dirty", "cost.py changed"):
         assert words in gated.summary
@@ -144,14 +150,28 @@ def test_what_changed_is_judged_and_named(workspace: Workspace) -> None:
 
 
 @SAMPLED
-def test_a_dependency_is_a_part_of_the_graph(workspace: Workspace) -> None:
-    # Both sides find the dependency of the pipeline; a stored run has that of its day.
-    stored = workspace.gate(against="")
-    stored.assert_status(0, 3)
-    workspace.install_dependency("1.1", factor=1.01)
-    gated = workspace.gate("--baseline", str(stored.folder), against="")
+def test_what_is_played_is_the_same_on_both_sides(workspace: Workspace) -> None:
+    write_bag(
+        fresh(workspace.top / "bench/drive"), {"/camera": [50 * at for at in range(20)]}, (8, 8)
+    )
+    workspace.change()
+    gated = workspace.gate(*ONE_PAIR)
+    gated.assert_status(2)
+    assert re.search(r"R2B692.*input: 20 messages, .* was 20 messages", gated.said)
+    gated = workspace.gate(*ONE_PAIR, allow="input")
     gated.assert_status(0, 3)
-    assert "kernels.py changed" in gated.summary
+    assert "Both sides get that of the head" in gated.summary
+    played = [
+        json.loads((gated.folder / f"{side}/001/record.json").read_text())["dataset"]["sha256"]
+        for side in ("base", "head")
+    ]
+    assert played[0] == played[1]
+
+
+def fresh(folder: Path) -> Path:
+    """Remove a folder; return it."""
+    shutil.rmtree(folder)
+    return folder
 
 
 @BOTH
@@ -210,7 +230,6 @@ def test_a_spec_that_is_deleted(workspace: Workspace) -> None:
     gated.assert_status(2)
     assert "R2B692" in gated.summary
     assert f"spec {SPEC}" in gated.summary
-    assert RENAMED in gated.said
 
 
 @SAMPLED
@@ -266,13 +285,14 @@ def test_a_base_that_is_built_runs_what_was_built(workspace: Workspace) -> None:
 def test_the_same_code_is_the_graph_against_itself(workspace: Workspace) -> None:
     gated = workspace.gate(*ONE_PAIR)
     gated.assert_status(0, 3)
-    assert re.search(f"Same spec and same code as {BASE}", gated.summary)
+    assert re.search(rf"Same spec as {BASE}\.", gated.summary)
+    assert "Base and head have loaded the same code." in gated.summary
 
 
 @SAMPLED
 def test_a_shallow_clone_is_told_what_to_fetch(workspace: Workspace) -> None:
     workspace.set_cost(21.0)
-    gated = workspace.shallow_clone().gate(against="origin/main")
+    gated = workspace.shallow_clone().gate(base="origin/main")
     gated.assert_status(2)
     assert "R2B694" in gated.summary
     assert "git fetch --depth=1 origin main:refs/remotes/origin/main" in gated.summary
@@ -293,7 +313,7 @@ def test_a_side_that_loads_files_of_the_other_is_an_error(workspace: Workspace) 
 @pytest.mark.parametrize("recipe", ["shell"])
 def test_an_interrupted_gate_leaves_nothing(workspace: Workspace) -> None:
     process = subprocess.Popen(
-        [sys.executable, "-m", "r2bspec", "run", SPEC, "--against", "main", "--no-lock"],
+        [sys.executable, "-m", "r2bspec", "gate", SPEC, "--base", "main", "--no-lock"],
         cwd=workspace.top,
         env=workspace.environment(),
         stdout=subprocess.PIPE,

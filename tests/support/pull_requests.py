@@ -198,17 +198,15 @@ class Workspace:
         """The environment of a pipeline: the package of the work tree and its dependency."""
         return {**os.environ, "PYTHONPATH": f"{self.head / 'src/blur'}{os.pathsep}{self.site}"}
 
-    def gate(
-        self, *arguments: str, spec: str = SPEC, against: str = "main", allow: str = ""
-    ) -> Gated:
-        """Send what is checked out through the gate, with further arguments of ``r2bspec run``."""
+    def gate(self, *arguments: str, spec: str = SPEC, base: str = "main", allow: str = "") -> Gated:
+        """Send what is checked out through the gate, with further arguments of ``r2bspec gate``."""
         self.runs += 1
         output = self.top.parent / f"gated-{self.runs}"
         gate = self._by_shell if self.recipe == "shell" else self._by_action
-        return gate(("--no-lock", *arguments), spec, against, allow, output)
+        return gate(("--no-lock", *arguments), spec, base, allow, output)
 
     def _by_shell(
-        self, arguments: Sequence[str], spec: str, against: str, allow: str, output: Path
+        self, arguments: Sequence[str], spec: str, base: str, allow: str, output: Path
     ) -> Gated:
         variables = {
             "R2BSPEC_PYTHON": sys.executable,
@@ -217,7 +215,7 @@ class Workspace:
             "R2BSPEC_ARGUMENTS": "\n".join(arguments),
         }
         done = subprocess.run(
-            ["sh", str(GATE), spec, against or "none"],  # noqa: S607
+            ["sh", str(GATE), spec, base],  # noqa: S607
             cwd=self.top,
             env=self.environment() | variables,
             stdin=subprocess.DEVNULL,
@@ -232,7 +230,7 @@ class Workspace:
         return Gated(done.returncode, done.stdout, _shown(summary.read_text()), output / "run")
 
     def _by_action(
-        self, arguments: Sequence[str], spec: str, against: str, allow: str, output: Path
+        self, arguments: Sequence[str], spec: str, base: str, allow: str, output: Path
     ) -> Gated:
         """Run the workflow of docs/ci.md; the job and the summary agree."""
         runner = Runner(
@@ -241,7 +239,7 @@ class Workspace:
             inputs={
                 "python": sys.executable,
                 "spec": spec,
-                "against": {"main": "base", "": "none"}.get(against, against),
+                "base": "" if base == "main" else base,
                 "allow": allow,
                 "arguments": "\n".join(arguments),
             },
@@ -283,7 +281,7 @@ class Gated:
     """What a gate said.
 
     Attributes:
-        status: the exit status of ``r2bspec run``.
+        status: the exit status of ``r2bspec gate``.
         said: everything that it printed.
         summary: what the pull request shows.
         folder: of the run.

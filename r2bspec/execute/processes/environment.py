@@ -20,7 +20,6 @@ import json
 import os
 import re
 import shutil
-import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -31,6 +30,7 @@ from urllib.parse import quote_plus
 import msgspec
 
 from r2bspec.execute.errors import SecretNotSetError, WorkspaceError
+from r2bspec.execute.processes.bounded_command import run_bounded
 from r2bspec.ipc.protocol import MODULES_FOLDER_VARIABLE, RUN_ID_VARIABLE
 from r2bspec.language.secrets import REDACTED, is_secret_variable, secret_reference
 from r2bspec.language.variables import OPENING
@@ -359,24 +359,11 @@ def _source_setup_file(path: Path) -> dict[str, str]:
     if shell is None:
         raise WorkspaceError(f"{path} needs bash, which is not on PATH")
     script = '. "$0" >&2 && exec env -0'
-    try:
-        done = subprocess.run(
-            [shell, "-c", script, str(path.absolute())],
-            capture_output=True,
-            timeout=_SOURCE_TIMEOUT_S,
-            check=False,
-            stdin=subprocess.DEVNULL,
-        )
-    except subprocess.TimeoutExpired as error:
-        raise WorkspaceError(
-            f"sourcing {path} did not finish within {_SOURCE_TIMEOUT_S:g} s"
-        ) from error
-    if done.returncode:
-        lines = done.stderr.decode(errors="replace").strip().splitlines()
-        raise WorkspaceError(
-            f"{path} cannot be sourced: {lines[-1] if lines else f'status {done.returncode}'}"
-        )
-    text = done.stdout.decode(errors="surrogateescape")
+    done = run_bounded([shell, "-c", script, str(path.absolute())], timeout_s=_SOURCE_TIMEOUT_S)
+    if done.problem:
+        said = done.last_lines.rpartition("\n")[2]
+        raise WorkspaceError(f"{path} cannot be sourced: {said or f'it {done.problem}'}")
+    text = done.printed.decode(errors="surrogateescape")
     after = dict(assignment.split("=", 1) for assignment in text.split("\0") if "=" in assignment)
     changes = {name: value for name, value in after.items() if os.environ.get(name) != value}
     changes |= {name: "" for name in os.environ if name not in after}

@@ -25,6 +25,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from r2bspec import harness
+from r2bspec.diagnostics.quote import clip
 from r2bspec.execute import errors
 from r2bspec.judge.measure.units import show
 from r2bspec.middleware.middleware import (
@@ -140,6 +141,8 @@ def find_executable(package: str, name: str) -> Path:
 
 _MIN_DOMAIN, _MAX_DOMAIN = 1, 100
 """Domains whose UDP ports (7400 + 250 x domain) are outside of the ephemeral range of Linux."""
+_LAST_DOMAIN = 232
+"""The last that has UDP ports: of the next, they are beyond 65,535."""
 
 _PORT_BASE = 32768
 """The convention of ROS's `domain_coordinator`: a process that binds TCP port 32768 + N has
@@ -202,6 +205,22 @@ def reserved_domain() -> Iterator[int]:
         f"all ROS domains from {_MIN_DOMAIN} to {_MAX_DOMAIN} are in use on this machine",
         hint="Wait until other runs have finished.",
     )
+
+
+@contextlib.contextmanager
+def own_domain() -> Iterator[int]:
+    """Yield the domain of the user, in which external nodes run.
+
+    Raises:
+        WorkspaceError: the environment names none.
+    """
+    text = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not (text.isascii() and text.isdigit() and int(text) <= _LAST_DOMAIN):
+        raise errors.WorkspaceError(
+            f"ROS_DOMAIN_ID is {clip(text)!r}, no number from 0 to {_LAST_DOMAIN}",
+            hint="Set it to the domain of the nodes that already run, or unset it.",
+        )
+    yield int(text)
 
 
 def require_loopback() -> None:

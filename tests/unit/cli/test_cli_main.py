@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pty
 import re
 import shlex
 import signal
@@ -371,3 +372,29 @@ def test_every_page_of_the_documentation_is_listed_and_printed(call: Call) -> No
     assert call("docs", "proofs/verdicts", status=0).out.startswith("# Proofs of the verdicts")
     assert Path(call("docs", "running", "--path", status=0).out.strip()).is_file()
     assert "did you mean 'running'?" in call("docs", "runing", status=2).err
+
+
+def test_a_terminal_that_is_closed_is_an_interruption() -> None:
+    script = (
+        "import signal, sys; import r2bspec.cli.main as cli\n"
+        "def wait(_):\n    print('ready', flush=True)\n    signal.pause()\n"
+        "cli._called = wait\nsys.exit(cli.main(['validate']))\n"
+    )
+    process, terminal = pty.fork()
+    if not process:
+        os.execv(sys.executable, [sys.executable, "-c", script])  # noqa: S606
+    while b"ready" not in os.read(terminal, 1000):
+        pass
+    os.close(terminal)
+    assert os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == 130
+
+
+def test_a_folder_that_leads_to_itself_is_wrong_usage(tmp_path: Path, call: Call) -> None:
+    (tmp_path / "loop").symlink_to("loop")
+    spec = Path(__file__).parents[3] / "specs/relay.r2b.yaml"
+    for words in (
+        ("run", spec, "--output", tmp_path / "loop/out"),
+        ("run", spec, spec, "--each", "--output", tmp_path / "loop/out"),
+        ("run", spec, "--against", f"env:{tmp_path}/loop/setup.bash"),
+    ):
+        assert "[R2B69" not in call(*words, status=2).err

@@ -25,8 +25,14 @@ from r2bspec.execute.progress import Progress
 from r2bspec.language.quantities import Duration
 from r2bspec.language.spec import GateBase
 from r2bspec.plan.this_machine import find_module
+from r2bspec.record.graph_identity import Revision
 
 PACKAGE = {"src/pkg/pkg/__init__.py": "", "src/pkg/pkg/node.py": "SIDE = 0\n"}
+
+
+def base_tree(top: Path, head_top: Path) -> BaseTree:
+    revision = Revision(commit="1234567", dirty=False, name="main")
+    return BaseTree(top, head_top, "main@1234567", revision, files={})
 
 
 @pytest.fixture
@@ -36,9 +42,7 @@ def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> BaseTree:
     for name in SEARCH_PATHS:
         if name != "PATH":
             monkeypatch.delenv(name, raising=False)
-    return BaseTree(
-        top=tmp_path / "base", head_top=tmp_path / "ws/src/head", name="main@1234567", revision=None
-    )
+    return base_tree(tmp_path / "base", tmp_path / "ws/src/head")
 
 
 def test_entries_of_search_paths_become_those_of_the_base(
@@ -124,21 +128,21 @@ def test_a_virtual_environment_in_the_tree_and_r2bspec_serve_both_sides(
     head = tmp_path / "head"
     environment = head / ".venv"
     (environment / "bin").mkdir(parents=True)
-    tree = BaseTree(top=tmp_path / "base", head_top=head, name="main", revision=None)
+    tree = base_tree(tmp_path / "base", head)
     monkeypatch.setattr(sys, "prefix", str(environment))
     monkeypatch.setenv("PATH", f"{environment / 'bin'}:/usr/bin")
     assert "PATH" not in base_environment(tree, built=False)
     assert not is_code_of(environment / "lib/x.py", tree, "head")
     assert is_code_of(head / "x.py", tree, "head")
     own = Path(r2bspec.__file__).resolve().parent
-    tree = BaseTree(top=tmp_path / "base", head_top=own.parent, name="main", revision=None)
+    tree = base_tree(tmp_path / "base", own.parent)
     assert not is_code_of(own / "api.py", tree, "head")
     assert is_code_of(own.parent / "specs/x.py", tree, "head")
     assert "PYTHONPATH" not in base_environment(tree, built=False)
 
 
 def test_a_base_in_the_tree_of_the_head_is_not_the_head(tmp_path: Path) -> None:
-    tree = BaseTree(top=tmp_path / "base", head_top=tmp_path, name="main", revision=None)
+    tree = base_tree(tmp_path / "base", tmp_path)
     assert not is_code_of(tmp_path / "base/x.py", tree, "head")
     assert is_code_of(tmp_path / "base/x.py", tree, "base")
 

@@ -14,7 +14,7 @@ import pytest
 
 from ament_packages import install_package
 from plans import process_plan
-from r2bspec.execute.errors import NotInstalledError, RunError, SharedMemoryError
+from r2bspec.execute.errors import NotInstalledError, RunError, SharedMemoryError, WorkspaceError
 from r2bspec.execute.processes import prerequisites
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.prerequisites import (
@@ -203,3 +203,19 @@ def test_the_ports_of_every_domain_stay_clear_of_the_ephemeral_range() -> None:
     # OMG DDSI-RTPS 2.5, section 9.6.2.3: PB + DG x domain, and at most 250 ports from there.
     assert 7400 + 250 * (prerequisites._MAX_DOMAIN + 1) <= 32768
     assert prerequisites._MIN_DOMAIN >= 1
+
+
+@pytest.mark.parametrize(("text", "domain"), [("", 0), ("7", 7), ("232", 232)])
+def test_the_domain_of_external_nodes(
+    text: str, domain: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", text)
+    with prerequisites.own_domain() as found:
+        assert found == domain
+
+
+@pytest.mark.parametrize("text", ["abc", "-1", "233", "1.5"])
+def test_what_is_no_domain_is_said(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", text)
+    with pytest.raises(WorkspaceError, match="no number from 0 to"), prerequisites.own_domain():
+        pass

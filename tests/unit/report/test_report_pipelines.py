@@ -17,6 +17,7 @@ from command_line import Call
 from git_repositories import commit, git
 from nightly import sampled
 from pipelines import JOB, STEPS, Ended, Workplace, read_outputs, stand_in
+from r2bspec.safe_io.git import commit_of
 
 
 @pytest.fixture(name="place")
@@ -144,52 +145,6 @@ def test_the_action_installs_its_own_version_in_an_environment_of_its_own(
 # ---- a stranger's change -----------------------------------------------------------------------
 
 
-def is_untrusted(place: Workplace) -> bool:
-    """Whether the last run was one of an untrusted spec."""
-    return "--untrusted" in (place.checkout / "arguments.txt").read_text().splitlines()
-
-
-@pytest.mark.parametrize(
-    ("event", "head", "asked", "untrusted"),
-    [
-        ("push", "", "auto", False),
-        ("pull_request", "owner/robot", "auto", False),
-        ("pull_request", "stranger/robot", "auto", True),
-        ("pull_request", "", "auto", True),  # the fork has been deleted
-        ("pull_request_target", "stranger/robot", "auto", True),
-        ("workflow_run", "stranger/robot", "auto", True),
-        ("pull_request", "stranger/robot", "false", False),
-        ("push", "", "true", True),
-        ("push", "", "flase", True),
-    ],
-)
-def test_pull_requests_from_forks_are_untrusted(
-    place: Workplace, fake: str, event: str, head: str, asked: str, untrusted: bool
-) -> None:
-    asking = {"R2BSPEC_EVENT": event, "R2BSPEC_HEAD": head, "R2BSPEC_UNTRUSTED": asked}
-    place.action(fake, "a.r2b.yaml", STATUS="0", **asking)
-    assert is_untrusted(place) is untrusted
-
-
-@pytest.mark.parametrize(
-    ("source", "asked", "untrusted"),
-    [("5", "auto", False), ("7", "auto", True), ("", "auto", True), ("7", "false", False)],
-)
-def test_merge_requests_from_forks_are_untrusted(
-    place: Workplace, fake: str, source: str, asked: str, untrusted: bool
-) -> None:
-    place.job(
-        fake,
-        "a.r2b.yaml",
-        STATUS="0",
-        CI_PIPELINE_SOURCE="merge_request_event",
-        CI_MERGE_REQUEST_SOURCE_PROJECT_ID=source,
-        CI_MERGE_REQUEST_PROJECT_ID="5",
-        R2BSPEC_UNTRUSTED=asked,
-    )
-    assert is_untrusted(place) is untrusted
-
-
 def test_the_base_is_fetched_if_the_clone_lacks_it(
     place: Workplace, fake: str, tmp_path: Path
 ) -> None:
@@ -204,9 +159,10 @@ def test_the_base_is_fetched_if_the_clone_lacks_it(
             (place.action, "R2BSPEC_BASE"),
             (place.job, "CI_MERGE_REQUEST_DIFF_BASE_SHA"),
         ):
-            run(fake, "a.r2b.yaml", STATUS="0", R2BSPEC_UNTRUSTED="true", **{name: sha})
+            run(fake, "a.r2b.yaml", STATUS="0", **{name: sha})
             words = (place.checkout / "arguments.txt").read_text().splitlines()
-            assert ("--untrusted" in words, f"--base-ref={sha}" in words) == (True, known)
+            assert f"--base={sha}" in words
+            assert (commit_of(place.checkout, sha) is not None) is known
 
 
 # ---- forged repositories -----------------------------------------------------------------------
@@ -324,7 +280,6 @@ FORGERIES = {
             'fsmonitor = "echo forged > $MARKER"\nsshCommand = "echo forged > $MARKER"\n',
         },
         variables={
-            "R2BSPEC_UNTRUSTED": "true",
             "R2BSPEC_BASE": "0" * 40,
             "CI_MERGE_REQUEST_DIFF_BASE_SHA": "0" * 40,
         },

@@ -1,4 +1,4 @@
-"""``r2bspec run --against REVISION``: specs that are gone, estimates, and the summary of a gate."""
+"""``r2bspec gate``: what is refused before anything is played, estimates, and the summary."""
 
 from __future__ import annotations
 
@@ -20,12 +20,11 @@ from example_spec import example
 from git_repositories import commit, git
 from pair_simulation import Comparison
 from r2bspec import api
-from r2bspec.compare.merge_gate import GateSettings, MergeGate
+from r2bspec.compare.merge_gate import ComparedSpec, GateSides, MergeGate
 from r2bspec.compare.report_input import read_folder
 from r2bspec.diagnostics.quote import time_text
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.judge.result import Result
-from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.plan.time_estimate import estimate_pairs, estimate_time
 from r2bspec.report.notes import notes
 from r2bspec.report.suite import SuiteSummary, render
@@ -33,6 +32,7 @@ from r2bspec.safe_io.git import commit_of
 
 NOISE = np.exp([0.004, -0.006, 0.003, -0.002, 0.005, -0.004])
 
+JUNIT = ("--report", "junit=junit.xml")
 BUSY_HOST = "other processes used 0.97 of 2 cores (limit 0.5)"
 USED = {"busy_s": 1.94}
 
@@ -67,13 +67,14 @@ def played(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str
     names: list[str] = []
 
     def run_gated(
-        head: api.PreparedBenchmark,
-        selection: Any,
         gate: MergeGate,
+        compared: ComparedSpec,
+        sides: GateSides,
         folder: Path,
         *_: Any,
         **__: Any,
     ) -> Result:
+        head = compared.head
         names.append(head.plan.name)
         level = (0.020 * (NOISE**10 if head.plan.name == "open" else NOISE)).tolist()
         disturbed = {1: BUSY_HOST} if head.plan.name == "open" else {}
@@ -81,9 +82,8 @@ def played(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str
         result = read_folder(comparison.write(folder).folder).result
         code = graph_identity(head.plan, head.base_dir, top=gate.tree.head_top)
         result = msgspec.structs.replace(result, name=head.plan.name, identity=code)
-        if gate.base_spec(selection.spec, head) is None:
-            told = gate.alone(head, f"New spec: {gate.tree.name} has nothing to compare it with.")
-            return msgspec.structs.replace(result, pairs=None, gate=told.sentences)
+        if sides.base is None:
+            return msgspec.structs.replace(result, pairs=None, gate=sides.sentences)
         base = msgspec.structs.replace(code, revision=gate.tree.revision)
         return msgspec.structs.replace(result, base_identity=base)
 
@@ -94,17 +94,17 @@ def played(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str
 
 @pytest.fixture
 def gate(call: Call) -> Call:
-    return functools.partial(call, "run", "--against", "main", "--no-lock")
+    return functools.partial(call, "gate", "--base", "main", "--no-lock")
 
 
 def suite(folder: Path) -> SuiteSummary:
     return msgspec.json.decode((folder / "suite.json").read_bytes(), type=SuiteSummary)
 
 
-GONE = "alone/blur.r2b.yaml (gone, was benchmark blur)\n"
+GONE = "alone/blur.r2b.yaml (gone)"
 
 
-@pytest.mark.parametrize("path", ["alone", "alone/blur.r2b.yaml", "alone/*.r2b.yaml"])
+@pytest.mark.parametrize("path", ["alone", "alone/blur.r2b.yaml"])
 def test_the_only_spec_of_a_folder_is_gone(
     top: Path, played: list[str], gate: Call, path: str
 ) -> None:
@@ -112,16 +112,16 @@ def test_the_only_spec_of_a_folder_is_gone(
     commit(top)
     formats = {name: top / f"reports/all.{name}" for name in ("junit", "html", "json", "csv")}
     options = [f"--report={name}={file}" for name, file in formats.items()]
-    said = gate(path, "--require-slos", *options[:-1], status=2).err
+    said = gate(path, *options[:-1], status=2).err
     assert "R2B692" in formats["html"].read_text()
     assert json.loads(formats["json"].read_text())["code"] == "R2B692"
     assert "spec alone/blur.r2b.yaml" in formats["junit"].read_text()
-    assert "error[R2B692 weaker-gate]: the gate is weaker than in main@" in said
+    assert "error[R2B692 weaker-gate]: the gate differs from that of main@" in said
     assert f": spec {GONE}" in said
     assert "let the pipeline allow it: --allow 'spec alone/blur.r2b.yaml'" in said
     assert not (top / "runs").exists()
-    out = gate(path, "--require-slos", *options, "--allow=spec alone/blur.r2b.yaml", status=0).out
-    assert out == f"0 runs: nothing to run\n\nAllowed: spec {GONE}"
+    out = gate(path, *options, "--allow=spec alone/blur.r2b.yaml", status=0).out
+    assert out == f"0 runs: nothing to run\n\nAllowed: spec {GONE}.\n"
     assert json.loads(formats["json"].read_text())["gate"]
     assert played == []
 
@@ -137,42 +137,19 @@ def test_a_folder_that_has_runs_is_refused_and_keeps_their_summary(
     assert len(played) == 1
 
 
-def test_a_spec_that_lost_its_name_with_its_place_is_told_how_to_keep_its_base(top: Path) -> None:
-    old = top / "alone/blur.r2b.yaml"
-    new = old.with_name("soft.r2b.yaml")
-    new.write_text(old.read_text().replace("name: blur", "name: soft"))
-    old.unlink()
-    with api.open_gate(("main",), new, GateSettings()) as gate:
-        selection = SpecSelection(new)
-        sides = gate.sides(selection, api.prepare(selection))
-    assert sides.base is None
-    told = "If it was alone/blur.r2b.yaml, keep its 'name': then the two are compared."
-    assert told in sides.sentences[0]
-
-
 def test_a_spec_that_is_gone_is_refused_before_anything_is_played(
     top: Path, played: list[str], gate: Call
 ) -> None:
     git(top, "rm", "--quiet", "bench/a.r2b.yaml")
     commit(top)
     said = gate("bench", "--format", "json", status=2)
-    assert ": spec bench/a.r2b.yaml (gone, was benchmark a)\n" in said.err
+    assert ": spec bench/a.r2b.yaml (gone)" in said.err
     assert json.loads(said.out)["code"] == "R2B692"
     assert played == []
     out = gate("bench", "--allow", "spec bench/a.r2b.yaml", "-o", "out", status=0).out
     assert played == ["b"]
     assert [run.name for run in suite(top / "out").runs] == ["b"]
-    assert "Allowed: spec bench/a.r2b.yaml (gone, was benchmark a)" in out
-
-
-def test_a_spec_that_has_moved_is_named(top: Path, played: list[str], gate: Call) -> None:
-    git(top, "mv", "alone", "moved")
-    commit(top)
-    for path in ("alone", "alone/blur.r2b.yaml"):
-        said = gate(path, status=2).err
-        assert "moved/blur.r2b.yaml has its name: let the pipeline run that." in said
-    gate("alone", "moved", status=0)
-    assert played == ["blur"]
+    assert "Allowed: spec bench/a.r2b.yaml (gone)" in out
 
 
 def test_what_neither_side_has_is_wrong_usage(top: Path, played: list[str], gate: Call) -> None:
@@ -181,24 +158,6 @@ def test_what_neither_side_has_is_wrong_usage(top: Path, played: list[str], gate
         assert message in gate(path, status=2).err
         gate("bench", path, status=2)
     assert played == []
-
-
-def test_specs_without_a_selected_label_are_not_gone(
-    top: Path, played: list[str], gate: Call
-) -> None:
-    commit(top, {"bench/a.r2b.yaml": spec("a") + "labels: {sensor: lidar}\n"})
-    git(top, "branch", "--force", "main", "HEAD")
-    gate("bench", "--select", "sensor=lidar", status=0)
-    assert played == ["a"]
-    commit(
-        top,
-        {
-            "bench/a.r2b.yaml": spec("a"),
-            "bench/b.r2b.yaml": spec("b") + "labels: {sensor: lidar}\n",
-        },
-    )
-    gate("bench", "--select", "sensor=lidar", status=2)
-    assert played == ["a"]
 
 
 def test_the_estimate_counts_the_pairs_of_every_spec_that_the_base_has(
@@ -259,7 +218,7 @@ def test_an_open_spec_of_a_folder_says_what_the_host_did_and_how_many_pairs_are_
     assert [run.notes for run in summary.runs] == [(), (), (note,)]
     for shown in (said.out, *(decoded(summary, name) for name in ("markdown", "html"))):
         assert note in shown
-        assert re.search(r"about (\d+) pairs \(--pairs \1\) would decide it", shown)
+        assert re.search(r"about \d+ (more )?pairs.* would decide it", shown)
 
 
 def decoded(summary: SuiteSummary, name: str) -> str:
@@ -284,7 +243,7 @@ def lock(monkeypatch: pytest.MonkeyPatch, played: list[str]) -> list[list[str]]:
 
 @pytest.fixture
 def locked_gate(call: Call, lock: list[list[str]]) -> Call:
-    return functools.partial(call, "run", "--against", "main", "--quiet")
+    return functools.partial(call, "gate", "--base", "main", "--quiet")
 
 
 def weaker(name: str) -> str:
@@ -298,7 +257,7 @@ def test_every_spec_of_a_folder_is_compared_before_the_first_is_played(
     git(top, "branch", "--force", "main", "HEAD")
     changed = {"b": weaker("b"), "c": spec("c"), "d": example("d")}
     commit(top, {f"bench/{name}.r2b.yaml": text for name, text in changed.items()})
-    options = ["--require-slos", "-o", "out", "--report", "junit=junit.xml"]
+    options = ["-o", "out", *JUNIT]
     said = locked_gate("bench", *options, status=2)
     # What is weaker, a base that cannot be used, and missing objectives: each is told.
     for code in ("R2B692", "R2B698", "R2B693"):
@@ -328,7 +287,7 @@ def test_the_lock_of_the_host_is_taken_right_before_the_first_start(
 @pytest.mark.parametrize(
     ("changes", "options", "code"),
     [
-        ({}, ["--against", "mian"], "R2B694"),
+        ({}, ["--base", "mian"], "R2B694"),
         ({}, ["--allow", "objective fats"], "objective fats"),
         ({"alone/blur.r2b.yaml": None}, [], "R2B692"),
         ({"alone/blur.r2b.yaml": weaker("blur")}, [], "R2B692"),
@@ -349,9 +308,8 @@ def test_what_needs_no_playing_is_told_without_the_lock(
             git(top, "rm", "--quiet", name)
         else:
             (top / name).write_text(text)
-    against = [] if "--against" in options else ["--against", "main"]
-    junit = ("--report", "junit=junit.xml")
-    assert code in call("run", path, *options, *against, *junit, status=2).err
+    against = [] if "--base" in options else ["--base", "main"]
+    assert code in call("gate", path, *options, *against, *JUNIT, status=2).err
     assert code in Path("junit.xml").read_text()
     assert (played, lock) == ([], [])
 
@@ -371,9 +329,24 @@ def test_an_objective_that_only_the_base_has_can_be_allowed(
 def test_a_base_is_built_under_the_lock(
     top: Path, played: list[str], lock: list[list[str]], locked_gate: Call
 ) -> None:
-    assert "R2B695" in locked_gate("bench", "--base-build", "false", status=2).err
+    built = spec("a").replace("rates:", "gate: {base: {build: [['false']]}}, rates:")
+    commit(top, {"bench/a.r2b.yaml": built})
+    git(top, "branch", "--force", "main", "HEAD")
+    assert "R2B695" in locked_gate("bench", status=2).err
     assert (played, lock) == ([], [[]])
 
 
-def test_the_verb_that_people_guess_is_answered(call: Call) -> None:
-    assert "did you mean 'run SPEC --against REVISION'?" in call("gate", "bench", status=2).err
+def test_a_matrix_is_gated_case_by_case(top: Path, played: list[str], gate: Call) -> None:
+    axes = "name: blur\nvariables: {n: 1}\nmatrix: {axes: {n: [1, 2]}}"
+    text = spec("blur").replace("name: blur", axes)
+    commit(top, {"alone/blur.r2b.yaml": text})
+    gate("alone/blur.r2b.yaml", status=0)
+    assert played == ["blur[n=1]", "blur[n=2]"]
+    (top / "alone/blur.r2b.yaml").write_text(text.replace("50 ms", "70 ms"))
+    assert gate("alone/blur.r2b.yaml", status=2).err.count("weaker-gate]: not the gate of") == 2
+
+
+def test_what_is_not_gated_is_said(top: Path, played: list[str], gate: Call) -> None:
+    (top / "bench/c.r2b.yaml").symlink_to("a.r2b.yaml")
+    assert "Not gated: bench/c.r2b.yaml is a link" in gate("bench", status=0).out
+    assert played == ["a", "b"]

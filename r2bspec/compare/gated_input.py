@@ -1,0 +1,177 @@
+"""What the two sides of a gate are given to process: it has to be the same.
+
+The messages of the recordings are compared by their content: other storage or compression is no
+difference. What prepares them is compared by the files of the preprocessors, as far as these are
+known before they run (`r2bspec.execute.identity`).
+
+A recording that git does not have, such as one that is downloaded, is the head's on both sides.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from r2bspec.bags.bag_index import index_bag
+from r2bspec.bags.bag_reader import read_messages
+from r2bspec.bags.integrity import hash_files
+from r2bspec.bags.recording import TimeWindow
+from r2bspec.compare.base_tree import BaseTree
+from r2bspec.compare.gate_rules import ALLOW_INPUT, GateChange
+from r2bspec.datasets.catalogue import locate
+from r2bspec.language.quantities import Size
+from r2bspec.language.spec import Spec
+from r2bspec.plan.plan import DatasetPlan, Plan
+from r2bspec.record.graph_identity import GraphIdentity
+from r2bspec.safe_io import git
+
+_SHOWN_DIGITS = 12
+
+
+class _Messages(NamedTuple):
+    """The messages that are loaded."""
+
+    messages: int
+    size: int
+    digest: str
+
+    def __str__(self) -> str:
+        return f"{self.messages:,} messages, {Size(self.size)} ({self.digest[:_SHOWN_DIGITS]})"
+
+
+def share_recordings(tree: BaseTree, spec: Spec, base_dir: Path, *, take: bool) -> list[GateChange]:
+    """Let the base play the head's recordings where it has none.
+
+    Args:
+        tree: of the base.
+        spec: of the base, with the recordings of the head.
+        base_dir: its folder, in that tree.
+        take: replace also those that the base has.
+
+    Returns:
+        The recordings that the head has in git and the base does not.
+    """
+    changes = []
+    for source in spec.data_loader.sources:
+        place = Path(os.path.normpath(base_dir / source.path))
+        if not source.path or not place.is_relative_to(tree.top):
+            continue
+        below = place.relative_to(tree.top)
+        original = tree.head_top / below
+        if (os.path.lexists(place) and not take) or not original.exists():
+            continue
+        tracked = git.output_of(tree.head_top, "ls-files", "--", str(below))
+        if tracked and not os.path.lexists(place):
+            path = ("data_loader",)
+            changes.append(GateChange(ALLOW_INPUT, path, "", f"{below}, which git has now"))
+        _link(original, place)
+    return changes
+
+
+def recording_changes(
+    base: Plan, base_dir: Path, head: Plan, head_dir: Path
+) -> Iterator[GateChange]:
+    """Yield the recordings of which other messages are loaded."""
+    datasets = zip(base.datasets or (base.dataset,), head.datasets or (head.dataset,), strict=False)
+    if "load" not in base.phases:
+        return
+    for was, now in datasets:
+        places = locate(was.source, base_dir).path, locate(now.source, head_dir).path
+        if places[0] is None or places[1] is None:
+            if was.source != now.source:
+                yield GateChange(ALLOW_INPUT, ("data_loader",), was.source, now.source)
+            continue
+        if hash_files(places[0]) == hash_files(places[1]):
+            continue
+        loaded = _loaded(was, places[0]), _loaded(now, places[1])
+        if loaded[0] != loaded[1]:
+            yield GateChange(ALLOW_INPUT, ("data_loader",), str(loaded[0]), str(loaded[1]))
+
+
+def _loaded(dataset: DatasetPlan, bag: Path) -> _Messages:
+    """Return what is loaded of a bag, whatever its storage format and compression."""
+    topics = [topic.bag_topic for topic in dataset.topics]
+    transforms = ["/tf"] * dataset.publish_tf + ["/tf_static"] * dataset.publish_tf_static
+    topics += [topic for topic in transforms if index_bag(bag).find(topic) is not None]
+    window = TimeWindow(start_ns=dataset.start_ns, end_ns=dataset.end_ns)
+    digest, count, size = hashlib.sha256(), 0, 0
+    for message in read_messages(bag, topics, window):
+        head = f"{message.topic} {message.time_ns} {len(message.data)} "
+        digest.update(head.encode())
+        digest.update(message.data)
+        count, size = count + 1, size + len(message.data)
+    return _Messages(count, size, digest.hexdigest())
+
+
+_PREPARED = "preprocess."
+
+
+def preprocessor_changes(
+    base: GraphIdentity, head: GraphIdentity, plan: Plan
+) -> Iterator[GateChange]:
+    """Yield the files and programs of preprocessors that differ.
+
+    A file beside one of theirs that may be of the graph, too, is left to what is really played.
+    """
+    shared = _shared_files(base, head, plan)
+    for name in sorted(base.nodes.keys() | head.nodes.keys()):
+        was, now = base.nodes.get(name), head.nodes.get(name)
+        if not name.startswith(_PREPARED) or was is None or now is None:
+            continue
+        path = ("preprocessors", name.removeprefix(_PREPARED))
+        files = [{file.path: file.sha256 for file in node.files} for node in (was, now)]
+        for file in sorted((files[0].keys() | files[1].keys()) - shared):
+            before, after = (digests.get(file, "") for digests in files)
+            if before != after:
+                was_text, now_text = (_shown(file, digest) for digest in (before, after))
+                yield GateChange(ALLOW_INPUT, path, was_text, now_text)
+        programs = [f"{node.package} {node.version}".strip() for node in (was, now)]
+        if programs[0] != programs[1]:
+            yield GateChange(ALLOW_INPUT, path, programs[0], programs[1])
+
+
+def _shown(file: str, digest: str) -> str:
+    return f"{file} ({digest[:_SHOWN_DIGITS]})" if digest else ""
+
+
+def take_preprocessors(
+    tree: BaseTree, base: GraphIdentity, head: GraphIdentity, plan: Plan
+) -> None:
+    """Put the files of the head's preprocessors into the base, unless the graph may have them."""
+    shared = _shared_files(base, head, plan)
+    for name, node in head.nodes.items():
+        for file in node.files if name.startswith(_PREPARED) else ():
+            if file.path not in shared and not Path(file.path).is_absolute():
+                (tree.top / file.path).parent.mkdir(parents=True, exist_ok=True)
+                (tree.top / file.path).unlink(missing_ok=True)
+                shutil.copyfile(tree.head_top / file.path, tree.top / file.path)
+
+
+def _shared_files(base: GraphIdentity, head: GraphIdentity, plan: Plan) -> set[str]:
+    """Return the files that may be of the graph, and that no preprocessor names."""
+    nodes = [node for process in plan.processes_in("preprocess") for node in process.nodes]
+    named = {Path(file).name for node in nodes for file in node.parameter_files or ()}
+    for node in nodes:
+        module = node.target.partition(".py:")[0].rpartition("/")[2]
+        named |= {f"{module}.py", f"{module.rpartition('.')[0].rpartition('.')[2]}.py"}
+    return {
+        file.path
+        for identity in (base, head)
+        for name, node in identity.nodes.items()
+        if not name.startswith(_PREPARED)
+        for file in node.files
+        if Path(file.path).name not in named
+    }
+
+
+def _link(original: Path, place: Path) -> None:
+    if place.is_dir() and not place.is_symlink():
+        shutil.rmtree(place)
+    else:
+        place.unlink(missing_ok=True)
+    place.parent.mkdir(parents=True, exist_ok=True)
+    place.symlink_to(original)

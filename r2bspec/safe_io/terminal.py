@@ -1,0 +1,17 @@
+"""The terminal of this process, which its user may close."""
+
+from __future__ import annotations
+
+import os
+from typing import Final
+
+_OUTPUTS: Final = tuple(number for number in (1, 2) if os.isatty(number))
+"""The standard streams that are a terminal. Of one that is closed, the system no longer says it."""
+
+
+def leave_terminal() -> None:
+    """Write to nothing from now on in place of the terminal, where each write would fail."""
+    for number in _OUTPUTS:
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nothing, number)
+        os.close(nothing)
