@@ -81,7 +81,7 @@ def play(job: Job) -> Played:
         with Path(scratch, "log").open("w+b") as log:
             # It ends when its standard input is closed, as by the end of the worker.
             process = subprocess.Popen(
-                [sys.executable, "-m", _PROGRAM, *words],
+                [sys.executable, "-P", "-m", _PROGRAM, *words],
                 stdin=subprocess.PIPE,
                 stdout=log,
                 stderr=subprocess.STDOUT,

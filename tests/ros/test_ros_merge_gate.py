@@ -1,8 +1,8 @@
 """Pull requests through the merge gate, on real ROS 2: what each of them comes to.
 
 The table of docs/gate.md has the expected outcomes; `test_the_page_has_this_table` compares it with
-`OUTCOMES`. How often a comparison of starts errs is simulated (tests/simulation) and measured
-(benchmarks/merge_gate.py): these tests assert only what no load of the machine can change.
+`OUTCOMES`. How often a comparison of starts errs is simulated (tests/simulation): these tests
+assert only what no load of the machine can change.
 
 Every kind goes through the steps of the GitHub action, whose summary and comment the assertions
 read. The shell script differs in what comes before and after a run; what is played is the same. So

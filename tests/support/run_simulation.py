@@ -56,23 +56,6 @@ EPOCH_NS = 5_000_000_000_000_000
 MONITOR_PLAN = MonitorPlan(name="out", topic="/out", type="", match="stamp", qos=None)
 """A monitor of whose plan nothing matters but that it matches by stamps."""
 
-EMPTY_RECORD = RunRecord(
-    run_id="",
-    plan_hash="",
-    started_at="",
-    ended_at="",
-    status="complete",
-    reason="",
-    dataset={},
-    machine={},
-    versions={},
-    processes=(),
-    segments=(),
-    search=None,
-    sustained=(),
-    events=(),
-)
-"""The record of a run of which only samples matter."""
 
 STAMP_NS = 1_800_000_000_000_000_000
 

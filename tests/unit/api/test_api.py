@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 import r2bspec
-from r2bspec.language.selected_spec import SpecSelection
 
 SPECS = Path(__file__).parents[3] / "specs"
 
@@ -51,21 +50,3 @@ def test_validate_never_raises_for_content(tmp_path: Path) -> None:
 def test_a_name_that_is_not_there() -> None:
     with pytest.raises(AttributeError, match="no attribute 'lod'"):
         r2bspec.lod  # noqa: B018
-
-
-def test_a_selection_is_prepared_as_its_keywords_are() -> None:
-    variables = {"service_time_ms": 3.0}
-    chosen = SpecSelection(SPECS / "relay.r2b.yaml", variables=variables)
-    plain = r2bspec.prepare(SPECS / "relay.r2b.yaml", variables=variables)
-    assert r2bspec.prepare(chosen).plan == plain.plan
-    assert plain.loaded is not None
-    assert r2bspec.load(chosen) == plain.loaded.spec
-    assert r2bspec.compile_plan(chosen) == plain.plan
-    assert r2bspec.validate(chosen) == plain.diagnostics
-
-
-def test_keywords_replace_what_a_selection_has() -> None:
-    chosen = r2bspec.SpecSelection(SPECS / "relay.r2b.yaml", variables={"service_time_ms": 3.0})
-    spec = r2bspec.load(chosen, variables={"service_time_ms": 4.0})
-    assert spec.graph.nodes["relay"].parameters["service_time_ms"] == 4.0
-    assert chosen.variables == {"service_time_ms": 3.0}

@@ -11,7 +11,6 @@ import pytest
 from r2bspec.cli.main import command as r2bspec
 from r2bspec.cli.spec_selection import SpecSelection, base_selection
 from r2bspec.compare.base_reference import BadReferenceError, parse_base_reference
-from r2bspec.execute.errors import WorkspaceError
 from r2bspec.execute.processes.environment import (
     applied_environment,
     inherited_environment,
@@ -54,16 +53,6 @@ def test_a_stored_run_is_no_base_and_the_way_out_is_told(tmp_path: Path) -> None
     with pytest.raises(BadReferenceError) as caught:
         parse_base_reference([str(tmp_path)])
     assert "r2bspec compare" in caught.value.hint
-
-
-def test_references_add_up(tmp_path: Path) -> None:
-    spec = tmp_path / "base.r2b.yaml"
-    spec.touch()
-    found = parse_base_reference([str(spec), "var:a=1", "set:b.c=2", "env:X=3", "var:d=e=f"])
-    assert (found.spec, found.variables, found.sets) == (spec, {"a": "1", "d": "e=f"}, ("b.c=2",))
-    assert found.environments == ("X=3",)
-    with pytest.raises(BadReferenceError, match="one base"):
-        parse_base_reference([str(spec), str(spec)])
 
 
 @pytest.mark.parametrize(
@@ -134,14 +123,3 @@ class TestEnvironments:
         with applied_environment({"RMW_A": ""}):
             assert "RMW_A" not in os.environ
         assert os.environ["RMW_A"] == "old"
-
-    @pytest.mark.parametrize("script", ["exit 3\n", "false\n", "this_is_no_program\n"])
-    def test_what_cannot_be_sourced_is_said(self, tmp_path: Path, script: str) -> None:
-        (tmp_path / "setup.bash").write_text(script)
-        with pytest.raises(WorkspaceError, match="cannot be sourced"):
-            workspace_environment(str(tmp_path))
-
-    def test_what_is_no_environment_is_said(self, tmp_path: Path) -> None:
-        for text in (str(tmp_path), "/nowhere/setup.bash", "2=3", ""):
-            with pytest.raises(WorkspaceError):
-                workspace_environment(text)

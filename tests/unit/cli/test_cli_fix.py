@@ -80,34 +80,6 @@ def test_fix_does_not_write_through_a_link_to_another_folder(
     assert "in another folder" in error
 
 
-def test_fix_keeps_a_byte_order_mark(spec: Path, validate: Call) -> None:
-    spec.write_bytes(b"\xef\xbb\xbf" + BROKEN.encode())
-    validate("--fix", spec, status=0)
-    assert spec.read_bytes() == b"\xef\xbb\xbf" + REPAIRED.encode()
-
-
-def test_fix_writes_a_file_whose_name_is_as_long_as_a_name_can_be(
-    spec: Path, validate: Call
-) -> None:
-    file = spec.rename("a" * 246 + ".r2b.yaml")
-    validate("--fix", file, status=0)
-    assert (os.listdir(), file.read_bytes().decode()) == ([file.name], REPAIRED)
-
-
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
-def test_fix_by_root_keeps_the_owner(spec: Path, validate: Call) -> None:
-    os.chown(spec, 1234, 1235)
-    validate("--fix", spec, status=0)
-    after = spec.stat()
-    assert (after.st_uid, after.st_gid, after.st_mode & 0o777) == (1234, 1235, 0o640)
-
-
-def test_fix_leaves_what_cannot_be_read(spec: Path, validate: Call) -> None:
-    spec.write_bytes(b"\xff\xfe\x00")
-    validate("--fix", spec, status=1)
-    assert spec.read_bytes() == b"\xff\xfe\x00"
-
-
 def test_diff_writes_nothing_and_can_be_applied(spec: Path, validate: Call) -> None:
     _, out, err = validate("--diff", spec, status=1)
     assert spec.read_bytes().decode() == BROKEN
@@ -116,12 +88,6 @@ def test_diff_writes_nothing_and_can_be_applied(spec: Path, validate: Call) -> N
     subprocess.run(["git", "apply", "-"], input=out.encode(), check=True)  # noqa: S607
     assert spec.read_bytes().decode() == REPAIRED
     assert validate("--diff", spec, status=0).out == ""
-
-
-def test_fix_needs_files(spec: Path, validate: Call) -> None:
-    validate("--fix", "-", status=2)
-    validate("--fix", "--diff", spec, status=2)
-    assert spec.read_bytes().decode() == BROKEN
 
 
 def test_a_file_that_cannot_be_written(spec: Path, validate: Call) -> None:

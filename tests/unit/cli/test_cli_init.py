@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import pytest
 
 from command_line import Call
-from git_repositories import git
 from r2bspec.api import compile_plan, validate
 from r2bspec.cli.main import main
 from r2bspec.diagnostics import Certainty
-from r2bspec.language import json_schema
 from r2bspec.language.templates import node_key, purpose, templates
 
 ROOT = Path(__file__).parents[3]
@@ -42,18 +39,6 @@ def test_what_is_written(call: Call) -> None:
     published = (ROOT / "schemas" / "r2bspec-v1.schema.json").read_text()
     assert json.loads(Path("r2bspec-v1.schema.json").read_text()) == json.loads(published)
     assert "r2bspec validate camera.r2b.yaml" in said
-
-
-def test_in_a_work_tree_it_is_said_once_that_runs_are_nothing_for_git(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Call
-) -> None:
-    assert "gitignore" not in call("init", "outside").out
-    git(tmp_path, "init", "--quiet")
-    (tmp_path / "bench").mkdir()
-    monkeypatch.chdir(tmp_path / "bench")
-    assert "echo runs/ >> .gitignore" in call("init", "camera").out
-    Path(".gitignore").write_text("runs/\n")
-    assert "gitignore" not in call("init", "lidar").out
 
 
 @pytest.mark.parametrize(
@@ -109,22 +94,6 @@ def test_wrong_usage_writes_nothing(arguments: list[str], said: str, call: Call)
     assert [file.name for file in Path().iterdir()] == ["here.py"]
 
 
-def test_what_cannot_be_written_as_a_whole_is_not_there(
-    call: Call, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    Path("n\udcff.py").write_text("from rclpy.node import Node\nclass A(Node): ...\n")
-    assert "it is not UTF-8" in call("init", "camera", "--node", "./n\udcff.py:A", status=2).err
-    monkeypatch.setattr(json_schema, "published_schema_text", lambda: "\udcff")
-    call("init", "camera", status=2)
-    assert os.listdir() == ["n\udcff.py"]
-
-
-def test_a_schema_that_is_a_link_to_nowhere_is_left_alone(call: Call) -> None:
-    Path("r2bspec-v1.schema.json").symlink_to("nowhere")
-    call("init", "camera", status=0)
-    assert sorted(os.listdir()) == ["camera.r2b.yaml", "r2bspec-v1.schema.json"]
-
-
 def test_the_list_says_what_each_is_for(call: Call) -> None:
     lines = call("init", "--list", status=0).out.splitlines()
     assert [line.split()[0] for line in lines] == list(templates())
@@ -152,14 +121,6 @@ def test_a_node_has_the_name_of_its_source_or_the_key_of_its_class(
     target: str, name: str, key: str
 ) -> None:
     assert node_key(target, name) == key
-
-
-def test_the_node_under_test_can_be_named() -> None:
-    Path("brightness.py").write_text("class Brightness: ...\n", encoding="utf-8")
-    assert main(["init", "camera", "--node", "./brightness.py:Brightness"]) == 0
-    text = Path("camera.r2b.yaml").read_text(encoding="utf-8")
-    assert '    brightness:\n      python: "./brightness.py:Brightness"\n' in text
-    assert {one.severity for one in validate(Path("camera.r2b.yaml"))} <= {"warning"}
 
 
 NODE = """

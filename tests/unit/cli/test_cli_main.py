@@ -14,7 +14,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import get_args
 
-import click
 import msgspec
 import pytest
 
@@ -22,12 +21,9 @@ from command_line import Call
 from example_spec import example
 from r2bspec._version import __version__
 from r2bspec.cli import main as cli
-from r2bspec.cli.main import main
 from r2bspec.cli.reference import docs_folder
-from r2bspec.cli.shared_options import duration, share
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError
 from r2bspec.judge.verdict import EXIT_CODES, OverallOutcome, Verdict
-from r2bspec.language.quantities import Duration, Share
 from r2bspec.report.findings_text import code_with_slug
 
 VERBS = list(cli.VERBS)
@@ -151,21 +147,6 @@ def test_an_interrupt_while_modules_are_imported_is_silent() -> None:
 
 
 ROOT = Path(__file__).parents[3]
-PACKAGE = ROOT / "r2bspec"
-PAGE = ROOT / "docs" / "running.md"
-
-
-def test_the_numbers_are_the_promised_ones() -> None:
-    assert {each.name: each.value for each in ExitStatus} == {
-        "OK": 0,
-        "FINDINGS_OR_FAILED": 1,
-        "USAGE": 2,
-        "INCONCLUSIVE": 3,
-        "RUN_FAILED": 4,
-        "INTERNAL_ERROR": 70,
-        "INTERRUPTED": 130,
-        "OUTPUT_CLOSED": 141,
-    }
 
 
 @pytest.mark.parametrize("outcome", ["pass", "fail", "inconclusive", "invalid"])
@@ -221,20 +202,6 @@ def test_a_reader_that_ends_is_no_error_of_the_input(unbuffered: str) -> None:
     assert process.returncode == ExitStatus.OUTPUT_CLOSED
 
 
-def test_a_pipe_that_does_not_wait_loses_nothing() -> None:
-    reading, writing = os.pipe()
-    os.set_blocking(writing, False)
-    asked = [sys.executable, "-m", "r2bspec", "schema"]
-    with subprocess.Popen(
-        asked, stdout=writing, env=os.environ | {"PYTHONUNBUFFERED": "1"}
-    ) as process:
-        os.close(writing)
-        with open(reading, encoding="utf-8") as output:  # noqa: PTH123
-            text = output.read()
-    assert process.returncode == 0
-    assert msgspec.json.decode(text)["$schema"]
-
-
 @pytest.mark.parametrize(
     "words", [("validate", ""), ("plan", "a.r2b.yaml", "-o", ""), ("init", "--from-bag", "")]
 )
@@ -242,77 +209,7 @@ def test_an_empty_argument_is_refused(words: tuple[str, ...], call: Call) -> Non
     assert "is empty" in call(*words, status=2).err
 
 
-@pytest.mark.parametrize(
-    ("asked", "variables"),
-    [
-        ("nope", {"COMP_WORDS": "r2bspec", "COMP_CWORD": "1"}),
-        ("bash_nope", {"COMP_WORDS": "r2bspec", "COMP_CWORD": "1"}),
-        ("bash_complete", {"COMP_WORDS": "r2bspec", "COMP_CWORD": "x"}),
-        ("bash_complete", {"COMP_WORDS": "r2bspec", "COMP_CWORD": "9" * 5_000}),
-        ("zsh_complete", {"COMP_WORDS": "r2bspec"}),
-        ("bash_complete", {"COMP_CWORD": "1"}),
-        ("fish_complete", {}),
-    ],
-)
-def test_a_completion_that_no_shell_asks_for_is_refused(
-    asked: str, variables: dict[str, str], call: Call, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name, value in {"_R2BSPEC_COMPLETE": asked, **variables}.items():
-        monkeypatch.setenv(name, value)
-    assert "R2B601" in call("explain", status=2).err
-
-
-@pytest.mark.parametrize("words", [("data", "info", "r2b_storage"), ("validate", "--untrusted")])
-def test_a_folder_that_was_removed_is_named(
-    words: tuple[str, ...], tmp_path: Path, call: Call, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    spec = tmp_path / "x.r2b.yaml"
-    spec.write_text("r2bspec: 1\n")
-    (tmp_path / "gone").mkdir()
-    monkeypatch.chdir(tmp_path / "gone")
-    (tmp_path / "gone").rmdir()
-    named = () if words[0] == "data" else (spec,)
-    assert "the current folder was removed" in call(*words, *named, status=2).err
-
-
-@pytest.mark.parametrize("limit", ["FOLDERS", "ENTRIES"])
-@pytest.mark.parametrize("verb", ["validate", "run"])
-@pytest.mark.parametrize("pattern", ["", "/**", "/**/**/x", "/*/*.r2b.yaml"])
-def test_a_search_for_specs_ends(
-    limit: str, verb: str, pattern: str, tmp_path: Path, call: Call, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(f"r2bspec.safe_io.file_search.MAX_SEARCHED_{limit}", 3)
-    for name in ("a", "b", "c", "d"):
-        (tmp_path / name).mkdir()
-    assert "too many to search" in call(verb, f"{tmp_path}{pattern}", status=2).err
-
-
 # Options take quantities of the language; a bare number is answered with its unit.
-
-
-def test_a_quantity_is_read_with_its_unit() -> None:
-    assert duration("1 s", "10 min").convert("1500 ms", None, None) == Duration(1_500_000_000)
-    assert share("1 %", "100 %").convert("2.5%", None, None) == Share(0.025)
-
-
-@pytest.mark.parametrize("text", ["20", "20 Hz", "0.5 s", "11 min", "soon"])
-def test_anything_else_is_refused(text: str) -> None:
-    with pytest.raises(click.BadParameter):
-        duration("1 s", "10 min").convert(text, None, None)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "proposal"),
-    [
-        (("interfaces", "a.r2b.yaml", "--timeout", "20"), "'20 s'"),
-        (("compare", "a", "b", "--margin", "5"), "'5 %'"),
-    ],
-)
-def test_the_unit_is_proposed(
-    arguments: tuple[str, ...], proposal: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(list(arguments)) == 2
-    assert proposal in capsys.readouterr().err
 
 
 # What a shell proposes, and the pages that are installed.

@@ -15,11 +15,7 @@ from command_line import Call
 from data_bags import chatter, write_bag
 from example_spec import example
 from r2bspec.api import InvalidSpecError, prepare
-from r2bspec.cli import validate
-from r2bspec.cli.check_files import CheckOptions, FileReport, check_file, check_files
-from r2bspec.cli.validate import SpecWatch
-from r2bspec.safe_io.looked_up_files import looked_up_files, note_lookup, shared_lookups, stamp
-from r2bspec.safe_io.safe_file import is_there, read_text
+from r2bspec.cli.check_files import CheckOptions, check_files
 
 # ``r2bspec validate --watch``: every change of a file that a spec reads is checked.
 
@@ -77,28 +73,6 @@ def replace(file: Path, text: str) -> None:
     new = file.with_suffix(".new")
     new.write_text(text)
     new.rename(file)
-
-
-def test_changes_of_specs_and_of_what_they_extend(folder: Path, watch: Watch) -> None:
-    assert watch.summary() == ("", "1 file, no problems")
-    replace(folder / "one.r2b.yaml", "r2bspec: 1\nextends: base.yaml\ntitel: x\n")
-    findings, said = watch.summary()
-    assert "error[R2B101 unknown-key]: unknown key 'titel'" in findings
-    assert said.startswith("1 file, 1 error, 0 warnings")
-    replace(folder / "one.r2b.yaml", "r2bspec: 1\nextends: base.yaml\n")
-    assert watch.summary() == ("", "1 file, no problems")
-    replace(folder / "base.yaml", BASE.replace("10 Hz", "10 Hx"))
-    findings, _ = watch.summary()
-    assert "base.yaml:6" in findings
-    replace(folder / "base.yaml", BASE)
-    assert watch.summary() == ("", "1 file, no problems")
-    # A spec that is new, and one that is gone.
-    replace(folder / "two.r2b.yaml", "r2bspec: 1\nname: two\nextends: base.yaml\n")
-    assert watch.summary() == ("", "2 files, no problems")
-    (folder / "one.r2b.yaml").unlink()
-    assert watch.summary() == ("", "1 file, no problems")
-    watch.process.send_signal(signal.SIGINT)
-    assert watch.process.wait(60) == 130
 
 
 NAMES_FILES = """\
@@ -164,95 +138,10 @@ def test_changes_of_everything_that_a_spec_names(folder: Path, watch: Watch) -> 
     assert (watch.process.returncode, output, errors.strip()) == (130, "", "interrupted")
 
 
-class Polls:
-    """A watch in this process, with what happens between two looks."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, files: list[Path], common: Path) -> None:
-        self.files = files
-        self.checked: list[str] = []
-        self.looks = 0
-        self.between: list[object] = []
-        self._common = common
-        monkeypatch.setattr(validate, "stamp", self._stamp)
-        monkeypatch.setattr("time.sleep", self._sleep)
-        self.updates = SpecWatch(lambda: [*map(str, self.files)], self._check).updates()
-
-    def _stamp(self, path: str) -> object:
-        self.looks += 1
-        return stamp(path)
-
-    def _check(self, file: str) -> FileReport:
-        self.checked.append(file)
-        note_lookup(self._common)
-        text = read_text(Path(file), max_bytes=1000)
-        return FileReport(file, 1, complete=True, findings=(), texts={file: text})
-
-    def _sleep(self, _seconds: float) -> None:
-        action = self.between.pop(0)
-        if callable(action):
-            action()
-
-
-def test_nothing_is_done_while_nothing_changes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    files = [tmp_path / name for name in "abc"]
-    for file in files:
-        file.write_text("1")
-    common = tmp_path / "common"
-    polls = Polls(monkeypatch, files, common)
-    next(polls.updates)
-    assert polls.checked == [*map(str, files)]
-    polls.checked.clear()
-    polls.looks = 0
-    # Ten looks without a change, one change without consequences, and a spec that is saved.
-    polls.between = [*[None] * 10, common.touch, lambda: files[1].write_text("22")]
-    told = next(polls.updates)
-    assert polls.checked == [*map(str, files), str(files[1])]
-    assert [each.texts for each in told][1] == {str(files[1]): "22"}
-    # One call for each path, although all specs depend on the common one.
-    assert polls.looks == 12 * 4
-
-
-def test_what_is_looked_up_once_is_noted_for_every_spec(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    index = tmp_path / "prefix/share/ament_index/resource_index/packages"
-    index.mkdir(parents=True)
-    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "prefix"))
-    specs = [tmp_path / "one.r2b.yaml", tmp_path / "two.r2b.yaml"]
-    node = "{nodes: {relay: {package: some_package, executable: relay}}}"
-    for file in specs:
-        file.write_text(example(graph=node))
-    noted = []
-    with shared_lookups():
-        for file in specs:
-            with looked_up_files() as seen:
-                check_file(str(file), CheckOptions())
-            noted.append(set(seen.files))
-    one, two = noted
-    assert str(index) in one & two
-    assert {Path(path).parent for path in one ^ two} == {tmp_path}
-
-
 def test_it_prints_text_for_people_only(folder: Path, call: Call) -> None:
     for options in (["--format", "json"], ["--fix"], ["--diff"], ["--resolved"], ["-"]):
         ended = call("validate", "--watch", folder, *options, status=2)
         assert "--watch prints findings as text" in ended.err
-
-
-def test_lookups_are_noted_with_the_state_before_the_file_was_read(tmp_path: Path) -> None:
-    there, missing = tmp_path / "there", tmp_path / "missing"
-    there.write_text("a")
-    before = there.stat()
-    with looked_up_files() as seen:
-        read_text(there, max_bytes=10)
-        there.write_text("longer")
-        read_text(there, max_bytes=10)
-        assert not is_there(missing)
-    read_text(there, max_bytes=10)
-    stamp = (before.st_mtime_ns, before.st_size, before.st_ino, before.st_ctime_ns)
-    assert seen.files == {str(there): stamp, str(missing): None}
 
 
 # Many files: shared out among processes, with the results of one process, in its order.
@@ -279,12 +168,6 @@ def test_several_processes_say_what_one_says(
     assert together == alone
     assert [each.file for each in together] == files
     assert sum(not each.complete for each in together) == 14
-
-
-def test_texts_are_kept_only_where_findings_point_into_them(files: list[str]) -> None:
-    checked = list(check_files(files[:2], CheckOptions(offline=True)))
-    assert list(checked[0].texts) == [files[0]]
-    assert checked[1].texts == {}
 
 
 def test_a_waiver_holds_for_every_case_of_a_matrix(

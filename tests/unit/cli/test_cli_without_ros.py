@@ -14,8 +14,6 @@ from typing import Any
 import pytest
 
 from command_line import Call, Said
-from r2bspec._version import __version__
-from r2bspec.cli.main import VERBS
 
 ROOT = Path(__file__).parents[3]
 SPEC = ROOT / "specs" / "relay.r2b.yaml"
@@ -104,22 +102,6 @@ def test_it_says_what_r2bspec_says(
     asked = call(*words)
     assert Said(ros2("bench", *map(str, words)), *capsys.readouterr()) == asked
     assert asked.out or asked.err
-
-
-def test_alone_it_lists_the_verbs(capsys: pytest.CaptureFixture[str]) -> None:
-    assert ros2("bench") == 0
-    alone = capsys.readouterr().out
-    with pytest.raises(SystemExit, match="^0$"):
-        ros2("bench", "--help")
-    assert capsys.readouterr().out == alone
-    assert alone.startswith("usage: ros2 bench")
-    assert all(f"\n  {verb} " in alone for verb in VERBS)
-
-
-def test_it_has_the_version_of_r2bspec(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit, match="^0$"):
-        ros2("bench", "--version")
-    assert capsys.readouterr().out == f"r2bspec {__version__}\n"
 
 
 def test_ros2_has_the_command() -> None:

@@ -22,10 +22,8 @@ from pair_simulation import Comparison
 from r2bspec import api
 from r2bspec.compare.merge_gate import ComparedSpec, GateSides, MergeGate
 from r2bspec.compare.report_input import read_folder
-from r2bspec.diagnostics.quote import time_text
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.judge.result import Result
-from r2bspec.plan.time_estimate import estimate_pairs, estimate_time
 from r2bspec.report.notes import notes
 from r2bspec.report.suite import SuiteSummary, render
 from r2bspec.safe_io.git import commit_of
@@ -126,17 +124,6 @@ def test_the_only_spec_of_a_folder_is_gone(
     assert played == []
 
 
-def test_a_folder_that_has_runs_is_refused_and_keeps_their_summary(
-    top: Path, played: list[str], gate: Call
-) -> None:
-    gate("alone", "--output", "runs/a", status=0)
-    before = Path("runs/a/suite.json").read_bytes()
-    ended = gate("alone", "--output", "runs/a", status=2)
-    assert "runs/a has the runs of an earlier call" in ended.err
-    assert Path("runs/a/suite.json").read_bytes() == before
-    assert len(played) == 1
-
-
 def test_a_spec_that_is_gone_is_refused_before_anything_is_played(
     top: Path, played: list[str], gate: Call
 ) -> None:
@@ -150,30 +137,6 @@ def test_a_spec_that_is_gone_is_refused_before_anything_is_played(
     assert played == ["b"]
     assert [run.name for run in suite(top / "out").runs] == ["b"]
     assert "Allowed: spec bench/a.r2b.yaml (gone)" in out
-
-
-def test_what_neither_side_has_is_wrong_usage(top: Path, played: list[str], gate: Call) -> None:
-    (top / "empty").mkdir()
-    for path, message in (("nowhere", "does not exist"), ("empty", "has no *.r2b.yaml file")):
-        assert message in gate(path, status=2).err
-        gate("bench", path, status=2)
-    assert played == []
-
-
-def test_the_estimate_counts_the_pairs_of_every_spec_that_the_base_has(
-    top: Path, played: list[str], gate: Call
-) -> None:
-    commit(top, {"bench/c.r2b.yaml": spec("c")})
-    said = gate("bench", "--pairs", "3", status=0).err
-    plan = api.prepare(top / "bench/a.r2b.yaml").plan
-    pairs, alone = estimate_pairs(plan, 3), estimate_time(plan)
-    assert (pairs.runs, alone.runs) == (6, 1)
-    assert f"3 runs: about {time_text(2 * pairs.seconds + alone.seconds)}\n" in said
-    assert f"[1/3] a: {pairs.text()}\n" in said
-    assert f"[3/3] c: {alone.text()}\n" in said
-    ended = gate("bench/b.r2b.yaml", "--pairs", "2", status=0)
-    assert f"b-pairs: {estimate_pairs(plan, 2).text()}\n" in ended.err
-    assert estimate_pairs(plan, 2).text().endswith(", 4 runs")
 
 
 def test_the_summary_of_a_gate_has_ratios_and_names_new_specs_and_revisions_once(
@@ -324,16 +287,6 @@ def test_an_objective_that_only_the_base_has_can_be_allowed(
     assert played == []
     locked_gate(path, "--allow", "objective fast", status=0)
     assert played == ["blur"]
-
-
-def test_a_base_is_built_under_the_lock(
-    top: Path, played: list[str], lock: list[list[str]], locked_gate: Call
-) -> None:
-    built = spec("a").replace("rates:", "gate: {base: {build: [['false']]}}, rates:")
-    commit(top, {"bench/a.r2b.yaml": built})
-    git(top, "branch", "--force", "main", "HEAD")
-    assert "R2B695" in locked_gate("bench", status=2).err
-    assert (played, lock) == ([], [[]])
 
 
 def test_a_matrix_is_gated_case_by_case(top: Path, played: list[str], gate: Call) -> None:

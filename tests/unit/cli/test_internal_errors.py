@@ -5,8 +5,6 @@ from __future__ import annotations
 import faulthandler
 import functools
 import os
-import re
-import resource
 import signal
 import stat
 import subprocess
@@ -22,9 +20,7 @@ from command_line import Call
 from example_spec import example
 from r2bspec.cli import main as cli
 from r2bspec.cli.check_files import CheckOptions
-from r2bspec.cli.internal_error import MAX_FAILURES, Crash, InternalError, WorkerEndedError
-from r2bspec.cli.worker_processes import map_in_processes
-from r2bspec.errors import ExitStatus, UsageError
+from r2bspec.errors import ExitStatus
 
 LONGEST_S = 60
 """Ends only what would not end."""
@@ -69,33 +65,6 @@ CRASHES: dict[str, Callable[[], object]] = {
 }
 
 
-@pytest.mark.parametrize(
-    ("error", "number", "code"),
-    [
-        (MemoryError(), resource.RLIMIT_AS, "R2B678 address-space-limited"),
-        (RuntimeError("can't start new thread"), resource.RLIMIT_NPROC, "R2B679 no-more-processes"),
-    ],
-)
-def test_what_a_limit_of_the_user_has_caused_is_no_crash(
-    error: Exception,
-    number: int,
-    code: str,
-    temporary: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    call: Call,
-) -> None:
-    error.add_note("run folder: there")
-    monkeypatch.setattr(cli.command, "invoke", lambda _: _raise(error))
-    none = resource.RLIM_INFINITY
-    monkeypatch.setattr(
-        resource, "getrlimit", lambda of: (20, 20) if of == number else (none, none)
-    )
-    shown = call("validate", status=ExitStatus.USAGE)
-    assert f"error[{code}]: " in shown.err
-    assert shown.err.endswith("\nrun folder: there\n")
-    assert not list(temporary.iterdir())
-
-
 @pytest.mark.parametrize("kind", CRASHES)
 def test_a_crash_is_a_line_a_file_and_status_70(
     kind: str, temporary: Path, monkeypatch: pytest.MonkeyPatch, call: Call
@@ -123,16 +92,6 @@ def test_the_line_has_nothing_of_the_input(
     assert "\x1b" not in shown
     (file,) = temporary.iterdir()
     assert "hunter2" in file.read_text()
-
-
-def test_without_room_for_the_traceback_the_line_is_said_all_the_same(
-    monkeypatch: pytest.MonkeyPatch, call: Call
-) -> None:
-    full = OSError(28, "No space left on device")
-    monkeypatch.setattr("tempfile.mkstemp", lambda **_: _raise(full))
-    monkeypatch.setattr(cli.command, "invoke", lambda _: CRASHES["TypeError"]())
-    (line,) = call("validate", status=ExitStatus.INTERNAL_ERROR).err.splitlines()
-    assert "could not be written: No space left on device" in line
 
 
 def _crash_on(
@@ -209,50 +168,6 @@ def test_a_crash_does_not_hide_the_findings_of_other_files(
     assert all("in load" in file.read_text() for file in temporary.iterdir())
 
 
-def test_when_every_check_crashes_the_rest_is_left(
-    temporary: Path, monkeypatch: pytest.MonkeyPatch, validate: Call
-) -> None:
-    monkeypatch.setattr(check_files_module, "_load", lambda *_: _nested())
-    assert "Not checked either: " in validate().err
-    assert len(list(temporary.iterdir())) == MAX_FAILURES
-
-
-@pytest.mark.parametrize("option", ["--fix", "--diff"])
-def test_a_crash_while_a_file_is_repaired_names_the_file(
-    option: str, many: list[str], monkeypatch: pytest.MonkeyPatch, validate: Call
-) -> None:
-    (chosen,) = _crash_on(monkeypatch, many, _nested)
-    assert f"while checking '{chosen}'" in validate(option).err
-
-
-def test_a_worker_that_exits_is_an_error() -> None:
-    with pytest.raises(WorkerEndedError, match="'b' ended with status 5"):
-        list(map_in_processes(lambda name: os._exit(5) if name == "b" else name, ["a", "b"], 1))
-
-
-def test_workers_answer_in_order_and_pass_on_foreseen_errors() -> None:
-    names = [str(number) for number in range(200)]
-    assert list(map_in_processes(lambda name: name * 1000, names, 3)) == [n * 1000 for n in names]
-
-    def refuse(name: str) -> str:
-        raise UsageError(f"not {name}", hint="another", code="R2B610")
-
-    with pytest.raises(Exception, match="not 0") as caught:
-        list(map_in_processes(refuse, names, 1))
-    assert getattr(caught.value, "exit_code", None) == ExitStatus.USAGE
-    assert getattr(caught.value, "hint", None) == "another"
-    assert getattr(caught.value, "code", None) == "R2B610"
-
-
-def test_no_worker_is_left_when_the_answers_are_not_wanted() -> None:
-    answers = map_in_processes(lambda _: str(os.getpid()), [str(n) for n in range(100)], 2)
-    worker = int(next(answers))
-    os.kill(worker, 0)
-    answers.close()  # type: ignore[attr-defined]
-    with pytest.raises(ProcessLookupError):
-        os.kill(worker, 0)
-
-
 _SLOW_CHECK = """
 import sys, time
 import r2bspec.cli.check_files as module
@@ -303,14 +218,6 @@ def test_an_interrupt_shows_no_traceback_of_a_worker(
             return
         time.sleep(0.01)
     pytest.fail("a worker was left")
-
-
-def test_the_place_is_the_last_line_of_the_package() -> None:
-    with pytest.raises(TypeError) as caught:
-        list(map_in_processes(str, 5, 0))  # type: ignore[arg-type]
-    crash = Crash.of(caught.value, "while testing")
-    assert re.fullmatch(r"cli/worker_processes\.py:\d+", crash.place)
-    assert "while testing; report it" in str(InternalError(crash))
 
 
 def test_an_output_without_room_is_no_internal_error() -> None:

@@ -19,7 +19,7 @@ from command_line import Call
 from example_spec import example
 from r2bspec import api
 from r2bspec.cli.spec_selection import SpecSelection, suite_entries
-from r2bspec.errors import ExitStatus, R2bspecError, UsageError
+from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.judge.judge_run import result_of
@@ -68,23 +68,6 @@ def test_every_case_of_every_file_is_a_run(tmp_path: Path) -> None:
     assert suite_entries(selection(case="all"), [str(two)]) == found[1:]
     (only,) = suite_entries(selection(case="hz=20 Hz"), [str(two)])
     assert only.selection.case == "hz=20 Hz"
-
-
-def test_labels_select_specs(tmp_path: Path) -> None:
-    a = write_spec(tmp_path, "a", "labels: {sensor: camera_left, night: true}\n")
-    b = write_spec(tmp_path, "b", "labels: {sensor: lidar}\n")
-    files = [str(a), str(b), str(write_spec(tmp_path, "c"))]
-
-    def selected(*labels: str) -> list[Path]:
-        return [entry.selection.spec for entry in suite_entries(selection(), files, labels)]
-
-    assert selected("sensor=camera*") == [a]
-    assert selected("sensor=*") == [a, b]
-    assert selected("sensor=*", "night=true") == [a]
-    with pytest.raises(UsageError, match="sensor=radar"):
-        selected("sensor=radar")
-    with pytest.raises(click.UsageError):
-        selected("sensor")
 
 
 def test_scanned_values_are_variables_or_keys(tmp_path: Path) -> None:
@@ -164,24 +147,6 @@ def suite() -> SuiteSummary:
 def write_specs(*names: str) -> None:
     for name in names:
         write_spec(Path("specs"), name)
-
-
-def test_rows_and_notes_name_the_path_where_names_are_equal(played: list[str], call: Call) -> None:
-    for folder in ("left", "right"):
-        write_spec(Path(folder), "slow")
-    write_spec(Path("right"), "other")
-    shown = call("left", "right", "-o", "out", "--report", "junit=junit.xml", status=1).out
-    rows = [line for line in shown.splitlines() if line.startswith(("slow", "other"))]
-    left, right = (f"slow ({folder}/slow.r2b.yaml)" for folder in ("left", "right"))
-    assert [row.partition("  ")[0] for row in rows] == [left, "other", right]
-    assert f"start of {left}: " in shown
-    assert f"start of {right}: " in shown
-    summary = suite()
-    assert [run.name for run in summary.runs] == ["slow", "other", "slow"]
-    assert [Path(run.folder).name for run in summary.runs] == ["slow", "other", "slow-2"]
-    for text in (render("html", summary, {}).decode(), Path("junit.xml").read_text()):
-        assert left in text
-        assert right in text
 
 
 def test_a_folder_is_run_to_its_end_with_the_worst_status(played: list[str], call: Call) -> None:
@@ -298,30 +263,6 @@ def test_resume_refuses_the_result_of_other_code(played: list[str], call: Call) 
     assert played == ["a", "a", "a"]
 
 
-def test_two_files_are_compared_unless_each_is_wanted(
-    played: list[str], monkeypatch: pytest.MonkeyPatch, call: Call
-) -> None:
-    write_specs("a", "b")
-    compared: list[tuple[str, tuple[str, ...]]] = []
-
-    def run_pairs(head: Any, against: tuple[str, ...], *_: Any, **__: Any) -> None:
-        compared.append((head.plan.name, against))
-        raise R2bspecError("enough")
-
-    monkeypatch.setattr(api, "run_pairs", run_pairs)
-    files = ("specs/a.r2b.yaml", "specs/b.r2b.yaml")
-    call(*files, "-o", "pairs", status=4)
-    assert compared == [("b", files[:1])]
-    call(*files, "--each", "-o", "out", status=0)
-    assert played == ["a", "b"]
-
-
-def test_a_format_without_a_summary_needs_a_name_in_its_path(played: list[str], call: Call) -> None:
-    write_specs("a")
-    assert "{name}" in call("specs", "--report", "csv=all.csv", status=2).err
-    assert played == []
-
-
 @pytest.mark.parametrize("name", list(SUITE_FORMATS))
 def test_every_format_keeps_the_words_of_strangers_in_their_place(
     name: str, tmp_path: Path
@@ -361,26 +302,3 @@ def test_a_smoke_plan_is_one_short_iteration_and_judges_nothing() -> None:
     assert {objective.level for objective in smoke.objectives.values()} <= {"off"}
     assert smoke.phases == ("start", "play", "collect")
     assert "nothing is judged" in smoke.title
-
-
-def test_a_smoke_run_needs_no_messages_for_a_verdict(tmp_path: Path) -> None:
-    spec = write_spec(tmp_path, "a")
-    short = ("benchmark.iterations=1", "benchmark.duration=500 ms")
-    with pytest.raises(api.InvalidSpecError) as caught:
-        api.prepare(spec, sets=short)
-    assert {diagnostic.code for diagnostic in caught.value.diagnostics} == {"R2B510"}
-    objectives = api.prepare(spec, sets=short, smoke=True).plan.objectives
-    assert {objective.level for objective in objectives.values()} == {"off"}
-
-
-def test_json_is_printed_also_where_nothing_was_run(call: Call) -> None:
-    Path("a.r2b.yaml").write_text("r2bspec: 1\n")
-    said = json.loads(call("a.r2b.yaml", "--format", "json", status=2).out)
-    assert (said["code"], said["exit_status"]) == ("R2B602", 2)
-
-
-def test_json_of_a_failed_run_is_that_of_what_was_measured(played: list[str], call: Call) -> None:
-    write_specs("broken")
-    said = call("specs/broken.r2b.yaml", "-o", "out", "--format", "json", status=4)
-    assert json.loads(said.out)["r2bspec_result"] == 1
-    assert said.err.rstrip().endswith("run folder: out")

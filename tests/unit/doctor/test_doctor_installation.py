@@ -15,9 +15,8 @@ import pytest
 from command_line import Call
 from r2bspec.doctor import installation
 from r2bspec.doctor.checkup import CheckResult, System
-from r2bspec.doctor.installation import check_ros, check_vision, probe_imports
+from r2bspec.doctor.installation import check_ros, probe_imports
 from r2bspec.middleware.middleware import RMW_VARIABLE
-from r2bspec.native.build import BuildError
 
 MISSING = {"error": "ModuleNotFoundError: No module named 'rclpy'"}
 
@@ -71,13 +70,6 @@ def test_a_middleware_that_is_not_installed_is_named_with_a_way_out() -> None:
     assert check.advice == f"rmw_absent_cpp is not installed: install it, or unset {RMW_VARIABLE}"
 
 
-def test_wheels_alone_are_fine(here: Callable[..., None]) -> None:
-    here(rclpy(), wheels=("ros-jazzy-rclpy", "ros-rclpy", "numpy"))
-    checks = by_name()
-    assert {check.status for check in checks.values()} == {"ok"}
-    assert checks["distributions"].found == "jazzy 7.1 as wheels"
-
-
 def test_a_sourced_workspace_is_named_with_its_base(here: Callable[..., None]) -> None:
     here(rclpy())
     check = by_name(ROS_DISTRO="jazzy", AMENT_PREFIX_PATH="/home/me/install:/opt/ros/jazzy")[
@@ -107,14 +99,6 @@ def test_middleware_that_transports_cannot_configure_is_warned_of(
     assert "transport: inherit" in check.advice
 
 
-def test_another_middleware_than_runs_configure_is_warned_of(here: Callable[..., None]) -> None:
-    here(rclpy("rmw_cyclonedds_cpp"))
-    check = by_name()["middleware"]
-    assert "set RMW_IMPLEMENTATION=rmw_cyclonedds_cpp" in check.advice
-    check = by_name(RMW_IMPLEMENTATION="rmw_cyclonedds_cpp")["middleware"]
-    assert "RMW_IMPLEMENTATION=" not in check.advice
-
-
 @pytest.mark.parametrize(
     ("rmw", "variable", "told"),
     [
@@ -140,14 +124,6 @@ def test_message_packages_that_are_missing_are_named(here: Callable[..., None]) 
     assert check.data["missing"] == ["stereo_msgs"]
 
 
-@pytest.mark.parametrize(("found", "status"), [(imported(), "ok"), (MISSING, "warn")])
-def test_opencv_is_wanted_but_not_needed(
-    here: Callable[..., None], found: dict[str, Any], status: str
-) -> None:
-    here({"cv2": found})
-    assert [check.status for check in check_vision(System(environ={}))] == [status]
-
-
 def test_a_fresh_interpreter_tells_what_it_can_import() -> None:
     found = probe_imports(
         System(), "json", "platform:system", "no_such_module", "json:no_such_name"
@@ -157,35 +133,6 @@ def test_a_fresh_interpreter_tells_what_it_can_import() -> None:
     assert found["platform:system"]["said"] == "Linux"
     assert "ModuleNotFoundError" in found["no_such_module"]["error"]
     assert "AttributeError" in found["json:no_such_name"]["error"]
-
-
-@pytest.mark.parametrize("program", ["/no/such/python", "/bin/false"])
-def test_an_interpreter_that_says_nothing_is_an_error_and_no_crash(program: str) -> None:
-    found = probe_imports(System(python=program), "json")
-    assert list(found["json"]) == ["error"]
-
-
-def test_a_module_that_prints_or_exits_does_not_spoil_the_answer(tmp_path: Path) -> None:
-    (tmp_path / "loud.py").write_text("print('hello')\n")
-    (tmp_path / "leaves.py").write_text("raise SystemExit(3)\n")
-    path = f"{tmp_path}:{Path(__file__).parents[3]}"
-    found = probe_imports(
-        System(environ={**System().environ, "PYTHONPATH": path}), "loud", "leaves"
-    )
-    assert "error" not in found["loud"]
-    assert "SystemExit" in found["leaves"]["error"]
-
-
-def test_a_module_that_ends_the_interpreter_is_quoted(tmp_path: Path) -> None:
-    (tmp_path / "dies.py").write_text(
-        "import os, sys\nsys.stderr.write('no such middleware\\n')\n"
-        "sys.stderr.flush()\nos._exit(102)\n"
-    )
-    (tmp_path / "goes.py").write_text("import os\nos._exit(102)\n")
-    path = f"{tmp_path}:{Path(__file__).parents[3]}"
-    system = System(environ={**System().environ, "PYTHONPATH": path})
-    assert probe_imports(system, "dies") == {"dies": {"error": "no such middleware"}}
-    assert probe_imports(system, "goes") == {"goes": {"error": "it ended with status 102"}}
 
 
 def test_the_command_prints_what_programs_and_people_read(
@@ -206,18 +153,3 @@ def test_without_a_compiler_there_is_a_problem_and_a_way_out(tmp_path: Path) -> 
     assert check.status == "problem"
     assert "no C compiler" in check.found
     assert "apt install gcc" in check.advice
-
-
-def test_what_was_built_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(installation, "harness_program", lambda _: Path("/cache/r2bspec_harness"))
-    (check,) = installation.check_native(System(environ={}))
-    assert (check.status, check.found) == ("ok", "/cache/r2bspec_harness")
-
-
-def test_only_the_first_line_of_a_compiler_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(_: object) -> Path:
-        raise BuildError("cc cannot compile x:\nerror 1\nerror 2", hint="install it")
-
-    monkeypatch.setattr(installation, "harness_program", refuse)
-    (check,) = installation.check_native(System(environ={}))
-    assert (check.found, check.advice) == ("cc cannot compile x:", "install it")

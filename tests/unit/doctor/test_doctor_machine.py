@@ -68,10 +68,6 @@ def test_socket_buffers_are_those_of_the_selected_middleware(
     assert ("net.core.rmem_max=" in found[0].advice) == (receive == "warn")
 
 
-def test_a_kernel_that_does_not_tell_its_limits_is_no_problem(system: System) -> None:
-    assert {check.status for check in check_sockets(system)} == {"ok"}
-
-
 @pytest.mark.parametrize(("flags", "problems"), [("0x9", 0), ("0x8", 1)])
 def test_without_loopback_nothing_is_discovered(system: System, flags: str, problems: int) -> None:
     tell(system.sys / "class/net/lo/flags", flags)
@@ -89,19 +85,6 @@ def test_shared_memory_must_hold_the_segments_of_a_run(
     assert check.status == status
     assert check.data["free_bytes"] == free
     assert bool(check.advice) == (status != "ok")
-
-
-def test_a_machine_without_shared_memory_is_told_what_to_do(tmp_path: Path) -> None:
-    (check,) = check_shared_memory(System(shared_memory=tmp_path / "none"))
-    assert check.status == "problem"
-    assert "transport: udp" in check.advice
-
-
-@pytest.mark.parametrize("rmw", ["rmw_cyclonedds_cpp", "rmw_zenoh_cpp"])
-def test_shared_memory_does_not_matter_where_no_run_uses_it(tmp_path: Path, rmw: str) -> None:
-    environ = {"RMW_IMPLEMENTATION": rmw}
-    (check,) = check_shared_memory(System(shared_memory=tmp_path / "none", environ=environ))
-    assert (check.status, check.advice) == ("ok", "")
 
 
 def cores(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
@@ -129,21 +112,6 @@ def test_cores_and_the_quota_on_them(
     if quota:
         tell(system.sys / "fs/cgroup/cpu.max", quota)
     assert only(examined(system), "cores").status == status
-
-
-@pytest.mark.parametrize(
-    ("governors", "status"),
-    [([], "ok"), (["performance"] * 2, "ok"), (["performance", "powersave"], "warn")],
-)
-def test_one_core_with_another_governor_is_seen(
-    system: System, governors: list[str], status: str
-) -> None:
-    for number, governor in enumerate(governors):
-        folder = system.sys / f"devices/system/cpu/cpu{number}/cpufreq"
-        tell(folder / "scaling_governor", governor)
-    check = only(examined(system), "governor")
-    assert check.status == status
-    assert check.data["governors"] == sorted(set(governors))
 
 
 @pytest.mark.parametrize(("source", "status"), [("tsc", "ok"), ("hpet", "warn")])
@@ -175,15 +143,6 @@ def test_load_is_what_was_spent_while_the_doctor_slept(
     check = only(check_processor(system, sleep=sleep), "idle load")
     assert check.status == status
     assert check.data == {"busy": pytest.approx(busy), "stolen": pytest.approx(stolen)}
-
-
-def test_what_the_kernel_does_not_tell_is_left_out(system: System) -> None:
-    assert {check.name for check in examined(system)} == {"cores", "governor"}
-
-
-def test_the_free_space_of_the_cache_is_told(system: System, tmp_path: Path) -> None:
-    (check,) = check_datasets(system, tmp_path / "cache" / "none yet")
-    assert check.data["free_bytes"] > 0
 
 
 def test_a_full_disk_is_told(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 
-import msgspec
 import pytest
 
 from graph_facts import IMAGE, TEXT, end, graph, topic
@@ -12,16 +11,13 @@ from r2bspec.execute.bringup.find_fault import (
     certain_topics,
     find_input_fault,
     first_fault,
-    full_path,
-    path_lines,
     path_to,
     unmatched,
 )
 from r2bspec.execute.bringup.graph_matching import EarlyDiagnosis
-from r2bspec.execute.bringup.observe_graph import GraphFacts, TopicFacts, gather_facts
+from r2bspec.execute.bringup.observe_graph import GraphFacts, TopicFacts
 from r2bspec.execute.bringup.spec_mismatches import RemappedTopic
-from r2bspec.ipc.protocol import Discovered, Endpoint, QosMismatch
-from r2bspec.plan.plan import TopicPlan
+from r2bspec.ipc.protocol import QosMismatch
 from r2bspec.record.run_record import Difference
 from run_simulation import Simulation
 
@@ -123,11 +119,6 @@ def test_a_topic_without_publisher_and_without_a_close_name(
     )
 
 
-def test_a_pair_that_never_matches_off_the_path_is_no_fault() -> None:
-    pair = QosMismatch("/a", "/c", "/mid", BOTH_QOS)
-    assert found(IN, topic("/mid", "/a", "/b /c", qos_mismatches=(pair,)), OUT).name == "/out"
-
-
 def test_what_carries_messages_or_was_not_observed_has_no_fault() -> None:
     assert first_fault(graph(IN, MID, topic("/out", "/b", "monitor")), "/out") is None
     unobserved = (
@@ -135,12 +126,6 @@ def test_what_carries_messages_or_was_not_observed_has_no_fault() -> None:
         topic("/out", "/a", "monitor", passed=None),
     )
     assert first_fault(graph(*unobserved, played=None), "/out") is None
-
-
-def test_a_loop_is_followed_once() -> None:
-    back = topic("/back", "/b", "/a")
-    facts = graph(topic("/in", "player", "/a"), MID, back, OUT)
-    assert path_to(facts, "/out") == ("/in", "/mid", "/back", "/out")
 
 
 def test_the_path_of_a_graph_that_joins() -> None:
@@ -156,12 +141,6 @@ def test_the_path_of_a_graph_that_joins() -> None:
     one = first_fault(facts, "/out")
     assert one is not None
     assert one.message.startswith("/c publishes nothing on /r")
-
-
-def test_without_a_known_path_all_topics_that_inputs_reach_are_shown() -> None:
-    facts = graph(IN, topic("/x", "/a", ""), topic("/out", "", "monitor"))
-    assert path_to(facts, "/out") == ("/out",)
-    assert full_path(facts, "/out") == ("/in", "/x", "/out")
 
 
 @pytest.mark.parametrize(
@@ -182,37 +161,6 @@ def test_an_input_without_subscription(topics: tuple[TopicFacts, ...], message: 
     assert one is not None
     assert one.message == f"no subscription to /in, which is played; {message}"
     assert find_input_fault(graph(IN), "/in") is None
-
-
-def test_the_path_as_lines() -> None:
-    soft = Endpoint(node="/b", type=TEXT, reliability="best_effort", durability="transient_local")
-    facts = graph(TopicFacts("/out", IMAGE, publishers=(soft,), passed=3))
-    publisher = f"/b ({TEXT}, best_effort, transient_local)"
-    assert path_lines(facts, ["/out", "/gone"]) == [
-        f"  /out ({IMAGE}): publishers: {publisher}; subscriptions: none; 3 messages",
-        "  /gone (type unknown): publishers: none; subscriptions: none",
-    ]
-
-
-def test_the_harness_has_its_names_in_plans_and_its_tracing_subscriptions_are_left_out() -> None:
-    planned = TopicPlan(
-        name="/in", type=IMAGE, phase="measure", writers=("player",), readers=("/a",)
-    )
-    facts = gather_facts(
-        msgspec.structs.replace(Simulation().plan(), topics=(planned,)),
-        "measure",
-        (),
-        Discovered(
-            writers={"/in": (end("/r2bspec/player"),)},
-            readers={"/in": (end("/a"), end("/r2bspec/monitor"))},
-        ),
-        passed={"/in": 4},
-    )
-    topic_facts = facts.topics["/in"]
-    assert facts.inputs == ("/in",)
-    assert [publisher.node for publisher in topic_facts.publishers] == ["player"]
-    assert [subscription.node for subscription in topic_facts.subscriptions] == ["/a"]
-    assert topic_facts.passed == 4
 
 
 INPUT = "/r2b/image"
@@ -270,14 +218,6 @@ def test_an_endpoint_that_may_be_right_proves_nothing(other: TopicFacts) -> None
     assert not certain(around(other))
 
 
-def test_a_planned_node_in_another_namespace_has_its_endpoints_there() -> None:
-    elsewhere = stranger("/camera/mask", "", "/a")
-    assert certain(around(elsewhere, nodes="/a"))
-    assert not certain(around(elsewhere, nodes="/a /r2b/a"))
-    assert not certain(around(stranger("/camera/mask", "", "/b"), nodes="/b"))
-    assert not certain(around(stranger("/camera/mask", "", "/a", kind=TEXT), nodes="/a"))
-
-
 def test_a_remapping_without_effect_explains_an_endpoint_of_any_name() -> None:
     rule = RemappedTopic("/r2b/a", "camera/msk", INPUT, own_node_name=True)
     facts = around(stranger("/camera/mask", "", "/r2b/a"))
@@ -285,19 +225,6 @@ def test_a_remapping_without_effect_explains_an_endpoint_of_any_name() -> None:
     assert [*unmatched(facts, [rule])] == [rule]
     other = stranger("/camera/mask", "", "/r2b/a", kind=TEXT)
     assert not certain(around(other), rule)
-
-
-def test_a_remapping_with_effect_is_not_unmatched() -> None:
-    facts = around(stranger("/r2b/out", "/r2b/a"), stranger("/r2b/last", "/plain"))
-
-    def has_no_effect(node: str, name: str, *, own: bool) -> bool:
-        return bool([*unmatched(facts, [RemappedTopic(node, "o", name, own_node_name=own)])])
-
-    assert not has_no_effect("/r2b/a", "/r2b/out", own=True)
-    assert has_no_effect("/r2b/b", "/r2b/out", own=True)
-    # A program may have nodes of any name, but not those of other nodes in the plan.
-    assert not has_no_effect("/r2b/b", "/r2b/last", own=False)
-    assert has_no_effect("/r2b/b", "/r2b/out", own=False)
 
 
 def test_an_incompatible_profile_is_certain() -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from r2bspec.execute.measurement.harness_overhead import _quietest
 from r2bspec.execute.measurement.peak_search import LongPlays, PeakSearch, ProbeOutcome
-from r2bspec.execute.measurement.rate_probe import MAX_FUTILE_REPLAYS, AffectedProbes
+from r2bspec.execute.measurement.rate_probe import AffectedProbes
 from r2bspec.execute.run_context import Interference, TimeBudget, interference_of
 from r2bspec.judge.measure.host_usage import HostInterference
 from r2bspec.judge.stationarity import CompletionTimes
@@ -115,14 +115,6 @@ def test_what_no_stranger_explains_is_decided_at_once(rate_hz: float, is_sustain
     assert machine.played == [rate_hz]
 
 
-def test_tolerated_strangers_are_recorded_and_explain_nothing() -> None:
-    machine = Machine(BUSY, policy="tolerate")
-    found = machine.probe(90.0).probe
-    assert (found.disturbed, found.explained) == (BUSY.reasons, False)
-    assert machine.played == [90.0]
-    assert machine.search().limited_by == "graph"
-
-
 def test_nothing_is_played_again_without_time() -> None:
     machine = Machine(BUSY, budget_ns=1)
     assert machine.probe(90.0).probe.explained
@@ -139,28 +131,6 @@ def test_on_a_busy_machine_the_peak_is_at_best_a_lower_bound() -> None:
     assert 0.95 * 57.0 <= holds_hz <= 57.0
     assert fails_hz == 400.0
     assert found.disturbed == BUSY.reasons
-
-
-def test_a_machine_that_is_always_busy_does_not_double_the_search() -> None:
-    machine = Machine(BUSY)
-    reruns = [machine.probe(90.0).probe.rerun_of for _ in range(MAX_FUTILE_REPLAYS + 3)]
-    assert sum(map(bool, reruns)) == MAX_FUTILE_REPLAYS
-    assert len(machine.played) == 2 * MAX_FUTILE_REPLAYS + 3
-
-
-def test_without_any_clean_failure_there_is_no_upper_end() -> None:
-    class Slower(Machine):
-        capacity_hz = 399.0
-
-    found = Slower(BUSY).search()
-    assert (found.fails_hz, found.upper_hz, found.limited_by) == (None, None, "interference")
-
-
-def test_strangers_that_leave_do_not_change_the_bracket() -> None:
-    disturbed = Machine(QUIET, BUSY, QUIET, BUSY, QUIET).search()
-    assert disturbed.limited_by == "graph"
-    holds_hz, fails_hz = bracket(disturbed)
-    assert holds_hz <= 95.0 < fails_hz <= holds_hz * 1.02
 
 
 class Overloaded(Machine):
@@ -201,18 +171,6 @@ def test_an_overload_that_was_hardly_disturbed_shows_the_capacity() -> None:
     assert found.capacity is not None
 
 
-@pytest.mark.parametrize("elsewhere", ["probe", "confirmation"])
-def test_a_bound_of_the_capacity_stays_if_others_disturbed_another_probe(
-    elsewhere: Purpose,
-) -> None:
-    found = Overloaded(elsewhere, BUSY).search()
-    assert any(probe.disturbed for probe in found.probes)
-    assert found.capacity is not None
-    assert found.limited_by == "graph"
-    assert found.fails_hz == pytest.approx(95.0 * 1.01)
-    assert found.fails_hz not in [probe.rate_hz for probe in found.probes]
-
-
 @pytest.mark.parametrize(
     ("seen", "reasons", "taken"),
     [
@@ -229,10 +187,6 @@ def test_what_is_said_of_a_part_of_a_run(seen: dict[str, Any], reasons: int, tak
     found = interference_of(HostInterference(seconds=4.0, cores=2, **seen))
     assert len(found.reasons) == reasons
     assert found.taken == pytest.approx(taken)
-
-
-def test_what_was_not_observed_disturbed_nobody() -> None:
-    assert interference_of(None) == QUIET
 
 
 @pytest.mark.parametrize(

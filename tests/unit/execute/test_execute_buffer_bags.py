@@ -12,7 +12,7 @@ from r2bspec.bags.recording import DataError
 from r2bspec.execute.errors import DatasetMismatchError
 from r2bspec.execute.fill_buffers import buffer_bags, obtain_dataset
 from r2bspec.execute.progress import Progress
-from r2bspec.ipc.buffers import buffered_transforms, read_index, read_messages, read_stamps
+from r2bspec.ipc.buffers import buffered_transforms, read_index, read_messages
 from r2bspec.plan.plan import BagTopicPlan, DatasetPlan
 from ros_runs import IMAGE, START_NS, STRING, image, text, write_bag
 from service_events import ADD_EVENTS, ADD_TYPE, ANSWERED, RECEIVED, SENT, event, write_events
@@ -78,16 +78,6 @@ def test_only_what_the_plan_names_in_the_window_is_buffered(bag: Path, buffers: 
     assert sorted(each.name for each in buffers.iterdir()) == ["image.cdr", "image.json"]
 
 
-def test_several_bags_share_one_clock(tmp_path: Path, bag: Path, buffers: Path) -> None:
-    later = write_bag(tmp_path / "later", {"/right": (50, 83, 116)})
-    plans = [
-        dataset(topic("/left", "/left"), start_ms=30, end_ms=100),
-        dataset(topic("/right", "/right"), start_ms=30, end_ms=100),
-    ]
-    counts = buffer_bags([bag, later], plans, buffers, Progress())
-    assert counts == {"/left": 3, "/right": 2}
-
-
 def test_messages_of_one_topic_in_several_bags_are_merged_by_time(
     tmp_path: Path, buffers: Path
 ) -> None:
@@ -141,18 +131,6 @@ def test_transforms_are_buffered_where_they_are_asked_for(tmp_path: Path, buffer
     (static,) = read_messages(buffers, "/tf_static", {0}).values()
     # Static transforms come from the whole bag: they were published once, at its beginning.
     assert read_transforms(bytes(static)) == [("arm", "camera", START_NS)]
-
-
-def test_what_only_ros_knows_to_have_a_header_is_left_open_until_it_says_so(
-    bag: Path, buffers: Path
-) -> None:
-    plan = dataset(topic("/left", "/image", "own_msgs/msg/Picture"))
-    buffer_bags([bag], [plan], buffers, Progress())
-    index = read_index(buffers, "/image")
-    assert index.has_header is None
-    known = read_stamps(buffers, index)
-    assert known.has_header
-    assert known.stamps_ns == tuple(START_NS + ms * MS for ms in (0, 33, 66, 99))
 
 
 @pytest.mark.parametrize("pinned", [None, "", "sha256:"])

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,20 +13,16 @@ from hypothesis import strategies as st
 from r2bspec.execute.build_schedule import (
     align,
     build_call_timeline,
-    build_schedule,
     make_timeline,
     place_between,
     place_transforms,
-    playback_order,
 )
-from r2bspec.execute.errors import RunError, UnpairedInputError
+from r2bspec.execute.errors import RunError
 from r2bspec.ipc.buffers import BufferIndex, write_index
-from r2bspec.ipc.schedule import NO_STEP, CyclicSchedule, TimelineSchedule
+from r2bspec.ipc.schedule import NO_STEP, TimelineSchedule
 from r2bspec.judge.measure.matching import input_mask
 from r2bspec.language.spec import QoS
-from r2bspec.plan.plan import BagTopicPlan, CallPlan, InputPlan, TimelinePlan
-from run_simulation import Played, Simulation
-from schedule_events import played_events
+from r2bspec.plan.plan import CallPlan, InputPlan, TimelinePlan
 
 PLAN = TimelinePlan(speed=1.0, recorded=False, shift_tf=True)
 T = 1_000_000
@@ -114,12 +109,6 @@ def test_speed_changes_the_times_of_play_and_no_stamp(speed: float, offset_ns: i
     assert timeline.period_ns == round(timeline.stamp_period_ns / speed)
 
 
-def test_what_has_no_header_is_a_step_by_itself_at_its_time() -> None:
-    bare = index(0, 50, header=False)
-    timeline = made((played("a"), index(0, 100)), (played("b"), bare))
-    assert [step.inputs for step in timeline.steps] == [0b01, 0b10, 0b10, 0b01]
-
-
 @given(st.lists(st.integers(0, 50), min_size=1, max_size=40), st.booleans())
 def test_every_message_is_played_once_and_every_stamp_is_unique(
     stamps: list[int], header: bool
@@ -153,22 +142,9 @@ def test_a_recorded_timeline_is_that_of_what_came_out() -> None:
     assert [step.stamp_ns - T for step in timeline.steps] == [0, 100]
 
 
-def test_stamps_that_nothing_recorded_has_are_refused() -> None:
-    pair = played("out", bag_topic=""), index(900, stamps=(5,))
-    with pytest.raises(RunError, match="none of the 1 messages on /out_raw") as raised:
-        make_timeline([pair], [index(0)], PLAN)
-    assert raised.value.code == "R2B659"
-    assert "record_timeline" in raised.value.hint
-
-
 def test_an_input_without_messages_is_refused() -> None:
     with pytest.raises(RunError, match="no messages were buffered for /in_raw"):
         make_timeline([(played(), index())], [], PLAN)
-
-
-def test_a_buffer_keeps_the_first_messages_of_each_input() -> None:
-    timeline = made((played("a"), index(0, 10, 20)), (played("b"), index(5, 15)), buffer=2)
-    assert [(m.input, m.position) for m in timeline.messages] == [(0, 0), (1, 0), (0, 1), (1, 1)]
 
 
 def test_transforms_belong_to_no_step_and_old_ones_come_at_the_beginning() -> None:
@@ -204,39 +180,6 @@ def test_while_sweeping_transforms_come_back_in_reverse() -> None:
     ]
 
 
-def built(folder: Path, known: int, unpaired: Literal["refuse", "drop"]) -> list[str]:
-    """The notes on a timeline of which a preprocessor kept so many of ten stamps."""
-    folder.mkdir(exist_ok=True)
-    recorded = msgspec.structs.replace(index(*range(0, 1000, 100)), topic="/bag")
-    stamps = tuple(range(0, 100 * known, 100)) + tuple(range(7, 7 + 10 - known))
-    made_anew = msgspec.structs.replace(index(*range(0, 1000, 100), stamps=stamps), topic="/in_raw")
-    for each in (recorded, made_anew):
-        write_index(folder, each)
-    plan = Simulation(segments=[Played(30, np.full(3, 0.02))]).plan()
-    dataset = msgspec.structs.replace(
-        plan.dataset,
-        topics=(BagTopicPlan(bag_topic="/bag", topic="/bag", type="x", count=10, rate_hz=10.0),),
-    )
-    plan = msgspec.structs.replace(
-        plan,
-        inputs=(played(bag_topic=""),),
-        dataset=dataset,
-        timeline=PLAN,
-        unpaired=unpaired,
-        monitors=(),
-    )
-    notes: list[str] = []
-    build_schedule(plan, folder, {"/in": True}, notes.append)
-    return notes
-
-
-def test_a_timeline_that_leaves_most_messages_out_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UnpairedInputError, match="6 of 10 messages of /in have a stamp that no"):
-        built(tmp_path / "most", 4, "refuse")
-    assert "are not played" in built(tmp_path / "some", 6, "refuse")[0]
-    assert "6 of 10" in built(tmp_path / "agreed", 4, "drop")[0]
-
-
 def recorded(topic: str, *stamps_ns: int, header: bool = True) -> BufferIndex:
     return buffered(topic, stamps_ns, stamps_ns, header=header)
 
@@ -254,11 +197,6 @@ def test_an_input_without_a_header_goes_by_order_and_starts_again_when_it_is_sho
     text = recorded("/text", 1, 2, header=False)
     assert align([image, text], 0).steps == ((0, 0), (1, 1), (2, 0), (3, 1), (4, 0))
     assert align([text, image], 0).unpaired == {}
-
-
-def test_inputs_that_all_lack_headers_are_as_many_steps_as_the_longest() -> None:
-    aligned = align([recorded("/a", 1, 2, 3, header=False), recorded("/b", 7, 8, header=False)], 0)
-    assert aligned.steps == ((0, 0), (1, 1), (2, 0))
 
 
 def test_an_input_that_got_no_message_is_named() -> None:
@@ -319,40 +257,6 @@ def test_each_message_is_played_where_it_was_stamped() -> None:
         (1.0, 2),
         (1.5, 3),
         (2.5, 4),
-    ]
-
-
-def test_a_step_input_may_come_after_one_with_its_own_rate() -> None:
-    imu = stamped("/imu", 25, 75)
-    schedule = CyclicSchedule(
-        steps=STEPS, columns=(1,), between=tuple(place_between(0, imu, STEPS, [CAMERA]))
-    )
-    first, second = played_events(schedule, 10.0, 1)[:2]
-    assert first.messages == ((1, 0, 0),)
-    assert first.inputs == 2
-    assert second.messages == ((0, 0, 0),)
-
-
-@pytest.mark.parametrize(
-    ("mode", "played"),
-    [
-        ("looping", [(0, 0), (1, None), (2, 2)]),
-        ("sweeping", [(0, 0), (1, None), (2, 2), (1, None)]),
-    ],
-)
-def test_what_was_stamped_as_a_step_is_played_with_it(
-    mode: str, played: list[tuple[int, int | None]]
-) -> None:
-    slow = stamped("/slow", 0, 120, 200)
-    steps = playback_order(STEPS, mode)
-    placed = place_between(1, slow, steps, [CAMERA])
-    schedule = CyclicSchedule(
-        steps=steps, columns=(0,), between=tuple(sorted(placed, key=lambda each: each.at))
-    )
-    events = [event for event in played_events(schedule, 10.0, len(steps)) if event.step != NO_STEP]
-    # In one event, so that they have one stamp.
-    assert [dict(each[:2] for each in event.messages) for event in events] == [
-        {0: frame} if position is None else {0: frame, 1: position} for frame, position in played
     ]
 
 

@@ -10,10 +10,10 @@ import pytest
 
 from ament_packages import install_package
 from plans import node_plan, process_plan
-from r2bspec.execute.bringup.creation_faults import not_created, not_loaded, not_made
+from r2bspec.execute.bringup.creation_faults import not_created, not_loaded
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.bringup.readiness import StartDeadline
-from r2bspec.execute.errors import GraphDifferencesError, ProcessDiedError, ProcessFailedError
+from r2bspec.execute.errors import GraphDifferencesError, ProcessDiedError
 from r2bspec.language.spec import Container
 from r2bspec.plan.command_lines import container_argv
 from r2bspec.record.run_folder import RunFolder
@@ -125,38 +125,6 @@ def test_an_exception_of_python_is_named_with_its_line() -> None:
     assert error is not None
     assert str(error).endswith("it raised ValueError: no camera (node.py, line 12)")
     assert "Traceback" not in error.details
-
-
-@pytest.mark.parametrize("nodes", [[], [NODE, NODE]])
-def test_of_a_process_with_several_nodes_none_is_blamed(nodes: list[object]) -> None:
-    output = "terminate called after throwing an instance of 'E'\n  what():  x"
-    assert not_created(died(output), nodes) is None  # type: ignore[arg-type]
-
-
-def test_a_crash_is_no_exception() -> None:
-    assert not_created(died("Segmentation fault"), [NODE]) is None
-
-
-# What rclpy 7.1 raises.
-RAISED = {
-    "InvalidParameterTypeException: Trying to set parameter 'gain' to '2' of type 'INTEGER', "
-    "expecting type 'DOUBLE': gain": DOUBLE,
-    "ParameterUninitializedException: The parameter 'model' is not initialized: model": UNSET,
-    "InvalidParameterValueException: Invalid parameter value (99) for parameter. Reason: Parameter "
-    "rate out of range. Min: 1, Max: 10, value: 99: rate": OUT,
-    "ValueError: no camera": ("ValueError: no camera", "node", ""),
-}
-
-
-@pytest.mark.parametrize("what", RAISED)
-def test_a_python_node_with_the_same_mistake_has_the_same_words_and_place(what: str) -> None:
-    begin = "node /r2b/rectify cannot be created: "
-    error = not_made(ProcessFailedError(f"rectify: {begin}{what}", code="R2B633"), [NODE])
-    assert error is not None
-    (difference,) = error.differences
-    found = (difference.message.removeprefix(begin), difference.part, difference.name)
-    assert (difference.code, error.exit_code, found) == ("R2B633", 2, RAISED[what])
-    assert not_made(ProcessFailedError(f"rectify: {begin}{what}", code="R2B634"), [NODE]) is None
 
 
 def test_a_container_that_ends_is_named_with_what_it_loaded(tmp_path: Path) -> None:

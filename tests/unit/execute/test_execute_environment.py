@@ -12,7 +12,6 @@ import pytest
 
 import r2bspec
 from example_spec import example
-from plans import node_plan
 from r2bspec.api import prepare
 from r2bspec.execute.errors import SecretNotSetError
 from r2bspec.execute.processes.environment import (
@@ -23,7 +22,6 @@ from r2bspec.execute.processes.environment import (
 )
 from r2bspec.execute.processes.process import ManagedProcess
 from r2bspec.ipc.process_cleanup import SessionLeader
-from r2bspec.middleware.fast_dds import transport_profile
 from r2bspec.middleware.middleware import TransportKind
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.plan import Plan
@@ -93,19 +91,6 @@ def test_an_empty_entry_does_not_mean_the_folder_of_the_spec(
     made = environment(tmp_path, plan())
     assert made.for_harness()["PYTHONPATH"] == "/opt/lib"
     assert made.for_node({})["PYTHONPATH"] == f"/opt/lib:{MODULE_NAMES}"
-
-
-def test_the_profile_of_the_user_is_kept_with_an_inherited_transport_only(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", "/home/user/mine.xml")
-    kept = environment(tmp_path, plan("inherit")).for_node({})
-    assert kept["FASTRTPS_DEFAULT_PROFILES_FILE"] == "/home/user/mine.xml"
-    assert list(tmp_path.iterdir()) == []
-    for transport in CONFIGURED:
-        environment(tmp_path, plan(transport))
-        profile = (tmp_path / "transport.xml").read_text()
-        assert profile == transport_profile(transport, 1_000_000)
 
 
 USERS = {
@@ -198,38 +183,6 @@ NAMES = ("API_*", "HOME", "MIRROR", "UNSET_TOKEN")
 @pytest.fixture(name="secrets")
 def secret_references() -> SecretReferences:
     return SecretReferences(NAMES, ENVIRON)
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("$(env API_TOKEN)", VALUE),
-        ("--key=$(env API_TOKEN)!", f"--key={VALUE}!"),
-        ("$(env MIRROR)/a", "https://user:password@mirror/a"),
-        ('"$(quoted_env API_TOKEN)"', json.dumps(VALUE)),
-        # Texts that are no reference to a secret of the plan stay as they are.
-        ("$(env UNLISTED_TOKEN)", "$(env UNLISTED_TOKEN)"),
-        ("$(env HOME)", "$(env HOME)"),
-        ("$(quoted_env HOME)", "$(env HOME)"),
-        ("$(python) $HOME $(API_TOKEN)", "$(python) $HOME $(API_TOKEN)"),
-    ],
-)
-def test_texts(secrets: SecretReferences, text: str, expected: str) -> None:
-    assert secrets.in_text(text) == expected
-
-
-def test_the_program_of_a_command_is_not_replaced(secrets: SecretReferences) -> None:
-    words = ["$(env API_TOKEN)", "$(env API_TOKEN)"]
-    assert secrets.in_words(words) == ["$(env API_TOKEN)", VALUE]
-
-
-def test_values_of_parameters(secrets: SecretReferences) -> None:
-    parameters = {"a": "$(env API_TOKEN)", "b": ["x", "$(env API_TOKEN)"], "c": 1.5}
-    node = node_plan("n", parameters=parameters)
-    (found,) = secrets.in_nodes([node])
-    assert found.parameters == {"a": VALUE, "b": ["x", VALUE], "c": 1.5}
-    assert found.name == "/r2b/n"
-    assert secrets.in_value({"a": {"b": ["$(env API_TOKEN)", True]}}) == {"a": {"b": [VALUE, True]}}
 
 
 def test_a_variable_that_is_not_set_is_named(secrets: SecretReferences) -> None:
@@ -341,14 +294,6 @@ NAMED = [name for name in PRINTED if not name.startswith("NOT_NAMED")]
 )
 def test_values_of_secrets_are_replaced_and_all_else_stays(text: str, shown: str | None) -> None:
     assert make_redactor(NAMED, PRINTED)(text) == (text if shown is None else shown)
-
-
-def test_without_secrets_nothing_is_replaced() -> None:
-    assert make_redactor(["DATA_DIR", "UNSET_TOKEN"], PRINTED)("/data other") == "/data other"
-
-
-def test_patterns_of_names_are_names() -> None:
-    assert make_redactor(["API_*"], {"API_KEY": "12345"})("12345") == "***"
 
 
 def test_a_log_is_redacted_before_it_is_cut(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -11,11 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.execute.measurement.harness_overhead import (
-    HarnessOverhead,
-    overhead_record,
-    overhead_steps,
-)
+from r2bspec.execute.measurement.harness_overhead import HarnessOverhead, overhead_record
 from r2bspec.ipc import protocol
 from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.language.spec import QoS
@@ -71,12 +66,6 @@ def test_neither_what_is_lost_nor_what_comes_late_from_the_warm_up_shifts_a_pair
     assert (record.latency_p50_ns, record.latency_p99_ns) == (5_000, 5_000)
 
 
-def test_without_samples_there_is_no_time() -> None:
-    record = overhead_record("/image", 10.0, playback(3), np.zeros(0, MONITOR_DTYPE))
-    assert (record.sent, record.received, record.bytes) == (3, 0, 0)
-    assert record.latency_p50_ns is None
-
-
 class Asked:
     """Children that answer how many readers each topic has, and nothing else."""
 
@@ -117,16 +106,3 @@ def test_an_input_that_a_measurement_would_affect_is_not_played(
     )
     assert measurement.measure() == ()
     assert len(children.commands) == questions
-
-
-@pytest.mark.parametrize(("usual", "steps"), [(1, 11), (10, 11), (20, 20), (100, 100), (1000, 299)])
-def test_the_length_depends_on_the_messages_of_a_second(usual: int, steps: int) -> None:
-    assert overhead_steps(usual) == steps
-
-
-def test_the_fewest_bound_the_median_and_the_most_the_p99() -> None:
-    fewest, most = overhead_steps(0), overhead_steps(10_000)
-    # The median lies outside of the second smallest to the second largest if at most one value is
-    # on one side of it.
-    assert 2 * sum(math.comb(fewest, below) for below in range(2)) / 2**fewest <= 0.02
-    assert 1 - 0.99**most >= 0.95 > 1 - 0.99 ** (most - 1)

@@ -16,14 +16,13 @@ from plans import node_plan, process_plan
 from r2bspec.execute.identity import installed_python
 from r2bspec.execute.identity.identify_graph import changes_since, graph_identity, observed_identity
 from r2bspec.plan.command_lines import HARNESS_ARGV
-from r2bspec.plan.plan import AfterReadyPlan, ExternalPlan, Plan, ProcessPlan, SetupPlan
+from r2bspec.plan.plan import Plan, ProcessPlan
 from r2bspec.record.graph_identity import (
     GraphIdentity,
     NodeIdentity,
     Revision,
     common_identity,
     identity_differences,
-    revision_text,
 )
 from run_simulation import Simulation
 
@@ -102,15 +101,6 @@ def test_a_change_of_any_of_its_files_is_another_identity_and_is_named(
     assert changed == (f"{Path(name).name} changed",)
 
 
-def test_a_node_that_cannot_be_parsed_or_read_is_still_known_by_its_file(top: Path) -> None:
-    (top / "nodes" / "blur.py").write_bytes(b"import helper\n\x00 from (\n")
-    assert "nodes/blur.py" in paths(only_node(identity_of(top)))
-    (top / "nodes" / "blur.py").unlink()
-    node = only_node(identity_of(top))
-    assert node.digest == ""
-    assert "blur.py cannot be read" in node.unknown
-
-
 def test_the_digest_does_not_depend_on_the_place_of_the_work_tree(
     top: Path, tmp_path: Path
 ) -> None:
@@ -153,20 +143,6 @@ def test_a_clean_a_dirty_and_no_work_tree(top: Path, tmp_path: Path) -> None:
     assert paths(only_node(outside)) == ["blur.py"]
 
 
-@pytest.mark.parametrize(
-    ("revision", "text"),
-    [
-        (None, ""),
-        (Revision("3f2a1c4" + "0" * 33, dirty=True), "3f2a1c4+dirty"),
-        (Revision("9b1e44f" + "0" * 33, dirty=False, name="origin/main"), "origin/main@9b1e44f"),
-        (Revision("9b1e44f" + "0" * 33, dirty=False, name="9b1e44f0"), "9b1e44f"),
-        (Revision("", dirty=True), "no commit+dirty"),
-    ],
-)
-def test_the_text_of_a_revision(revision: Revision | None, text: str) -> None:
-    assert revision_text(revision) == text
-
-
 # Installed modules and distributions
 
 
@@ -188,21 +164,6 @@ def new_installation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder.mkdir(parents=True)
     monkeypatch.setenv("PYTHONPATH", str(folder))
     return folder
-
-
-def test_before_a_run_a_python_file_is_known_by_itself_and_what_is_beside_it(top: Path) -> None:
-    identity = identity_of(top)
-    node = only_node(identity)
-    assert node.kind == "python"
-    assert paths(node) == [
-        "nodes/blur.py",
-        "nodes/helper.py",
-        "nodes/shapes/__init__.py",
-        "nodes/shapes/box.py",
-        "nodes/shapes/corner.py",
-        "nodes/unused.py",
-    ]
-    assert identity.packages["python"] == ".".join(map(str, sys.version_info[:3]))
 
 
 def observed(top: Path, *names: str, plan: Plan = BLUR) -> GraphIdentity:
@@ -253,30 +214,6 @@ def test_starts_that_load_different_files_of_the_same_code_have_one_identity(top
     write_files(top, {"nodes/blur.py": "OTHER = 1\n"})
     assert common_identity([first, observed(top, "nodes/blur.py")]) is None
     assert common_identity([first, None]) is None
-
-
-def test_what_was_installed_from_a_folder_is_known_by_its_files(top: Path, installed: Path) -> None:
-    install(installed, "own", "1.0")
-    info = installed / "own-1.0.dist-info"
-    (info / "direct_url.json").write_text('{"url": "file:///home/me/own", "dir_info": {}}')
-    identity = observed(top, str(installed / "own/__init__.py"))
-    assert str(installed / "own/__init__.py") in paths(only_node(identity))
-
-
-def test_a_module_is_known_by_the_folder_in_which_it_is_found(
-    top: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_files(top, {f"src/lens/lens/{name}.py": NODE for name in ("__init__", "blur", "kernel")})
-    monkeypatch.setenv("PYTHONPATH", str(top / "src" / "lens"))
-    plan = plan_of(python_process("blur", "lens.blur.Blur"))
-    names = ["__init__.py", "blur.py", "kernel.py"]
-    assert paths(only_node(identity_of(top, plan))) == [f"src/lens/lens/{name}" for name in names]
-    kernel = {"src/lens/lens/kernel.py": "K = 2\n"}
-    assert differences_by(top, top, kernel, plan) == ("kernel.py changed",)
-    monkeypatch.delenv("PYTHONPATH")
-    gone = only_node(identity_of(top, plan))
-    assert gone.unknown == "module lens.blur is not installed"
-    assert gone.digest == ""
 
 
 # Executables, components, commands and launch files
@@ -373,25 +310,6 @@ def test_a_python_executable_of_a_workspace_is_known_by_the_modules_that_it_impo
     assert changed[-1].endswith("kernel.py changed")
 
 
-def test_a_component_is_known_by_its_library(top: Path, workspace: Workspace) -> None:
-    prefix = workspace.package("lens")
-    index = "share/ament_index/resource_index/rclcpp_components/lens"
-    write_files(prefix, {index: "lens::Sharpen;lib/libsharpen.so\nlens::Blur;lib/libblur.so\n"})
-    write_program(prefix / "lib/libblur.so", b"\x7fELF1")
-    write_program(prefix / "lib/libsharpen.so", b"\x7fELF2")
-
-    def identity_of_component(plugin: str) -> NodeIdentity:
-        argv = "$(executable rclcpp_components component_container)"
-        process = process_of("blur", argv, role="container", package="lens", plugin=plugin)
-        return only_node(identity_of(top, plan_of(process)))
-
-    node = identity_of_component("lens::Blur")
-    assert (node.kind, node.version) == ("plugin", "0.1.0")
-    assert "src/lens/package.xml" in paths(node)
-    missing = identity_of_component("lens::Other")
-    assert missing.unknown == "lens registers no component lens::Other"
-
-
 def test_a_command_is_known_by_the_files_of_the_work_tree_that_it_names(top: Path) -> None:
     write_files(
         top, {"bench/tool.py": "import helper\n", "bench/helper.py": "", "bench/map.yaml": "a"}
@@ -401,11 +319,6 @@ def test_a_command_is_known_by_the_files_of_the_work_tree_that_it_names(top: Pat
     assert node.kind == "command"
     assert paths(node) == ["bench/helper.py", "bench/map.yaml", "bench/tool.py"]
     assert differences_by(top, top, {"bench/map.yaml": "b"}, plan) == ("map.yaml changed",)
-
-
-def test_a_program_that_is_not_there_is_unknown(top: Path) -> None:
-    node = only_node(identity_of(top, plan_of(process_of("tool", "no-such-program"))))
-    assert (node.digest, node.unknown) == ("", "program no-such-program is not installed")
 
 
 def test_parameter_files_count_for_every_kind_of_node(top: Path) -> None:
@@ -440,63 +353,4 @@ def test_a_launch_file_counts_with_what_it_names_and_says_that_there_is_more(
     assert differences_by(top, top, changed, plan) == ("blur.launch.py changed",)
 
 
-def test_preprocessors_setup_steps_and_external_nodes_have_names_of_their_own(top: Path) -> None:
-    write_files(top, {"bench/build.sh": "make\n", "bench/call.sh": "call\n"})
-    process = python_process("blur", "../nodes/blur.py:Blur")
-    before = msgspec.structs.replace(process, name="preprocess.blur", phase="preprocess")
-    plan = plan_of(
-        before,
-        process,
-        external=(ExternalPlan(name="/camera", phase="measure"),),
-        setup=(
-            SetupPlan(
-                name="build",
-                argv=("sh", "bench/build.sh"),
-                creates="",
-                directory="..",
-                env={},
-                timeout_ns=1,
-            ),
-        ),
-        after_ready=(
-            AfterReadyPlan(name="call", argv=("sh", "call.sh"), timeout_ns=1),
-            AfterReadyPlan(name="service", service="/s", service_type="t", timeout_ns=1),
-        ),
-    )
-    nodes = identity_of(top, plan).nodes
-    assert [*nodes] == ["preprocess.blur", "blur", "/camera", "setup build", "step call"]
-    assert nodes["/camera"].unknown == "it is started by others"
-    assert paths(nodes["setup build"])[-1] == "bench/build.sh"
-    assert paths(nodes["step call"])[-1] == "bench/call.sh"
-
-
 # Differences
-
-
-def test_nodes_that_come_go_or_change_their_kind_are_named(top: Path) -> None:
-    write_files(top, {"bench/tool.sh": "tool\n"})
-    blur = python_process("blur", "../nodes/blur.py:Blur")
-    base = identity_of(top, plan_of(blur, process_of("old", "sh", "./tool.sh")))
-    head = identity_of(top, plan_of(process_of("blur", "sh", "./tool.sh"), blur))
-    other = identity_of(top, plan_of(process_of("blur", "sh", "./tool.sh")))
-    assert "old removed" in identity_differences(base, head)
-    assert "blur: python → command" in identity_differences(base, other)
-
-
-def test_files_of_one_name_are_told_apart_by_their_paths() -> None:
-    from r2bspec.record.graph_identity import FileDigest, identity_digest, node_digest
-
-    def identity(*contents: str) -> GraphIdentity:
-        files = tuple(
-            FileDigest(f"{letter}/__init__.py", content)
-            for letter, content in zip("ab", contents, strict=True)
-        )
-        node = NodeIdentity(kind="python", digest="", files=files)
-        node = msgspec.structs.replace(node, digest=node_digest(node))
-        return GraphIdentity(digest=identity_digest({"n": node}, {}), nodes={"n": node})
-
-    assert identity_differences(identity("1", "1"), identity("2", "2")) == (
-        "a/__init__.py changed",
-        "b/__init__.py changed",
-    )
-    assert identity_differences(identity("1", "1"), identity("1", "2")) == ("__init__.py changed",)

@@ -48,37 +48,6 @@ def test_one_without_it_or_with_another_cannot(
     assert why_not_joinable(elf(tmp_path, *segments)) == reason
 
 
-def test_a_program_of_another_processor_cannot(tmp_path: Path) -> None:
-    path = elf(tmp_path, GLIBC, machine=40)
-    assert why_not_joinable(path) == "is built for another kind of processor"
-
-
-def test_a_script_is_what_its_interpreter_is(tmp_path: Path) -> None:
-    static = elf(tmp_path, LOADED)
-    script = tmp_path / "script"
-    script.write_text(f"#!{static} -x\n")
-    assert why_not_joinable(script) == "is linked statically"
-    script.write_text(f"#!{sys.executable}\n")
-    assert why_not_joinable(script) == ""
-
-
-def test_a_damaged_program_is_left_to_the_kernel(tmp_path: Path) -> None:
-    path = elf(tmp_path, GLIBC)
-    whole = path.read_bytes()
-    for size in range(len(whole)):
-        path.write_bytes(whole[:size])
-        assert isinstance(why_not_joinable(path), str)
-    assert why_not_joinable(tmp_path / "missing") == ""
-
-
-def test_a_static_wrapper_may_start_what_can_be_joined(tmp_path: Path) -> None:
-    static = str(elf(tmp_path, LOADED))
-    require_joinable("node", [static, "--flag", sys.executable])
-    with pytest.raises(NotJoinableError, match="is linked statically") as raised:
-        require_joinable("node", [static, "--flag", "nothing"])
-    assert raised.value.code == "R2B674"
-
-
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can give a program to another user")
 def test_a_program_of_another_user_cannot_be_joined_nor_what_it_starts(tmp_path: Path) -> None:
     program = tmp_path / "setuid"

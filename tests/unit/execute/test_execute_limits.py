@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-import errno
-import os
 import re
 import resource
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
-from r2bspec.execute.errors import AddressSpaceError, SharedMemoryError
+from r2bspec.execute.errors import AddressSpaceError
 from r2bspec.execute.processes.prerequisites import (
     limit_error,
     require_address_space,
-    require_free_shared_memory,
     require_loopback,
     with_limits,
 )
-from r2bspec.middleware.middleware import middleware_of
-from r2bspec.record.files import RecordError, write_atomically
-from run_simulation import Simulation
 
 
 def limit(monkeypatch: pytest.MonkeyPatch, which: int, soft: int) -> None:
@@ -85,36 +78,6 @@ def test_what_no_process_or_thread_can_be_started_for_is_said(
         assert f"{reason}; {text}" in str(error)
         assert error.hint
     assert limit_error("the socket: Resource temporarily unavailable") is None
-
-
-def test_a_limit_on_open_files_is_no_missing_program(monkeypatch: pytest.MonkeyPatch) -> None:
-    limit(monkeypatch, resource.RLIMIT_NOFILE, 16)
-    text = f"process player cannot be started: /bin/player: {os.strerror(errno.EMFILE)}"
-    error = limit_error(text)
-    assert error is not None
-    assert (error.code, error.exit_code) == ("R2B679", 2)
-    assert str(error).endswith(f"is limited to 16 (ulimit -n); {text}")
-    assert "ulimit -n" in error.hint
-
-
-def test_a_limit_on_the_size_of_a_file_is_no_full_disk(tmp_path: Path) -> None:
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
-    try:
-        with pytest.raises(RecordError, match=os.strerror(errno.EFBIG)) as caught:
-            write_atomically(tmp_path / "plan.json", bytes(2000))
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    assert "ulimit -f" in caught.value.hint
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_segment_of_shared_memory_has_to_fit_into_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
-    limit(monkeypatch, resource.RLIMIT_FSIZE, 1 << 20)
-    plan, middleware = Simulation().plan(), middleware_of({})
-    require_free_shared_memory(plan, "measure", middleware, 1 << 20)
-    with pytest.raises(SharedMemoryError, match=r"limited to 1 MiB \(ulimit -f\); a segment"):
-        require_free_shared_memory(plan, "measure", middleware, 2 << 20)
 
 
 def test_a_machine_without_loopback_is_named_before_anything_starts() -> None:

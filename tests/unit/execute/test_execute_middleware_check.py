@@ -12,11 +12,9 @@ from command_line import Call
 from example_spec import example
 from plans import process_plan
 from r2bspec import api
-from r2bspec.compare.interleaved_comparison import ComparisonSide, prepare_comparison
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.errors import MiddlewareError
 from r2bspec.execute.processes.environment import RunEnvironment
-from r2bspec.execute.processes.machine import describe_versions
 from r2bspec.execute.processes.prerequisites import check_middleware
 from r2bspec.ipc import protocol
 from r2bspec.plan.canonical_json import canonical_json
@@ -25,7 +23,6 @@ from r2bspec.record.run_folder import open_run
 from run_simulation import Simulation
 
 CYCLONE = {"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
-FAST = {"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}
 
 
 def plan(transport: Any, env: dict[str, str] | None = None) -> Plan:
@@ -49,27 +46,6 @@ def test_a_transport_of_another_middleware_is_refused_with_the_code_of_the_rule(
     assert error.hint.startswith("Write 'transport: inherit'")
 
 
-def test_a_node_that_selects_its_own_is_named() -> None:
-    with pytest.raises(MiddlewareError, match="which RMW_IMPLEMENTATION of relay selects"):
-        check_middleware(plan("udp", CYCLONE), FAST)
-
-
-@pytest.mark.parametrize(
-    ("transport", "environ", "env"),
-    [
-        ("inherit", CYCLONE, {}),
-        ("inherit", {}, CYCLONE),
-        ("shared_memory", {}, {}),
-        ("udp", FAST, FAST),
-        ("udp", {"RMW_IMPLEMENTATION": ""}, {"RMW_IMPLEMENTATION": ""}),
-    ],
-)
-def test_what_can_be_configured_is_not_refused(
-    transport: str, environ: dict[str, str], env: dict[str, str]
-) -> None:
-    check_middleware(plan(transport, env), environ)
-
-
 def test_a_plan_file_is_refused_before_anything_is_started(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
@@ -84,17 +60,6 @@ def test_a_plan_file_is_refused_before_anything_is_started(
     record = open_run(tmp_path / "run").record
     assert record.processes == ()
     assert record.versions["rmw"] == "rmw_cyclonedds_cpp"
-
-
-def test_a_comparison_is_refused_before_its_first_run(tmp_path: Path) -> None:
-    head = ComparisonSide(plan("shared_memory"), tmp_path, "")
-    base = ComparisonSide(plan("shared_memory"), tmp_path, "", CYCLONE)
-    with pytest.raises(MiddlewareError, match="rmw_cyclonedds_cpp"):
-        prepare_comparison(base, head, against="env:")
-    inherits = [
-        ComparisonSide(plan("inherit"), tmp_path, "", each.environment) for each in (base, head)
-    ]
-    assert prepare_comparison(inherits[0], inherits[1], against="env:").base.environment == CYCLONE
 
 
 class _Loaded:
@@ -134,20 +99,3 @@ def test_an_installation_that_loads_another_one_than_ros_usually_does_is_refused
     # Processes that do not say it change nothing.
     said = configured(tmp_path, "udp", "", "rmw_fastrtps_cpp", "")
     assert said == ["", "rmw_fastrtps_cpp", "rmw_fastrtps_cpp"]
-
-
-@pytest.mark.parametrize(
-    ("rmw", "expected", "absent"),
-    [
-        ("", "rmw_fastrtps_cpp", "rmw-cyclonedds-cpp"),
-        ("rmw_cyclonedds_cpp", "rmw_cyclonedds_cpp", "fastrtps"),
-        ("rmw_zenoh_cpp", "rmw_zenoh_cpp", "fastrtps"),
-    ],
-)
-def test_a_run_records_the_selected_middleware(
-    monkeypatch: pytest.MonkeyPatch, rmw: str, expected: str, absent: str
-) -> None:
-    monkeypatch.setenv("RMW_IMPLEMENTATION", rmw)
-    versions = describe_versions()
-    assert versions["rmw"] == expected
-    assert absent not in versions

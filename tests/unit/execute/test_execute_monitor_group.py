@@ -69,15 +69,6 @@ def test_the_answer_is_complete_with_that_of_the_last(
     assert [*group.inbox] == [protocol.Matched(counts={"/a": 1, "/b": 2})]
 
 
-def test_what_is_watched_for_a_while_is_watched_by_the_first(
-    group: MonitorGroup, members: list[Member]
-) -> None:
-    group.send(protocol.StartTap(monitors=()))
-    assert [len(member.commands()) for member in members] == [1, 0]
-    members[0].reply(protocol.Matched(counts={}))
-    assert len(group.inbox) == 1
-
-
 def test_each_subscribes_to_its_own_topics(group: MonitorGroup, members: list[Member]) -> None:
     a, b = (
         MonitorPlan(name=name, topic=f"/{name}", type="std_msgs/msg/Int8", match="order", qos=QoS())

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.execute.measurement.peak_search import LongPlays, PeakSearch, ProbeOutcome
+from r2bspec.execute.measurement.peak_search import PeakSearch, ProbeOutcome
 from r2bspec.record.run_record import Probe, SearchRecord
 from run_simulation import bracket
 
@@ -115,47 +115,11 @@ def test_the_search_is_never_much_slower_than_halving(
     assert len(server.probed) <= 2 * halvings + 6
 
 
-@given(capacity_hz=st.floats(11.0, 990.0))
-def test_a_server_that_keeps_working_under_overload_is_found_in_four_probes(
-    capacity_hz: float,
-) -> None:
-    # Two ends of the range, one below what came out of the overload and one above.
-    server = Server(capacity_hz)
-    search(server)
-    assert len(server.probed) <= 4
-
-
-def test_the_lower_end_is_played_whole_no_nearer_to_the_upper_one_than_the_precision() -> None:
-    """Just above the capacity a backlog grows too slowly to be seen in any play."""
-    server = Server(100.0)
-    plays = LongPlays(confirm=lambda rate_hz, _: server.probe(rate_hz), loss=0.5, conditions=True)
-    record = PeakSearch(10.0, 1000.0, 0.02, server.probe, long_plays=plays).run()
-    *probed, last_hz = (probe.rate_hz for probe in record.probes)
-    assert record.fails_hz is not None
-    assert last_hz == record.holds_hz
-    assert last_hz < max(rate for rate in probed if rate < 100)
-    assert record.fails_hz / last_hz == pytest.approx(1.02)
-
-
-def test_a_capacity_below_the_range_is_found_by_probing_its_lower_end_twice() -> None:
-    server = Server(7.0)
-    record = search(server)
-    assert server.probed == [10.0, 10.0]
-    assert record.holds_hz is None
-    assert record.fails_hz == 10.0
-    assert record.limited_by == "graph"
-
-
 def test_a_capacity_above_the_range_is_limited_by_the_range() -> None:
     record = search(Server(2000.0))
     assert record.holds_hz == 1000.0
     assert record.fails_hz is None
     assert record.limited_by == "range"
-
-
-def test_a_range_of_one_rate_is_probed() -> None:
-    assert search(Server(200.0), 100.0, 100.0).holds_hz == 100.0
-    assert search(Server(50.0), 100.0, 100.0).holds_hz is None
 
 
 @given(player_hz=st.floats(10.0, 999.0))
@@ -199,17 +163,6 @@ def test_what_stays_open_widens_the_bracket_and_is_never_decided(
     assert fails_hz / holds_hz <= (1 + relative_half_width) / (1 - relative_half_width) * step**4
     if not record.open_hz:
         assert fails_hz / holds_hz <= 1.02 + 1e-9
-
-
-def test_an_end_of_the_range_that_stays_open_bounds_nothing() -> None:
-    above = search(Server(1000.0, relative_half_width=0.3))
-    assert (above.fails_hz, above.limited_by) == (None, "range")
-    assert above.holds_hz is not None
-    assert above.open_hz[-1] == 1000.0
-    below = search(Server(10.0, relative_half_width=0.3))
-    assert below.holds_hz is None
-    assert below.fails_hz is not None
-    assert below.open_hz[0] == 10.0
 
 
 def test_a_search_that_is_cut_short_says_so_and_keeps_what_it_found() -> None:

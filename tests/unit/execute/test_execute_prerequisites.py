@@ -18,7 +18,6 @@ from r2bspec.execute.errors import NotInstalledError, RunError, SharedMemoryErro
 from r2bspec.execute.processes import prerequisites
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.prerequisites import (
-    find_executable,
     require_free_shared_memory,
     reserved_domain,
     resolve_argv,
@@ -44,16 +43,6 @@ def prefix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_an_executable_of_a_package_is_found(prefix: Path) -> None:
     argv = resolved("$(executable demo_nodes_cpp talker)", "--ros-args", "-r", "a:=b")
     assert argv == [str(prefix / "lib/demo_nodes_cpp/talker"), "--ros-args", "-r", "a:=b"]
-
-
-def test_the_first_prefix_that_has_it_wins(
-    tmp_path: Path, prefix: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    overlay = install_package(tmp_path / "overlay", "demo_nodes_cpp", programs=["talker"])
-    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{overlay}:{prefix}")
-    assert find_executable("demo_nodes_cpp", "talker") == overlay / "lib/demo_nodes_cpp/talker"
-    # The overlay has the package, too, but not this executable.
-    assert find_executable("demo_nodes_cpp", "listener") == prefix / "lib/demo_nodes_cpp/listener"
 
 
 @pytest.mark.parametrize(
@@ -92,7 +81,6 @@ def test_a_program_is_looked_up_on_the_path(
 
 
 MIB = 1 << 20
-DOCKER = 64 * MIB
 IMAGE = 1280 * 720 * 3
 PROCESSES = 4  # with the observer, which no plan lists
 FAST_DDS = middleware_of({})
@@ -114,19 +102,6 @@ def free(monkeypatch: pytest.MonkeyPatch) -> Any:
     return has
 
 
-def test_an_image_does_not_and_the_way_out_is_told(plan: Plan, free: Any) -> None:
-    free(DOCKER)
-    with pytest.raises(SharedMemoryError) as caught:
-        require_free_shared_memory(plan, "measure", FAST_DDS, default_segment_bytes(IMAGE))
-    error = caught.value
-    assert (error.code, error.exit_code) == ("R2B664", 2)
-    assert f"64 MiB free; the {PROCESSES} processes of the measure phase" in str(error)
-    assert "a segment of 63.4 MiB each" in str(error)
-    assert "transport: udp" in error.hint
-    megabytes = int(error.hint.partition("--shm-size=")[2].partition("m")[0])
-    assert megabytes * MIB >= FAST_DDS.required_shm_bytes(PROCESSES, default_segment_bytes(IMAGE))
-
-
 @pytest.mark.parametrize(("spare", "refused"), [(-1, True), (0, False)])
 def test_the_limit_is_what_all_processes_of_the_phase_take(
     plan: Plan, free: Any, spare: int, refused: bool
@@ -139,16 +114,6 @@ def test_the_limit_is_what_all_processes_of_the_phase_take(
         require_free_shared_memory(plan, "measure", FAST_DDS, 10 * MIB)
     # Nobody runs in the other phase.
     require_free_shared_memory(plan, "preprocess", FAST_DDS, 10 * MIB)
-
-
-def test_what_is_not_decided_here_is_not_refused(plan: Plan, free: Any) -> None:
-    free(0)
-    require_free_shared_memory(plan, "measure", FAST_DDS, 0)
-
-
-def test_a_machine_without_shared_memory_is_told_so(plan: Plan, tmp_path: Path) -> None:
-    with pytest.raises(SharedMemoryError, match="there is no shared memory in .*/none"):
-        require_free_shared_memory(plan, "measure", FAST_DDS, MIB, tmp_path / "none")
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from plans import process_plan
-from r2bspec.errors import UsageError
 from r2bspec.execute.errors import ProfilerError
 from r2bspec.execute.profiled_iteration import profiled_processes, profiled_rate
 from r2bspec.execute.profilers import Profiler, find_profiler, require_usable
@@ -41,11 +40,6 @@ def test_every_process_of_the_graph_is_observed() -> None:
     assert process.name == "harness"
 
 
-def test_a_graph_that_others_start_has_no_process_to_observe() -> None:
-    with pytest.raises(UsageError, match="no process of the graph"):
-        profiled_processes(plan_of(process_plan("player", "player")))
-
-
 def test_the_highest_rate_is_played_for_the_length_of_its_iterations() -> None:
     slow = PlayPlan(rate_hz=10.0, duration_ns=7, iterations=3)
     fast = PlayPlan(rate_hz=60.0, duration_ns=5, iterations=3)
@@ -72,12 +66,6 @@ def test_the_words_of_a_profiler_are_put_before_the_command_of_the_process() -> 
     assert own.prefix(BASE) == ("/usr/bin/valgrind", "--tool=callgrind", f"--out={BASE}.a b")
     # With words of its own, nsys is a command like others.
     assert find_profiler("nsys launch").prefix(BASE)[1:] == ("launch",)
-
-
-@pytest.mark.parametrize("text", ["", "  ", "perf 'record"])
-def test_words_that_are_no_command_are_refused(text: str) -> None:
-    with pytest.raises(UsageError, match="--profile"):
-        find_profiler(text)
 
 
 @pytest.mark.parametrize(

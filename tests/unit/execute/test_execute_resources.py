@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-import mmap
 import os
 import subprocess
 import sys
 import time
-import uuid
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,7 +16,6 @@ import pytest
 
 from family_trees import Family, wait_for
 from git_repositories import write_files
-from r2bspec.execute.processes import resources
 from r2bspec.execute.processes.resources import (
     InterferenceReader,
     OrphanFinder,
@@ -29,7 +26,6 @@ from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.judge.measure.host_usage import CONTROLLER_INDEX, MACHINE_INDEX, ORPHANS_INDEX
 from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE
 
-BUSY = "while True: pass"
 HAS_A_BUSY_CHILD = (
     "import subprocess, sys; subprocess.Popen([sys.executable, '-c', 'while True: pass']).wait()"
 )
@@ -97,35 +93,6 @@ def test_a_sample_is_taken_when_it_is_asked_for() -> None:
     assert after[0] >= soon_ns > previous
 
 
-def test_what_a_process_uses_lately() -> None:
-    sampler = ResourceSampler()
-    with subprocess.Popen([sys.executable, "-c", BUSY]) as process:
-        assert sampler.cores(process.pid) is None
-        sampled(sampler, process.pid, lambda: bool(sampler.cores(process.pid)))
-        process.kill()
-        process.wait()
-        wait_for(lambda: sampler.cores(process.pid) is None)
-        sampler.stop()
-
-
-def test_touching_fresh_memory_is_counted() -> None:
-    before = resources.minor_faults(os.getpid())
-    with mmap.mmap(-1, 64 * mmap.PAGESIZE) as fresh:
-        for at in range(0, len(fresh), mmap.PAGESIZE):
-            fresh[at] = 1
-    assert resources.minor_faults(os.getpid()) > before > 0
-
-
-def test_those_of_children_that_have_ended_belong_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    stat = b"7 (a (strange) name) S 1 7 7 0 -1 4194560 120 30 2 1 5 6 0 0\n"
-    monkeypatch.setattr(Path, "read_bytes", lambda _: stat)
-    assert resources.minor_faults(7) == 150
-
-
-def test_a_process_that_is_gone_has_none() -> None:
-    assert resources.minor_faults(2**22 + 1) == 0
-
-
 def wait_files(proc: Path, pid: int, *waits_ns: int) -> None:
     for thread, wait_ns in enumerate(waits_ns):
         folder = proc / str(pid) / "task" / str(pid + thread)
@@ -144,10 +111,6 @@ def test_waits_of_all_threads_add_up_and_stay_counted(tmp_path: Path) -> None:
     # A process that has ended, and one whose number is used again.
     wait_files(tmp_path, 10, 10**9, 5 * 10**8)
     assert waits.update(0, [10, 99]) == 7.5
-
-
-def test_without_the_counters_of_the_kernel_nothing_is_known(tmp_path: Path) -> None:
-    assert math.isnan(RunQueueWaits(tmp_path).update(0, [os.getpid()]))
 
 
 LEAVES_A_BUSY_CHILD = """
@@ -175,21 +138,6 @@ def test_of_one_with_a_session_of_its_own_only_the_run_is_known(people: Family) 
     assert found_by(OrphanFinder(people.run_id), {people.sessions[0].pid: 3}) == {
         orphan: ORPHANS_INDEX
     }
-
-
-def test_one_that_was_seen_with_its_parent_is_remembered(people: Family) -> None:
-    (orphan,) = people.start("gone-of-stranger")
-    finder = OrphanFinder(people.run_id)
-    assert finder.find({orphan: 5}, {}, ORPHANS_INDEX) == {}
-    assert found_by(finder, {}) == {orphan: 5}
-
-
-def test_other_runs_and_the_nameless_are_not_ours(people: Family) -> None:
-    people.start("gone-of-nameless-worker")
-    assert found_by(OrphanFinder(people.run_id), {}) == {}
-    people.start("gone-of-worker")
-    assert found_by(OrphanFinder(uuid.uuid4().hex), {}) == {}
-    assert found_by(OrphanFinder(""), {}) == {}
 
 
 def test_what_an_orphan_uses_stays_with_its_process(run_id: str) -> None:
@@ -226,9 +174,6 @@ def test_what_an_orphan_uses_stays_with_its_process(run_id: str) -> None:
 def times_ns(sampler: ResourceSampler) -> np.ndarray:
     rows = sampler.rows()
     return np.asarray(rows[rows["process"] == 0]["time_ns"])
-
-
-PRESSURE = "some avg10=1.25 avg60=0.90 avg300=0.35 total=2500000\nfull avg10=0.00 total=7\n"
 
 
 def test_this_machine() -> None:
@@ -283,54 +228,5 @@ def test_cycles_are_cpu_time_at_the_frequency_of_its_time(tmp_path: Path) -> Non
     assert 1e9 * used_s < cycles < 3e9 * used_s
 
 
-@pytest.mark.parametrize("text", ["", "<unknown>\n"])
-def test_a_core_that_does_not_say_its_frequency_leaves_all_unknown(
-    tmp_path: Path, text: str
-) -> None:
-    cores = sorted(os.sched_getaffinity(0))
-    write_files(tmp_path, {frequency_file(core): "2500000\n" for core in cores})
-    write_files(tmp_path, {frequency_file(cores[-1]): text})
-    assert math.isnan(InterferenceReader(tmp_path).read().cycles)
-
-
-GROUPS = "sys/fs/cgroup"
-HOT = "sys/devices/system/cpu/cpu{}/thermal_throttle/core_throttle_total_time_ms"
 # Version 2: the group's own pressure, and the quota of any group above.
-VERSION_2 = {
-    "proc/pressure/cpu": PRESSURE,
-    "proc/self/cgroup": "0::/slice/one\n",
-    f"{GROUPS}/slice/one/cpu.pressure": PRESSURE.replace("2500000", "1000000"),
-    f"{GROUPS}/slice/one/cpu.stat": "usage_usec 5\nthrottled_usec 0\n",
-    f"{GROUPS}/slice/cpu.stat": "usage_usec 9\nthrottled_usec 300000\n",
-}
-VERSION_1 = {
-    "proc/self/cgroup": "4:memory:/a\n2:cpu,cpuacct:/a\n",
-    f"{GROUPS}/cpu,cpuacct/a/cpu.stat": "nr_throttled 2\nthrottled_time 2000000\n",
-}
 # In a container, whose path begins outside of what it can see.
-OUTSIDE = {
-    "proc/self/cgroup": "0::/../../elsewhere\n",
-    f"{GROUPS}/cpu.stat": "throttled_usec 4000\n",
-}
-
-
-@pytest.mark.parametrize(
-    ("files", "waited_s", "throttled_s"),
-    [
-        ({}, None, None),
-        ({"proc/pressure/cpu": "some words\n"}, None, None),
-        ({"proc/pressure/cpu": PRESSURE}, 2.5, None),
-        (VERSION_2, 1.0, 0.3),
-        (VERSION_1, None, 0.002),
-        (OUTSIDE, None, 0.004),
-        # Cores get hot at once.
-        ({HOT.format(core): "5" for core in (0, 1)}, None, 0.005),
-    ],
-)
-def test_where_it_is_read(
-    tmp_path: Path, files: dict[str, str], waited_s: float | None, throttled_s: float | None
-) -> None:
-    write_files(tmp_path, files)
-    found = InterferenceReader(tmp_path).read()
-    for seen, stated in ((found.waited_s, waited_s), (found.throttled_s, throttled_s)):
-        assert math.isnan(seen) if stated is None else seen == stated

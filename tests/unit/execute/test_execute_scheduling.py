@@ -70,15 +70,6 @@ def test_processors_and_niceness(sleeper: subprocess.Popen[bytes]) -> None:
     assert (seen.cpus, seen.nice, seen.policy, seen.count) == ((FIRST,), nice, "other", 1)
 
 
-@pytest.mark.parametrize("policy", ["batch", "idle"])
-def test_a_policy_that_needs_no_permission(sleeper: subprocess.Popen[bytes], policy: str) -> None:
-    plan = process_plan("detector", scheduling=Scheduling(policy=policy))  # type: ignore[arg-type]
-    require_permitted([plan])
-    apply_to_process(plan, sleeper.pid)
-    assert read_scheduling(sleeper.pid)[0].policy == policy
-    assert os.sched_getscheduler(0) == os.SCHED_OTHER
-
-
 @real_time
 def test_real_time_for_the_process_and_threads_by_name(threads: subprocess.Popen[bytes]) -> None:
     plan = process_plan(
@@ -111,10 +102,6 @@ def test_a_name_that_no_thread_has_is_answered_with_those_there_are(
     assert "dds.ev, dds.shm, executor" in caught.value.hint
 
 
-def test_nothing_is_read_back_where_nothing_is_asked_for(threads: subprocess.Popen[bytes]) -> None:
-    assert schedule_threads(process_plan("detector"), threads.pid) == ()
-
-
 def test_a_processor_that_is_not_there_is_named(sleeper: subprocess.Popen[bytes]) -> None:
     plan = process_plan("detector", cpus=(4095,))
     with pytest.raises(RunError, match="detector cannot run on CPUs 4095"):
@@ -122,13 +109,6 @@ def test_a_processor_that_is_not_there_is_named(sleeper: subprocess.Popen[bytes]
     with pytest.raises(RunError, match="detector cannot run on CPUs 4095") as caught:
         apply_to_process(plan, sleeper.pid)
     assert caught.value.code == "R2B636"
-
-
-def test_a_process_that_has_ended_already_is_left_to_its_watcher() -> None:
-    process = subprocess.Popen(["/bin/true"])
-    process.wait()
-    apply_to_process(process_plan("detector", nice=1, cpus=(FIRST,)), process.pid)
-    assert read_scheduling(process.pid) == ()
 
 
 @pytest.mark.parametrize(

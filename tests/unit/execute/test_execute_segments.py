@@ -20,6 +20,7 @@ from r2bspec.ipc.sample_files import RowWriter
 from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.language.quantities import Duration
 from r2bspec.record.run_folder import RunFolder
+from r2bspec.record.run_record import ProcessRecord
 from run_simulation import Simulation
 from scripted_playback import ScriptedPlayback
 
@@ -73,6 +74,10 @@ class Scripted:
     def __iter__(self) -> Iterator[object]:
         """It has no processes whose load could be shown."""
         return iter(())
+
+    def records(self) -> tuple[ProcessRecord, ...]:
+        """It has no processes whose processor time could be told."""
+        return ()
 
     def close(self) -> None:
         """Close the files."""

@@ -45,10 +45,6 @@ def test_every_undeclared_parameter_is_named_by_the_code_of_validate() -> None:
     assert second.help == "its parameters: rate, speed"
 
 
-def test_a_node_that_declares_everything_is_not_refused() -> None:
-    require_declared_parameters(Ready())
-
-
 def test_a_remapping_that_changed_nothing_ends_no_run_by_itself() -> None:
     first, _ = unmatched_remappings(READY)
     assert (first.code, first.name, first.topic) == ("R2B204", "outptu", "/r2b/last")
@@ -93,10 +89,6 @@ def test_remappings_of_other_nodes_are_looked_up_in_what_discovery_shows() -> No
     assert (found.code, found.help, found.harmless) == ("R2B204", "its topics: /r2b/x", True)
 
 
-def test_nothing_is_said_of_the_remappings_of_a_node_that_is_not_found() -> None:
-    assert unmatched_of({"/r2b/b": ()}) == []
-
-
 def test_a_remapping_is_the_cause_of_the_topic_that_it_did_not_make() -> None:
     missing = _fault(NO_PUBLISHER, "/r2b/last", "", "no publisher on /r2b/last")
     other = _fault(NO_SUBSCRIPTION, "/r2b/in", "/r2b/b", "no subscription to /r2b/in")
@@ -110,15 +102,6 @@ def test_a_node_without_output_is_no_difference_but_its_remappings_are_reported(
     assert graph_mismatches([no_output], found) == ()
     assert "'outptu'" in related_differences([no_output], found)
     assert "'x'" not in related_differences([no_output], found)
-
-
-def test_a_fault_that_may_disappear_is_no_difference() -> None:
-    missing = _fault(NO_PUBLISHER, "/r2b/slow", "/r2b/program", "no publisher on /r2b/slow")
-    assert graph_mismatches([missing], [], lambda _: False) == ()
-    # A remapping that matches no topic of its node is one nevertheless.
-    last = _fault(NO_PUBLISHER, "/r2b/last", "", "no publisher on /r2b/last")
-    (found,) = graph_mismatches([last], unmatched_remappings(READY), lambda _: False)
-    assert found.code == "R2B204"
 
 
 def sets(name: str, *parameters: str) -> NodePlan:
@@ -149,27 +132,6 @@ def test_only_a_typing_error_is_certain() -> None:
     [first, _] = undeclared([(NODE, True)], ParameterLists(parameters={**lists}))
     assert first.message == "/r2b/a declares no parameter 'gian'"
     assert first.help == "did you mean 'gain'?"
-
-
-def test_a_lifecycle_node_may_declare_it_when_it_is_configured() -> None:
-    assert said(NODE, {"/r2b/a": ("gain", "size")}, ("/r2b/a",)) == {"gian": True, "speed": True}
-
-
-def test_nothing_is_said_of_a_node_that_has_not_responded() -> None:
-    assert said(NODE, {}) == {}
-    assert said(NODE, {"/r2b/b": ("gain",)}) == {}
-
-
-def test_a_program_may_have_nodes_of_any_name() -> None:
-    program = sets("p", "speed", "size")
-    lists = {"/plain": ("size",), "/helper": ("speed",)}
-    assert said(program, lists, own_name=False) == {}
-    assert said(program, {"/plain": ("size",)}, own_name=False) == {"speed": True}
-    # Parameters of other nodes in the plan are not its own.
-    other = node_plan("helper", namespace="/", parameters={"speed": 1})
-    nodes = [(program, False), (other, True)]
-    found = undeclared(nodes, ParameterLists(parameters={**lists}))
-    assert [(each.owner, each.name) for each in found] == [("/r2b/p", "speed")]
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ from r2bspec.execute.errors import (
 )
 from r2bspec.execute.processes import process, supervisor
 from r2bspec.execute.processes.environment import RunEnvironment
-from r2bspec.execute.processes.process import ManagedProcess, describe_exit
+from r2bspec.execute.processes.process import ManagedProcess
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.process_cleanup import run_processes
@@ -135,14 +135,6 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 # Listening
 
 
-def test_what_is_no_answer_is_passed_over(stage: Stage) -> None:
-    child = stage.start(
-        "ends = channel()\nends._socket.sendall(b'rubbish\\n{}\\n\\xff\\n')\n"
-        "ends.send(protocol.Ready())\nends.send(protocol.Played(steps=1))\n" + SLEEPS
-    )
-    assert stage.children.answer(child, protocol.Played, HANG_S).steps == 1
-
-
 def test_an_answer_that_does_not_come_is_not_waited_for_for_ever(stage: Stage) -> None:
     child = stage.start("ends = channel()\n" + SLEEPS)
     with pytest.raises(RunError, match=r"process node did not respond within 0\.2 s") as raised:
@@ -216,18 +208,6 @@ def test_each_part_answers_for_itself_and_ends_before_its_process(
     assert list(children) == []
 
 
-def test_a_part_that_fails_is_named(stage: Stage, whole: ManagedProcess) -> None:
-    whole.parts["player"].send(play(0))
-    with pytest.raises(ProcessFailedError, match="^player: cannot play nothing"):
-        stage.children.pump_for(HANG_S)
-
-
-def test_a_process_that_dies_takes_its_parts_along(stage: Stage, whole: ManagedProcess) -> None:
-    whole.parts["monitor"].send(protocol.Stop())
-    with pytest.raises(ProcessDiedError, match="process harness exited with status 3"):
-        stage.pump_for_ever()
-
-
 # Dying
 
 
@@ -272,12 +252,6 @@ def test_a_process_that_lacks_address_space_says_so_where_that_is_limited(
     assert str(found.value).startswith("the address space of a process is limited to 2 GiB")
     assert (found.value.code, found.value.exit_code) == ("R2B678", 2)
     assert str(stage.folder / "node.log") in found.value.hint
-
-
-def test_without_a_limit_of_all_a_lack_of_memory_is_the_fault_of_the_process(stage: Stage) -> None:
-    stage.start(LIMITS + "bytearray(4 << 30)")
-    with pytest.raises(ProcessDiedError, match="MemoryError"):
-        stage.pump_for_ever()
 
 
 FAILS = "channel().send(protocol.Failed(code={!r}, message='m', hint={!r}))\n"
@@ -414,26 +388,6 @@ def test_processes_end_one_after_another(stage: Stage) -> None:
         assert float(stage.said(before)) < asked[after]
 
 
-def test_processes_end_together_where_the_middleware_needs_no_turns(
-    stage: Stage, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # Each ends only when the other has been asked, too.
-    waits = "ends = channel()\nends.send(protocol.Ready())\nends.receive()\nfile = {!r}\n"
-    waits += "pathlib.Path(file[0]).touch()\n"
-    waits += "while not pathlib.Path(file[1]).exists(): time.sleep(0.01)\nsys.exit(0)"
-    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
-    names = ("first", "second")
-    files = [str(stage.folder / name) for name in names]
-    started = [
-        stage.start("import pathlib\n" + waits.format(order), name)
-        for name, order in zip(names, (files, files[::-1]), strict=True)
-    ]
-    for child in started:
-        stage.children.answer(child, protocol.Ready, HANG_S)
-    stage.children.end(started)
-    assert [child.process.returncode for child in started] == [0, 0]
-
-
 def test_one_that_hangs_does_not_keep_the_rest_waiting_in_turn(
     stage: Stage, impatient: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -475,17 +429,6 @@ def test_politeness_is_given_up_step_by_step(
     assert stage.said() == "here\n" + "".join(f"got {name}\n" for name in said)
 
 
-def test_a_child_that_has_never_answered_is_not_waited_for(
-    stage: Stage, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # Whoever waits for it waits longer than a test may take.
-    monkeypatch.setattr(process, "MAX_EXIT_S", 3600.0)
-    child = stage.start("ends = channel()\n" + SLEEPS)
-    stage.pump_until(lambda: "here" in stage.said())
-    stage.children.end([child])
-    assert child.process.returncode == -signal.SIGTERM
-
-
 # Being interrupted
 
 
@@ -499,10 +442,6 @@ def test_an_interrupt_is_seen_while_an_answer_is_awaited(stage: Stage) -> None:
     stage.interrupt = interrupt
     with pytest.raises(InterruptedRunError):
         stage.children.request(child, protocol.CountMatches(), protocol.Matched, HANG_S)
-
-
-def test_a_signal_without_a_name_has_its_number() -> None:
-    assert describe_exit(-250) == "was killed by signal 250"
 
 
 def test_a_watchdog_that_was_stopped_does_not_outlive_the_run(

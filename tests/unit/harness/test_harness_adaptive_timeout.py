@@ -27,16 +27,6 @@ def test_a_thousand_messages_that_nobody_answers_cost_little_more_than_one() -> 
     assert waited_ns < 4 * 5 * SECOND
 
 
-def test_an_answer_brings_back_a_multiple_of_what_answers_take() -> None:
-    patience = AdaptiveTimeout(5 * SECOND)
-    for _ in range(20):
-        patience.expired()
-    patience.answered(SECOND // 5)
-    assert patience.limit_ns == 2 * SECOND
-    patience.expired()
-    assert patience.limit_ns == SECOND
-
-
 def test_the_end_is_waited_for_longer_than_what_comes_between() -> None:
     patience = AdaptiveTimeout(5 * SECOND)
     for _ in range(20):

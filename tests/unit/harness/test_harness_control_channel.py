@@ -99,13 +99,6 @@ def test_every_reply_is_one_line_that_reads_back(ends: Ends, reply: protocol.Rep
     assert protocol.decode_reply(line) == reply
 
 
-def test_parameters_keep_their_types() -> None:
-    sent = protocol.ConfigureHost(nodes=(NODE,), base_dir="/spec")
-    received = protocol.decode_command(protocol.encode(sent))
-    assert isinstance(received, protocol.ConfigureHost)
-    assert repr(received.nodes[0].parameters) == repr(NODE.parameters)
-
-
 @pytest.mark.parametrize(
     "line",
     [b"", b"{}", b"[]", b'{"type":"Dance"}', b'{"type":"Play"}', b'{"type":"Ready"}', b"\xff"],
@@ -126,18 +119,6 @@ def test_every_command_arrives_as_it_was_sent_in_pieces_and_together(ends: Ends)
     thread.start()
     assert [ends.channel.receive() for _ in COMMANDS] == COMMANDS
     thread.join()
-
-
-def test_waiting_ends_when_a_command_is_there(ends: Ends) -> None:
-    assert ends.channel.wait(0.0) is False
-    assert ends.channel.wait(-1.0) is False
-    ends.controller.sendall(protocol.encode(protocol.Stop()) + protocol.encode(protocol.Shutdown()))
-    assert ends.channel.wait(30.0) is True
-    assert ends.channel.receive() == protocol.Stop()
-    # Nothing is left in the socket, but something is in hand.
-    assert ends.channel.wait(30.0) is True
-    assert ends.channel.receive() == protocol.Shutdown()
-    assert ends.channel.wait(0.0) is False
 
 
 def test_the_end_of_the_controller_is_noticed(ends: Ends) -> None:

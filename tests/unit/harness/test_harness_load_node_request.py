@@ -41,14 +41,6 @@ def test_a_component_is_named_placed_and_remapped() -> None:
     }
 
 
-def test_intra_process_and_other_extra_arguments_are_asked_for() -> None:
-    loaded = node(intra_process=True, extra_arguments={"forward_global_arguments": False})
-    assert load_request(loaded)["extra_arguments"] == [
-        {"name": "use_intra_process_comms", "value": {"type": 1, "bool_value": True}},
-        {"name": "forward_global_arguments", "value": {"type": 1, "bool_value": False}},
-    ]
-
-
 # Numbers and fields as in rcl_interfaces/msg/ParameterType and ParameterValue.
 @pytest.mark.parametrize(
     ("given", "expected"),

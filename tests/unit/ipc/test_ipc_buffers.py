@@ -14,7 +14,6 @@ from r2bspec.execute.fill_buffers import merge_static
 from r2bspec.ipc.buffers import (
     BufferIndex,
     BufferWriter,
-    buffer_path,
     largest_message_bytes,
     read_index,
     read_messages,
@@ -24,10 +23,6 @@ from r2bspec.ipc.buffers import (
 from transform_bags import read_transforms, transforms
 
 TYPE = "sensor_msgs/msg/Image"
-
-TOPICS = st.lists(st.sampled_from(["a", "A", "_", "a_", "_a", "a__a", "a1"]), min_size=1).map(
-    lambda tokens: "/" + "/".join(tokens)
-)
 
 
 def write(folder: Path, topic: str, messages: list[tuple[int, bytes]]) -> None:
@@ -75,23 +70,6 @@ def test_a_buffer_that_was_not_closed_is_not_there(tmp_path: Path) -> None:
     assert read_index(tmp_path, "/image").sizes == (3,)
 
 
-@given(first=TOPICS, second=TOPICS)
-def test_distinct_topics_have_distinct_files_in_the_folder(first: str, second: str) -> None:
-    folder = Path("buffers")
-    paths = [buffer_path(folder, topic, "cdr") for topic in (first, second)]
-    assert all(path.parent == folder for path in paths)
-    assert (paths[0] == paths[1]) == (first == second)
-
-
-def test_the_largest_message_is_found_over_all_buffers(tmp_path: Path) -> None:
-    assert largest_message_bytes(tmp_path) == 0
-    write(tmp_path, "/empty", [])
-    assert largest_message_bytes(tmp_path) == 0
-    write(tmp_path, "/a", [(1, b"123"), (2, b"12345")])
-    write(tmp_path, "/b/c", [(1, b"1234")])
-    assert largest_message_bytes(tmp_path) == 5
-
-
 STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -101,13 +79,6 @@ def header(stamp_ns: int, frame: str, *, little: bool) -> bytearray:
     kind = STORE.types["std_msgs/msg/Header"]
     message = kind(time(*divmod(stamp_ns, 10**9)), frame)
     return bytearray(STORE.serialize_cdr(message, "std_msgs/msg/Header", little_endian=little))
-
-
-@pytest.mark.parametrize("little", [True, False])
-def test_a_stamp_is_read_as_it_was_written(little: bool) -> None:
-    # Seconds are int32 and nanoseconds are below one second.
-    for stamp_ns in (-(2**31) * 10**9, -1, 0, 1_700_000_000_123_456_789, 2**31 * 10**9 - 1):
-        assert read_stamp(header(stamp_ns, "camera", little=little)) == stamp_ns
 
 
 @pytest.mark.parametrize("size", [4, 11])

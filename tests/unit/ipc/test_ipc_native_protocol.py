@@ -109,12 +109,6 @@ def played(path: Path) -> Any:
     return np.fromfile(path, dtype=ENTRY_DTYPE, offset=HEADER_BYTES)
 
 
-def test_each_schedule_has_a_playlist_of_its_own(tmp_path: Path, codec: NativeCodec) -> None:
-    both = followed(tmp_path, codec, CyclicSchedule(steps=((0,), (1,))))
-    assert both == [[0, 0, 20, -1, 0], [0, 20, 20, -1, 0]]
-    assert followed(tmp_path, codec, CyclicSchedule(steps=((1,),))) == [[0, 20, 20, -1, 0]]
-
-
 @pytest.mark.parametrize(
     ("timestamp", "header", "size", "place"),
     [("header", 1, 20, 4), ("header", 0, 20, -1), ("header", 1, 11, -1), ("none", 1, 20, -1)],
@@ -207,14 +201,6 @@ def test_a_failure_has_its_code_a_text_and_what_to_do(
     assert (found.code, found.message) == (code, message)
     assert hint in found.hint
     assert bool(hint) == bool(found.hint)
-
-
-@pytest.mark.parametrize(
-    "reply", [b"", b"hello", b"matched 1 2", b"played x", b"failed errno x", b"\xff\n"]
-)
-def test_another_line_is_no_reply(reply: bytes) -> None:
-    with pytest.raises((msgspec.DecodeError, ValueError)):
-        NativeCodec().decode(reply)
 
 
 def test_damaged_transforms_are_an_error(tmp_path: Path) -> None:

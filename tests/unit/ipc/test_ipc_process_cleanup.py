@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 from pathlib import Path
 
@@ -22,7 +21,6 @@ from r2bspec.ipc.process_cleanup import (
     run_processes,
     start_ticks,
 )
-from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.middleware import fast_dds
 
 
@@ -97,30 +95,6 @@ def test_the_group_of_a_process_that_was_collected_is_not_signalled(
     process.wait(60.0)
     monkeypatch.setattr(os, "killpg", lambda *_: pytest.fail("its number may be another's"))
     ManagedProcess("node", "host", process, tmp_path / "log", None).signal(signal.SIGKILL)
-
-
-def test_the_calling_process_is_no_member(run_id: str) -> None:
-    program = (
-        "import os, sys; from r2bspec.ipc.process_cleanup import run_processes; "
-        "from r2bspec.ipc.process_cleanup import ProcessSession; "
-        "print([each.pid for each in run_processes(sys.argv[1], [ProcessSession.of(os.getsid(0))]) "
-        "if each.pid == os.getpid()])"
-    )
-    environment = os.environ | {RUN_ID_VARIABLE: run_id}
-    said = subprocess.run(
-        [sys.executable, "-c", program, run_id], env=environment, capture_output=True, check=True
-    )
-    assert said.stdout.strip() == b"[]"
-
-
-def test_a_zombie_is_no_member(run_id: str) -> None:
-    process = SessionLeader([sys.executable, "-c", ""])
-    os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
-    try:
-        assert run_processes(run_id, [process.session]) == []
-        assert end_run_processes(run_id, [process.session], grace_s=30.0) == []
-    finally:
-        process.wait()
 
 
 def test_one_that_may_not_be_looked_at_is_passed_over(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -13,7 +12,6 @@ from r2bspec.ipc.schedule import (
     TimelineMessage,
     TimelineSchedule,
     TimelineStep,
-    round_length_ns,
 )
 from schedule_events import played_events
 
@@ -41,16 +39,6 @@ def test_the_span_of_a_timeline_ends_where_the_next_step_is_due(steps: int) -> N
     for played_event in played_events(TIMELINE, 0.0, steps + 1):
         begun.setdefault(played_event.step, played_event.offset_ns)
     assert TIMELINE.span_ns(0.0, steps) == begun[steps]
-
-
-@pytest.mark.parametrize(("duration_ns", "steps"), [(1, 1), (5, 1), (6, 2), (30, 3), (31, 4)])
-def test_as_many_steps_fit_as_are_due_within_a_time(duration_ns: int, steps: int) -> None:
-    assert TIMELINE.steps_within(0.0, duration_ns) == steps
-
-
-def test_the_pause_between_rounds_is_the_mean_one() -> None:
-    assert round_length_ns([0, 10, 20, 30]) == 40
-    assert round_length_ns([5]) == 10**9
 
 
 def test_inputs_have_one_stamp_in_a_step_unless_they_differ_by_an_offset() -> None:

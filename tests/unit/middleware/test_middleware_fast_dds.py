@@ -16,12 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.middleware.fast_dds import (
-    MIDDLEWARE,
-    default_segment_bytes,
-    shm_files,
-    transport_profile,
-)
+from r2bspec.middleware.fast_dds import MIDDLEWARE, default_segment_bytes, transport_profile
 
 NAMESPACE = {"dds": "http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"}
 
@@ -119,30 +114,6 @@ def test_a_segment_without_a_lock_is_removed_unless_it_is_mapped(memory: Path) -
     assert names(memory) == {"fastrtps_mapped", "sem.fastrtps_mapped_mutex"}
 
 
-def test_a_mapping_of_a_segment_that_is_gone_is_none_of_a_new_one_of_its_name(
-    memory: Path,
-) -> None:
-    make(memory, "fastrtps_port7411", lock=False)
-    with (memory / "fastrtps_port7411").open("r+b") as file, mmap.mmap(file.fileno(), 0):
-        (memory / "fastrtps_port7411").unlink()
-        make(memory, "fastrtps_port7411", lock=False)
-        assert MIDDLEWARE.remove_dead_shm_files(memory) == ["fastrtps_port7411"]
-
-
-def test_what_is_found_dead_is_what_is_removed_and_looking_changes_nothing(memory: Path) -> None:
-    for name in ("fastrtps_a", "fastrtps_b", "fastdds_port7000"):
-        make(memory, name)
-    make(memory, "fastrtps_c", lock=False)
-    (memory / "fastrtps_d_el").touch()
-    before = names(memory)
-    with owner(memory, "fastrtps_b"):
-        found = MIDDLEWARE.dead_shm_files(memory)
-        assert names(memory) == before
-        assert MIDDLEWARE.remove_dead_shm_files(memory) == found
-    assert found == ["fastdds_port7000", "fastrtps_a", "fastrtps_c", "fastrtps_d"]
-    assert names(memory) == {name for name in before if "fastrtps_b" in name}
-
-
 def test_what_is_older_than_the_run_stays(memory: Path) -> None:
     make(memory, "fastrtps_old")
     make(memory, "fastrtps_older", lock=False)
@@ -176,14 +147,6 @@ def test_files_of_another_user_stay(memory: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(os, "getuid", lambda: os.geteuid() + 1)
     assert MIDDLEWARE.remove_dead_shm_files(memory) == []
     assert names(memory) == before
-
-
-def test_segments_lists_the_middlewares_files_whoever_owns_them(memory: Path) -> None:
-    # A machine may have no shared memory.
-    assert MIDDLEWARE.remove_dead_shm_files(memory / "none") == shm_files(memory / "none") == []
-    make(memory, "fastrtps_0123")
-    (memory / "lttng-ust-wait-6").touch()
-    assert shm_files(memory) == ["fastrtps_0123", "fastrtps_0123_el", "sem.fastrtps_0123_mutex"]
 
 
 def test_only_segments_that_these_processes_map_are_made_private(tmp_path: Path) -> None:

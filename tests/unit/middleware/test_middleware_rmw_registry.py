@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterator
-from fnmatch import fnmatchcase
 from pathlib import Path
 
 import pytest
@@ -53,11 +52,6 @@ def test_the_variable_selects_a_middleware(rmw: str, name: str) -> None:
 def test_where_none_is_selected_ros_loads_fast_dds(environ: dict[str, str]) -> None:
     assert selected_rmw(environ) == "rmw_fastrtps_cpp"
     assert middleware_of(environ).name == "Fast DDS"
-
-
-def test_no_implementation_belongs_to_two() -> None:
-    found = [rmw for middleware in known_middlewares() for rmw in middleware.implementations]
-    assert len(found) == len(set(found))
 
 
 @pytest.fixture
@@ -123,12 +117,6 @@ def test_only_fast_dds_takes_shared_memory(middleware: Middleware, tmp_path: Pat
     assert len(list(tmp_path.iterdir())) == (0 if fast else 2)
 
 
-@EVERY_ONE
-def test_what_can_override_discovery_is_inherited(middleware: Middleware) -> None:
-    for name in middleware.override_variables:
-        assert any(fnmatchcase(name, pattern) for pattern in inherited_variables())
-
-
 # As rmw_fastrtps_cpp gave it in process 27027 (0x6993).
 GID = bytes.fromhex("010f78fd9369c5870000000000001303")
 
@@ -143,8 +131,3 @@ def test_fast_dds_tells_the_process_of_an_endpoint(rmw: str) -> None:
     assert not middleware.may_be_endpoint_of(GID, [])
     # An identifier of another vendor.
     assert not middleware.may_be_endpoint_of(b"\x01\x10" + GID[2:], [27027])
-
-
-@pytest.mark.parametrize("rmw", ["rmw_cyclonedds_cpp", "rmw_zenoh_cpp"])
-def test_of_others_nothing_is_known(rmw: str) -> None:
-    assert middleware_named(rmw).may_be_endpoint_of(GID, [])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mmap
 import os
 import random
 import struct
@@ -10,7 +9,6 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
@@ -23,8 +21,6 @@ from native_playlists import (
     playback_files,
     player_without_ros,
 )
-from r2bspec.ipc.buffers import BufferWriter, buffer_path
-from r2bspec.ipc.playback_file import ENTRY_DTYPE, HEADER_BYTES
 from r2bspec.native.build import BuildError
 
 NUMBERS = (0, -1, 255, (1 << 31) - 1, -(1 << 31), 1 << 32, (1 << 63) - 1)
@@ -123,39 +119,3 @@ def test_a_file_that_changes_while_it_is_played_never_crashes_the_player(
     finally:
         ended.set()
         thread.join()
-
-
-@pytest.mark.parametrize(
-    ("offset", "size", "said"),
-    [
-        ((1 << 31) + 8, 16, "played 0"),
-        (1, (1 << 31) - 1, "played 0"),
-        (2, (1 << 31) - 1, "a buffer shorter than its index"),
-        # What the size of two GiB becomes in 32 bits.
-        (0, -(1 << 31), "a buffer shorter than its index"),
-    ],
-)
-def test_a_message_of_two_gib_is_read_to_its_end(
-    offset: int,
-    size: int,
-    said: str,
-    playing: Playing,
-    files: list[PlaybackFiles],
-    tmp_path: Path,
-) -> None:
-    """In a file that has no block on the disk."""
-    sparse, whole = tmp_path / "sparse", files[0]
-    with sparse.open("wb") as file:
-        file.truncate((1 << 31) + (24 if size == 16 else 0))
-    playlist = bytearray(whole.playlist)
-    entries = np.frombuffer(playlist, ENTRY_DTYPE, offset=HEADER_BYTES)
-    entries["offset"][0], entries["size"][0] = offset, size
-    assert said in playing(bytes(playlist), bytes(playlist), (sparse, whole.buffers[1]))
-
-
-def test_a_buffer_refuses_a_message_of_two_gib(tmp_path: Path) -> None:
-    writer = BufferWriter(tmp_path, "/a", "x/msg/Y", has_header=False)
-    with mmap.mmap(-1, 1 << 31) as message, pytest.raises(OSError, match="2 GiB") as error:
-        writer.append(0, message)  # type: ignore[arg-type]
-    assert error.value.filename == str(buffer_path(tmp_path, "/a", "cdr"))
-    writer.close()

@@ -10,20 +10,18 @@ import os
 import re
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import yaml
 
 from git_repositories import git, write_files
-from github_runner import Event, ExpressionError, evaluate, expand
+from github_runner import Event
 from github_service import Upstream
 from page_blocks import ROOT, page_blocks, page_file
 from pipelines import TEMPLATE, Workplace, stand_in
 from r2bspec.compare.base_tree import open_base_tree
-from recipe_hosts import GATE, WORKFLOW, Hosts, given_arguments, jenkins_environment, jenkins_script
+from recipe_hosts import GATE, WORKFLOW, Hosts, given_arguments
 
 GITLAB = page_file("ci.md", ".gitlab-ci.yml")
 
@@ -196,53 +194,6 @@ def test_no_name_or_title_of_a_change_is_a_command(
     assert not list(hosts.folder.rglob("made"))
 
 
-@pytest.mark.parametrize("recipe", ["gitlab", "jenkins", "shell"])
-def test_of_two_jobs_in_one_work_tree_each_has_its_own_verdict(
-    hosts: Hosts, upstream: Upstream, change: Event, recipe: str
-) -> None:
-    place = Workplace(hosts.checkout(change), hosts.folder / "runner")
-    place.runner.mkdir()
-    git(place.checkout, "fetch", "--quiet", "origin", "main:refs/remotes/origin/main")
-
-    def gated(status: int) -> int:
-        variables = {"STATUS": str(status), "R2BSPEC_PYTHON": hosts.python}
-        if recipe == "gitlab":
-            base = {"CI_MERGE_REQUEST_DIFF_BASE_SHA": upstream.main}
-            return place.job(hosts.python, "bench", "sh", **variables, **base).code
-        script = jenkins_script() if recipe == "jenkins" else f"sh '{GATE}' bench"
-        job = {**jenkins_environment(), "CHANGE_TARGET": "main"} if recipe == "jenkins" else {}
-        return place.shell("sh", script, **{**job, **variables})[0]
-
-    statuses = [0, 1, 0, 1]
-    with ThreadPoolExecutor(len(statuses)) as pool:
-        assert list(pool.map(gated, statuses)) == statuses
-
-
-def test_the_script_writes_no_page_where_its_extra_is_missing(hosts: Hosts, change: Event) -> None:
-    program = hosts.folder / "without the extra"
-    program.write_text(f'#!/bin/sh\n[ "$2" = -c ] && exit 1\nexec "{hosts.python}" "$@"\n')
-    program.chmod(0o755)
-    for python, has_page in ((str(program), False), (hosts.python, True)):
-        folder = hosts.folder / f"page {has_page}"
-        shell = replace(hosts, folder=folder, python=python)
-        code, printed, words = shell.recipe("shell", change)
-        assert code == 0, printed
-        assert any(word.startswith("html=") for word in words) is has_page
-        assert ("pip install 'r2bspec[report]'" not in printed) is has_page
-
-
-def test_two_jobs_cannot_have_one_folder(hosts: Hosts, change: Event) -> None:
-    results = [
-        hosts_of_one.recipe("shell", change, STATUS=status, R2BSPEC_OUTPUT=str(hosts.folder / "o"))
-        for hosts_of_one, status in (
-            (replace(hosts, folder=hosts.folder / "first"), "1"),
-            (replace(hosts, folder=hosts.folder / "second"), "0"),
-        )
-    ]
-    assert [code for code, _, _ in results] == [1, 2]
-    assert "File exists" in results[1][1]
-
-
 # ---- GitHub ------------------------------------------------------------------------------------
 
 
@@ -256,27 +207,6 @@ def test_the_workflow_reports_uploads_and_gates(hosts: Hosts, change: Event) -> 
     assert job.skipped == ["Install"]
 
 
-def test_the_base_can_be_chosen(hosts: Hosts, change: Event) -> None:
-    _, runner = hosts.github(change, inputs={"base": "refs/remotes/origin/main"}, STATUS="0")
-    assert "--base=refs/remotes/origin/main" in given_arguments(runner.checkout)
-
-
-def test_other_events_have_no_base_but_that_of_a_merge_queue(
-    hosts: Hosts, upstream: Upstream, change: Event
-) -> None:
-    queued = Event("merge_group", change.ref, {"merge_group": {"base_sha": upstream.main}})
-    pushed = Event("push", "refs/heads/main", {})
-    workflow = WORKFLOW.replace("[pull_request,", "[push, pull_request,")
-    for event, expected in ((queued, [f"--base={upstream.main}"]), (pushed, [])):
-        job, runner = hosts.github(
-            event, workflow=workflow, inputs={"allow": "base" * bool(expected)}, STATUS="0"
-        )
-        assert not job.failed, job.printed
-        words = given_arguments(runner.checkout)
-        assert [word for word in words if word.startswith("--base")] == expected
-        assert words[0] == ("gate" if expected else "run")
-
-
 def test_a_base_that_cannot_be_had_blocks_and_says_what_to_fetch(
     tmp_path: Path, upstream: Upstream, change: Event
 ) -> None:
@@ -287,23 +217,6 @@ def test_a_base_that_cannot_be_had_blocks_and_says_what_to_fetch(
     assert job.outputs["gate"]["status"] == "2"
     assert "R2B694" in job.printed
     assert "git fetch --depth=1 origin" in job.printed
-
-
-def test_what_is_allowed_comes_from_a_variable_of_the_repository(
-    hosts: Hosts, change: Event
-) -> None:
-    (block,) = [block for block in page_blocks("ci.md") if block.kind == "inputs"]
-    workflow = yaml.safe_load(WORKFLOW)
-    workflow["jobs"]["benchmark"]["steps"][1]["with"] |= yaml.safe_load(block.text)
-    variables = {"R2BSPEC_ALLOW": "objective fast\nduration"}
-    _, runner = hosts.github(
-        change,
-        variables=variables,
-        workflow=yaml.safe_dump(workflow),
-        STATUS="0",
-    )
-    words = given_arguments(runner.checkout)
-    assert {"--allow=objective fast", "--allow=duration"} <= set(words)
 
 
 # ---- GitLab, Jenkins and shell -----------------------------------------------------------------
@@ -403,15 +316,3 @@ def test_the_inputs_of_the_page_are_those_of_the_action() -> None:
 
 
 # ---- the runner of these tests -----------------------------------------------------------------
-
-
-def test_expressions_mean_what_they_mean_on_github() -> None:
-    contexts = {"github": {"event": {"number": 5, "name": ""}}, "inputs": {"a-b": "x"}}
-    assert evaluate("github.event.name || github.event.number", contexts) == 5
-    assert evaluate("github.event.no.such == ''", contexts) is True
-    assert evaluate("inputs.a-b == 'X' && !(inputs.a-b != 'x')", contexts) is True
-    assert evaluate("failure() && !cancelled()", contexts, failed=True) is True
-    assert expand("<${{ github.event.none }}|${{ inputs.a-b }}>", contexts) == "<|x>"
-    for bad in ("no.such", "'a' 'b'", "hash('x')", "(true", "a ?", ""):
-        with pytest.raises(ExpressionError):
-            evaluate(bad, contexts)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import io
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -11,22 +10,19 @@ from typing import Any
 
 import msgspec
 import pytest
-from rich.text import Text
 
 from command_line import Call
 from example_spec import example
-from r2bspec.cli.text_output import print_table
 from r2bspec.compare.comparison import ComparedSource, Comparison, ComparisonLine
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics import Diagnostic, Severity, Span
-from r2bspec.diagnostics.plain_text import escaped_json, harmless, plain, plain_values
+from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.judge.result import Result
 from r2bspec.record.graph_identity import GraphIdentity, Revision
 from r2bspec.report import finding_formats
 from r2bspec.report.format_registry import FORMATS, renderer
-from r2bspec.report.output import MAX_TABLE_ROWS, console, echo, write
-from r2bspec.report.terminal_tables import table
+from r2bspec.report.output import echo
 
 PACKAGE = Path(__file__).parents[3] / "r2bspec"
 
@@ -81,10 +77,6 @@ def hostile(reported: Callable[[str], ReportInput]) -> Result:
     }
     result = msgspec.structs.replace(reported("usual").result, **compared)
     return attacked(result)  # type: ignore[no-any-return]
-
-
-def test_the_result_is_hostile(hostile: Result) -> None:
-    assert repr(hostile).count("stop-commands") > 40
 
 
 @pytest.mark.parametrize("name", sorted(FORMATS.keys() - {"json", "samples"}))
@@ -164,35 +156,6 @@ def test_errors_are_harmless(monkeypatch: pytest.MonkeyPatch, call: Call) -> Non
     check_harmless(shown)
 
 
-def test_a_console_that_wraps_lines_makes_no_command() -> None:
-    buffer = io.StringIO()
-    page = console(buffer, width=20, color_system=None)
-    page.print(Text(f"{'x' * 19} ::error::hello {ATTACK}"))
-    check_harmless(buffer.getvalue())
-    assert "error" in buffer.getvalue()
-
-
-def test_colours_of_a_console_stay_and_those_of_others_go() -> None:
-    buffer = io.StringIO()
-    page = console(buffer, width=80, color_system="standard", force_terminal=True)
-    page.print(Text("red", style="red"), Text("\x1b[8mhidden"))
-    assert buffer.getvalue() == "\x1b[31mred\x1b[0m \ufffd[8mhidden\n"
-
-
-def test_a_stream_gets_harmless_text() -> None:
-    buffer = io.StringIO()
-    write(buffer, ATTACK)
-    check_harmless(buffer.getvalue())
-
-
-@pytest.mark.parametrize(
-    "text", ["plain\n", "a::B\n", "tab\there\r\n", "µs → ✔ 👩\u200d🚀", "## [1]"]
-)
-def test_usual_text_stays(text: str) -> None:
-    assert harmless(text) == plain(text) == text
-    assert plain_values({"a": [text]}) == {"a": [text]}
-
-
 _ALLOWED = {"report/output.py", "doctor/import_probe.py", "pytest_plugin.py"}
 
 
@@ -213,15 +176,6 @@ def test_nothing_else_writes_text() -> None:
                 ):
                     found.append(f"{name}:{node.lineno}: {called}")
     assert found == []
-
-
-def test_json_keeps_its_values_and_has_escapes() -> None:
-    document = msgspec.json.encode({"a": ATTACK, ATTACK: "\x85\ufeff\u2029", "é": "日本\U0001f600"})
-    shown = escaped_json(document)
-    check_harmless(re.sub(r"(?m)^\s*::|##\[", "", shown.decode()))
-    assert msgspec.json.decode(shown) == msgspec.json.decode(document)
-    assert "日本\U0001f600" in shown.decode()
-    assert escaped_json(b'{"a": "\x7f"}') == b'{"a": "\\u007f"}'
 
 
 def test_no_document_of_a_hostile_result_controls_a_terminal(hostile: Result) -> None:
@@ -254,27 +208,6 @@ def test_a_plan_has_no_control_characters_wherever_it_goes(tmp_path: Path, call:
     plain_spec.write_text(example(), encoding="utf-8")
     call("plan", spec, "--diff", plain_spec, "-o", file)
     assert not CONTROL.search(file.read_text(encoding="utf-8"))
-
-
-@pytest.mark.parametrize("rows", [0, 1, MAX_TABLE_ROWS, MAX_TABLE_ROWS + 1, 9_900])
-def test_a_table_in_a_terminal_is_bounded_and_says_what_it_leaves_out(
-    rows: int, capsys: pytest.CaptureFixture[str]
-) -> None:
-    cells = [(f"r{number}", "x" * 100_000 if number == 0 else "y") for number in range(rows)]
-    made = table(("name", "value"))
-    for name, _ in cells:
-        made.add_row(name, "y")
-    for kind in ("columns", "rich"):
-        if kind == "columns":
-            print_table(("name", "value"), cells)
-        else:
-            console().print(made)
-        _, *lines = capsys.readouterr().out.splitlines()
-        more = max(0, rows - MAX_TABLE_ROWS)
-        if more:
-            assert lines.pop().startswith(f"({more:,} more rows: --format json or")
-        assert [line.split()[0] for line in lines] == [name for name, _ in cells[:MAX_TABLE_ROWS]]
-        assert all(len(line) < 200 for line in lines)
 
 
 @pytest.mark.parametrize("arguments", [("validate",), ("judge",), ("data", "info"), ()])

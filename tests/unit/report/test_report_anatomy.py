@@ -10,7 +10,7 @@ import pytest
 
 from html_elements import Page
 from r2bspec.compare.report_input import ReportInput
-from r2bspec.judge.judge_run import from_json, result_of, to_json
+from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.measure.anatomy_summary import AnatomySummary
 from r2bspec.report.format_registry import renderer
 from report_runs import HOSTILE
@@ -49,21 +49,6 @@ def test_shares_and_means_of_parts_add_up(fork: ReportInput) -> None:
         assert sum(part.slowest or 0 for part in path.parts) == pytest.approx(path.slowest)
 
 
-def test_the_same_folder_gives_the_same_result(fork: ReportInput) -> None:
-    assert fork.run is not None
-    content = to_json(result_of(fork.run))
-    assert content == to_json(fork.result)
-    assert from_json(content) == fork.result
-
-
-def test_a_run_that_was_not_observed_says_nothing_of_it(fork: ReportInput) -> None:
-    bare = replace(fork, result=msgspec.structs.replace(fork.result, anatomies=msgspec.UNSET))
-    assert b"anatomies" not in to_json(bare.result)
-    for form in ("text", "markdown"):
-        assert "anatomy" not in shown(bare, form).lower()
-    assert 'id="anatomy' not in shown(bare, "html")
-
-
 def test_the_terminal_has_the_path_of_most_messages(fork: ReportInput) -> None:
     text = shown(fork, "text")
     (heading,) = (line for line in text.splitlines() if line.startswith("anatomy"))
@@ -72,18 +57,6 @@ def test_the_terminal_has_the_path_of_most_messages(fork: ReportInput) -> None:
     verbose = shown(replace(fork, verbose=True), "text")
     assert "→ right → /b → fuse" in verbose
     assert "more paths" not in verbose
-
-
-def test_callbacks_of_nodes_are_told_from_those_of_paths(fork: ReportInput, fork_page: str) -> None:
-    """Those of paths do not contain the publication, and may be of fewer messages."""
-    (seen,) = fork.result.anatomies or ()
-    (left,) = (node for node in seen.nodes if node.name == "left")
-    (part,) = (
-        part for part in seen.paths[0].parts if (part.owner, part.name) == ("left", "callback")
-    )
-    assert (part.p50 or 0) < (left.callback_p50 or 0)
-    for report in (shown(fork, "text"), shown(fork, "markdown"), fork_page):
-        assert "callbacks are whole here" in " ".join(report.split())
 
 
 def test_markdown_has_every_path_and_node(fork: ReportInput) -> None:
@@ -103,16 +76,6 @@ def test_the_graph_of_the_page_has_the_times(fork_page: str) -> None:
     page = Page(fork_page.encode())
     assert "callback 2.99 ms, p99 3.94 ms" in page.text
     assert "transport 99.9 µs, p99 110 µs" in page.text
-
-
-def test_a_topic_of_the_graph_has_no_times_of_the_node_of_its_name(tmp_path: Path) -> None:
-    graph = replace(
-        CHAIN, stages=(Stage("a", ("/in",), "/b"), Stage("b", ("/b",), "/out")), steps=50
-    )
-    drawn = shown(reported(tmp_path / "run", graph), "html")
-    drawn = drawn.partition('<h2 id="graph">')[2].partition("</section>")[0]
-    assert drawn.count("callback ") == len(graph.stages)
-    assert drawn.count("transport ") == len({"/in", "/b", "/out"})
 
 
 def test_the_reason_is_said_for_which_no_path_is_known(fork: ReportInput) -> None:

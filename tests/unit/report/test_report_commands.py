@@ -60,11 +60,6 @@ def test_compare_prints_and_does_not_gate(run: Path, call: Call) -> None:
         assert out.count("same") > 10
 
 
-def test_compare_refuses_with_a_way_out(run: Path, tmp_path: Path, call: Call) -> None:
-    said = call("compare", run, EMPTY.write(tmp_path / "other").folder, status=2).err
-    assert "  help: " in said
-
-
 def test_a_run_that_fails_still_has_its_reports(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
@@ -176,13 +171,6 @@ def test_a_mistake_of_the_other_spec_is_explained(
 ) -> None:
     ended = call("judge", judged, "--spec", spec_with_gate(tmp_path, gate, requirement), status=2)
     assert f"other.r2b.yaml:{line}" in ended.err
-
-
-def test_what_is_no_run_is_said_in_two_lines(tmp_path: Path, call: Call) -> None:
-    captured = call("judge", tmp_path, status=2)
-    assert "is not a run folder" in captured.err
-    assert "help:" in captured.err
-    assert not captured.out
 
 
 def test_no_ros_is_needed_and_a_poor_terminal_is_enough(judged: Path) -> None:

@@ -10,18 +10,12 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-import msgspec
-import numpy as np
 import pytest
 
 from command_line import Call
 from html_elements import Page
 from r2bspec import api
-from r2bspec.record.run_folder import RunFolder, open_run
-from r2bspec.report.html.chart import draw, inside_label
-from r2bspec.report.html.graph_drawing import PlacedBox, Rectangle, lay_out, route
-from r2bspec.report.html.load_charts import loads_chart
-from report_runs import USUAL
+from r2bspec.report.html.graph_drawing import PlacedBox, Rectangle, lay_out
 
 # Drawings of the HTML report: arrows around boxes, labels inside axes, legends without doubles.
 
@@ -67,47 +61,6 @@ def test_no_arrow_passes_through_a_box(spec: Path) -> None:
             crossed = {box.title for box in drawing.boxes for at in way if is_inside(box, *at)}
             assert crossed == set(), edge.path
             assert all(0 <= x <= drawing.width and 0 <= y <= drawing.height for x, y in way)
-
-
-def test_an_arrow_goes_around_what_is_in_its_way() -> None:
-    tail, middle, head = (Rectangle(x, 50, 60, 30) for x in (0, 94, 188))
-    free = route(tail, head, [tail, head], 34, 14)
-    assert "C" in free
-    around = route(tail, head, [tail, middle, head], 34, 14)
-    assert not any(is_inside(middle, *at) for at in points(around))
-    back = route(head, tail, [tail, middle, head], 34, 14)
-    assert not any(is_inside(box, *at) for at in points(back) for box in (tail, middle, head))
-
-
-def test_a_label_at_an_edge_is_written_towards_the_inside() -> None:
-    sides: list[tuple[str, str]] = []
-
-    def paint(sketch: object) -> None:
-        axes = sketch.figure.subplots()  # type: ignore[attr-defined]
-        axes.set_xlim(0, 1)
-        axes.set_ylim(0, 1)
-        for x, y in ((0.01, 0.01), (0.5, 0.5), (0.99, 0.99)):
-            inside_label(axes, x, y, "limit", "#000000")
-        sides.extend((text.get_ha(), text.get_va()) for text in axes.texts)
-
-    draw("a", "a title", "a description", 2.0, paint)
-    assert sides == [("left", "bottom"), ("center", "bottom"), ("right", "top")]
-
-
-def test_processes_of_a_confirmation_run_are_in_the_legend_once(tmp_path: Path) -> None:
-    run = USUAL.write(tmp_path / "run")
-    rows = run.resources()
-    count = len(run.record.processes)
-    again = rows[rows["process"] >= 0].copy()
-    again["process"] += count
-    again["time_ns"] += int(np.ptp(rows["time_ns"])) + 1
-    folder = RunFolder(run.folder)
-    folder.write_resources(np.concatenate([rows, again]))
-    folder.write_record(msgspec.structs.replace(run.record, processes=run.record.processes * 2))
-    chart = loads_chart("load", open_run(run.folder))
-    assert chart is not None
-    for process in run.record.processes:
-        assert chart.svg.count(f">{process.name}<") == 1
 
 
 # ``r2bspec plan --graph html``: the drawing as one page that loads and runs nothing.

@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +19,8 @@ from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.measure.units import show
 from r2bspec.report.html.page import render
-from r2bspec.report.terminal import to_text
-from report_runs import SIMULATIONS, USUAL
+from report_runs import SIMULATIONS
 from run_simulation import Played, Simulation, objective
-
-
-def page_of(simulation: Simulation, tmp_path: Path) -> Page:
-    run = simulation.write(tmp_path / "run")
-    return Page(render(ReportInput(result=result_of(run), run=run)))
 
 
 def at(result: Any, path: str) -> Any:
@@ -143,47 +136,6 @@ def test_without_samples_it_says_which_charts_are_missing(
     assert "the charts of single messages need the run folder" in page.text
     charts = [one for one in page.of("svg") if one.get("class") != "budget"]
     assert [chart.get("id") for chart in charts] == ["offered"]
-
-
-def test_what_happened_around_each_iteration_is_drawn_and_told(tmp_path: Path) -> None:
-    crowded = {**USUAL.interference, "busy_s": 1.4}
-    page = page_of(replace(USUAL, interference=crowded), tmp_path)
-    # 1.4 cores were busy, and the processes of the run used 0.6 of one.
-    told = {path: value for path, value, _ in page.data if path.endswith("/foreign_cores")}
-    assert len(told) == 6
-    assert [float(value) for value in told.values()] == pytest.approx([0.8] * 6)
-    assert page.text.count("other processes used 0.8 of 2 cores (limit 0.5)") >= 6
-    assert "iteration-004 at 30 Hz (other processes used 0.8 of 2 cores" in page.text
-
-
-def test_the_frequency_of_processors_has_a_column_where_it_is_known(
-    tmp_path: Path, html_page: Callable[[str], bytes]
-) -> None:
-    known = {**USUAL.interference, "cycles": 2.6e9}
-    run = replace(USUAL, interference=known).write(tmp_path / "known")
-    page = Page(render(ReportInput(result=result_of(run), run=run)))
-    shown = [text for path, _, text in page.data if path.endswith("/frequency_hz")]
-    assert shown == ["2.6 GHz"] * 6
-    assert "CPU frequency 2.6 GHz" in " ".join(to_text(result_of(run)).split())
-    unknown = Page(html_page("usual"))
-    assert not any(path.endswith("/frequency_hz") for path, _, _ in unknown.data)
-    assert "frequency" not in unknown.text
-
-
-def test_probes_that_others_disturbed_are_marked(
-    reported: Callable[[str], ReportInput], html_page: Callable[[str], bytes]
-) -> None:
-    run = reported("usual").run
-    assert run is not None
-    assert run.record.search is not None
-    first, *others = run.record.search.probes
-    busy = msgspec.structs.replace(first, disturbed=("other processes used 1.7 of 2 cores",))
-    search = msgspec.structs.replace(run.record.search, probes=(busy, *others))
-    changed = replace(run, record=msgspec.structs.replace(run.record, search=search))
-    marked = Page(render(ReportInput(result=result_of(changed), run=changed)))
-    assert b"probe: host interference" not in html_page("usual")
-    assert "probe: host interference" in marked.text
-    assert "host interference: other processes used 1.7 of 2 cores" in marked.text
 
 
 def test_settings_of_the_working_directory_have_no_effect(tmp_path: Path) -> None:

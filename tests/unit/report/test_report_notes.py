@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import itertools
-import re
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import msgspec
-import numpy as np
 import pytest
 
-from command_line import Call
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import DisturbedIteration
-from r2bspec.record.run_record import OutputGapRecord, StartRecord
+from r2bspec.record.run_record import OutputGapRecord
 from r2bspec.report.format_registry import renderer
 from r2bspec.report.notes import MOST_NOTES, all_notes, notes
-from report_runs import USUAL, with_monitors, with_starts
-from run_simulation import Played, Simulation, objective
+from report_runs import USUAL
 
 
 def noted(folder: Path) -> Result:
@@ -118,15 +113,6 @@ def test_no_sentence_is_said_twice(
         assert flat.count(sentence) <= 1, sentence
 
 
-def test_the_options_of_the_command_line(tmp_path: Path, call: Call) -> None:
-    folder = replace(USUAL, labels=()).write(tmp_path / "run").folder
-    for verbose in ((), ("--verbose",)):
-        for asked in (("judge", folder), ("report", folder, "--report", "text=-")):
-            text = call(*asked, *verbose).out
-            reason = "at 95 % confidence at least"
-            assert (reason in " ".join(text.split())) == bool(verbose)
-
-
 def test_the_page_shows_the_first_and_folds_the_others(tmp_path: Path) -> None:
     result = noted(tmp_path / "run")
     page = renderer("html")(ReportInput(result=result)).decode()
@@ -135,60 +121,3 @@ def test_the_page_shows_the_first_and_folds_the_others(tmp_path: Path) -> None:
     found = notes(result)
     assert visible.count("<li>") == len(found.shown)
     assert folded.count("<li>") == len(found.others)
-
-
-def varied_run(number: int, folder: Path) -> Result:
-    """One of many runs: other sizes, starts, losses, limits and machines."""
-    random = np.random.default_rng(number)
-    starts, rate_hz = int(random.choice([1, 3, 5, 10])), float(random.choice([10, 30, 100]))
-    messages = int(random.choice([60, 400]))
-    scatter, level_s = random.choice([0.01, 0.05, 0.2]), random.choice([0.002, 0.02, 0.2])
-    lost, played = random.choice([0, 0, 0.002, 0.02]), []
-    for _ in range(2 * starts):
-        latency = level_s * np.exp(random.normal(0, scatter, messages) + random.normal(0, 0.01))
-        latency[random.random(messages) < lost] = np.nan
-        played.append(Played(rate_hz, latency))
-    limit_ms = 1000 * level_s * random.choice([0.8, 1.05, 1.3, 2, 5])
-    asked = np.array(
-        [
-            f"latency.p90 < {limit_ms * (1 + 1.3 * scatter):f} ms",
-            f"latency.mean < {limit_ms:f} ms",
-            "drop_rate <= 1 %",
-            "throughput.mean >= 97 % of offered",
-        ]
-    )
-    busy = {"busy_s": 1.0, "stolen_s": 0.01, "waited_s": 0.04, "throttled_s": 0.0}
-    simulation = Simulation(
-        played,
-        {"slo": objective(*asked[random.random(4) < 0.7].tolist(), at=f"{rate_hz:g} Hz")},
-        interference=busy if random.random() < 0.3 else {},
-    )
-    run = simulation.write(folder)
-    return result_of(
-        with_starts(
-            run, *(StartRecord(number=at, began_ns=0, ready_ns=1) for at in range(1, starts + 1))
-        )
-    )
-
-
-def test_no_sentence_stands_in_every_report(tmp_path: Path) -> None:
-    """One that does tells nobody anything about the run."""
-    results = [varied_run(number, tmp_path / str(number)) for number in range(20)]
-    assert {result.verdict.outcome for result in results} == {"pass", "fail", "inconclusive"}
-    said = Counter(
-        sentence
-        for result in results
-        for sentence in {re.sub(r"[\d.,]+", "#", note.text) for note in all_notes(result)}
-    )
-    assert said
-    assert max(said.values()) <= len(results) / 2
-
-
-def test_feedback_of_an_action_is_not_duplicated(tmp_path: Path) -> None:
-    result = result_of(USUAL.write(tmp_path / "run"))
-    monitor = next(iter(result.metrics.rates[0].pooled.monitors.values()))
-    often = msgspec.structs.replace(monitor, duplicates=7)
-    named = {"plan": monitor, "plan_accepted": monitor, "plan_feedback": often, "a_feedback": often}
-    texts = [each.text for each in all_notes(with_monitors(result, lambda _: named))]
-    duplicated = {text.partition(" ")[0] for text in texts if "7 duplicated" in text}
-    assert duplicated == {"a_feedback"}

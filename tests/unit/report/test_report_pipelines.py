@@ -16,7 +16,7 @@ import pytest
 from command_line import Call
 from git_repositories import commit, git
 from nightly import sampled
-from pipelines import JOB, STEPS, Ended, Workplace, read_outputs, stand_in
+from pipelines import STEPS, Ended, Workplace, read_outputs, stand_in
 from r2bspec.safe_io.git import commit_of
 
 
@@ -57,16 +57,6 @@ def test_the_action_tells_how_it_went(
     assert last == "::error file=a.r2b.yaml,line=9::too slow"
 
 
-def test_arguments_keep_their_spaces(place: Workplace, fake: str) -> None:
-    given = "--var=rate=10 Hz\n--set=benchmark.iterations=3\n"
-    for run in (place.action, place.job):
-        run(fake, "specs/a b.r2b.yaml", STATUS="0", R2BSPEC_ARGUMENTS=given)
-        words = (place.checkout / "arguments.txt").read_text().splitlines()
-        assert words[:2] == ["run", "--output"]
-        expected = ["--var=rate=10 Hz", "--set=benchmark.iterations=3", "--", "specs/a b.r2b.yaml"]
-        assert words[-4:] == expected
-
-
 @pytest.mark.parametrize("python", ["", "/no/such/python"], ids=["broken", "missing"])
 def test_without_r2bspec_nothing_passes(place: Workplace, fake: str, python: str) -> None:
     for run in (place.action, place.job):
@@ -75,24 +65,9 @@ def test_without_r2bspec_nothing_passes(place: Workplace, fake: str, python: str
         assert done.outputs.get("outcome", "error") == "error"
 
 
-def test_no_input_is_pasted_into_a_script() -> None:
-    for step in STEPS.values():
-        assert "${{" not in step.get("run", "")
-
-
 def test_the_action_uses_no_code_that_others_can_change() -> None:
     # What is not in this repository would have to be pinned by a digest.
     assert [name for name, step in STEPS.items() if "uses" in step] == []
-
-
-@pytest.mark.parametrize("shell", ["bash", "sh"])
-def test_the_template_runs_as_a_job(place: Workplace, fake: str, shell: str) -> None:
-    done = place.job(fake, "a.r2b.yaml", shell, STATUS="1")
-    assert done.code == 1, done.printed
-    reports = place.checkout / "r2bspec-artifacts" / "reports"
-    assert {each.name for each in reports.iterdir()} == {"summary.md", "junit.xml", "result.json"}
-    assert (place.checkout / "arguments.txt").read_text().startswith("run\n--output\n")
-    assert JOB["artifacts"]["reports"]["junit"] == "r2bspec-artifacts/reports/junit.xml"
 
 
 @pytest.mark.parametrize(

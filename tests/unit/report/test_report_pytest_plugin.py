@@ -10,7 +10,6 @@ import pytest
 
 from example_spec import example
 from git_repositories import commit
-from r2bspec.pytest_plugin import _new_folder
 from run_simulation import Played, Simulation, objective
 
 REQUIRED = ("latency.p50 < 60 ms", "latency.p50 < 1 ms", "throughput.mean > 29.999999 Hz")
@@ -61,12 +60,6 @@ def project(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_without_the_option_nothing_is_collected(folder: Path, pytest_run: Run) -> None:
-    done = pytest_run(folder)
-    assert done.returncode == 5
-    assert "collected 0 items" in done.stdout
-
-
 RUNS = ("--r2bspec", "--r2bspec-runs", "runs")
 
 
@@ -95,13 +88,6 @@ def test_a_broken_spec_is_explained_with_its_line(folder: Path, pytest_run: Run)
     assert f"simulated.r2b.yaml:{len(SPEC.splitlines())}:" in done.stdout
 
 
-def test_a_run_that_is_not_there_fails_every_requirement(folder: Path, pytest_run: Run) -> None:
-    done = pytest_run(folder, "--r2bspec", "--r2bspec-runs", "elsewhere")
-    assert done.returncode == 1
-    assert "R2B650" in done.stdout
-    assert done.stdout.count("FAILED simulated.r2b.yaml::fast") == 3
-
-
 MATRIX = """\
 variables: {queue: 1}
 matrix: {axes: {queue: [1, 10]}}
@@ -123,14 +109,6 @@ def test_the_cases_of_a_matrix_are_parameters(tmp_path: Path, pytest_run: Run) -
     assert "R2B140" not in done.stdout
 
 
-def test_a_second_call_has_folders_of_its_own(tmp_path: Path) -> None:
-    names = []
-    for _ in range(3):
-        names.append(_new_folder(tmp_path / "base").name)
-        (tmp_path / names[-1]).mkdir()
-    assert names == ["base", "base-2", "base-3"]
-
-
 def test_an_untrusted_spec_reads_no_variable(
     folder: Path, monkeypatch: pytest.MonkeyPatch, pytest_run: Run
 ) -> None:
@@ -144,21 +122,6 @@ def test_an_untrusted_spec_reads_no_variable(
     commit(folder)
     done = pytest_run(folder, *RUNS, "--r2bspec-untrusted", "--r2bspec-base-ref", "main")
     assert "PASSED simulated.r2b.yaml::valid" in done.stdout
-
-
-@pytest.mark.parametrize(
-    ("option", "said"),
-    [
-        ("--r2bspec-base-ref=main", "--base-ref needs --untrusted"),
-    ],
-)
-def test_a_wrong_option_is_wrong_usage(
-    option: str, said: str, folder: Path, pytest_run: Run
-) -> None:
-    done = pytest_run(folder, "--r2bspec", option)
-    assert done.returncode == 4
-    assert said in done.stderr
-    assert "Traceback" not in done.stderr
 
 
 def test_a_spec_that_is_a_link_needs_an_allowed_folder(

@@ -18,11 +18,10 @@ from profiled_runs import MISSING, WHOLE
 from r2bspec.cli.main import main
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.errors import UsageError
-from r2bspec.judge.judge_run import from_json, result_of, to_json
+from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.measure.distribution import Distribution
 from r2bspec.judge.measure.metrics import HopMetrics
 from r2bspec.judge.result import Result
-from r2bspec.record.comparison_folder import merge_runs
 from r2bspec.record.graph_identity import GraphIdentity, Revision
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import (
@@ -195,19 +194,6 @@ def heading(name: str, shown: str) -> str:
     return first.partition("drop_rate")[0]
 
 
-def test_the_first_line_says_only_of_one_start_that_it_is_about_one(
-    text: Callable[[str], str],
-) -> None:
-    for name in ("markdown", "github", "html"):
-        assert "of this start" not in heading(name, text(name)), name
-
-
-def test_names_of_strangers_are_no_markup(result: Result) -> None:
-    source = ReportInput(result=result)
-    assert "/r2b/&lt;b&gt;&amp;" in renderer("html")(source).decode()
-    assert "/r2b/&lt;b&gt;&amp; → " in renderer("markdown")(source).decode()
-
-
 def test_what_programs_read_keeps_the_names_and_has_the_overhead(
     result: Result, text: Callable[[str], str]
 ) -> None:
@@ -221,10 +207,6 @@ def test_what_programs_read_keeps_the_names_and_has_the_overhead(
         "harness_overhead.received": "29.0",
         "harness_overhead.processes": "2.0",
     }
-
-
-def test_a_result_comes_back_unchanged(result: Result) -> None:
-    assert from_json(to_json(result)) == result
 
 
 # What was not played is said in every report, and in the verdict where it is more than 5 %.
@@ -261,12 +243,6 @@ def test_above_5_percent_it_is_a_warning_in_the_verdict_unless_agreed(
         if "r2b/right" in output_line and "simulated%3A pass" not in output_line
     )
     assert line.startswith(command)
-
-
-def test_runs_as_one_say_it_once(tmp_path: Path) -> None:
-    runs = [unplayed_run(tmp_path / name, SOME) for name in "ab"]
-    merged = merge_runs(runs, folder=tmp_path, plan=runs[0].plan, whole=runs[0].record)
-    assert merged.record.unplayed == (SOME,)
 
 
 # A run that ends before anything is measured says why in the reports that pipelines show.
@@ -308,19 +284,6 @@ def test_an_error_without_findings_is_one_at_the_spec(tmp_path: Path) -> None:
 # Annotations point at the lines that state what failed.
 
 
-SPEC = """\
-r2bspec: 1
-name: simulated
-variables: {rate: 30 Hz}
-slos:
-  camera:
-    at: $(var rate)
-    require:
-      - latency.p99 < 60 ms
-      - drop_rate <= 1 %
-"""
-
-
 Annotated = Callable[[Path | None], list[str]]
 
 
@@ -347,13 +310,3 @@ def test_ten_annotations_at_most(tmp_path: Path) -> None:
     found = render(ReportInput(result=result_of(run), run=run)).decode().splitlines()
     assert sum(each.startswith("::") for each in found) == 10
     assert found[-1].startswith("21 more requirements")
-
-
-def test_a_file_below_this_folder_is_named_from_here(
-    tmp_path: Path, annotated: Annotated, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    spec = tmp_path / "specs" / "a.r2b.yaml"
-    spec.parent.mkdir()
-    spec.write_text(SPEC)
-    assert all("file=specs/a.r2b.yaml," in each for each in annotated(spec) if each[:2] == "::")

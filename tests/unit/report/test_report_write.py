@@ -12,14 +12,13 @@ from typing import Any
 
 import pytest
 
-from command_line import Call
 from data_bags import text, write_bag
 from r2bspec.cli.main import main
 from r2bspec.errors import ExitStatus
 from r2bspec.plan.time_estimate import TimeEstimate
 from r2bspec.record.run_folder import Run
 from r2bspec.report.format_registry import ReportError, ReportUsageError
-from r2bspec.report.progress import RemainingTime, load_text, progress_text, shown_progress
+from r2bspec.report.progress import RemainingTime, shown_progress
 from r2bspec.report.write_reports import parse_report_requests
 from report_runs import EMPTY
 
@@ -87,10 +86,6 @@ def test_a_pipe_is_written_to_and_not_replaced(run: Path, tmp_path: Path) -> Non
     assert pipe.is_fifo()
 
 
-def test_a_folder_is_no_place_for_a_report(run: Path, tmp_path: Path, call: Call) -> None:
-    assert "is a folder" in call("judge", run, "--report", f"csv={tmp_path}", status=2).err
-
-
 def test_an_incomplete_run_has_its_reports_too(tmp_path: Path) -> None:
     run = EMPTY.write(tmp_path / "run").folder
     target = tmp_path / "report.md"
@@ -118,34 +113,6 @@ class Seen:
 
     def cores(self) -> Mapping[str, float]:
         return {"monitor": 0.01, "relay": 0.53, "a\x1b[2J": 0.2, "b": 0.0, "c": 0.0}
-
-
-def test_a_line_says_how_far_it_is() -> None:
-    assert progress_text(Seen(), 100) == "50 of 100 sent · 48 received · p99 12.3 ms"
-
-
-def test_the_busiest_processes_come_first_and_their_names_do_nothing() -> None:
-    said = load_text(Seen().cores())
-    assert said.startswith("CPU relay 53 % · a")
-    assert "\x1b" not in said
-    assert load_text({}) == ""
-
-
-def test_without_a_terminal_a_stretch_is_one_line_unless_it_is_long(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    seen, now = Seen(), [100.0]
-    monkeypatch.setattr("r2bspec.report.progress.time.monotonic", lambda: now[0])
-    with shown_progress() as listener:
-        listener.segment("20 Hz, iteration 1 of 2", 100)
-        for _ in range(100):
-            now[0] += 0.25
-            listener.playing(seen)
-    said = capsys.readouterr().err.splitlines()
-    # A quarter of a minute and more, told every ten seconds.
-    assert len(said) == 1 + 2
-    assert said[1].endswith("p99 12.3 ms · " + load_text(seen.cores()))
-    assert seen.looks == 2
 
 
 def test_the_log_of_a_ci_job_has_a_line_a_minute_and_each_note_once(
@@ -191,34 +158,7 @@ def test_the_remaining_time_counts_phases_and_runs() -> None:
     assert remaining.seconds() == 115 + 7
 
 
-def test_nobody_looks_where_nobody_is_told(capsys: pytest.CaptureFixture[str]) -> None:
-    seen = Seen()
-    with shown_progress(quiet=True) as listener:
-        listener.segment("20 Hz, iteration 1 of 2", 100)
-        for _ in range(10):
-            listener.playing(seen)
-    assert (seen.looks, capsys.readouterr().err) == (0, "")
-
-
 # A report replaces nothing that it is made from.
-
-
-def test_no_report_replaces_a_file_of_a_run(run: Path, tmp_path: Path) -> None:
-    other = tmp_path / "result.json"
-    assert main(["report", str(run), "--report", f"json={other}"]) == ExitStatus.OK
-    files = [file for file in (*run.rglob("*"), other) if file.is_file()]
-    assert len(files) > 5
-    before = [file.read_bytes() for file in files]
-    for file in files:
-        source = other if file == other else run
-        for verb in ("judge", "report"):
-            arguments = [verb, str(source), "--report", f"csv={file}"]
-            if file != other or verb == "report":
-                assert main(arguments) == ExitStatus.USAGE
-    inside = f"csv={run}/../{run.name}/{{name}}.json"
-    assert main(["report", str(run), "--report", inside]) == ExitStatus.USAGE
-    assert before == [file.read_bytes() for file in files]
-    assert main(["report", str(run), "--report", f"csv={run}/report.csv"]) == ExitStatus.OK
 
 
 @pytest.mark.parametrize("valid", [True, False])
