@@ -158,7 +158,7 @@ def _weighted(result: Result) -> Iterator[Note]:
         (Weight.MEANING, _live_notes(result)),
         (Weight.MEANING, wording.joined_notes(result)),
         (Weight.MEANING, profile_notes(result.profiles)),
-        (Weight.DETAIL, _reception_notes(result)),
+        (Weight.MEANING, _reception_notes(result)),
         (Weight.DETAIL, _requirement_notes(result, ("pass",))),
         (Weight.DETAIL, wording.overhead_notes(result)),
     )
