@@ -24,13 +24,7 @@ from r2bspec.errors import R2bspecError, refusal_hint
 from r2bspec.execute import errors
 from r2bspec.execute.anatomy import events_folder
 from r2bspec.execute.bringup.launcher import Launcher, message_packages
-from r2bspec.execute.fill_buffers import (
-    ResolvedDataset,
-    buffer_bags,
-    obtain_dataset,
-    played_digest,
-    preprocess,
-)
+from r2bspec.execute.fill_buffers import buffer_bags, obtain_dataset, played_digest, preprocess
 from r2bspec.execute.identity.identify_graph import graph_identity, observed_identity
 from r2bspec.execute.identity.loaded_files import LoadedFiles
 from r2bspec.execute.measurement.measurement import Measurement
@@ -52,7 +46,7 @@ from r2bspec.execute.progress import Progress
 from r2bspec.execute.run_context import MEASURE_PHASE, HostWatch, RunContext, TimeBudget
 from r2bspec.execute.session import StartSequence
 from r2bspec.execute.states import Interrupts, RunState, RunStates
-from r2bspec.execute.turns import Partner, play_by_turns
+from r2bspec.execute.turns import Filled, Partner, play_by_turns
 from r2bspec.ipc.arrivals import ClockOffsetTracker
 from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.judge.confirmation import needs_confirmation
@@ -171,7 +165,7 @@ class _Run:
         self._machine = describe_machine()
         self._versions = describe_versions()
         self._wall_clock = ClockOffsetTracker()
-        self._datasets: tuple[ResolvedDataset, ...] = ()
+        self._datasets: tuple[dict[str, Any], ...] = ()
         self._played = ""
         # Checked several times a second, and empty for most plans.
         self._memory_limits = {
@@ -253,7 +247,6 @@ class _Run:
         with domain() as self._domain:
             self._set_up()
             self._fill_buffers()
-            self._played = played_digest(self._plan, self._context.buffer_dir)
             try:
                 self._measure()
             except errors.RunError as error:
@@ -304,13 +297,15 @@ class _Run:
     def _fill_buffers(self) -> None:
         """Make the messages that are played, unless the other side of a comparison has them."""
         partner, folder = self._options.partner, self._context.buffer_dir
-        if partner is not None and (datasets := partner.take_buffers(folder)) is not None:
-            self._datasets = tuple(datasets)
+        if partner is not None and (filled := partner.take_buffers(folder)) is not None:
+            self._datasets = filled.provenance
+            self._played = filled.played
             return
         self._load()
         self._preprocess()
+        self._played = played_digest(self._plan, folder)
         if partner is not None:
-            partner.share_buffers(folder, self._datasets)
+            partner.share_buffers(folder, Filled(self._datasets, self._played))
 
     def _load(self) -> None:
         plan, context = self._plan, self._context
@@ -323,7 +318,7 @@ class _Run:
             datasets = [
                 obtain_dataset(source, context.base_dir, context.progress) for source in sources
             ]
-            self._datasets = tuple(datasets)
+            self._datasets = tuple(dataset.provenance for dataset in datasets)
             bags = [dataset.path for dataset in datasets]
             counts = buffer_bags(bags, sources, context.buffer_dir, context.progress)
         context.note(", ".join(f"{topic}: {count} messages" for topic, count in counts.items()))
@@ -561,7 +556,7 @@ class _Run:
         """The recordings that were read; those after the first are under ``also``."""
         if not self._datasets:
             return {}
-        first, *others = (dataset.provenance for dataset in self._datasets)
+        first, *others = self._datasets
         return first | ({"also": others} if others else {}) | {"played": self._played}
 
     def _differences(self, failure: BaseException | None) -> tuple[Difference, ...]:

@@ -11,7 +11,6 @@ same order: `Partner.meet` waits for the other side and returns the answer of th
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,10 +18,10 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from r2bspec.execute.errors import InterruptedRunError
-from r2bspec.execute.fill_buffers import ResolvedDataset
 from r2bspec.execute.measurement.segment_observation import SegmentObservation
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
 from r2bspec.ipc.schedule import Turns
@@ -31,7 +30,19 @@ from r2bspec.judge.measure.samples import step_times
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.plan.plan import Plan, PlayPlan
 
-_DATASETS_FILE = "datasets"
+_FILLED_FILE = "filled"
+
+
+class Filled(msgspec.Struct, frozen=True):
+    """What is in the buffers.
+
+    Attributes:
+        provenance: of each recording that was read.
+        played: the digest of the messages that are played.
+    """
+
+    provenance: tuple[dict[str, Any], ...]
+    played: str
 
 
 class PartnerLeftError(InterruptedRunError):
@@ -67,7 +78,7 @@ class Partner:
             raise PartnerLeftError("the other side of the comparison has failed")
         return answer
 
-    def take_buffers(self, buffer_dir: Path) -> list[ResolvedDataset] | None:
+    def take_buffers(self, buffer_dir: Path) -> Filled | None:
         """Let a side play the buffers that are there already; None if it has to make them.
 
         Args:
@@ -81,18 +92,16 @@ class Partner:
         self.meet("buffers")
         buffer_dir.rmdir()
         buffer_dir.symlink_to(self.buffers)
-        rows = json.loads((self.buffers / _DATASETS_FILE).read_text(encoding="utf-8"))
-        return [ResolvedDataset(Path(row["path"]), row["provenance"]) for row in rows]
+        return msgspec.json.decode((self.buffers / _FILLED_FILE).read_bytes(), type=Filled)
 
-    def share_buffers(self, buffer_dir: Path, datasets: tuple[ResolvedDataset, ...]) -> None:
+    def share_buffers(self, buffer_dir: Path, filled: Filled) -> None:
         """Give the buffers that this side has made to both.
 
         Raises:
             PartnerLeftError: the other side has failed.
             OSError: the disk is full.
         """
-        rows = [{"path": str(each.path), "provenance": each.provenance} for each in datasets]
-        (buffer_dir / _DATASETS_FILE).write_text(json.dumps(rows), encoding="utf-8")
+        (buffer_dir / _FILLED_FILE).write_bytes(msgspec.json.encode(filled))
         shutil.move(buffer_dir, self.buffers)
         buffer_dir.symlink_to(self.buffers)
         self.meet("buffers")
