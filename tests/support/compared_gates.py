@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from pathlib import Path
 from typing import Any
 
@@ -110,21 +109,6 @@ DOCUMENT: dict[str, Any] = {
     },
 }
 """Every key that a gate has, with a value that can become weaker and stronger."""
-
-
-def with_value(document: dict[str, Any], path: tuple[str | int, ...], value: Any) -> dict[str, Any]:
-    """A document with another value at a path; maps that are missing are added."""
-    changed = copy.deepcopy(document)
-    parent: Any = changed
-    for part in path[:-1]:
-        parent = parent.setdefault(part, {}) if isinstance(parent, dict) else parent[part]
-    if value is not GONE:
-        parent[path[-1]] = value
-    elif isinstance(parent, dict):
-        parent.pop(path[-1], None)
-    else:
-        parent.pop(path[-1])
-    return changed
 
 
 def side(document: dict[str, Any] | str, file: str = "head.r2b.yaml") -> PreparedBenchmark:

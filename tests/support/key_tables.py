@@ -36,11 +36,6 @@ def with_tables(text: str) -> str:
     return _TABLE_BLOCK.sub(table, text)
 
 
-def key_table(path: str) -> str:
-    """The table of the keys of the map at a path."""
-    return "\n".join([*_HEAD, *_rows(path).values()]) + "\n"
-
-
 _HEAD = ("| key | value | meaning |", "| --- | --- | --- |")
 
 

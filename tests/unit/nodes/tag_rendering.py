@@ -59,11 +59,6 @@ def photograph(
     return photo
 
 
-def rotation_of(xyzw: tuple[float, ...]) -> Matrix:
-    """Rotation matrix of a unit quaternion."""
-    return np.asarray(Rotation.from_quat(xyzw).as_matrix(), np.float64)
-
-
 def angle_deg(xyzw: tuple[float, ...], rotation: Matrix) -> float:
     """Angle between a unit quaternion and a rotation matrix."""
     difference = Rotation.from_quat(xyzw).inv() * Rotation.from_matrix(rotation)

@@ -17,8 +17,6 @@ from r2bspec.safe_io.cache_folder import (
     passed_over,
 )
 
-NOBODY = 65534
-
 
 @pytest.fixture(autouse=True)
 def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
