@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Unpack
 
-from r2bspec.diagnostics.quote import clip, pluralize
+from r2bspec.diagnostics.quote import pluralize
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.language.selected_spec import SelectionValues, select
 from r2bspec.language.selected_spec import SpecSelection as SpecSelection
@@ -71,23 +71,10 @@ class InvalidSpecError(R2bspecError):
         errors = sum(diagnostic.severity == "error" for diagnostic in diagnostics)
         super().__init__(
             f"{loaded.file} is not valid: {pluralize(errors, 'error')}",
-            hint="'r2bspec validate' shows what is wrong, 'r2bspec explain CODE' why.",
+            hint="'r2bspec validate' shows what is wrong, 'r2bspec docs CODE' why.",
         )
         self.loaded = loaded
         self.diagnostics = tuple(diagnostics)
-
-
-class UntrustedPlanError(R2bspecError):
-    """A stranger's plan that reads environment variables."""
-
-    code = "R2B143"
-    exit_code = ExitStatus.USAGE
-
-    def __init__(self, names: Sequence[str]) -> None:
-        super().__init__(
-            f"an untrusted plan cannot read {', '.join(map(clip, names[:12]))}",
-            hint="Run the spec that it was compiled from; its base version can be looked up.",
-        )
 
 
 HostLock = Literal["wait", "refuse", "off"]
@@ -129,8 +116,8 @@ def prepare(
     Args:
         spec: the file, or a selection (`r2bspec.language.selected_spec.SpecSelection`).
         smoke: prepare a smoke run, which judges nothing: see `r2bspec.plan.smoke_plan`.
-        values: fields of the selection by name: `sets`, `variables`, `case`, `allow_paths` and
-            `untrusted`. They replace those of a selection that is given.
+        values: fields of the selection by name: `sets`, `variables`, `case` and `allow_paths`.
+            They replace those of a selection that is given.
 
     Raises:
         InvalidSpecError: the spec has errors.
@@ -195,8 +182,6 @@ def _stored_plan(selection: SpecSelection, *, smoke: bool) -> PreparedBenchmark:
     from r2bspec.record.run_folder import read_spec_text
 
     plan = read_plan(selection.spec)
-    if selection.untrusted is not None and plan.environment:
-        raise UntrustedPlanError(plan.environment)
     if smoke:
         from r2bspec.plan.smoke_plan import smoke_plan
 

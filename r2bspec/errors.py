@@ -45,7 +45,7 @@ class R2bspecError(Exception):
     message and `hint`, and exits with `exit_code`; a traceback is never shown for it.
 
     Attributes:
-        code: the diagnostic code, such as ``R2B301``; see ``r2bspec explain``.
+        code: the diagnostic code, such as ``R2B301``; see ``r2bspec docs``.
         way_out: the hint of every error of a class that has none of its own.
         hint: what to do about it, in one sentence.
         exit_code: the exit status for this error.

@@ -22,7 +22,6 @@ from r2bspec.execute.processes.prerequisites import reserved_domain, resolve_arg
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.execute.states import Interrupts
 from r2bspec.ipc import protocol
-from r2bspec.language.secrets import quoted_secret_references
 from r2bspec.language.spec import Spec
 from r2bspec.plan.command_lines import HARNESS_ARGV, node_argv
 from r2bspec.plan.compile_plan import compile_plan
@@ -107,7 +106,7 @@ def _inspect(
 ) -> dict[str, Any]:
     """Run one node and an inspector, and end both."""
     run_id = secrets.token_hex(8)
-    redact = make_redactor(plan.environment, os.environ)
+    redact = make_redactor(os.environ)
     supervisor = ProcessSupervisor(run_id, scratch, check, redact=redact)
     try:
         with reserved_domain() as domain:
@@ -118,14 +117,13 @@ def _inspect(
             running = supervisor.start(
                 process.name,
                 process.role,
-                environment.secrets.in_words(resolve_argv(process)),
+                resolve_argv(process),
                 environment.for_node(process.env),
                 cwd=base_dir,
                 log=scratch / "node.log",
             )
             if process.role == "host":
-                nodes = environment.secrets.in_nodes(process.nodes)
-                host = protocol.ConfigureHost(nodes=nodes, base_dir=str(base_dir))
+                host = protocol.ConfigureHost(nodes=process.nodes, base_dir=str(base_dir))
                 supervisor.request(running, host, protocol.Ready, _CREATE_TIMEOUT_S)
             inspector = supervisor.start(
                 "inspector",
@@ -190,7 +188,7 @@ def _standalone(wired: NodeWiring) -> tuple[str, ...]:
     words = ["ros2", "component", "standalone", node.package, node.plugin]
     words += ["--node-name", _INSPECTED_NAME, "--node-namespace", NAMESPACE]
     for name, value in wired.parameters.items():
-        words += ["-p", f"{name}:={quoted_secret_references(json.dumps(value))}"]
+        words += ["-p", f"{name}:={json.dumps(value)}"]
     return tuple(words)
 
 

@@ -9,8 +9,7 @@ measured.
 The benchmarks of a host run one at a time: a test waits while the host runs another benchmark.
 ``--r2bspec-no-wait`` fails it instead, and ``--r2bspec-no-lock`` measures next to the other one.
 
-``--r2bspec-untrusted``, ``--r2bspec-base-ref`` and ``--r2bspec-allow-path`` are the options of
-the command line without the prefix.
+``--r2bspec-allow-path`` is the option of the command line without the prefix.
 
 Without ``--r2bspec`` the plugin collects nothing and imports nothing.
 """
@@ -34,18 +33,12 @@ _FLAGS = {
     "--r2bspec": f"collect *{_SUFFIX} as tests",
     "--r2bspec-no-wait": "fail instead of waiting while this host runs another benchmark",
     "--r2bspec-no-lock": "run even while this host runs another benchmark",
-    "--r2bspec-untrusted": "specs are a stranger's: they may read no environment variable that "
-    "--r2bspec-base-ref does not list",
 }
 _VALUES = {
     "--r2bspec-runs": ("DIR", "judge the run folders DIR/NAME instead of running the benchmarks"),
     "--r2bspec-output": (
         "DIR",
         "write run folders to DIR/NAME, DIR/NAME-2 and so on  [default: runs/NAME-TIME]",
-    ),
-    "--r2bspec-base-ref": (
-        "REF",
-        "with --r2bspec-untrusted: the commit that the change is based on",
     ),
 }
 _ACCESS = pytest.StashKey[dict[str, Any]]()
@@ -80,29 +73,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Read the base version once, so that an unknown one is an error of usage.
-
-    Raises:
-        pytest.UsageError: an option is wrong.
-    """
-    if not config.getoption("--r2bspec"):
-        return
-    from r2bspec.diagnostics.plain_text import plain
-    from r2bspec.errors import R2bspecError
-    from r2bspec.language.environment_access import untrusted_specs
-
-    try:
-        untrusted = untrusted_specs(
-            config.invocation_params.dir,
-            untrusted=config.getoption("--r2bspec-untrusted"),
-            base_ref=config.getoption("--r2bspec-base-ref") or "",
-        )
-    except R2bspecError as error:
-        raise pytest.UsageError(plain(f"r2bspec: {error}")) from None
-    allowed = [
-        config.invocation_params.dir / path for path in config.getoption("--r2bspec-allow-path")
-    ]
-    config.stash[_ACCESS] = {"allow_paths": allowed, "untrusted": untrusted}
+    """Keep the options that say what a spec may read."""
+    if config.getoption("--r2bspec"):
+        folders = config.getoption("--r2bspec-allow-path")
+        allowed = [config.invocation_params.dir / path for path in folders]
+        config.stash[_ACCESS] = {"allow_paths": allowed}
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:

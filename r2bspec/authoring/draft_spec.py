@@ -35,10 +35,6 @@ _SHORTEST_ITERATION_S = 2.5
 _LONGEST_ITERATION_S = 10.0
 _LOST_PERCENT = (1, 5, 10)
 """Shares of lost messages that are proposed: the first that the messages of a run can confirm."""
-_KEPT_SHARE = 0.95
-"""The share of the rate of a timer that is proposed as a limit."""
-_FEWEST_TICKS = 20
-"""With fewer outputs of a timer in an iteration, a single one that is late breaks that limit."""
 _LOADED = "recorded"
 _OFFERED = r"^(?!lifecycle_msgs/)\w+/(srv|action)/\w+$"
 """Types of services and actions that are a node's own."""
@@ -94,7 +90,6 @@ class _Draft:
         namespace: of the benchmark, absolute and without a slash at its end.
         inputs: topics of the graph that are played, with the recorded topic of each.
         outputs: topics to monitor, with their types.
-        timed: those of them that are published by a timer, with its period in seconds, if known.
         transforms: recorded topics of transforms that are published.
         calls: entries of ``playback.calls``: the services and actions of nodes without outputs.
         measured: what is known of the nodes.
@@ -106,7 +101,6 @@ class _Draft:
     base_dir: Path
     inputs: dict[str, TopicInfo] = field(default_factory=dict)
     outputs: dict[str, str] = field(default_factory=dict)
-    timed: dict[str, float | None] = field(default_factory=dict)
     transforms: list[str] = field(default_factory=list)
     calls: Block = field(default_factory=Block)
     unknown: list[str] = field(default_factory=list)
@@ -282,12 +276,6 @@ class _Draft:
         left_out = len(last or published) - len(self.outputs)
         if left_out > 0:
             self.unknown.append(f"{left_out} more topics are published and not monitored here")
-        self.timed = {
-            topic: period_s
-            for node in self.measured.nodes
-            for name, period_s in node.interface.timed.items()
-            if (topic := node.names.resolve(name).name) in self.outputs
-        }
         if not self.outputs:
             self._select_calls()
         if not self.outputs and not self.calls:
@@ -348,9 +336,7 @@ class _Draft:
         monitors = Block()
         for topic, kind in self.outputs.items():
             entry = Block.of({"topic": self._own(topic), "format": kind})
-            if topic in self.timed:
-                entry.add("match", "own_pace", after="a timer publishes it, whatever is played")
-            elif begins_with_header(kind) is False:
+            if begins_with_header(kind) is False:
                 entry.add("match", "order", after="its messages have no header")
             name = unique_name(identifier(self._own(topic).strip("/~")), names)
             monitors.add(name if name[0].isalpha() else f"m{name}", entry)
@@ -449,7 +435,7 @@ class _Draft:
         return block
 
     def _objectives(self, monitors: list[str]) -> Block | None:
-        seconds, percent = self._effort()
+        _, percent = self._effort()
         has_load = self.recording is not None or self.calls
         if not has_load or percent is None or "/rosout" in self.outputs:
             return None
@@ -458,12 +444,6 @@ class _Draft:
         calls = [entry.key for entry in self.calls.entries]
         named = calls or (monitors[:1] if len(monitors) > 1 else [])
         required = f"drop_rate <= {percent} %"
-        first = next(iter(self.outputs), "")
-        if first in self.timed:
-            period_s = self.timed[first]
-            if not period_s or seconds < _FEWEST_TICKS * period_s:
-                return None
-            required = f"throughput.mean >= {_KEPT_SHARE / period_s:.3g} Hz"
         requirements = [f"{prefix}{required}" for prefix in [f"{name}." for name in named] or [""]]
         return Block.of({"keeps_up": Block.of({"at": rate, "require": requirements})})
 

@@ -135,17 +135,12 @@ def find_node(wanted: str, folder: Path) -> str:
 
 
 def _add_node(draft: DraftNodes, target: str, parameter_file: str, folder: Path) -> None:
-    """Add a node, with what its source says of its executor and its state.
+    """Add a node, with what its source says of its state.
 
     Its name is its own, in the namespace in which the file has parameters of it.
     """
-    interface, start = read_source(target, folder)
+    interface, _ = read_source(target, folder)
     entry = Block.of({"python": target})
-    threads = start.threads_of_main if start is not None else None
-    if threads is not None:
-        entry.add("executor", "multi_threaded", after="as the program in its file makes it")
-    if threads:
-        entry.add("threads", threads)
     if interface.is_lifecycle:
         entry.add("lifecycle", "active")
     key = node_key(target, interface.name)

@@ -1,8 +1,7 @@
 """Finds the files of specs, checks them, one or thousands, and repairs them.
 
 Of a document only its findings are kept, and its text where they refer to it, so that memory
-does not grow with the number of files. Many files are distributed among processes, one for each
-CPU; the order of the results is that of the files in either case.
+does not grow with the number of files.
 """
 
 from __future__ import annotations
@@ -102,12 +101,6 @@ class FileReport(msgspec.Struct, frozen=True):
 
 T = TypeVar("T")
 
-MIN_PARALLEL_FILES = 100
-"""From this number of files on several processes are faster than one. Starting them takes about as
-long as checking ten files."""
-
-_MIN_FILES_PER_WORKER = 16
-
 
 def check_files(files: Sequence[str], options: CheckOptions) -> Iterator[FileReport]:
     """Check every file, in the order given.
@@ -117,8 +110,7 @@ def check_files(files: Sequence[str], options: CheckOptions) -> Iterator[FileRep
         options: for all of them.
 
     Raises:
-        InternalError, WorkerEndedError: the check of a file crashed; after the reports of the
-            others.
+        InternalError: the check of a file crashed; after the reports of the others.
     """
     # Documents are trees: frequent collection of cycles takes time and frees nothing.
     gc.set_threshold(50_000, 20, 20)
@@ -126,21 +118,14 @@ def check_files(files: Sequence[str], options: CheckOptions) -> Iterator[FileRep
 
     check = partial(check_file, options=options)
     failures = UncheckedFiles()
-    workers = min(len(os.sched_getaffinity(0)), len(files) // _MIN_FILES_PER_WORKER)
-    in_processes = len(files) >= MIN_PARALLEL_FILES and workers > 1 and "-" not in files
     with shared_lookups():
-        # The first file imports all modules, which forked processes then share.
-        for file in files[:1] if in_processes else files:
+        for file in files:
             try:
                 report = naming_the_file(check, file)
             except InternalError as error:
                 failures.add(file, error)
             else:
                 yield report
-        if in_processes:
-            from r2bspec.cli.worker_processes import map_in_processes
-
-            yield from map_in_processes(check, files[1:], workers, failures)
     failures.raise_first()
 
 

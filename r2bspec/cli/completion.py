@@ -77,21 +77,14 @@ def complete_template(_ctx: click.Context) -> Iterable[str]:
 
 
 @_proposals
-def complete_code(_ctx: click.Context) -> Iterable[str]:
-    """Codes, their slugs, and metrics."""
+def complete_topic(_ctx: click.Context) -> Iterable[str]:
+    """The topics of ``docs``: pages, codes and their slugs, metrics."""
+    from r2bspec.cli.reference import doc_pages
     from r2bspec.diagnostics.code_pages import all_pages
     from r2bspec.judge.measure.metric_catalogue import names
 
     pages = all_pages()
-    return [*pages, *(page.slug for page in pages.values()), *names()]
-
-
-@_proposals
-def complete_metric(_ctx: click.Context) -> Iterable[str]:
-    """The metrics."""
-    from r2bspec.judge.measure.metric_catalogue import names
-
-    return names()
+    return [*doc_pages(), *pages, *(page.slug for page in pages.values()), *names()]
 
 
 @_proposals

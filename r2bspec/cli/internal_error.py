@@ -55,13 +55,6 @@ class InternalError(R2bspecError):
         )
 
 
-class WorkerEndedError(R2bspecError):
-    """A process that checks files ended without an answer."""
-
-    code = "R2B691"
-    exit_code = ExitStatus.INTERNAL_ERROR
-
-
 class UncheckedFiles:
     """The files whose check ended without a result, while that of others goes on."""
 

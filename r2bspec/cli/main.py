@@ -10,7 +10,6 @@ import errno
 import importlib
 import io
 import os
-import resource
 import signal
 import sys
 import threading
@@ -26,14 +25,11 @@ from r2bspec.diagnostics.quote import quote
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError, exit_status_text
 from r2bspec.report.output import echo
 from r2bspec.safe_io.cache_folder import passed_over
-from r2bspec.safe_io.limits import MIN_NUMPY_ADDRESS_SPACE, MIN_RUN_ADDRESS_SPACE
 from r2bspec.safe_io.terminal import leave_terminal
 
 VERBS = {
     "init": "Create a commented spec to start from.",
     "validate": "Check specs without running anything.",
-    "explain": "Explain a diagnostic code, or list all codes.",
-    "metrics": "List the metrics that requirements can name.",
     "interfaces": "Start each node once and record its interface.",
     "plan": "Show the plan of a run, as JSON or as a diagram.",
     "run": "Run a benchmark on real ROS 2 and judge it by its SLOs.",
@@ -48,7 +44,7 @@ VERBS = {
     "doctor": "Check this machine's fitness for benchmarking.",
     "lsp": "Start the language server, for editors.",
     "schema": "Print a JSON Schema.",
-    "docs": "Show the documentation.",
+    "docs": "Show the documentation, or explain a diagnostic code or a metric.",
     "completion": "Print the completion script of a shell.",
 }
 """Each verb and its line in the help, so that listing them needs no import."""
@@ -56,8 +52,6 @@ VERBS = {
 _PLACES = {
     "init": "authoring:init_command",
     "interfaces": "authoring:interfaces_command",
-    "explain": "reference:explain_command",
-    "metrics": "reference:metrics_command",
     "schema": "reference:schema_command",
     "docs": "reference:docs_command",
     "judge": "finished_runs:judge_command",
@@ -74,9 +68,6 @@ _MAX_ERROR_LINE = 1_000
 
 _STREAMS = (("stdin", "r"), ("stdout", "w"), ("stderr", "w"))
 """In the order of their descriptors; one that is closed at the start is None."""
-
-_LEAST_STACK_BYTES = 512 << 10
-"""Deep JSON takes 200 KiB before its depth is refused."""
 
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 """No fault of r2bspec: the file system, or a limit on the size of files, leaves no room."""
@@ -145,8 +136,6 @@ def main(argv: list[str] | None = None) -> int:
             # What the encoding of a terminal lacks shows as a question mark, not as a crash.
             stream.reconfigure(errors="replace")
     try:
-        _require_stack()
-        _spare_address_space()
         _require_arguments(sys.argv[1:] if argv is None else argv)
         with _notes_on_caches(), _interruptible():
             status = _called(sys.argv[1:] if argv is None else argv)
@@ -234,49 +223,6 @@ def _is_folder_gone() -> bool:
     except FileNotFoundError:
         return True
     return False
-
-
-def _require_stack() -> None:
-    """See that the stack has room for documents as deep as are read: without it, the process dies.
-
-    Raises:
-        UsageError: it has not. Python itself dies with less than about 96 KiB.
-    """
-    soft, _ = resource.getrlimit(resource.RLIMIT_STACK)
-    if soft != resource.RLIM_INFINITY and soft < _LEAST_STACK_BYTES:
-        raise UsageError(
-            f"the stack is limited to {soft >> 10} KiB; {_LEAST_STACK_BYTES >> 10} are needed",
-            hint="Raise the limit: ulimit -s 8192",
-        )
-
-
-class _NumpyGuard:
-    """Refuses NumPy where its import would fail in the middle, or never end."""
-
-    def find_spec(self, name: str, *_: object) -> None:
-        """Find nothing.
-
-        Raises:
-            AddressSpaceError: it is NumPy.
-        """
-        if name == "numpy":
-            from r2bspec.execute.processes.prerequisites import address_space_error
-
-            raise address_space_error(MIN_NUMPY_ADDRESS_SPACE)
-
-
-def _spare_address_space() -> None:
-    """Where there is little, keep OpenBLAS from asking for its threads' buffers again and again.
-
-    No run starts with so little, so no node inherits the variable.
-    """
-    soft, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if soft == resource.RLIM_INFINITY:
-        return
-    if soft < MIN_RUN_ADDRESS_SPACE:
-        os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    if soft < MIN_NUMPY_ADDRESS_SPACE:
-        sys.meta_path.insert(0, _NumpyGuard())
 
 
 def _require_arguments(arguments: list[str]) -> None:

@@ -10,14 +10,12 @@ import click
 
 from r2bspec.cli import shared_options as options
 from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
-from r2bspec.cli.text_output import show_findings
 from r2bspec.diagnostics.plain_text import plain
 from r2bspec.errors import ExitStatus, UsageError
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
-    from r2bspec.language.load_spec import LoadedSpec
     from r2bspec.plan.plan import Plan
 
 
@@ -36,13 +34,6 @@ if TYPE_CHECKING:
     help="Print the differences from OTHER, a spec or a plan, instead; exit status "
     f"{ExitStatus.FINDINGS_OR_FAILED} if any.",
 )
-@click.option(
-    "--explain",
-    "explain_path",
-    metavar="PATH",
-    help="Print the origin of a value, such as benchmark.rates[0], instead: every file, line and "
-    "option that set it.",
-)
 @options.spec_options
 @click.option(
     "--output",
@@ -54,7 +45,6 @@ def command(
     spec: Path,
     graph: str | None,
     other: Path | None,
-    explain_path: str | None,
     values: SelectionValues,
     output: Path | None,
 ) -> int:
@@ -63,25 +53,17 @@ def command(
     SPEC is a spec, or a plan written by this command. The same spec and the same data give the same
     bytes on every machine. Nothing is started.
     """
-    if sum((graph is not None, other is not None, explain_path is not None)) > 1:
-        raise click.UsageError("--graph, --diff and --explain cannot be combined")
+    if graph is not None and other is not None:
+        raise click.UsageError("--graph and --diff cannot be combined")
     for read in (spec, other):
         if output and read and os.path.realpath(output) == os.path.realpath(read):
             raise UsageError(f"{output} is read, and cannot be written", hint="Name another file.")
-    if explain_path is not None:
-        from r2bspec.language.load_spec import load_spec
-
-        loaded = load_spec(spec, **values)
-        _write(_provenance(loaded, explain_path).encode(), output)
-        return ExitStatus.OK
     prepared = prepare_and_report(SpecSelection(spec, **values))
     plan = prepared.plan
     if other is not None:
         from r2bspec.plan.comparability import diff_plans
 
-        other_selection = SpecSelection(
-            other, allow_paths=values["allow_paths"], untrusted=values["untrusted"]
-        )
+        other_selection = SpecSelection(other, allow_paths=values["allow_paths"])
         other_plan = prepare_and_report(other_selection).plan
         differences = diff_plans(other_plan, plan)
         _write("".join(f"{difference}\n" for difference in differences).encode(), output)
@@ -91,23 +73,6 @@ def command(
 
     echo(f"a run takes {estimate_time(plan).text()}", err=True)
     return ExitStatus.OK
-
-
-def _provenance(loaded: LoadedSpec, path: str) -> str:
-    """The origin of a value.
-
-    Raises:
-        UsageError: there is no value at the path, or the file is not a document.
-    """
-    from r2bspec.language.value_trace import UnknownPathError, provenance
-
-    if loaded.spec is None:
-        show_findings(loaded.diagnostics, loaded)
-    try:
-        return provenance(loaded, path).text()
-    except UnknownPathError as error:
-        shown = "'r2bspec validate --resolved SPEC' shows all that the document has."
-        raise UsageError(str(error), hint=error.hint or shown) from None
 
 
 def _render(plan: Plan, graph: str | None) -> bytes:

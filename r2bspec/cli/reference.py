@@ -1,4 +1,4 @@
-"""The verbs that print what r2bspec defines: ``explain``, ``metrics``, ``schema`` and ``docs``."""
+"""The verbs that print what r2bspec defines: ``docs`` and ``schema``."""
 
 from __future__ import annotations
 
@@ -9,32 +9,15 @@ from pathlib import Path
 
 import click
 
-from r2bspec.cli.completion import complete_code, complete_metric
-from r2bspec.cli.shared_options import format_option
+from r2bspec.cli.completion import complete_topic
 from r2bspec.cli.text_output import styled
 from r2bspec.diagnostics.code_pages import FAMILIES, Page, all_pages
 from r2bspec.diagnostics.quote import printable
 from r2bspec.errors import ExitStatus, UsageError
-from r2bspec.report.output import echo, echo_document, echo_json
+from r2bspec.report.output import echo, echo_document
 
 _FILE = "example.r2b.yaml"
 _WIDTH = 88
-
-
-@click.command("explain")
-@click.argument("code", required=False, shell_complete=complete_code)
-def explain_command(code: str | None) -> int:
-    """Explain the diagnostic CODE, such as R2B101 or unknown-key; without CODE, list all.
-
-    CODE may also be a metric, such as latency.p99; 'r2bspec metrics' lists them.
-    """
-    if code is not None and (metric := explain_metric(code)):
-        echo("\n".join(metric), lines=True)
-        return ExitStatus.OK
-    pages = all_pages()
-    lines = _list_codes(pages) if code is None else _explain_code(_find_code(code, pages))
-    echo("\n".join(lines), lines=True, styled=True)
-    return ExitStatus.OK
 
 
 def _find_code(code: str, pages: Mapping[str, Page]) -> Page:
@@ -51,16 +34,14 @@ def _find_code(code: str, pages: Mapping[str, Page]) -> Page:
     if slug in by_slug:
         return by_slug[slug]
     from r2bspec.diagnostics import did_you_mean
+    from r2bspec.judge.measure.metric_catalogue import names
 
-    close = _near_code(number, pages) if number[3:].isdigit() else did_you_mean(slug, by_slug)
-    if not close and "." in code:
-        from r2bspec.judge.measure.metric_catalogue import names
-
-        close = did_you_mean(code, names())
+    known = (*by_slug, *doc_pages(), *names())
+    close = _near_code(number, pages) if number[3:].isdigit() else did_you_mean(code, known)
     raise UsageError(
-        f"unknown code {code!r}",
+        f"there is no page, code or metric {code!r}",
         hint=f"did you mean {close}? " * bool(close)
-        + "'r2bspec explain' lists all codes, 'r2bspec metrics' all metrics",
+        + "'r2bspec docs' lists the pages, 'r2bspec docs codes' all codes",
     )
 
 
@@ -123,33 +104,6 @@ def _indent(block: str) -> Iterator[str]:
         yield f"    {printable(line)}".rstrip()
 
 
-@click.command("metrics")
-@click.argument("names", nargs=-1, metavar="[METRIC]...", shell_complete=complete_metric)
-@format_option("text", "json", "markdown")
-def metrics_command(names: tuple[str, ...], output_format: str) -> int:
-    """List the metrics that the requirements of a spec can name.
-
-    With METRIC, such as latency.p99, only these, with their definition.
-    """
-    from r2bspec.judge.measure import metric_catalogue as reference
-    from r2bspec.judge.measure.metric_catalogue import METRICS, MetricError
-
-    try:
-        infos = [reference.find_metric(name) for name in names] or list(METRICS.values())
-    except MetricError as error:
-        meant = f"did you mean {error.suggestion}? " if error.suggestion else ""
-        raise UsageError(str(error), hint=f"{meant}'r2bspec metrics' lists all") from error
-    if output_format == "json":
-        echo_json([reference.as_builtins(info) for info in infos])
-    elif output_format == "markdown":
-        echo_document(reference.markdown_page(), nl=False)
-    elif names:
-        echo("\n\n".join("\n".join(_definition(name)) for name in names), lines=True)
-    else:
-        echo("\n".join(_overview()), lines=True)
-    return ExitStatus.OK
-
-
 def explain_metric(name: str) -> list[str]:
     """The lines about a metric; none if there is no metric of this name."""
     from r2bspec.judge.measure.metric_catalogue import MetricError
@@ -158,30 +112,6 @@ def explain_metric(name: str) -> list[str]:
         return list(_definition(name))
     except MetricError:
         return []
-
-
-def _overview() -> Iterator[str]:
-    from r2bspec.judge.measure import metric_catalogue as reference
-    from r2bspec.judge.measure.metric_catalogue import METRICS
-
-    width = max(map(len, METRICS))
-    for number, (_, infos) in enumerate(reference.groups()):
-        if number:
-            yield ""
-        for info in infos:
-            where = _shown_modes(reference.modes(info))
-            yield f"{info.name:<{width}}  {info.unit:<6} {info.description}{where}".rstrip()
-    yield ""
-    yield "Other percentiles can be named, too: latency.p42, latency.p99_5 for 99.5 %."
-    yield "'r2bspec metrics METRIC' shows the definition of one."
-
-
-def _shown_modes(modes: tuple[str, ...]) -> str:
-    """The modes in which a metric is known, where these are not all."""
-    from r2bspec.judge.measure.metric_catalogue import MODES
-
-    missing = [mode for mode in MODES if mode not in modes]
-    return f" (not {' or '.join(missing)})" if missing else ""
 
 
 def _definition(name: str) -> Iterator[str]:
@@ -225,37 +155,62 @@ def schema_command(name: str) -> int:
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
-@click.command("docs")
-@click.argument("page", required=False)
-@click.option("--path", "show_path", is_flag=True, help="Print the path instead of the text.")
-def docs_command(page: str | None, show_path: bool) -> int:
-    """List the pages of the documentation, or print PAGE, such as running or proofs/verdicts.
+_CODES = "codes"
+"""The topic that lists all diagnostic codes; no page has its name."""
 
-    Pages are Markdown.
+
+@click.command("docs")
+@click.argument("topic", required=False, shell_complete=complete_topic)
+@click.option("--path", "show_path", is_flag=True, help="Print the path instead of the text.")
+def docs_command(topic: str | None, show_path: bool) -> int:
+    """Show the documentation of TOPIC; without it, list the pages.
+
+    TOPIC is a page, such as running or metrics, a diagnostic code, such as R2B101 or unknown-key,
+    a metric, such as latency.p99, or 'codes' for the list of all codes.
     """
-    folder = docs_folder()
-    files = (*sorted(folder.glob("*.md")), *sorted(folder.glob("*/*.md")))
-    pages = {file.relative_to(folder).with_suffix("").as_posix(): file for file in files}
-    if page is None:
-        if show_path:
-            echo(str(folder))
-            return ExitStatus.OK
+    if show_path:
+        echo(str(docs_folder() if topic is None else _doc_page(topic)))
+    elif topic is None:
+        pages = doc_pages()
         width = max(map(len, pages), default=0)
         for name, file in pages.items():
             echo(f"{name:<{width}}  {_page_title(file)}")
-        return ExitStatus.OK
-    name = page.removesuffix(".md")
+    elif topic == _CODES:
+        echo("\n".join(_list_codes(all_pages())), lines=True, styled=True)
+    elif (page := doc_pages().get(topic.removesuffix(".md"))) is not None:
+        echo(page.read_text(encoding="utf-8"), nl=False)
+    elif metric := explain_metric(topic):
+        echo("\n".join(metric), lines=True)
+    else:
+        code = _find_code(topic, all_pages())
+        echo("\n".join(_explain_code(code)), lines=True, styled=True)
+    return ExitStatus.OK
+
+
+def doc_pages() -> dict[str, Path]:
+    """The file of each page of the documentation, by its name."""
+    folder = docs_folder()
+    files = (*sorted(folder.glob("*.md")), *sorted(folder.glob("*/*.md")))
+    return {file.relative_to(folder).with_suffix("").as_posix(): file for file in files}
+
+
+def _doc_page(topic: str) -> Path:
+    """The file of a page.
+
+    Raises:
+        UsageError: there is no such page.
+    """
+    pages = doc_pages()
+    name = topic.removesuffix(".md")
     if name not in pages:
         from r2bspec.diagnostics import did_you_mean
 
         close = did_you_mean(name, pages)
         hint = f"did you mean {close!r}? " if close else ""
-        raise UsageError(f"there is no page {page!r}", hint=f"{hint}'r2bspec docs' lists the pages")
-    if show_path:
-        echo(str(pages[name]))
-    else:
-        echo(pages[name].read_text(encoding="utf-8"), nl=False)
-    return ExitStatus.OK
+        raise UsageError(
+            f"there is no page {topic!r}", hint=f"{hint}'r2bspec docs' lists the pages"
+        )
+    return pages[name]
 
 
 def docs_folder() -> Path:
@@ -270,7 +225,7 @@ def docs_folder() -> Path:
             return folder
     raise UsageError(
         "this installation of r2bspec has no documentation",
-        hint="Install r2bspec anew; 'r2bspec explain' and --help work without.",
+        hint="Install r2bspec anew.",
     )
 
 

@@ -151,20 +151,6 @@ _allow_path_option = repeatable_option(
 )
 
 
-_untrusted_option = click.option(
-    "--untrusted",
-    is_flag=True,
-    help="SPEC is a stranger's: it may read no environment variable that --base-ref does not list.",
-)
-
-_base_ref_option = click.option(
-    "--base-ref",
-    default="",
-    metavar="REF",
-    help="With --untrusted: the commit that the change is based on, such as origin/main.",
-)
-
-
 def parse_pairs(option: str, texts: Iterable[str]) -> dict[str, str]:
     """The values of an option that takes ``NAME=VALUE``.
 
@@ -187,29 +173,19 @@ def spec_options(command: Callable[..., int]) -> Callable[..., int]:
     @variables_option
     @_case_option
     @_allow_path_option
-    @_untrusted_option
-    @_base_ref_option
     @functools.wraps(command)
     def with_values(
         sets: tuple[str, ...],
         variables: tuple[str, ...],
         case: str,
         allow_paths: tuple[Path, ...],
-        untrusted: bool,
-        base_ref: str,
         **others: Any,
     ) -> int:
-        stranger = None
-        if untrusted or base_ref:
-            from r2bspec.language.environment_access import untrusted_specs
-
-            stranger = untrusted_specs(Path.cwd(), untrusted=untrusted, base_ref=base_ref)
         values = SelectionValues(
             sets=sets,
             variables=parse_pairs("--var", variables),
             case=case,
             allow_paths=allow_paths,
-            untrusted=stranger,
         )
         return command(values=values, **others)
 

@@ -227,7 +227,6 @@ class MergeGate:
             spec=self.tree.top / spec.base,
             case="",
             allow_paths=(self.tree.top,),
-            untrusted=None,
         )
         cases = of_base.load_cases()
         return next((each for each in cases if each.case in {"", case}), None)

@@ -227,7 +227,7 @@ def _check_waiver(
     elif not waiver.code:
         close = did_you_mean(waiver.written, (*slugs, *slugs.values()))
         message = f"unknown code {quote(waiver.written)}: this waiver has no effect"
-        help_text = f"did you mean {close}? " * bool(close) + "'r2bspec explain' lists all codes"
+        help_text = f"did you mean {close}? " * bool(close) + "'r2bspec docs codes' lists all codes"
         yield _warning(UNKNOWN_CODE, message, waiver, help_text)
     elif not waiver.reason:
         message = f"the waiver of {waiver.written} has no effect: it gives no reason"

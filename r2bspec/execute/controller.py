@@ -179,7 +179,7 @@ class _Run:
             scratch,
             self._check,
             lambda child: resources.add(child.pid),
-            run_environment.make_redactor(plan.environment, os.environ),
+            run_environment.make_redactor(os.environ),
             states.clock,
             events,
         )
@@ -271,7 +271,6 @@ class _Run:
         if self._options.anatomy or self._plan.anatomy:
             prerequisites.built(anatomy_object)
         prerequisites.check_middleware(self._plan, os.environ)
-        run_environment.SecretReferences(self._plan.environment, os.environ).require_set(self._plan)
         self._context.resources.start()
 
     def _set_up(self) -> None:

@@ -176,12 +176,6 @@ class NoLoopbackError(CertainRunError):
     code = "R2B699"
 
 
-class SecretNotSetError(CertainRunError):
-    """The plan refers to a secret that is not in the environment."""
-
-    code = "R2B122"
-
-
 class SharedMemoryError(CertainRunError):
     """There is less shared memory than the transport needs."""
 

@@ -83,8 +83,6 @@ class Key(msgspec.Struct, frozen=True, eq=False, kw_only=True):
         words: the words that a text can be, where no `Literal` can list them.
         path: whether the text is a path, relative to the file in which it is written.
         topics: whether the keys of a map are topics, in which references are supported.
-        deferrable: whether the value is only shown, or given to a process, so that it may refer to
-            a secret.
         loader: whether another step of loading evaluates the key.
         derived: whether no document has the key: other keys make the value.
         unless_live: whether the key is required unless the benchmark is live, or calls services.
@@ -106,7 +104,6 @@ class Key(msgspec.Struct, frozen=True, eq=False, kw_only=True):
     words: tuple[str, ...] = ()
     path: bool = False
     topics: bool = False
-    deferrable: bool = False
     loader: bool = False
     derived: bool = False
     unless_live: bool = False
@@ -341,20 +338,6 @@ def rule_at(path: Path) -> ValueRule | None:
     for step in path:
         rule = rule.below(step) if rule is not None else None
     return rule
-
-
-def unknown_step(path: Path) -> int | None:
-    """The position of the first step of a path that the language does not have; None if it has all.
-
-    What is below a value of any form is not of the language.
-    """
-    rule = language()
-    for position, step in enumerate(path):
-        below = rule.below(step)
-        if below is None:
-            return position if rule.kinds else None
-        rule = below
-    return None
 
 
 def change_at(path: Path) -> Change:

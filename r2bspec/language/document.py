@@ -3,9 +3,8 @@
 YAML also allows UTF-16 and UTF-32. They are refused here: no other tool of a ROS workspace reads
 them, so a file in one of them is most likely an accident.
 
-`Document` is one value that each step of loading changes. Values come from extended files, siblings
-and repeated entries, and keep the place where they are written. `ValueOrigins` are the places that
-led there: without them, a finding would be hard to understand.
+`Document` is one value that each step of loading changes. Values of extended files keep the place
+where they are written; `ValueOrigins` are the places that led there.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from typing import NoReturn, Unpack
 import msgspec
 from msgspec.structs import replace
 
-from r2bspec.diagnostics import Diagnostic, Edit, Path, Related, Severity, Span
+from r2bspec.diagnostics import Diagnostic, Edit, Related, Severity, Span
 from r2bspec.diagnostics.diagnostic import DiagnosticParts, split_lines
 from r2bspec.language.located_tree import TreeNode
 from r2bspec.safe_io import safe_file
@@ -254,30 +253,17 @@ class DiagnosticCollector:
 
 
 class ValueOrigins(msgspec.Struct, frozen=True):
-    """The origins of the values of one document.
-
-    Attributes:
-        files: for each file that is extended, the places that led to it, the nearest first.
-        entries: for the path of an entry made from another, the place that says so.
-    """
+    """For each file that is extended, the places that led to it, the nearest first."""
 
     files: dict[str, tuple[Related, ...]] = msgspec.field(default_factory=dict)
-    entries: dict[Path, tuple[Related, ...]] = msgspec.field(default_factory=dict)
-
-    def origins_of(self, path: Path, span: Span) -> tuple[Related, ...]:
-        """The places that led to the value at a path, which is written at `span`."""
-        origins: list[Related] = []
-        for length in range(1, len(path) + 1) if self.entries else ():
-            origins += self.entries.get(path[:length], ())
-        return (*origins, *self.files.get(span.file, ()))
 
     def with_origins(self, diagnostics: Iterable[Diagnostic]) -> list[Diagnostic]:
-        """The diagnostics, each with the places that led to its own."""
-        if not self.files and not self.entries:
+        """The diagnostics, each with the places that led to its file."""
+        if not self.files:
             return list(diagnostics)
         located = []
         for problem in diagnostics:
-            origins = self.origins_of(problem.path, problem.span)
+            origins = self.files.get(problem.span.file, ())
             new = tuple(origin for origin in origins if origin not in problem.related)
             located.append(replace(problem, related=(*problem.related, *new)) if new else problem)
         return located
@@ -289,8 +275,7 @@ class Document(msgspec.Struct):
     Attributes:
         tree: None where the text is not YAML.
         sources: the texts that places point into, by file name.
-        incomplete: paths that extend something that does not exist; the empty path is the
-            document.
+        is_incomplete: whether a file that it extends could not be read.
         inserted: characters that references have inserted, in all cases so far.
     """
 
@@ -299,7 +284,7 @@ class Document(msgspec.Struct):
     problems: DiagnosticCollector = msgspec.field(default_factory=DiagnosticCollector)
     sources: dict[str, Source] = msgspec.field(default_factory=dict)
     origins: ValueOrigins = msgspec.field(default_factory=ValueOrigins)
-    incomplete: set[Path] = msgspec.field(default_factory=set)
+    is_incomplete: bool = False
     inserted: int = 0
 
     @property

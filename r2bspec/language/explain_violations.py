@@ -1,10 +1,9 @@
 """Violations of the language, explained: one diagnostic for each mistake.
 
-One mistake may violate several rules: a missing key and an unknown one are one misspelt key, many
-wrong values are two keys with each other's content or a forgotten name. These are looked for first;
-what they explain is not reported again. What is left are values of the wrong type, form or size: a
-text that certainly means the same as a valid one is replaced by it where the user asks for that;
-any other suggestion is an example.
+One mistake may violate several rules: a missing key and an unknown key are one misspelt key, and
+several wrong values a forgotten name. These are looked for first; what they explain is not reported
+again. What is left are values of the wrong type, form or size: a text that certainly means the same
+as a valid one is replaced by it where the user asks for that; any other suggestion is an example.
 """
 
 from __future__ import annotations
@@ -12,26 +11,17 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
-from itertools import combinations
 from typing import Final
 
 from msgspec.structs import replace
 
-from r2bspec.diagnostics import Diagnostic, Edit, Path, Related, did_you_mean, format_path
+from r2bspec.diagnostics import Diagnostic, Edit, Path, did_you_mean, format_path
 from r2bspec.diagnostics.quote import clip, first_words, join_words, quote, unknown_name_help
 from r2bspec.language import names
 from r2bspec.language.comparison_grammar import ComparisonError, Requirement
 from r2bspec.language.declaration import NamePattern, ValueRule, language, rule_at
 from r2bspec.language.document import MAX_PROBLEMS, inner_span
-from r2bspec.language.located_tree import (
-    ListNode,
-    MapNode,
-    ScalarNode,
-    TreeNode,
-    entries_of,
-    lookup,
-    span_at,
-)
+from r2bspec.language.located_tree import MapNode, ScalarNode, entries_of, span_at
 from r2bspec.language.quantities import Quantity, QuantityError, Share
 from r2bspec.language.read_spec import Violation
 from r2bspec.language.yaml_document import ScalarError, resolve
@@ -43,10 +33,6 @@ def explain_violations(violations: Sequence[Violation]) -> list[Diagnostic]:
     unnamed = list(missing_names(violations))
     diagnostics += (diagnostic for _, diagnostic in unnamed)
     explained = {path for path, _ in unnamed}
-    for paths, diagnostic in swapped_keys(violations):
-        if not explained & set(paths):
-            diagnostics.append(diagnostic)
-            explained |= set(paths)
     violations = [
         candidate for candidate in violations if not _is_explained(candidate.path, explained)
     ]
@@ -150,68 +136,6 @@ def missing_names(violations: Sequence[Violation]) -> Iterator[tuple[Path, Diagn
                 path=path,
             ),
         )
-
-
-_MAX_OWNERS = 50
-_MAX_KEYS = 20
-
-
-def swapped_keys(violations: Sequence[Violation]) -> Iterator[tuple[tuple[Path, Path], Diagnostic]]:
-    """The paths of two keys with each other's content, and one diagnostic for both.
-
-    Both contents violate the schema, often many times, and neither would under the other key.
-    """
-    broken: dict[Path, dict[str, Violation]] = {}
-    for violation in violations:
-        for depth, key in enumerate(violation.path):
-            if isinstance(key, str):
-                broken.setdefault(violation.path[:depth], {}).setdefault(key, violation)
-    for path, keys in list(broken.items())[:_MAX_OWNERS]:
-        rule, owner = rule_at(path), lookup(violations[0].root, path)
-        known = (rule.keys if rule is not None else None) or {}
-        if not isinstance(owner, MapNode):
-            continue
-        # In the order of the document.
-        candidates = [key for key in owner.entries if key in keys and key in known][:_MAX_KEYS]
-        for first, second in combinations(candidates, 2):
-            if _are_swapped(owner, known, first, second):
-                paths = ((*path, first), (*path, second))
-                yield (
-                    paths,
-                    keys[first].error(
-                        "R2B150",
-                        f"'{first}' and '{second}' have each other's content",
-                        "swap the two keys",
-                        span=owner.entries[first].key_span,
-                        path=paths[0],
-                        related=(Related("the other key", owner.entries[second].key_span),),
-                    ),
-                )
-
-
-def _are_swapped(owner: MapNode, known: Mapping[str, ValueRule], first: str, second: str) -> bool:
-    one, other = owner.entries[first].value, owner.entries[second].value
-    if not (isinstance(one, MapNode | ListNode) and isinstance(other, MapNode | ListNode)):
-        return False
-    here, there = known[first], known[second]
-    wrong_here = not _has_shape(one, here) and not _has_shape(other, there)
-    return wrong_here and _has_shape(one, there) and _has_shape(other, here)
-
-
-def _has_shape(node: TreeNode, rule: ValueRule | None) -> bool:
-    """Whether a value has the keys and levels that a rule requires; scalars are ignored.
-
-    Below unknown keys, references to variables are not replaced, so scalars cannot be validated.
-    """
-    if rule is None:
-        return False
-    if isinstance(node, ListNode):
-        return "array" in rule.kinds and all(_has_shape(item, rule.items) for item in node.items)
-    if not isinstance(node, MapNode):
-        return not rule.kinds or bool(set(rule.kinds) - {"array", "object"})
-    if "object" not in rule.kinds or any(key not in node.entries for key in rule.required):
-        return False
-    return all(_has_shape(entry.value, rule.below(key)) for key, entry in node.entries.items())
 
 
 _SYNONYMS = {

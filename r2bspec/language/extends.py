@@ -1,25 +1,24 @@
-"""`extends`: the files that a document extends, and entries that extend another of the same map.
+"""`extends`: the file that a document extends, which may extend another.
 
 Nested maps are merged, other values replaced, and null removes a key.
 
-Of files, only those below the folder of the spec, or below folders that the user allows, are read:
-the messages about an untrusted spec must not show other files of the machine. A path is relative to
-the file in which it is written, and is rewritten where that is another folder; arguments of command
-lines are not: which of them are paths is unknown.
+Only files below the folder of the spec, or below folders that the user allows, are read. A path is
+relative to the file in which it is written, and is rewritten where that is another folder;
+arguments of command lines are not: which of them are paths is unknown.
 """
 
 from __future__ import annotations
 
 import os
 import posixpath
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path as FilePath
 
 import msgspec
 from msgspec.structs import replace
 
-from r2bspec.diagnostics import Path, Related, Span, did_you_mean, format_path
-from r2bspec.diagnostics.quote import quote, unknown_name_help
+from r2bspec.diagnostics import Related, Span, did_you_mean
+from r2bspec.diagnostics.quote import quote
 from r2bspec.language import located_tree as tree
 from r2bspec.language.declaration import ValueRule, language
 from r2bspec.language.document import Document, read_file
@@ -96,7 +95,7 @@ class _FileContext(msgspec.Struct, frozen=True):
 
 
 def extend_files(document: Document, allowed: Iterable[FilePath] = ()) -> None:
-    """Merge the files that a document extends; without `extends`, its tree is unchanged."""
+    """Merge the file that a document extends; without `extends`, its tree is unchanged."""
     root = document.tree
     if isinstance(root, tree.MapNode) and KEY in root.entries:
         home = document.base_dir.resolve()
@@ -114,18 +113,15 @@ class _FileMerger:
         self._budget = ByteBudget(limits.MAX_EXTENDED_BYTES)
 
     def merge(self, root: tree.MapNode, place: _FileContext) -> tree.MapNode:
-        named = list(extended_names(root))
-        if not named:  # of a wrong type, reported by the schema
-            return root
+        node = root.entries[KEY].value
+        if not isinstance(node, tree.ScalarNode) or not isinstance(node.value, str):
+            return root  # reported by the schema
         own = tree.without(root, KEY)
-        base: tree.MapNode | None = None
-        for node in named:
-            below = self._base(node, place)
-            if below is None:
-                self._document.incomplete.add(())
-            else:
-                base = below if base is None else overlay(base, below)
-        return own if base is None else overlay(base, own)
+        base = self._base(node, place)
+        if base is None:
+            self._document.is_incomplete = True
+            return own
+        return overlay(base, own)
 
     def _base(self, node: tree.ScalarNode, place: _FileContext) -> tree.MapNode | None:
         text = str(node.value)
@@ -220,15 +216,6 @@ class _FileMerger:
         return None
 
 
-def extended_names(root: tree.MapNode) -> Iterator[tree.ScalarNode]:
-    """The file names; none if one of them is of a wrong type."""
-    value = root.entries[KEY].value
-    items = value.items if isinstance(value, tree.ListNode) else (value,)
-    texts = [item for item in items if isinstance(item, tree.ScalarNode)]
-    if len(texts) == len(items) and all(isinstance(t.value, str) and t.value for t in texts):
-        yield from texts
-
-
 def _suggest_file(path: FilePath) -> str:
     try:
         names = [name for name in names_in(path.parent) if name.endswith(".yaml")][:100]
@@ -236,106 +223,3 @@ def _suggest_file(path: FilePath) -> str:
         return f"folder not found: {quote(str(path.parent))}"
     close = did_you_mean(path.name, names)
     return f"did you mean {quote(close)}?" if close else "paths are relative to this file"
-
-
-SECTIONS: tuple[Path, ...] = (
-    ("preprocessors",),
-    ("containers",),
-    ("graph", "nodes"),
-    ("monitors",),
-    ("slos",),
-)
-"""Maps whose entries may extend each other."""
-
-
-def extend_siblings(document: Document) -> None:
-    """Expand every entry that extends a sibling."""
-    for section in SECTIONS:
-        root = document.tree
-        entries = tree.lookup(root, section)
-        if (
-            root is not None
-            and isinstance(entries, tree.MapNode)
-            and any(_extends_sibling(entry.value) for entry in entries.entries.values())
-        ):
-            expanded = _Section(document, section, entries).expanded()
-            document.tree = tree.replace_at(root, section, expanded)
-
-
-class _Section:
-    def __init__(self, document: Document, section: Path, entries: tree.MapNode) -> None:
-        self._document = document
-        self._section = section
-        self._entries = entries
-        self._failed: set[str | None] = set()
-        self._merged: dict[str, tree.MapNode] = {}
-        self._depth: dict[str | None, int] = {}
-
-    def expanded(self) -> tree.MapNode:
-        entries = {
-            name: entry.with_value(self._resolved(name)) if _extends_sibling(entry.value) else entry
-            for name, entry in self._entries.entries.items()
-        }
-        self._document.incomplete |= {(*self._section, str(name)) for name in self._failed}
-        return tree.MapNode(entries, self._entries.span)
-
-    def _resolved(self, name: str, above: tuple[str, ...] = ()) -> tree.MapNode:
-        """The entry merged over what it extends; `above` are the entries that extend it."""
-        if name not in self._merged:
-            own = self._map(name)
-            chain = (*above, name)
-            base = self._base(chain)
-            below = self._resolved(base, chain) if base is not None else None
-            if base in self._failed:
-                self._failed.add(name)
-            if _extends_sibling(own):
-                own = tree.without(own, KEY)
-            self._merged[name] = own if below is None else overlay(tree.without(below, KEY), own)
-            self._depth[name] = self._depth.get(base, 0) + 1
-        return self._merged[name]
-
-    def _base(self, chain: tuple[str, ...]) -> str | None:
-        """The sibling that the last of a chain extends; None at its end, or if it is invalid."""
-        name = chain[-1]
-        entry = self._map(name).entries.get(KEY)
-        if entry is None or not isinstance(entry.value, tree.ScalarNode):
-            return None
-        base, span = entry.value.value, entry.value.span
-        if not isinstance(base, str):
-            return None
-        entries = self._entries.entries
-        if base not in entries or not isinstance(entries[base].value, tree.MapNode):
-            others = [other for other in entries if other != name]
-            self._error(
-                name,
-                "R2B136",
-                f"{quote(format_path(self._section))} has no entry {quote(base)} to extend",
-                span,
-                unknown_name_help(base, others, "known entries", "there are no others"),
-            )
-            return None
-        origin = Related(f"'{name}' extends '{base}' here", span)
-        self._document.origins.entries[(*self._section, name)] = (origin,)
-        if base in chain or len(chain) + self._depth.get(base, 0) >= limits.MAX_CHAIN_LENGTH:
-            message = (
-                f"{quote(base)} extends itself, directly or through others"
-                if base in chain
-                else f"more than {limits.MAX_CHAIN_LENGTH} entries extend each other"
-            )
-            self._error(name, "R2B135", message, span, "remove one 'extends' of this chain")
-            return None
-        return base
-
-    def _error(self, name: str, code: str, message: str, span: Span, help_text: str) -> None:
-        self._document.problems.error(code, message, span, help_text)
-        self._failed.add(name)
-
-    def _map(self, name: str) -> tree.MapNode:
-        value = self._entries.entries[name].value
-        return value if isinstance(value, tree.MapNode) else tree.MapNode({}, value.span)
-
-
-def _extends_sibling(node: tree.TreeNode) -> bool:
-    """Whether an entry names a sibling; wrong types are reported by the schema."""
-    value = tree.child(node, KEY)
-    return isinstance(value, tree.ScalarNode) and isinstance(value.value, str) and bool(value.value)

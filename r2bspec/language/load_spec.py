@@ -30,7 +30,7 @@ from r2bspec.language.document import (
     read_file,
     read_text,
 )
-from r2bspec.language.extends import extend_files, extend_siblings
+from r2bspec.language.extends import extend_files
 from r2bspec.language.key_constraints import key_constraint_errors
 from r2bspec.language.matrix import KEY as MATRIX
 from r2bspec.language.matrix import MatrixCase, MatrixCases, matrix_of
@@ -62,15 +62,14 @@ def gc_paused() -> Iterator[None]:
         gc.enable()
 
 
-_MISSING_VALUE_CODES = ("R2B102", "R2B113")
 _MISSING_FILE_CODES = (
-    *_MISSING_VALUE_CODES,
+    "R2B102",
+    "R2B113",
     "R2B114",
     "R2B118",
     "R2B119",
     "R2B120",
     "R2B121",
-    "R2B136",
     "R2B137",
 )
 
@@ -187,7 +186,7 @@ def load_cases(
 
 
 def open_document(source: FilePath | str | bytes, options: LoadOptions) -> Document:
-    """Read a document, up to its matrix: files, siblings and options merged, no variables."""
+    """Read a document, up to its matrix: files and options merged, no variables."""
     folders = tuple(options.get("allow_paths", ()))
     file = options.get("file", "<text>")
     if isinstance(source, FilePath):
@@ -202,7 +201,6 @@ def open_document(source: FilePath | str | bytes, options: LoadOptions) -> Docum
     document.problems.diagnostics += composed.diagnostics
     if document.tree is not None:
         extend_files(document, folders)
-        extend_siblings(document)
         apply_overrides(document, options.get("sets", ()), options.get("variables") or {})
         document.tree = _without_notes(document.tree, language())
     return document
@@ -275,28 +273,23 @@ def _load_case(
 ) -> LoadedSpec:
     """Substitute, validate and convert one case of a document."""
     problems, tree = list(document.problems.diagnostics), document.tree
-    origins = ValueOrigins(document.origins.files, dict(document.origins.entries))
     used: frozenset[str] = frozenset()
     spec: Spec | None = None
     if tree is not None and matrix_case is not None:
         tree = with_variables(tree, matrix_case.values)
     if isinstance(tree, located_tree.MapNode):
-        environ, untrusted = options.get("environ"), options.get("untrusted")
-        refused = untrusted.refused_variables(document.file, tree) if untrusted is not None else {}
-        problems += refused.values()
+        environ = options.get("environ")
         substituted = substitute(
             tree,
             language(),
             document.sources,
             os.environ if environ is None else environ,
-            refused=frozenset(refused),
             inserted=document.inserted,
         )
         document.inserted = substituted.inserted
         problems += substituted.problems.diagnostics
         tree = substituted.tree
         used = _condition_variables(tree) | substituted.used
-        origins.entries.update(substituted.origins)
     if tree is not None and not isinstance(tree, located_tree.UnknownNode):
         spec, violations = read_spec(tree, document.sources)
         explained: list[Diagnostic] = []
@@ -310,28 +303,19 @@ def _load_case(
             tree = located_tree.without(tree, MATRIX)
         if has_errors(problems):
             spec = None
-    if document.incomplete:
-        problems = [
-            problem for problem in problems if not _is_consequence(problem, document.incomplete)
-        ]
+    if document.is_incomplete:
+        problems = [problem for problem in problems if problem.code not in _MISSING_FILE_CODES]
     return LoadedSpec(
         document.file,
         document.base_dir,
         spec,
         tree,
-        _sorted_unique(origins.with_origins(problems)),
+        _sorted_unique(document.origins.with_origins(problems)),
         document.sources,
         used,
         matrix_case=matrix_case,
-        origins=origins,
+        origins=document.origins,
     )
-
-
-def _is_consequence(problem: Diagnostic, incomplete: set[Path]) -> bool:
-    """Whether a problem may only be due to something that could not be read."""
-    if () in incomplete:
-        return problem.code in _MISSING_FILE_CODES
-    return problem.code in _MISSING_VALUE_CODES and problem.path in incomplete
 
 
 def _condition_variables(root: located_tree.TreeNode) -> frozenset[str]:

@@ -9,7 +9,7 @@ dataclass takes twenty times as long. Trees have no cycles, so the collector nee
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -35,7 +35,6 @@ class ScalarNode(msgspec.Struct, frozen=True, gc=False):
     span: Span
     style: str = ""
     origin: Related | None = None
-    secret: str = ""
 
 
 class ListNode(msgspec.Struct, frozen=True, gc=False):
@@ -148,19 +147,6 @@ def count_values(root: TreeNode) -> int:
         return counts[id(node)]
 
     return count(root)
-
-
-def scalars_with_paths(root: TreeNode) -> Iterator[tuple[Path, ScalarNode]]:
-    """The single values of a tree with their paths, those that an alias repeats once."""
-    visited: set[int] = set()
-    pending: list[tuple[Path, TreeNode]] = [((), root)]
-    while pending:
-        path, node = pending.pop()
-        if isinstance(node, ScalarNode):
-            yield path, node
-        elif id(node) not in visited:
-            visited.add(id(node))
-            pending += [((*path, step), below) for step, below in children(node)]
 
 
 def without(node: MapNode, key: str) -> MapNode:

@@ -73,12 +73,6 @@ PLUGIN = NamePattern(
     "plugin",
     "a plugin is the name of a C++ class with its namespaces, such as image_proc::ResizeNode",
 )
-INSTANCE = NamePattern(
-    "^[A-Za-z0-9_]+$",
-    "instance name",
-    "the name of an instance consists of letters, digits and underscores; it is appended to the "
-    "name of the entry",
-)
 PACKAGE = NamePattern(
     "^[A-Za-z][A-Za-z0-9_-]*$",
     "package name",

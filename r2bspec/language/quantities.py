@@ -285,18 +285,6 @@ def _format_decimal(number: Decimal) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
-def parse_size_option(text: str) -> int:
-    """The bytes of an option; a number without a unit is one of bytes.
-
-    Raises:
-        ValueError: it is no size, or no positive one of at most 64 bits.
-    """
-    size = Size.parse(f"{text} B" if text.isdecimal() else text).bytes
-    if not 0 < size < 2**63:
-        raise ValueError("a size is positive, and has at most 64 bits")
-    return size
-
-
 QUANTITIES: Final[dict[str, type[Quantity]]] = {
     quantity.kind: quantity for quantity in (Duration, Rate, Size, Share)
 }

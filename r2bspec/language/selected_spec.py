@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
 if TYPE_CHECKING:
-    from r2bspec.language.environment_access import UntrustedSpecs
     from r2bspec.language.load_spec import LoadedSpec
 
 Variables = Mapping[str, bool | int | float | str]
@@ -21,7 +20,6 @@ class SelectionValues(TypedDict, total=False):
     variables: Variables | None
     case: str
     allow_paths: Iterable[Path]
-    untrusted: UntrustedSpecs | None
 
 
 class LoadOptions(SelectionValues, total=False):
@@ -47,7 +45,6 @@ class SpecSelection:
         case: the case of its matrix, where the spec has several.
         allow_paths: folders, besides that of the spec, from which files may be extended, and in
             which the spec itself may be if it is a link.
-        untrusted: given where the spec is a stranger's; it then reads fewer variables.
     """
 
     spec: Path
@@ -55,7 +52,6 @@ class SpecSelection:
     variables: Variables | None = field(default_factory=dict)
     case: str = ""
     allow_paths: Iterable[Path] = ()
-    untrusted: UntrustedSpecs | None = None
 
     def load(self) -> LoadedSpec:
         """The spec, or its selected case, with all problems in `diagnostics`."""
@@ -75,7 +71,6 @@ class SpecSelection:
             variables=self.variables,
             case=self.case,
             allow_paths=self.allow_paths,
-            untrusted=self.untrusted,
         )
 
 

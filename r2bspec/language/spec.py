@@ -117,7 +117,6 @@ class VariableDeclaration(Record, frozen=True, kw_only=True):
         type: The type of the value.
         value: The value.
         default: The same as 'value'.
-        choices: The allowed values; empty means all.
         description: The purpose of the variable.
     """
 
@@ -126,10 +125,6 @@ class VariableDeclaration(Record, frozen=True, kw_only=True):
     )
     value: Annotated[Scalar | None, key("30 Hz", 1280)] = None
     default: Annotated[Scalar | None, key("30 Hz", 1280)] = None
-    choices: Annotated[
-        tuple[Annotated[Scalar, key("10 Hz", description="One of the values.")], ...],
-        key(["10 Hz", "30 Hz"]),
-    ] = ()
     description: Annotated[str, key("The camera's rate.")] = ""
 
     @classmethod
@@ -177,15 +172,6 @@ class Matrix(Record, frozen=True, kw_only=True):
     ] = {}
 
 
-_FileName = Annotated[
-    names.FilePath, key("base.yaml", description="The path of a file.", path=True)
-]
-_ExtendedFiles = Annotated[
-    Annotated[str, key(path=True, not_empty=True)] | tuple[_FileName, ...],
-    key("base.yaml", ["camera.yaml", "robot.yaml"], at_least=1, loader=True),
-]
-
-
 class Spec(Record, frozen=True, kw_only=True):
     """A benchmark of a ROS 2 graph, for r2bspec.
 
@@ -194,8 +180,8 @@ class Spec(Record, frozen=True, kw_only=True):
         name: The name of the benchmark, in results and baselines.
         title: A title of one line, shown in reports.
         description: What is measured, and why.
-        extends: The file that this one extends, relative to it, or several, in which later ones
-            have precedence. Maps are merged, lists are replaced, and null removes a key.
+        extends: The file that this one extends, relative to it. Maps are merged, lists are
+            replaced, and null removes a key.
         labels: Labels that reports show.
         requires: What the machine of a run must be; others are refused.
         environment: The environment variables that $(env NAME) may read.
@@ -223,17 +209,17 @@ class Spec(Record, frozen=True, kw_only=True):
 
     r2bspec: Annotated[Literal[1], key(changes="neither")]
     name: Annotated[names.Name, key("apriltag_node", changes="neither")]
-    title: Annotated[
-        str, key("AprilTag detection, 720p colour", deferrable=True, changes="neither")
-    ] = ""
-    description: Annotated[
-        str, key("Detection on a colour camera at 720p.", deferrable=True, changes="neither")
-    ] = ""
-    extends: ClassVar[Annotated[_ExtendedFiles, key(changes="neither")]]
+    title: Annotated[str, key("AprilTag detection, 720p colour", changes="neither")] = ""
+    description: Annotated[str, key("Detection on a colour camera at 720p.", changes="neither")] = (
+        ""
+    )
+    extends: ClassVar[
+        Annotated[str, key("base.yaml", path=True, not_empty=True, loader=True, changes="neither")]
+    ]
     labels: Annotated[
         dict[
             names.LabelName,
-            Annotated[Scalar, key("720p", description="The value of the label.", deferrable=True)],
+            Annotated[Scalar, key("720p", description="The value of the label.")],
         ],
         key({"resolution": "720p", "robot": "carter"}, changes="neither"),
     ] = {}

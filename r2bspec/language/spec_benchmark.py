@@ -4,7 +4,7 @@ What a description says is shown to the authors of specs; see `r2bspec.language.
 """
 
 from decimal import Decimal
-from typing import Annotated, Any, ClassVar, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import msgspec
 
@@ -13,17 +13,7 @@ from r2bspec.language.benchmark_defaults import CONFIDENCE, CONFIRM, MAX_STARTS,
 from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.declaration import Record, Written, key
 from r2bspec.language.quantities import Duration, Rate, Share, Size
-from r2bspec.language.spec_graph import (
-    ActionCall,
-    QoS,
-    Repeat,
-    RequestFields,
-    ServiceCall,
-    Sibling,
-    Variables,
-    repeated,
-    sibling,
-)
+from r2bspec.language.spec_graph import ActionCall, QoS, RequestFields, ServiceCall, Variables
 from r2bspec.safe_io.limits import MAX_RANGE_RATES, MAX_SPEC_ENTRIES
 
 _IMAGE_INPUT: Final = {"from": "buffer/image", "format": "sensor_msgs/msg/Image"}
@@ -399,8 +389,6 @@ class Monitor(MonitorSettings, frozen=True, kw_only=True):
 
     about = key({"topic": "tag_detections", "format": "geometry_msgs/msg/PoseArray"})
 
-    extends: ClassVar[Annotated[Sibling, key(description=sibling("monitor"))]]
-    repeat: ClassVar[Annotated[Repeat, key(description=repeated("monitor"))]]
     topic: Annotated[names.Topic, key("tag_detections", "/tf")]
     format: Annotated[names.MessageType, key("geometry_msgs/msg/PoseArray")]
     answers: Annotated[
@@ -647,7 +635,6 @@ class Objective(Record, frozen=True, kw_only=True):
 
     about = key({"at": "30 Hz", "require": ["latency.p99 < 50 ms"]})
 
-    extends: ClassVar[Annotated[Sibling, key(description=sibling("objective"))]]
     at: Annotated[
         Rate | None,
         Written(Rate | Literal["peak"]),

@@ -11,40 +11,15 @@ from r2bspec.language.node_kinds import NodeKind, kind_of, kinds_text
 from r2bspec.language.quantities import Duration, Size
 from r2bspec.safe_io.limits import MAX_PARAMETER_SOURCES, MAX_SPEC_ENTRIES
 
-_REMOVES: Final = "Maps are merged, lists are replaced, and null removes a key."
-
 Scalar = bool | int | float | str
 ParameterValue = Scalar | list[Any]
 
-Sibling = Annotated[names.SomeText, key("left", loader=True)]
 Variables = Annotated[
     dict[names.VariableName, Annotated[Scalar, key(2, "30 Hz", description="The value.")]],
     key({"threads": 2}),
 ]
-Repeat = Annotated[
-    dict[
-        Annotated[str, names.INSTANCE],
-        Annotated[Variables, key(description="The variables of one instance.")],
-    ],
-    key({"left": {"side": "left"}, "right": {"side": "right"}}, at_least=1, loader=True),
-]
-"""The value of `repeat`."""
 
-
-def sibling(what: str) -> str:
-    """The description of `extends` in the entries of a map."""
-    return f"The name of another {what} of the same map that this one extends. {_REMOVES}"
-
-
-def repeated(what: str) -> str:
-    """The description of `repeat`."""
-    return (
-        f"Instances of the {what} by name, each with its own variables, which $(var NAME) in this "
-        "entry refers to first. The instance left of camera is named camera_left."
-    )
-
-
-Word = Annotated[str, key("--fast", description="An argument.", deferrable=True)]
+Word = Annotated[str, key("--fast", description="An argument.")]
 Command = Annotated[tuple[Word, ...], key(at_least=1)]
 Environment = Annotated[
     dict[
@@ -52,9 +27,7 @@ Environment = Annotated[
         Annotated[
             str,
             Written(Scalar),
-            key(
-                4, "fast", description="The value, as it is written.", deferrable=True, as_text=True
-            ),
+            key(4, "fast", description="The value, as it is written.", as_text=True),
         ],
     ],
     key({"OMP_NUM_THREADS": 4}, description="Environment variables of the process."),
@@ -228,7 +201,6 @@ class Container(StartedProcess, frozen=True, kw_only=True):
 
     about = key({"executable": "component_container_mt", "threads": 4})
 
-    extends: ClassVar[Annotated[Sibling, key(description=sibling("container"))]]
     executable: Literal[
         "component_container",
         "component_container_mt",
@@ -258,9 +230,7 @@ class Launch(Record, frozen=True, kw_only=True):
     arguments: Annotated[
         dict[
             names.ParameterName,
-            Annotated[
-                Scalar, key("false", description="The value of the argument.", deferrable=True)
-            ],
+            Annotated[Scalar, key("false", description="The value of the argument.")],
         ],
         key({"use_sim_time": "false"}),
     ] = {}
@@ -274,14 +244,10 @@ class ParameterSource(Record, frozen=True, kw_only=True):
 
 
 _Value = Annotated[
-    Scalar
-    | list[
-        Annotated[Scalar, key(0.5, "left", description="An item of the list.", deferrable=True)]
-    ],
+    Scalar | list[Annotated[Scalar, key(0.5, "left", description="An item of the list.")]],
     key(
         *(1280, "36h11", [0.1, 0.2]),
         description="A string, a number, a boolean, or a list of one of these.",
-        deferrable=True,
     ),
 ]
 _Values = Annotated[dict[names.ParameterName, _Value], key({"width": 1280, "height": 720})]
@@ -361,8 +327,6 @@ class Node(StartedProcess, frozen=True, kw_only=True):
         description=f"A node: exactly one of {kinds_text()}.",
     )
 
-    extends: ClassVar[Annotated[Sibling, key(description=sibling("node"))]]
-    repeat: ClassVar[Annotated[Repeat, key(description=repeated("node"))]]
     description: Annotated[str, key("Finds tags in the left image.")] = ""
     python: Annotated[
         str,
@@ -522,7 +486,6 @@ RequestFields = dict[
         key(
             *(True, 1.5),
             description="The value of the field: a scalar, a list or a map.",
-            deferrable=True,
         ),
     ],
 ]

@@ -2,10 +2,10 @@
 
     variables:
       width: 1280                                  # a value
-      rate: {type: rate, value: 30 Hz, choices: [10 Hz, 30 Hz]}
+      rate: {type: rate, value: 30 Hz}
 
-The value, whether from the file, ``--var`` or a case of the matrix, must be of the declared type
-and one of the choices. A text refers to it with ``$(var width)``, and to a variable of the
+The value, whether from the file, ``--var`` or a case of the matrix, must be of the declared type.
+A text refers to it with ``$(var width)``, and to a variable of the
 environment with ``$(env NAME)``. What becomes of references is in `r2bspec.language.substitution`.
 
 ``--set a.b.c=v`` and ``--var x=v`` are sources of their own: a finding in one shows the option with
@@ -158,13 +158,6 @@ def is_declared_text(declared: TreeNode) -> bool:
     return text_of(child(declared, "type")) == "string"
 
 
-def restricts_value(declared: MapNode) -> bool:
-    """Whether a declaration says more of the value than that it is text."""
-    return "choices" in declared.entries or (
-        "type" in declared.entries and not is_declared_text(declared)
-    )
-
-
 def check_declaration(
     name: str, declared: MapNode, span: Span, problems: DiagnosticCollector
 ) -> bool:
@@ -192,24 +185,15 @@ def check_declaration(
         problems.error("R2B132", message, span, help_text)
         return True
     kind = child(declared, "type")
-    # A list, a map or null: reported by the schema.
-    scalars = [
-        node
-        for node in (value, *items_of(child(declared, "choices")))
-        if isinstance(node, ScalarNode) and node.value is not None
-    ]
-    ok = True
-    for scalar in scalars:
-        message, help_text = _mismatch(scalar, text_of(kind))
-        if message and kind is not None:
-            ok = False
-            related = [Related("the declared type", kind.span), scalar.origin]
-            message = f"variable {quote(name)}: {message}"
-            places = tuple(place for place in related if place is not None)
-            problems.error("R2B130", message, scalar.span, help_text, related=places)
-    if ok and len(scalars) > 1 and scalars[0] is value:
-        _check_choice(name, scalars[0], scalars[1:], problems)
-    return ok
+    if kind is None or not isinstance(value, ScalarNode) or value.value is None:
+        return True  # a list, a map or null is reported by the schema
+    message, help_text = _mismatch(value, text_of(kind))
+    if not message:
+        return True
+    related = (Related("the declared type", kind.span), *((value.origin,) if value.origin else ()))
+    message = f"variable {quote(name)}: {message}"
+    problems.error("R2B130", message, value.span, help_text, related=related)
+    return False
 
 
 def _mismatch(node: ScalarNode, kind: str) -> tuple[str, str]:
@@ -235,24 +219,6 @@ def _mismatch(node: ScalarNode, kind: str) -> tuple[str, str]:
     except QuantityError as error:
         return str(error), f"for example: {error.suggestion or quantity.example}"
     return "", ""
-
-
-def _check_choice(
-    name: str, value: ScalarNode, choices: list[ScalarNode], problems: DiagnosticCollector
-) -> None:
-    # Unlike in Python, true is not 1.
-    same = [choice for choice in choices if choice.value == value.value]
-    if any(isinstance(choice.value, bool) == isinstance(value.value, bool) for choice in same):
-        return
-    last = choices[-1].span
-    enclosing = replace(choices[0].span, end_line=last.end_line, end_column=last.end_column)
-    problems.error(
-        "R2B131",
-        f"variable {quote(name)}: {quote(value.text)} is not one of its choices",
-        value.span,
-        unknown_name_help(value.text, [choice.text for choice in choices], "choices"),
-        related=(Related("the choices", enclosing),),
-    )
 
 
 _PART = re.compile(r"\[(\d{1,9})\]|\['([^']*)'\]|(?:^|\.)([^.\[\]'=]+)")

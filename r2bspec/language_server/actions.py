@@ -1,36 +1,30 @@
 """What an editor offers to do with a spec: about its findings, and with commands.
 
-Findings of the compiler are diagnostics of the protocol; quick fixes are their safe edits, waivers,
-and commands that record what is unknown. Each command that the server runs for an editor is the
-command line, in a process. An editor that has a terminal may register the same names and run them
-itself. Lenses offer the commands above a spec, with its latest result; the test explorer of an
-editor asks for the cases.
+Quick fixes are the safe edits of findings, waivers, and commands that record what is unknown.
+Lenses offer commands above a spec. A command is the command line, in a process; an editor that has
+a terminal may register the same names and run them itself.
 """
 
 from __future__ import annotations
 
 import asyncio
-import os
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from lsprotocol import types
 
-from r2bspec.api import folder_name
-from r2bspec.diagnostics import Diagnostic, Severity, Span, did_you_mean
-from r2bspec.diagnostics.code_pages import find_page, page_file
+from r2bspec.diagnostics import Diagnostic, Severity, did_you_mean
+from r2bspec.diagnostics.code_pages import find_page
 from r2bspec.diagnostics.diagnostic import Edit
 from r2bspec.diagnostics.edits import applicable_together
 from r2bspec.diagnostics.waivers import NOT_WAIVABLE
-from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.language.load_spec import load_cases
 from r2bspec.language_server.analysis import Analysis
+from r2bspec.language_server.findings import PositionsOf, is_file, to_diagnostic, uri
 from r2bspec.language_server.positions import TextPositions
-from r2bspec.language_server.protocol import Range
 from r2bspec.plan.wiring.wiring import NodeWiring
 from r2bspec.safe_io.safe_file import unsaved_files
 
@@ -39,8 +33,6 @@ SMOKE: Final = "r2bspec.smoke"
 PLAN: Final = "r2bspec.plan"
 DRAW_GRAPH: Final = "r2bspec.drawGraph"
 RECORD_INTERFACES: Final = "r2bspec.recordInterfaces"
-SHOW_RESULT: Final = "r2bspec.showResult"
-"""Its argument is a run folder, and not a spec."""
 _VERBS: Final = {
     RUN: ["run"],
     SMOKE: ["run", "--smoke"],
@@ -49,149 +41,44 @@ _VERBS: Final = {
     RECORD_INTERFACES: ["interfaces"],
 }
 COMMANDS: Final = tuple(_VERBS)
-_R2BSPEC: Final = (sys.executable, "-P", "-m", "r2bspec")
 
 
-@dataclass(frozen=True, slots=True)
-class SpecCommand:
-    """What a command is about: the argument that editors send back.
-
-    Attributes:
-        file: of the spec.
-        case: of its matrix; empty without one.
-        node: only this one; empty for all.
-    """
-
-    file: str
-    case: str = ""
-    node: str = ""
-
-    def as_command(self, title: str, name: str) -> types.Command:
-        """The command for an editor."""
-        return types.Command(title, name, arguments=[asdict(self)])
-
-    def argv(self, name: str) -> list[str]:
-        """The words of the command line.
-
-        Raises:
-            UsageError: the file has no absolute path.
-        """
-        if not Path(self.file).is_absolute():
-            raise UsageError("the command needs the absolute path of a spec as 'file'")
-        node = ["--node", self.node] if self.node and name == RECORD_INTERFACES else []
-        case = ["--case", self.case] if self.case else []
-        return [*_R2BSPEC, *_VERBS[name], self.file, *node, *case]
+def _command(title: str, name: str, path: Path, **about: str) -> types.Command:
+    """A command about the spec of a file, and a case or a node of it."""
+    return types.Command(title, name, arguments=[{"file": str(path), **about}])
 
 
-def report_argv(folder: str) -> list[str]:
-    """The words of the command line that prints the report of a run.
-
-    Raises:
-        UsageError: the folder is none of a run.
-    """
-    # Not `is_file` of the path, which raises for a name that is too long.
-    if not Path(folder).is_absolute() or not os.path.isfile(f"{folder}/result.json"):  # noqa: PTH113
-        raise UsageError("the command needs the absolute path of a run folder")
-    return [*_R2BSPEC, "report", folder, "--report", "markdown=-"]
-
-
-async def run_command(
-    argv: list[str], folder: Path, on_line: Callable[[str], None]
-) -> tuple[int, str]:
-    """Run a command line; a cancelled one is ended in order, as with Ctrl-C.
+async def run_command(name: str, about: Mapping[str, str], folder: Path) -> tuple[int, str]:
+    """Run a command; returns its exit status, and what it printed.
 
     Args:
-        argv: its words.
+        name: one of `COMMANDS`.
+        about: the file of the spec, and the case or the node that is meant.
         folder: in which it runs.
-        on_line: is called with every line of its progress.
-
-    Returns:
-        The exit status, and what it printed on standard output.
-
-    Raises:
-        UsageError: it cannot be started, as in a folder that has gone.
     """
-    try:
-        process = await asyncio.create_subprocess_exec(
-            *argv,
-            cwd=folder,
-            stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.PIPE,
-            limit=1 << 20,
-        )
-    except (OSError, ValueError) as error:
-        raise UsageError(f"no command can be started in {folder}: {error}") from error
-    try:
-        assert process.stdout is not None  # noqa: S101 - it is a pipe
-        assert process.stderr is not None  # noqa: S101 - it is one, too
-        told = _tell(process.stderr, on_line)
-        _, output = await asyncio.gather(told, process.stdout.read())
-        return await process.wait(), output.decode("utf-8", "replace")
-    except asyncio.CancelledError:
-        process.send_signal(2)
-        await process.wait()
-        raise
-
-
-async def _tell(stream: asyncio.StreamReader, on_line: Callable[[str], None]) -> None:
-    while line := await stream.readline():
-        on_line(line.decode("utf-8", "replace").rstrip())
-
-
-_MAX_TRIED: Final = 5
-"""Newer folders without a result that are passed over: of runs that were interrupted."""
-
-
-def latest_result(name: str, folder: Path) -> types.Command | None:
-    """The command that shows the newest result of a benchmark; its title is that in one line.
-
-    Args:
-        name: of the benchmark, with its case.
-        folder: in which runs were started, with the folder ``runs``.
-    """
-    from r2bspec.compare.report_input import read_result
-    from r2bspec.judge.measure.units import show
-
-    beginning = f"{folder_name(name)}-"
-    try:
-        runs = [run for run in (folder / "runs").iterdir() if run.name.startswith(beginning)]
-        runs.sort(key=lambda run: run.stat().st_mtime, reverse=True)
-    except (OSError, ValueError):
-        return None
-    for run in runs[:_MAX_TRIED]:
-        try:
-            result = read_result(run / "result.json")
-        except R2bspecError:
-            continue
-        if result.name == name:
-            # That of the first monitor at the first rate.
-            p99s = (
-                monitor.latency.p99
-                for rate in result.metrics.rates
-                for monitor in rate.pooled.monitors.values()
-            )
-            latency = next((p99 for p99 in p99s if p99 is not None), None)
-            measured = f"p99 {show(latency, 's')}, " if latency is not None else ""
-            title = f"last result: {measured}{result.verdict.outcome.upper()}"
-            return types.Command(title, SHOW_RESULT, arguments=[str(run)])
-    return None
+    options = [
+        word
+        for option in ("case", "node")
+        if about.get(option)
+        for word in (f"--{option}", about[option])
+    ]
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-P", "-m", "r2bspec", *_VERBS[name], about["file"], *options),
+        cwd=folder,
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.STDOUT,
+    )
+    output, _ = await process.communicate()
+    return process.returncode or 0, output.decode("utf-8", "replace")
 
 
 _MAX_CASES: Final = 8
 """Cases with lenses of their own; a long line of them could not be read."""
 
 
-def code_lenses(
-    analysis: Analysis, positions: TextPositions, folder: Path
-) -> Iterator[types.CodeLens]:
-    """The lenses of a document: of each case one line.
-
-    Args:
-        analysis: of the document.
-        positions: of its text.
-        folder: in which runs are started.
-    """
+def code_lenses(analysis: Analysis, positions: TextPositions) -> Iterator[types.CodeLens]:
+    """The lenses of a document: of each case one line."""
     if analysis.context is None:
         return
     # The name may be in an extended file: the lenses are at the beginning of this one then.
@@ -199,36 +86,23 @@ def code_lenses(
     is_here = place.file == str(analysis.path)
     where = positions.range(place) if is_here else positions.range_of_offsets(0, 0)
     for loaded in analysis.cases[:_MAX_CASES]:
-        about = SpecCommand(str(analysis.path), loaded.case)
+        about = {"case": loaded.case} if loaded.case else {}
         suffix = f" {loaded.case}" if loaded.case else ""
         for title, name in (("run", RUN), ("smoke", SMOKE), ("plan", PLAN), ("graph", DRAW_GRAPH)):
             if not suffix or name in {RUN, SMOKE}:
-                yield types.CodeLens(where, about.as_command(f"{title}{suffix}", name))
-        if (latest := latest_result(loaded.id, folder)) is not None:
-            yield types.CodeLens(where, latest)
+                command = _command(f"{title}{suffix}", name, analysis.path, **about)
+                yield types.CodeLens(where, command)
 
 
 REQUEST: Final = "r2bspec/cases"
 """The request of the protocol: its parameters are ``{"uri": ...}`` of a spec."""
 
 
-@dataclass(frozen=True, slots=True)
-class SpecCase:
-    """One case, as it is sent.
+def spec_cases(path: Path, text: str, unsaved: Mapping[Path, str]) -> list[dict[str, Any]]:
+    """The cases of a text, of one with errors those that can be told.
 
-    Attributes:
-        name: of the benchmark with its case, as results have it.
-        case: of the matrix, as ``--case`` takes it; empty without one.
-        line: of the name in the spec, from 0.
-    """
-
-    name: str
-    case: str
-    line: int
-
-
-def spec_cases(path: Path, text: str, unsaved: Mapping[Path, str]) -> list[SpecCase]:
-    """The cases of a text; of one with errors those that can be told.
+    Each has the name of the benchmark with its case, the case as ``--case`` takes it, and the line
+    of the name in the spec, from 0.
 
     Args:
         path: of the file, absolute.
@@ -237,86 +111,13 @@ def spec_cases(path: Path, text: str, unsaved: Mapping[Path, str]) -> list[SpecC
     """
     with unsaved_files(unsaved):
         cases = load_cases(text, file=str(path))
-    cases_found = []
+    found = []
     for loaded in cases:
         place = loaded.span(("name",), key=True)
         # The name of the benchmark may be in an extended file.
         line = place.line - 1 if place.file == str(path) else 0
-        cases_found.append(SpecCase(loaded.id, loaded.case, max(line, 0)))
-    return cases_found
-
-
-_SEVERITIES: Final = {
-    Severity.ERROR: types.DiagnosticSeverity.Error,
-    Severity.WARNING: types.DiagnosticSeverity.Warning,
-    Severity.INFO: types.DiagnosticSeverity.Information,
-}
-
-PositionsOf = Callable[[str], TextPositions]
-"""The positions in the text of a file."""
-
-
-def diagnostics_by_file(
-    analysis: Analysis, positions_of: PositionsOf
-) -> Mapping[str, list[types.Diagnostic]]:
-    """The diagnostics of every file of an analysis; a file without findings has an empty list."""
-    diagnostics: dict[str, list[types.Diagnostic]] = {
-        name: [] for name in analysis.sources if _is_file(name)
-    }
-    diagnostics.setdefault(str(analysis.path), [])
-    for diagnostic in analysis.diagnostics:
-        # A finding in an option has no place in a file.
-        file = diagnostic.span.file if _is_file(diagnostic.span.file) else str(analysis.path)
-        diagnostics.setdefault(file, []).append(to_diagnostic(diagnostic, file, positions_of))
-    return diagnostics
-
-
-def to_diagnostic(each: Diagnostic, file: str, positions_of: PositionsOf) -> types.Diagnostic:
-    """One finding."""
-    span = each.span if each.span.file == file else Span.of_file(file)
-    return types.Diagnostic(
-        range=positions_of(file).range(_visible(span)),
-        severity=_SEVERITIES[each.severity],
-        code=each.code,
-        code_description=types.CodeDescription(page_file(each.code).as_uri()),
-        source="r2bspec",
-        # Not with a capital: a message may begin with a name of the spec.
-        message=f"{each.message}\n{each.help}" if each.help else each.message,
-        tags=[types.DiagnosticTag.Unnecessary] if _is_unused(each) else None,
-        related_information=[
-            types.DiagnosticRelatedInformation(
-                types.Location(
-                    uri(place.span.file), positions_of(place.span.file).range(place.span)
-                ),
-                place.message,
-            )
-            for place in each.related
-            if _is_file(place.span.file)
-        ]
-        or None,
-    )
-
-
-def uri(file: str) -> str:
-    """The URI of a file."""
-    return Path(file).absolute().as_uri()
-
-
-def _is_file(name: str) -> bool:
-    """Whether a span is in a file, and not in an option or the environment."""
-    return name.startswith("/")
-
-
-def _visible(span: Span) -> Span:
-    """A span with at least one character, so that editors can underline it."""
-    if (span.line, span.column) == (span.end_line, span.end_column):
-        return Span(span.file, span.line, span.column, span.line, span.column + 1)
-    return span
-
-
-def _is_unused(each: Diagnostic) -> bool:
-    page = find_page(each.code)
-    return page is not None and "unused" in page.slug.split("-")
+        found.append({"name": loaded.id, "case": loaded.case, "line": max(line, 0)})
+    return found
 
 
 def _edits(file: str, *edits: types.TextEdit) -> types.WorkspaceEdit:
@@ -328,7 +129,7 @@ _UNREADABLE = ("R2B0", "R2B1")
 
 
 def code_actions(
-    analysis: Analysis, positions_of: PositionsOf, where: Range
+    analysis: Analysis, positions_of: PositionsOf, where: types.Range
 ) -> list[types.CodeAction]:
     """What can be done about the findings in a range, and about the node there."""
     positions = positions_of(str(analysis.path))
@@ -376,7 +177,7 @@ def _meant(each: Diagnostic, positions_of: PositionsOf) -> Edit | None:
     It is a guess, which a person may choose and nothing else applies.
     """
     found = _MEANT.match(each.help)
-    if found is None or not _is_file(each.span.file) or each.span.line != each.span.end_line:
+    if found is None or not is_file(each.span.file) or each.span.line != each.span.end_line:
         return None
     positions = positions_of(each.span.file)
     start, end = positions.offsets(each.span)
@@ -440,11 +241,12 @@ def _about_nodes(
         if positions.line_at(first)[0] != positions.line_at(start)[0]:
             continue
         if node.interface.topics is None:
-            command = SpecCommand(str(analysis.path), node=node.key)
             yield types.CodeAction(
                 title=f"Record the interface of '{node.key}' (starts the node once)",
                 kind=types.CodeActionKind.RefactorRewrite,
-                command=command.as_command("Record the interface", RECORD_INTERFACES),
+                command=_command(
+                    "Record the interface", RECORD_INTERFACES, analysis.path, node=node.key
+                ),
             )
         yield from _declarations(analysis, positions, node)
 

@@ -13,16 +13,15 @@ from __future__ import annotations
 import copy
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
 from r2bspec.check.check_context import Context, DocumentFiles
 from r2bspec.check.engine import check_cases, context_of
-from r2bspec.diagnostics import Diagnostic, Severity, Span
+from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.diagnostics import Path as TreePath
-from r2bspec.errors import UsageError
 from r2bspec.language.declaration import ValueRule, rule_at
 from r2bspec.language.document import Source
 from r2bspec.language.load_spec import LoadedSpec, load_cases, load_spec
@@ -192,14 +191,12 @@ class OpenDocument:
         version: as the editor counts; None if it does not say.
         uri: by which the editor names it.
         resolved: the path without links.
-        is_too_long: whether the text was not kept, so that what is on disk counts.
     """
 
     text: str
     version: int | None
     uri: str
     resolved: Path
-    is_too_long: bool = False
 
     @cached_property
     def is_spec(self) -> bool:
@@ -217,24 +214,9 @@ class OpenSpecs:
         self.generation = 0
 
     def change(self, path: Path, text: str, version: int | None = None, uri: str = "") -> None:
-        """Take over a text that was opened or changed.
-
-        Raises:
-            UsageError: with it, too many would be open; the document counts as closed.
-        """
+        """Take over a text that was opened or changed."""
         self.generation += 1
-        others = [len(each.text) for other, each in self._documents.items() if other != path]
-        if len(others) >= limits.MAX_EDITOR_DOCUMENTS:
-            self.close(path)
-            raise UsageError(
-                f"more is open than {limits.MAX_EDITOR_DOCUMENTS:,} documents",
-                hint="close others, and open this one again",
-            )
-        document = OpenDocument(text, version, uri, _resolved(path))
-        if sum(others) + len(text) > limits.MAX_EDITOR_TEXT_CHARACTERS:
-            beginning = "r2bspec:" if document.is_spec else ""
-            document = replace(document, text=beginning, is_too_long=True)
-        self._documents[path] = document
+        self._documents[path] = OpenDocument(text, version, uri, _resolved(path))
 
     def close(self, path: Path) -> None:
         """Forget a text; what is on disk counts again."""
@@ -263,17 +245,7 @@ class OpenSpecs:
         """Analyse the newest text of a document; takes time, and keeps nothing."""
         document = self._documents.get(path)
         text = document.text if document is not None else ""
-        analysis = analyse(path, text, self.unsaved())
-        if document is None or not document.is_too_long:
-            return analysis
-        problem = Diagnostic.error(
-            "R2B002",
-            f"the documents that are open have more than {limits.MAX_EDITOR_TEXT_CHARACTERS:,} "
-            "characters together with this one, which is not read",
-            Span.of_file(str(path)),
-            "close others or shorten it, then open it again; 'r2bspec validate' checks the file",
-        )
-        return replace(analysis, diagnostics=(problem,))
+        return analyse(path, text, self.unsaved())
 
     def keep(self, analysis: Analysis) -> None:
         """Keep an analysis as the newest one of its document."""
@@ -322,9 +294,7 @@ class OpenSpecs:
         An analysis asks on a thread of its own, while documents are opened and closed.
         """
         documents = list(self._documents.values())
-        return {
-            document.resolved: document.text for document in documents if not document.is_too_long
-        }
+        return {document.resolved: document.text for document in documents}
 
 
 def _resolved(path: Path) -> Path:

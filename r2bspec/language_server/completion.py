@@ -24,7 +24,6 @@ from r2bspec.language_server.positions import (
     TextPositions,
     cursor_context,
 )
-from r2bspec.language_server.protocol import Position
 from r2bspec.language_server.symbols import names_of
 from r2bspec.safe_io.limits import MAX_EDITOR_LINE_CHARACTERS
 
@@ -102,7 +101,7 @@ class ClientCapabilities:
 def complete(
     analysis: Analysis | None,
     positions: TextPositions,
-    position: Position,
+    position: types.Position,
     client: ClientCapabilities,
 ) -> list[types.CompletionItem]:
     """What can be written at a position.

@@ -26,8 +26,7 @@ from r2bspec.diagnostics.diagnostic import LINE_BREAK
 from r2bspec.language.document import Source
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
 from r2bspec.language.yaml_document import compose
-from r2bspec.language_server.protocol import Change, Position, invalid_params
-from r2bspec.safe_io.limits import MAX_EDITOR_EDIT_WORK, MAX_EDITOR_PARSED_CHARACTERS
+from r2bspec.safe_io.limits import MAX_EDITOR_PARSED_CHARACTERS
 
 _PROTOCOL_LINE_BREAK: Final = re.compile(r"\r\n|\n|\r")
 
@@ -81,24 +80,19 @@ class TextPositions:
         """Where the lines of YAML begin."""
         return _line_starts(LINE_BREAK, self.text[self._skipped :], self._skipped)
 
-    @property
-    def line_count(self) -> int:
-        """How many lines the protocol counts."""
-        return len(self._starts)
-
     def offset_of_place(self, line: int, column: int) -> int:
         """The offset of a place of the compiler; beyond the text, that of the nearest character."""
         if line > len(self._yaml_starts):
             return len(self.text)
         return min(self._yaml_starts[max(line, 1) - 1] + column - 1, len(self.text))
 
-    def place(self, position: Position) -> tuple[int, int]:
+    def place(self, position: types.Position) -> tuple[int, int]:
         """The line and the column of a position of the protocol, as the compiler counts them."""
         offset = self.offset(position)
         line = bisect_right(self._yaml_starts, max(offset, self._skipped))
         return line, offset - self._yaml_starts[line - 1] + 1
 
-    def offset(self, position: Position) -> int:
+    def offset(self, position: types.Position) -> int:
         """The offset of a position of the protocol; beyond its line, that of the line's end."""
         if position.line >= len(self._starts):
             return len(self.text)
@@ -135,33 +129,6 @@ class TextPositions:
     def _line_end(self, line: int) -> int:
         end = self._starts[line + 1] if line + 1 < len(self._starts) else len(self.text)
         return self._starts[line] + len(self.text[self._starts[line] : end].rstrip("\r\n"))
-
-
-def edited(text: str, changes: Iterable[Change], encoding: str) -> str:
-    """The text after the changes of an editor, one after the other.
-
-    A range that ends before it begins is empty, and what is beyond the text is at its end.
-
-    Raises:
-        RequestError: the changes move more text than an editor ever does at once.
-    """
-    work = 0
-    for change in changes:
-        if change.range is None:
-            text = change.text
-            continue
-        positions = TextPositions(text, encoding)
-        start = positions.offset(change.range.start)
-        end = max(start, positions.offset(change.range.end))
-        text = text[:start] + change.text + text[end:]
-        work += len(text) + _LINE_WORK * positions.line_count
-        if work > MAX_EDITOR_EDIT_WORK:
-            raise invalid_params("there are too many changes of too long a text")
-    return text
-
-
-_LINE_WORK: Final = 25
-"""Finding where a line begins takes as long as copying so many characters."""
 
 
 def _line_starts(line_break: re.Pattern[str], text: str, first: int) -> list[int]:

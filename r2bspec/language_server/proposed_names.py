@@ -25,7 +25,6 @@ from r2bspec.language.variables import parse_path
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.positions import CompletionProposal, CursorContext
 from r2bspec.language_server.proposed_values import (
-    any_file,
     executables,
     launch_files,
     metrics,
@@ -35,7 +34,6 @@ from r2bspec.language_server.proposed_values import (
     quantities,
     recordings,
     requirements,
-    yaml_files,
 )
 from r2bspec.language_server.symbols import names_of
 from r2bspec.plan.installed_packages import installed_message_types
@@ -367,8 +365,6 @@ _VALUES: Final[Mapping[ProposalSource, tuple[str, ...]]] = {
     packages: ("**.package",),
     executables: ("**.executable",),
     plugins: ("**.plugin",),
-    yaml_files: ("extends", "extends.*", "**.parameters"),
-    any_file: ("**.launch.path",),
     launch_files: ("**.launch.file",),
     parameter_values: ("**.parameters.*", "**.parameters.*.*"),
 }

@@ -6,15 +6,13 @@ Of a requirement or a quantity, metrics, operators, bounds and units can be writ
 from __future__ import annotations
 
 import ast
-import os
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from pathlib import Path as FilePath
 from typing import Final
 
 from lsprotocol import types
 
-from r2bspec.bags.recording import SUFFIXES, DataError
+from r2bspec.bags.recording import DataError
 from r2bspec.datasets.catalogue import known_datasets
 from r2bspec.judge.measure.metric_catalogue import (
     METRICS,
@@ -41,54 +39,18 @@ from r2bspec.plan.wiring.python_files import read_python_file
 _MAX_FILES: Final = 200
 
 
-def recordings(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
-    """Datasets, and the recordings below the folder of the spec."""
+def recordings(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
+    """Datasets, and the recordings in the folder of the spec."""
+    home = analysis.path.parent
+    for metadata in sorted(home.glob("*/metadata.yaml"))[:_MAX_FILES]:
+        # With './' before it, it is not taken for the name of a dataset.
+        name = f"./{metadata.parent.name}"
+        yield CompletionProposal(name, "recording", kind=types.CompletionItemKind.Module, order=1)
     try:
         for name in known_datasets():
             yield CompletionProposal(name, "dataset", kind=types.CompletionItemKind.Module, order=5)
     except DataError:
         pass
-    yield from _files(analysis, context, tuple(SUFFIXES.values()), bags=True)
-
-
-def yaml_files(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
-    """YAML files, and the folders in which others may be."""
-    yield from _files(analysis, context, (".yaml", ".yml"))
-
-
-def any_file(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
-    """Files and folders."""
-    yield from _files(analysis, context, ())
-
-
-def _files(
-    analysis: Analysis, context: CursorContext, suffixes: Sequence[str], *, bags: bool = False
-) -> Iterator[CompletionProposal]:
-    """Files and folders below the folder of the spec; with suffixes, only files that have one."""
-    written = context.before.rpartition("/")[0]
-    home = analysis.path.parent
-    folder = home / written
-    try:
-        if not folder.resolve().is_relative_to(home.resolve()):
-            return
-        entries = sorted(os.scandir(folder), key=lambda each: each.name)[:_MAX_FILES]
-    except (OSError, ValueError):
-        return
-    for entry in entries:
-        if entry.name.startswith((".", "__")) or entry.name == analysis.path.name:
-            continue
-        is_folder = entry.is_dir()
-        if is_folder or not suffixes or FilePath(entry.name).suffix in suffixes:
-            kind = types.CompletionItemKind.Folder if is_folder else types.CompletionItemKind.File
-            name = f"{written}/{entry.name}" if written else entry.name
-            if is_folder and bags and (FilePath(entry.path) / "metadata.yaml").is_file():
-                # With './' before it, it is not taken for the name of a dataset.
-                name = name if written else f"./{name}"
-                yield CompletionProposal(
-                    name, "recording", kind=types.CompletionItemKind.Module, order=1
-                )
-            else:
-                yield CompletionProposal(name, kind=kind, order=400)
 
 
 def python_classes(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:

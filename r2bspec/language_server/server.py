@@ -1,38 +1,31 @@
-"""The server: connects the requests of the protocol with the modules that answer them."""
+"""The server: connects the requests of an editor with the modules that answer them."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import math
-import tempfile
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import unquote, urlsplit
 
 from lsprotocol import types
+from pygls.exceptions import JsonRpcInvalidParams
+from pygls.lsp.server import LanguageServer
 
 from r2bspec._version import __version__
 from r2bspec.diagnostics import Span
-from r2bspec.language_server import actions, document_views, protocol
-from r2bspec.language_server.actions import (
-    SpecCase,
-    SpecCommand,
-    code_actions,
-    code_lenses,
-    diagnostics_by_file,
-    spec_cases,
-    uri,
-)
+from r2bspec.errors import R2bspecError
+from r2bspec.language_server import actions
+from r2bspec.language_server.actions import code_actions, code_lenses, spec_cases
 from r2bspec.language_server.analysis import Analysis, OpenSpecs
 from r2bspec.language_server.completion import TRIGGERS, ClientCapabilities, complete
-from r2bspec.language_server.positions import ENCODINGS, TextPositions, edited
-from r2bspec.language_server.protocol import Connection, RequestError, decoded, invalid_params
+from r2bspec.language_server.findings import diagnostics_by_file, uri
+from r2bspec.language_server.hover import hover
+from r2bspec.language_server.positions import TextPositions
 from r2bspec.language_server.symbols import definitions, references_at, renamable, rename
 from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
-from r2bspec.safe_io.private_files import process_folder
 from r2bspec.safe_io.safe_file import RefusedFileError, read_text
 
 DEBOUNCE_S: Final = 0.005
@@ -42,61 +35,17 @@ several notifications. Between two key presses is more, so that every one of the
 MAX_WAIT_S: Final = 0.5
 """Time that a completion waits for the analysis of the text; then an older one must do."""
 
-_SUFFIXES: Final = {
-    actions.PLAN: "json",
-    actions.DRAW_GRAPH: "mmd",
-    actions.SHOW_RESULT: "md",
-}
-"""The commands whose output is shown as a document, and the kind of it."""
 
+class SpecLanguageServer(LanguageServer):
+    """The server of one editor: open documents, their analyses, and the published findings."""
 
-class SpecLanguageServer:
-    """The server of one editor.
-
-    Args:
-        connection: to the editor.
-
-    Attributes:
-        abilities: of the editor.
-        encoding: in which it counts characters.
-        folders: of its workspace, the first one first.
-    """
-
-    def __init__(self, connection: Connection) -> None:
-        self.connection = connection
+    def __init__(self) -> None:
+        super().__init__("r2bspec", __version__)
         self.specs = OpenSpecs()
-        self.abilities = protocol.Abilities()
-        self.encoding = "utf-16"
-        self.folders: list[Path] = []
         self._positions = TextPositions("")
         self._task: asyncio.Task[None] | None = None
         self._waiting: set[Path] = set()
         self._published: dict[str, frozenset[str]] = {}
-
-    def initialize(self, params: protocol.InitializeParams) -> types.InitializeResult:
-        """Take over what the editor is, and say what is answered."""
-        self.abilities = params.capabilities
-        general = params.capabilities.general
-        encodings = general.position_encodings if general is not None else None
-        self.encoding = next(
-            (encoding for encoding in encodings or () if encoding in ENCODINGS), "utf-16"
-        )
-        root = [protocol.Named(params.root_uri)] if params.root_uri else []
-        self._positions = TextPositions("", self.encoding)
-        self.change_folders(params.workspace_folders or root)
-        return types.InitializeResult(
-            _capabilities(self.encoding, self.abilities),
-            types.ServerInfo("r2bspec", __version__),
-        )
-
-    def change_folders(
-        self, added: Sequence[protocol.Named], removed: Sequence[protocol.Named] = ()
-    ) -> None:
-        """Take over which folders of this machine the workspace has."""
-        gone = {path_of(folder.uri) for folder in removed}
-        folders_known = [folder for folder in self.folders if folder not in gone]
-        folders_known += [path for folder in added if (path := path_of(folder.uri)).is_absolute()]
-        self.folders = list(dict.fromkeys(folders_known))
 
     def text_of(self, path: Path) -> str:
         """The text of a file: as it is open, or what is on disk; empty if there is none."""
@@ -111,7 +60,8 @@ class SpecLanguageServer:
         text = self.text_of(Path(file))
         # A long text has many findings, each with its positions.
         if self._positions.text is not text:
-            self._positions = TextPositions(text, self.encoding)
+            encoding = self.workspace.position_encoding or types.PositionEncodingKind.Utf16
+            self._positions = TextPositions(text, types.PositionEncodingKind(encoding).value)
         return self._positions
 
     def location(self, span: Span) -> types.Location:
@@ -120,36 +70,19 @@ class SpecLanguageServer:
 
     @property
     def folder(self) -> Path:
-        """The folder in which runs are started: that of the workspace."""
-        return self.folders[0] if self.folders else Path.cwd()
+        """The folder in which commands run: the first one of the workspace."""
+        root = self.workspace.root_path
+        return Path(root) if root else Path.cwd()
+
+    def update(self, document_uri: str) -> None:
+        """Take over the text of an open document, and analyse what it belongs to."""
+        document = self.workspace.get_text_document(document_uri)
+        self.change(path_of(document_uri), document.source, document.version, document_uri)
 
     def change(self, path: Path, text: str, version: int | None = None, uri: str = "") -> None:
         """Analyse a text soon, unless it changes again before."""
-        try:
-            self.specs.change(path, text, version, uri)
-        finally:
-            self.analyse_soon(path)
-
-    def edit(self, params: protocol.ChangeParams) -> None:
-        """Change an open document; one whose changes cannot be made counts as closed.
-
-        Of a text that is too long nothing is known that a part of it could be changed of.
-        """
-        document = params.text_document
-        path = document_path(document.uri)
-        before = self.specs.document(path)
-        if before is None:
-            raise invalid_params("a document that is not open cannot be changed")
-        if before.is_too_long and all(
-            content_change.range for content_change in params.content_changes
-        ):
-            return
-        try:
-            text = edited(before.text, params.content_changes, self.encoding)
-        except RequestError:
-            self.close(path)
-            raise
-        self.change(path, text, document.version, document.uri)
+        self.specs.change(path, text, version, uri)
+        self.analyse_soon(path)
 
     def close(self, path: Path) -> None:
         """Forget a document; what is on disk counts again."""
@@ -165,7 +98,7 @@ class SpecLanguageServer:
         """Analyse the specs that a document belongs to, or all of them."""
         self._waiting.update(self.specs.specs() if path is None else self.specs.affected_by(path))
         if self._task is None or self._task.done():
-            self._task = self.connection.start("analysis", self._analyse_waiting())
+            self._task = asyncio.create_task(self._analyse_waiting())
 
     async def settled(self, path: Path, limit_s: float = math.inf) -> None:
         """Wait until the newest text of a spec is analysed, or nothing is left to analyse.
@@ -190,20 +123,15 @@ class SpecLanguageServer:
             generation = self.specs.generation
             try:
                 analysis = await asyncio.to_thread(self.specs.analyse, path)
-            except Exception as error:  # a defect of one must not end the analyses of all others
-                self._waiting.discard(path)
-                self.connection.report(str(path), error)
-                continue
-            if generation != self.specs.generation:
-                # Something has changed since: what is true now is shown.
-                await self._quiet()
-                continue
-            self._waiting.discard(path)
-            self.specs.keep(analysis)
-            try:
+                if generation != self.specs.generation:
+                    # Something has changed since: what is true now is shown.
+                    await self._quiet()
+                    continue
+                self.specs.keep(analysis)
                 self._publish(analysis)
-            except Exception as error:  # such as a name that no message can have
-                self.connection.report(str(path), error)
+            except Exception as error:  # a defect of one must not end the analyses of all others
+                self.log(types.MessageType.Error, f"{path}: {type(error).__name__}: {error}")
+            self._waiting.discard(path)
         self._waiting.clear()
         self._clear_others()
 
@@ -213,6 +141,10 @@ class SpecLanguageServer:
         while generation != self.specs.generation:
             generation = self.specs.generation
             await asyncio.sleep(DEBOUNCE_S)
+
+    def log(self, kind: types.MessageType, message: str) -> None:
+        """Write a line into the log of the editor."""
+        self.window_log_message(types.LogMessageParams(kind, message))
 
     def _publish(self, analysis: Analysis) -> None:
         found = diagnostics_by_file(analysis, self.positions_of)
@@ -248,62 +180,14 @@ class SpecLanguageServer:
         """The version is of the text that was analysed: a newer one is analysed first."""
         document = self.specs.document(Path(file))
         name, version = (document.uri, document.version) if document is not None else ("", None)
-        self.connection.notify(
-            types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS,
-            types.PublishDiagnosticsParams(name or uri(file), diagnostics, version),
+        self.text_document_publish_diagnostics(
+            types.PublishDiagnosticsParams(name or uri(file), diagnostics, version)
         )
 
-    def start_command(self, name: str, argv: list[str]) -> None:
-        """Start a command line; its end is shown in the editor."""
-        self.connection.start(name, self._run_command(name, argv))
 
-    async def _run_command(self, name: str, argv: list[str]) -> None:
-        log = partial(self.connection.log, types.MessageType.Log)
-        status, output = await actions.run_command(argv, self.folder, log)
-        if name in _SUFFIXES and status == 0:
-            self._show_text(name, output)
-        else:
-            lines = [output_line for output_line in output.splitlines() if output_line.strip()]
-            for line in lines:
-                log(line)
-            kind = types.MessageType.Info if status == 0 else types.MessageType.Warning
-            verdict = lines[0] if lines else f"exit status {status}"
-            self.connection.notify(
-                types.WINDOW_SHOW_MESSAGE, types.ShowMessageParams(kind, f"r2bspec: {verdict}")
-            )
-        self.files_changed()
-        self.refresh_lenses()
-
-    def refresh_lenses(self) -> None:
-        """Let an editor that can do so ask for the lenses again: there may be a newer result."""
-        workspace = self.abilities.workspace
-        lens = workspace.code_lens if workspace is not None else None
-        if lens is not None and lens.refresh_support:
-            self.connection.ask(types.WORKSPACE_CODE_LENS_REFRESH)
-
-    def _show_text(self, name: str, text: str) -> None:
-        """Show a text in the editor, or, without that ability, in its log."""
-        window = self.abilities.window
-        shows = window.show_document if window is not None else None
-        if shows is not None and shows.support:
-            folder = tempfile.mkdtemp(dir=process_folder("shown"))
-            file = Path(folder) / f"r2bspec.{_SUFFIXES[name]}"
-            file.write_text(text, encoding="utf-8")
-            self.connection.ask(
-                types.WINDOW_SHOW_DOCUMENT,
-                types.ShowDocumentParams(file.as_uri(), take_focus=True),
-            )
-        else:
-            self.connection.log(types.MessageType.Info, text)
-
-
-def create_server(defect: Callable[[BaseException], str]) -> SpecLanguageServer:
-    """A server with all its features, whose connection serves an editor.
-
-    Args:
-        defect: says in a line what no code foresaw.
-    """
-    server = SpecLanguageServer(Connection(defect))
+def create_server() -> SpecLanguageServer:
+    """Return a server with all its features."""
+    server = SpecLanguageServer()
     _add_documents(server)
     _add_completion(server)
     _add_answers(server)
@@ -312,125 +196,56 @@ def create_server(defect: Callable[[BaseException], str]) -> SpecLanguageServer:
 
 
 def path_of(document_uri: str) -> Path:
-    """The path of a folder or a document; of one that is none of this machine, its URI.
-
-    Raises:
-        RequestError: no file can have this name.
-    """
-    try:
-        parts = urlsplit(document_uri)
-        path = unquote(parts.path, errors="surrogateescape")
-    except ValueError as error:
-        raise invalid_params(f"this is no URI: {error}") from None
-    if parts.scheme != "file" or parts.netloc not in {"", "localhost"}:
-        path = document_uri
-    if "\0" in path:
-        raise invalid_params("no file can have a name with a zero byte")
-    return Path(path)
-
-
-def document_path(document_uri: str) -> Path:
-    """The path of a document, which has a name.
-
-    Raises:
-        RequestError: as `path_of`.
-    """
-    path = path_of(document_uri)
-    if not path.name:
-        raise invalid_params("a document has a name")
-    return path
-
-
-def _capabilities(encoding: str, abilities: protocol.Abilities) -> types.ServerCapabilities:
-    """What is answered, for an editor with these abilities."""
-    document = abilities.text_document
-    renames = document.rename if document is not None else None
-    return types.ServerCapabilities(
-        position_encoding=encoding,
-        text_document_sync=types.TextDocumentSyncOptions(
-            open_close=True, change=types.TextDocumentSyncKind.Incremental, save=True
-        ),
-        completion_provider=types.CompletionOptions(trigger_characters=list(TRIGGERS)),
-        hover_provider=True,
-        definition_provider=True,
-        references_provider=True,
-        document_highlight_provider=True,
-        document_symbol_provider=True,
-        code_action_provider=types.CodeActionOptions(
-            [
-                types.CodeActionKind.QuickFix,
-                types.CodeActionKind.RefactorRewrite,
-                types.CodeActionKind.SourceFixAll,
-            ]
-        ),
-        code_lens_provider=types.CodeLensOptions(),
-        rename_provider=types.RenameOptions(prepare_provider=True)
-        if renames is not None and renames.prepare_support
-        else True,
-        folding_range_provider=True,
-        selection_range_provider=True,
-        inlay_hint_provider=True,
-        execute_command_provider=types.ExecuteCommandOptions(
-            [*actions.COMMANDS, actions.SHOW_RESULT]
-        ),
-        workspace=types.WorkspaceOptions(
-            types.WorkspaceFoldersServerCapabilities(supported=True, change_notifications=True)
-        ),
-    )
+    """The path of a document; of one that is none of this machine, its URI."""
+    parts = urlsplit(document_uri)
+    is_local = parts.scheme == "file" and parts.netloc in {"", "localhost"}
+    return Path(unquote(parts.path, errors="surrogateescape") if is_local else document_uri)
 
 
 def _add_documents(server: SpecLanguageServer) -> None:
-    on = server.connection.on
-    on(types.INITIALIZE, protocol.InitializeParams)(server.initialize)
-    on(types.TEXT_DOCUMENT_DID_CHANGE, protocol.ChangeParams)(server.edit)
+    @server.feature(types.TEXT_DOCUMENT_DID_OPEN)
+    def opened(params: types.DidOpenTextDocumentParams) -> None:
+        server.update(params.text_document.uri)
 
-    @on(types.TEXT_DOCUMENT_DID_OPEN, protocol.OpenParams)
-    def opened(params: protocol.OpenParams) -> None:
-        document = params.text_document
-        server.change(document_path(document.uri), document.text, document.version, document.uri)
+    @server.feature(types.TEXT_DOCUMENT_DID_CHANGE)
+    def changed(params: types.DidChangeTextDocumentParams) -> None:
+        server.update(params.text_document.uri)
 
-    @on(types.TEXT_DOCUMENT_DID_SAVE)
-    def saved(_: None) -> None:
+    @server.feature(types.TEXT_DOCUMENT_DID_SAVE)
+    def saved(_: types.DidSaveTextDocumentParams) -> None:
         server.files_changed()
 
-    @on(types.TEXT_DOCUMENT_DID_CLOSE, protocol.DocumentParams)
-    def closed(params: protocol.DocumentParams) -> None:
-        server.close(document_path(params.text_document.uri))
+    @server.feature(types.TEXT_DOCUMENT_DID_CLOSE)
+    def closed(params: types.DidCloseTextDocumentParams) -> None:
+        server.close(path_of(params.text_document.uri))
 
-    @on(types.WORKSPACE_DID_CHANGE_WATCHED_FILES, protocol.FileParams)
-    def files_changed(params: protocol.FileParams) -> None:
+    @server.feature(types.WORKSPACE_DID_CHANGE_WATCHED_FILES)
+    def files_changed(_: types.DidChangeWatchedFilesParams) -> None:
         server.files_changed()
-        if any(change.uri.endswith("/result.json") for change in params.changes):
-            server.refresh_lenses()
-
-    @on(types.WORKSPACE_DID_CHANGE_WORKSPACE_FOLDERS, protocol.FolderParams)
-    def folders_changed(params: protocol.FolderParams) -> None:
-        server.change_folders(params.event.added, params.event.removed)
 
 
 def _add_completion(server: SpecLanguageServer) -> None:
-    @server.connection.on(types.TEXT_DOCUMENT_COMPLETION, protocol.PositionParams)
-    async def completed(params: protocol.PositionParams) -> types.CompletionList:
-        path = document_path(params.text_document.uri)
-        document = server.specs.document(path)
-        if document is not None and document.is_too_long:
-            return types.CompletionList(is_incomplete=False, items=[])
+    options = types.CompletionOptions(trigger_characters=list(TRIGGERS))
+
+    @server.feature(types.TEXT_DOCUMENT_COMPLETION, options)
+    async def completed(params: types.CompletionParams) -> types.CompletionList:
+        path = path_of(params.text_document.uri)
         await server.settled(path, MAX_WAIT_S)
         items = complete(
             server.specs.latest_known(path),
             server.positions_of(str(path)),
             params.position,
-            _completion_capabilities(server.abilities),
+            _completion_capabilities(server.client_capabilities),
         )
         return types.CompletionList(is_incomplete=False, items=items)
 
 
-def _completion_capabilities(abilities: protocol.Abilities) -> ClientCapabilities:
-    document = abilities.text_document
+def _completion_capabilities(client: types.ClientCapabilities) -> ClientCapabilities:
+    document = client.text_document
     completion = document.completion if document is not None else None
     item = completion.completion_item if completion is not None else None
     return ClientCapabilities(
-        snippets=item is not None and item.snippet_support,
+        snippets=item is not None and bool(item.snippet_support),
         # Editors whose snippets are not adjusted say so; most do it without a word.
         adjusts=completion is None or completion.insert_text_mode != types.InsertTextMode.AsIs,
     )
@@ -443,35 +258,35 @@ Answer = Callable[[Analysis, TextPositions, Any], Any]
 def _add_answers(server: SpecLanguageServer) -> None:
     """Requests about the text of a spec as it is now; about any other document nothing is said."""
 
-    def answers(feature: str, kind: Any = protocol.PositionParams) -> Callable[[Answer], None]:
+    def answers(feature: str, options: Any = None) -> Callable[[Answer], None]:
         def register(answer: Answer) -> None:
-            @server.connection.on(feature, kind)
+            @server.feature(feature, options)
             async def answered(params: Any) -> Any:
-                path = document_path(params.text_document.uri)
+                path = path_of(params.text_document.uri)
                 document = server.specs.document(path)
-                if document is None or not document.is_spec or document.is_too_long:
+                if document is None or not document.is_spec:
                     return None
                 await server.settled(path)
                 if server.specs.document(path) is not document:
-                    raise RequestError(types.LSPErrorCodes.ContentModified, "the text has changed")
-                return answer(server.specs.current(path), server.positions_of(str(path)), params)
+                    return None  # the text has changed, and the editor asks again
+                positions = server.positions_of(str(path))
+                try:
+                    return answer(server.specs.current(path), positions, params)
+                except R2bspecError as error:
+                    raise JsonRpcInvalidParams(message=str(error)) from error
 
         return register
 
     @answers(types.TEXT_DOCUMENT_HOVER)
     def hovered(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
-        return document_views.hover(analysis, positions, params.position)
-
-    @answers(types.TEXT_DOCUMENT_INLAY_HINT, protocol.RangeParams)
-    def hinted(analysis: Analysis, positions: TextPositions, _: Any) -> Any:
-        return list(document_views.inlay_hints(analysis, positions))
+        return hover(analysis, positions, params.position)
 
     @answers(types.TEXT_DOCUMENT_DEFINITION)
     def defined(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
         spans = definitions(analysis, positions.place(params.position))
         return [server.location(span) for span in spans]
 
-    @answers(types.TEXT_DOCUMENT_REFERENCES, protocol.ReferenceParams)
+    @answers(types.TEXT_DOCUMENT_REFERENCES)
     def referred(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
         return [
             server.location(occurrence.span)
@@ -479,19 +294,11 @@ def _add_answers(server: SpecLanguageServer) -> None:
             if params.context.include_declaration or not occurrence.is_definition
         ]
 
-    @answers(types.TEXT_DOCUMENT_DOCUMENT_HIGHLIGHT)
-    def highlighted(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
-        return [
-            types.DocumentHighlight(positions.range(occurrence.span))
-            for occurrence in references_at(analysis, positions.place(params.position))
-            if occurrence.span.file == str(analysis.path)
-        ]
-
     @answers(types.TEXT_DOCUMENT_PREPARE_RENAME)
     def prepared(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
         return positions.range(renamable(analysis, positions.place(params.position)).span)
 
-    @answers(types.TEXT_DOCUMENT_RENAME, protocol.RenameParams)
+    @answers(types.TEXT_DOCUMENT_RENAME, types.RenameOptions(prepare_provider=True))
     def renamed(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
         changes: dict[str, list[types.TextEdit]] = {}
         texts = rename(analysis, positions.place(params.position), params.new_name)
@@ -500,47 +307,36 @@ def _add_answers(server: SpecLanguageServer) -> None:
             changes.setdefault(location.uri, []).append(types.TextEdit(location.range, text))
         return types.WorkspaceEdit(changes=changes)
 
-    @answers(types.TEXT_DOCUMENT_DOCUMENT_SYMBOL, protocol.DocumentParams)
-    def listed(analysis: Analysis, positions: TextPositions, _: Any) -> Any:
-        return document_views.document_symbols(analysis, positions)
+    kinds = types.CodeActionKind
+    offered = types.CodeActionOptions([kinds.QuickFix, kinds.RefactorRewrite, kinds.SourceFixAll])
 
-    @answers(types.TEXT_DOCUMENT_FOLDING_RANGE, protocol.DocumentParams)
-    def folded(analysis: Analysis, positions: TextPositions, _: Any) -> Any:
-        return document_views.folding_ranges(analysis, positions)
-
-    @answers(types.TEXT_DOCUMENT_SELECTION_RANGE, protocol.SelectionParams)
-    def selected(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
-        return [
-            document_views.selection_range(analysis, positions, position)
-            for position in params.positions
-        ]
-
-    @answers(types.TEXT_DOCUMENT_CODE_ACTION, protocol.ActionParams)
+    @answers(types.TEXT_DOCUMENT_CODE_ACTION, offered)
     def acted(analysis: Analysis, _: TextPositions, params: Any) -> Any:
-        kinds = params.context.only
-        offered = code_actions(analysis, server.positions_of, params.range)
-        return [action for action in offered if not kinds or action.kind in kinds]
+        wanted = params.context.only
+        possible = code_actions(analysis, server.positions_of, params.range)
+        return [action for action in possible if not wanted or action.kind in wanted]
 
-    @answers(types.TEXT_DOCUMENT_CODE_LENS, protocol.DocumentParams)
+    @answers(types.TEXT_DOCUMENT_CODE_LENS, types.CodeLensOptions())
     def lensed(analysis: Analysis, positions: TextPositions, _: Any) -> Any:
-        return list(code_lenses(analysis, positions, server.folder))
+        return list(code_lenses(analysis, positions))
 
 
 def _add_commands(server: SpecLanguageServer) -> None:
-    @server.connection.on(actions.REQUEST, protocol.Named)
-    async def listed_cases(params: protocol.Named) -> list[SpecCase]:
-        path = document_path(params.uri)
+    @server.feature(actions.REQUEST)
+    async def listed_cases(params: Any) -> list[dict[str, Any]]:
+        path = path_of(params.uri)
         text, unsaved = server.text_of(path), server.specs.unsaved()
         return await asyncio.to_thread(spec_cases, path, text, unsaved)
 
-    @server.connection.on(types.WORKSPACE_EXECUTE_COMMAND, protocol.CommandParams)
-    def started(params: protocol.CommandParams) -> None:
-        if len(params.arguments) != 1:
-            raise invalid_params("a command has one argument")
-        if params.command == actions.SHOW_RESULT:
-            argv = actions.report_argv(decoded(params.arguments[0], str))
-        elif params.command in actions.COMMANDS:
-            argv = decoded(params.arguments[0], SpecCommand).argv(params.command)
-        else:
-            raise invalid_params("there is no such command")
-        server.start_command(params.command, argv)
+    def add(name: str) -> None:
+        @server.command(name)
+        async def started(about: dict[str, str]) -> None:
+            status, output = await actions.run_command(name, about, server.folder)
+            kind = types.MessageType.Info if status == 0 else types.MessageType.Warning
+            server.log(kind, output)
+            message = f"r2bspec: exit status {status}; the log of the server has the output"
+            server.window_show_message(types.ShowMessageParams(kind, message))
+            server.files_changed()
+
+    for name in actions.COMMANDS:
+        add(name)

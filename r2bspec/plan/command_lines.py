@@ -18,10 +18,9 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from r2bspec.language.node_kinds import NodeKindName
-from r2bspec.language.secrets import quoted_secret_references
 from r2bspec.language.spec import Container, Launch, ParameterValue
 from r2bspec.plan.plan import NodePlan, ProcessPlan
 from r2bspec.plan.wiring.wiring import NodeWiring
@@ -40,14 +39,6 @@ CONTAINER_PACKAGE = "rclcpp_components"
 """The package of the component containers."""
 
 THREADED_CONTAINER = "--use_multi_threaded_executor"
-
-
-def is_own_program(argv: Sequence[str]) -> bool:
-    """Whether a command line starts a program of r2bspec, and nothing that a spec names.
-
-    The words count, not the first one alone: a command of a spec may begin with ``$(python)``.
-    """
-    return tuple(argv) in (HARNESS_ARGV, NATIVE_ARGV)
 
 
 def container_argv(name: str, container: Container, namespace: str) -> tuple[str, ...]:
@@ -120,7 +111,7 @@ def _launch_argv(wired: NodeWiring) -> tuple[str, ...]:
         *place,
         f"namespace:={wired.namespace}",
         f"remappings:={json.dumps(node.remappings, ensure_ascii=False)}",
-        f"arguments:={quoted_secret_references(json.dumps(arguments, ensure_ascii=False))}",
+        f"arguments:={json.dumps(arguments, ensure_ascii=False)}",
     )
 
 
@@ -147,12 +138,7 @@ def _ros_arguments(
     for rule in (*rules, f"__ns:={wired.namespace}", *remappings):
         yield from ("-r", rule)
     for name, value in parameters.items():
-        yield from ("-p", f"{name}:={parameter_text(value)}")
-
-
-def parameter_text(value: ParameterValue) -> str:
-    """A parameter for the command line of rcl, in which secrets are still references."""
-    return quoted_secret_references(flow_yaml(value))
+        yield from ("-p", f"{name}:={flow_yaml(value)}")
 
 
 def flow_yaml(value: ParameterValue) -> str:

@@ -7,7 +7,6 @@ fields of a type as a literal in the file of the type.
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping
 from typing import Any
 
 from r2bspec.plan.installed_packages import top_level_names
@@ -40,16 +39,6 @@ def installed_types(package: str, kind: str) -> frozenset[str] | None:
 def installed_fields(type_name: str) -> FieldTypes | None:
     """The fields of a type such as ``std_srvs/srv/SetBool_Request``; None if they are unknown."""
     return _literal_of(type_name, "", _FIELDS)
-
-
-@shared_lookup
-def installed_constants(type_name: str) -> Mapping[str, Any]:
-    """The constants of a type by name; none if it is unknown."""
-    constants = _literal_of(type_name, "Metaclass_", _CONSTANTS) or {}
-    return {
-        name: value[0] if isinstance(value, bytes) and value else value
-        for name, value in constants.items()
-    }
 
 
 def fields_of_message(type_name: str) -> FieldTypes | None:

@@ -7,7 +7,7 @@ with ``code``, ``slug``, ``severity``, ``certainty``, ``message``, ``help``, ``f
 replacement, or null.
 
 SARIF 2.1.0 is what code-scanning services show at the lines of a change. Each code that occurs is a
-rule with its page of `r2bspec explain`. Columns are counted in Unicode code points; relative file
+rule with its page of `r2bspec docs`. Columns are counted in Unicode code points; relative file
 names are relative to the working directory of `validate`. The fingerprint of a result consists of
 its code, file, path and message, not of its line, so that it does not change when lines are
 inserted above it.
@@ -155,7 +155,7 @@ def _sarif_rule(code: str) -> dict[str, Any]:
         "name": page.slug,
         "shortDescription": {"text": page.title},
         "fullDescription": {"text": page.why},
-        "help": {"text": f"'r2bspec explain {code}' shows a failing and a passing example."},
+        "help": {"text": f"'r2bspec docs {code}' shows a failing and a passing example."},
         "defaultConfiguration": {"level": _LEVELS[page.severity]},
     }
 

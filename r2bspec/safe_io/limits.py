@@ -37,8 +37,6 @@ MAX_EXTENDED_FILES: Final = 100
 """Of one document; a file extended twice counts twice."""
 MAX_EXTENDED_BYTES: Final = 1_000_000
 """Of all of them together: an editor reads them anew with every pause in typing."""
-MAX_CHAIN_LENGTH: Final = 50
-"""Entries of a spec, each of which extends the next."""
 MAX_REFERENCES: Final = 200_000
 """To variables, in all texts of a document together."""
 MAX_SPEC_ENTRIES: Final = 5_000
@@ -138,25 +136,10 @@ MAX_IGNORE_FILE_BYTES: Final = 1_000_000
 
 # Editors and fleets
 
-MAX_EDITOR_MESSAGE_BYTES: Final = 16_000_000
-"""Of the longest document that is read, all characters may be escapes of twelve bytes."""
-MAX_EDITOR_HEADER_BYTES: Final = 1 << 16
-"""Of the header of a message: real ones have a hundred."""
-MAX_EDITOR_TEXT_CHARACTERS: Final = 1_000_000
-"""Of all open documents together that are read: a spec has a few thousand, and is analysed anew
-with every key press."""
-MAX_EDITOR_DOCUMENTS: Final = 500
-"""Open at a time."""
-MAX_EDITOR_ITEMS: Final = 100_000
-"""Of a list in a message: changes of a text, files on disk."""
-MAX_EDITOR_EDIT_WORK: Final = 200_000_000
-"""Characters that the changes of one message move: 300 of a spec of 10,000 lines, within 2 s."""
 MAX_EDITOR_LINE_CHARACTERS: Final = 10_000
 """Of a line in which something is proposed."""
 MAX_EDITOR_PARSED_CHARACTERS: Final = 400_000
 """To propose something: a text that is being written is tried in several ways."""
-MAX_EDITOR_CURSORS: Final = 1_000
-"""Places whose selections are asked for."""
 MAX_FLEET_ARCHIVE_BYTES: Final = 2 << 30
 """Unpacked: of the files of a spec, or of a run folder. It travels as one message."""
 MAX_FLEET_ARCHIVE_FILES: Final = 20_000
@@ -169,5 +152,3 @@ MAX_RUN_FOLDER_LEVELS: Final = 100
 MIN_RUN_ADDRESS_SPACE: Final = 640 << 20
 """The observer has 880 MiB with rclpy, NumPy and OpenBLAS on two cores, and more on more of them:
 with less it certainly cannot start."""
-MIN_NUMPY_ADDRESS_SPACE: Final = 384 << 20
-"""With NumPy, SciPy and Matplotlib, 300 MiB are just enough for a page of a run."""

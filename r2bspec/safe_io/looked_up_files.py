@@ -1,4 +1,4 @@
-"""Which files and folders a check looked up: `validate --watch` makes it again when they change.
+"""Which files and folders a check looked up, and answers about the machine that checks share.
 
 The functions of `safe_file` note each path here before they use it. `shared_lookups` answers a
 question about the machine once for many documents; what the answer depends on is then noted for

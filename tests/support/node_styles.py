@@ -21,7 +21,6 @@ TARGETS: Final = {
     "threshold": ("./threshold.py:Threshold", {"frame"}, {"mask"}),
     "projector": ("./projector.py:Projector", {"/tf", "/tf_static", "depth"}, {"projected"}),
     "driver": ("drive_pkg:driver", {"goal"}, {"cmd"}),
-    "smoother": ("drive_pkg:smoother", {"raw"}, {"smoothed"}),
 }
 """What ``init --node`` gets for each style, and what the node subscribes to and publishes."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -48,34 +47,18 @@ def changed(old: str, new: str) -> str:
 
 
 class VersionedClient(LanguageClient):
-    """A client that knows of which version of a text the published diagnostics are.
-
-    Attributes:
-        refreshes: how often the server asked for new lenses.
-    """
+    """A client that knows of which version of a text the published diagnostics are."""
 
     def __init__(self) -> None:
         super().__init__(converter_factory=default_converter)
         self.published_versions: dict[str, int | None] = {}
-        self.refreshes = 0
         register_lsp_features(
             self,
             {
                 **DEFAULT_CLIENT_FEATURES,
                 types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS: keep_diagnostics,
-                types.WORKSPACE_CODE_LENS_REFRESH: count_refresh,
             },
         )
-
-    async def shown_text(self, command: str, *arguments: object) -> str:
-        """The text of the document that a command shows."""
-        before = len(self.shown_documents)
-        await self.workspace_execute_command_async(
-            types.ExecuteCommandParams(command, list(arguments))
-        )
-        while len(self.shown_documents) == before:
-            await asyncio.sleep(0.02)
-        return path_of(self.shown_documents[-1].uri).read_text()
 
 
 def path_of(uri: str) -> Path:
@@ -86,11 +69,6 @@ def path_of(uri: str) -> Path:
 def keep_diagnostics(client: VersionedClient, params: types.PublishDiagnosticsParams) -> None:
     client.diagnostics[params.uri] = params.diagnostics
     client.published_versions[params.uri] = params.version
-
-
-def count_refresh(client: VersionedClient, _: None) -> None:
-    """An editor would ask for the lenses again."""
-    client.refreshes += 1
 
 
 class OpenDocument:

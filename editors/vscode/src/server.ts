@@ -4,7 +4,7 @@ import * as vscode from "vscode";
 import { LanguageClient, type LanguageClientOptions } from "vscode-languageclient/node";
 import type { Pages } from "./pages";
 import { commandLine, folder } from "./processes";
-import { carryOut, showResult, type CasesOf } from "./specCommands";
+import { carryOut, type CasesOf } from "./specCommands";
 
 /** One case of a spec, as the server tells it. */
 export interface SpecCase {
@@ -59,17 +59,11 @@ function options(pages: Pages, casesOf: CasesOf): LanguageClientOptions {
       { scheme: "file", language: "yaml" },
     ],
     synchronize: {
-      fileEvents: [
-        vscode.workspace.createFileSystemWatcher("**/*.{yaml,yml,py}"),
-        vscode.workspace.createFileSystemWatcher("**/runs/*/result.json"),
-      ],
+      fileEvents: [vscode.workspace.createFileSystemWatcher("**/*.{yaml,yml,py}")],
     },
     middleware: {
       // The server would run them, too, in silence: here there are terminals and panels.
-      executeCommand: (name, given) =>
-        name === "r2bspec.showResult"
-          ? showResult(String(given[0]), pages)
-          : carryOut(name, given, pages, casesOf),
+      executeCommand: (name, given) => carryOut(name, given, pages, casesOf),
     },
   };
 }

@@ -37,11 +37,6 @@ export async function carryOut(
   }
 }
 
-/** Show the report of a run folder. */
-export async function showResult(folder: string, pages: Pages): Promise<void> {
-  await pages.show(`Result of ${basename(folder)}`, ["report", folder, "--report", "html=-"]);
-}
-
 /** The spec in the editor, for a command of the palette; of several cases the one that is picked. */
 async function openSpec(casesOf: CasesOf): Promise<SpecCommand | undefined> {
   const document = vscode.window.activeTextEditor?.document;

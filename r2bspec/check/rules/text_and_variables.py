@@ -13,8 +13,7 @@ from r2bspec.check.check_context import Context
 from r2bspec.check.rule import Finding, Findings, rule, value_key
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import quote
-from r2bspec.language.located_tree import MapNode, ScalarNode, TreeNode, child, children
-from r2bspec.language.secrets import is_secret_key
+from r2bspec.language.located_tree import ScalarNode, TreeNode, children
 
 _BOOLEAN_WORDS = frozenset({"yes", "no", "on", "off", "y", "n"})
 _OCTAL = re.compile(r"[-+]?0[0-7_]+")
@@ -62,37 +61,6 @@ def _yaml_1_1_value(text: str) -> tuple[str, str] | None:
     if _SEXAGESIMAL.fullmatch(text):
         return "a base-60 number", "a decimal number"
     return None
-
-
-_SECRET_SECTIONS = frozenset({"env", "parameters", "arguments", "variables", "request", "labels"})
-_PLACEHOLDERS = frozenset({"", "none", "null", "true", "false", "changeme", "xxx", "***"})
-
-
-def _secrets_below(node: TreeNode, path: Path, *, inside: bool) -> Findings:
-    for step, value in children(node):
-        place = (*path, step)
-        if isinstance(step, str) and inside and is_secret_key(step):
-            if _is_secret(value):
-                name = re.sub(r"\W", "_", step).upper()
-                yield Finding(
-                    message=f"{quote(step)} looks like a secret in plain text",
-                    path=place,
-                    help=f"write $(env {name}), list {name} under 'environment', and set it in "
-                    "the environment of the run",
-                )
-        elif type(value) is not ScalarNode:
-            yield from _secrets_below(value, place, inside=inside or step in _SECRET_SECTIONS)
-
-
-def _is_secret(node: TreeNode) -> bool:
-    """Whether a string is written in the file, rather than taken from the environment."""
-    value = child(node, "value") if isinstance(node, MapNode) else node
-    return (
-        isinstance(value, ScalarNode)
-        and isinstance(value.value, str)
-        and value.origin is None
-        and value.text.lower() not in _PLACEHOLDERS
-    )
 
 
 @rule("R2B606")

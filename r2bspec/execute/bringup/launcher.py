@@ -128,7 +128,7 @@ class Launcher:
         child = self._supervisor.start(
             plan.name,
             plan.role,
-            environment.secrets.in_words(prerequisites.resolve_argv(plan)),
+            prerequisites.resolve_argv(plan),
             variables,
             cwd=self._base_dir,
             log=self._folder.log_path(plan.name),
@@ -312,7 +312,7 @@ class Launcher:
     def _configure_host(self, child: ManagedProcess, plan: ProcessPlan) -> None:
         child.send(
             protocol.ConfigureHost(
-                nodes=self._environment.secrets.in_nodes(plan.nodes),
+                nodes=plan.nodes,
                 base_dir=str(self._base_dir),
                 executor=plan.executor,
                 threads=plan.threads,
@@ -361,7 +361,7 @@ class Launcher:
         loader = self._start_helper(_COMPONENT_LOADER, "caller")
         self.configure(loader, protocol.ConfigureComponents())
         for plan in plans:
-            for node in self._environment.secrets.in_nodes(plan.nodes):
+            for node in plan.nodes:
                 self._load_component(loader, plan, node, deadline)
                 self._created_nodes.add(node.name)
         self._supervisor.end([loader])
@@ -436,7 +436,7 @@ class Launcher:
         umask: int = PRIVATE_UMASK,
     ) -> None:
         """Run the command of a step, and wait until it exits with status 0."""
-        argv = self._environment.secrets.in_words(prerequisites.resolve_command(step.argv, name))
+        argv = prerequisites.resolve_command(step.argv, name)
         log = self._folder.log_path(name)
         child = self._supervisor.start(
             name, "command", argv, environment, cwd=folder, log=log, umask=umask
@@ -469,7 +469,7 @@ class Launcher:
         command = protocol.ConfigureCaller(
             service=step.service,
             service_type=step.service_type,
-            request=self._environment.secrets.in_value(step.request),
+            request=step.request,
             timeout_ns=step.timeout_ns,
         )
         child = self._start_helper(name, "caller")
@@ -478,17 +478,14 @@ class Launcher:
         self._supervisor.end([child])
 
     def call_settings(self, plan: Plan, **where: Any) -> protocol.ConfigureCalls:
-        """What a process that calls services is told, with the secrets of its requests.
+        """What a process that calls services is told.
 
         Args:
             plan: of the run.
             where: the other fields of the command.
         """
-        in_value = self._environment.secrets.in_value
         calls = tuple(
-            msgspec.structs.replace(
-                call, request={}, each=tuple(in_value(request) for request in call.requests)
-            )
+            msgspec.structs.replace(call, request={}, each=tuple(call.requests))
             for name, call in plan.called.items()
             if name == call.name
         )

@@ -3,10 +3,8 @@
 Only variables that running ROS programs need are inherited. Secrets that a CI system keeps in
 the environment therefore never reach a node, unless the spec names them under ``environment:``.
 
-A plan has ``$(env NAME)`` in place of the value of a secret (`r2bspec.language.secret_variables`).
-Only the process that is started gets the value. What is printed or recorded has the reference; and
-because the last output of a failed process is part of the error, the record and the reports, values
-of secrets are redacted in it, those of variables of r2bspec itself among them.
+No spec can refer to the value of a secret (`r2bspec.language.secrets`). The last output of a failed
+process is part of the error, the record and the reports: values of secrets are redacted in it.
 
 A workspace is the environment of a setup file or a prefix; r2bspec can run in it.
 """
@@ -16,26 +14,21 @@ from __future__ import annotations
 import contextlib
 import fnmatch
 import importlib
-import json
 import os
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
-from urllib.parse import quote_plus
 
-import msgspec
-
-from r2bspec.execute.errors import SecretNotSetError, WorkspaceError
+from r2bspec.execute.errors import WorkspaceError
 from r2bspec.execute.processes.bounded_command import run_bounded
 from r2bspec.ipc.protocol import MODULES_FOLDER_VARIABLE, RUN_ID_VARIABLE
-from r2bspec.language.secrets import REDACTED, is_secret_variable, secret_reference
-from r2bspec.language.variables import OPENING
+from r2bspec.language.secrets import REDACTED, is_secret_variable
 from r2bspec.middleware.middleware import MessageTransport, inherited_variables, middleware_of
-from r2bspec.plan.plan import NodePlan, Plan
+from r2bspec.plan.plan import Plan
 
 _INHERITED_PATTERNS = (
     *("PATH", "HOME", "USER", "LOGNAME", "SHELL", "LANG", "LC_*", "TZ", "TMPDIR", "TERM"),
@@ -64,14 +57,8 @@ _HARNESS_ALLOCATOR = {
     "GLIBC_TUNABLES": "glibc.malloc.hugetlb=1",
 }
 
-_REFERENCE = re.compile(r"\$\((?P<kind>env|quoted_env) (?P<name>[A-Za-z_][A-Za-z0-9_]*)\)")
-
-_MIN_SECRET_LENGTH = 4
-"""Shorter values occur everywhere in ordinary text."""
-
-_MIN_UNNAMED_LENGTH = 8
-"""The same for variables that the spec does not name, and for the lines of a value: there are many,
-and a word such as 'true' is worth more than hiding it."""
+_MIN_SECRET_LENGTH = 8
+"""Shorter values, such as 'true', occur everywhere in ordinary text."""
 
 
 def inherited_environment(environ: Mapping[str, str], named: Iterable[str]) -> dict[str, str]:
@@ -90,7 +77,6 @@ class RunEnvironment:
     """The environments of one run's processes.
 
     Attributes:
-        secrets: the values that commands, variables and parameters of the plan refer to.
         middleware: which one the processes load.
         transport: how their messages travel.
         segment_bytes: the shared memory that each process takes when it starts; 0 where that is
@@ -107,7 +93,6 @@ class RunEnvironment:
         largest_message_bytes: int,
         ros_logs: Path | None = None,
     ) -> None:
-        self.secrets = SecretReferences(plan.environment, os.environ)
         self._common = inherited_environment(os.environ, plan.environment)
         if path := self._common.get("PYTHONPATH"):
             # Processes run in the folder of the spec; the user means where they are themselves.
@@ -139,78 +124,13 @@ class RunEnvironment:
 
     def for_harness(self, changes: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
         """The environment of loader, player and monitor, and of nodes in the same process."""
-        return self._common | _HARNESS_ALLOCATOR | self.secrets.in_environment(changes)
+        return self._common | _HARNESS_ALLOCATOR | dict(changes)
 
     def for_node(self, changes: Mapping[str, str]) -> dict[str, str]:
         """That of a process that runs nodes: what the plan states, and `_MODULE_NAMES`."""
-        variables = self._common | self.secrets.in_environment(changes)
+        variables = self._common | dict(changes)
         folders = (variables.get("PYTHONPATH"), _MODULE_NAMES)
         return variables | {"PYTHONPATH": os.pathsep.join(filter(None, folders))}
-
-
-class SecretReferences:
-    """Replaces references to the secrets that a plan may read.
-
-    Args:
-        names: the names, or patterns of names, under `environment` of the plan.
-        environ: where the values are.
-    """
-
-    def __init__(self, names: Iterable[str], environ: Mapping[str, str]) -> None:
-        self._names = tuple(names)
-        self._environ = environ
-
-    def in_words(self, argv: Sequence[str]) -> list[str]:
-        """A command line; its program, which is looked for and named in errors, stays as it is."""
-        return [*argv[:1], *map(self.in_text, argv[1:])]
-
-    def in_environment(self, env: Mapping[str, str]) -> dict[str, str]:
-        """The variables of a process."""
-        return {name: self.in_text(value) for name, value in env.items()}
-
-    def in_nodes(self, nodes: Iterable[NodePlan]) -> tuple[NodePlan, ...]:
-        """Nodes, with the values in their parameters."""
-        return tuple(
-            msgspec.structs.replace(node, parameters=self.in_value(node.parameters))
-            for node in nodes
-        )
-
-    def in_value(self, value: Any) -> Any:
-        """A value as JSON has it, with the values in all of its texts."""
-        return replaced_texts(value, self.in_text)
-
-    def in_text(self, text: str) -> str:
-        """A text with the values in it, each inserted once: a value is not looked into.
-
-        Raises:
-            SecretNotSetError: a variable is not set.
-        """
-        return _REFERENCE.sub(self._value, text) if OPENING in text else text
-
-    def require_set(self, plan: Plan) -> None:
-        """See that every secret is there before anything is started.
-
-        Raises:
-            SecretNotSetError: a variable is not set.
-        """
-        self.in_value(msgspec.to_builtins((plan.processes, plan.setup, plan.after_ready)))
-
-    def _value(self, found: re.Match[str]) -> str:
-        name = found["name"]
-        unchanged = secret_reference(name)  # what a text of a parameter file was before quoting
-        if not any(fnmatch.fnmatchcase(name, pattern) for pattern in self._names):
-            return unchanged
-        value = self._environ.get(name)
-        if value is None:
-            raise SecretNotSetError(
-                f"the environment variable {name}, to which the plan refers, is not set",
-                hint=f"Set it, for example: export {name}=...",
-            )
-        if not is_secret_variable(name, value) and OPENING not in value:
-            return unchanged
-        if found["kind"] == "env":
-            return value
-        return json.dumps(value, ensure_ascii=False)[1:-1]
 
 
 def replaced_texts(value: Any, replace: Callable[[str], str]) -> Any:
@@ -236,35 +156,18 @@ def texts(value: Any) -> Iterator[str]:
             yield from texts(entry)
 
 
-def make_redactor(names: Iterable[str], environ: Mapping[str, str]) -> Callable[[str], str]:
-    """A function that replaces, in a text, the values of secret variables.
-
-    Args:
-        names: the variables, or patterns of variables, that the spec names.
-        environ: where their values are, and those of all others.
-    """
-    patterns = tuple(names)
-    secrets: set[str] = set()
-    for name, value in environ.items():
-        named = any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)
-        length = _MIN_SECRET_LENGTH if named else _MIN_UNNAMED_LENGTH
-        if len(value) >= length and is_secret_variable(name, value):
-            secrets.update(_forms(value))
+def make_redactor(environ: Mapping[str, str]) -> Callable[[str], str]:
+    """Return a function that replaces, in a text, the values of secret variables."""
+    secrets = {
+        value
+        for name, value in environ.items()
+        if len(value) >= _MIN_SECRET_LENGTH and is_secret_variable(name)
+    }
     if not secrets:
         return str
     # A secret may contain another one.
     pattern = re.compile("|".join(map(re.escape, sorted(secrets, key=len, reverse=True))))
     return lambda text: pattern.sub(REDACTED, text)
-
-
-def _forms(value: str) -> Iterator[str]:
-    """A value as programs print it: as it is, in quotes, in a URL, and by its lines."""
-    yield value
-    yield repr(value)[1:-1]
-    yield json.dumps(value)[1:-1]
-    yield quote_plus(value)
-    if "\n" in value:
-        yield from (line for line in value.splitlines() if len(line) >= _MIN_UNNAMED_LENGTH)
 
 
 _SETUP_FILES = ("setup.bash", "local_setup.bash", "setup.sh", "local_setup.sh")

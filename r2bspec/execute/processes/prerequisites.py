@@ -277,14 +277,6 @@ def require_address_space() -> None:
         raise errors.AddressSpaceError(limit_text(resource.RLIMIT_AS), hint=_MORE_ADDRESS_SPACE)
 
 
-def address_space_error(needed: int) -> errors.AddressSpaceError:
-    """The error of a verb that needs more address space than it may have, in bytes."""
-    return errors.AddressSpaceError(
-        f"{limit_text(resource.RLIMIT_AS)}; this needs {show(needed, 'B')}",
-        hint=_MORE_ADDRESS_SPACE,
-    )
-
-
 _MORE_ADDRESS_SPACE = (
     "Raise it, or take it away: ulimit -v unlimited. Processes of a run need 1 GiB and more."
 )

@@ -9,7 +9,7 @@ Grammar of a metric's name, as a requirement writes it::
 
 This module computes nothing and imports no NumPy, so that a spec can be checked with it.
 
-``r2bspec metrics``, ``r2bspec explain METRIC`` and docs/metrics.md show what each of them means.
+``r2bspec docs METRIC`` and docs/metrics.md show what each of them means.
 Everything but the definitions comes from the catalogue, so that a new metric appears there by
 itself; the definitions are prose, in `metric_definitions.yaml`.
 """
@@ -578,30 +578,11 @@ def groups() -> Iterator[tuple[str, tuple[MetricInfo, ...]]]:
         yield name, tuple(infos)
 
 
-def as_builtins(info: MetricInfo) -> dict[str, object]:
-    """One metric as JSON has it."""
-    meant = definition(info)
-    return {
-        "name": info.name,
-        "unit": info.unit,
-        "dimension": info.dimension,
-        "of": info.scope,
-        "description": info.description,
-        "definition": meant.text,
-        "formula": meant.formula,
-        "modes": list(modes(info)),
-        "statistic": info.statistic,
-        "judged": JUDGED[info.statistic][0],
-        "example": example_requirement(info),
-        "quantile": info.quantile,
-    }
-
-
 _INTRODUCTION = """\
 # Metrics
 
-Every metric that a requirement of `slos:` can name, as `r2bspec metrics` and
-`r2bspec explain latency.p99` print them. This page is generated.
+Every metric that a requirement of `slos:` can name, as `r2bspec docs metrics` and
+`r2bspec docs latency.p99` print them. This page is generated.
 
 The name of a monitor before a metric (`detections.latency.p99`) selects the monitor; without it, a
 requirement applies to each. `<process>` is the name of any process of the plan. Every other

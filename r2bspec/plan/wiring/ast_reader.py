@@ -1,267 +1,78 @@
-"""Reading a node's topics and parameters from its Python source, without running it.
+"""Reading a node's topics, services and parameters from its Python source, without running it.
 
-Every call of `create_publisher`, `create_subscription` and `declare_parameter` on `self` counts
-whose arguments the text determines. These are all that the node has if the only base class of its
-class is `Node` or `LifecycleNode`, if no other code can create topics or parameters of the node
-(`r2bspec.plan.wiring.self_references`), and if each of the calls is certainly made once: by a
-statement of the constructor, of a method that only the constructor calls, or of ``on_configure``,
-outside of loops and branches. Otherwise the interface says why there may be more. A function that
-makes one node of such a class, or of `Node` itself, and spins it, has the interface of that node.
+Every call of `create_publisher`, `create_subscription`, `create_service` and `declare_parameter` on
+`self` counts, in the class and in the base classes that its package defines. A class whose calls
+have literal arguments is complete: a topic is a literal, a name that is bound to one once, or the
+value of a parameter with a literal name. Otherwise, and where the node is passed to unknown code,
+the interface says why there may be more. A function has the interface of the only class of a node
+that it makes.
 """
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from functools import partial
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Final, Literal
+
+import msgspec
 
 from r2bspec.language.spec import QoS
-from r2bspec.plan.wiring import literal_calls, python_files, self_references
-from r2bspec.plan.wiring.literal_calls import TopicNames
-from r2bspec.plan.wiring.node_interface import InterfaceEntry, ParameterInfo
-from r2bspec.plan.wiring.python_source import (
-    SourceNames,
-    class_of_program,
-    nodes_below,
-    own_nodes,
-    program_class,
-)
-from r2bspec.plan.wiring.self_references import is_name
+from r2bspec.plan.wiring import python_files
+from r2bspec.plan.wiring.node_interface import InterfaceEntry, ParameterInfo, ParameterType
+from r2bspec.plan.wiring.python_source import SourceNames, own_nodes
 from r2bspec.safe_io.limits import MAX_BASE_CLASSES
 
-_SIMPLE_STATEMENTS = (ast.Expr, ast.Assign, ast.AnnAssign)
-"""Statements of a constructor that are executed exactly once."""
-
-_CONDITIONAL_NODES = (
-    *(ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda, ast.ClassDef),
-    *(ast.IfExp, ast.BoolOp, ast.Compare),
-    *(ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp),
+_NODES: Final = frozenset({"rclpy.Node", "rclpy.node.Node"})
+_LIFECYCLE_NODES: Final = frozenset(
+    f"rclpy.lifecycle.{name}" for name in ("LifecycleNode", "Node", "node.LifecycleNode")
 )
-"""Expressions whose parts may be evaluated several times, or not at all."""
-
-_PARAMETER_OPTIONS = frozenset(
+_PUBLISHER_METHODS: Final = frozenset({"create_publisher", "create_lifecycle_publisher"})
+_PARAMETER_OPTIONS: Final = frozenset(
     {"automatically_declare_parameters_from_overrides", "allow_undeclared_parameters"}
 )
 """Options of `Node` with which it has parameters that it does not declare by name."""
-
-_LIFECYCLE_NODES = frozenset(
-    f"rclpy.lifecycle.{name}" for name in ("LifecycleNode", "Node", "node.LifecycleNode")
-)
-_CLEANING_METHODS = frozenset({"on_cleanup", "on_shutdown", "on_error", "destroy_node"})
-"""What they destroy is not missed by a run."""
+_PARAMETER_SOURCES: Final = frozenset({"declare_parameter", "get_parameter"})
+_PARAMETER_VALUES: Final = frozenset({"value", "string_value"})
+_TYPES: dict[type, ParameterType] = {bool: "bool", int: "integer", float: "double", str: "string"}
+_TRANSFORMS: Final = "tf2_msgs/msg/TFMessage"
+_MAX_STEPS: Final = 10
 
 _Side = Literal["publishes", "subscribes"]
+_Class = python_files.Definition
+"""A class of a node, and the file that defines it."""
 
 
-class _NodeClass(NamedTuple):
-    """A class of a node, and the file that defines it."""
-
-    file: python_files.SourceFile
-    node: ast.ClassDef
-
-    @property
-    def base(self) -> str:
-        """The full name of the only class that it inherits from; empty if it is not known."""
-        bases = self.node.bases
-        return self.file.names.full_name(bases[0]) if len(bases) == 1 else ""
-
-    @property
-    def replaces_methods(self) -> bool:
-        """Whether what creates topics may be others than the methods of `Node`."""
-        return self_references.replaces_methods(self.file.tree, self.node)
-
-
-class _Call(NamedTuple):
-    """A call that may make topics, its method, and whether it is certainly made exactly once."""
-
-    node: ast.Call
-    method: ast.AST
-    certain: bool
-
-    def argument(self, position: int, name: str) -> ast.expr | None:
-        """An argument by its position or its name; None if it is not given."""
-        return literal_calls.argument(self.node, position, name)
-
-
-@dataclass
-class _ClassReading:
-    """What a class says of its node, so far.
+class _Helper(msgspec.Struct, frozen=True):
+    """A class of another package whose constructor gets the node.
 
     Attributes:
-        lifecycle: whether it is the class of a lifecycle node.
-        topics: the types of the known topics of each side; empty if unknown.
-        more: why there may be more topics of a side; empty if there are none.
-        parameters: None as soon as they are not all known.
-        services: the types of services and actions by name; empty for one that it only calls.
-        name: that its constructor gives it; empty if the text does not say it.
-        timed: the topics that it publishes by a timer, with its period as text.
+        publishes: the types of the topics that it publishes for the node, by their names.
+        subscribes: likewise.
+        makes_subscription: whether its arguments after the node are those of a subscription.
+        names_action: whether its second argument is the type, and its third the name of an action.
+        answers: whether it is the server of this action.
     """
 
-    found: _NodeClass
-    lifecycle: bool
-    topics: dict[_Side, dict[str, str]] = field(
-        default_factory=lambda: {"publishes": {}, "subscribes": {}}
-    )
-    more: dict[_Side, str] = field(default_factory=lambda: {"publishes": "", "subscribes": ""})
-    parameters: dict[str, ParameterInfo] | None = field(default_factory=dict)
-    qos: dict[str, QoS] = field(default_factory=dict)
-    services: dict[str, str] = field(default_factory=dict)
-    name: str = ""
-    timed: dict[str, str | None] = field(default_factory=dict)
+    publishes: Mapping[str, str] = msgspec.field(default_factory=dict)
+    subscribes: Mapping[str, str] = msgspec.field(default_factory=dict)
+    makes_subscription: bool = False
+    names_action: bool = False
+    answers: bool = False
 
-    def __post_init__(self) -> None:
-        self.names = self.found.file.names
-        self.values = TopicNames(self.found.node, self.names)
 
-    def read(self) -> None:
-        """Take the text of the class into account."""
-        tree, node_class = self.found.file.tree, self.found.node
-        if why := _unusual_base(self.found):
-            self.forget_all(why)
-        uses = self_references.SelfReferences(tree, node_class, self.names)
-        if uses.escape:
-            self.forget_all(uses.escape)
-        for method, why in uses.escaped_methods.items():
-            self.forget(method, why)
-        for call in _calls(node_class, self.names, lifecycle=self.lifecycle):
-            self._add(call)
-        self.timed.update(literal_calls.timer_outputs(node_class, self.values))
-        if not _passes_keywords_unchanged(node_class):
-            self.forget_all("its constructor changes the arguments that it passes to Node")
-        self._settle_parameters_in_topics()
-
-    def inherit(self, base: _ClassReading) -> None:
-        """Add the literal topics of a base class; that there may be others has been noted."""
-        for side, topics in base.topics.items():
-            for topic, kind in topics.items():
-                if "$(" not in topic:
-                    self.topics[side].setdefault(topic, kind)
-
-    def forget(self, method: str, why: str) -> None:
-        """Note that a method of `Node` may be called elsewhere."""
-        if method in self_references.PARAMETER_METHODS:
-            self.parameters = None
-        else:
-            self._doubt("subscribes" if method.endswith("_subscription") else "publishes", why)
-
-    def forget_all(self, why: str) -> None:
-        """Note that nothing is known to be complete."""
-        self._doubt("publishes", why)
-        self._doubt("subscribes", why)
-        self.parameters = None
-
-    def _doubt(self, side: _Side, why: str) -> None:
-        """Note why there may be more topics of a side."""
-        self.more[side] = self.more[side] or why
-
-    def _add(self, call: _Call) -> None:
-        """Take a call of a method of `self`, or of a helper, into account."""
-        method = self_references.method_of_self(call.node)
-        helper = self_references.helper_of(call.node, self.names)
-        if helper is not None:
-            self._add_helper(call, helper)
-        elif method in self_references.PUBLISHER_METHODS:
-            self._add_topic("publishes", call)
-        elif method == "create_subscription":
-            self._add_topic("subscribes", call)
-        elif method == "create_service":
-            self._add_service(call, "srv", first=0)
-        elif method in {"declare_parameter", "declare_parameters"}:
-            self._add_parameters(call, method)
-        elif method == "__init__":
-            self._add_base_constructor(call)
-        elif method in {"destroy_publisher", "destroy_subscription", "undeclare_parameter"} and (
-            getattr(call.method, "name", "") not in _CLEANING_METHODS
-        ):
-            self.forget(method, f"line {call.node.lineno} calls {method}")
-
-    def _add_topic(self, side: _Side, call: _Call, first: int = 0) -> None:
-        """Take a publisher or a subscription into account, whose type is the argument `first`."""
-        what = "publisher" if side == "publishes" else "subscription"
-        line = f"line {call.node.lineno}"
-        topic = self.values.resolve(call.argument(first + 1, "topic"), call.method)
-        if topic is None:
-            self._doubt(side, f"{line} makes a {what} whose topic is no literal")
-            return
-        if not call.certain:
-            self._doubt(side, f"whether {line} makes a {what}, and how often, is not known")
-        written = literal_calls.interface_type(call.argument(first, "msg_type"), self.names)
-        if self.topics[side].setdefault(topic, written) != written:
-            self.topics[side][topic] = ""
-        position = first + (2 if side == "publishes" else 3)
-        qos = literal_calls.qos_profile(call.node, position, self.names)
-        if qos is not None:
-            self.qos[topic] = qos
-
-    def _add_helper(self, call: _Call, helper: self_references.NodeHelper) -> None:
-        """Take the topics into account that a class of another package makes for the node."""
-        self.topics["publishes"].update(helper.publishes)
-        self.topics["subscribes"].update(helper.subscribes)
-        if helper.makes_subscription:
-            self._add_topic("subscribes", call, first=1)
-        if helper.names_action:
-            self._add_service(call, "action", first=1, answers=helper.answers)
-
-    def _add_service(
-        self, call: _Call, kind: Literal["srv", "action"], *, first: int, answers: bool = True
-    ) -> None:
-        """Take a service or an action into account: its type is an argument, its name the next."""
-        name = self.values.resolve(call.argument(first + 1, f"{kind}_name"), call.method)
-        if name is not None:
-            given = call.argument(first, f"{kind}_type")
-            written = literal_calls.interface_type(given, self.names, kind)
-            self.services[name] = written if answers else ""
-
-    def _add_parameters(self, call: _Call, method: str) -> None:
-        """Take the declaration of a parameter, or of several, into account."""
-        declared = literal_calls.declared_parameters(call.node, method) if call.certain else None
-        if declared is None or self.parameters is None:
-            self.parameters = None
-        else:
-            self.parameters.update(declared)
-
-    def _add_base_constructor(self, call: _Call) -> None:
-        """Take the arguments of ``super().__init__`` into account.
-
-        They name the node, and may declare every parameter that is set, and rename topics.
-        """
-        match call.argument(0, "node_name"):
-            case ast.Constant(value=str(name)):
-                self.name = name
-        for keyword in call.node.keywords:
-            if keyword.arg == "cli_args":
-                self.forget_all(f"line {call.node.lineno} sets cli_args, which may rename topics")
-            if keyword.arg in _PARAMETER_OPTIONS and ast.unparse(keyword.value) != "False":
-                self.parameters = None
-
-    def _settle_parameters_in_topics(self) -> None:
-        """Leave out topics that are named by parameters whose default the text does not say."""
-        for side, topics in self.topics.items():
-            for topic in [each for each in topics if each.startswith("$(parameter ")]:
-                name = topic.removeprefix("$(parameter ").removesuffix(")")
-                declared = (self.parameters or {}).get(name)
-                if declared is None or not isinstance(declared.default, str):
-                    del topics[topic]
-                    self._doubt(side, f"the default of parameter {name!r} is no literal")
-
-    def entry(self) -> InterfaceEntry:
-        """The interface."""
-        return InterfaceEntry(
-            subscribes=self.topics["subscribes"],
-            publishes=self.topics["publishes"],
-            parameters=self.parameters,
-            services=self.services,
-            qos=self.qos,
-            origin="source",
-            name=self.name,
-            timed=self.timed,
-            may_publish_more=self.more["publishes"],
-            may_subscribe_more=self.more["subscribes"],
-            is_lifecycle=self.lifecycle,
-        )
+_HELPERS: Final[Mapping[str, _Helper]] = {
+    "message_filters.Subscriber": _Helper(makes_subscription=True),
+    "rclpy.ActionClient": _Helper(names_action=True),
+    "rclpy.ActionServer": _Helper(names_action=True, answers=True),
+    "tf2_ros.Buffer": _Helper(),
+    "tf2_ros.StaticTransformBroadcaster": _Helper(publishes={"/tf_static": _TRANSFORMS}),
+    "tf2_ros.TransformBroadcaster": _Helper(publishes={"/tf": _TRANSFORMS}),
+    "tf2_ros.TransformListener": _Helper(
+        subscribes={"/tf": _TRANSFORMS, "/tf_static": _TRANSFORMS}
+    ),
+}
+"""Helpers by package and name; which module of the package has them makes no difference."""
 
 
 def unknown_interface(why: str) -> InterfaceEntry:
@@ -277,157 +88,368 @@ def read_node_class(
     path: Path | None = None,
     read: python_files.ReadSource = lambda _: None,
 ) -> InterfaceEntry:
-    """The interface of a class of a file, or of the function that runs one.
+    """The interface of a class of a file, or of the function that makes a node of one.
 
     Args:
         tree: of the file.
-        name: of the class, or of a function such as ``main`` (`program_class`).
+        name: of the class or the function.
         path: of the file, absolute; without one, its imports are not followed.
         read: reads other files of its package.
     """
-    found, more = _started_class(python_files.source_file(tree, path, read), name)
-    if found is None:
-        return unknown_interface(more)
-    if found.replaces_methods:
-        return unknown_interface(f"{name} makes its topics by methods of its own")
-    bases = list(_bases(found))
-    lifecycle = any(each.base in _LIFECYCLE_NODES for each in (found, *bases))
-    result = _ClassReading(found, lifecycle)
-    if more:
-        result.forget_all(more)
-    result.read()
-    for base in bases:
-        if not base.replaces_methods:
-            inherited = _ClassReading(base, lifecycle)
-            inherited.read()
-            result.inherit(inherited)
-    return result.entry()
+    found = _started_class(python_files.source_file(tree, path, read), name)
+    if isinstance(found, str):
+        return unknown_interface(found)
+    reading = _Reading()
+    for definition in _class_and_bases(found):
+        reading.add_class(definition)
+    return reading.entry()
 
 
-def _started_class(file: python_files.SourceFile, name: str) -> tuple[_NodeClass | None, str]:
-    """The class that a name means, or that a program amounts to; and why there may be more."""
+def _started_class(file: python_files.SourceFile, name: str) -> _Class | str:
+    """The class that a name means, or of which a function makes its node; otherwise why not."""
     found = python_files.find_definition(file, name)
-    match found:
-        case python_files.Definition(file=file, node=ast.ClassDef() as node):
-            return _NodeClass(file, node), ""
-        case python_files.Definition(file=file, node=ast.FunctionDef() as program):
-            is_class = partial(_class_named, file)
-            made, more = program_class(program, file.names, lambda each: bool(is_class(each)))
-            if made:
-                return is_class(made), more
-            as_class = class_of_program(program, file.names)
-            return (None, more) if as_class is None else (_NodeClass(file, as_class), "")
-    return None, f"{name} is not a class of its file"
+    if found is None:
+        return f"{name} is not a class of its file"
+    if isinstance(found.node, ast.ClassDef):
+        return found
+    called = {
+        node.func.id
+        for node in own_nodes(found.node.body)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+    }
+    classes = [
+        definition
+        for each in sorted(called)
+        if (definition := python_files.find_definition(found.file, each)) is not None
+        and isinstance(definition.node, ast.ClassDef)
+        and _is_node(definition)
+    ]
+    if len(classes) == 1:
+        return classes[0]
+    return f"{name} makes {len(classes) or 'no'} nodes of classes that are read"
 
 
-def _class_named(file: python_files.SourceFile, name: str) -> _NodeClass | None:
-    match python_files.find_definition(file, name):
-        case python_files.Definition(file=origin, node=ast.ClassDef() as node):
-            return _NodeClass(origin, node)
-    return None
-
-
-def _bases(found: _NodeClass) -> Iterator[_NodeClass]:
-    """The base classes that can be read, the nearest first."""
+def _class_and_bases(found: _Class) -> Iterator[_Class]:
+    """A class, and the base classes that can be read, the nearest first."""
     for _ in range(MAX_BASE_CLASSES):
-        match found.node.bases:
-            case [ast.Name(id=name)]:
-                above = _class_named(found.file, name)
+        yield found
+        match found.node:
+            case ast.ClassDef(bases=[ast.Name(id=name)]):
+                above = python_files.find_definition(found.file, name)
             case _:
                 return
-        if above is None or above.node is found.node:
+        if above is None or not isinstance(above.node, ast.ClassDef) or above.node is found.node:
             return
-        yield above
         found = above
 
 
-def _unusual_base(found: _NodeClass) -> str:
-    """Why a class may have topics of others; empty if it is a plain class of a node."""
-    node = found.node
-    if found.base not in {"rclpy.node.Node", *_LIFECYCLE_NODES}:
-        bases = ", ".join(map(ast.unparse, node.bases)) or "nothing"
-        return f"{node.name} inherits from {bases}, which may have others"
-    if node.decorator_list or node.keywords:
-        return f"{node.name} has a decorator or a metaclass"
-    return ""
+def _base_name(found: _Class) -> str:
+    """The full name of the only base class; empty if there are others or it is not imported."""
+    bases = found.node.bases if isinstance(found.node, ast.ClassDef) else []
+    return found.file.names.full_name(bases[0]) if len(bases) == 1 else ""
 
 
-def _passes_keywords_unchanged(found: ast.ClassDef) -> bool:
-    """Whether arguments with ``**`` are only those of the caller, and are not changed.
-
-    Others may have any option of `Node`.
-    """
-    for method in found.body:
-        if not isinstance(method, ast.FunctionDef) or method.name != "__init__":
-            continue
-        own = method.args.kwarg.arg if method.args.kwarg else ""
-        nodes = nodes_below(method)
-        mentions = sum(is_name(node, own) for node in nodes)
-        if mentions != sum(_harmless_uses(node, own) for node in nodes):
-            return False
-        for node in nodes:
-            if isinstance(node, ast.Call) and self_references.method_of_self(node) == "__init__":
-                passed = (each.value for each in node.keywords if each.arg is None)
-                if not all(is_name(value, own) for value in passed):
-                    return False
-    return True
+def _is_node(found: _Class) -> bool:
+    """Whether the class creates something of a node, or inherits from its class."""
+    for definition in _class_and_bases(found):
+        if _base_name(definition) in _NODES | _LIFECYCLE_NODES:
+            return True
+    return any(
+        _method_of_self(node).startswith("create_")
+        for node in ast.walk(found.node)
+        if isinstance(node, ast.Call)
+    )
 
 
-def _harmless_uses(node: ast.AST, name: str) -> int:
-    """How often a node directly uses a map without changing it or giving it another name."""
-    match node:
-        case (
-            ast.keyword(arg=None, value=value)
-            | ast.If(test=value)
-            | ast.Call(func=ast.Attribute(value=value, attr="get" | "pop"))
-            | ast.Subscript(value=value, ctx=ast.Load())
-        ):
-            return is_name(value, name)
-        case ast.Compare():
-            return sum(is_name(part, name) for part in (node.left, *node.comparators))
-    return 0
+class _Reading:
+    """What the classes of a node say of it, so far."""
 
+    def __init__(self) -> None:
+        self._topics: dict[_Side, dict[str, str]] = {"publishes": {}, "subscribes": {}}
+        self._more: dict[_Side, str] = {"publishes": "", "subscribes": ""}
+        self._parameters: dict[str, ParameterInfo] = {}
+        self._knows_parameters = True
+        self._qos: dict[str, QoS] = {}
+        self._services: dict[str, str] = {}
+        self._name = ""
+        self._lifecycle = False
 
-def _calls(found: ast.ClassDef, names: SourceNames, *, lifecycle: bool) -> Iterator[_Call]:
-    """Each call that may make topics."""
-    methods = {part.name: part for part in found.body if isinstance(part, ast.FunctionDef)}
-    first = ("__init__", "on_configure") if lifecycle else ("__init__",)
-    waiting = [methods[name] for name in first if name in methods]
-    once = {each.name for each in waiting}
-    mentioned = literal_calls.attributes_of_self(found)
-    while waiting:
-        for call in _calls_in(waiting.pop(), names):
-            called = methods.get(self_references.method_of_self(call.node))
-            if called is not None and call.certain and mentioned[called.name] == 1:
-                if called.name not in once:
-                    waiting.append(called)
-                once.add(called.name)
-    for part in found.body:
-        if isinstance(part, ast.FunctionDef) and methods[part.name] is part and part.name in once:
-            yield from _calls_in(part, names)
+    def add_class(self, found: _Class) -> None:
+        """Take the text of a class into account."""
+        assert isinstance(found.node, ast.ClassDef)  # noqa: S101 - `_class_and_bases` gives no other
+        base, names = _base_name(found), found.file.names
+        self._lifecycle = self._lifecycle or base in _LIFECYCLE_NODES
+        if base not in _NODES | _LIFECYCLE_NODES and not _has_read_base(found):
+            bases = ", ".join(map(ast.unparse, found.node.bases)) or "nothing"
+            self._doubt_all(f"{found.node.name} inherits from {bases}, which may have others")
+        for method in found.node.body:
+            values = _single_values(method)
+            for node in ast.walk(method):
+                if isinstance(node, ast.Call):
+                    self._add_call(node, names, values)
+
+    def _doubt(self, side: _Side, why: str) -> None:
+        self._more[side] = self._more[side] or why
+
+    def _doubt_all(self, why: str) -> None:
+        self._doubt("publishes", why)
+        self._doubt("subscribes", why)
+        self._knows_parameters = False
+
+    def _add_call(
+        self, call: ast.Call, names: SourceNames, values: Mapping[str, ast.expr | None]
+    ) -> None:
+        method = _method_of_self(call)
+        if method in _PUBLISHER_METHODS:
+            self._add_topic("publishes", call, names, values)
+        elif method == "create_subscription":
+            self._add_topic("subscribes", call, names, values)
+        elif method == "create_service":
+            self._add_service(call, names, values, "srv", first=0)
+        elif method in {"declare_parameter", "declare_parameters"}:
+            self._add_parameters(call, method)
+        elif method == "__init__":
+            self._add_base_constructor(call)
+        elif not method and _passes_node(call):
+            self._add_helper(call, names, values)
+
+    def _add_topic(
+        self,
+        side: _Side,
+        call: ast.Call,
+        names: SourceNames,
+        values: Mapping[str, ast.expr | None],
+        first: int = 0,
+    ) -> None:
+        """Take a publisher or a subscription into account, whose type is the argument `first`."""
+        topic = _text(_argument(call, first + 1, "topic"), names, values)
+        if topic is None:
+            what = "publisher" if side == "publishes" else "subscription"
+            self._doubt(side, f"line {call.lineno} makes a {what} whose topic is no literal")
+            return
+        written = _interface_type(_argument(call, first, "msg_type"), names)
+        if self._topics[side].setdefault(topic, written) != written:
+            self._topics[side][topic] = ""
+        qos = _qos_profile(call, first + (2 if side == "publishes" else 3), names)
+        if qos is not None:
+            self._qos[topic] = qos
+
+    def _add_helper(
+        self, call: ast.Call, names: SourceNames, values: Mapping[str, ast.expr | None]
+    ) -> None:
+        """Take the topics into account that a class of another package makes for the node."""
+        package, _, inside = names.full_name(call.func).partition(".")
+        helper = _HELPERS.get(f"{package}.{inside.rpartition('.')[2]}")
+        if helper is None:
+            self._doubt_all(f"line {call.lineno} passes the node to {ast.unparse(call.func)}()")
+            return
+        self._topics["publishes"].update(helper.publishes)
+        self._topics["subscribes"].update(helper.subscribes)
+        if helper.makes_subscription:
+            self._add_topic("subscribes", call, names, values, first=1)
+        if helper.names_action:
+            self._add_service(call, names, values, "action", first=1, answers=helper.answers)
+
+    def _add_service(
+        self,
+        call: ast.Call,
+        names: SourceNames,
+        values: Mapping[str, ast.expr | None],
+        kind: Literal["srv", "action"],
+        *,
+        first: int,
+        answers: bool = True,
+    ) -> None:
+        """Take a service or an action into account: its type is an argument, its name the next."""
+        name = _text(_argument(call, first + 1, f"{kind}_name"), names, values)
+        if name is not None:
+            written = _interface_type(_argument(call, first, f"{kind}_type"), names, kind)
+            self._services[name] = written if answers else ""
+
+    def _add_parameters(self, call: ast.Call, method: str) -> None:
+        declared = _declared_parameters(call, method)
+        if declared is None:
+            self._knows_parameters = False
         else:
-            yield from _calls_below(part, part, names, certain=False)
+            self._parameters.update(declared)
+
+    def _add_base_constructor(self, call: ast.Call) -> None:
+        """Take the arguments of ``super().__init__`` into account."""
+        match _argument(call, 0, "node_name"):
+            case ast.Constant(value=str(name)):
+                self._name = self._name or name
+        for keyword in call.keywords:
+            if keyword.arg == "cli_args":
+                self._doubt_all(f"line {call.lineno} sets cli_args, which may rename topics")
+            if keyword.arg in _PARAMETER_OPTIONS and ast.unparse(keyword.value) != "False":
+                self._knows_parameters = False
+
+    def _settle_parameters_in_topics(self) -> None:
+        """Leave out topics that are named by parameters whose default the text does not say."""
+        for side, topics in self._topics.items():
+            for topic in [each for each in topics if each.startswith("$(parameter ")]:
+                name = topic.removeprefix("$(parameter ").removesuffix(")")
+                declared = self._parameters.get(name)
+                if declared is None or not isinstance(declared.default, str):
+                    del topics[topic]
+                    self._doubt(side, f"the default of parameter {name!r} is no literal")
+
+    def entry(self) -> InterfaceEntry:
+        """The interface."""
+        self._settle_parameters_in_topics()
+        return InterfaceEntry(
+            subscribes=self._topics["subscribes"],
+            publishes=self._topics["publishes"],
+            parameters=self._parameters if self._knows_parameters else None,
+            services=self._services,
+            qos=self._qos,
+            origin="source",
+            name=self._name,
+            may_publish_more=self._more["publishes"],
+            may_subscribe_more=self._more["subscribes"],
+            is_lifecycle=self._lifecycle,
+        )
 
 
-def _calls_in(method: ast.FunctionDef, names: SourceNames) -> Iterator[_Call]:
-    """The calls in a method that is executed once."""
-    returned = bool(method.decorator_list)
-    for statement in method.body:
-        simple = isinstance(statement, (*_SIMPLE_STATEMENTS, ast.Return))
-        yield from _calls_below(statement, method, names, certain=simple and not returned)
-        returned = returned or any(isinstance(node, ast.Return) for node in own_nodes([statement]))
+def _has_read_base(found: _Class) -> bool:
+    return len([*zip(_class_and_bases(found), range(2), strict=False)]) > 1
 
 
-def _calls_below(
-    top: ast.AST, method: ast.AST, names: SourceNames, *, certain: bool
-) -> Iterator[_Call]:
-    # Without recursion: each `elif` is one level deeper than the one before.
-    waiting: list[tuple[ast.AST, bool]] = [(top, certain)]
-    while waiting:
-        node, certain = waiting.pop()
-        certain = certain and not isinstance(node, _CONDITIONAL_NODES)
-        if isinstance(node, ast.Call) and (
-            self_references.method_of_self(node) or self_references.helper_of(node, names)
-        ):
-            yield _Call(node, method, certain)
-        waiting.extend(reversed([(child, certain) for child in ast.iter_child_nodes(node)]))
+def _is_self(node: ast.AST) -> bool:
+    """Whether an expression is `self`, or a call of `super`."""
+    if isinstance(node, ast.Call):
+        return isinstance(node.func, ast.Name) and node.func.id == "super"
+    return isinstance(node, ast.Name) and node.id == "self"
+
+
+def _method_of_self(call: ast.Call) -> str:
+    """The method of ``self.method(...)`` or ``super().method(...)``; empty for any other call."""
+    called = call.func
+    return called.attr if isinstance(called, ast.Attribute) and _is_self(called.value) else ""
+
+
+def _passes_node(call: ast.Call) -> bool:
+    """Whether `self` is an argument of a call, other than of `super`."""
+    arguments = (*call.args, *(keyword.value for keyword in call.keywords))
+    return not _is_self(call) and any(
+        isinstance(argument, ast.Name) and argument.id == "self" for argument in arguments
+    )
+
+
+def _argument(call: ast.Call, position: int, name: str) -> ast.expr | None:
+    """An argument by its position or its name; None if it is not given, or by ``*``."""
+    if any(isinstance(argument, ast.Starred) for argument in call.args):
+        return None
+    if len(call.args) > position:
+        return call.args[position]
+    return next((keyword.value for keyword in call.keywords if keyword.arg == name), None)
+
+
+def _single_values(top: ast.AST) -> dict[str, ast.expr | None]:
+    """The only value that each variable of a method gets; None if there are others."""
+    values: dict[str, ast.expr | None] = {}
+    for node in ast.walk(top):
+        match node:
+            case ast.Assign(targets=[ast.Name(id=name)], value=value):
+                values[name] = None if name in values else value
+            case ast.AugAssign(target=ast.Name(id=name)) | ast.For(target=ast.Name(id=name)):
+                values[name] = None
+            case ast.arg(arg=name):
+                values[name] = None
+    return values
+
+
+def _text(
+    node: ast.expr | None, names: SourceNames, values: Mapping[str, ast.expr | None]
+) -> str | None:
+    """The text that an expression means, or ``$(parameter NAME)``; None if it is no literal."""
+    for _ in range(_MAX_STEPS):
+        match node:
+            case ast.Name(id=name):
+                node = values[name] if name in values else names.constant(name)
+            case ast.Constant(value=str(text)):
+                return text
+            case ast.Attribute(value=inner, attr=attribute) if attribute in _PARAMETER_VALUES:
+                return _parameter(inner, values)
+            case _:
+                return None
+    return None
+
+
+def _parameter(node: ast.expr | None, values: Mapping[str, ast.expr | None]) -> str | None:
+    """The reference to a parameter that an expression is, or whose value it is."""
+    for _ in range(_MAX_STEPS):
+        match node:
+            case ast.Name(id=name):
+                node = values.get(name)
+            case ast.Call(func=ast.Attribute(value=inner, attr="get_parameter_value")):
+                node = inner
+            case ast.Call(args=[ast.Constant(value=str(name)), *_]) if (
+                _method_of_self(node) in _PARAMETER_SOURCES
+            ):
+                return f"$(parameter {name})"
+            case _:
+                return None
+    return None
+
+
+def _interface_type(
+    given: ast.expr | None, names: SourceNames, kind: Literal["msg", "srv", "action"] = "msg"
+) -> str:
+    """The type of this kind that a class stands for; empty if the text does not say it."""
+    if given is None:
+        return ""
+    package, middle, name = (["", "", *names.full_name(given).split(".")])[-3:]
+    return f"{package}/{kind}/{name}" if middle == kind and package else ""
+
+
+def _qos_profile(call: ast.Call, position: int, names: SourceNames) -> QoS | None:
+    """The profile for a QoS argument that is a number, or the profile of sensor data."""
+    if any(keyword.arg == "qos_overriding_options" for keyword in call.keywords):
+        return None
+    given = _argument(call, position, "qos_profile")
+    if given is not None and names.full_name(given) == "rclpy.qos.qos_profile_sensor_data":
+        return QoS.from_word("sensor_data")
+    depth = given.value if isinstance(given, ast.Constant) else None
+    return QoS(depth=depth) if type(depth) is int and depth > 0 else None
+
+
+def _declared_parameters(call: ast.Call, method: str) -> list[tuple[str, ParameterInfo]] | None:
+    """The parameters of ``declare_parameter(name, value)`` or ``declare_parameters("", [...])``.
+
+    None if their names are no literals.
+    """
+    if method == "declare_parameter":
+        described = any(each.arg == "descriptor" for each in call.keywords) or len(call.args) > 2
+        found = [_declared(_argument(call, 0, "name"), _argument(call, 1, "value"), described)]
+    else:
+        match call:
+            case ast.Call(
+                args=[ast.Constant(value=""), ast.List(elts=items) | ast.Tuple(elts=items)],
+                keywords=[],
+            ):
+                found = [
+                    _declared(item.elts[0], item.elts[1], len(item.elts) > 2)
+                    if isinstance(item, ast.Tuple) and len(item.elts) > 1
+                    else None
+                    for item in items
+                ]
+            case _:
+                return None
+    known = [each for each in found if each is not None]
+    return known if len(known) == len(found) else None
+
+
+def _declared(
+    name: ast.expr | None, value: ast.expr | None, has_descriptor: bool
+) -> tuple[str, ParameterInfo] | None:
+    if not isinstance(name, ast.Constant) or not isinstance(name.value, str):
+        return None
+    try:
+        default = None if value is None else ast.literal_eval(value)
+    except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError):
+        # A map with a list as key is a TypeError.
+        return name.value, ParameterInfo("")
+    kind: ParameterType | Literal[""] = _TYPES.get(type(default), "")
+    # A descriptor may allow other types.
+    return name.value, ParameterInfo("" if has_descriptor else kind, default if kind else None)

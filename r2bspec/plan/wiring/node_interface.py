@@ -10,7 +10,6 @@ after it was recorded.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
@@ -128,7 +127,6 @@ class Interface(msgspec.Struct, frozen=True):
         qos: the known QoS profiles of topics.
         services: the types of its services and actions, by their names before remapping; empty if
             the type is unknown, or the node only calls it.
-        timed: the topics that it publishes by a timer alone, with its period in seconds, if known.
         other_remappable_names: names that can be remapped although they are not topics: services,
             and names from which the names of topics are derived.
         described_package: what the source describes, such as ``image_proc of ROS 2 Jazzy``.
@@ -146,7 +144,6 @@ class Interface(msgspec.Struct, frozen=True):
     type_parameters: Mapping[str, str] = msgspec.field(default_factory=dict)
     qos: Mapping[str, QoS] = msgspec.field(default_factory=dict)
     services: Mapping[str, str] = msgspec.field(default_factory=dict)
-    timed: Mapping[str, float | None] = msgspec.field(default_factory=dict)
     other_remappable_names: tuple[str, ...] = ()
     described_package: str = ""
     may_publish_more: str = ""
@@ -190,13 +187,12 @@ class InterfaceEntry(_InterfaceRow, frozen=True, kw_only=True):
 
     Types and names may contain ``$(parameter x)``, the value of a parameter. A name may be
     ``$(camera_info of TOPIC)``: the topic `camera_info` in the namespace to which TOPIC is
-    remapped. The period of a topic in `timed` is a number in seconds, or the quotient of two.
+    remapped.
     """
 
     origin: InterfaceSource = "table"
     described_package: str = ""
     name: str = ""
-    timed: Mapping[str, str | None] = msgspec.field(default_factory=dict)
     may_publish_more: str = ""
     may_subscribe_more: str = ""
     is_lifecycle: bool = False
@@ -270,11 +266,6 @@ def interface_of(
         type_parameters=_type_parameters(entries, parameters),
         qos={name: qos for entry in reversed(entries) for name, qos in entry.qos.items()},
         services={name: kind for row in entries for name, kind in row.services.items()},
-        timed={
-            _substitute(name, parameters, row): _period_s(period, parameters, row)
-            for row in entries
-            for name, period in row.timed.items()
-        },
         other_remappable_names=tuple(
             name for entry in entries for name in _other_remappable_names(entry)
         ),
@@ -285,18 +276,6 @@ def interface_of(
         may_subscribe_more="" if node.subscribes else subscribes_entry.may_subscribe_more,
         is_lifecycle=any(entry.is_lifecycle for entry in entries),
     )
-
-
-def _period_s(
-    period: str | None, parameters: Mapping[str, ParameterValue], entry: InterfaceEntry
-) -> float | None:
-    """The period of `InterfaceEntry.timed` in seconds; None if it is unknown."""
-    above, slash, below = _substitute(period or "", parameters, entry).partition(" / ")
-    try:
-        period_s = float(above) / float(below if slash else 1)
-    except (ValueError, ZeroDivisionError):
-        return None
-    return period_s if 0 < period_s < math.inf else None
 
 
 def _topics(

@@ -10,24 +10,13 @@ its process can hold no other node. A function that calls ``rclpy.init`` itself,
 from __future__ import annotations
 
 import ast
-import copy
-from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Iterable, Iterator
-from functools import lru_cache
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
 from typing import Literal
 
 import msgspec
 
 from r2bspec.safe_io.limits import MAX_BASE_CLASSES
-
-
-@lru_cache(maxsize=32)
-def nodes_below(top: ast.AST) -> tuple[ast.AST, ...]:
-    """A node of a tree and everything below it, as `ast.walk` gives it; kept for the next walk.
-
-    A class is walked for a dozen questions, which was most of the time of reading it.
-    """
-    return tuple(ast.walk(top))
 
 
 class SourceNames:
@@ -42,7 +31,7 @@ class SourceNames:
         self._bound: dict[str, list[ast.AST]] = defaultdict(list)
         self._has_star_import = False
         self._origins: dict[str, set[tuple[int, str, str]]] = defaultdict(set)
-        for node in nodes_below(tree):
+        for node in ast.walk(tree):
             for name in bound_names(node):
                 self._bound[name].append(node)
             if isinstance(node, ast.Import | ast.ImportFrom):
@@ -130,13 +119,10 @@ class NodeStart(msgspec.Struct, frozen=True):
         style: ``keywords`` for keyword arguments of its constructor, ``ros_arguments`` for global
             ROS arguments of its own process, ``main`` for a function that is a program.
         required: parameters without a default, for which r2bspec has no value.
-        threads_of_main: of the multi-threaded executor that a program of the same file makes for
-            the class, 0 for its default; None if no program makes one.
     """
 
     style: StartStyle = "keywords"
     required: tuple[str, ...] = ()
-    threads_of_main: int | None = None
 
     @property
     def needs_own_process(self) -> bool:
@@ -158,31 +144,7 @@ def read_node_start(tree: ast.Module, name: str) -> NodeStart | None:
             return _start(definition.args, 0)
         case ast.ClassDef():
             constructor = _constructor(names, definition)
-            start = None if constructor is None else _start(constructor.args, 1)
-            threads = _threads_of_main(tree, names, name)
-            if threads is None:
-                return start
-            return msgspec.structs.replace(start or KEYWORDS, threads_of_main=threads)
-    return None
-
-
-_MULTI_THREADED = "rclpy.executors.MultiThreadedExecutor"
-
-
-def _threads_of_main(tree: ast.Module, names: SourceNames, name: str) -> int | None:
-    """The threads of the multi-threaded executor that a program of the file makes for a class."""
-    for function in tree.body:
-        if not isinstance(function, ast.FunctionDef) or not is_program(function):
-            continue
-        calls = [node for node in nodes_below(function) if isinstance(node, ast.Call)]
-        if not any(isinstance(each.func, ast.Name) and each.func.id == name for each in calls):
-            continue
-        for call in calls:
-            if names.full_name(call.func) == _MULTI_THREADED:
-                values = [*call.args, *(k.value for k in call.keywords if k.arg == "num_threads")]
-                given = values[0] if values else None
-                threads = given.value if isinstance(given, ast.Constant) else 0
-                return threads if isinstance(threads, int) else 0
+            return None if constructor is None else _start(constructor.args, 1)
     return None
 
 
@@ -249,211 +211,9 @@ def own_nodes(statements: Iterable[ast.AST]) -> Iterator[ast.AST]:
             waiting.extend(ast.iter_child_nodes(node))
 
 
-_PROGRAM_CALLS = frozenset(
-    f"rclpy.{name}"
-    for name in (
-        *("init", "ok", "shutdown", "try_shutdown"),
-        *("spin", "spin_once", "spin_until_future_complete"),
-        *("executors.SingleThreadedExecutor", "executors.MultiThreadedExecutor"),
-    )
-)
-"""What a program calls that creates no topic and no parameter."""
-
-_PROGRAM_METHODS = frozenset(
-    {"add_node", "destroy_node", "remove_node", "shutdown", "spin", "spin_once", "get_logger"}
-    | {"debug", "info", "warning", "warn", "error", "fatal"}
-)
-"""Methods of nodes, executors and loggers that a program calls, likewise."""
-
-_REPEATED = (ast.If, ast.For, ast.While, ast.Match, ast.IfExp, ast.BoolOp, ast.ExceptHandler)
-"""What is in them may be executed never, or several times."""
-
-
-def program_class(
-    function: ast.FunctionDef, names: SourceNames, is_class: Callable[[str], bool]
-) -> tuple[str, str]:
-    """The name of the class that a program such as ``main`` makes its only node of.
-
-    Args:
-        function: the program.
-        names: of its file.
-        is_class: whether a name is that of a class that can be read.
-
-    Returns:
-        The name, empty if there is none or there are several; and why the program may
-        make other topics, too: because it does anything else than to initialise ROS, to make the
-        node once, to spin it and to tidy up. Empty if it does not.
-    """
-    if function.decorator_list or not is_program(function):
-        return "", f"{function.name} is a function that returns a node"
-    classes: list[str] = []
-    more = ""
-    created = created_locals(function)
-    waiting = deque[tuple[ast.AST, bool]]((statement, True) for statement in function.body)
-    while waiting:
-        node, once = waiting.popleft()
-        if isinstance(node, _NESTED_SCOPES):
-            more = more or f"line {node.lineno} is a function inside of {function.name}"
-        if isinstance(node, ast.Call):
-            called = node.func.id if isinstance(node.func, ast.Name) else ""
-            if called and is_class(called):
-                classes.append(called)
-                if not once or node.args or node.keywords:
-                    more = more or f"line {node.lineno} makes {called} in its own way"
-            elif not is_program_call(node.func, names, created):
-                more = more or f"line {node.lineno} calls {ast.unparse(node.func)}()"
-        once = once and not isinstance(node, _REPEATED)
-        waiting.extend((child, once) for child in ast.iter_child_nodes(node))
-    if len(classes) == 1:
-        return classes[0], more
-    return "", f"{function.name} makes {len(classes) or 'no'} nodes of classes that are read"
-
-
-def created_locals(function: ast.FunctionDef) -> frozenset[str]:
-    """The variables of a function to which nothing else than results of calls is assigned."""
-    called = {
-        target.id
-        for node in nodes_below(function)
-        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call)
-        for target in node.targets
-        if isinstance(target, ast.Name)
-    }
-    stored = Counter(
-        node.id
-        for node in nodes_below(function)
-        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
-    )
-    return frozenset(name for name in called if stored[name] == 1)
-
-
-def is_program_call(called: ast.expr, names: SourceNames, created: frozenset[str]) -> bool:
-    """Whether a program calls it to spin and to tidy up: it makes no topic and no parameter."""
-    if names.full_name(called) in _PROGRAM_CALLS:
-        return True
-    if not isinstance(called, ast.Attribute) or called.attr not in _PROGRAM_METHODS:
-        return False
-    owner = called.value
-    return isinstance(owner, ast.Call) or (isinstance(owner, ast.Name) and owner.id in created)
-
-
 def _is_exit_status(value: ast.expr | None) -> bool:
     return value is None or (isinstance(value, ast.Constant) and not isinstance(value.value, str))
 
 
 def _calls_init(called: ast.expr) -> bool:
     return isinstance(called, ast.Attribute) and ast.unparse(called) == "rclpy.init"
-
-
-_LOAD = ast.Load()
-
-
-def class_of_program(program: ast.FunctionDef, names: SourceNames) -> ast.ClassDef | None:
-    """The class that a program amounts to that makes its node itself.
-
-    ``node = rclpy.create_node("filter")`` or ``node = Node("filter")`` in a ``main``, whose
-    callbacks are functions inside of it, makes what a class makes whose constructor has the same
-    text, with `self` in the place of `node`. None if the function is no program, or does not make
-    exactly one node, once, in a variable of its own, or spins another one.
-    """
-    if not (is_program(program) and any(_base(each, names) for each in ast.walk(program))):
-        return None
-    # Trees are shared.
-    program = copy.deepcopy(program)
-    statements = list(_executed_once(program.body))
-    made = [each for each in ast.walk(program) if _base(each, names)]
-    for number, statement in enumerate(statements):
-        match statement:
-            case ast.Assign(targets=[ast.Name(id=name)], value=ast.Call() as call) if made == [
-                call
-            ] and _is_the_only(program, name):
-                base = _base(call, names)
-                statements[number] = ast.Expr(call)
-                call.func = ast.Attribute(
-                    ast.Call(ast.Name("super", _LOAD), [], []), "__init__", _LOAD
-                )
-                break
-    else:
-        return None
-    substitution = _Substitution(name, names, created_locals(program))
-    body = [substitution.visit(statement) for statement in statements]
-    if substitution.spins_another or base is None:
-        return None
-    parameters = ast.arguments([], [ast.arg("self")], None, [], [], None, [])
-    constructor = ast.FunctionDef("__init__", parameters, body, [])
-    found = ast.ClassDef(program.name, [base], [], [constructor], [])
-    return ast.fix_missing_locations(ast.copy_location(found, program))
-
-
-def _base(node: ast.AST, names: SourceNames) -> ast.expr | None:
-    """The class of a node that a call makes of no other class; None for any other call."""
-    match node:
-        case ast.Call(func=ast.Attribute(value=package) as func) if (
-            names.full_name(func) == "rclpy.create_node"
-        ):
-            return ast.Attribute(ast.Attribute(package, "node", _LOAD), "Node", _LOAD)
-        case ast.Call(func=func) if names.full_name(func) == "rclpy.node.Node":
-            return func
-    return None
-
-
-def _executed_once(statements: list[ast.stmt]) -> Iterator[ast.stmt]:
-    """Statements, with those of `with` and `try` in their place."""
-    for statement in statements:
-        match statement:
-            case ast.With(items=items, body=body):
-                yield from (
-                    ast.copy_location(ast.Expr(each.context_expr), body[0]) for each in items
-                )
-                yield from _executed_once(body)
-            case ast.Try(body=body, handlers=handlers, orelse=orelse, finalbody=finalbody):
-                yield from _executed_once(body)
-                rest = [part for each in handlers for part in each.body] + orelse + finalbody
-                yield ast.copy_location(ast.If(ast.Constant(True), rest, []), statement)
-            case _:
-                yield statement
-
-
-def _is_the_only(program: ast.FunctionDef, name: str) -> bool:
-    """Whether a variable of a program is bound once, and `self` nowhere."""
-    bound = [found for node in ast.walk(program) for found in bound_names(node)]
-    imported = {
-        each.asname or each.name for each in ast.walk(program) if isinstance(each, ast.alias)
-    }
-    shared = {
-        each
-        for node in ast.walk(program)
-        if isinstance(node, ast.Global | ast.Nonlocal)
-        for each in node.names
-    }
-    mentioned = {node.id for node in ast.walk(program) if isinstance(node, ast.Name)}
-    return bound.count(name) == 1 and not {name, "self"} & (imported | shared | mentioned - {name})
-
-
-class _Substitution(ast.NodeTransformer):
-    """Puts `self` in the place of a variable, but where a program only spins or removes the node.
-
-    Attributes:
-        spins_another: whether the program spins something else.
-    """
-
-    def __init__(self, name: str, names: SourceNames, created: frozenset[str]) -> None:
-        self._name = name
-        self._names = names
-        self._created = created
-        self.spins_another = False
-
-    def visit_Name(self, node: ast.Name) -> ast.Name:
-        if node.id != self._name:
-            return node
-        return ast.copy_location(ast.Name("self", _LOAD), node)
-
-    def visit_Call(self, node: ast.Call) -> ast.AST:
-        if is_program_call(node.func, self._names, self._created):
-            is_method = isinstance(node.func, ast.Attribute) and node.func.attr == "add_node"
-            takes_node = is_method or self._names.full_name(node.func).startswith("rclpy.spin")
-            for number, given in enumerate(node.args):
-                if isinstance(given, ast.Name) and given.id == self._name:
-                    node.args[number] = ast.copy_location(ast.Constant(None), given)
-                elif number == 0 and takes_node:
-                    self.spins_another = True
-        return self.generic_visit(node)

@@ -82,34 +82,6 @@ def test_a_node_that_reads_transforms_gets_the_recorded_ones(tf_ms: list[int]) -
 
 
 @pytest.mark.parametrize(
-    ("limit", "period"),
-    [
-        ("throughput.mean >= 9.5 Hz", "0.1"),
-        ("throughput.mean >= 9.5 Hz", "1 / RATE"),
-        ("throughput.mean >= 9.5 Hz", "1.0 / self.get_parameter('rate').value"),
-        (None, "0.1 / self.get_parameter('unknown').value"),
-        (None, "0.5"),
-        (None, "float(kwargs['period'])"),
-    ],
-)
-def test_what_a_timer_publishes_is_no_answer(limit: str | None, period: str) -> None:
-    timed = NODE.replace(
-        '"hawk_0_left_rgb_image", self.publisher.publish', '"hawk_0_left_rgb_image", print'
-    )
-    tick = "    def tick(self):\n        self.publisher.publish(Image())\n"
-    declared = "        self.declare_parameter('rate', 10.0)\n"
-    made_timer = f"{declared}        self.create_timer({period}, self.tick)\n"
-    Path("node.py").write_text(f"RATE = 10.0\n{timed}{made_timer}\n{tick}")
-    made("--from-bag", "r2b_storage", "--node", "./node.py:Bright")
-    assert spec().monitors["bright"].match == "own_pace"
-    required = [each.text for slo in spec().slos.values() for each in slo.require]
-    assert required == ([limit] if limit else [])
-    Path("made.r2b.yaml").unlink()
-    made("--node", "./node.py:Bright")
-    assert (spec().playback.mode, spec().monitors["bright"].match) == ("live", "own_pace")
-
-
-@pytest.mark.parametrize(
     ("key", "namespace", "topic"),
     [
         ("talker", "/", "said"),

@@ -187,11 +187,11 @@ def test_suggestions() -> None:
     assert suggestion("x", [], "topics") == ""
 
 
-# ``r2bspec explain``: what a code means.
+# ``r2bspec docs``: what a code means.
 
 
 def test_a_page_has_title_reason_and_both_examples(call: Call) -> None:
-    said = call("explain", "R2B204", status=0).out
+    said = call("docs", "R2B204", status=0).out
     assert said.startswith(
         f"{code_with_slug('R2B204')}: remapping matches no topic of the node (error)\n"
     )
@@ -209,13 +209,13 @@ def test_a_page_has_title_reason_and_both_examples(call: Call) -> None:
 def test_a_code_may_be_written_in_short_and_a_slug_is_as_good(
     written: str, code: str, call: Call
 ) -> None:
-    explained = call("explain", written, status=0).out
-    assert explained == call("explain", code, status=0).out
+    explained = call("docs", written, status=0).out
+    assert explained == call("docs", code, status=0).out
     assert explained.startswith(code_with_slug(code))
 
 
-def test_without_a_code_all_are_listed(call: Call) -> None:
-    said = call("explain", status=0).out
+def test_all_codes_are_listed(call: Call) -> None:
+    said = call("docs", "codes", status=0).out
     for code, page in all_pages().items():
         assert f"  {code}  " in said
         assert f"  {page.slug}  " in said
@@ -227,6 +227,6 @@ def test_without_a_code_all_are_listed(call: Call) -> None:
     [("R2B2044", "R2B204"), ("unknown-kye", "unknown-key"), ("R2B999", ""), ("R2B658x9", "")],
 )
 def test_an_unknown_word_is_answered_with_a_close_one(written: str, meant: str, call: Call) -> None:
-    said = call("explain", written, status=2).err
-    assert f"error[R2B601 wrong-usage]: unknown code '{written}'" in said
+    said = call("docs", written, status=2).err
+    assert f"error[R2B601 wrong-usage]: there is no page, code or metric '{written}'" in said
     assert (f"did you mean {meant}?" in said) if meant else ("did you mean" not in said)

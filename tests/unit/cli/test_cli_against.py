@@ -59,7 +59,6 @@ def test_a_stored_run_is_no_base_and_the_way_out_is_told(tmp_path: Path) -> None
     ("text", "shown"),
     [
         ("env:API_TOKEN=abc=d", "env:API_TOKEN=***"),
-        ("env:MIRROR=https://user:abcd@mirror", "env:MIRROR=***"),
         ("env:OMP_NUM_THREADS=4", "env:OMP_NUM_THREADS=4"),
         ("env:/opt/KEY/setup.bash", "env:/opt/KEY/setup.bash"),
         ("var:token=abc", "var:token=abc"),

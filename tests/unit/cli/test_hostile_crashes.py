@@ -11,7 +11,6 @@ from typing import Any
 
 import pytest
 
-import r2bspec.cli.check_files as check_files_module
 from example_spec import example
 from r2bspec.api import prepare
 from r2bspec.cli.main import main
@@ -37,17 +36,12 @@ def test_a_file_name_that_is_not_utf_8(
         assert uri.endswith("/%FF%FE.r2b.yaml")
 
 
-@pytest.mark.parametrize("together", [True, False])
 @pytest.mark.parametrize("text", [example(), "r2bspec: 3\n"], ids=["valid", "wrong"])
 def test_a_file_name_that_is_not_utf_8_hides_no_finding_of_other_files(
     text: str,
-    together: bool,
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(check_files_module, "MIN_PARALLEL_FILES", 2 if together else 1000)
-    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
     Path(os.fsdecode(os.fsencode(tmp_path) + b"/20\xff.r2b.yaml")).write_text(text)
     others = [tmp_path / f"{number}.r2b.yaml" for number in range(10, 50)]
     for file in others:

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import faulthandler
 import functools
-import os
-import signal
 import stat
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -36,16 +32,13 @@ def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def many(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Files that several processes check."""
+def many(tmp_path: Path) -> list[str]:
+    """Several valid specs."""
     names = []
     for number in range(12):
         file = tmp_path / f"{number:02}.r2b.yaml"
         file.write_text(example())
         names.append(str(file))
-    monkeypatch.setattr(check_files_module, "MIN_PARALLEL_FILES", 2)
-    monkeypatch.setattr(check_files_module, "_MIN_FILES_PER_WORKER", 4)
-    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
     return names
 
 
@@ -113,15 +106,6 @@ def _crash_on(
     return chosen
 
 
-def _die(number: int = signal.SIGKILL) -> None:
-    faulthandler.disable()  # that of pytest would write to the terminal
-    os.kill(os.getpid(), number)
-
-
-TOGETHER = pytest.mark.parametrize("together", [True, False])
-WRONG = "1: 2\n"
-
-
 @pytest.fixture
 def validate(many: list[str], call: Call) -> Call:
     """All files are checked; something crashes."""
@@ -129,33 +113,17 @@ def validate(many: list[str], call: Call) -> Call:
     return functools.partial(call, "validate", "--offline", *many, status=status)
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV, signal.SIGABRT])
-def test_a_worker_that_dies_is_an_error_that_names_its_file(
-    number: signal.Signals, many: list[str], monkeypatch: pytest.MonkeyPatch, validate: Call
-) -> None:
-    Path(many[10]).write_text(WRONG)
-    (chosen,) = _crash_on(monkeypatch, many, lambda: _die(number))
-    shown = validate()
-    first, second = shown.err.splitlines()
-    assert first == (
-        f"error[R2B691 worker-ended]: the process that checked '{chosen}' ended by {number.name}"
-    )
-    assert second.startswith("  help: ")
-    assert f"{many[10]}:1:" in shown.out
-    assert "11 files, " in shown.out
+WRONG = "1: 2\n"
 
 
-@TOGETHER
 @pytest.mark.parametrize("numbers", [(0,), (7,), (0, 1, 7, 11)])
 def test_a_crash_does_not_hide_the_findings_of_other_files(
     numbers: tuple[int, ...],
-    together: bool,
     many: list[str],
     temporary: Path,
     monkeypatch: pytest.MonkeyPatch,
     validate: Call,
 ) -> None:
-    monkeypatch.setattr(check_files_module, "MIN_PARALLEL_FILES", 2 if together else 1000)
     crashing = _crash_on(monkeypatch, many, _nested, numbers)
     wrong = [name for number, name in enumerate(many) if number % 4 == 2]
     for name in wrong:
@@ -168,62 +136,10 @@ def test_a_crash_does_not_hide_the_findings_of_other_files(
     assert all("in load" in file.read_text() for file in temporary.iterdir())
 
 
-_SLOW_CHECK = """
-import sys, time
-import r2bspec.cli.check_files as module
-from r2bspec.cli.main import main
-
-before = module._load
-def load(source, file, options):
-    if not file.endswith("/00.r2b.yaml"):
-        if file.endswith("/01.r2b.yaml"):
-            print("started", flush=True)
-        time.sleep(600)
-    return before(source, file, options)
-module._load = load
-module.MIN_PARALLEL_FILES, module._MIN_FILES_PER_WORKER = 2, 4
-module.os.sched_getaffinity = lambda _: {0, 1}
-sys.exit(main(["validate", "--offline", *sys.argv[1:]]))
-"""
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("whole_group", [True, False])
-def test_an_interrupt_shows_no_traceback_of_a_worker(
-    number: signal.Signals, whole_group: bool, many: list[str]
-) -> None:
-    running = subprocess.Popen(
-        [sys.executable, "-c", _SLOW_CHECK, *many],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    try:
-        assert running.stdout is not None
-        assert running.stdout.readline() == "started\n"
-        (os.killpg if whole_group else os.kill)(running.pid, number)
-        _out, shown = running.communicate(timeout=LONGEST_S)
-    finally:
-        if running.poll() is None:
-            os.killpg(running.pid, signal.SIGKILL)
-            running.wait()
-    assert shown.strip() == "interrupted"
-    assert running.returncode == ExitStatus.INTERRUPTED
-    deadline = time.monotonic() + LONGEST_S
-    while time.monotonic() < deadline:
-        try:
-            os.killpg(running.pid, 0)
-        except ProcessLookupError:
-            return
-        time.sleep(0.01)
-    pytest.fail("a worker was left")
-
-
 def test_an_output_without_room_is_no_internal_error() -> None:
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
-            [sys.executable, "-m", "r2bspec", "explain", "R2B690"],
+            [sys.executable, "-m", "r2bspec", "docs", "R2B690"],
             stdout=full,
             stderr=subprocess.PIPE,
             text=True,

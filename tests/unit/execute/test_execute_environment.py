@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from pathlib import Path
@@ -11,19 +10,14 @@ import msgspec
 import pytest
 
 import r2bspec
-from example_spec import example
-from r2bspec.api import prepare
-from r2bspec.execute.errors import SecretNotSetError
 from r2bspec.execute.processes.environment import (
     RunEnvironment,
-    SecretReferences,
     inherited_environment,
     make_redactor,
 )
 from r2bspec.execute.processes.process import ManagedProcess
 from r2bspec.ipc.process_cleanup import SessionLeader
 from r2bspec.middleware.middleware import TransportKind
-from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.plan import Plan
 from run_simulation import Simulation
 
@@ -169,110 +163,13 @@ def test_with_another_middleware_discovery_is_kept_on_the_host_and_nothing_else_
     assert list(tmp_path.iterdir()) == []
 
 
-VALUE = 'a"b\\c\n$(env OTHER_TOKEN)'
-ENVIRON = {
-    "API_TOKEN": VALUE,
-    "OTHER_TOKEN": "other",
-    "HOME": "/home/someone",
-    "MIRROR": "https://user:password@mirror",
-    "UNLISTED_TOKEN": "unlisted",
-}
-NAMES = ("API_*", "HOME", "MIRROR", "UNSET_TOKEN")
-
-
-@pytest.fixture(name="secrets")
-def secret_references() -> SecretReferences:
-    return SecretReferences(NAMES, ENVIRON)
-
-
-def test_a_variable_that_is_not_set_is_named(secrets: SecretReferences) -> None:
-    with pytest.raises(SecretNotSetError, match="UNSET_TOKEN") as caught:
-        secrets.in_text("$(env UNSET_TOKEN)")
-    assert (caught.value.code, caught.value.exit_code) == ("R2B122", 2)
-
-
-# ---- from a spec to a process ------------------------------------------------------------------
-
-SPEC = example(
-    environment="[API_TOKEN]",
-    setup="""
-        get:
-          command: [curl, -H, 'Authorization: $(env API_TOKEN)']
-          env: {KEY: $(env API_TOKEN)}
-    """,
-    graph="""
-        nodes:
-          relay:
-            python: r2bspec.nodes.RelayNode
-            remappings: {input: image}
-            env: {KEY: $(env API_TOKEN)}
-          other:
-            command: [other, '$(env API_TOKEN)']
-            parameters: {key: $(env API_TOKEN)}
-          launched:
-            launch: {path: ./a.launch.py, arguments: {key: $(env API_TOKEN)}}
-    """,
-    after_ready="""
-        enable: {service: {name: s, type: std_srvs/srv/SetBool, request: {data: $(env API_TOKEN)}}}
-    """,
-)
-
-
-@pytest.fixture(name="plan")
-def compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Plan:
-    monkeypatch.setenv("API_TOKEN", VALUE)
-    monkeypatch.delenv("R2B_DATASETS", raising=False)
-    (tmp_path / "a.launch.py").write_text("")
-    (tmp_path / "a.r2b.yaml").write_text(SPEC)
-    return prepare(tmp_path / "a.r2b.yaml").plan
-
-
-def test_a_plan_has_references_and_is_the_same_whatever_the_values(
-    plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    before = canonical_json(plan)
-    assert b'a\\"b' not in before
-    assert before.count(b"$(env API_TOKEN)") == 6
-    assert before.count(b"$(quoted_env API_TOKEN)") == 2
-    monkeypatch.setenv("API_TOKEN", "rotated")
-    assert canonical_json(prepare(tmp_path / "a.r2b.yaml").plan) == before
-
-
-def test_every_process_gets_the_value(plan: Plan, tmp_path: Path) -> None:
-    made = RunEnvironment(plan, run_id="a", domain=1, scratch=tmp_path, largest_message_bytes=1000)
-    processes = {process.name: process for process in plan.processes}
-    assert made.for_node(processes["relay"].env)["KEY"] == VALUE
-    assert made.for_harness(processes["relay"].env)["KEY"] == VALUE
-    words = made.secrets.in_words(processes["other"].argv)
-    assert words[1] == VALUE
-    assert f"key:={json.dumps(VALUE)}" in words
-    arguments = made.secrets.in_words(processes["launched"].argv)[-1].removeprefix("arguments:=")
-    assert json.loads(arguments) == {"key": VALUE}
-    (setup,) = plan.setup
-    assert made.secrets.in_words(setup.argv)[-1] == f"Authorization: {VALUE}"
-    (step,) = plan.after_ready
-    assert made.secrets.in_value(step.request) == {"data": VALUE}
-
-
-def test_a_run_without_the_secret_ends_before_anything_starts(plan: Plan) -> None:
-    SecretReferences(plan.environment, {"API_TOKEN": ""}).require_set(plan)
-    with pytest.raises(SecretNotSetError, match="API_TOKEN"):
-        SecretReferences(plan.environment, {}).require_set(plan)
-
-
 PRINTED = {
     "API_TOKEN": "abc.+(123",
     "DB_PASSWORD": "abc.+(123-and-more",
-    "SSH_KEY": "line 1\nline 2",
     "SHORT_KEY": "on",
     "EMPTY_KEY": "",
-    "DATA_DIR": "/data",
-    "NOT_NAMED_TOKEN": "other",
-    "NOT_NAMED_LONG_TOKEN": "of-another-program",
-    "MIRROR": "https://user:pass-word@mirror",
-    "CERTIFICATE_KEY": 'first "line"\nthe second line\n',
+    "DATA_DIR": "/data/of/somebody",
 }
-NAMED = [name for name in PRINTED if not name.startswith("NOT_NAMED")]
 
 
 @pytest.mark.parametrize(
@@ -280,20 +177,11 @@ NAMED = [name for name in PRINTED if not name.startswith("NOT_NAMED")]
     [
         ("with abc.+(123 in it, twice: abc.+(123", "with *** in it, twice: ***"),
         ("the longer one: abc.+(123-and-more.", "the longer one: ***."),
-        ("over lines: line 1\nline 2\n", "over lines: ***\n"),
-        ("paths stay: /data; so does what is short: on", None),
-        ("abc  123", None),
-        ("a program found of-another-program", "a program found ***"),
-        ("from https://user:pass-word@mirror", "from ***"),
-        ("as 'first \"line\"\\nthe second line\\n'", "as '***'"),
-        ('as "first \\"line\\"\\nthe second line\\n"', 'as "***"'),
-        ("?key=first+%22line%22%0Athe+second+line%0A&x=1", "?key=***&x=1"),
-        ("the end of it: the second line", "the end of it: ***"),
-        ("", None),
+        ("on /data/of/somebody", "on /data/of/somebody"),
     ],
 )
-def test_values_of_secrets_are_replaced_and_all_else_stays(text: str, shown: str | None) -> None:
-    assert make_redactor(NAMED, PRINTED)(text) == (text if shown is None else shown)
+def test_values_of_secrets_are_redacted(text: str, shown: str) -> None:
+    assert make_redactor(PRINTED)(text) == shown
 
 
 def test_a_log_is_redacted_before_it_is_cut(tmp_path: Path) -> None:
@@ -301,7 +189,7 @@ def test_a_log_is_redacted_before_it_is_cut(tmp_path: Path) -> None:
     secret = "".join(f"{number:04d}," for number in range(4000))
     log = tmp_path / "node.log"
     log.write_text(f"{secret}\nended\n")
-    redact = make_redactor(["A_KEY"], {"A_KEY": secret})
+    redact = make_redactor({"A_KEY": secret})
     with SessionLeader([sys.executable, "-c", ""]) as ended:
         process = ManagedProcess("node", "host", ended, log, None, redact)
     assert process.log_tail() == "***\nended"

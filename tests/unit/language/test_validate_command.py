@@ -163,21 +163,6 @@ def test_a_folder_must_be_allowed(cases: Path, run: Call) -> None:
     run("deep/outside.r2b.yaml", "--allow-path", ".", status=0)
 
 
-def test_plan_explains_where_a_value_came_from(cases: Path, call: Call) -> None:
-    path = "labels.queue"
-    ended = call("plan", "cases.r2b.yaml", "--case", "threads=2", "--explain", path, status=0)
-    assert ended.out == (
-        f"{path} = 2\n"
-        "  cases.r2b.yaml:5:17: written here, as $(var threads)\n"
-        "  cases.r2b.yaml:4:30: 'threads' is set here\n"
-        "  cases.r2b.yaml:4:30: in the case threads=2 of the matrix\n"
-    )
-    ended = call(
-        "plan", "cases.r2b.yaml", "--case", "threads=2", "--explain", "graph.nods", status=2
-    )
-    assert "did you mean 'nodes'?" in ended.err
-
-
 def test_strict_fails_on_warnings_and_quiet_prints_findings_only(folder: Path, run: Call) -> None:
     text = Path("good.r2b.yaml").read_text()
     Path("warned.r2b.yaml").write_text(f"{text}variables: {{unused: 1}}\n")

@@ -14,13 +14,11 @@ from pytest_lsp import ClientServerConfig, client_capabilities
 import patient_language_server
 from ament_packages import install_package
 from open_document import NODES, OpenDocument, VersionedClient
-from r2bspec.cli.main import main
-from report_runs import SIMULATIONS
 
 
 @pytest.fixture(scope="session")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A workspace with a node, an installed package, and a result."""
+    """A workspace with a node and an installed package."""
     folder = tmp_path_factory.mktemp("workspace")
     (folder / "nodes.py").write_text(NODES)
     install_package(
@@ -31,8 +29,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         rclcpp_components="cell_vision::Detector;lib/libdetector.so\n",
         rosidl_interfaces="msg/Found.msg\nmsg/Found.idl\nsrv/Ask.srv\n",
     )
-    SIMULATIONS["usual"].write(folder / "runs" / "simulated-1")
-    main(["judge", "--write", str(folder / "runs" / "simulated-1")])
     return folder
 
 

@@ -10,7 +10,6 @@ import pytest
 
 from example_spec import example
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.protocol import Connection
 from r2bspec.language_server.server import SpecLanguageServer
 
 
@@ -18,7 +17,7 @@ class Watched:
     """A server whose analyses are real, counted, and can be held up."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.server = SpecLanguageServer(Connection(repr))
+        self.server = SpecLanguageServer()
         self.analysed: list[tuple[str, str]] = []
         self.shown: list[tuple[str, str]] = []
         self.at_a_time = 0
@@ -128,7 +127,7 @@ def test_an_analysis_that_fails_does_not_end_the_others(
 ) -> None:
     watched = Watched(monkeypatch)
     logged: list[str] = []
-    monkeypatch.setattr(watched.server.connection, "log", lambda _, text: logged.append(text))
+    monkeypatch.setattr(watched.server, "log", lambda _, text: logged.append(text))
     analyse = watched.server.specs.analyse
 
     def fail_once(path: Path) -> Analysis:
@@ -146,4 +145,4 @@ def test_an_analysis_that_fails_does_not_end_the_others(
     asyncio.run(session())
     assert watched.shown == [("second.yaml", example("any"))]
     assert len(logged) == 1
-    assert "RuntimeError('a defect')" in logged[0]
+    assert "RuntimeError: a defect" in logged[0]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import json
 import shutil
 from pathlib import Path
 
@@ -94,34 +92,17 @@ async def test_the_findings_of_a_document_end_when_it_is_closed(
         await document.client.wait_for_notification(types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)
 
 
-async def test_the_last_result_is_a_lens(document: OpenDocument) -> None:
-    await document.write(SPEC)
-    *others, last = await document.lenses()
-    assert [lens.title for lens in others] == ["run", "smoke", "plan", "graph"]
-    result = json.loads((document.path.parent / "runs/simulated-1/result.json").read_text())
-    assert last.title.startswith("last result: p99 ")
-    assert last.title.endswith(f", {result['verdict']['outcome'].upper()}")
-    text = await document.client.shown_text(last.command, *(last.arguments or ()))
-    assert " simulated: " in text.split("\n")[0]
-    assert "A simulated run" in text
-
-
-async def test_a_new_result_on_disk_refreshes_the_lenses(document: OpenDocument) -> None:
-    before = document.client.refreshes
-    result = document.path.parent / "runs" / "relay-1" / "result.json"
-    created = types.FileEvent(result.as_uri(), types.FileChangeType.Created)
-    document.client.workspace_did_change_watched_files(types.DidChangeWatchedFilesParams([created]))
-    while document.client.refreshes == before:
-        await asyncio.sleep(0.02)
-
-
-async def test_a_command_runs_the_command_line(document: OpenDocument) -> None:
+async def test_a_lens_runs_the_command_line(document: OpenDocument) -> None:
     document.path.write_text(SPEC)
     await document.write(SPEC)
-    argument = {"file": str(document.path)}
-    plan = json.loads(await document.client.shown_text("r2bspec.plan", argument))
-    assert plan["name"] == "simulated"
-    assert "flowchart" in await document.client.shown_text("r2bspec.drawGraph", argument)
+    lenses = {lens.title: lens for lens in await document.lenses()}
+    assert list(lenses) == ["run", "smoke", "plan", "graph"]
+    plan = lenses["plan"]
+    before = len(document.client.messages)
+    await document.client.workspace_execute_command_async(
+        types.ExecuteCommandParams(plan.command, list(plan.arguments or ()))
+    )
+    assert "exit status 0" in document.client.messages[before].message
 
 
 async def cases_of(client: VersionedClient, uri: str) -> object:

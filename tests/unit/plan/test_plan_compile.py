@@ -20,7 +20,7 @@ from r2bspec.ipc.buffers import BufferIndex
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.spec import Spec
 from r2bspec.plan.canonical_json import canonical_json
-from r2bspec.plan.command_lines import parameter_text
+from r2bspec.plan.command_lines import flow_yaml
 from r2bspec.plan.comparability import graph_differences
 from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.interim_looks import iterations_of_starts
@@ -69,7 +69,7 @@ def test_a_part_of_a_plan(case: dict[str, Any]) -> None:
     ],
 )
 def test_parameters_on_the_command_line_keep_their_type(value: Any, text: str) -> None:
-    assert parameter_text(value) == text
+    assert flow_yaml(value) == text
 
 
 def test_the_largest_message_is_known_only_if_all_sizes_are() -> None:

@@ -117,9 +117,6 @@ def test_the_action_installs_its_own_version_in_an_environment_of_its_own(
     ]
 
 
-# ---- a stranger's change -----------------------------------------------------------------------
-
-
 def test_the_base_is_fetched_if_the_clone_lacks_it(
     place: Workplace, fake: str, tmp_path: Path
 ) -> None:

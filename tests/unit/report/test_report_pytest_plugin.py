@@ -9,7 +9,6 @@ from typing import NamedTuple
 import pytest
 
 from example_spec import example
-from git_repositories import commit
 from run_simulation import Played, Simulation, objective
 
 REQUIRED = ("latency.p50 < 60 ms", "latency.p50 < 1 ms", "throughput.mean > 29.999999 Hz")
@@ -107,21 +106,6 @@ def test_the_cases_of_a_matrix_are_parameters(tmp_path: Path, pytest_run: Run) -
     assert "PASSED simulated.r2b.yaml::fast: latency.p50 < 60 ms[queue=1]" in done.stdout
     assert "FAILED simulated.r2b.yaml::fast: latency.p50 < 60 ms[queue=10]" in done.stdout
     assert "R2B140" not in done.stdout
-
-
-def test_an_untrusted_spec_reads_no_variable(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, pytest_run: Run
-) -> None:
-    monkeypatch.setenv("BAG", "nowhere")
-    spec = folder / "simulated.r2b.yaml"
-    spec.write_text("environment: [BAG]\n" + SPEC.replace("bag: nowhere", "bag: $(env BAG)"))
-    assert "PASSED simulated.r2b.yaml::valid" in pytest_run(folder, *RUNS).stdout
-    done = pytest_run(folder, *RUNS, "--r2bspec-untrusted")
-    assert "FAILED simulated.r2b.yaml::valid" in done.stdout
-    assert "R2B143" in done.stdout
-    commit(folder)
-    done = pytest_run(folder, *RUNS, "--r2bspec-untrusted", "--r2bspec-base-ref", "main")
-    assert "PASSED simulated.r2b.yaml::valid" in done.stdout
 
 
 def test_a_spec_that_is_a_link_needs_an_allowed_folder(

@@ -53,20 +53,19 @@ def test_init_writes_a_valid_spec_that_knows_the_topics(
     capsys.readouterr()
 
 
-def test_what_a_file_says_of_executor_and_state_is_written(bench: Path) -> None:
-    for name, node, keys in (
-        ("executor", "./detector.py:Detector", {"executor": "multi_threaded", "threads": 4}),
-        ("state", "./lidar_filter.py:LidarFilter", {"lifecycle": "active"}),
-    ):
-        assert main(["init", str(bench / name), "--node", node]) == 0
-        nodes = yaml.safe_load((bench / f"{name}.r2b.yaml").read_text())["graph"]["nodes"]
-        entry = next(node_plan for node_plan in nodes.values() if "python" in node_plan)
-        assert entry == {"python": node, **keys}
+def test_what_a_file_says_of_the_state_is_written(bench: Path) -> None:
+    node = "./lidar_filter.py:LidarFilter"
+    assert main(["init", str(bench / "state"), "--node", node]) == 0
+    nodes = yaml.safe_load((bench / "state.r2b.yaml").read_text())["graph"]["nodes"]
+    entry = next(node_plan for node_plan in nodes.values() if "python" in node_plan)
+    assert entry == {"python": node, "lifecycle": "active"}
 
 
-def test_what_is_inherited_from_another_file_is_a_reason_for_doubt(bench: Path) -> None:
+def test_a_base_class_in_another_file_of_the_package_is_read(bench: Path) -> None:
     interface, start = read_source("../src/drive_pkg/drive_pkg/driver_node.py:main", bench)
-    assert interface.may_publish_more == "Driver inherits from BaseNode, which may have others"
+    assert set(interface.publishes or ()) == {"cmd"}
+    assert interface.may_publish_more == ""
+    assert set(interface.parameters or ()) == {"speed"}
     assert start is not None
     assert start.style == "main"
 
