@@ -445,7 +445,12 @@ class _Draft:
         named = calls or (monitors[:1] if len(monitors) > 1 else [])
         required = f"drop_rate <= {percent} %"
         requirements = [f"{prefix}{required}" for prefix in [f"{name}." for name in named] or [""]]
-        return Block.of({"keeps_up": Block.of({"at": rate, "require": requirements})})
+        objective = Block.of({"at": rate})
+        above = []
+        if rate is not None and not calls:
+            above = ["'r2bspec gate' also judges: work.graph.p50 <= 105 % of baseline"]
+        objective.add("require", requirements, above)
+        return Block.of({"keeps_up": objective})
 
 
 def draft_text(
