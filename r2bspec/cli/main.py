@@ -39,7 +39,7 @@ VERBS = {
     "compare": "Compare finished runs: improved, worse, same, or can't tell.",
     "suggest": "Propose objectives from what a run measured.",
     "tune": "Find the values that meet the objectives at the least cost.",
-    "import": "Make specs from scripts of ros2_benchmark, or read its reports.",
+    "import": "Make specs from scripts of ros2_benchmark and launch files.",
     "data": "List, create, inspect and verify datasets.",
     "doctor": "Check this machine's fitness for benchmarking.",
     "lsp": "Start the language server, for editors.",

@@ -9,6 +9,7 @@ class FleetError(R2bspecError):
     """The fleet cannot be used, or what ran on a host failed."""
 
     code = "R2B682"
+    way_out = "The log of its worker has more; run again with --resume."
 
 
 class NoHostError(UsageError):
@@ -21,6 +22,7 @@ class ArchiveError(UsageError):
     """The files of a spec or a run folder cannot travel."""
 
     code = "R2B686"
+    way_out = "Send fewer or smaller files, or play the spec on the host itself."
 
 
 class HostLostError(FleetError):
