@@ -202,7 +202,8 @@ class _TreeWriter:
             if inside or any(part == ".." or part.lower() == ".git" for part in path.parts):
                 raise BaseRevisionError(
                     f"{self._commit[:12]} has the path {clip(str(path))!r}, which git would not "
-                    "write"
+                    "write",
+                    hint="Compare with a commit whose paths git can check out.",
                 )
         # Links last: no file is written through one.
         entries.sort(key=lambda entry: stat.S_ISLNK(entry.mode))

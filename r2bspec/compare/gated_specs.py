@@ -32,6 +32,7 @@ class GatedPathError(UsageError):
     """A path that cannot be gated."""
 
     code = "R2B694"
+    way_out = "Name specs, or folders of specs, of the repository of the working folder."
 
 
 @dataclass(frozen=True)

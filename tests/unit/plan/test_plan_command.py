@@ -160,15 +160,3 @@ def test_what_a_plan_declares_takes_time(
 )
 def test_times_are_written_for_people(seconds: float, text: str) -> None:
     assert time_text(seconds) == text
-
-
-def test_the_deployments_that_can_be_tried_are_printed_and_nothing_is_started(
-    call: Call, tmp_path: Path
-) -> None:
-    said = call("plan", RELAY, "--tune", "--set", "tune.limits.threads=2", status=0)
-    assert "4 deployments, today's among them, of 2 levers" in said.out
-    assert "graph.nodes.relay.threads: single-threaded | 2 threads\n" in said.out
-    assert "\n  cpus: " in said.out.partition("Left out:")[2]
-    file = tmp_path / "relay.json"
-    call("plan", RELAY, "-o", file, status=0)
-    assert "is a plan, whose deployment is fixed" in call("plan", file, "--tune", status=2).err

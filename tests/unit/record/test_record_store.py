@@ -192,13 +192,14 @@ class TestBrokenFolders:
             for segment in run.record.segments:
                 run.playback(segment)
                 run.monitor(segment, "detections")
+                run.work(segment)
 
         def refused(message: str) -> None:
             with pytest.raises(RecordError, match=message):
                 read_all(open_run(folder))
 
         files = sorted(folder.rglob("*.npy"))
-        assert len(files) == len(open_run(folder).record.samples) == 5
+        assert len(files) == len(open_run(folder).record.samples) == 7
         for path in files:
             whole = path.read_bytes()
             for content in (whole[:-1] + b"x", whole[:-8], b"", whole + b"x"):

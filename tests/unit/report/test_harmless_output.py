@@ -201,7 +201,7 @@ def test_a_plan_has_no_control_characters_wherever_it_goes(tmp_path: Path, call:
     assert not CONTROL.search(printed)
     assert "\\u202e" in printed
     drawings = (["--graph", each] for each in ("mermaid", "dot", "html"))
-    for options in (*drawings, ["--explain", "labels.a"]):
+    for options in drawings:
         call("plan", spec, *options, "-o", file, status=0)
         assert not CONTROL.search(file.read_text(encoding="utf-8"))
     plain_spec = tmp_path / "plain.r2b.yaml"
