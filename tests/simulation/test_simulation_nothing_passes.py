@@ -16,7 +16,9 @@ pytestmark = pytest.mark.simulation
 
 BOUNDS = {"time": "1000 s", "rate": "0.001 Hz", "share": "100 %", "size": "9000 GiB", "count": "0"}
 METRICS = [name for name in names() if name not in {"sustained", "peak.rate", "sent"}]
-OF_MONITOR = [name for name in METRICS if not name.startswith(("playback", "cpu", "memory"))]
+OF_MONITOR = [
+    name for name in METRICS if not name.startswith(("playback", "cpu", "memory", "work"))
+]
 
 
 def bounds(metric: str) -> list[str]:
