@@ -319,6 +319,8 @@ class Observer(GraphParticipant):
                     if self._static_publisher is not None:
                         self._static_publisher.wait_for_acknowledgements()
                     self._send_matches()
+                case protocol.CountMatches():
+                    self._send_matches()
                 case protocol.Shutdown():
                     return
                 case command:

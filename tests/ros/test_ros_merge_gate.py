@@ -322,7 +322,7 @@ def test_an_interrupted_gate_leaves_nothing(workspace: Workspace) -> None:
     )
     assert process.stderr is not None
     for line in process.stderr:
-        if "starting the graph" in line:
+        if "start 2 of at most" in line:
             break
     process.send_signal(signal.SIGTERM)
     process.communicate(timeout=120)

@@ -152,14 +152,6 @@ def test_the_phases_of_the_record_are_those_of_its_events(done: Finished) -> Non
         assert began_ns <= segment.began_ns <= ended_ns
 
 
-def test_the_table_says_where_the_time_went(done: Finished) -> None:
-    lines = done.stderr[done.stderr.index("time  of each phase") :].splitlines()
-    shown = [line.split()[0] for line in lines[2:]]
-    phases = dict.fromkeys(each.name for each in done.run().record.phases)
-    assert [each for each in shown if each in phases] == [*phases]
-    assert {"command", "report", "beyond"} <= {*shown}
-
-
 # The overhead of the harness
 
 

@@ -111,9 +111,10 @@ def test_the_verdict_rests_on_turns(compared: Finished) -> None:
     result = json.loads((compared.folder / "result.json").read_text())
     work, absolute = result["verdict"]["requirements"]
     assert work["method"] == "trimmed t by turns"
-    assert len(work["compared"]["head_values"]) == 2
+    # Two, and three more that confirm a failure.
+    assert len(work["compared"]["head_values"]) in {2, 5}
     assert absolute["method"] != "trimmed t by turns"
-    assert "2 starts of both sides, played by turns" in compared.words
+    assert "starts of both sides, played by turns" in compared.words
 
 
 def test_what_cannot_be_up_twice_is_played_one_after_the_other(bench: Bench) -> None:

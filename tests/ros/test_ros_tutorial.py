@@ -65,7 +65,7 @@ class Shell:
         self._folder = Path(kept.read_text().strip())
         said = f"{command}\n{done.stdout}\n{done.stderr}"
         assert "Traceback" not in said, said
-        judges = command.startswith(("r2bspec run", "r2bspec judge"))
+        judges = command.startswith(("r2bspec run", "r2bspec judge", "r2bspec gate"))
         if judges and expectation == "fails":
             assert done.returncode in {1, INCONCLUSIVE, INVALID}, said
         elif judges and expectation == "refused":
