@@ -382,7 +382,7 @@ class _PairRunner:
         for side in ("base", "head") if not unusable else ():
             why = self._read_run(side, name)[0]
             unusable = unusable or (why and f"{side}: {why}")
-        if both.too_long:
+        if both.too_long and number == 1:
             self._note(f"the sides are not played by turns: {both.too_long}")
         pair = PairRecord(
             number=number,
