@@ -1,11 +1,14 @@
-"""Interleaved runs of a base and a head: in pairs, each in new processes and with its own folder.
+"""Runs of a base and a head: in pairs, each in new processes and with its own folder.
+
+Where the load permits it, both sides of a pair are up at once and are played by turns
+(`r2bspec.compare.side_process`); they share the loaded data. Otherwise one follows the other:
 
 A coin decides which side of a pair is first; its seed is in the record, and so is each order
 (`r2bspec.judge.statistics.t_interval` has the reason).
 
-Every run is a complete one (`r2bspec.execute.controller`): it loads, starts, warms up, plays each
-rate once, and ends all that it started. Sharing the loaded data would save a second or two, and
-would give the second run of a pair warmer caches than the first.
+Every such run is a complete one (`r2bspec.execute.controller`): it loads, starts, warms up, plays
+each rate once, and ends all that it started. Sharing the loaded data would save a second or two,
+and would give the second run of a pair warmer caches than the first.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from r2bspec.compare.interleaved_comparison import (
     NOTHING_BY_TURNS,
@@ -335,16 +339,19 @@ class _PairRunner:
             unusable = unusable or (pair_run[0] and f"{side}: {pair_run[0]}")
             if pair_run[1]:
                 disturbed += f"{'; ' if disturbed else ''}{side}: {pair_run[1]}"
-        pair = PairRecord(
+        return self._add_pair(
+            name,
             number=number,
             order=order,
-            base=f"base/{name}",
-            head=f"head/{name}",
             again=again,
             confirms=confirms,
             unusable=unusable,
             disturbed=disturbed,
         )
+
+    def _add_pair(self, name: str, **fields: Any) -> PairRecord:
+        """Return the pair whose runs are in the folders of this name; it is in the record."""
+        pair = PairRecord(base=f"base/{name}", head=f"head/{name}", **fields)
         self._pairs.append(pair)
         self._write_record("R2B671: the comparison was killed")
         return pair
@@ -384,17 +391,7 @@ class _PairRunner:
             unusable = unusable or (why and f"{side}: {why}")
         if both.too_long and number == 1:
             self._note(f"the sides are not played by turns: {both.too_long}")
-        pair = PairRecord(
-            number=number,
-            order=order,
-            base=f"base/{name}",
-            head=f"head/{name}",
-            again=again,
-            unusable=unusable,
-        )
-        self._pairs.append(pair)
-        self._write_record("R2B671: the comparison was killed")
-        return pair
+        return self._add_pair(name, number=number, order=order, again=again, unusable=unusable)
 
     def _run(self, side: Side, name: str) -> tuple[str, str]:
         """One run: why it cannot be judged, and which interference affected it, or empty texts."""
