@@ -44,8 +44,11 @@ LONGEST_TURN_S: Final = 2.0
 """Where a step takes longer, the sides are not played by turns."""
 
 _ROOM: Final = 3.0
-"""A turn is so many times as long as the slower side needs for a step. A step that outlasts its
-turn disturbs a ratio or two, of which the median takes no notice."""
+"""A turn is so many times as long as the slower side needs for a step at least. Where too many
+steps outlast their turns, they are played again with turns twice as long."""
+
+_MOST_LENGTHENED: Final = 3
+"""So many times turns become twice as long; then the sides are not played by turns."""
 
 _LEAD_NS: Final = 150_000_000
 """From the answer to the first due time, so that both players have their schedules."""
@@ -115,6 +118,7 @@ class BothSides:
     channels: Mapping[Side, _Channel]
     too_long: str = ""
     _start: int = field(default=0, init=False)
+    _lengthened: int = field(default=0, init=False)
 
     def play(
         self, folders: Mapping[Side, Path], check: Callable[[], None]
@@ -129,6 +133,7 @@ class BothSides:
             What failed, by side; a side that only ended because the other one failed is left out.
         """
         self._start += 1
+        self._lengthened = 0
         for side, channel in self.channels.items():
             channel.ended, channel.failure, channel.met = False, None, None
             channel.connection.send(folders[side])
@@ -181,6 +186,9 @@ class BothSides:
         if point == "turns":
             slowest_s = max(head["step_s"], base["step_s"])
             return self._turns(head["rate_hz"], slowest_s)
+        if point == "crowded":
+            self._lengthened = self._lengthened + 1 if head or base else 0
+            return dict.fromkeys(_SIDES, head or base)
         if point == "alone":
             order = [side for side in _SIDES if side in self._alone()]
             self._coin("alone").shuffle(order)
@@ -195,11 +203,13 @@ class BothSides:
 
     def _turns(self, rate_hz: float, step_s: float) -> Mapping[Side, Turns | None]:
         """When either side is played: a coin decides which is first in each pair of steps."""
-        turn_s = max(0.5 / rate_hz if rate_hz else 0.0, _ROOM * step_s)
-        if turn_s > LONGEST_TURN_S or not rate_hz:
-            self.too_long = (
-                f"a step takes {step_s:.1f} s" if rate_hz else "the recording has its own times"
-            )
+        turn_s = max(0.5 / rate_hz if rate_hz else 0.0, _ROOM * step_s) * 2**self._lengthened
+        if not rate_hz:
+            self.too_long = "the recording has its own times"
+        elif turn_s > LONGEST_TURN_S or self._lengthened > _MOST_LENGTHENED:
+            self.too_long = f"a step takes {turn_s / _ROOM:.1f} s"
+        if self.too_long:
+            self._lengthened = 0
             return dict.fromkeys(_SIDES)
         turn_ns = round(turn_s * 1e9)
         coin = self._coin(f"{rate_hz:g}")

@@ -11,12 +11,12 @@ same order: `Partner.meet` waits for the other side and returns the answer of th
 
 from __future__ import annotations
 
+import itertools
 import shutil
-from collections.abc import Mapping
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -30,7 +30,10 @@ from r2bspec.judge.measure.samples import step_times
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.plan.plan import Plan, PlayPlan
 
-_FILLED_FILE = "filled"
+_FILLED_FILE: Final = "filled"
+
+_MAY_OUTLAST: Final = 0.25
+"""Of the steps; the median takes no notice of so few."""
 
 
 class Filled(msgspec.Struct, frozen=True):
@@ -122,19 +125,41 @@ def play_by_turns(
         RunError: a process exited, failed, or does not respond.
         PartnerLeftError: the other side has failed.
     """
-    step_s = lone_step_s(warm_up)
+    step_s = fastest_step_s(warm_up)
     for number, play in enumerate(plan.play, start=1):
-        turns: Turns | None = partner.meet("turns", {"rate_hz": play.rate_hz, "step_s": step_s})
-        if turns is not None:
-            heading = SegmentHeading(
-                "turns", f"turns-{play.rate_hz:g}Hz", "by turns with the other side", number
-            )
-            player.play(heading, turns.pair_hz, len(turns.delays_ns), turns=turns)
+        _play_turns(play, number, step_s, player, partner)
         place: int | None = partner.meet("alone")
         for turn in range(2):
             if place == turn:
                 _play_alone(player, play)
             partner.meet(f"alone-{turn}")
+
+
+def _play_turns(
+    play: PlayPlan, number: int, step_s: float, player: SegmentPlayer, partner: Partner
+) -> None:
+    """Play a rate by turns; again, with longer turns, while too many steps outlast theirs."""
+    for attempt in itertools.count(1):
+        turns: Turns | None = partner.meet("turns", {"rate_hz": play.rate_hz, "step_s": step_s})
+        if turns is None:
+            return
+        name = f"turns-{play.rate_hz:g}Hz" + (f"-{attempt}" if attempt > 1 else "")
+        heading = SegmentHeading("turns", name, "by turns with the other side", number)
+        played = player.play(heading, turns.pair_hz, len(turns.delays_ns), turns=turns)
+        if not partner.meet("crowded", outlast_turns(played, 0.5 / turns.pair_hz)):
+            return
+
+
+def outlast_turns(observed: SegmentObservation, turn_s: float) -> bool:
+    """Return True if more than a quarter of the steps of an output take longer than a turn.
+
+    The work of such a step is counted with the next step, and it is slowed down by the other side:
+    if most steps do so, both sides seem to be alike.
+    """
+    return any(
+        times.size and np.mean(times > turn_s) > _MAY_OUTLAST
+        for times in map(_latencies_s, observed.all_matched().values())
+    )
 
 
 def _play_alone(player: SegmentPlayer, play: PlayPlan) -> None:
@@ -143,20 +168,20 @@ def _play_alone(player: SegmentPlayer, play: PlayPlan) -> None:
     player.play_for(heading, play.rate_hz, play.duration_ns)
 
 
-def lone_step_s(observed: SegmentObservation | None) -> float:
+def fastest_step_s(observed: SegmentObservation | None) -> float:
     """Return how long the graph takes for a step that waits for none before it, in seconds.
 
-    This is the longest p10 of the latencies of its outputs: while both sides start, most steps of
-    the warm-up wait. 0 if nothing is known.
+    This is the shortest latency of the slowest output: while both sides start, most steps of the
+    warm-up wait. 0 if nothing is known.
     """
     if observed is None:
         return 0.0
-    longest: Mapping[str, float] = {
-        name: float(np.quantile(times, 0.1))
-        for name, matched in observed.all_matched().items()
-        if (times := _latencies_s(matched)).size
-    }
-    return max(longest.values(), default=0.0)
+    shortest = (
+        float(times.min())
+        for times in map(_latencies_s, observed.all_matched().values())
+        if times.size
+    )
+    return max(shortest, default=0.0)
 
 
 def _latencies_s(matched: MatchedMonitor) -> Seconds:

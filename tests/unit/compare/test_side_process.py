@@ -54,3 +54,35 @@ def test_the_base_is_played_alone_only_where_that_is_needed() -> None:
     both = BothSides(seed=1, alone=frozenset({"head"}), channels={})
     alone: Any = ("alone", None)
     assert both._answers({"base": alone, "head": alone}) == {"base": None, "head": 0}
+
+
+def test_turns_are_twice_as_long_while_steps_of_a_side_outlast_them() -> None:
+    both = BothSides(seed=1, alone=frozenset({"head"}), channels={})
+    ask: Any = ("turns", {"rate_hz": 20.0, "step_s": 0.0})
+
+    def pair_hz() -> float:
+        return both._answers({"base": ask, "head": ask})["head"].pair_hz
+
+    def crowded(*, base: bool, head: bool) -> bool:
+        answers = both._answers({"base": ("crowded", base), "head": ("crowded", head)})
+        assert answers["base"] == answers["head"]
+        return bool(answers["head"])
+
+    assert pair_hz() == 20.0
+    assert crowded(base=True, head=False)
+    assert pair_hz() == 10.0
+    assert crowded(base=False, head=True)
+    assert pair_hz() == 5.0
+    assert not crowded(base=False, head=False)
+    assert pair_hz() == 20.0
+
+
+def test_steps_that_never_fit_are_played_alone() -> None:
+    both = BothSides(seed=1, alone=frozenset({"head"}), channels={})
+    ask: Any = ("turns", {"rate_hz": 20.0, "step_s": 0.0})
+    played = 0
+    while both._answers({"base": ask, "head": ask})["head"] is not None:
+        played += 1
+        both._answers({"base": ("crowded", True), "head": ("crowded", True)})
+    assert played == 4
+    assert "a step takes" in both.too_long
