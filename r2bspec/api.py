@@ -422,7 +422,6 @@ def run_gated(
     """
     from r2bspec.compare.interleaved_comparison import BaseFailsError, prepare_comparison
     from r2bspec.compare.interleaved_runs import compare
-    from r2bspec.compare.merge_gate import RunCheck
 
     if sides.base is not None:
         comparison = prepare_comparison(
@@ -432,7 +431,7 @@ def run_gated(
             pairs=pairs,
             force=True,
             gate=sides.sentences,
-            check_run=RunCheck(gate.tree, "preprocess" in sides.head.plan.phases),
+            check_run=sides.check,
         )
         try:
             return compare(comparison, output, progress)

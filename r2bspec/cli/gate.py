@@ -86,6 +86,7 @@ def command(
     """
     from r2bspec import api
     from r2bspec.cli import run_single
+    from r2bspec.compare.base_environment import check_tools
 
     options = RunArguments(reports=reports, **others)
 
@@ -94,6 +95,7 @@ def command(
     with contextlib.ExitStack() as stack:
         with run_single.reported_failures(_of_all(options), run_single.OutputFolder(), place):
             gate = stack.enter_context(api.open_gate(base, allow))
+            check_tools(gate.tree)
             if not options.quiet:
                 echo(f"base: {gate.tree.name}", err=True)
             selected = gate.select(specs)
@@ -302,13 +304,13 @@ def _play(
 ) -> Result:
     from r2bspec import api
     from r2bspec.cli import run_single
+    from r2bspec.compare.base_environment import check_tools
+    from r2bspec.execute.progress import Progress
 
-    return run_single.execute(
-        options,
-        folder,
-        spec,
-        remaining,
-        lambda progress: api.run_gated(
-            gate, compared, sides, folder, progress, pairs=options.pairs
-        ),
-    )
+    def play(progress: Progress) -> Result:
+        result = api.run_gated(gate, compared, sides, folder, progress, pairs=options.pairs)
+        # Most of r2bspec is imported where it is needed first.
+        check_tools(gate.tree)
+        return result
+
+    return run_single.execute(options, folder, spec, remaining, play)

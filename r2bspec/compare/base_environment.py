@@ -12,6 +12,8 @@ of the base that kept them would run the head's code, and find no difference. So
   (``benchmark.gate.base``), and are an error otherwise.
 
 What the processes have really loaded is checked after each run (`r2bspec.compare.merge_gate`).
+What serves both sides, r2bspec itself and the environment in which it runs, must not be of the
+change (`check_tools`).
 
 Then the base becomes what runs: its build commands, and the environment that its setup makes.
 Which commands these are is the base's own matter: its version of ``benchmark.gate.base`` counts, so
@@ -39,6 +41,7 @@ from r2bspec.execute.processes.environment import applied_environment, workspace
 from r2bspec.execute.progress import Progress
 from r2bspec.execute.states import Interrupts
 from r2bspec.language.spec import GateBase
+from r2bspec.safe_io import git
 from r2bspec.safe_io.limits import MAX_PATH_FILE_BYTES
 from r2bspec.safe_io.safe_file import names_in
 
@@ -97,6 +100,34 @@ def is_code_of(path: Path, tree: BaseTree, side: str) -> bool:
     if side == "base":
         return in_base
     return path.is_relative_to(tree.head_top) and not in_base and not _is_tool(path)
+
+
+def check_tools(tree: BaseTree) -> None:
+    """Refuse a change that brings along what compares it.
+
+    A search path that leads into the work tree can put a module of the change in the place of one
+    of r2bspec, and git can have files in the virtual environment that serves both sides.
+
+    Raises:
+        BaseRevisionError: it does.
+    """
+    prefix = Path(sys.prefix).resolve()
+    if prefix.is_relative_to(tree.head_top):
+        tracked = git.output_of(tree.head_top, "ls-files", "--", str(prefix)).splitlines()
+        if tracked:
+            raise BaseRevisionError(
+                f"git has {clip(tracked[0])}, which is in the Python environment {prefix} that "
+                "both sides use",
+                hint="Make the environment in a folder that git does not track.",
+            )
+    for name, module in sorted(sys.modules.items()):
+        file = getattr(module, "__file__", None)
+        if isinstance(file, str) and is_code_of(Path(file).resolve(), tree, "head"):
+            raise BaseRevisionError(
+                f"r2bspec has loaded {file} of the work tree that it compares, as its own {name}",
+                hint="PYTHONPATH, or 'python -m' without -P, leads there. Give the nodes their "
+                "path in the spec, or install r2bspec into an environment of its own.",
+            )
 
 
 def _mapped(entry: str, tree: BaseTree) -> Iterator[str]:

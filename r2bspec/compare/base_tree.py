@@ -10,6 +10,9 @@ place of the branch that a pipeline means.
 
 Files of Git LFS are taken from the storage of the clone, or from the work tree where it has the
 same content. Submodules are not in the copy. What is missing is named in a note.
+
+A head that lacks commits of the base is compared with the commit where it left. It can leave as
+early as it likes, so what the gate has become since counts, too: see `BaseTree.newer`.
 """
 
 from __future__ import annotations
@@ -23,7 +26,7 @@ import stat
 import subprocess
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import IO
 
@@ -61,7 +64,10 @@ class BaseTree:
         head_top: the top of the work tree of the head, which has the same layout.
         name: of the base, as reports show it: ``origin/main@9b1e44f``.
         revision: what it is a state of.
-        files: the mode of each file and link, by its path below the top, as git lists them.
+        files: the object of each file and link, by its path below the top, as git lists them.
+        submodules: the commit of each, by its path; they are not in the copy.
+        tip: the revision that was named, if HEAD lacks commits of it.
+        newer: the object of each file that is another one in `tip`, by its path.
         notes: what is not as in a checkout of the base, a sentence each.
     """
 
@@ -69,7 +75,10 @@ class BaseTree:
     head_top: Path
     name: str
     revision: Revision
-    files: Mapping[str, int]
+    files: Mapping[str, str]
+    submodules: Mapping[str, str] = field(default_factory=dict)
+    tip: str = ""
+    newer: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def in_base(self, path: Path) -> Path | None:
@@ -78,6 +87,11 @@ class BaseTree:
             return self.top / path.resolve().relative_to(self.head_top)
         except ValueError:
             return None
+
+    def has_newer(self, path: str) -> bool:
+        """Return True if the tip has another version of a file, and the head does not have it."""
+        wanted = self.newer.get(path)
+        return wanted is not None and wanted != git.object_of(self.head_top, path)
 
 
 @contextlib.contextmanager
@@ -108,12 +122,21 @@ def open_base_tree(text: str) -> Iterator[BaseTree]:
         except OSError as error:
             raise _unwritable(Path(tempfile.gettempdir()), error) from error
         writer = _TreeWriter(head_top, commit, top)
+        files = writer.write()
+        later = _list_files(head_top, tip)[0] if tip != commit else ()
         yield BaseTree(
             top=top,
             head_top=head_top,
             name=revision_text(revision),
             revision=revision,
-            files=writer.write(),
+            files=files,
+            submodules=writer.submodules,
+            tip=f"{name}@{tip[:7]}" if tip != commit else "",
+            newer={
+                each.path: each.object_id
+                for each in later
+                if files.get(each.path) != each.object_id
+            },
             notes=(*notes, *writer.notes()),
         )
 
@@ -183,20 +206,20 @@ class _TreeWriter:
         self._top = top
         self._commit = commit
         self._folder = folder
-        self._submodules: list[str] = []
+        self.submodules: dict[str, str] = {}
         self._missing_lfs: list[str] = []
         # Linked work trees share the storage of the repository.
         common = git.output_of(top, "rev-parse", "--git-common-dir")
         self._lfs_objects = Path(top, common, "lfs/objects")
 
-    def write(self) -> dict[str, int]:
-        """Write all files; return their modes by path.
+    def write(self) -> dict[str, str]:
+        """Write all files; return their objects by path.
 
         Raises:
             BaseRevisionError: objects are missing, or the disk refuses.
         """
-        entries = [*self._entries()]
-        files = {entry.path: entry.mode for entry in entries}
+        entries, self.submodules = _list_files(self._top, self._commit)
+        files = {entry.path: entry.object_id for entry in entries}
         for path in map(PurePosixPath, files):
             inside = {str(parent) for parent in path.parents} & files.keys()
             if inside or any(part == ".." or part.lower() == ".git" for part in path.parts):
@@ -215,25 +238,13 @@ class _TreeWriter:
 
     def notes(self) -> Iterator[str]:
         """Yield what is not as in a checkout, a sentence each."""
-        if self._submodules:
-            yield f"Submodules are not in the base: {_listed(self._submodules)}."
+        if self.submodules:
+            yield f"Submodules are not in the base: {_listed(self.submodules)}."
         if self._missing_lfs:
             yield (
                 f"Files of Git LFS are pointers in the base: {_listed(self._missing_lfs)}; "
                 f"git lfs fetch origin {self._commit[:12]} gets them."
             )
-
-    def _entries(self) -> Iterator[_TreeEntry]:
-        done = git.run_git(self._top, "ls-tree", "-r", "-z", "--full-tree", self._commit)
-        if done is None or done.returncode:
-            raise self._incomplete(done.stderr if done is not None else b"git does not answer")
-        for row in done.stdout.split(b"\0")[:-1]:
-            description, _, name = row.partition(b"\t")
-            mode, kind, object_id = description.split()
-            if kind == b"commit":
-                self._submodules.append(os.fsdecode(name))
-            else:
-                yield _TreeEntry(int(mode, 8), object_id.decode(), os.fsdecode(name))
 
     def _write_objects(self, entries: Iterable[_TreeEntry]) -> None:
         with tempfile.TemporaryFile() as names:
@@ -257,7 +268,7 @@ class _TreeWriter:
     def _write_object(self, entry: _TreeEntry, objects: IO[bytes]) -> None:
         header = objects.readline().split()
         if len(header) != 3 or header[0].decode() != entry.object_id:
-            raise self._incomplete(b" ".join(header))
+            raise _incomplete(self._commit, b" ".join(header))
         size, target = int(header[2]), self._folder / entry.path
         target.parent.mkdir(parents=True, exist_ok=True)
         if stat.S_ISLNK(entry.mode):
@@ -286,16 +297,38 @@ class _TreeWriter:
     def _read(self, source: IO[bytes], size: int) -> bytes:
         data = source.read(size)
         if len(data) != size:
-            raise self._incomplete(b"git ended before it had given all objects")
+            raise _incomplete(self._commit, b"git ended before it had given all objects")
         return data
 
-    def _incomplete(self, said: bytes) -> BaseRevisionError:
-        return BaseRevisionError(
-            f"the repository lacks objects of {self._commit[:12]}: "
-            f"{clip(said.decode(errors='replace').strip())}",
-            hint="A partial clone does not have all files; fetch with git fetch --refetch, or "
-            "clone without --filter.",
-        )
+
+def _list_files(top: Path, commit: str) -> tuple[list[_TreeEntry], dict[str, str]]:
+    """Return the files and links of a commit, and the commits of its submodules by path.
+
+    Raises:
+        BaseRevisionError: the clone does not have its trees.
+    """
+    done = git.run_git(top, "ls-tree", "-r", "-z", "--full-tree", commit)
+    if done is None or done.returncode:
+        raise _incomplete(commit, done.stderr if done is not None else b"git does not answer")
+    entries, submodules = [], {}
+    for row in done.stdout.split(b"\0")[:-1]:
+        description, _, name = row.partition(b"\t")
+        mode, kind, object_id = description.decode().split()
+        path = os.fsdecode(name)
+        if kind == "commit":
+            submodules[path] = object_id
+        else:
+            entries.append(_TreeEntry(int(mode, 8), object_id, path))
+    return entries, submodules
+
+
+def _incomplete(commit: str, said: bytes) -> BaseRevisionError:
+    return BaseRevisionError(
+        f"the repository lacks objects of {commit[:12]}: "
+        f"{clip(said.decode(errors='replace').strip())}",
+        hint="A partial clone does not have all files; fetch with git fetch --refetch, or "
+        "clone without --filter.",
+    )
 
 
 def _sha256(path: Path) -> str:

@@ -81,6 +81,7 @@ class GateChange(NamedTuple):
         before: the value of the base as text; empty if it has none.
         after: the value of the head as text; empty if it has none.
         span: the place in the head, if it is not at `path`.
+        way_out: what to do besides allowing it.
     """
 
     name: str
@@ -88,6 +89,20 @@ class GateChange(NamedTuple):
     before: str
     after: str
     span: Span | None = None
+    way_out: str = "undo the change"
+
+    @classmethod
+    def of_tip(cls, name: str, file: str, tip: str, after: str) -> GateChange:
+        """Return the difference to a file that the base has otherwise since the head left.
+
+        Args:
+            name: what ``--allow`` takes.
+            file: its path.
+            tip: the base with these commits.
+            after: what the head has; empty if it lacks the file.
+        """
+        before, span = f"{clip(file)} of {tip}", Span.of_file(file)
+        return cls(name, (), before, after, span, way_out=f"merge {tip}, or rebase")
 
     @property
     def text(self) -> str:
@@ -116,7 +131,7 @@ class WeakerGateError(R2bspecError):
         shown = names if loaded else [f"{change.name} ({change.text})" for change in changes]
         super().__init__(
             f"the gate differs from that of {base_name}: {', '.join(shown)}",
-            hint="Undo the change, or let the pipeline allow it: "
+            hint=f"{changes[0].way_out.capitalize()}, or let the pipeline allow it: "
             + " ".join(f"--allow {shlex.quote(name)}" for name in names),
         )
         self.loaded = loaded
@@ -172,6 +187,7 @@ def gate_changes(base: LoadedSpec, head: LoadedSpec) -> list[GateChange]:
         return []
     changes = [*_section_changes(was, now), *_objective_changes(was, now)]
     changes += [*_memory_limits(was, now), *_waiver_changes(base, head)]
+    changes += _case_changes(base, head)
     return changes
 
 
@@ -219,7 +235,7 @@ def _diagnostic(change: GateChange, head: LoadedSpec | None, base_name: str) -> 
         f"not the gate of {base_name}: {change.name}: {change.text}",
         span,
         path=change.path,
-        help=f"undo the change; the pipeline can allow it: --allow {shlex.quote(change.name)}",
+        help=f"{change.way_out}; the pipeline can allow it: --allow {shlex.quote(change.name)}",
     )
 
 
@@ -337,6 +353,19 @@ def _memory_limits(was: Spec, now: Spec) -> Iterator[GateChange]:
             path: Path = (*section, name, "memory_limit")
             texts = str(limit), str(after[name]) if name in after else ""
             yield GateChange(f"memory_limit {name}", path, *texts)
+
+
+def _case_changes(base: LoadedSpec, head: LoadedSpec) -> Iterator[GateChange]:
+    """Yield the case of a matrix, if its values are others under the same name."""
+    if base.matrix_case is None or head.matrix_case is None:
+        return
+    before, after = (
+        ", ".join(f"{name}: {node.text}" for name, node in sorted(case.values.items()))
+        for case in (base.matrix_case, head.matrix_case)
+    )
+    if before != after:
+        span = head.matrix_case.span
+        yield GateChange(f"case {base.id}", ("matrix",), before, after, span)
 
 
 def _limits(spec: Spec) -> dict[str, Any]:

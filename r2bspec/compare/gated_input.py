@@ -4,7 +4,9 @@ The messages of the recordings are compared by their content: other storage or c
 difference. What prepares them is compared by the files of the preprocessors, as far as these are
 known before they run (`r2bspec.execute.identity`).
 
-A recording that git does not have, such as one that is downloaded, is the head's on both sides.
+A recording that git does not have, such as one that is downloaded, is the head's on both sides. A
+change must not put another one in its place: neither by a link, nor by a submodule, nor by a step
+that rewrites it before it is played.
 """
 
 from __future__ import annotations
@@ -64,32 +66,70 @@ def share_recordings(tree: BaseTree, spec: Spec, base_dir: Path, *, take: bool) 
         original = tree.head_top / below
         if (os.path.lexists(place) and not take) or not original.exists():
             continue
-        tracked = git.output_of(tree.head_top, "ls-files", "--", str(below))
-        if tracked and not os.path.lexists(place):
-            path = ("data_loader",)
-            changes.append(GateChange(ALLOW_INPUT, path, "", f"{below}, which git has now"))
+        if not os.path.lexists(place) and (brought := _brought_by_the_change(tree, below)):
+            changes.append(GateChange(ALLOW_INPUT, ("data_loader",), *brought))
         _link(original, place)
     return changes
 
 
-def recording_changes(
-    base: Plan, base_dir: Path, head: Plan, head_dir: Path
-) -> Iterator[GateChange]:
-    """Yield the recordings of which other messages are loaded."""
+def _brought_by_the_change(tree: BaseTree, below: Path) -> tuple[str, str] | None:
+    """Return what the base and the head have, if git knows a recording that the base lacks.
+
+    Args:
+        tree: of the base.
+        below: the path of the recording in the work tree of the head.
+    """
+    places = [below]
+    real = (tree.head_top / below).resolve()
+    if real.is_relative_to(tree.head_top):
+        places.append(real.relative_to(tree.head_top))
+    for place in places:
+        for way in (place, *place.parents[:-1]):
+            here = tree.head_top / way
+            tracked = bool(git.output_of(tree.head_top, "ls-files", "--", str(way)))
+            if os.path.lexists(here / ".git"):
+                was, now = tree.submodules.get(str(way), ""), git.commit_of(here, "HEAD") or ""
+                if (tracked or was) and was != now:
+                    return _submodule_at(way, was), _submodule_at(way, now)
+            elif tracked and (way == place or here.is_symlink()):
+                return "", f"{below}, which git has now"
+    return None
+
+
+def _submodule_at(path: Path, commit: str) -> str:
+    return f"{path} at {commit[:_SHOWN_DIGITS]}" if commit else ""
+
+
+class Recordings(NamedTuple):
+    """The recordings of both sides.
+
+    Attributes:
+        changes: those of which other messages are loaded.
+        digests: of their files. Whatever a run reads must be one of them.
+    """
+
+    changes: list[GateChange]
+    digests: frozenset[str]
+
+
+def compare_recordings(base: Plan, base_dir: Path, head: Plan, head_dir: Path) -> Recordings:
+    """Compare the messages that are loaded."""
+    changes: list[GateChange] = []
+    digests: set[str] = set()
     datasets = zip(base.datasets or (base.dataset,), head.datasets or (head.dataset,), strict=False)
-    if "load" not in base.phases:
-        return
-    for was, now in datasets:
+    for was, now in datasets if "load" in base.phases else ():
         places = locate(was.source, base_dir).path, locate(now.source, head_dir).path
         if places[0] is None or places[1] is None:
-            if was.source != now.source:
-                yield GateChange(ALLOW_INPUT, ("data_loader",), was.source, now.source)
-            continue
-        if hash_files(places[0]) == hash_files(places[1]):
-            continue
-        loaded = _loaded(was, places[0]), _loaded(now, places[1])
-        if loaded[0] != loaded[1]:
-            yield GateChange(ALLOW_INPUT, ("data_loader",), str(loaded[0]), str(loaded[1]))
+            texts = was.source, now.source
+        else:
+            files = hash_files(places[0]), hash_files(places[1])
+            digests |= {*files}
+            if files[0] == files[1]:
+                continue
+            texts = str(_loaded(was, places[0])), str(_loaded(now, places[1]))
+        if texts[0] != texts[1]:
+            changes.append(GateChange(ALLOW_INPUT, ("data_loader",), *texts))
+    return Recordings(changes, frozenset(digests))
 
 
 def _loaded(dataset: DatasetPlan, bag: Path) -> _Messages:

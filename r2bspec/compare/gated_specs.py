@@ -8,20 +8,23 @@ that it likes. A spec that is gone is a weaker gate, unless the pipeline allows 
 A spec that the base lacks is new, and judged alone. Where the base has specs, anywhere, that the
 head lacks, it may be one of them under another name, so they have to be allowed first. Then a new
 spec is compared with the one that has the same ``name:``.
+
+Where the head lacks commits of the base, specs that these bring under the gated paths count, too:
+a head that left early is not asked for less.
 """
 
 from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from r2bspec.compare.base_tree import BaseTree
 from r2bspec.compare.gate_rules import GateChange
 from r2bspec.diagnostics.diagnostic import Span
-from r2bspec.diagnostics.quote import clip
+from r2bspec.diagnostics.quote import clip, printable
 from r2bspec.errors import UsageError
 from r2bspec.language.selected_spec import SpecSelection
 
@@ -81,8 +84,10 @@ def select_specs(tree: BaseTree, paths: Sequence[str]) -> GatedSpecs:
     notes: list[str] = []
     for path in paths:
         place = _place(tree, path)
-        before = [*_base_specs(tree, place)]
+        before = [*_specs_of(tree.files, place)]
         after = [*_head_specs(tree, place, notes)]
+        if place.endswith(".json"):
+            raise GatedPathError(f"{clip(path)!r} is a plan: a gate compares specs")
         if not before and not after:
             what = f"has no *{SPEC_SUFFIX} file" if os.path.isdir(path) else "does not exist"  # noqa: PTH112
             raise GatedPathError(f"{clip(path)!r} {what}, in the work tree or in {tree.name}")
@@ -101,6 +106,7 @@ def select_specs(tree: BaseTree, paths: Sequence[str]) -> GatedSpecs:
         before_path = place if place in tree.files else names.get(_name(file), "")
         specs.append(GatedSpec(Path(os.path.relpath(file)), place, before_path))
     gone = [_gone(path, why) for path, why in sorted(missing.items())]
+    gone += _later_specs(tree, paths)
     for spec in specs:
         gone += _gone_cases(tree, spec)
     return GatedSpecs(tuple(specs), tuple(gone), tuple(dict.fromkeys(notes)))
@@ -121,9 +127,18 @@ def _place(tree: BaseTree, path: str) -> str:
     return below
 
 
-def _base_specs(tree: BaseTree, place: str) -> Iterator[str]:
+def _later_specs(tree: BaseTree, paths: Sequence[str]) -> Iterator[GateChange]:
+    """Yield the specs that the base has since the head left, and that the head lacks."""
+    places = {_place(tree, path) for path in paths}
+    later = {spec for place in places for spec in _specs_of(tree.newer, place)} - tree.files.keys()
+    for path in sorted(filter(tree.has_newer, later)):
+        yield GateChange.of_tip(f"spec {printable(path)}", path, tree.tip, "not in HEAD")
+
+
+def _specs_of(files: Iterable[str], place: str) -> Iterator[str]:
+    """Yield those of the files of a tree that are the specs at a place."""
     start = "" if place == "." else f"{place}/"
-    for path in tree.files:
+    for path in files:
         hidden = any(part.startswith(".") for part in path.removeprefix(start).split("/"))
         if path == place or (path.startswith(start) and path.endswith(SPEC_SUFFIX) and not hidden):
             yield path
@@ -206,7 +221,9 @@ def _name(spec: Path) -> str:
 
 def _gone(path: str, why: str) -> GateChange:
     after = "" if why == "gone" else why
-    return GateChange(f"spec {path}", (), after and "a regular file", after, Span.of_file(path))
+    return GateChange(
+        f"spec {printable(path)}", (), after and "a regular file", after, Span.of_file(path)
+    )
 
 
 def _gone_cases(tree: BaseTree, spec: GatedSpec) -> Iterator[GateChange]:

@@ -19,7 +19,7 @@ for what only a comparison can tell.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -39,7 +39,7 @@ from r2bspec.compare.gate_rules import (
 )
 from r2bspec.compare.gated_specs import GatedSpec, GatedSpecs, select_specs
 from r2bspec.compare.interleaved_comparison import BaseFailsError, ComparisonSide
-from r2bspec.diagnostics.quote import clip, pluralize
+from r2bspec.diagnostics.quote import clip, pluralize, printable
 from r2bspec.errors import ExitStatus, R2bspecError, without_output
 from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.identity.identify_graph import graph_identity
@@ -71,11 +71,13 @@ class GateSides:
         head: with its objectives; without a base, only with those that need none.
         base: None if the head alone is judged.
         sentences: what every report says of the gate.
+        check: of each run; None without a base.
     """
 
     head: ComparisonSide
     base: ComparisonSide | None
     sentences: tuple[str, ...] = ()
+    check: RunCheck | None = None
 
 
 @dataclass(frozen=True)
@@ -157,7 +159,7 @@ class MergeGate:
             )
             return ComparedSpec(head, None, (self._allowed_base(error),))
         self.names |= allowable_names(base.spec)
-        changes = gate_changes(base, loaded)
+        changes = [*gate_changes(base, loaded), *self._since_it_left(spec, base)]
         self._require_allowed(changes, loaded)
         sentences = list(self._allowed(changes))
         if spec.place != spec.base:
@@ -202,7 +204,10 @@ class MergeGate:
             raise
         except R2bspecError as error:
             return self._alone(head, (*compared.sentences, self._allowed_base(error)))
-        changes += gated_input.recording_changes(base.plan, base.base_dir, head.plan, head.base_dir)
+        recordings = gated_input.compare_recordings(
+            base.plan, base.base_dir, head.plan, head.base_dir
+        )
+        changes += recordings.changes
         changes += gated_input.preprocessor_changes(base_identity, head_identity, head.plan)
         self._require_allowed(changes, loaded)
         sentences = [*self.tree.notes, *compared.sentences]
@@ -214,6 +219,12 @@ class MergeGate:
             self._side(head, head.plan, {}, head_identity, self.tree.head_top),
             self._side(base, base.plan, environment, base_identity, self.tree.top),
             tuple(sentences),
+            RunCheck(
+                self.tree,
+                recordings.digests,
+                is_prepared="preprocess" in head.plan.phases,
+                may_differ=take,
+            ),
         )
 
     def alone_without_base(self, compared: ComparedSpec, error: R2bspecError) -> GateSides:
@@ -230,6 +241,16 @@ class MergeGate:
         )
         cases = of_base.load_cases()
         return next((each for each in cases if each.case in {"", case}), None)
+
+    def _since_it_left(self, spec: GatedSpec, base: LoadedSpec) -> Iterator[GateChange]:
+        """Yield the files of a spec that the base has otherwise since the head left."""
+        for file in map(Path, base.sources):
+            if file.is_relative_to(self.tree.top):
+                path = str(file.relative_to(self.tree.top))
+                if self.tree.has_newer(path):
+                    after = f"that of {self.tree.name}"
+                    name = f"spec {printable(spec.place)}"
+                    yield GateChange.of_tip(name, path, self.tree.tip, after)
 
     def _require_allowed(self, changes: Sequence[GateChange], head: LoadedSpec | None) -> None:
         refused = [change for change in changes if change.name not in self.allow]
@@ -292,16 +313,20 @@ class MergeGate:
 class RunCheck:
     """Checks the runs of a comparison: each has loaded the files of its side, and played the same.
 
-    What preprocessors make can differ from run to run. So of these, the second run of either side
-    tells whether another input is the other side's.
+    What preprocessors make can differ from run to run. Then nothing shows that both sides were
+    given the same, unless they are played the same buffers, as they are by turns.
 
     Attributes:
         tree: of the base.
+        recordings: the digests of those that were compared.
         is_prepared: whether there are preprocessors.
+        may_differ: whether the pipeline allows another input.
     """
 
     tree: BaseTree
+    recordings: frozenset[str]
     is_prepared: bool
+    may_differ: bool
     _played: dict[str, list[str]] = field(default_factory=lambda: {"base": [], "head": []})
 
     def __call__(self, side: str, folder: Path) -> None:
@@ -309,16 +334,28 @@ class RunCheck:
 
         Raises:
             OtherSidesFilesError: it has loaded files of the other side.
-            WeakerGateError: what was played differs from what the other side was played.
+            WeakerGateError: what was played differs from what the other side was played, or cannot
+                be compared with it.
         """
         self._check_loaded_files(side, folder)
-        self._played[side].append(open_run(folder).record.dataset.get("played", ""))
+        dataset = open_run(folder).record.dataset
+        for recording in (dataset, *dataset.get("also", ())):
+            read = recording.get("sha256", "")
+            if recording.get("kind") == "recorded" and read not in self.recordings:
+                self._refuse("", f"{clip(recording['source'])}, which was rewritten for the run")
+        self._played[side].append(dataset.get("played", ""))
         base, head = (self._played[name] for name in ("base", "head"))
         enough = 2 if self.is_prepared else 1
-        if min(len(base), len(head)) < enough or len({*base}) > 1 or len({*head}) > 1:
+        if min(len(base), len(head)) < enough:
             return
-        if base[0] != head[0]:
-            before, after = (f"messages with the digest {each[:12]}" for each in (base[0], head[0]))
+        if len({*base}) > 1 or len({*head}) > 1:
+            self._refuse("", "preprocessors that make other messages in each run")
+        elif base[0] != head[0]:
+            self._refuse(*(f"messages with the digest {each[:12]}" for each in (base[0], head[0])))
+
+    def _refuse(self, before: str, after: str) -> None:
+        """Refuse an input that the other side was not given, unless the pipeline allows it."""
+        if not self.may_differ:
             change = GateChange(ALLOW_INPUT, ("playback", "inputs"), before, after)
             raise WeakerGateError([change], None, self.tree.name)
 

@@ -216,7 +216,8 @@ def ref_names(top: Path) -> tuple[str, ...]:
 def commits_named(top: Path, revision: str) -> dict[str, str]:
     """Return the commits that a revision may mean, by the full names that lead to them.
 
-    Git takes the first that there is, a tag before a branch before one of a remote.
+    Git takes the first that there is: a reference before the beginning of a commit's name, and a
+    tag before a branch before one of a remote before the main branch of a remote.
     """
     match = _REVISION.fullmatch(revision)
     if match is None:
@@ -225,12 +226,26 @@ def commits_named(top: Path, revision: str) -> dict[str, str]:
     names = [name]
     if not name.startswith("refs/"):
         names += [f"refs/{kind}{name}" for kind in ("remotes/", "heads/", "tags/", "")]
+        names.append(f"refs/remotes/{name}/HEAD")
+    if digits := _ABBREVIATED.search(name):
+        names += output_of(top, "rev-parse", f"--disambiguate={digits[1]}").split()
     commits = {full: commit_of(top, f"{full}{steps}") for full in names}
     return {full: commit for full, commit in commits.items() if commit is not None}
 
 
 _REVISION: Final = re.compile(r"(?P<name>[^~^]*)(?P<steps>.*)", re.DOTALL)
 """A name, and steps from the commit that it has: ``main~2``."""
+
+_ABBREVIATED: Final = re.compile(r"(?:^|-g)([0-9a-f]{4,39})$")
+"""The beginning of a commit's name, also as ``git describe`` prints it."""
+
+
+def object_of(top: Path, path: str) -> str:
+    """Return the object that git would make of a file of the work tree; empty if it cannot.
+
+    Filters are not applied: a file that is stored filtered has another one.
+    """
+    return output_of(top, "hash-object", "--no-filters", "--", str(top / path))
 
 
 def commit_of(top: Path, revision: str) -> str | None:

@@ -6,11 +6,14 @@ Nothing is played: what a gate refuses, it refuses before.
 from __future__ import annotations
 
 import os
+import re
 import shutil
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -18,9 +21,12 @@ from gated_repositories import BASE, SPEC, edit, gate, gated_repository, sides_o
 from git_repositories import commit, git
 from r2bspec import api
 from r2bspec.compare import merge_gate
+from r2bspec.compare.base_environment import check_tools
 from r2bspec.compare.gate_rules import FREE, GATED
+from r2bspec.compare.merge_gate import RunCheck
 from r2bspec.errors import R2bspecError
 from r2bspec.language.spec import Spec
+from r2bspec.plan.canonical_json import canonical_json
 
 Change = Callable[[Path], None]
 WEAK = ("latency.p50 < 1 ms", "latency.p50 < 5 s")
@@ -370,6 +376,16 @@ def test_a_case_of_the_base_is_in_the_head(top: Path) -> None:
         gate()
 
 
+def test_a_case_of_the_base_has_its_values(top: Path) -> None:
+    matrix("{cases: {small: {threads: 1}, large: {threads: 2}}}")(top)
+    commit(top)
+    git(top, "branch", "--force", "main", "HEAD")
+    edit(spec_of(top), ("large: {threads: 2}", "large: {threads: 1}"))
+    with pytest.raises(R2bspecError, match=r"case words\[large\]"):
+        gate()
+    assert len(gate(allow=["case words[large]"])) == 2
+
+
 def test_a_spec_that_nothing_can_fail_is_refused(top: Path) -> None:
     new = top / "bench/new.r2b.yaml"
     text = spec_of(top).read_text().replace("name: words\nextends: common/limits.yaml", "name: new")
@@ -377,6 +393,26 @@ def test_a_spec_that_nothing_can_fail_is_refused(top: Path) -> None:
     with pytest.raises(R2bspecError) as refused:
         gate()
     assert refused.value.code == "R2B693"
+
+
+def test_the_beginning_of_a_commit_is_no_name_of_a_branch(top: Path) -> None:
+    commit(top, {"note": "more"})
+    name = git(top, "rev-parse", "main")[:8]
+    assert gate(base=name)
+    git(top, "update-ref", f"refs/tags/v1-3-g{name}", "HEAD")
+    git(top, "update-ref", f"refs/heads/{name}", "HEAD")
+    for text in (name, f"v1-3-g{name}"):
+        with pytest.raises(R2bspecError, match="is ambiguous"):
+            gate(base=text)
+
+
+def test_the_main_branch_of_a_remote_is_no_name_of_a_tag(top: Path) -> None:
+    git(top, "update-ref", "refs/remotes/origin/HEAD", "main")
+    assert gate(base="origin")
+    commit(top, {"note": "more"})
+    git(top, "update-ref", "refs/tags/origin", "HEAD")
+    with pytest.raises(R2bspecError, match="is ambiguous"):
+        gate(base="origin")
 
 
 @pytest.mark.parametrize("kind", ["tag", "branch", "refs"])
@@ -441,10 +477,8 @@ def test_no_attribute_changes_the_base(top: Path, attribute: str) -> None:
 
 def test_a_head_that_lacks_commits_is_compared_with_where_it_left(top: Path) -> None:
     git(top, "checkout", "--quiet", "main")
-    edit(spec_of(top), ("latency.p50 < 1 ms", "latency.p50 < 500 us"))
-    commit(
-        top, {"bench/later.r2b.yaml": spec_of(top).read_text().replace("name: words", "name: b")}
-    )
+    edit(top / "src/echo.py", ("10)", "20)"))
+    commit(top)
     git(top, "checkout", "--quiet", "change")
     (sides,) = gate()
     assert sides.base is not None
@@ -453,6 +487,42 @@ def test_a_head_that_lacks_commits_is_compared_with_where_it_left(top: Path) -> 
     edit(spec_of(top), WEAK)
     with pytest.raises(R2bspecError, match="objective fast"):
         gate()
+
+
+def later_spec(top: Path) -> str:
+    text = spec_of(top).read_text().replace("name: words", "name: later")
+    (top / "bench/later.r2b.yaml").write_text(text)
+    return "spec bench/later.r2b.yaml"
+
+
+def tighter_spec(top: Path) -> str:
+    edit(spec_of(top), ("latency.p50 < 1 ms", "latency.p50 < 500 us"))
+    return f"spec {SPEC}"
+
+
+def tighter_file(top: Path) -> str:
+    edit(top / "bench/common/limits.yaml", ("10 %", "5 %"))
+    return f"spec {SPEC}"
+
+
+@pytest.mark.parametrize("change", [later_spec, tighter_spec, tighter_file])
+def test_a_head_that_left_early_is_not_asked_for_less(
+    top: Path, change: Callable[[Path], str]
+) -> None:
+    git(top, "checkout", "--quiet", "main")
+    name = change(top)
+    commit(top)
+    git(top, "checkout", "--quiet", "change")
+    with pytest.raises(R2bspecError, match=re.escape(name)) as refused:
+        gate()
+    assert refused.value.hint.startswith("Merge main@")
+    (sides,) = gate(allow=[name])
+    assert sides.base is not None
+    git(top, "checkout", "main", "--", "bench")
+    assert all("Allowed" not in text for sides in gate() for text in sides.sentences)
+    git(top, "reset", "--quiet", "--hard")
+    git(top, "merge", "--quiet", "main")
+    assert all(sides.base is not None for sides in gate())
 
 
 def test_histories_without_a_common_commit_are_compared_with_the_base_itself(top: Path) -> None:
@@ -499,6 +569,53 @@ def test_a_recording_that_git_does_not_have_is_played_on_both_sides(top: Path) -
         gate()
 
 
+def ignored_recording(top: Path) -> None:
+    """Keep the recording out of git, in a folder of its own, as if it had been downloaded."""
+    (top / "bench/recordings").mkdir()
+    shutil.move(top / "bench/drive", top / "bench/recordings/drive")
+    edit(spec_of(top), ("./drive", "./recordings/drive"))
+    commit(top, {".gitignore": "bench/recordings/\nruns/\n"})
+    git(top, "branch", "--force", "main", "HEAD")
+
+
+def test_a_link_puts_no_other_recording_in_the_place_of_one_that_git_does_not_have(
+    top: Path,
+) -> None:
+    ignored_recording(top)
+    assert gate()[0].base is not None
+    shutil.rmtree(top / "bench/recordings")
+    write_words(top / "small/drive", ".")
+    (top / "bench/recordings").symlink_to("../small")
+    (top / ".gitignore").write_text("runs/\n")
+    commit(top)
+    with pytest.raises(R2bspecError, match="input"):
+        gate()
+    (sides,) = gate(allow=["input"])
+    assert sides.base is not None
+
+
+def test_a_folder_that_the_pipeline_has_linked_is_its_own(top: Path, tmp_path: Path) -> None:
+    ignored_recording(top)
+    shutil.move(top / "bench/recordings", tmp_path / "cache")
+    (top / "bench/recordings").symlink_to(tmp_path / "cache")
+    assert gate()[0].base is not None
+
+
+def test_a_recording_in_a_submodule_is_that_of_the_base(top: Path, tmp_path: Path) -> None:
+    write_words(tmp_path / "recordings/drive")
+    commit(tmp_path / "recordings")
+    git(top, "submodule", "--quiet", "add", str(tmp_path / "recordings"), "bench/recordings")
+    edit(spec_of(top), ("./drive", "./recordings/drive"))
+    commit(top)
+    git(top, "branch", "--force", "main", "HEAD")
+    assert gate()[0].base is not None
+    write_words(top / "bench/recordings/drive", ".")
+    commit(top / "bench/recordings")
+    commit(top)
+    with pytest.raises(R2bspecError, match="input"):
+        gate()
+
+
 def test_what_is_allowed_as_input_is_played_on_both_sides(top: Path) -> None:
     write_words(top / "bench/drive", ".")
     edit(top / "src/cut.py", ("publish(words)", "publish(String())"))
@@ -541,19 +658,87 @@ def test_every_section_of_a_spec_is_gated_or_free() -> None:
         (False, "base a, head b", True),
         (True, "base a, head b", False),
         (True, "base a, head b, base a, head b", True),
-        (True, "base a, head b, base c, head d", False),
+        (True, "base a, head b, base c, head d", True),
     ],
 )
 def test_what_is_played_is_compared_after_each_run(
     prepared: bool, played: str, refused: bool, top: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What a preprocessor makes may differ from run to run; then it says nothing of the sides."""
+    """What a preprocessor makes in one run says nothing yet of the sides."""
     digests = (word.partition(" ") for word in played.split(", "))
-    runs = [(side, SimpleNamespace(dataset={"played": digest})) for side, _, digest in digests]
-    records = iter([SimpleNamespace(record=record) for _, record in runs])
-    monkeypatch.setattr(merge_gate, "open_run", lambda _: next(records))
+    runs = [(side, {"played": digest}) for side, _, digest in digests]
+    records = iter([dataset for _, dataset in runs])
+    monkeypatch.setattr(merge_gate, "open_run", lambda _: opened_run(next(records)))
     with api.open_gate(BASE) as opened:
-        check = merge_gate.RunCheck(opened.tree, prepared)
+        check = RunCheck(opened.tree, frozenset(), is_prepared=prepared, may_differ=False)
         with pytest.raises(R2bspecError, match="input") if refused else nullcontext():
             for side, _ in runs:
                 check(side, top)
+
+
+def opened_run(dataset: dict[str, Any]) -> SimpleNamespace:
+    return SimpleNamespace(record=SimpleNamespace(dataset=dataset))
+
+
+@pytest.mark.parametrize("allowed", [False, True])
+def test_a_recording_that_is_rewritten_before_it_is_played_is_refused(
+    allowed: bool, top: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Such as by a step of `setup`, where both sides play the same files."""
+    (sides,) = gate(allow=["input"] if allowed else [])
+    assert sides.check is not None
+    (digest,) = sides.check.recordings
+    read = {"kind": "recorded", "source": "./drive", "sha256": digest, "played": "a"}
+    other = {"kind": "synthetic", "source": "r2b_cafe", "sha256": "made", "played": "a"}
+    datasets: Iterator[dict[str, Any]] = iter(
+        [read, {**read, "also": [other]}, {**read, "sha256": "another"}]
+    )
+    monkeypatch.setattr(merge_gate, "open_run", lambda _: opened_run(next(datasets)))
+    sides.check("base", top)
+    sides.check("head", top)
+    with nullcontext() if allowed else pytest.raises(R2bspecError, match="rewritten"):
+        sides.check("base", top)
+
+
+def test_a_module_of_the_change_does_not_take_the_place_of_one_of_r2bspec(
+    top: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (top / "src/msgspec.py").touch()
+    with api.open_gate(BASE) as opened:
+        check_tools(opened.tree)
+        module = ModuleType("msgspec")
+        module.__file__ = str(top / "src/msgspec.py")
+        monkeypatch.setitem(sys.modules, "shadowed", module)
+        with pytest.raises(R2bspecError, match="as its own shadowed"):
+            check_tools(opened.tree)
+
+
+def test_an_environment_that_serves_both_sides_has_no_files_of_git(
+    top: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "prefix", str(top / ".venv"))
+    commit(top, {".venv/lib/python3/site-packages/numpy/fast.py": ""})
+    with (
+        api.open_gate(BASE) as opened,
+        pytest.raises(R2bspecError, match="numpy/fast.py, which is in the Python environment"),
+    ):
+        check_tools(opened.tree)
+
+
+def test_a_plan_is_no_spec(top: Path) -> None:
+    (top / "bench/words.json").write_bytes(canonical_json(api.prepare(SPEC).plan))
+    with pytest.raises(R2bspecError, match="is a plan") as refused:
+        gate("bench/words.json")
+    assert refused.value.exit_code == 2
+
+
+def test_a_file_name_stays_on_its_line(top: Path) -> None:
+    name = "bench/two\nlines.r2b.yaml"
+    shutil.copy(spec_of(top), top / name)
+    commit(top)
+    git(top, "branch", "--force", "main", "HEAD")
+    (top / name).unlink()
+    with pytest.raises(R2bspecError) as refused:
+        gate()
+    assert "\n" not in str(refused.value)
+    assert len(gate(allow=["spec bench/two\ufffdlines.r2b.yaml"])) == 1
