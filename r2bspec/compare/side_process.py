@@ -43,9 +43,10 @@ STEPS: Final = 40
 LONGEST_TURN_S: Final = 2.0
 """Where a step takes longer, the sides are not played by turns."""
 
-_ROOM: Final = 3.0
-"""A turn is so many times as long as the slower side needs for a step at least. Where too many
-steps outlast their turns, they are played again with turns twice as long."""
+_ROOM: Final = 1.5
+"""A turn is so many times as long as three in four steps of the slower side took in the start
+before. Where more than a quarter outlast their turns, they are played again with turns twice as
+long: the work of such a step is counted with the next step, and the other side slows it down."""
 
 _MOST_LENGTHENED: Final = 3
 """So many times turns become twice as long; then the sides are not played by turns."""
@@ -118,6 +119,8 @@ class BothSides:
     channels: Mapping[Side, _Channel]
     too_long: str = ""
     _start: int = field(default=0, init=False)
+    _turn_s: dict[float, float] = field(default_factory=dict, init=False)
+    _last: tuple[float, float] = field(default=(0.0, 0.0), init=False)
     _lengthened: int = field(default=0, init=False)
 
     def play(
@@ -184,11 +187,9 @@ class BothSides:
     def _answers(self, points: Mapping[Side, tuple[str, Any]]) -> Mapping[Side, Any]:
         (point, head), (_, base) = points["head"], points["base"]
         if point == "turns":
-            slowest_s = max(head["step_s"], base["step_s"])
-            return self._turns(head["rate_hz"], slowest_s)
-        if point == "crowded":
-            self._lengthened = self._lengthened + 1 if head or base else 0
-            return dict.fromkeys(_SIDES, head or base)
+            return self._turns(head)
+        if point == "played":
+            return dict.fromkeys(_SIDES, self._again(max(head, base)))
         if point == "alone":
             order = [side for side in _SIDES if side in self._alone()]
             self._coin("alone").shuffle(order)
@@ -201,15 +202,15 @@ class BothSides:
     def _coin(self, what: str) -> random.Random:
         return random.Random(f"{self.seed}/{self._start}/{what}")  # noqa: S311 - no secret
 
-    def _turns(self, rate_hz: float, step_s: float) -> Mapping[Side, Turns | None]:
+    def _turns(self, rate_hz: float) -> Mapping[Side, Turns | None]:
         """When either side is played: a coin decides which is first in each pair of steps."""
-        turn_s = max(0.5 / rate_hz if rate_hz else 0.0, _ROOM * step_s) * 2**self._lengthened
         if not rate_hz:
             self.too_long = "the recording has its own times"
-        elif turn_s > LONGEST_TURN_S or self._lengthened > _MOST_LENGTHENED:
-            self.too_long = f"a step takes {turn_s / _ROOM:.1f} s"
-        if self.too_long:
+            return dict.fromkeys(_SIDES)
+        turn_s = self._turn_s.setdefault(rate_hz, 0.5 / rate_hz)
+        if turn_s > LONGEST_TURN_S or self._lengthened > _MOST_LENGTHENED:
             self._lengthened = 0
+            self.too_long = f"a turn would take {turn_s:.1f} s"
             return dict.fromkeys(_SIDES)
         turn_ns = round(turn_s * 1e9)
         coin = self._coin(f"{rate_hz:g}")
@@ -219,7 +220,19 @@ class BothSides:
             "base": tuple(0 if first else turn_ns for first in base_first),
             "head": tuple(turn_ns if first else 0 for first in base_first),
         }
+        self._last = (rate_hz, turn_s)
         return {side: Turns(begin_ns, 0.5e9 / turn_ns, delays[side]) for side in _SIDES}
+
+    def _again(self, step_s: float) -> bool:
+        """Choose the length of the next turns; True if those of now are played again."""
+        rate_hz, turn_s = self._last
+        if step_s > turn_s:
+            self._turn_s[rate_hz] = 2 * turn_s
+            self._lengthened += 1
+            return True
+        self._turn_s[rate_hz] = max(0.5 / rate_hz, _ROOM * step_s)
+        self._lengthened = 0
+        return False
 
 
 @contextlib.contextmanager

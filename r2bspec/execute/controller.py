@@ -354,7 +354,7 @@ class _Run:
         if self._options.partner is not None:
             player = measurement.segment_player
             self._states.enter(RunState.PLAY, "playing by turns with the other side")
-            play_by_turns(self._plan, player, self._options.partner, player.last_observation)
+            play_by_turns(self._plan, player, self._options.partner)
             self._starts.find_foreign_publishers()
             return
         verdict, iterations = measurement.measure()

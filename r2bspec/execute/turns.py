@@ -32,9 +32,6 @@ from r2bspec.plan.plan import Plan, PlayPlan
 
 _FILLED_FILE: Final = "filled"
 
-_MAY_OUTLAST: Final = 0.25
-"""Of the steps; the median takes no notice of so few."""
-
 
 class Filled(msgspec.Struct, frozen=True):
     """What is in the buffers.
@@ -110,24 +107,20 @@ class Partner:
         self.meet("buffers")
 
 
-def play_by_turns(
-    plan: Plan, player: SegmentPlayer, partner: Partner, warm_up: SegmentObservation | None
-) -> None:
+def play_by_turns(plan: Plan, player: SegmentPlayer, partner: Partner) -> None:
     """Play each rate by turns with the other side, then this side alone if that is asked for.
 
     Args:
         plan: of one run of a pair.
         player: of the graph that is up and warm.
         partner: the other side.
-        warm_up: what was observed last, which tells how long a step takes.
 
     Raises:
         RunError: a process exited, failed, or does not respond.
         PartnerLeftError: the other side has failed.
     """
-    step_s = fastest_step_s(warm_up)
     for number, play in enumerate(plan.play, start=1):
-        _play_turns(play, number, step_s, player, partner)
+        _play_turns(play, number, player, partner)
         place: int | None = partner.meet("alone")
         for turn in range(2):
             if place == turn:
@@ -135,53 +128,36 @@ def play_by_turns(
             partner.meet(f"alone-{turn}")
 
 
-def _play_turns(
-    play: PlayPlan, number: int, step_s: float, player: SegmentPlayer, partner: Partner
-) -> None:
-    """Play a rate by turns; again, with longer turns, while too many steps outlast theirs."""
+def _play_turns(play: PlayPlan, number: int, player: SegmentPlayer, partner: Partner) -> None:
+    """Play a rate by turns, and again while the comparison asks for longer turns."""
     for attempt in itertools.count(1):
-        turns: Turns | None = partner.meet("turns", {"rate_hz": play.rate_hz, "step_s": step_s})
+        turns: Turns | None = partner.meet("turns", play.rate_hz)
         if turns is None:
             return
         name = f"turns-{play.rate_hz:g}Hz" + (f"-{attempt}" if attempt > 1 else "")
         heading = SegmentHeading("turns", name, "by turns with the other side", number)
         played = player.play(heading, turns.pair_hz, len(turns.delays_ns), turns=turns)
-        if not partner.meet("crowded", outlast_turns(played, 0.5 / turns.pair_hz)):
+        if not partner.meet("played", usual_step_s(played)):
             return
 
 
-def outlast_turns(observed: SegmentObservation, turn_s: float) -> bool:
-    """Return True if more than a quarter of the steps of an output take longer than a turn.
+def usual_step_s(observed: SegmentObservation) -> float:
+    """Return how long three in four steps take at most, for the slowest output, in seconds.
 
-    The work of such a step is counted with the next step, and it is slowed down by the other side:
-    if most steps do so, both sides seem to be alike.
+    0 if no output answers steps.
     """
-    return any(
-        times.size and np.mean(times > turn_s) > _MAY_OUTLAST
+    usual = (
+        float(np.quantile(times, 0.75))
         for times in map(_latencies_s, observed.all_matched().values())
+        if times.size
     )
+    return max(usual, default=0.0)
 
 
 def _play_alone(player: SegmentPlayer, play: PlayPlan) -> None:
     name = f"rate-{play.rate_hz:g}Hz" if play.rate_hz else "iteration"
     heading = SegmentHeading("iteration", f"{name}-001", "alone", 1)
     player.play_for(heading, play.rate_hz, play.duration_ns)
-
-
-def fastest_step_s(observed: SegmentObservation | None) -> float:
-    """Return how long the graph takes for a step that waits for none before it, in seconds.
-
-    This is the shortest latency of the slowest output: while both sides start, most steps of the
-    warm-up wait. 0 if nothing is known.
-    """
-    if observed is None:
-        return 0.0
-    shortest = (
-        float(times.min())
-        for times in map(_latencies_s, observed.all_matched().values())
-        if times.size
-    )
-    return max(shortest, default=0.0)
 
 
 def _latencies_s(matched: MatchedMonitor) -> Seconds:

@@ -6,83 +6,87 @@ from typing import Any
 
 import pytest
 
-from r2bspec.compare.side_process import LONGEST_TURN_S, STEPS, BothSides
+from r2bspec.compare.side_process import STEPS, BothSides
 from r2bspec.ipc.schedule import Turns
 
 
-def turns(rate_hz: float, step_s: float, seed: int = 1) -> dict[str, Turns]:
+def both_sides() -> BothSides:
+    return BothSides(seed=1, alone=frozenset({"head"}), channels={})
+
+
+def asked(both: BothSides, point: str, base: Any, head: Any) -> dict[str, Any]:
+    answers = both._answers({"base": (point, base), "head": (point, head)})
+    return {"base": answers["base"], "head": answers["head"]}
+
+
+def turns(rate_hz: float, seed: int = 1) -> dict[str, Turns]:
     both = BothSides(seed=seed, alone=frozenset({"head"}), channels={})
-    point: Any = ("turns", {"rate_hz": rate_hz, "step_s": step_s})
-    answers = both._answers({"base": point, "head": point})
-    return {side: answers[side] for side in ("base", "head")}
+    return asked(both, "turns", rate_hz, rate_hz)
 
 
 def due_ns(side: Turns) -> list[int]:
     return [round(step * 1e9 / side.pair_hz) + delay for step, delay in enumerate(side.delays_ns)]
 
 
-@pytest.mark.parametrize(("rate_hz", "step_s"), [(20.0, 0.006), (20.0, 0.04), (100.0, 0.0)])
-def test_each_pair_of_steps_has_a_turn_of_either_side(rate_hz: float, step_s: float) -> None:
-    played = turns(rate_hz, step_s)
+@pytest.mark.parametrize("rate_hz", [5.0, 20.0, 100.0])
+def test_each_pair_of_steps_has_a_turn_of_either_side(rate_hz: float) -> None:
+    played = turns(rate_hz)
     base, head = played["base"], played["head"]
     assert base.begin_ns == head.begin_ns
-    assert base.pair_hz == head.pair_hz <= rate_hz
-    turn_ns = 0.5e9 / base.pair_hz
-    assert turn_ns >= 2 * step_s * 1e9
+    assert base.pair_hz == head.pair_hz == pytest.approx(rate_hz)
+    turn_ns = 0.5e9 / rate_hz
     for one, other in zip(due_ns(base), due_ns(head), strict=True):
         assert abs(one - other) == pytest.approx(turn_ns, abs=2)
 
 
 def test_a_coin_decides_which_side_is_first() -> None:
     orders = [
-        tuple(delay > 0 for delay in turns(20.0, 0.0, seed)["base"].delays_ns) for seed in range(8)
+        tuple(delay > 0 for delay in turns(20.0, seed)["base"].delays_ns) for seed in range(8)
     ]
     assert len(set(orders)) == len(orders)
     assert all(len(order) == STEPS and 5 < sum(order) < STEPS - 5 for order in orders)
 
 
-def test_steps_that_take_too_long_are_played_alone() -> None:
-    both = BothSides(seed=1, alone=frozenset({"head"}), channels={})
-    point: Any = ("turns", {"rate_hz": 20.0, "step_s": LONGEST_TURN_S})
-    assert both._answers({"base": point, "head": point}) == {"base": None, "head": None}
-    assert "a step takes" in both.too_long
-    alone: Any = ("alone", None)
-    assert sorted(both._answers({"base": alone, "head": alone}).values()) == [0, 1]
-
-
 def test_the_base_is_played_alone_only_where_that_is_needed() -> None:
-    both = BothSides(seed=1, alone=frozenset({"head"}), channels={})
-    alone: Any = ("alone", None)
-    assert both._answers({"base": alone, "head": alone}) == {"base": None, "head": 0}
+    assert asked(both_sides(), "alone", None, None) == {"base": None, "head": 0}
 
 
 def test_turns_are_twice_as_long_while_steps_of_a_side_outlast_them() -> None:
-    both = BothSides(seed=1, alone=frozenset({"head"}), channels={})
-    ask: Any = ("turns", {"rate_hz": 20.0, "step_s": 0.0})
+    both = both_sides()
 
     def pair_hz() -> float:
-        return both._answers({"base": ask, "head": ask})["head"].pair_hz
+        return float(asked(both, "turns", 20.0, 20.0)["head"].pair_hz)
 
-    def crowded(*, base: bool, head: bool) -> bool:
-        answers = both._answers({"base": ("crowded", base), "head": ("crowded", head)})
+    def again(base_s: float, head_s: float) -> bool:
+        answers = asked(both, "played", base_s, head_s)
         assert answers["base"] == answers["head"]
         return bool(answers["head"])
 
     assert pair_hz() == 20.0
-    assert crowded(base=True, head=False)
+    assert again(0.030, 0.020)
     assert pair_hz() == 10.0
-    assert crowded(base=False, head=True)
+    assert again(0.020, 0.060)
     assert pair_hz() == 5.0
-    assert not crowded(base=False, head=False)
+    assert not again(0.020, 0.060)
+    # The next start begins with what steps took in this one.
+    assert pair_hz() == pytest.approx(0.5 / 0.090)
+    assert not again(0.001, 0.002)
     assert pair_hz() == 20.0
 
 
-def test_steps_that_never_fit_are_played_alone() -> None:
-    both = BothSides(seed=1, alone=frozenset({"head"}), channels={})
-    ask: Any = ("turns", {"rate_hz": 20.0, "step_s": 0.0})
+@pytest.mark.parametrize(("rate_hz", "most"), [(20.0, 4), (0.5, 2), (0.1, 0)])
+def test_steps_that_never_fit_are_played_alone(rate_hz: float, most: int) -> None:
+    both = both_sides()
     played = 0
-    while both._answers({"base": ask, "head": ask})["head"] is not None:
+    while asked(both, "turns", rate_hz, rate_hz)["head"] is not None:
         played += 1
-        both._answers({"base": ("crowded", True), "head": ("crowded", True)})
-    assert played == 4
-    assert "a step takes" in both.too_long
+        asked(both, "played", 0.0, 100.0)
+    assert played == most
+    assert "a turn would take" in both.too_long
+    assert sorted(asked(both, "alone", None, None).values()) == [0, 1]
+
+
+def test_a_recording_with_its_own_times_is_not_played_by_turns() -> None:
+    both = both_sides()
+    assert asked(both, "turns", 0.0, 0.0) == {"base": None, "head": None}
+    assert both.too_long == "the recording has its own times"
