@@ -36,7 +36,8 @@ from r2bspec.bags.service_events import request_kind
 from r2bspec.datasets.catalogue import describe, locate
 from r2bspec.datasets.catalogue import index as index_location
 from r2bspec.diagnostics.diagnostic import Path
-from r2bspec.judge.measure.metric_catalogue import MetricError, MetricInfo, Subjects, resolve
+from r2bspec.judge.measure.metric import MetricInfo
+from r2bspec.judge.measure.metric_catalogue import MetricError, Subjects, resolve
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.located_tree import MapNode, TreeNode, child, items_of, lookup

@@ -118,18 +118,18 @@ def _definition(name: str) -> Iterator[str]:
     from r2bspec.judge.measure import metric_catalogue as reference
 
     info = reference.find_metric(name)
-    meant = reference.definition(info)
+    metric = info.metric
     yield f"{info.name}: {info.description}"
     yield ""
-    yield from textwrap.wrap(meant.text, _WIDTH)
+    yield from textwrap.wrap(metric.text, _WIDTH)
     yield ""
     for title, value in (
-        ("formula", meant.formula),
+        ("formula", metric.full_formula),
         ("unit", info.unit or "none"),
-        ("measured for", reference.SCOPES[info.scope]),
-        ("modes", ", ".join(reference.modes(info))),
+        ("measured for", info.scope.measured_for),
+        ("modes", ", ".join(reference.modes(metric))),
         ("judged by", reference.JUDGED[info.statistic][0]),
-        ("requirement", reference.example_requirement(info)),
+        ("requirement", info.example),
     ):
         indent = " " * 14
         yield textwrap.fill(f"{title:<14}{value}", _WIDTH, subsequent_indent=indent)

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from r2bspec.judge.measure.host_usage import interference_reasons, taken_share
 from r2bspec.judge.measure.matching import NO_MATCH
-from r2bspec.judge.measure.metric_catalogue import ANATOMY_SHARES
+from r2bspec.judge.measure.metric_catalogue import observed_metric
 from r2bspec.judge.measure.samples import (
     MonitorSamples,
     RunSamples,
@@ -149,7 +149,7 @@ def best_case_iteration(one: SegmentSamples) -> SegmentSamples:
     taken = taken_share(one.interference)
     anatomy = {
         name: np.maximum(0.0, values - taken)
-        if name.endswith(ANATOMY_SHARES)
+        if (metric := observed_metric(name)) is not None and metric.dimension == "share"
         else _faster_half(values) * (1 - taken)
         for name, values in one.anatomy.items()
     }

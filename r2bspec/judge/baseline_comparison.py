@@ -13,7 +13,8 @@ import msgspec
 
 from r2bspec.judge.baseline_ratio import BaselineCase
 from r2bspec.judge.decision_policy import DecisionPolicy
-from r2bspec.judge.measure.metric_catalogue import MetricError, MetricInfo, resolve
+from r2bspec.judge.measure.metric import MetricInfo, Scope
+from r2bspec.judge.measure.metric_catalogue import MetricError, resolve
 from r2bspec.judge.measure.metric_values import metric_value
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.methods.mean_bound import resolution
@@ -72,7 +73,7 @@ def _judge_requirement(
         _, info = resolve(requirement.metric, samples.monitors, samples.subjects)
     except MetricError:
         return one
-    if info.scope != "search" and one.at_hz is None:
+    if info.scope is not Scope.SEARCH and one.at_hz is None:
         reason = f"The objective does not state the rate of {info.name}."
         return msgspec.structs.replace(one, reason=reason, remedy="Add 'at' to the objective.")
     iterations = samples.iterations_at(one.at_hz)
@@ -119,7 +120,7 @@ def _undecidable_reason(requirement: Requirement) -> tuple[str, str] | None:
 def _resolution(info: MetricInfo, one: RequirementVerdict, samples: RunSamples) -> float:
     """The smallest difference that the clocks can show in a value of one iteration."""
     iterations = samples.iterations_at(one.at_hz)
-    if info.scope == "search" or not iterations:
+    if info.scope is Scope.SEARCH or not iterations:
         return 0.0
     values_known = _known(iteration_values(info, one.monitor, one.at_hz, samples))
     return resolution(info, max(values_known, default=0.0), iterations[0].segment.length_s)
@@ -138,10 +139,10 @@ def iteration_values(
         at_hz: the offered rate; not used for the peak.
         samples: the run.
     """
-    if info.scope == "search":
+    if info.scope is Scope.SEARCH:
         search = samples.record.search
         return [search.holds_hz] if search is not None else []
-    if info.scope == "monitor" and monitor not in samples.monitors:
+    if info.scope is Scope.MONITOR and monitor not in samples.monitors:
         return []
     return [
         # Without any output a ratio of drop rates says nothing: both sides would drop everything.

@@ -42,7 +42,7 @@ class BaselineCase(RequirementCase):
     @property
     def sampled(self) -> bool:
         """Whether a missing value means that nothing was sampled, not that nothing arrived."""
-        return self.info.scope in {"process", "graph", "machine", "work"}
+        return self.info.scope.is_sampled
 
 
 @dataclass(frozen=True)
@@ -187,8 +187,7 @@ def _pairs_hint(case: BaselineCase, interval: RatioInterval) -> str:
 
 def _count_missing(case: BaselineCase, values: Values) -> int:
     # 0 is an ordinary share of drops, and an ordinary jitter: something arrived.
-    zero_allowed = case.info.dimension == "share" or case.info.family == "jitter"
-    least = 0.0 if zero_allowed else math.ulp(0.0)
+    least = 0.0 if case.info.may_be_zero else math.ulp(0.0)
     return sum(value is None or not least <= value < math.inf for value in values)
 
 

@@ -395,9 +395,10 @@ def _judge_by_pairs(
     verdict = judge_pairs(case, base, head)
     if not early or verdict.outcome != "pass":
         return verdict
-    seen = replace(case, iterations=pairs.merged.iterations_at(case.at_hz)).monitor_samples
-    family = case.info.family
-    messages = sum(sample.times[family].size for sample in seen if family in sample.times)
+    merged = replace(case, iterations=pairs.merged.iterations_at(case.at_hz))
+    messages = 0
+    if case.monitor is not None and case.info.metric.has_percentiles:
+        messages = sum(values.size for values in merged.message_values)
     return verdict.held_back(early_doubt_of_pairs(case, verdict, messages))
 
 

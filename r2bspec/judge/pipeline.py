@@ -36,21 +36,10 @@ from r2bspec.judge.affected_iterations import (
 )
 from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks
 from r2bspec.judge.early_pass import early_doubt
-from r2bspec.judge.measure.metric_catalogue import (
-    MetricError,
-    MetricInfo,
-    Statistic,
-    available_at_own_pace,
-    available_live,
-    resolve,
-)
+from r2bspec.judge.measure.metric import MetricInfo, Scope, Statistic
+from r2bspec.judge.measure.metric_catalogue import MetricError, resolve, unknown_metric
 from r2bspec.judge.measure.own_pace import own_pace_text, own_period_s
-from r2bspec.judge.measure.samples import (
-    LOSS_SENSITIVE_FAMILIES,
-    RunSamples,
-    SegmentSamples,
-    pool_monitor,
-)
+from r2bspec.judge.measure.samples import RunSamples, SegmentSamples, pool_monitor
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
 from r2bspec.judge.methods.mean_bound import judge_mean
@@ -301,7 +290,7 @@ def _metric_of(
 
     Where it belongs to no monitor, or is wrong, the only monitor is None.
     """
-    none = MetricInfo(requirement.metric, "probe", "none", "", "observation", "")
+    none = unknown_metric(requirement.metric)
     try:
         monitor, info = resolve(requirement.metric, samples.monitors, samples.subjects)
     except MetricError as error:
@@ -314,7 +303,7 @@ def _metric_of(
         return none, (None,), f"{problem}{bound.dimension}."
     if monitor is not None:
         return info, (monitor,), ""
-    return info, samples.monitors if info.scope == "monitor" else (None,), ""
+    return info, samples.monitors if info.scope is Scope.MONITOR else (None,), ""
 
 
 # The decision of a case.
@@ -350,7 +339,7 @@ def method_of(case: RequirementCase) -> Decide:
 def _undecidable(case: RequirementCase, samples: RunSamples) -> Decision | None:
     """Undecided where the run, whatever it measured, has no such value, or nothing to compare."""
     name, bound = case.info.name, case.requirement.bound
-    if samples.mode == "live" and not available_live(case.info):
+    if samples.mode == "live" and not case.info.metric.live:
         return undecided(f"{name} is unknown in a live run: what its source sent is not recorded.")
     if bound is not None and bound.of_offered and not case.at_hz:
         return undecided("The objective has no rate, so 'of offered' has no meaning.")
@@ -369,7 +358,7 @@ def _without_iterations(case: RequirementCase) -> Decision | None:
             f"No complete iteration was played{at}.", "Run the spec of this objective to its end."
         )
     own_pace = any(one.own_pace for one in case.monitor_samples)
-    if own_pace and not case.iterations[0].live and not available_at_own_pace(case.info):
+    if own_pace and not case.iterations[0].live and not case.info.metric.at_own_pace:
         name, monitor = case.info.name, case.monitor
         return undecided(f"{name} is unknown at monitor '{monitor}': its outputs answer no input.")
     return None
@@ -417,8 +406,9 @@ def _without_latency(case: RequirementCase) -> Decision | None:
     if unpaired := latency_unknown_by_order(case.info, case.monitor, case.iterations):
         return undecided(*unpaired)
     seen = case.monitor_samples
-    unstamped = any(sample.received and not sample.times["age"].size for sample in seen)
-    if not (case.info.family in {"latency", "age"} and seen[0].own_pace and unstamped):
+    if not (case.info.metric.of_stamps and seen[0].own_pace):
+        return None
+    if not any(sample.received and not sample.times["age"].size for sample in seen):
         return None
     if not case.iterations[0].live:
         return undecided(
@@ -435,7 +425,7 @@ def _without_events(case: RequirementCase) -> Decision | None:
     """Undecided where what was observed from inside is not whole."""
     observed = [one.summary for one in case.iterations if one.summary is not None]
     lost = max((one.lost for one in observed), default=0)
-    if case.info.scope != "anatomy" or not lost:
+    if case.info.scope is not Scope.ANATOMY or not lost:
         return None
     return undecided(
         f"There was no room for {show(lost, 'count')} events of the graph: what was observed of "
@@ -448,7 +438,7 @@ def latency_unknown_by_order(
     info: MetricInfo, monitor: str | None, iterations: Sequence[SegmentSamples]
 ) -> tuple[str, str] | None:
     """Why a latency is unknown where outputs are matched by order, and what to do; else None."""
-    if monitor is None or info.family not in LOSS_SENSITIVE_FAMILIES:
+    if monitor is None or not info.metric.lost_is_slowest:
         return None
     seen = [iteration.monitors[monitor] for iteration in iterations]
     if not any(sample.unknown_latency for sample in seen):
@@ -462,8 +452,7 @@ def latency_unknown_by_order(
 
 def _losses_may_hide(case: RequirementCase) -> bool:
     """Whether lost outputs are counted, and others may take their places."""
-    counts_losses = case.info.name in {"drop_rate", "missed"}
-    return counts_losses and any(seen.by_order for seen in case.monitor_samples)
+    return case.info.metric.counts_losses and any(seen.by_order for seen in case.monitor_samples)
 
 
 # The steps.
@@ -488,7 +477,7 @@ def downgrade_affected_fail(
     if unaffected.outcome == "fail":
         return played.noted(f"{text}. The unaffected part fails, too.")
     # What the whole machine uses is the use of others, too.
-    of_machine = judged.asked.info.scope == "machine"
+    of_machine = judged.asked.info.scope is Scope.MACHINE
     if not of_machine and judged.decided_by(run.best_case_samples).outcome == "fail":
         return played.noted(
             f"{text}. The faster half of the messages, sped up by that, fails, too."

@@ -6,15 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-
-from r2bspec.judge.measure.metric_catalogue import MetricInfo
-from r2bspec.judge.measure.samples import (
-    LOSS_SENSITIVE_FAMILIES,
-    MonitorSamples,
-    SegmentSamples,
-    starts_of,
-)
+from r2bspec.judge.measure.metric import MetricInfo, Scope
+from r2bspec.judge.measure.metric_values import lost_outputs, message_values, values_with_lost
+from r2bspec.judge.measure.samples import MonitorSamples, SegmentSamples, starts_of
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import Method
@@ -61,45 +55,20 @@ class RequirementCase:
         return [iteration.monitors[self.monitor] for iteration in self.iterations]
 
     @property
-    def observed_times(self) -> list[Seconds]:
-        """What was observed from inside in each iteration, for a metric of a node or topic."""
-        name = self.info.series
-        return [iteration.anatomy.get(name, np.empty(0)) for iteration in self.iterations]
+    def message_values(self) -> list[Seconds]:
+        """The values of single messages in each iteration, in order, without lost ones."""
+        return [message_values(self.info, self.monitor, one) for one in self.iterations]
 
     @property
-    def lost_on_paths(self) -> int:
-        """The expected outputs that never came, of a metric of paths; else 0."""
-        return sum(iteration.lost_on_paths(self.info) for iteration in self.iterations)
+    def lost(self) -> int:
+        """The expected outputs that never came, if these count as slower than every other."""
+        return sum(lost_outputs(self.info, self.monitor, one) for one in self.iterations)
 
     def values_by_iteration(self) -> tuple[list[Seconds], int]:
         """The messages of each iteration, in order, and how many are lost (infinitely off)."""
-        family, worst = self.info.family, math.inf if self.is_upper_bound else -math.inf
-        if self.info.scope == "playback":
-            return [iteration.playback.lateness for iteration in self.iterations], 0
-        if self.info.scope == "work":
-            return [iteration.known_work(self.info.subject) for iteration in self.iterations], 0
-        if self.info.scope == "anatomy":
-            return self._with_lost(worst), self.lost_on_paths
-        seen = self.monitor_samples
-        lost = sum(one.missed for one in seen) if family in LOSS_SENSITIVE_FAMILIES else 0
-        return [one.in_order(family, worst) for one in seen], lost
-
-    def _with_lost(self, worst: float) -> list[Seconds]:
-        """What was observed in each iteration, with the outputs that never came in their places.
-
-        Where these are not known, they are the last ones.
-        """
-        pieces = []
-        for times, iteration in zip(self.observed_times, self.iterations, strict=True):
-            lost = iteration.lost_on_paths(self.info)
-            came = np.arange(times.size + lost) < times.size
-            if lost:
-                known = iteration.monitors[self.info.subject].steps.answered
-                came = known if np.count_nonzero(known) == times.size > 0 else came
-            values = np.full(came.size, worst)
-            values[came] = times
-            pieces.append(values)
-        return pieces
+        worst = math.inf if self.is_upper_bound else -math.inf
+        values = [values_with_lost(self.info, self.monitor, one, worst) for one in self.iterations]
+        return values, self.lost
 
     @property
     def is_upper_bound(self) -> bool:
@@ -202,7 +171,7 @@ def limit_of(
     if not at_hz:
         return math.nan
     # For a monitor with a ratio, the offered rate is that of the expected outputs.
-    return bound.value * at_hz * (per_step if info.scope == "monitor" else 1.0)
+    return bound.value * at_hz * (per_step if info.scope is Scope.MONITOR else 1.0)
 
 
 def requirement_verdict(case: RequirementCase, decision: Decision) -> RequirementVerdict:

@@ -27,9 +27,9 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.measure.metric_catalogue import MetricInfo
-from r2bspec.judge.measure.metric_values import metric_value
-from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, RunSamples, SegmentSamples
+from r2bspec.judge.measure.metric import MetricInfo, Scope
+from r2bspec.judge.measure.metric_values import message_values, metric_value
+from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
 from r2bspec.judge.measure.times import seconds
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.statistics.t_interval import t_quantile
@@ -60,12 +60,6 @@ _EITHER: Final = (
 _CLIMB: Final = (
     "Play longer, to see where that ends, or look for what changes: memory, queues, temperature."
 )
-_NOUNS: Final = {
-    "latency": "the latency",
-    "latency_from_due": "the latency from the due time",
-    "age": "the age",
-    **dict.fromkeys(("throughput", "interval", "jitter"), "the interval between outputs"),
-}
 
 
 @dataclass(frozen=True)
@@ -87,15 +81,15 @@ class UnsteadyPart:
 
     def text(self, info: MetricInfo) -> str:
         """Return what was found by the times of a metric, as a sentence."""
-        unit = "s" if info.scope == "monitor" else info.unit
+        unit = "s" if info.scope is Scope.MONITOR else info.unit
         figures = f"{show(self.value, unit)} against {show(self.rest, unit)}"
-        if info.family in LOSS_SENSITIVE_FAMILIES:
+        if info.metric.level and info.metric.lost_is_slowest:
             figures += " without the slowest tenth"
         where, than = "In the first iteration of each start", "of the later ones"
         if self.kind == "climb":
             where, than = "At the end of each start", "at its beginning"
         return (
-            f"{where}, {_NOUNS.get(info.family, info.name)} was "
+            f"{where}, {info.metric.level or info.name} was "
             f"{show(self.value / self.rest, '')} times that {than} ({figures})."
         )
 
@@ -152,11 +146,11 @@ def _mean_of(info: MetricInfo, monitor: str | None, one: SegmentSamples) -> floa
     if monitor is None:
         value = metric_value(info, monitor, one) if info.statistic == "mean" else None
         return value or 0.0
-    if info.family not in _NOUNS:
+    if not info.metric.level:
         return 0.0
     seen = one.monitors[monitor]
-    if info.family in LOSS_SENSITIVE_FAMILIES:
-        values = np.sort(seen.times[info.family])
+    if info.metric.lost_is_slowest:
+        values = np.sort(message_values(info, monitor, one))
         values = values[: math.ceil(_FASTEST * values.size)]
     else:
         values = np.diff(seconds(np.sort(seen.steps.received_ns[seen.steps.answered])))

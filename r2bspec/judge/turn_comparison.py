@@ -28,8 +28,9 @@ from typing import Final
 
 import numpy as np
 
-from r2bspec.judge.measure.metric_catalogue import MetricInfo
-from r2bspec.judge.measure.metric_values import metric_value
+from r2bspec.judge.measure.metric import MetricInfo, Scope
+from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH
+from r2bspec.judge.measure.metric_values import metric_value, values_with_lost
 from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.statistics.t_interval import (
@@ -43,12 +44,11 @@ TRIMMED_FROM: Final = 6
 """Starts from which on the smallest and the largest ratio are left out."""
 
 _HIGHEST_QUANTILE: Final = 0.95
-_FAMILIES: Final = frozenset({"work", "latency", "latency_from_due", "throughput", "cpu"})
 
 
 def can_be_played_by_turns(info: MetricInfo) -> bool:
     """Return True for a metric whose ratio is measured by turns."""
-    if info.family not in _FAMILIES:
+    if not info.metric.by_turns:
         return False
     return info.part == "mean" or (info.quantile is not None and info.quantile <= _HIGHEST_QUANTILE)
 
@@ -72,12 +72,12 @@ def turn_values(
 
 def _steps(info: MetricInfo, monitor: str | None, played: SegmentSamples) -> Seconds:
     """The values of a metric by step; NaN where a step has none."""
-    if info.scope == "work":
-        return played.work.get(info.subject, np.empty(0))
+    if info.scope is Scope.WORK:
+        return played.work.get(info.subject or WHOLE_GRAPH, np.empty(0))
     seen = played.monitors[monitor or ""]
-    if not seen.knows(info.family) or seen.expected != played.playback.sent:
+    if not seen.knows(info.metric) or seen.expected != played.playback.sent:
         return np.empty(0)
-    return seen.in_order(info.family, math.nan)
+    return values_with_lost(info, monitor, played, math.nan)
 
 
 def _median_ratio(base: Seconds, head: Seconds) -> float | None:

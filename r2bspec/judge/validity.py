@@ -45,7 +45,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from r2bspec.judge.measure.metric_catalogue import Statistic
+from r2bspec.judge.measure.metric import Statistic
 from r2bspec.judge.measure.own_pace import own_pace_text
 from r2bspec.judge.measure.samples import (
     MonitorSamples,

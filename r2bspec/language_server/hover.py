@@ -8,7 +8,6 @@ from lsprotocol import types
 
 from r2bspec.check.check_context import KnownMetric, max_wrong_share
 from r2bspec.diagnostics import Path, format_path
-from r2bspec.judge.measure.metric_catalogue import definition
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.declaration import rule_at
 from r2bspec.language.explain_violations import to_flow_yaml
@@ -101,8 +100,8 @@ def _about_requirement(analysis: Analysis, path: Path) -> Iterator[str]:
             continue
         requirement = metric.requirement
         yield f"`{requirement.text.strip()}`: {metric.info.description}"
-        about = definition(metric.info)
-        yield f"{about.text}\n\nFormula: {about.formula}"
+        about = metric.info.metric
+        yield f"{about.text}\n\nFormula: {about.full_formula}"
         at, benchmark = metric.at, context.spec.benchmark
         if at is not None:
             played = round(at.hz * benchmark.duration.seconds) * benchmark.iterations

@@ -14,14 +14,8 @@ from lsprotocol import types
 
 from r2bspec.bags.recording import DataError
 from r2bspec.datasets.catalogue import known_datasets
-from r2bspec.judge.measure.metric_catalogue import (
-    METRICS,
-    NO_SUBJECTS,
-    MetricError,
-    example_requirement,
-    find_metric,
-    names,
-)
+from r2bspec.judge.measure.metric import Scope
+from r2bspec.judge.measure.metric_catalogue import NO_SUBJECTS, MetricError, find_metric, names
 from r2bspec.language.declaration import ValueRule
 from r2bspec.language.located_tree import ScalarNode, lookup
 from r2bspec.language.quantities import QUANTITIES, Duration, Quantity
@@ -169,23 +163,17 @@ def metrics(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal
     spec_context = analysis.known
     subjects = spec_context.subjects if spec_context is not None else NO_SUBJECTS
     monitors = names_of(analysis, "monitor")
-    listed = names(subjects)
-    for order, name in enumerate(listed):
-        info = METRICS.get(name)
-        if info is None:
-            try:
-                info = find_metric(name)
-            except MetricError:
-                continue
+    for order, name in enumerate(names(subjects)):
+        info = find_metric(name)
         proposal = CompletionProposal(
             name,
             detail=info.dimension,
-            documentation=f"{info.description}\n\nFor example: `{example_requirement(info)}`",
+            documentation=f"{info.description}\n\nFor example: `{info.example}`",
             kind=types.CompletionItemKind.Function,
             order=100 + order,
         )
         yield proposal
-        if info.scope == "monitor" and len(monitors) > 1:
+        if info.scope is Scope.MONITOR and len(monitors) > 1:
             for monitor in monitors:
                 yield CompletionProposal(
                     f"{monitor}.{name}",

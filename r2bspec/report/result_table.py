@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from r2bspec.judge.measure.distribution import PARTS, SHORT_PERCENTILES, part_title, part_value
-from r2bspec.judge.measure.metric_catalogue import ANATOMY_SHARES, WHOLE_GRAPH
+from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH, observed_metric
 from r2bspec.judge.measure.metrics import (
     HopMetrics,
     MonitorMetrics,
@@ -296,7 +296,8 @@ def _segment(segment: SegmentMetrics) -> Iterator[_Value]:
         yield "", f"memory.{process}.max", "B", use.memory_max_bytes
         yield "", f"minor_faults.{process}.per_message", "count", use.faults_per_message
     for series, values in (segment.anatomy or {}).items():
-        if series.endswith(ANATOMY_SHARES):
+        observed = observed_metric(series)
+        if observed is not None and observed.dimension == "share":
             yield "", series, "share", values.mean
             continue
         for part in PARTS:

@@ -22,9 +22,9 @@ OF_MONITOR = [
 
 
 def bounds(metric: str) -> list[str]:
-    from r2bspec.judge.measure.metric_catalogue import METRICS as KNOWN
+    from r2bspec.judge.measure.metric_catalogue import listed
 
-    bound = BOUNDS[KNOWN[metric].dimension]
+    bound = BOUNDS[listed()[metric].dimension]
     return [f"{metric} {op} {bound}" for op in ("<", "<=", ">", ">=", "==", "!=")]
 
 

@@ -12,7 +12,8 @@ from r2bspec.check.check_context import Context, KnownMetric, max_wrong_share
 from r2bspec.check.rule import Finding, Findings, Pointer, rule, value_key
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import quote
-from r2bspec.judge.measure.metric_catalogue import METRICS
+from r2bspec.judge.measure.metric import Scope
+from r2bspec.judge.measure.metric_catalogue import listed
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.benchmark_defaults import MIN_CONFIDENCE
 from r2bspec.language.quantities import Rate
@@ -96,7 +97,7 @@ def rate_not_played(context: Context) -> Findings:
 def _needs_playing(objective: Objective) -> bool:
     """Whether any requirement is about iterations; a sustained rate has its own probe."""
     return any(
-        (info := METRICS.get(requirement.metric)) is None
+        (info := listed().get(requirement.metric)) is None
         or info.statistic not in {"sequential", "search"}
         for requirement in objective.require
     )
@@ -191,10 +192,6 @@ def search_range_empty(context: Context) -> Findings:
         )
 
 
-# An iteration of n messages has n - 1 intervals, and n - 2 differences between intervals.
-_LOST_SAMPLES = {"interval": 1, "jitter": 2}
-
-
 @rule("R2B510")
 def too_few_messages(context: Context) -> Findings:
     """Requirements that a run of the declared length cannot confirm."""
@@ -222,7 +219,7 @@ def too_few_messages(context: Context) -> Findings:
 
 def _monitors_of(metric: KnownMetric, context: Context) -> list[Monitor]:
     """The monitors of which a metric is required; none if it is of a call, or of another scope."""
-    if metric.info.scope != "monitor":
+    if metric.info.scope is not Scope.MONITOR:
         return []
     monitors = context.spec.monitors
     return [monitors[name] for name in monitors if metric.monitor in (None, "", name)]
@@ -240,7 +237,7 @@ def _last_confidence(context: Context, confidence: float) -> float:
 def _too_few(context: Context, metric: KnownMetric, at: Rate, needed: int) -> Finding | None:
     benchmark = context.spec.benchmark
     steps = round(at.hz * benchmark.duration.seconds)
-    per_iteration = steps - _LOST_SAMPLES.get(metric.info.family, 0)
+    per_iteration = steps - metric.info.metric.fewer
     iterations = max(benchmark.iterations, benchmark.max_iterations)
     counted = max(per_iteration, 0) * iterations
     if counted >= needed:

@@ -123,7 +123,7 @@ def bound_backwards(context: Context) -> Findings:
         requirement, bound = metric.requirement, metric.requirement.bound
         if bound is None or requirement.windows_share is not None:
             continue
-        at_least, more_is_better = requirement.op in {">", ">="}, metric.info.dimension == "rate"
+        at_least, more_is_better = requirement.op in {">", ">="}, metric.info.metric.more_is_better
         name = quote(metric.info.name)
         if bound.of_baseline and requirement.op not in {"==", "!="} and at_least != more_is_better:
             better, way = ("larger", ">= 97 %") if more_is_better else ("smaller", "<= 103 %")

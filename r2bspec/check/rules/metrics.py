@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from r2bspec.bags.message_types import begins_with_header
 from r2bspec.check.check_context import Context, KnownMetric
 from r2bspec.check.rule import Finding, Findings, Pointer, rule
 from r2bspec.diagnostics.quote import quote, quoted_list, suggestion
-from r2bspec.judge.measure import metric_catalogue
+from r2bspec.judge.measure.metric import Metric, Scope
+from r2bspec.judge.measure.metric_catalogue import MetricError, series_with
 
 
 @rule("R2B501")
@@ -15,7 +18,7 @@ def metric_unknown(context: Context) -> Findings:
     for located in context.requirements:
         try:
             context.resolve(located)
-        except metric_catalogue.MetricError as error:
+        except MetricError as error:
             yield Finding(
                 message=str(error),
                 path=located.path,
@@ -41,7 +44,7 @@ def metric_without_monitor(context: Context) -> Findings:
     """Metrics without a monitor name, in specs with several monitors."""
     monitors = context.spec.outputs
     for metric in context.known_metrics:
-        if len(monitors) > 1 and metric.info.scope == "monitor" and metric.monitor is None:
+        if len(monitors) > 1 and metric.info.scope is Scope.MONITOR and metric.monitor is None:
             name = metric.info.name
             first = next(iter(monitors))
             yield Finding(
@@ -52,26 +55,20 @@ def metric_without_monitor(context: Context) -> Findings:
             )
 
 
-_PROBE_SCOPES = ("monitor", "playback")
-
-
 @rule("R2B509")
 def search_condition_unsupported(context: Context) -> Findings:
     """Conditions of a search that a probe does not measure."""
     for metric in context.known_metrics:
-        if metric.role == "holds" and metric.info.scope not in _PROBE_SCOPES:
+        if metric.role == "holds" and not metric.info.scope.in_probes:
             yield Finding(
                 message=f"probes of a search do not measure {quote(metric.info.name)}",
                 path=metric.path,
                 part=metric.metric_part,
                 help="remove it: every probe checks that the backlog does not grow"
-                if metric.info.scope == "probe"
+                if metric.info.scope is Scope.PROBE
                 else "use a metric of a monitor, such as 'drop_rate <= 5 %'",
                 suppresses={metric.subject},
             )
-
-
-_NEED_STAMPS = frozenset({"duplicates", "reordered"})
 
 
 @rule("R2B525")
@@ -79,7 +76,7 @@ def count_with_order_matching(context: Context) -> Findings:
     """Counts that need stamps, required of a monitor that matches by order."""
     monitors = context.spec.outputs
     for metric in context.known_metrics:
-        if metric.info.name not in _NEED_STAMPS:
+        if not metric.info.metric.needs_stamp_matching:
             continue
         for name in [metric.monitor] if metric.monitor else monitors:
             if monitors[name].match == "order":
@@ -108,10 +105,10 @@ def metric_unobserved(context: Context) -> Findings:
                 help=suggestion(name, nodes, "nodes and containers"),
             )
     for metric in context.known_metrics:
-        if metric.info.scope != "anatomy" or observed is True:
+        if metric.info.scope is not Scope.ANATOMY or observed is True:
             continue
         subject = metric.info.subject
-        is_part = metric.info.family in _OF_ONE_NODE and bool(observed)
+        is_part = metric.info.metric.of_one_node and bool(observed)
         if is_part and {subject, _container(context, subject)} & {*(observed or ())}:
             continue
         yield Finding(
@@ -124,10 +121,6 @@ def metric_unobserved(context: Context) -> Findings:
             else "add 'anatomy: true' to 'benchmark'",
             suppresses={metric.subject},
         )
-
-
-_OF_ONE_NODE = frozenset({"wait", "take", "callback", "load"})
-"""Families of metrics that need the events of the node's own process alone."""
 
 
 def _container(context: Context, name: str) -> str:
@@ -160,7 +153,7 @@ def _why_unavailable_at_own_pace(context: Context, metric: KnownMetric) -> tuple
     """Message and help; None if no monitor with a pace of its own stands in the way."""
     name = quote(metric.info.name)
     paces = {each: monitor.own_pace for each, monitor in context.spec.monitors.items()}
-    if metric.info.scope == "probe" and paces and all(paces.values()):
+    if metric.info.scope is Scope.PROBE and paces and all(paces.values()):
         return (
             f"{name} needs outputs that answer inputs, and every monitor has 'match: own_pace'",
             "add a monitor that matches by stamp or by order",
@@ -168,7 +161,7 @@ def _why_unavailable_at_own_pace(context: Context, metric: KnownMetric) -> tuple
     named = [metric.monitor] if metric.monitor else paces
     # Answers of calls have no pace.
     found = next((each for each in named if paces.get(each)), None)
-    if metric.info.scope != "monitor" or found is None:
+    if metric.info.scope is not Scope.MONITOR or found is None:
         return None
     bound = metric.requirement.bound
     if bound is not None and bound.of_offered:
@@ -176,10 +169,10 @@ def _why_unavailable_at_own_pace(context: Context, metric: KnownMetric) -> tuple
             f"monitor {found} has a pace of its own: {name} cannot be 'of offered'",
             "write the bound as a rate",
         )
-    if not metric_catalogue.available_at_own_pace(metric.info):
+    if not metric.info.metric.at_own_pace:
         return (
             f"{name} is not available at monitor {found}, whose outputs answer no input",
-            "use throughput, age, interval, jitter or received, or name another monitor",
+            f"use {_listed(lambda metric: metric.at_own_pace)}, or name another monitor",
         )
     return None
 
@@ -200,17 +193,22 @@ def _why_unavailable(context: Context, metric: KnownMetric) -> tuple[str, str] |
         )
     if mode != "live":
         return None
-    if not metric_catalogue.available_live(metric.info):
+    if not metric.info.metric.live:
         return (
             f"{name} is not available with 'mode: live', which does not observe the inputs",
-            "use a metric of the outputs: throughput, interval, jitter, received, latency",
+            f"use a metric of the outputs: {_listed(lambda metric: metric.live)}",
         )
-    if metric.info.family == "latency" and (headerless := _headerless_monitor(context, metric)):
+    if metric.info.metric.of_stamps and (headerless := _headerless_monitor(context, metric)):
+        without = _listed(lambda metric: metric.live and not metric.of_stamps)
         return (
-            f"latency of monitor {headerless} is not available: its messages have no header",
-            "use a metric that needs no header: throughput, interval, jitter, received",
+            f"{name} of monitor {headerless} is not available: its messages have no header",
+            f"use a metric that needs no header: {without}",
         )
     return None
+
+
+def _listed(has: Callable[[Metric], bool]) -> str:
+    return ", ".join(series_with(has))
 
 
 def _headerless_monitor(context: Context, metric: KnownMetric) -> str:

@@ -9,6 +9,7 @@ from r2bspec.check.check_context import Context
 from r2bspec.check.rule import Finding, Findings, rule
 from r2bspec.diagnostics.diagnostic import Path, format_path
 from r2bspec.diagnostics.quote import quote, quoted_list
+from r2bspec.judge.measure.metric import Scope
 from r2bspec.judge.measure.metric_catalogue import MetricError, Subjects, resolve
 from r2bspec.language.declaration import rule_at
 from r2bspec.language.located_tree import MapNode, TreeNode, entries_of, items_of, lookup
@@ -101,17 +102,17 @@ def goal_problem(
     except MetricError as error:
         help_text = f"did you mean {quote(error.suggestion)}?" if error.suggestion else ""
         return str(error), help_text or f"known are {quoted_list(error.known)}"
-    if info.dimension in {"rate", "none"} or info.name == "received":
+    if info.metric.more_is_better:
         return (
             f"{quote(info.name)} is better when it is larger",
             "require it in 'slos', and minimize cpu.graph.mean or latency.p99",
         )
-    if info.scope == "anatomy" and not is_observed:
+    if info.scope is Scope.ANATOMY and not is_observed:
         return (
             f"{quote(info.name)} is not observed",
             "write 'benchmark: {anatomy: true}', or use a metric of a monitor",
         )
-    if info.scope == "monitor" and monitor is None:
+    if info.scope is Scope.MONITOR and monitor is None:
         return (
             f"{quote(info.name)} is of every monitor: {quoted_list(monitors)}",
             f"select one, for example {quote(f'{monitors[0]}.{info.name}')}",

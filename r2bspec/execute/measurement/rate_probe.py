@@ -43,6 +43,7 @@ from r2bspec.judge.rate_decision import (
     plan_interim_looks,
     worst_judgement,
 )
+from r2bspec.judge.requirement_case import limit_of
 from r2bspec.judge.verdict import InterferencePolicy
 from r2bspec.language.benchmark_defaults import (
     CONFIDENCE,
@@ -253,11 +254,9 @@ class RateProber:
             named, metric = resolve(condition.metric, names)
             for monitor in [named] if named else names:
                 measured = metric_value(metric, monitor, samples)
-                per_step = samples.monitors[monitor].per_step if metric.scope == "monitor" else 1.0
-                bound = condition.bound
-                if bound is None:
+                if condition.bound is None:
                     continue
-                limit = bound.value * (rate_hz * per_step if bound.of_offered else 1.0)
+                limit = limit_of(condition, rate_hz, metric, samples.monitors[monitor].per_step)
                 if measured is not None and condition.is_met(measured, limit):
                     continue
                 shown = "not measured" if measured is None else f"measured {measured:.4g}"

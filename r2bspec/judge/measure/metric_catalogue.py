@@ -1,4 +1,4 @@
-"""Every metric: its name, what it measures, its dimension, and how it is judged.
+"""The metrics by name: which one a requirement means, those that a run has, and their page.
 
 Grammar of a metric's name, as a requirement writes it::
 
@@ -7,27 +7,30 @@ Grammar of a metric's name, as a requirement writes it::
            | node "." family ["." part]                 blur.callback.p99, blur.load
            | topic ".transport." part                   camera/image.transport.p50
 
-This module computes nothing and imports no NumPy, so that a spec can be checked with it.
-
-``r2bspec docs METRIC`` and docs/metrics.md show what each of them means.
-Everything but the definitions comes from the catalogue, so that a new metric appears there by
-itself; the definitions are prose, in `metric_definitions.yaml`.
+This module computes nothing and imports no NumPy, so that a spec can be checked with it. The
+metrics are declared in `r2bspec.judge.measure.metric_declarations`.
 """
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Collection, Iterator
-from functools import cache
-from pathlib import Path
-from typing import Final, Literal
+from collections.abc import Callable, Collection
+from typing import Final
 
 import msgspec
 from msgspec.structs import replace
 
 from r2bspec.diagnostics import did_you_mean
-from r2bspec.judge.measure.distribution import PARTS, SHORT_PERCENTILES, quantile
-from r2bspec.language.comparison_grammar import Bound
+from r2bspec.judge.measure.metric import (
+    MONITOR,
+    NODE,
+    PROCESS,
+    TOPIC,
+    Metric,
+    MetricInfo,
+    Scope,
+    Statistic,
+)
+from r2bspec.judge.measure.metric_declarations import DECLARED
 from r2bspec.plan.plan import Plan
 
 
@@ -45,38 +48,8 @@ class MetricError(ValueError):
         self.suggestion = suggestion
 
 
-Statistic = Literal["percentile", "share", "mean", "observation", "search", "sequential"]
-"""How a bound on the metric is decided: by the exact binomial test on single messages
-(percentile, share), by t over the iterations (mean), by comparing the observed value
-(observation), by the bracket of the search (search) or by a probe (sequential)."""
-
-Scope = Literal[
-    "monitor",
-    "playback",
-    "process",
-    "graph",
-    "machine",
-    "work",
-    "search",
-    "probe",
-    "anatomy",
-]
-"""What the metric belongs to; those of scope ``anatomy`` belong to a node or a topic. Only the
-metrics of a monitor are prefixed with its name."""
-
-Dimension = Literal["time", "rate", "size", "share", "count", "none"]
-
 WHOLE_GRAPH: Final = "graph"
 """All processes of the graph together, in place of a process in the names of metrics."""
-
-PROCESS = "<process>"
-"""Placeholder for the name of any process in the catalogue's names."""
-
-NODE = "<node>"
-TOPIC = "<topic>"
-MONITOR = "<monitor>"
-"""Placeholders for any node of the graph, for any topic, without the slash that it begins with, and
-for any monitor, in the names of metrics that are observed from inside."""
 
 
 class Subjects(msgspec.Struct, frozen=True):
@@ -121,217 +94,13 @@ class Subjects(msgspec.Struct, frozen=True):
 NO_SUBJECTS: Final = Subjects()
 
 
-class MetricInfo(msgspec.Struct, frozen=True):
-    """One metric.
+def listed() -> dict[str, MetricInfo]:
+    """Return every metric that a requirement can name, by name.
 
-    Attributes:
-        name: the dotted name without a monitor, such as ``latency.p99``.
-        unit: the unit of values: ``s``, ``Hz``, ``B``, ``share`` (a fraction; of processor time,
-            one core is 1), ``count``, or empty for none. That of ``sustained``, which has no
-            bound, is the unit of the delivered rate.
-        quantile: for percentiles, the fraction of messages at or below; otherwise None.
-        subject: the process, node or topic in the name.
+    Placeholders stand for processes, nodes, topics and monitors, and more percentiles exist than
+    those listed (see `r2bspec.judge.measure.distribution.quantile`).
     """
-
-    name: str
-    scope: Scope
-    dimension: Dimension
-    unit: str
-    statistic: Statistic
-    description: str
-    quantile: float | None = None
-    subject: str = ""
-
-    @property
-    def family(self) -> str:
-        """The name up to the first dot; where that is a node or topic, the word after it."""
-        name = self.name
-        if self.scope == "anatomy":
-            name = name.removeprefix(f"{self.subject}.")
-        return name.partition(".")[0]
-
-    @property
-    def series(self) -> str:
-        """The name of the values behind a metric of a node or topic, such as ``blur.callback``."""
-        head, _, last = self.name.rpartition(".")
-        return head if quantile(last) is not None or last in {"mean", "max"} else self.name
-
-    @property
-    def part(self) -> str:
-        """The name after the last dot, or empty."""
-        if self.scope == "anatomy":
-            return self.name.removeprefix(self.series).removeprefix(".")
-        return self.name.rpartition(".")[2] if "." in self.name else ""
-
-    def accepts(self, bound: Bound) -> bool:
-        """Whether a bound has this metric's dimension.
-
-        'of offered' applies to rates only; 'of baseline' to every metric that has a value in each
-        iteration and is not a count.
-        """
-        if bound.of_offered:
-            return self.dimension == "rate"
-        if bound.of_baseline:
-            return self.dimension not in {"count", "none"}
-        return bound.dimension == self.dimension
-
-
-_UNITS_AND_EXAMPLES: dict[Dimension, tuple[str, str]] = {
-    "time": ("s", "<= 50 ms"),
-    "rate": ("Hz", ">= 30 Hz"),
-    "size": ("B", "<= 64 MiB"),
-    "share": ("share", "<= 2 %"),
-    "count": ("count", "== 0"),
-    "none": ("", ""),
-}
-"""The unit of values, and a requirement on them."""
-
-_TIME_FAMILIES = {
-    "latency": "time from publication of the input to reception of the output",
-    "latency_from_due": "time from the due time of the input to reception of the output",
-    "age": "time from publication of the newest input in an output to its reception",
-    "interval": "time between consecutive outputs",
-    "jitter": "absolute difference of consecutive intervals",
-}
-"""Families that have one value per message."""
-
-
-_ANATOMY_FAMILIES = {
-    "wait": (NODE, "time from when the middleware has received a message to when it is taken"),
-    "take": (NODE, "time to take a message from the middleware"),
-    "callback": (NODE, "time from the beginning of a callback to its end"),
-    "transport": (TOPIC, "time from the stamp of the publication to that of the reception"),
-    "path": (MONITOR, "time from publication of the input to reception, on the path followed"),
-}
-"""Families of nodes, topics and monitors with one value per message, observed from inside."""
-
-
-def _time_metric(scope: Scope, family: str, part: str, what: str, subject: str = "") -> MetricInfo:
-    """A part of the distribution of some times."""
-    q = quantile(part)
-    statistic: Statistic = "percentile" if q is not None else "observation"
-    text = f"{what}: {q * 100:g} % of the values are at or below" if q is not None else what
-    if part == "mean":
-        statistic, text = "mean", f"mean {what}"
-    elif part in _EXTREMES:
-        text = f"{_EXTREMES[part]} {what}"
-    info = _metric(f"{family}.{part}", scope, "time", statistic, text)
-    return replace(info, quantile=q, subject=subject)
-
-
-_EXTREMES = {"min": "smallest", "max": "largest"}
-
-
-def _metric(
-    name: str, scope: Scope, dimension: Dimension, statistic: Statistic, description: str
-) -> MetricInfo:
-    unit, _ = _UNITS_AND_EXAMPLES[dimension]
-    return MetricInfo(name, scope, dimension, unit, statistic, description)
-
-
-def _work(subject: str, part: str) -> MetricInfo:
-    """A metric of the processor time that a process, or the graph, uses for a step."""
-    return _time_metric("work", f"work.{subject}", part, "processor time per step", subject)
-
-
-def _anatomy(family: str, part: str) -> MetricInfo:
-    """A metric of a node or topic, with a placeholder in its name."""
-    subject, what = _ANATOMY_FAMILIES[family]
-    return _time_metric("anatomy", f"{subject}.{family}", part, what, subject)
-
-
-ANATOMY_SHARES: Final = (".load", ".overtaken", ".share")
-"""How the names of metrics of nodes end that have one value; see `_anatomy_share`."""
-
-
-def _anatomy_share(name: str, description: str) -> MetricInfo:
-    return replace(_metric(name, "anatomy", "share", "mean", description), subject=NODE)
-
-
-_LATENESS_DESCRIPTION = "time from when a publication was due to when it began"
-
-_CATALOGUE: tuple[MetricInfo, ...] = (
-    _metric("throughput.mean", "monitor", "rate", "mean", "output rate: outputs / window of time"),
-    *(
-        _time_metric("monitor", family, part, what)
-        for family, what in _TIME_FAMILIES.items()
-        for part in PARTS
-    ),
-    _metric("sent", "playback", "count", "observation", "steps played"),
-    _metric("received", "monitor", "count", "observation", "messages received, matched or not"),
-    _metric("missed", "monitor", "count", "observation", "expected outputs not received"),
-    _metric("drop_rate", "monitor", "share", "share", "missed / expected outputs"),
-    _metric("duplicates", "monitor", "count", "observation", "repeated outputs of a step"),
-    _metric("reordered", "monitor", "count", "observation", "outputs after that of a later step"),
-    _metric("unmatched", "monitor", "count", "observation", "messages that match no step"),
-    _metric(
-        "playback.rate", "playback", "rate", "mean", "published rate: (n - 1) / (last - first)"
-    ),
-    *(
-        _time_metric("playback", "playback.lateness", part, _LATENESS_DESCRIPTION)
-        for part in (*SHORT_PERCENTILES, "max")
-    ),
-    _metric(f"cpu.{PROCESS}.mean", "process", "share", "mean", "processor time; one core is 100 %"),
-    _metric(
-        f"cpu.{PROCESS}.max", "process", "share", "observation", "the same in the busiest sample"
-    ),
-    _metric(f"memory.{PROCESS}.max", "process", "size", "observation", "largest resident set"),
-    _metric("cpu.graph.mean", "graph", "share", "mean", "the same of all processes of the graph"),
-    _metric("cpu.graph.max", "graph", "share", "observation", "the same in their busiest sample"),
-    _metric(
-        "memory.graph.max", "graph", "size", "observation", "largest sum of their resident sets"
-    ),
-    *(
-        _work(subject, part)
-        for subject in (PROCESS, WHOLE_GRAPH)
-        for part in ("mean", "p10", "p25", "p50", "p90")
-    ),
-    _metric("cpu.system.mean", "machine", "share", "mean", "CPU of the machine; one core is 100 %"),
-    _metric("cpu.system.max", "machine", "share", "observation", "the same in the busiest sample"),
-    _metric(
-        "memory.system.max",
-        "machine",
-        "size",
-        "observation",
-        "largest memory in use on the machine",
-    ),
-    *(
-        _anatomy(family, part)
-        for family in _ANATOMY_FAMILIES
-        for part in ("mean", *SHORT_PERCENTILES, "max")
-    ),
-    _anatomy_share(f"{NODE}.load", "time in callbacks / window of time"),
-    _anatomy_share(f"{NODE}.overtaken", "messages that it never took / messages sent to it"),
-    _anatomy_share(f"path.{NODE}.share", "mean share of the latency that is spent in the node"),
-    _metric("peak.rate", "search", "rate", "search", "highest sustained rate"),
-    replace(
-        _metric(
-            "sustained", "probe", "none", "sequential", "whether the offered rate is sustained"
-        ),
-        unit="Hz",
-    ),
-)
-
-METRICS: dict[str, MetricInfo] = {info.name: info for info in _CATALOGUE}
-"""Every metric by name; ``<process>`` stands for any process, and more percentiles than those
-listed exist (see `r2bspec.judge.measure.distribution.quantile`)."""
-
-
-_PROCESS_FAMILIES = ("cpu", "memory", "work")
-
-_OWN_PACE_FAMILIES = ("throughput", "age", "interval", "jitter", "received")
-"""Families of a monitor's metrics that do not depend on what was played."""
-
-
-def available_live(info: MetricInfo) -> bool:
-    """Whether a metric is known in a live run, in which the graph has its own source."""
-    known = {*_OWN_PACE_FAMILIES, "latency", "cpu", "memory"}
-    return info.scope == "anatomy" or info.family in known
-
-
-def available_at_own_pace(info: MetricInfo) -> bool:
-    """Whether a metric of a monitor is known where no output is expected."""
-    return info.family in _OWN_PACE_FAMILIES
+    return {info.name: info for metric in DECLARED if metric.required for info in metric.infos}
 
 
 def resolve(
@@ -358,7 +127,7 @@ def resolve(
     """
     info = _find(metric, subjects)
     if info is not None:
-        only = next(iter(monitors)) if len(monitors) == 1 and info.scope == "monitor" else None
+        only = next(iter(monitors)) if len(monitors) == 1 and info.scope is Scope.MONITOR else None
         return only, info
     first, _, rest = metric.partition(".")
     if first in monitors:
@@ -368,7 +137,7 @@ def resolve(
         if info is None:
             of_one = replace(subjects, processes=(), nodes=(), topics=(), monitors=())
             raise _unknown_metric(rest, f"there is no metric {rest!r}", of_one, prefix=f"{first}.")
-        if info.scope != "monitor":
+        if info.scope is not Scope.MONITOR:
             raise MetricError(
                 f"{rest!r} is not a metric of a monitor", known=(rest,), suggestion=rest
             )
@@ -382,59 +151,73 @@ def resolve(
     raise _unknown_metric(metric, f"there is no metric {metric!r}", subjects)
 
 
-def _find(name: str, subjects: Subjects) -> MetricInfo | None:
-    if name in METRICS and "<" not in name:
-        return METRICS[name]
-    family, _, part = name.rpartition(".")
-    if quantile(part) is not None:
-        if family in _TIME_FAMILIES:
-            return _time_metric("monitor", family, part, _TIME_FAMILIES[family])
-        if family == "playback.lateness":
-            return _time_metric("playback", family, part, _LATENESS_DESCRIPTION)
-    return _find_process(family, part, subjects) or _find_anatomy(name, subjects)
-
-
-def _find_process(family: str, part: str, subjects: Subjects) -> MetricInfo | None:
-    kind, _, process = family.partition(".")
-    if kind == "work" and quantile(part) is not None:
-        is_known = process == WHOLE_GRAPH or process in subjects.processes
-        return _work(process, part) if is_known else None
-    template = METRICS.get(f"{kind}.{PROCESS}.{part}")
-    if template is None or process not in subjects.processes:
-        return None
-    return replace(template, name=f"{family}.{part}", subject=process)
-
-
-def _find_anatomy(name: str, subjects: Subjects) -> MetricInfo | None:
-    first, *rest = name.split(".")
-    is_share = first == "path" and rest[1:] == ["share"]
-    subject = rest[0] if is_share else first
-    family = rest[0] if rest and not is_share else ""
-    placeholder = _ANATOMY_FAMILIES.get(family, (NODE, ""))[0]
-    named = subjects.named_by(placeholder)
-    if placeholder == TOPIC and subject not in named:
-        subject = f"{subjects.namespace}/{subject}"
-        name = ".".join([subject, *rest])
-    if subject not in named:
-        return None
-    generic = f"path.{NODE}.share" if is_share else ".".join([placeholder, *rest])
-    template = METRICS.get(generic)
-    if template is None and len(rest) == 2 and quantile(rest[1]) and rest[0] in _ANATOMY_FAMILIES:
-        template = _anatomy(rest[0], rest[1])
-    return None if template is None else replace(template, name=name, subject=subject)
+def _find(name: str, subjects: Subjects | None) -> MetricInfo | None:
+    """Return the metric of a name; of any subject, if `subjects` is None."""
+    head, _, last = name.rpartition(".")
+    split = [(name, ""), *([(head, last)] if head else [])]
+    required = [metric for metric in DECLARED if metric.required]
+    # A name without a placeholder takes precedence.
+    for metric in sorted(required, key=lambda metric: bool(metric.placeholder)):
+        for series, part in split:
+            subject, info = metric.subject_in(series), metric.part(part)
+            if subject is None or info is None:
+                continue
+            if not metric.placeholder or subjects is None:
+                return replace(info, subject=subject)
+            named = subjects.named_by(metric.placeholder)
+            if metric.placeholder == TOPIC and subject not in named:
+                subject = f"{subjects.namespace}/{subject}"
+            if subject in named:
+                return replace(info, subject=subject)
+    return None
 
 
 def names(subjects: Subjects = NO_SUBJECTS) -> tuple[str, ...]:
     """The names of all metrics, with those of each process, node and topic written out."""
-    listed: list[str] = []
-    for name in METRICS:
-        placeholder = next((word for word in name.split(".") if word.startswith("<")), None)
-        if placeholder is None:
-            listed.append(name)
+    written_out: list[str] = []
+    for name, info in listed().items():
+        if info.metric.placeholder:
+            named = sorted(subjects.named_by(info.metric.placeholder))
+            written_out += [replace(info, subject=subject).name for subject in named]
         else:
-            named = sorted(subjects.named_by(placeholder))
-            listed += [name.replace(placeholder, subject) for subject in named]
-    return tuple(dict.fromkeys(listed))
+            written_out.append(name)
+    return tuple(dict.fromkeys(written_out))
+
+
+def series_with(has: Callable[[Metric], bool]) -> tuple[str, ...]:
+    """Return the names, without part, of the metrics of a monitor that have a trait."""
+    return tuple(
+        metric.name
+        for metric in DECLARED
+        if metric.required and metric.scope is Scope.MONITOR and has(metric)
+    )
+
+
+def unknown_metric(name: str) -> MetricInfo:
+    """Return what stands for a metric that does not exist."""
+    return MetricInfo(
+        Metric(
+            name=name,
+            scope=Scope.PROBE,
+            dimension="none",
+            what="",
+            text="",
+            formula="",
+            read=lambda _: None,
+            required=False,
+        )
+    )
+
+
+def observed_metric(series: str) -> MetricInfo | None:
+    """Return the metric of a node, topic or monitor by its name without part; None without one.
+
+    Its part is empty, whether the metric has parts or not.
+    """
+    for metric in DECLARED:
+        if metric.scope is Scope.ANATOMY and (subject := metric.subject_in(series)):
+            return MetricInfo(metric, subject=subject)
+    return None
 
 
 def _unknown_metric(name: str, message: str, subjects: Subjects, prefix: str = "") -> MetricError:
@@ -456,38 +239,6 @@ def _unknown_metric(name: str, message: str, subjects: Subjects, prefix: str = "
 MODES = ("looping", "sweeping", "timeline", "live")
 """The values of ``playback.mode``."""
 
-
-class Definition(msgspec.Struct, frozen=True):
-    """What the metrics of one stem measure.
-
-    Attributes:
-        text: in sentences.
-        formula: in the terms of the text.
-    """
-
-    text: str
-    formula: str
-
-
-_PERCENTILE_RULE = (
-    "pQ: the k-th of the n values in ascending order, k = ceil(Q/100 · n); always an observed value"
-)
-
-_DEFINITIONS_FILE = Path(__file__).with_name("metric_definitions.yaml")
-
-
-@cache
-def definitions() -> dict[str, Definition]:
-    """By stem: the name of a metric without its part (see `stem`)."""
-    from r2bspec.safe_io.safe_yaml import load_texts
-
-    rows = load_texts(_DEFINITIONS_FILE.read_text(encoding="utf-8"))
-    return {
-        name: Definition(row["text"], row["formula"].replace("{percentiles}", _PERCENTILE_RULE))
-        for name, row in rows.items()
-    }
-
-
 _BINOMIAL = ("exact binomial test on single messages", "exact binomial")
 
 JUDGED: dict[Statistic, tuple[str, str]] = {
@@ -503,45 +254,12 @@ JUDGED: dict[Statistic, tuple[str, str]] = {
 }
 """How metrics are judged: in full, and as in the table of docs/metrics.md."""
 
-SCOPES: dict[Scope, str] = {
-    "monitor": "each monitor; MONITOR.NAME for one of several",
-    "playback": "the playback",
-    "process": "each process of the plan",
-    "graph": "the graph",
-    "machine": "the machine",
-    "work": "each process of the graph, and the graph",
-    "search": "the search for the peak",
-    "probe": "a probe at one rate",
-    "anatomy": "each node, topic or monitor, with 'benchmark: {anatomy: true}'",
-}
 
-
-def stem(info: MetricInfo) -> str:
-    """The key of a metric's definition: its name, if necessary without the last part."""
-    if info.scope == "anatomy":
-        placeholder = _ANATOMY_FAMILIES.get(info.family, (NODE, ""))[0]
-        is_share = info.name.startswith("path.") and info.name.endswith(".share")
-        return f"path.{NODE}.share" if is_share else f"{placeholder}.{info.family}"
-    template = info.name.replace(info.subject, PROCESS, 1) if info.subject else info.name
-    return template if template in definitions() else template.rpartition(".")[0]
-
-
-def definition(info: MetricInfo) -> Definition:
-    """The definition of a metric."""
-    return definitions()[stem(info)]
-
-
-def modes(info: MetricInfo) -> tuple[str, ...]:
-    """The playback modes in which a metric has a value."""
-    if info.scope in {"search", "probe"}:
+def modes(metric: Metric) -> tuple[str, ...]:
+    """Return the playback modes in which a metric has a value."""
+    if metric.scope in {Scope.SEARCH, Scope.PROBE}:
         return MODES[:2]
-    return MODES if available_live(info) else MODES[:-1]
-
-
-def example_requirement(info: MetricInfo) -> str:
-    """A requirement on the metric."""
-    _, bound = _UNITS_AND_EXAMPLES[info.dimension]
-    return f"{info.name} {bound}".rstrip()
+    return MODES if metric.live else MODES[:-1]
 
 
 def find_metric(name: str) -> MetricInfo:
@@ -550,32 +268,19 @@ def find_metric(name: str) -> MetricInfo:
     Raises:
         MetricError: there is none; with what was probably meant.
     """
+    for candidate in (name, name.partition(".")[2]):
+        info = listed().get(candidate) or _find(candidate, None)
+        if info is not None:
+            return info
     first, _, rest = name.partition(".")
-    for candidate in (name, rest):
-        if candidate in METRICS:
-            return METRICS[candidate]
-    processes = Subjects(processes=(rest.rpartition(".")[0],) if first in _PROCESS_FAMILIES else ())
-    named = replace(
-        processes, nodes=(first, rest.partition(".")[0]), topics=(first,), monitors=(first,)
-    )
-    for candidate in (name, rest):
-        with contextlib.suppress(MetricError):
-            return resolve(candidate, (), named)[1]
+    process = rest.rpartition(".")[0]
+    of_process = any(metric.name == f"{first}.{PROCESS}" for metric in DECLARED)
     try:
         # No node of that name is known: what is suggested has none.
-        return resolve(name, (), processes)[1]
+        return resolve(name, (), Subjects(processes=(process,) if of_process else ()))[1]
     except MetricError as error:
         close = error.suggestion or did_you_mean(name, names())
         raise MetricError(str(error), error.known, close) from None
-
-
-def groups() -> Iterator[tuple[str, tuple[MetricInfo, ...]]]:
-    """The metrics by stem, in the order of the catalogue."""
-    families: dict[str, list[MetricInfo]] = {}
-    for info in METRICS.values():
-        families.setdefault(stem(info), []).append(info)
-    for name, infos in families.items():
-        yield name, tuple(infos)
 
 
 _INTRODUCTION = """\
@@ -604,35 +309,26 @@ def markdown_page() -> str:
     import textwrap
 
     blocks = [_INTRODUCTION]
-    for name, infos in groups():
-        meant = definitions()[name]
-        formula = meant.formula.replace(f"; {_PERCENTILE_RULE}", "").replace("; ", ";\n    ")
-        block = [f"## {name}\n", f"{textwrap.fill(meant.text, 100)}\n", f"    {formula}\n"]
-        block.append(textwrap.fill(_names_and_unit(infos), 100))
-        blocks.append("\n".join(block) + "\n")
+    for metric in DECLARED:
+        if metric.required:
+            formula = metric.formula.replace("; ", ";\n    ")
+            block = [f"## {metric.name}\n", f"{textwrap.fill(metric.text, 100)}\n"]
+            block += [f"    {formula}\n", textwrap.fill(_names_and_unit(metric), 100)]
+            blocks.append("\n".join(block) + "\n")
     return "\n".join(blocks)
 
 
-def _names_and_unit(infos: tuple[MetricInfo, ...]) -> str:
-    """Return the names of the metrics of one stem, with their unit and modes.
+def _names_and_unit(metric: Metric) -> str:
+    """Return the names of a metric in its parts, with unit and modes.
 
-    How they are judged is said where no part of their names says it.
+    How it is judged is said where no part says it.
     """
-    parts: dict[str, list[str]] = {}
-    for info in infos:
-        family, _, part = info.name.rpartition(".")
-        if part in ("min", "mean", "max") or quantile(part) is not None:
-            parts.setdefault(f"{family}.", []).append(part)
-        else:
-            parts[info.name] = []
-    names = [
-        f"`{family}{{{','.join(of)}}}`" if len(of) > 1 else f"`{family}{''.join(of)}`"
-        for family, of in parts.items()
-    ]
-    first = infos[0]
-    only = "" if modes(first) == MODES else f", {_IN_MODES[modes(first)]}"
-    judged = f", judged by {JUDGED[first.statistic][1]}" if first.name in parts else ""
-    return f"{', '.join(names)} ({first.unit}{only}){judged}."
+    parts = ",".join(metric.parts)
+    suffix = f".{{{parts}}}" if len(metric.parts) > 1 else f".{parts}" if parts else ""
+    first = metric.infos[0]
+    only = "" if modes(metric) == MODES else f", {_IN_MODES[modes(metric)]}"
+    judged = "" if parts else f", judged by {JUDGED[first.statistic][1]}"
+    return f"`{metric.name}{suffix}` ({first.unit}{only}){judged}."
 
 
 _IN_MODES = {MODES[:-1]: "not live", MODES[:2]: "looping and sweeping only"}

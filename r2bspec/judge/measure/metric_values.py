@@ -20,13 +20,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any, Final
 
 import numpy as np
 
-from r2bspec.judge.measure.host_usage import ResourceUse
-from r2bspec.judge.measure.metric_catalogue import MetricInfo, available_live
+from r2bspec.judge.measure.metric import MetricInfo, Scope
+from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH
 from r2bspec.judge.measure.samples import (
-    LOSS_SENSITIVE_FAMILIES,
     MonitorSamples,
     SegmentSamples,
     output_period_ns,
@@ -51,54 +51,48 @@ def metric_value(info: MetricInfo, monitor: str | None, samples: SegmentSamples)
     Raises:
         KeyError: there is no such monitor.
     """
-    match info.scope:
-        case "monitor":
-            return monitor_value(info, samples.monitors[monitor or ""])
-        case "playback":
-            return _playback_value(info, samples)
-        case "process":
-            return _use_value(info, samples.processes.get(info.subject))
-        case "graph":
-            return _use_value(info, samples.graph)
-        case "machine":
-            return _use_value(info, samples.machine)
-        case "work":
-            used = samples.known_work(info.subject)
-            return time_value(info, used, 0) if used.size else None
-        case "anatomy":
-            times = samples.anatomy.get(info.series)
-            if times is None or not times.size:
-                return None
-            return time_value(info, times, samples.lost_on_paths(info))
-        case _:
-            raise ValueError(f"{info.name} is not a metric of a segment")
+    if info.scope is Scope.MONITOR:
+        return monitor_value(info, samples.monitors[monitor or ""])
+    if info.scope is Scope.ANATOMY and not samples.anatomy.get(info.series, _NOTHING).size:
+        return None
+    measured = _measured(info, samples)
+    if measured is None:
+        return None
+    return _value(info, info.metric.read(measured), lost_outputs(info, monitor, samples))
 
 
 def monitor_value(info: MetricInfo, seen: MonitorSamples) -> float | None:
     """The value of a metric of scope ``monitor`` for one monitor; see `metric_value`."""
-    if (seen.own_pace and not available_live(info)) or not seen.knows(info.family):
+    if not seen.knows(info.metric):
         return None
-    if info.family in seen.times:
-        lost = seen.missed if info.family in LOSS_SENSITIVE_FAMILIES else 0
-        return time_value(info, seen.times[info.family], lost)
-    match info.name:
-        case "throughput.mean":
-            return seen.throughput_hz
-        case "drop_rate":
-            return seen.missed / seen.expected if seen.expected else None
-        case "received" | "missed" | "duplicates" | "reordered" | "unmatched":
-            return float(getattr(seen, info.name))
-    raise ValueError(f"{info.name} is not a metric of a monitor")
+    return _value(info, info.metric.read(seen), seen.missed if info.metric.lost_is_slowest else 0)
 
 
-def _playback_value(info: MetricInfo, samples: SegmentSamples) -> float | None:
-    if samples.live:
-        return None
-    if info.name == "sent":
-        return float(samples.playback.sent)
-    if info.name == "playback.rate":
-        return samples.playback.rate_hz
-    return time_value(info, samples.playback.lateness, 0)
+def _measured(info: MetricInfo, samples: SegmentSamples) -> Any:
+    """What a metric that belongs to no monitor is measured of in a segment; None for nothing."""
+    match info.scope:
+        case Scope.PLAYBACK:
+            return None if samples.live else samples.playback
+        case Scope.PROCESS:
+            return samples.processes.get(info.subject)
+        case Scope.GRAPH:
+            return samples.graph
+        case Scope.MACHINE:
+            return samples.machine
+        case Scope.WORK:
+            return samples.known_work(info.subject or WHOLE_GRAPH)
+        case Scope.ANATOMY:
+            return samples.anatomy.get(info.series, _NOTHING)
+        case _:
+            raise ValueError(f"{info.name} is not a metric of a segment")
+
+
+def _value(info: MetricInfo, read: Any, lost: int) -> float | None:
+    """The part of what a declaration returned that a metric names."""
+    if isinstance(read, np.ndarray):
+        return time_value(info, read, lost)
+    value = read[info.part] if isinstance(read, dict) else read
+    return None if value is None else float(value)
 
 
 def time_value(info: MetricInfo, times: Seconds, lost: int) -> float | None:
@@ -112,19 +106,56 @@ def time_value(info: MetricInfo, times: Seconds, lost: int) -> float | None:
     return float(times.min() if info.part == "min" else times.mean())
 
 
-def _use_value(info: MetricInfo, used: ResourceUse | None) -> float | None:
-    if used is None:
-        return None
-    if info.family == "memory":
-        return None if used.memory_max_bytes is None else float(used.memory_max_bytes)
-    return used.cpu_mean if info.part == "mean" else used.cpu_max
+_NOTHING: Final = np.empty(0)
+
+
+def message_values(info: MetricInfo, monitor: str | None, samples: SegmentSamples) -> Seconds:
+    """The values of single messages in one segment, in their order, without lost ones."""
+    measured = (
+        samples.monitors[monitor or ""] if info.scope is Scope.MONITOR else _measured(info, samples)
+    )
+    values: Seconds = _NOTHING if measured is None else info.metric.read(measured)
+    return values
+
+
+def values_with_lost(
+    info: MetricInfo, monitor: str | None, samples: SegmentSamples, worst: float
+) -> Seconds:
+    """The values of single messages in one segment, in their order, with outputs that never came.
+
+    Args:
+        info: the metric, of single messages.
+        monitor: for a metric of a monitor.
+        samples: the segment.
+        worst: the value of an output that never came, if these count.
+    """
+    values, lost = message_values(info, monitor, samples), lost_outputs(info, monitor, samples)
+    if not lost:
+        return values
+    known = samples.monitors[monitor or info.subject].steps.answered
+    if not values.size or np.count_nonzero(known) != values.size:
+        # Which outputs never came is not known: they are the last ones.
+        known = np.arange(values.size + lost) < values.size
+    whole = np.full(known.size, worst)
+    whole[known] = values
+    return whole
+
+
+def lost_outputs(info: MetricInfo, monitor: str | None, samples: SegmentSamples) -> int:
+    """How many expected outputs never came and count as slower than every other; see `Metric`.
+
+    An output on a path without the stamp of its input answers none, but it did come.
+    """
+    seen = samples.monitors.get(monitor or info.subject)
+    if not info.metric.lost_is_slowest or seen is None:
+        return 0
+    if info.scope is Scope.MONITOR:
+        return seen.missed
+    return max(0, min(seen.missed, seen.expected - seen.received))
 
 
 _ROUNDING_TOLERANCE_NS = 1_000
 """Due times are rounded: a step that is due at a window's first moment must not miss it."""
-
-_WINDOW_METRICS = ("throughput.mean", "drop_rate", "missed")
-"""Metrics of a monitor that have a value in a window, besides those of single messages."""
 
 
 @dataclass(frozen=True)
@@ -145,9 +176,7 @@ class WindowValues:
 
 def has_windows(info: MetricInfo) -> bool:
     """Whether a metric has a value in a window."""
-    if info.scope != "monitor":
-        return False
-    return info.name in _WINDOW_METRICS or info.dimension == "time"
+    return info.metric.in_windows
 
 
 def window_values(
@@ -194,7 +223,6 @@ def _values_at_own_pace(
 
     In a window without messages, the throughput is 0 and the interval as long as the window.
     """
-    without_messages = {"throughput": 0.0, "interval": window_ns / 1e9}
     began_ns, ended_ns = samples.segment.began_ns, samples.segment.ended_ns
     received = seen.steps.received_ns
     found: list[float] = []
@@ -206,8 +234,8 @@ def _values_at_own_pace(
             part = _cut_window(seen, slice(first, last), start_ns + window_ns, window_ns)
             in_window = throughput(np.sort(received[first:last]), start_ns, window_ns)
             value = monitor_value(info, replace(part, own_pace=True, throughput_hz=in_window))
-        elif info.family in without_messages:
-            value = without_messages[info.family]
+        elif info.metric.empty_window is not None:
+            value = info.metric.empty_window(window_ns / 1e9)
         if value is None:
             without += 1
         else:

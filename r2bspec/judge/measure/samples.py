@@ -19,7 +19,8 @@ from r2bspec.judge.measure.matching import (
     count_reordered,
     source_times_ns,
 )
-from r2bspec.judge.measure.metric_catalogue import NO_SUBJECTS, MetricInfo, Subjects
+from r2bspec.judge.measure.metric import Metric
+from r2bspec.judge.measure.metric_catalogue import NO_SUBJECTS, Subjects
 from r2bspec.judge.measure.own_pace import PaceEvidence, own_period_s
 from r2bspec.judge.measure.times import (
     Seconds,
@@ -67,10 +68,7 @@ def pool_hops(iterations: Sequence[Iterable[HopSamples]]) -> tuple[HopSamples, .
     )
 
 
-LOSS_SENSITIVE_FAMILIES = ("latency", "latency_from_due")
-"""Families in which a missed output counts as later than every other."""
-
-_FAMILIES_OF_PAIRS = (*LOSS_SENSITIVE_FAMILIES, "age")
+_FAMILIES_OF_PAIRS = ("latency", "latency_from_due", "age")
 """Families that are known only if it is known which input an output answers."""
 
 _UNKNOWN: Final = dict.fromkeys(_FAMILIES_OF_PAIRS, np.empty(0))
@@ -215,6 +213,13 @@ class MonitorSamples:
         return self.expected - self.answered
 
     @property
+    def latency_by_step(self) -> Seconds:
+        """The latency of each expected output, NaN for those that never came."""
+        values = np.full(self.steps.received_ns.size, math.nan)
+        values[self.steps.answered] = self.times["latency"]
+        return values
+
+    @property
     def own_period_s(self) -> float | None:
         """The period of outputs that come whatever is played; None if these do not."""
         return own_period_s(self.pace, self.overdue)
@@ -235,20 +240,11 @@ class MonitorSamples:
         found = " and ".join(text for text, count in faults.items() if count)
         return f"outputs are matched by order, and {found}" if found else ""
 
-    def knows(self, family: str) -> bool:
-        """Whether the times of a family are known."""
-        return family not in _FAMILIES_OF_PAIRS or not self.unknown_latency
-
-    def in_order(self, family: str, lost: float) -> Seconds:
-        """The times of a family in the order of the steps, `lost` for missed outputs.
-
-        For families in which losses do not count, such as intervals, the known times.
-        """
-        if family not in LOSS_SENSITIVE_FAMILIES:
-            return self.times[family]
-        values = np.full(self.steps.received_ns.size, lost)
-        values[self.steps.answered] = self.times[family]
-        return values
+    def knows(self, metric: Metric) -> bool:
+        """Whether a metric is known of these outputs."""
+        if self.own_pace and not metric.live:
+            return False
+        return not (metric.of_pairs and self.unknown_latency)
 
 
 def known_latencies(seen: Sequence[MonitorSamples]) -> Seconds:
@@ -305,16 +301,6 @@ class SegmentSamples:
         """Return the processor time of the steps of a process for which it is known."""
         used = self.work.get(process, np.empty(0))
         return used[~np.isnan(used)]
-
-    def lost_on_paths(self, info: MetricInfo) -> int:
-        """How many expected outputs of a monitor never came, so that they have no path.
-
-        An output without the stamp of its input answers none, but it did come.
-        """
-        if info.family != "path" or info.subject not in self.monitors:
-            return 0
-        seen = self.monitors[info.subject]
-        return max(0, min(seen.missed, seen.expected - seen.received))
 
 
 @dataclass(frozen=True)
@@ -568,7 +554,8 @@ def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
         steps=StepTimes.joined([sample.steps for sample in samples]),
         times={
             family: np.concatenate([sample.times[family] for sample in samples])
-            if all(sample.knows(family) for sample in samples)
+            if family not in _FAMILIES_OF_PAIRS
+            or not any(sample.unknown_latency for sample in samples)
             else np.empty(0)
             for family in samples[0].times
         },

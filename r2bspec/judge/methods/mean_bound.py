@@ -16,9 +16,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
-from r2bspec.judge.measure.metric_catalogue import MetricInfo
+from r2bspec.judge.measure.metric import MetricInfo
 from r2bspec.judge.measure.metric_values import metric_value
-from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, SegmentSamples, starts_of
+from r2bspec.judge.measure.samples import SegmentSamples, starts_of
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.requirement_case import MAX_LOST_SHARE, Decision, RequirementCase, undecided
 from r2bspec.judge.statistics.more_pieces import advice, mean_decides, more_pieces
@@ -106,17 +106,10 @@ def _possible(sample: HierarchicalInterval, values: Sequence[float]) -> Hierarch
 
 def _without_lost(case: RequirementCase, decision: Decision) -> Decision:
     """The answer with regard to outputs that were lost, which a mean of latencies leaves out."""
-    if case.info.family == "path":
-        lost = case.lost_on_paths
-        expected = lost + sum(times.size for times in case.observed_times)
-    elif case.monitor is not None and case.info.family in LOSS_SENSITIVE_FAMILIES:
-        seen = case.monitor_samples
-        lost = sum(sample.missed for sample in seen)
-        expected = sum(sample.expected for sample in seen)
-    else:
-        return decision
+    lost = case.lost
     if not lost:
         return decision
+    expected = lost + sum(values.size for values in case.message_values)
     share = show(lost / expected, "share")
     left_out = (
         f"{show(lost, 'count')} of {show(expected, 'count')} outputs ({share}), which were lost"

@@ -28,21 +28,15 @@ from typing import Final
 
 import numpy as np
 
+from r2bspec.judge.measure.metric import Scope
 from r2bspec.judge.measure.metric_values import metric_value, time_value
-from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, pool_segments
+from r2bspec.judge.measure.samples import pool_segments
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods.share_wording import counted_noun
 from r2bspec.judge.requirement_case import Decision, RequirementCase, undecided
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.verdict import Outcome
 from r2bspec.record.run_record import RunRecord
-
-_OF_MESSAGES = frozenset({"monitor", "playback", "anatomy"})
-"""Scopes of metrics that have a value for each message."""
-
-_COUNT_METRICS = ("sent", "received", "missed", "duplicates", "reordered", "unmatched")
-_FAULT_COUNTS = ("missed", "duplicates", "reordered", "unmatched")
-"""Counts of faults: where none was observed, the rule of three applies."""
 
 
 def judge_observation(case: RequirementCase, _: RunRecord) -> Decision:
@@ -66,32 +60,29 @@ def judge_observation(case: RequirementCase, _: RunRecord) -> Decision:
 
 def observed_value(case: RequirementCase) -> float | None:
     """The value over all iterations: extremes of extremes, sums of counts, means of all."""
-    if case.info.scope == "anatomy":
-        return time_value(case.info, np.concatenate(case.observed_times), case.lost_on_paths)
+    if case.info.scope is Scope.ANATOMY:
+        return time_value(case.info, np.concatenate(case.message_values), case.lost)
     return metric_value(case.info, case.monitor, pool_segments(case.iterations))
 
 
 def _count_messages(case: RequirementCase) -> int:
     """The number of observed messages; for processes, which have none, of iterations."""
     info = case.info
-    if info.scope == "monitor":
-        seen = case.monitor_samples
-        if info.family in seen[0].times and info.family not in LOSS_SENSITIVE_FAMILIES:
-            return sum(sample.times[info.family].size for sample in seen)
-        return sum(sample.expected for sample in seen)
-    if info.scope == "playback":
+    if info.scope is Scope.PLAYBACK:
         return sum(iteration.playback.sent for iteration in case.iterations)
-    if info.scope == "anatomy":
-        return sum(times.size for times in case.observed_times) + case.lost_on_paths
+    if info.scope is Scope.MONITOR and not info.metric.has_percentiles:
+        return sum(sample.expected for sample in case.monitor_samples)
+    if info.scope.of_messages:
+        return sum(values.size for values in case.message_values) + case.lost
     return len(case.iterations)
 
 
 def _bounds_single_messages(case: RequirementCase, seen: float) -> bool:
     """Whether the observation is that no single message broke the bound."""
     info = case.info
-    if info.scope not in _OF_MESSAGES:
+    if not info.scope.of_messages:
         return False
-    return info.part in {"min", "max"} or (info.name in _FAULT_COUNTS and seen == 0)
+    return info.part in {"min", "max"} or (info.metric.counts_faults and seen == 0)
 
 
 def _reason(case: RequirementCase, seen: float, n: int, rule: float | None) -> str:
@@ -112,10 +103,10 @@ def _observation_text(case: RequirementCase, seen: float, n: int) -> str:
             missed = sum(monitor_sample.missed for monitor_sample in case.monitor_samples)
             return f"{show(missed, 'count')} of {show(n, 'count')} outputs never arrived"
         of = f"{show(n, 'count')} {counted_noun(case)}"
-        if info.scope not in _OF_MESSAGES:
+        if not info.scope.of_messages:
             of = f"{n} iteration{'s' if n > 1 else ''}"
         return f"The {extreme} in {of} is {show(seen, info.unit)}"
-    if info.name in _COUNT_METRICS:
+    if info.dimension == "count":
         if case.monitor_samples[0].own_pace if case.monitor else case.iterations[0].live:
             count = len(case.iterations)
             return f"Observed {show(seen, 'count')} in {count} iteration{'s' if count > 1 else ''}"

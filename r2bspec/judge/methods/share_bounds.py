@@ -37,7 +37,6 @@ import msgspec
 import numpy as np
 
 from r2bspec.judge.measure.metric_values import WindowValues, has_windows, window_values
-from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import Method
@@ -286,8 +285,8 @@ def _without_lost(
 
     Windows that lost more than 1 % may be slower than their means: a PASS must allow for that.
     """
-    of_latency = case.info.family in LOSS_SENSITIVE_FAMILIES
-    if not (of_latency and case.info.statistic == "mean" and case.is_upper_bound):
+    info = case.info
+    if not (info.metric.lost_is_slowest and info.statistic == "mean" and case.is_upper_bound):
         return decision
     lossy = [np.array([lost > MAX_LOST_SHARE for lost in observed.lost]) for observed in found]
     number = sum(int(np.count_nonzero(flags)) for flags in lossy)

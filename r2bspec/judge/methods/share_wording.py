@@ -11,22 +11,6 @@ from r2bspec.judge.verdict import Outcome, ShareTest
 if TYPE_CHECKING:
     from r2bspec.judge.requirement_case import RequirementCase
 
-_COUNTED_NOUNS = {
-    "latency": "outputs",
-    "latency_from_due": "outputs",
-    "age": "outputs",
-    "path": "outputs",
-    "interval": "intervals",
-    "jitter": "changes of the interval",
-    "playback": "publications",
-    "wait": "messages",
-    "take": "messages",
-    "transport": "messages",
-    "callback": "callbacks",
-    "drop_rate": "steps",
-}
-
-
 _MIN_EFFECTIVE_SHARE = 0.95
 _MIN_WHOLE_COUNT = 10
 
@@ -35,7 +19,7 @@ def counted_noun(case: RequirementCase) -> str:
     """What is counted for a metric, in the plural."""
     if case.in_windows:
         return f"windows of {show(case.requirement.window_ns / 1e9, 's')}"
-    return _COUNTED_NOUNS.get(case.info.family, "steps")
+    return case.info.metric.noun
 
 
 def share_sentence(case: RequirementCase, test: ShareTest, outcome: Outcome) -> str:

@@ -37,7 +37,7 @@ def step_latencies(seen: MonitorSamples) -> StepLatencies:
     latencies = seen.times["latency"]
     if seen.unknown_latency or (seen.own_pace and not latencies.size):
         return np.empty(0)
-    return seen.in_order("latency", np.nan)
+    return seen.latency_by_step
 
 
 def has_latencies(samples: RunSamples, monitor: str) -> bool:

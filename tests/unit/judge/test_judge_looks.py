@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks, decide_after_look
-from r2bspec.judge.measure.metric_catalogue import METRICS
+from r2bspec.judge.measure.metric_catalogue import find_metric
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.methods import Method
 from r2bspec.judge.pipeline import judge
@@ -21,7 +21,7 @@ from simulated_runs import run_of
 
 
 def verdict_of(outcome: Outcome, method: Method = "exact binomial") -> RequirementVerdict:
-    requirement, info = parse_requirement("latency.p99 < 60 ms"), METRICS["latency.p99"]
+    requirement, info = parse_requirement("latency.p99 < 60 ms"), find_metric("latency.p99")
     case = RequirementCase("slo", requirement, 30.0, info, "out", 0.06)
     return requirement_verdict(case, Decision(outcome=outcome, method=method, reason="Because."))
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from nightly import size
-from r2bspec.judge.measure.metric_catalogue import METRICS
+from r2bspec.judge.measure.metric_catalogue import find_metric
 from r2bspec.judge.measure.metric_values import window_values
 from r2bspec.judge.measure.samples import MonitorSamples, SegmentSamples
 from r2bspec.judge.measure.times import throughput
@@ -91,7 +91,7 @@ def test_bursts_with_losses_do_not_look_faster_than_what_came_out() -> None:
     seen = samples.monitors["detections"]
     assert (seen.sent, seen.answered) == (200, 170)
     assert seen.throughput_hz == pytest.approx(17.0)
-    windows = window_values(METRICS["throughput.mean"], "detections", samples, SECOND, 0.0)
+    windows = window_values(find_metric("throughput.mean"), "detections", samples, SECOND, 0.0)
     assert windows.values == pytest.approx([17.0] * 10)
 
 
@@ -108,6 +108,6 @@ def test_nothing_is_no_rate() -> None:
 
 def test_windows_of_a_rate_that_does_not_divide_them_have_it_too() -> None:
     samples = iteration(29.97, np.full(300, 0.01))
-    found = window_values(METRICS["throughput.mean"], "detections", samples, SECOND, 0.0)
+    found = window_values(find_metric("throughput.mean"), "detections", samples, SECOND, 0.0)
     assert len(found.values) == 10
     assert found.values == pytest.approx([29.97] * 10, rel=1e-6)

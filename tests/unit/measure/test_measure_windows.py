@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from r2bspec.judge.measure.metric_catalogue import METRICS
+from r2bspec.judge.measure.metric_catalogue import find_metric
 from r2bspec.judge.measure.metric_values import has_windows, window_values, windows
 from r2bspec.judge.measure.samples import SegmentSamples
 from run_simulation import Played, Simulation
@@ -22,7 +22,7 @@ def iteration(latency: NDArray[np.float64], rate_hz: float = 10.0) -> SegmentSam
 
 
 def values(samples: SegmentSamples, metric: str) -> tuple[float, ...]:
-    return window_values(METRICS[metric], "detections", samples, SECOND, math.inf).values
+    return window_values(find_metric(metric), "detections", samples, SECOND, math.inf).values
 
 
 @pytest.mark.parametrize("rate_hz", [7.0, 10.0, 29.97, 30.0])
@@ -73,7 +73,7 @@ def test_a_silent_window_is_the_worst() -> None:
 
 def test_a_window_with_too_few_messages_for_the_metric() -> None:
     samples = iteration(np.full(30, 0.02))
-    found = window_values(METRICS["jitter.p50"], "detections", samples, SECOND // 5, math.inf)
+    found = window_values(find_metric("jitter.p50"), "detections", samples, SECOND // 5, math.inf)
     assert (found.values, found.without) == ((), 15)
 
 
@@ -83,6 +83,6 @@ def test_without_steps_there_is_no_window() -> None:
 
 def test_metrics_that_have_windows() -> None:
     for name in ("latency.p99", "interval.max", "throughput.mean", "drop_rate", "missed"):
-        assert has_windows(METRICS[name])
+        assert has_windows(find_metric(name))
     for name in ("duplicates", "sent", "cpu.system.mean", "peak.rate", "playback.lateness.p99"):
-        assert not has_windows(METRICS[name])
+        assert not has_windows(find_metric(name))

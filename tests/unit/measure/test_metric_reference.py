@@ -8,23 +8,23 @@ from example_spec import example
 from r2bspec.check import check
 from r2bspec.cli.main import main
 from r2bspec.judge.measure import metric_catalogue as reference
-from r2bspec.judge.measure.metric_catalogue import METRICS, MONITOR, NODE, PROCESS, TOPIC
+from r2bspec.judge.measure.metric import PLACEHOLDERS
+from r2bspec.judge.measure.metric_declarations import DECLARED
 from r2bspec.language.comparison_grammar import ComparisonError, parse_requirement
 from r2bspec.language.load_spec import load_spec
+
+METRICS = reference.listed()
 
 
 def filled(name: str) -> str:
     """A name with something in the place of its placeholder."""
-    for placeholder in (PROCESS, NODE, TOPIC, MONITOR):
+    for placeholder in PLACEHOLDERS:
         name = name.replace(placeholder, "camera")
     return name
 
 
-def test_every_metric_has_a_definition_and_every_definition_a_metric() -> None:
-    assert {reference.stem(info) for info in METRICS.values()} == set(reference.definitions())
-    assert all(
-        definition.text and definition.formula for definition in reference.definitions().values()
-    )
+def test_every_metric_is_defined_in_a_text_and_a_formula() -> None:
+    assert all(metric.text and metric.formula for metric in DECLARED)
 
 
 @pytest.mark.parametrize("name", list(METRICS))
@@ -40,7 +40,7 @@ def test_every_metric_can_be_explained(name: str, capsys: pytest.CaptureFixture[
 @pytest.mark.parametrize("name", list(METRICS))
 def test_the_example_of_a_metric_is_a_requirement_with_its_unit(name: str) -> None:
     info = METRICS[name]
-    text = filled(reference.example_requirement(info))
+    text = filled(info.example)
     bound = parse_requirement(text).bound
     assert (bound is None) == (info.dimension == "none")
     assert bound is None or info.accepts(bound)
@@ -65,9 +65,9 @@ def test_names_with_a_monitor_or_a_process_are_found(name: str, found: str) -> N
 
 
 def test_the_modes_are_those_that_the_rules_accept() -> None:
-    assert reference.modes(METRICS["missed"]) == ("looping", "sweeping", "timeline")
-    assert reference.modes(METRICS["sustained"]) == ("looping", "sweeping")
-    assert reference.modes(METRICS["jitter.p99"]) == reference.MODES
+    assert reference.modes(METRICS["missed"].metric) == ("looping", "sweeping", "timeline")
+    assert reference.modes(METRICS["sustained"].metric) == ("looping", "sweeping")
+    assert reference.modes(METRICS["jitter.p99"].metric) == reference.MODES
 
 
 def test_an_unknown_metric_is_answered_with_the_meant_one(
