@@ -22,15 +22,15 @@ The declaration of a key is a field of a `Record`: `r2bspec.language.spec` is th
   map, and what values make of the keys.
 
 A `ValueRule` is the same as a value that can be asked. Everything else follows from rules, and
-repeats nothing: one pass reads a located tree into a `Spec` or finds what is wrong (`read_spec`),
-the JSON Schema for editors (`json_schema`), the tables of docs/language.md, completion and hover,
+repeats nothing: the JSON Schema (`json_schema`), by which jsonschema accepts a document or finds
+what is wrong (`structure`), the `Spec`, the tables of docs/language.md, completion and hover,
 `--set`, the defaults that `explain` shows, which paths are moved with a file, and where references
 may be.
 """
 
 import re
 import types
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache, cached_property
 from typing import Annotated, Any, ClassVar, Final, Literal, Union, get_args, get_origin
 
@@ -58,13 +58,12 @@ class NamePattern(msgspec.Struct, frozen=True, dict=True):
 
     def matches(self, text: str) -> bool:
         """Whether a text has the form."""
-        return self.search(text) is not None
+        return re.search(self.exact, text) is not None
 
-    @cached_property
-    def search(self) -> Callable[[str], object]:
-        """The compiled pattern. In Python, '$' also matches before a line break at the end."""
-        pattern = self.pattern
-        return re.compile(pattern[:-1] + r"\Z" if pattern.endswith("$") else pattern).search
+    @property
+    def exact(self) -> str:
+        """The pattern for Python, where '$' also matches before a line break at the end."""
+        return self.pattern[:-1] + r"\Z" if self.pattern.endswith("$") else self.pattern
 
 
 class Key(msgspec.Struct, frozen=True, eq=False, kw_only=True):

@@ -21,9 +21,9 @@ from r2bspec.language import names
 from r2bspec.language.comparison_grammar import ComparisonError, Requirement
 from r2bspec.language.declaration import NamePattern, ValueRule, language, rule_at
 from r2bspec.language.document import MAX_PROBLEMS, inner_span
-from r2bspec.language.located_tree import MapNode, ScalarNode, entries_of, span_at
+from r2bspec.language.located_tree import MapNode, ScalarNode, entries_of, lookup, span_at
 from r2bspec.language.quantities import Quantity, QuantityError, Share
-from r2bspec.language.read_spec import Violation
+from r2bspec.language.structure import Violation
 from r2bspec.language.yaml_document import ScalarError, resolve
 
 
@@ -38,15 +38,15 @@ def explain_violations(violations: Sequence[Violation]) -> list[Diagnostic]:
     ]
     renamed: set[Path] = set()
     for violation in violations:
-        if violation.kind == "unknown":
+        if violation.keyword == "additionalProperties":
             for diagnostic, meant in unknown_keys(violation):
                 diagnostics.append(diagnostic)
                 renamed.add((*violation.path, meant))
     for violation in violations:
-        if violation.kind == "required":
+        if violation.keyword == "required":
             diagnostics += missing_keys(violation, renamed)
-        elif violation.kind != "unknown":
-            diagnostics.append(_EXPLANATIONS[violation.kind](violation))
+        elif violation.keyword != "additionalProperties":
+            diagnostics.append(_explain_value(violation))
     # An anchored value that is used in several places is explained once.
     unique = {(known.code, known.span): known for known in reversed(diagnostics)}
     return list(unique.values())[::-1]
@@ -63,7 +63,7 @@ def missing_keys(violation: Violation, renamed: set[Path]) -> Iterator[Diagnosti
     present = entries_of(violation.node)
     missing = [
         key
-        for key in violation.required
+        for key in violation.limit
         if key not in present and (*violation.path, key) not in renamed
     ]
     if missing:
@@ -104,7 +104,7 @@ def too_many(violation: Violation) -> Diagnostic:
     what = violation.path[-1] if isinstance(node, MapNode) else "entries"
     return violation.error(
         "R2B129",
-        f"{number:,} {what}; the limit is {violation.rule.about.at_most:,}",
+        f"{number:,} {what}; the limit is {violation.limit:,}",
         "split the spec",
         span=span_at(violation.root, violation.path, key=True),
     )
@@ -117,10 +117,11 @@ def missing_names(violations: Sequence[Violation]) -> Iterator[tuple[Path, Diagn
     """
     owners: dict[Path, list[Violation]] = {}
     for violation in violations:
-        if violation.kind == "type" and violation.path and violation.rule.kinds == ("object",):
+        if violation.keyword == "type" and violation.path and violation.rule.kinds == ("object",):
             owners.setdefault(violation.path[:-1], []).append(violation)
     for path, inside in owners.items():
-        keys = [str(violation.path[-1]) for violation in inside]
+        wrong = {violation.path[-1] for violation in inside}
+        keys = [key for key in entries_of(lookup(inside[0].root, path)) if key in wrong]
         owner = rule_at(path)
         if not any(key in (inside[0].rule.keys or {}) for key in keys):
             continue
@@ -397,9 +398,8 @@ def pattern_mismatch(violation: Violation) -> Diagnostic:
 
 def out_of_range(violation: Violation) -> Diagnostic:
     """A number below the minimum, or above the maximum."""
-    word = "least" if violation.kind == "minimum" else "most"
-    limit = getattr(violation.rule.about, violation.kind)
-    message = f"{violation.name} must be at {word} {limit}, not {violation.value}"
+    word = "least" if violation.keyword == "minimum" else "most"
+    message = f"{violation.name} must be at {word} {violation.limit}, not {violation.value}"
     return violation.error("R2B107", message)
 
 
@@ -564,15 +564,27 @@ def _message_type(text: str) -> str:
     return "/".join(parts)
 
 
+def _explain_value(violation: Violation) -> Diagnostic:
+    """Return the diagnostic of a value that is of the wrong type, form or size."""
+    rule = violation.rule
+    if rule.is_parsed or violation.keyword in {"format", "anyOf"}:
+        return invalid_quantity_or_requirement(violation)
+    if violation.keyword == "pattern" and rule.words:
+        return invalid_choice(violation)
+    return _EXPLANATIONS[violation.keyword](violation)
+
+
 _EXPLANATIONS: Final[dict[str, Callable[[Violation], Diagnostic]]] = {
     "type": wrong_type,
-    "words": invalid_choice,
+    "enum": invalid_choice,
     "const": unsupported_version,
     "pattern": pattern_mismatch,
     "minimum": out_of_range,
     "maximum": out_of_range,
-    "empty": empty_value,
-    "names": invalid_key_name,
-    "quantity": invalid_quantity_or_requirement,
-    "at_most": too_many,
+    "minLength": empty_value,
+    "minItems": empty_value,
+    "minProperties": empty_value,
+    "maxItems": too_many,
+    "maxProperties": too_many,
+    "propertyNames": invalid_key_name,
 }

@@ -34,8 +34,8 @@ from r2bspec.language.extends import extend_files
 from r2bspec.language.key_constraints import key_constraint_errors
 from r2bspec.language.matrix import KEY as MATRIX
 from r2bspec.language.matrix import MatrixCase, MatrixCases, matrix_of
-from r2bspec.language.read_spec import read_spec
 from r2bspec.language.spec import Spec
+from r2bspec.language.structure import read_value
 from r2bspec.language.substitution import substitute
 from r2bspec.language.variables import apply_overrides, with_variables
 from r2bspec.language.yaml_document import compose, to_yaml
@@ -291,7 +291,7 @@ def _load_case(
         tree = substituted.tree
         used = _condition_variables(tree) | substituted.used
     if tree is not None and not isinstance(tree, located_tree.UnknownNode):
-        spec, violations = read_spec(tree, document.sources)
+        value, violations = read_value(tree, sources=document.sources)
         explained: list[Diagnostic] = []
         if violations:
             # Imported only where there is something to explain.
@@ -301,8 +301,7 @@ def _load_case(
         problems += [*explained, *key_constraint_errors(tree, explained)]
         if isinstance(tree, located_tree.MapNode) and MATRIX in tree.entries:
             tree = located_tree.without(tree, MATRIX)
-        if has_errors(problems):
-            spec = None
+        spec = value if isinstance(value, Spec) and not has_errors(problems) else None
     if document.is_incomplete:
         problems = [problem for problem in problems if problem.code not in _MISSING_FILE_CODES]
     return LoadedSpec(

@@ -25,7 +25,7 @@ from r2bspec.diagnostics.quote import clip, first_words, quote, unknown_name_hel
 from r2bspec.language import located_tree as tree
 from r2bspec.language.declaration import language
 from r2bspec.language.document import DiagnosticCollector
-from r2bspec.language.read_spec import INVALID, read_value
+from r2bspec.language.structure import INVALID, read_value
 from r2bspec.safe_io.limits import MAX_CASE_NAME_CHARACTERS, MAX_CASE_VALUES, MAX_CASES
 
 if TYPE_CHECKING:

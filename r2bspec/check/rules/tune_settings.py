@@ -13,7 +13,7 @@ from r2bspec.judge.measure.metric import Scope
 from r2bspec.judge.measure.metric_catalogue import MetricError, Subjects, resolve
 from r2bspec.language.declaration import rule_at
 from r2bspec.language.located_tree import MapNode, TreeNode, entries_of, items_of, lookup
-from r2bspec.language.read_spec import read_value
+from r2bspec.language.structure import read_value
 from r2bspec.language.variables import missing_step, parse_path
 
 _SECTIONS: Final[tuple[Path, ...]] = (("graph",), ("containers",), ("transport",))

@@ -19,8 +19,8 @@ from r2bspec.language.load_spec import load_spec
 from r2bspec.language.located_tree import TreeNode, to_plain
 from r2bspec.language.node_kinds import NODE_KIND_KEYS, NODE_KINDS, NodeKindName
 from r2bspec.language.quantities import Duration
-from r2bspec.language.read_spec import INVALID, read_value
 from r2bspec.language.spec import Node
+from r2bspec.language.structure import INVALID, read_value
 from r2bspec.language.yaml_document import compose
 from r2bspec.plan import command_lines
 
