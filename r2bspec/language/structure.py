@@ -151,7 +151,8 @@ class _Reader:
             inner, keyword, key = tuple(error.absolute_path), str(error.validator), ""
             if "propertyNames" in error.absolute_schema_path:
                 keyword, key = "propertyNames", str(error.instance)
-            if (inner, keyword, key) not in met:
+            # A value of the wrong type has no form either.
+            if met.isdisjoint({(inner, keyword, key), (inner, "type", "")}):
                 met.add((inner, keyword, key))
                 self._add(inner, keyword, error.validator_value, key)
         # The errors of a map come in any order.
