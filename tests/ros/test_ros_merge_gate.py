@@ -11,6 +11,7 @@ one kind goes through both; R2BSPEC_NIGHTLY=1 sends all of them.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import shutil
@@ -32,6 +33,7 @@ from ros_runs import write_bag
 OUTCOMES = {
     "neutral": "PASS",
     "node 15 % slower": "FAIL",
+    "node with 15 % more work, beside busy programs": "FAIL",
     "node 15 % faster": "PASS",
     "node crashes": "error, exit status 2 or 4",
     "parameter file changed": "judged; the report names the file",
@@ -106,6 +108,34 @@ def test_a_slower_node_does_not_pass(workspace: Workspace) -> None:
         if requirement["objective"] == "fast"
     ]
     assert ratio > 1.05
+
+
+@pytest.mark.parametrize("recipe", ["shell"])
+def test_a_node_with_more_work_does_not_pass_beside_busy_programs(workspace: Workspace) -> None:
+    work = {"cost": {"at": "20 Hz", "require": ["work.blur.p50 <= 105 % of baseline"]}}
+    node = (workspace.top / PACKAGE / "node.py").read_text()
+    working = node.replace("smooth(self.cost_s)", "sum(range(400_000))")
+    workspace.change({f"{PACKAGE}/node.py": working, SPEC: spec(slos=work)}, on_main=True)
+    workspace.change({f"{PACKAGE}/node.py": working.replace("400_000", "600_000")})
+    with busy_programs(2):
+        gated = workspace.gate("--pairs", str(size(2, 12)))
+    gated.assert_status(1, 3)
+    result = json.loads((gated.folder / "result.json").read_text())
+    (requirement,) = result["verdict"]["requirements"]
+    assert requirement["method"] == "trimmed t by turns"
+    assert requirement["estimate"] > 1.05
+
+
+@contextlib.contextmanager
+def busy_programs(number: int) -> Iterator[None]:
+    """Keep so many processors busy."""
+    programs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(number)]
+    try:
+        yield
+    finally:
+        for program in programs:
+            program.kill()
+            program.wait()
 
 
 @only_nightly()
