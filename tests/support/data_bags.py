@@ -67,7 +67,12 @@ def write_bag(
 
 
 def write_mcap(
-    path: Path, messages: Iterable[tuple[str, int, bytes]], *, profile: str = "ros2", **options: Any
+    path: Path,
+    messages: Iterable[tuple[str, int, bytes]],
+    *,
+    profile: str = "ros2",
+    encoding: str = "cdr",
+    **options: Any,
 ) -> Path:
     """Write strings with the reference library of MCAP, in the order and with the options given."""
     from mcap.writer import Writer as McapWriter
@@ -79,7 +84,7 @@ def write_mcap(
         channels: dict[str, int] = {}
         for topic, offset_ns, data in messages:
             if topic not in channels:
-                channels[topic] = writer.register_channel(topic, "cdr", schema)
+                channels[topic] = writer.register_channel(topic, encoding, schema)
             time_ns = START_NS + offset_ns
             writer.add_message(channels[topic], time_ns, data, time_ns)
         writer.finish()  # type: ignore[no-untyped-call]

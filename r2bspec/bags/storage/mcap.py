@@ -37,12 +37,6 @@ class McapStorage:
                 raise DamagedStorageError("it does not begin like an MCAP file")
             self._stream.seek(0)
             self._reader = make_reader(self._stream, validate_crcs=True)
-            profile = self._reader.get_header().profile
-            if profile != "ros2":
-                raise DamagedStorageError(
-                    f"it has the MCAP profile {profile!r}; only 'ros2' is supported",
-                    "convert it with 'mcap convert', or record it with 'ros2 bag record'",
-                )
             self._stream.seek(-len(_MAGIC), 2)
             if self._stream.read() != _MAGIC:
                 raise DamagedStorageError(

@@ -30,7 +30,7 @@ from data_bags import (
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.integrity import hash_content, hash_files, verify
-from r2bspec.bags.recording import DataError, TimeWindow
+from r2bspec.bags.recording import TimeWindow
 
 MESSAGES = chatter(40)
 TOPICS = ("/ping", "/pong")
@@ -220,11 +220,18 @@ def test_files_outside_of_the_window_are_not_unpacked(tmp_path: Path) -> None:
     assert refusal_of(read, bag).code == "R2B304"
 
 
-def test_mcap_of_another_world_is_named_as_such(tmp_path: Path) -> None:
-    file = write_mcap(tmp_path / "bag.mcap", MESSAGES, profile="x-protobuf")
-    with pytest.raises(DataError, match="profile 'x-protobuf'; only 'ros2'") as caught:
-        index_bag(file)
-    assert "mcap convert" in caught.value.hint
+@pytest.mark.parametrize("profile", ["", "ros2", "x-mixed"])
+def test_the_encoding_of_a_channel_decides_and_not_the_profile(
+    tmp_path: Path, profile: str
+) -> None:
+    file = write_mcap(tmp_path / "bag.mcap", MESSAGES, profile=profile)
+    assert read(file) == MESSAGES
+
+
+def test_a_channel_of_another_encoding_is_refused_where_it_is_read(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "bag.mcap", MESSAGES, encoding="ros1")
+    assert index_bag(file).message_count == len(MESSAGES)
+    assert refusal_of(read, file).code == "R2B306"
 
 
 def test_a_compressed_file_alone_is_answered_with_its_way_out(tmp_path: Path) -> None:
