@@ -63,15 +63,12 @@ def has_errors(diagnostics: Iterable[Diagnostic]) -> bool:
     return any(diagnostic.severity is Severity.ERROR for diagnostic in diagnostics)
 
 
-def read_file(
-    path: FilePath, folders: Iterable[FilePath] = (), budget: safe_file.ByteBudget | None = None
-) -> Source:
+def read_file(path: FilePath, folders: Iterable[FilePath] = ()) -> Source:
     """Read and decode one file; ``-`` is standard input. Problems become diagnostics.
 
     Args:
         path: the file. If it is a link, the file itself must be below the folder of the link.
         folders: further folders in which the file itself may be.
-        budget: what this file and others may have together.
     """
     file = "<stdin>" if str(path) == "-" else str(path)
     try:
@@ -79,16 +76,9 @@ def read_file(
             data = sys.stdin.buffer.read(MAX_DOCUMENT_BYTES + 1)
         else:
             allowed = (path.parent, *folders)
-            data = safe_file.read_bytes(
-                path, max_bytes=MAX_DOCUMENT_BYTES, folders=allowed, budget=budget
-            )
+            data = safe_file.read_bytes(path, max_bytes=MAX_DOCUMENT_BYTES, folders=allowed)
     except safe_file.TooLargeError:
-        if budget is None or budget.left:
-            return _too_large(file)
-        limit = f"{budget.max_bytes // 1_000_000} MB"
-        message = f"the extended files have more than {limit} together"
-        help_text = "remove some: a file that is extended twice counts twice"
-        return _unreadable(Source(file, ""), "R2B002", message, help_text)
+        return _too_large(file)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         message = f"cannot read the file: {reason}"
@@ -276,7 +266,6 @@ class Document(msgspec.Struct):
         tree: None where the text is not YAML.
         sources: the texts that places point into, by file name.
         is_incomplete: whether a file that it extends could not be read.
-        inserted: characters that references have inserted, in all cases so far.
     """
 
     file: str
@@ -285,7 +274,6 @@ class Document(msgspec.Struct):
     sources: dict[str, Source] = msgspec.field(default_factory=dict)
     origins: ValueOrigins = msgspec.field(default_factory=ValueOrigins)
     is_incomplete: bool = False
-    inserted: int = 0
 
     @property
     def base_dir(self) -> FilePath:

@@ -74,7 +74,7 @@ def missing_keys(violation: Violation, renamed: set[Path]) -> Iterator[Diagnosti
             "R2B102",
             f"missing {noun} {names} {_place(violation)}",
             f"add {join_words(lines, 'and')}",
-            span=span_at(violation.root, violation.path, key=True),
+            span=violation.key_span(),
         )
 
 
@@ -92,7 +92,7 @@ def invalid_key_name(violation: Violation) -> Diagnostic:
         "R2B106",
         f"invalid {form.noun} {quote(violation.key)}",
         f"write {better}; {form.message}" if better else form.message,
-        span=span_at(violation.root, path, key=True),
+        span=violation.key_span(violation.key),
         path=path,
     )
 
@@ -106,7 +106,7 @@ def too_many(violation: Violation) -> Diagnostic:
         "R2B129",
         f"{number:,} {what}; the limit is {violation.limit:,}",
         "split the spec",
-        span=span_at(violation.root, violation.path, key=True),
+        span=violation.key_span(),
     )
 
 
@@ -121,7 +121,9 @@ def missing_names(violations: Sequence[Violation]) -> Iterator[tuple[Path, Diagn
             owners.setdefault(violation.path[:-1], []).append(violation)
     for path, inside in owners.items():
         wrong = {violation.path[-1] for violation in inside}
-        keys = [key for key in entries_of(lookup(inside[0].root, path)) if key in wrong]
+        keys = [
+            key for key in entries_of(lookup(inside[0].root, inside[0].inner[:-1])) if key in wrong
+        ]
         owner = rule_at(path)
         if not any(key in (inside[0].rule.keys or {}) for key in keys):
             continue
@@ -133,7 +135,7 @@ def missing_names(violations: Sequence[Violation]) -> Iterator[tuple[Path, Diagn
                 "R2B117",
                 f"missing name above {comma_separated(keys)} in '{format_path(path)}'",
                 f"for example: '{format_path(path)}: {example(owner)}'",
-                span=span_at(inside[0].root, path, key=True),
+                span=span_at(inside[0].root, inside[0].inner[:-1], key=True),
                 path=path,
             ),
         )

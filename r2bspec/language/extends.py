@@ -14,7 +14,6 @@ import posixpath
 from collections.abc import Iterable
 from pathlib import Path as FilePath
 
-import msgspec
 from msgspec.structs import replace
 
 from r2bspec.diagnostics import Related, Span, did_you_mean
@@ -25,7 +24,7 @@ from r2bspec.language.document import Document, read_file
 from r2bspec.language.variables import OPENING
 from r2bspec.language.yaml_document import compose
 from r2bspec.safe_io import limits
-from r2bspec.safe_io.safe_file import ByteBudget, is_regular, names_in
+from r2bspec.safe_io.safe_file import is_regular, names_in
 
 
 def overlay(base: tree.MapNode, own: tree.MapNode) -> tree.MapNode:
@@ -86,45 +85,42 @@ def _scalar(node: tree.ScalarNode, folder: str) -> tree.ScalarNode:
 KEY = "extends"
 
 
-class _FileContext(msgspec.Struct, frozen=True):
-    """A document that is being read: its file name, the places that led to it, and real paths."""
-
-    file: str
-    trace: tuple[Related, ...]
-    ancestors: tuple[FilePath, ...]
-
-
 def extend_files(document: Document, allowed: Iterable[FilePath] = ()) -> None:
     """Merge the file that a document extends; without `extends`, its tree is unchanged."""
     root = document.tree
     if isinstance(root, tree.MapNode) and KEY in root.entries:
         home = document.base_dir.resolve()
-        work = _FileMerger(document, (home, *(FilePath(folder).resolve() for folder in allowed)))
-        real = home / FilePath(document.file).name
-        document.tree = work.merge(root, _FileContext(document.file, (), (real,)))
+        folders = (home, *(FilePath(folder).resolve() for folder in allowed))
+        chain = _Chain(document, folders, [home / FilePath(document.file).name])
+        document.tree = chain.merge(root, document.file, ())
 
 
-class _FileMerger:
-    def __init__(self, document: Document, folders: tuple[FilePath, ...]) -> None:
+class _Chain:
+    """Files of which each extends the next; `files` are the real paths of those met so far."""
+
+    def __init__(
+        self, document: Document, folders: tuple[FilePath, ...], files: list[FilePath]
+    ) -> None:
         self._document = document
         self._problems = document.problems
         self._folders = folders
-        self._read = 0
-        self._budget = ByteBudget(limits.MAX_EXTENDED_BYTES)
+        self._files = files
 
-    def merge(self, root: tree.MapNode, place: _FileContext) -> tree.MapNode:
+    def merge(self, root: tree.MapNode, file: str, trace: tuple[Related, ...]) -> tree.MapNode:
+        """Return the map of a file over what it extends; `trace` are the places that led to it."""
         node = root.entries[KEY].value
         if not isinstance(node, tree.ScalarNode) or not isinstance(node.value, str):
             return root  # reported by the schema
         own = tree.without(root, KEY)
-        base = self._base(node, place)
+        base = self._base(node, node.value, file, trace)
         if base is None:
             self._document.is_incomplete = True
             return own
         return overlay(base, own)
 
-    def _base(self, node: tree.ScalarNode, place: _FileContext) -> tree.MapNode | None:
-        text = str(node.value)
+    def _base(
+        self, node: tree.ScalarNode, text: str, extending: str, trace: tuple[Related, ...]
+    ) -> tree.MapNode | None:
         if OPENING in text:
             self._problems.error(
                 "R2B125",
@@ -133,44 +129,31 @@ class _FileMerger:
                 "write the file name: files are merged before variables are known",
             )
             return None
-        folder = posixpath.dirname(place.file.replace(os.sep, "/"))
+        folder = posixpath.dirname(extending.replace(os.sep, "/"))
         file = posixpath.normpath(posixpath.join(folder, text))
         real = self._readable_path(node, FilePath(file), text)
         if real is None:
             return None
-        trace = (Related(f"{quote(text)} is extended here", node.span), *place.trace)
-        if real in place.ancestors:
-            self._problems.error(
-                "R2B135",
+        if real in self._files:
+            message, help_text = (
                 f"{quote(text)} extends itself",
-                node.span,
                 "remove one 'extends' of this cycle",
-                related=place.trace,
             )
+            self._problems.error("R2B135", message, node.span, help_text, related=trace)
             return None
-        self._read += 1
-        if (
-            len(place.ancestors) > limits.MAX_EXTENDS_DEPTH
-            or self._read > limits.MAX_EXTENDED_FILES
-        ):
-            limit = (
-                f"{limits.MAX_EXTENDS_DEPTH} levels"
-                if len(place.ancestors) > limits.MAX_EXTENDS_DEPTH
-                else f"{limits.MAX_EXTENDED_FILES} files"
-            )
-            message = f"'extends' reads more than {limit}"
+        trace = (Related(f"{quote(text)} is extended here", node.span), *trace)
+        if len(self._files) > limits.MAX_EXTENDS_DEPTH:
+            message = f"'extends' reads more than {limits.MAX_EXTENDS_DEPTH} levels"
             self._problems.error("R2B135", message, node.span, "merge some files", related=trace)
             return None
+        self._files.append(real)
         self._document.origins.files.setdefault(file, trace)
         below = self._compose_file(node, file)
         if below is None:
             return None
-        inner = _FileContext(file, trace, (*place.ancestors, real))
-        whole = self.merge(below, inner) if KEY in below.entries else below
+        whole = self.merge(below, file, trace) if KEY in below.entries else below
         moved = posixpath.dirname(posixpath.normpath(text))
-        if not moved:
-            return whole
-        done = rebase_paths(whole, language(), moved)
+        done = rebase_paths(whole, language(), moved) if moved else whole
         return done if isinstance(done, tree.MapNode) else None
 
     def _readable_path(self, node: tree.ScalarNode, path: FilePath, text: str) -> FilePath | None:
@@ -197,7 +180,7 @@ class _FileMerger:
         return None
 
     def _compose_file(self, node: tree.ScalarNode, file: str) -> tree.MapNode | None:
-        source = read_file(FilePath(file), self._folders, self._budget)
+        source = read_file(FilePath(file), self._folders)
         self._document.sources[file] = source
         composed = compose(source)
         self._problems.diagnostics += [

@@ -152,9 +152,8 @@ class _SchemaWriter(msgspec.Struct, frozen=True):
                 for name, below in keys.items()
             },
             "additionalProperties": False,
+            "patternProperties": {"^x-": {"description": "Ignored."}},
         }
-        if self.for_text:
-            schema["patternProperties"] = {"^x-": {"description": "Ignored."}}
         required = list(rule.required_unless(live=self.live, calls=self.calls))
         if required and "extends" in keys and self.for_text:
             # Required keys may come from the extended entry.

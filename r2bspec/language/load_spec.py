@@ -1,8 +1,9 @@
 """Loading a spec: a file, with options, becomes a `LoadedSpec`: a typed `Spec`, or diagnostics.
 
-The order: parse, ``extends``, ``--set``, ``--var``, matrix case, substitution, schema, types.
-Each step reports everything that it finds. Problems that may only be consequences of an unknown
-value or an unreadable file are not reported.
+The forms: text; the located tree, with the files that it extends and the values of options; the
+resolved tree of one case of its matrix (`r2bspec.language.resolve`); the typed `Spec`. Each step
+reports everything that it finds. Problems that may only be consequences of an unknown value or an
+unreadable file are not reported.
 """
 
 from __future__ import annotations
@@ -18,7 +19,6 @@ from typing import TYPE_CHECKING, Unpack
 from r2bspec.diagnostics import Diagnostic, Path, Severity, Span
 from r2bspec.diagnostics.quote import quote, unknown_name_help
 from r2bspec.language import located_tree
-from r2bspec.language.declaration import ValueRule, language
 from r2bspec.language.document import (
     MAX_PROBLEMS,
     Document,
@@ -32,14 +32,12 @@ from r2bspec.language.document import (
 )
 from r2bspec.language.extends import extend_files
 from r2bspec.language.key_constraints import key_constraint_errors
-from r2bspec.language.matrix import KEY as MATRIX
 from r2bspec.language.matrix import MatrixCase, MatrixCases, matrix_of
+from r2bspec.language.resolve import Resolver
 from r2bspec.language.spec import Spec
-from r2bspec.language.structure import read_value
-from r2bspec.language.substitution import substitute
-from r2bspec.language.variables import apply_overrides, with_variables
+from r2bspec.language.structure import explain, read_value
+from r2bspec.language.variables import apply_overrides
 from r2bspec.language.yaml_document import compose, to_yaml
-from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
 
 if TYPE_CHECKING:
     from r2bspec.language.selected_spec import LoadOptions
@@ -175,14 +173,7 @@ def load_cases(
         document = open_document(source, options)
         _, matrix_cases = _select_cases(document, options.get("case", ""))
         first = _load_case(document, matrix_cases[0] if matrix_cases else None, options)
-        if len(matrix_cases) > 1:
-            _drop_checked_matrix(document, first)
-        others = []
-        for case in matrix_cases[1:]:
-            if document.inserted > MAX_DOCUMENT_BYTES:
-                break  # the case before has the error
-            others.append(_load_case(document, case, options))
-        return (first, *others)
+        return (first, *(_load_case(document, case, options) for case in matrix_cases[1:]))
 
 
 def open_document(source: FilePath | str | bytes, options: LoadOptions) -> Document:
@@ -202,52 +193,14 @@ def open_document(source: FilePath | str | bytes, options: LoadOptions) -> Docum
     if document.tree is not None:
         extend_files(document, folders)
         apply_overrides(document, options.get("sets", ()), options.get("variables") or {})
-        document.tree = _without_notes(document.tree, language())
     return document
-
-
-def _without_notes(root: located_tree.TreeNode, rule: ValueRule) -> located_tree.TreeNode:
-    """The tree without ``x-`` keys in maps whose keys `rule` defines: notes, and anchors.
-
-    In maps whose keys are names given by the user, such a key is an ordinary name. Shared values
-    stay shared.
-    """
-    done: dict[tuple[int, int], located_tree.TreeNode] = {}
-
-    def strip(node: located_tree.TreeNode, rule: ValueRule | None) -> located_tree.TreeNode:
-        if rule is None or type(node) is not located_tree.MapNode:
-            return node
-        name = (id(node), id(rule))
-        if name not in done:
-            entries = {}
-            for key, entry in node.entries.items():
-                if rule.keys is None or not key.startswith("x-"):
-                    value = strip(entry.value, rule.below(key))
-                    entries[key] = entry if value is entry.value else entry.with_value(value)
-            same = all(entries.get(key) is entry for key, entry in node.entries.items())
-            done[name] = node if same else located_tree.MapNode(entries, node.span)
-        return done[name]
-
-    return strip(root, rule)
-
-
-def _drop_checked_matrix(document: Document, first: LoadedSpec) -> None:
-    """Remove the matrix once one case was loaded: it is the same, and as long, in every case.
-
-    Its problems are those of the document.
-    """
-    if isinstance(document.tree, located_tree.MapNode):
-        document.problems.diagnostics += [
-            problem for problem in first.diagnostics if problem.path[:1] == (MATRIX,)
-        ]
-        document.tree = located_tree.without(document.tree, MATRIX)
 
 
 def _select_cases(
     document: Document, case: str
 ) -> tuple[MatrixCases | None, tuple[MatrixCase, ...]]:
     """The matrix and the selected cases; its problems are added to those of the document."""
-    matrix = matrix_of(document.tree) if document.tree is not None else None
+    matrix = matrix_of(document.tree, document.sources) if document.tree is not None else None
     if matrix is not None:
         document.problems.diagnostics += matrix.problems.diagnostics
         if has_errors(matrix.problems.diagnostics):
@@ -275,32 +228,21 @@ def _load_case(
     problems, tree = list(document.problems.diagnostics), document.tree
     used: frozenset[str] = frozenset()
     spec: Spec | None = None
-    if tree is not None and matrix_case is not None:
-        tree = with_variables(tree, matrix_case.values)
     if isinstance(tree, located_tree.MapNode):
         environ = options.get("environ")
-        substituted = substitute(
+        resolver = Resolver(
             tree,
-            language(),
             document.sources,
             os.environ if environ is None else environ,
-            inserted=document.inserted,
+            matrix_case.values if matrix_case is not None else {},
         )
-        document.inserted = substituted.inserted
-        problems += substituted.problems.diagnostics
-        tree = substituted.tree
-        used = _condition_variables(tree) | substituted.used
+        problems += resolver.problems.diagnostics
+        tree = resolver.tree
+        used = _condition_variables(tree) | resolver.used
     if tree is not None and not isinstance(tree, located_tree.UnknownNode):
         value, violations = read_value(tree, sources=document.sources)
-        explained: list[Diagnostic] = []
-        if violations:
-            # Imported only where there is something to explain.
-            from r2bspec.language.explain_violations import explain_violations
-
-            explained = explain_violations(violations)
+        explained = explain(violations)
         problems += [*explained, *key_constraint_errors(tree, explained)]
-        if isinstance(tree, located_tree.MapNode) and MATRIX in tree.entries:
-            tree = located_tree.without(tree, MATRIX)
         spec = value if isinstance(value, Spec) and not has_errors(problems) else None
     if document.is_incomplete:
         problems = [problem for problem in problems if problem.code not in _MISSING_FILE_CODES]

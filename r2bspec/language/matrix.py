@@ -24,8 +24,8 @@ from r2bspec.diagnostics import Diagnostic, Related, Severity, Span
 from r2bspec.diagnostics.quote import clip, first_words, quote, unknown_name_help
 from r2bspec.language import located_tree as tree
 from r2bspec.language.declaration import language
-from r2bspec.language.document import DiagnosticCollector
-from r2bspec.language.structure import INVALID, read_value
+from r2bspec.language.document import DiagnosticCollector, Source
+from r2bspec.language.structure import INVALID, explain, read_value
 from r2bspec.safe_io.limits import MAX_CASE_NAME_CHARACTERS, MAX_CASE_VALUES, MAX_CASES
 
 if TYPE_CHECKING:
@@ -58,18 +58,20 @@ class MatrixCases(msgspec.Struct):
     problems: DiagnosticCollector = msgspec.field(default_factory=DiagnosticCollector)
 
 
-def matrix_of(root: tree.TreeNode) -> MatrixCases | None:
+def matrix_of(root: tree.TreeNode, sources: Mapping[str, Source]) -> MatrixCases | None:
     """The matrix of a document, or None if it has none.
 
-    What violates the language is reported where all of the document is read: such a matrix has no
-    cases and no problems here.
+    Args:
+        root: the document.
+        sources: the texts that its places point into.
     """
     node = tree.child(root, KEY)
     if not isinstance(root, tree.MapNode) or node is None:
         return None
     matrix = MatrixCases(root.entries[KEY].key_span)
-    value, _ = read_value(node, (language().keys or {})[KEY])
+    value, violations = read_value(node, (language().keys or {})[KEY], sources, (KEY,))
     if value is INVALID:
+        matrix.problems.diagnostics += explain(violations)
         return matrix
     axes = tree.entries_of(tree.child(node, "axes"))
     named = tree.entries_of(tree.child(node, "cases"))

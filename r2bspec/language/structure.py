@@ -53,7 +53,8 @@ class Violation(msgspec.Struct, frozen=True):
     """A place in the document, and what it violates of its rule.
 
     Attributes:
-        path: of the value, or of the map whose key is wrong.
+        path: of the value, or of the map whose key is wrong, as messages show it.
+        inner: the same below `root`.
         keyword: of the schema; ``propertyNames`` for a key of a wrong form.
         node: the value.
         limit: the value of the keyword: for ``required`` the keys that the map must have.
@@ -61,6 +62,7 @@ class Violation(msgspec.Struct, frozen=True):
     """
 
     path: Path
+    inner: Path
     keyword: str
     rule: ValueRule
     node: TreeNode
@@ -73,6 +75,10 @@ class Violation(msgspec.Struct, frozen=True):
     def name(self) -> str:
         """The path as shown in messages."""
         return f"'{format_path(self.path)}'" if self.path else "the document"
+
+    def key_span(self, *steps: str | int) -> Span:
+        """Return the place of the key of the value, or of the value at further steps."""
+        return span_at(self.root, (*self.inner, *steps), key=True)
 
     @property
     def value(self) -> Any:
@@ -95,7 +101,7 @@ class Violation(msgspec.Struct, frozen=True):
         `repair` becomes an edit of the value, unless the value comes from a variable: then the
         variable would have to be edited, which may be used elsewhere.
         """
-        place = span or span_at(self.root, self.path)
+        place = span or span_at(self.root, self.inner)
         edit = Edit(place, repair) if repair else None
         if span is None and isinstance(self.node, ScalarNode) and self.node.origin is not None:
             related += (self.node.origin,)
@@ -124,6 +130,16 @@ def read_value(
     if not reader.is_valid():
         return INVALID, reader.violations
     return _value(root, reader.rule), ()
+
+
+def explain(violations: Sequence[Violation]) -> list[Diagnostic]:
+    """Return one diagnostic for each mistake among violations."""
+    if not violations:
+        return []
+    # Imported only where there is something to explain.
+    from r2bspec.language.explain_violations import explain_violations
+
+    return explain_violations(violations)
 
 
 class _Reader:
@@ -172,7 +188,15 @@ class _Reader:
             return
         self.violations.append(
             Violation(
-                (*self._path, *path), keyword, rule, node, self._root, self._sources, limit, key
+                (*self._path, *path),
+                path,
+                keyword,
+                rule,
+                node,
+                self._root,
+                self._sources,
+                limit,
+                key,
             )
         )
 
@@ -191,7 +215,7 @@ def _value(node: TreeNode, rule: ValueRule) -> Any:
                 {
                     keys[name].field: _value(entry.value, keys[name])
                     for name, entry in node.entries.items()
-                    if not keys[name].about.loader
+                    if name in keys and not keys[name].about.loader
                 }
             )
         below = rule.values or rule

@@ -6,7 +6,7 @@
 
 The value, whether from the file, ``--var`` or a case of the matrix, must be of the declared type.
 A text refers to it with ``$(var width)``, and to a variable of the
-environment with ``$(env NAME)``. What becomes of references is in `r2bspec.language.substitution`.
+environment with ``$(env NAME)``. What becomes of references is in `r2bspec.language.resolve`.
 
 ``--set a.b.c=v`` and ``--var x=v`` are sources of their own: a finding in one shows the option with
 a caret. A value that begins with a bracket, a brace or a quote is read as YAML, any other as an

@@ -33,12 +33,6 @@ MAX_REQUIREMENT_CHARACTERS: Final = 300
 """Such as 'latency.p99 < 50 ms'."""
 MAX_EXTENDS_DEPTH: Final = 20
 """Files, each of which extends the next."""
-MAX_EXTENDED_FILES: Final = 100
-"""Of one document; a file extended twice counts twice."""
-MAX_EXTENDED_BYTES: Final = 1_000_000
-"""Of all of them together: an editor reads them anew with every pause in typing."""
-MAX_REFERENCES: Final = 200_000
-"""To variables, in all texts of a document together."""
 MAX_SPEC_ENTRIES: Final = 5_000
 """Nodes, inputs, monitors or topics: far above every real spec."""
 MAX_REQUIREMENTS: Final = 10_000

@@ -1,17 +1,18 @@
-"""Substitution of ``$(var x)`` and ``$(env X)`` in the located tree.
+"""The resolve pass: one case of a document, without references, notes and its matrix.
 
 The rules:
 
-- References are replaced in values, and in keys of maps whose keys are topics; not below unknown
-  keys.
+- References ``$(var x)`` and ``$(env X)`` are replaced in values, and in keys of maps whose keys
+  are topics; not below unknown keys.
 - A value that consists of one reference gets the type of the variable, unless it must be a string;
   in other text, the text of the variable is inserted.
 - Values of `variables:` may refer to the environment, not to other variables: otherwise their
-  order would matter, and cycles would be possible.
+  order would matter, and cycles would be possible. A case of the matrix replaces them.
 - ``$(env X)`` reads only variables that `environment:` lists, so that the file shows what it
   depends on. The text is read as an unquoted value, as with ``--var``.
 - ``$(env X)`` is refused if X is the name of a secret (`r2bspec.language.secrets`): its value would
   be written into plans and records.
+- ``x-`` keys are notes in maps whose keys the language defines, and are dropped.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from msgspec.structs import replace
 from r2bspec.diagnostics import Certainty, Related, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote, unknown_name_help
 from r2bspec.language import variables
-from r2bspec.language.declaration import ValueRule
+from r2bspec.language.declaration import ValueRule, language
 from r2bspec.language.document import DiagnosticCollector, Source, inner_span
 from r2bspec.language.located_tree import (
     Entry,
@@ -33,77 +34,68 @@ from r2bspec.language.located_tree import (
     TreeNode,
     UnknownNode,
     child,
+    entries_of,
 )
 from r2bspec.language.secrets import is_secret_variable
 from r2bspec.language.yaml_document import parse_unquoted
-from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES, MAX_REFERENCES
 
-_DECLARATIONS = frozenset({"variables", "environment", "r2bspec"})
+_AS_WRITTEN = frozenset({"environment", "r2bspec"})
+_MATRIX = "matrix"
 
 
-def substitute(
-    root: MapNode,
-    rule: ValueRule,
-    sources: Mapping[str, Source],
-    environ: Mapping[str, str],
-    inserted: int = 0,
-) -> Substitution:
-    """Replace every reference in a document; `rule` defines the known keys.
+class Resolver:
+    """One case of a document: its resolved tree, its problems, and the variables that it uses.
 
-    The characters `inserted` in other cases of the document count for the limit.
+    Args:
+        root: the document.
+        sources: the texts that its places point into.
+        environ: the environment for ``$(env X)``.
+        case: the values of variables in this case.
     """
-    work = Substitution(root, sources, environ)
-    work.inserted = inserted
-    entries = dict(root.entries)
-    if work.variables is not None:
-        entries["variables"] = replace(entries["variables"], value=work.variables)
-    for key, entry in root.entries.items():
-        if key not in _DECLARATIONS:
-            entries[key] = replace(entry, value=work.walk(entry.value, rule.below(key)))
-    work.tree = MapNode(entries, root.span)
-    return work
-
-
-class Substitution:
-    """The tree after substitution, the problems, and the variables that were used."""
 
     def __init__(
         self,
         root: MapNode,
         sources: Mapping[str, Source],
         environ: Mapping[str, str],
+        case: Mapping[str, TreeNode],
     ) -> None:
-        self.tree: TreeNode = root
         self.problems = DiagnosticCollector()
         self.used: set[str] = set()
-        self.variables: MapNode | None = None
         self._sources = sources
         self._environ = environ
         self._allowed = {
             name: item.span for name, item in variables.listed_environment(root).items()
         }
         self._done: dict[tuple[int, int], TreeNode] = {}
-        self.inserted = self._references = 0
-        self._size_exceeded = False
+        self._variables: dict[str, Entry] = {}
         self._in_declarations = True
-        declared = child(root, "variables")
-        if isinstance(declared, MapNode):
-            self.variables = MapNode(
-                {
-                    key: replace(entry, value=self._declared(key, entry))
-                    for key, entry in declared.entries.items()
-                },
-                declared.span,
-            )
+        for name, entry in entries_of(child(root, "variables")).items():
+            node = entry.value
+            if name in case:
+                node = variables.with_value(node, case[name])
+            self._variables[name] = entry.with_value(self._declared(name, entry.key_span, node))
         self._in_declarations = False
+        self.tree = self._document(root)
 
-    def _declared(self, name: str, entry: Entry) -> TreeNode:
-        node = entry.value
+    def _document(self, root: MapNode) -> MapNode:
+        rule = language()
+        entries: dict[str, Entry] = {}
+        for key, entry in root.entries.items():
+            if key == "variables" and isinstance(entry.value, MapNode):
+                entries[key] = entry.with_value(MapNode(self._variables, entry.value.span))
+            elif key in _AS_WRITTEN:
+                entries[key] = entry
+            elif key != _MATRIX and not key.startswith("x-"):
+                entries[key] = entry.with_value(self.walk(entry.value, rule.below(key)))
+        return MapNode(entries, root.span)
+
+    def _declared(self, name: str, key_span: Span, node: TreeNode) -> TreeNode:
         value = variables.declared_value(node)
         if isinstance(value, ScalarNode) and variables.OPENING in value.text:
             node = variables.with_value(node, self._scalar(value))
         if isinstance(node, MapNode):
-            sound = variables.check_declaration(name, node, entry.key_span, self.problems)
+            sound = variables.check_declaration(name, node, key_span, self.problems)
             if value is not None and not sound:  # reported here, and not again where it is used
                 return variables.with_value(node, UnknownNode(value.span))
         return node
@@ -132,6 +124,8 @@ class Substitution:
     def _map(self, node: MapNode, rule: ValueRule) -> MapNode:
         entries: dict[str, Entry] = {}
         for key, entry in node.entries.items():
+            if rule.keys is not None and key.startswith("x-"):
+                continue
             if _is_final(entry.value) and variables.OPENING not in key and key not in entries:
                 # Most entries.
                 entries[key] = entry
@@ -187,19 +181,6 @@ class Substitution:
             parts += [text[at : reference.start], value.text]
             at = reference.end
             origin = origin or value.origin
-            self.inserted += len(value.text)
-            self._references += 1
-            if self.inserted > MAX_DOCUMENT_BYTES or self._references > MAX_REFERENCES:
-                if not self._size_exceeded:
-                    message = (
-                        f"there are more than {MAX_REFERENCES:,} references to variables"
-                        if self._references > MAX_REFERENCES
-                        else "after substitution the document, with all its cases, is larger than "
-                        f"{MAX_DOCUMENT_BYTES // 1_000_000} MB"
-                    )
-                    self.problems.error("R2B129", message, node.span, "use shorter values")
-                self._size_exceeded = failed = True
-                break
             if is_whole and isinstance(reference, variables.Reference):
                 return replace(value, span=node.span)
         if failed:
@@ -230,7 +211,7 @@ class Substitution:
 
     def _variable(self, found: variables.Reference, node: ScalarNode) -> ScalarNode | None:
         name = found.name
-        declared = self.variables.entries if self.variables is not None else {}
+        declared = self._variables
         if name not in declared:
             if not self.problems.full:
                 span = self._inner(node, found.name_start, len(name))
