@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import math
 import re
 import secrets
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Unpack
+from typing import TYPE_CHECKING, Unpack
 
 from r2bspec.diagnostics.quote import pluralize
 from r2bspec.errors import ExitStatus, R2bspecError
@@ -76,9 +78,6 @@ class InvalidSpecError(R2bspecError):
         self.loaded = loaded
         self.diagnostics = tuple(diagnostics)
 
-
-HostLock = Literal["wait", "refuse", "off"]
-"""What a run does while this host runs another one: wait for its end, raise an error, or run."""
 
 PrepareBase = Callable[["BaseReference"], PreparedBenchmark]
 """Prepares the base of a comparison, if it differs from the head in more than the environment."""
@@ -207,7 +206,7 @@ def run(
     *,
     anatomy: bool = False,
     profile: str = "",
-    lock: HostLock = "wait",
+    wait_s: float | None = math.inf,
     identity: GraphIdentity | None = None,
     gate: Sequence[str] = (),
 ) -> Result:
@@ -220,12 +219,13 @@ def run(
         anatomy: play one more iteration in processes that are observed from inside.
         profile: play one more iteration with this profiler: ``perf``, ``py-spy``, ``nsys``, or the
             words before the command of a process, in which ``$(profile)`` is its file.
-        lock: whether to wait while this host runs another benchmark, which is then noted.
+        wait_s: how long to wait while this host runs other benchmarks, which is then noted; None
+            to run next to them.
         identity: of the graph, if it is known already.
         gate: what reports say of a merge gate, one sentence each.
 
     Raises:
-        HostBusyError: it does, and `lock` is ``refuse``.
+        HostBusyError: it runs them for longer.
         GraphMismatchError: the graph differs from the spec, which was compiled just now.
         RunError: the run failed; its folder has what was observed until then.
         RecordError: the run folder cannot be created.
@@ -234,6 +234,7 @@ def run(
     from r2bspec.execute.controller import RunOptions
     from r2bspec.execute.processes.machine import check_machine
     from r2bspec.execute.progress import Progress
+    from r2bspec.plan.time_estimate import estimate_time
     from r2bspec.record.run_folder import RunFolder
     from r2bspec.safe_io.private_files import private_files
 
@@ -241,35 +242,35 @@ def run(
     listener = progress or Progress()
     options = RunOptions(anatomy, profile, identity=identity, gate=tuple(gate))
     with (
-        locked_host(prepared.plan.name, lock, listener.note),
+        queued_host(prepared.plan.name, estimate_time(prepared.plan).seconds, wait_s, listener),
         private_files(),
         RunFolder.create(output or default_run_folder(prepared.plan.name)) as folder,
     ):
         return _run_in_folder(folder, prepared, listener, options)
 
 
-@contextlib.contextmanager
-def locked_host(what: str, lock: HostLock, note: Callable[[str], None]) -> Iterator[None]:
-    """The lock of the host, unless it is not wanted.
+def queued_host(
+    name: str, seconds: float, wait_s: float | None, progress: Progress
+) -> AbstractContextManager[None]:
+    """Have this host to oneself, after those who came before.
 
     Args:
-        what: is shown to those who wait, such as the name of the benchmark.
-        lock: as for `run`.
-        note: is told whom it is waited for.
+        name: of the benchmark, for those who wait.
+        seconds: how long it will take.
+        wait_s: as for `run`.
+        progress: is notified while others are waited for.
 
     Raises:
-        HostBusyError: another run has it, and is not waited for.
+        HostBusyError: others have the host for longer.
     """
-    if lock == "off":
-        yield
-        return
-    from r2bspec.execute.processes.machine import host_lock
+    if wait_s is None:
+        return contextlib.nullcontext()
+    from r2bspec.execute.host_queue import Place, host_to_itself
 
-    def on_wait(holder: str) -> None:
-        note(f"waiting for {holder}, which runs on this host")
+    def on_wait(place: Place) -> None:
+        progress.waiting(str(place), place.left())
 
-    with host_lock(what, wait=lock == "wait", on_wait=on_wait):
-        yield
+    return host_to_itself(name, seconds=seconds, wait_s=wait_s, on_wait=on_wait)
 
 
 def _run_in_folder(
@@ -321,7 +322,7 @@ def run_pairs(
     pairs: int | None = None,
     control: bool = False,
     force: bool = False,
-    lock: HostLock = "wait",
+    wait_s: float | None = math.inf,
 ) -> Result:
     """Compare a graph with another one, in interleaved runs on real ROS 2.
 
@@ -334,7 +335,7 @@ def run_pairs(
         pairs: how many; as many as the spec has iterations if None.
         control: compare the head with itself, to see the noise.
         force: compare even with different loads.
-        lock: as for `run`.
+        wait_s: as for `run`.
 
     Raises:
         HostBusyError: as for `run`.
@@ -349,6 +350,7 @@ def run_pairs(
     from r2bspec.compare.interleaved_runs import compare
     from r2bspec.execute.processes.environment import applied_environment, workspace_environments
     from r2bspec.execute.progress import Progress
+    from r2bspec.plan.time_estimate import estimate_pairs
 
     reference = parse_base_reference(against)
     environment = workspace_environments(reference.environments)
@@ -367,7 +369,8 @@ def run_pairs(
     )
     name = f"{head.plan.name}-pairs"
     listener = progress or Progress()
-    with locked_host(name, lock, listener.note):
+    seconds = estimate_pairs(head.plan, pairs).seconds
+    with queued_host(name, seconds, wait_s, listener):
         return compare(comparison, output or default_run_folder(name), progress)
 
 
@@ -443,7 +446,7 @@ def run_gated(
         replace(compared.head, plan=sides.head.plan),
         output,
         progress,
-        lock="off",
+        wait_s=None,
         identity=sides.head.identity,
         gate=sides.sentences,
     )

@@ -6,8 +6,9 @@ of these tests. ``--r2bspec-runs DIR`` judges run folders ``DIR/NAME``, where NA
 the benchmark, instead of running, so that a machine without ROS can report what another one has
 measured.
 
-The benchmarks of a host run one at a time: a test waits while the host runs another benchmark.
-``--r2bspec-no-wait`` fails it instead, and ``--r2bspec-no-lock`` measures next to the other one.
+The benchmarks of a host run one at a time, in the order in which they came: a test waits while the
+host runs others. ``--r2bspec-wait DURATION`` fails it after that time, and ``--r2bspec-no-lock``
+measures next to the others.
 
 ``--r2bspec-allow-path`` is the option of the command line without the prefix.
 
@@ -16,6 +17,7 @@ Without ``--r2bspec`` the plugin collects nothing and imports nothing.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +25,6 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from r2bspec.api import HostLock
     from r2bspec.judge.result import Result
     from r2bspec.judge.verdict import RequirementVerdict
     from r2bspec.language.load_spec import LoadedSpec
@@ -31,10 +32,13 @@ if TYPE_CHECKING:
 _SUFFIX = ".r2b.yaml"
 _FLAGS = {
     "--r2bspec": f"collect *{_SUFFIX} as tests",
-    "--r2bspec-no-wait": "fail instead of waiting while this host runs another benchmark",
     "--r2bspec-no-lock": "run even while this host runs another benchmark",
 }
 _VALUES = {
+    "--r2bspec-wait": (
+        "DURATION",
+        "how long to wait while this host runs other benchmarks  [default: until they have run]",
+    ),
     "--r2bspec-runs": ("DIR", "judge the run folders DIR/NAME instead of running the benchmarks"),
     "--r2bspec-output": (
         "DIR",
@@ -154,13 +158,17 @@ class _SpecFile(pytest.File):
         output = self.config.getoption("--r2bspec-output")
         folder = _new_folder(Path(output) / api.folder_name(loaded.id)) if output else None
         prepared = api.prepare(self.path, case=loaded.case, **self.access)
-        return api.run(prepared, folder, lock=_host_lock(self.config))
+        return api.run(prepared, folder, wait_s=_wait_s(self.config))
 
 
-def _host_lock(config: pytest.Config) -> HostLock:
+def _wait_s(config: pytest.Config) -> float | None:
+    """Return how long to wait while this host runs other benchmarks; None to run next to them."""
+    from r2bspec.language.quantities import Duration
+
     if config.getoption("--r2bspec-no-lock"):
-        return "off"
-    return "refuse" if config.getoption("--r2bspec-no-wait") else "wait"
+        return None
+    wait = config.getoption("--r2bspec-wait")
+    return math.inf if wait is None else Duration.parse(wait).seconds
 
 
 def _stored_folder(folder: Path, name: str) -> Path:

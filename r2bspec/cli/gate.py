@@ -55,12 +55,7 @@ if TYPE_CHECKING:
 )
 @shared_options.sets_option
 @shared_options.variables_option
-@shared_options.flag_options(
-    {
-        "--no-wait": "Refuse to run while this host runs a benchmark.",
-        "--no-lock": "Run even while this host runs a benchmark.",
-    }
-)
+@shared_options.queue_options
 @shared_options.format_option()
 @shared_options.quiet_option
 @shared_options.verbose_option
@@ -138,7 +133,7 @@ def _gate_one(gate: MergeGate, one: _Entry, selected: GatedSpecs, options: RunAr
     from r2bspec import api
     from r2bspec.cli import run_single
     from r2bspec.cli.spec_selection import prepare_and_report
-    from r2bspec.cli.text_output import locked_host
+    from r2bspec.cli.text_output import queued_host
     from r2bspec.report.progress import RemainingTime
 
     entry, folder = one.entry, run_single.OutputFolder()
@@ -150,9 +145,9 @@ def _gate_one(gate: MergeGate, one: _Entry, selected: GatedSpecs, options: RunAr
         _check_names(gate)
         name = f"{prepared.plan.name}-pairs"
         path = folder.path = options.output or api.default_run_folder(name)
-        with locked_host(name, options.lock):
+        estimate = _estimate(prepared, compared, options)
+        with queued_host(name, estimate.seconds, options.wait_s, quiet=options.quiet):
             sides = _sides(gate, compared, options)
-            estimate = _estimate(prepared, sides, options)
             if not options.quiet:
                 echo(f"{name}: {estimate.text()}", err=True)
             remaining = RemainingTime(estimate)
@@ -167,7 +162,7 @@ def _gate_all(
     """Gate several specs: all are compared, then all are played; return the worst exit status."""
     from r2bspec.cli import run_single
     from r2bspec.cli.run_suite import LocalExecutor, Suite, announcement, prepare_entry
-    from r2bspec.cli.text_output import locked_host
+    from r2bspec.cli.text_output import queued_host
     from r2bspec.report.suite import SUITE_FORMATS
 
     if not entries:
@@ -194,11 +189,14 @@ def _gate_all(
             _check_names(gate)
     with contextlib.ExitStack() as stack:
         if runs and not refused():
-            stack.enter_context(locked_host(f"{len(runs)} benchmarks", options.lock))
+            for entry in runs:
+                entry.estimate = _estimate(entry.benchmark, compared[id(entry)], options)
+            seconds, name = sum(entry.seconds for entry in runs), f"{len(runs)} benchmarks"
+            host = queued_host(name, seconds, options.wait_s, quiet=options.quiet)
+            stack.enter_context(host)
             for entry in runs:
                 with _error_of(entry):
                     sides = _sides(gate, compared[id(entry)], options)
-                    entry.estimate = _estimate(entry.benchmark, sides, options)
                     ready[id(entry)] = compared[id(entry)], sides
         suite.create_folder()
         suite.enter(runs)
@@ -285,10 +283,12 @@ def _check_names(gate: MergeGate) -> None:
         check_allowed(gate.allow, gate.names)
 
 
-def _estimate(prepared: PreparedBenchmark, sides: GateSides, options: RunArguments) -> TimeEstimate:
+def _estimate(
+    prepared: PreparedBenchmark, compared: ComparedSpec, options: RunArguments
+) -> TimeEstimate:
     from r2bspec.plan.time_estimate import estimate_pairs, estimate_time
 
-    if sides.base is None:
+    if compared.base is None:
         return estimate_time(prepared.plan)
     return estimate_pairs(prepared.plan, options.pairs)
 

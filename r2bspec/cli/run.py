@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -16,12 +17,12 @@ import click
 
 from r2bspec.cli import shared_options
 from r2bspec.cli.spec_selection import ALL_CASES, SpecSelection, is_file_list, suite_entries
+from r2bspec.language.quantities import Duration
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
 from r2bspec.safe_io.limits import MAX_PLANNED_ITERATIONS
 
 if TYPE_CHECKING:
-    from r2bspec.api import HostLock
     from r2bspec.report.write_reports import ReportRequest
 
 
@@ -46,7 +47,7 @@ class RunArguments:
     fail_fast: bool = False
     anatomy: bool = False
     profile: str | None = None
-    no_wait: bool = False
+    wait: Duration | None = None
     no_lock: bool = False
     on: str | None = None
     hosts: tuple[str, ...] = ("any",)
@@ -62,9 +63,11 @@ class RunArguments:
         return bool(self.against) or self.control
 
     @property
-    def lock(self) -> HostLock:
-        """What to do while this host runs another benchmark."""
-        return "off" if self.no_lock else "refuse" if self.no_wait else "wait"
+    def wait_s(self) -> float | None:
+        """How long to wait while this host runs other benchmarks; None to run next to them."""
+        if self.no_lock or self.smoke:
+            return None
+        return math.inf if self.wait is None else self.wait.seconds
 
     @property
     def needs_suite(self) -> bool:
@@ -138,7 +141,7 @@ class RunArguments:
             click.UsageError: there are some.
         """
         why = "cannot be combined with --on"
-        self.refuse(why, "--no-lock", "--no-wait")
+        self.refuse(why, "--no-lock", "--wait")
         self.refuse(why, "--anatomy", "--profile")
 
     def check_suite(self) -> None:
@@ -210,12 +213,7 @@ def _refuse(given: Sequence[str], why: str) -> None:
     metavar="any|all|NAME,...",
     help="With --on: each run on any host that fits, on every one of them, or on those named.",
 )
-@shared_options.flag_options(
-    {
-        "--no-wait": "Refuse to run while this host runs a benchmark.",
-        "--no-lock": "Run even while this host runs a benchmark.",
-    }
-)
+@shared_options.queue_options
 @shared_options.repeatable_option(
     "--against",
     "against",

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from r2bspec.cli.spec_selection import SpecSelection, base_selection, prepare_and_report
-from r2bspec.cli.text_output import locked_host, show_findings
+from r2bspec.cli.text_output import queued_host, show_findings
 from r2bspec.errors import R2bspecError
 from r2bspec.report.output import echo, echo_json
 
@@ -42,8 +42,8 @@ def _run(selection: SpecSelection, options: RunArguments, folder: OutputFolder) 
     name = prepared.plan.name
     name += "-pairs" if options.compares else "-smoke" if options.smoke else ""
     path = folder.path = options.output or api.default_run_folder(name)
-    with locked_host(name, options.lock):
-        estimate = estimate_of(prepared, options)
+    estimate = estimate_of(prepared, options)
+    with queued_host(name, estimate.seconds, options.wait_s, quiet=options.quiet):
         if not options.quiet:
             echo(f"{name}: {estimate.text()}", err=True)
         result = execute(
@@ -143,7 +143,7 @@ def play(
     from r2bspec import api
 
     if not options.compares:
-        return api.run(prepared, folder, progress, lock="off", **_ways(options))
+        return api.run(prepared, folder, progress, wait_s=None, **_ways(options))
     return api.run_pairs(
         prepared,
         options.against,
@@ -153,7 +153,7 @@ def play(
         pairs=options.pairs,
         control=options.control,
         force=options.force,
-        lock="off",
+        wait_s=None,
     )
 
 

@@ -18,7 +18,7 @@ from r2bspec.api import folder_name
 from r2bspec.cli import run_single
 from r2bspec.cli.main import show_error
 from r2bspec.cli.spec_selection import Playing, SuiteEntry, prepare_and_report
-from r2bspec.cli.text_output import locked_host
+from r2bspec.cli.text_output import queued_host
 from r2bspec.compare.report_input import read_folder
 from r2bspec.diagnostics.quote import pluralize, time_text
 from r2bspec.errors import ExitStatus, R2bspecError
@@ -83,7 +83,10 @@ def _run_here(suite: Suite, entries: Sequence[SuiteEntry], options: RunArguments
     """Make all runs on this host."""
     with contextlib.ExitStack() as stack:
         if any(entry.error is None for entry in entries):
-            stack.enter_context(locked_host(f"{len(entries)} benchmarks", options.lock))
+            seconds = sum(entry.seconds for entry in entries)
+            name = f"{len(entries)} benchmarks"
+            host = queued_host(name, seconds, options.wait_s, quiet=options.quiet)
+            stack.enter_context(host)
         suite.create_folder()
         suite.enter(entries)
         return suite.run(announcement(entries), LocalExecutor(suite, options, _play).play(entries))

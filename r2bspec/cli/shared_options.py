@@ -119,6 +119,19 @@ def share(lowest: str, highest: str) -> QuantityType:
     return QuantityType(Share, lowest, highest)
 
 
+wait_option = click.option(
+    "--wait",
+    type=duration("0 s", "168 h"),
+    help="How long to wait while this host runs other benchmarks.  [default: until they have run]",
+)
+
+
+def queue_options(command: Command) -> Command:
+    """What to do while this host runs other benchmarks."""
+    flags = {"--no-lock": "Run even while this host runs a benchmark."}
+    return wait_option(flag_options(flags)(command))
+
+
 sets_option = repeatable_option(
     "--set",
     "sets",

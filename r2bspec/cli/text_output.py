@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
-from collections.abc import Collection, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -14,7 +14,6 @@ from r2bspec.diagnostics.quote import clip
 from r2bspec.report.output import MAX_TABLE_ROWS, echo, echo_document, rows_left_out
 
 if TYPE_CHECKING:
-    from r2bspec.api import HostLock
     from r2bspec.diagnostics import Diagnostic
     from r2bspec.language.load_spec import LoadedSpec
 
@@ -98,12 +97,25 @@ def print_findings(
         echo(shown, err=err, nl=False, styled=colour, commands=output_format == "github")
 
 
-def locked_host(what: str, lock: HostLock = "wait") -> AbstractContextManager[None]:
-    """The lock of the host, if it is wanted; whom it is waited for is printed.
+@contextlib.contextmanager
+def queued_host(
+    name: str, seconds: float, wait_s: float | None, *, quiet: bool = False
+) -> Iterator[None]:
+    """Have this host to oneself; the place in its queue is shown until then.
+
+    Args:
+        name: of the benchmark, for those who wait.
+        seconds: how long it will take.
+        wait_s: how long to wait for others; None to run next to them.
+        quiet: show nothing.
 
     Raises:
-        HostBusyError: another run has it, and is not waited for.
+        HostBusyError: others have the host for longer.
     """
     from r2bspec import api
+    from r2bspec.report.progress import shown_progress
 
-    return api.locked_host(what, lock, lambda text: echo(f"{text}; --no-wait refuses", err=True))
+    with contextlib.ExitStack() as host:
+        with shown_progress(quiet=quiet) as progress:
+            host.enter_context(api.queued_host(name, seconds, wait_s, progress))
+        yield

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -9,7 +10,7 @@ import click
 
 from r2bspec.cli import shared_options as options
 from r2bspec.cli.spec_selection import prepare_and_report
-from r2bspec.cli.text_output import locked_host, print_table
+from r2bspec.cli.text_output import print_table, queued_host
 from r2bspec.errors import ExitStatus
 from r2bspec.language.quantities import Duration
 from r2bspec.language.selected_spec import SelectionValues, SpecSelection
@@ -58,7 +59,7 @@ EXIT_STATUS: Final[dict[TuningOutcome, ExitStatus]] = {
     metavar="FILE",
     help="If values are proved, write a spec with them, which extends SPEC.",
 )
-@options.flag_options({"--no-wait": "Refuse to run while this host runs a benchmark."})
+@options.wait_option
 @options.format_option("text", "json", "markdown")
 @options.quiet_option
 def command(
@@ -69,7 +70,7 @@ def command(
     budget: Duration | None,
     minimize: str | None,
     write: Path | None,
-    no_wait: bool,
+    wait: Duration | None,
     output_format: str,
     quiet: bool,
 ) -> int:
@@ -103,9 +104,10 @@ def command(
     limits = SearchLimits(
         trials or declared.trials, (budget or declared.budget).seconds, declared.pairs
     )
+    wait_s = math.inf if wait is None else wait.seconds
     folder = output or api.default_run_folder(f"{prepared.plan.name}-tune")
     with (
-        locked_host(f"{prepared.plan.name} tune", "refuse" if no_wait else "wait"),
+        queued_host(f"{prepared.plan.name} tune", limits.budget_s, wait_s, quiet=quiet),
         shown_progress(quiet=quiet) as progress,
     ):
         result = tune(

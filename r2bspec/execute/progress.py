@@ -37,5 +37,18 @@ class Progress:
     def playing(self, view: SegmentProgress) -> None:
         """The progress of the current segment; called four times a second."""
 
+    def waiting(self, place: str, left: str) -> None:
+        """The run waits for others on this host; called five times a second.
+
+        Args:
+            place: in the queue, and whom it waits for.
+            left: how long that will take.
+        """
+        if place != self._place:
+            self._place = place
+            self.note(f"{place}: {left}")
+
+    _place = ""
+
     def note(self, text: str) -> None:
         """A one-line message for the user."""

@@ -82,6 +82,9 @@ class RemainingTime:
 _LINE_INTERVAL_S = 10.0
 """Logs should be short, and show that the run continues."""
 
+_WAIT_INTERVAL_S = 60.0
+"""While others run, little changes."""
+
 _CI_INTERVAL_S = 60.0
 """The log of a CI job has a line a minute: many jobs are read only when they have failed."""
 
@@ -127,6 +130,11 @@ class _ShownProgress(Progress):
     def segment(self, title: str, steps: int) -> None:
         self._title, self._steps = title, steps
 
+    def _begins(self, place: str) -> bool:
+        """Return True for another place in the queue than before."""
+        before, self._place = self._place, place
+        return place != before
+
     def _rest(self) -> str:
         return self._remaining.text() if self._remaining is not None else ""
 
@@ -152,6 +160,11 @@ class _PlainProgress(_ShownProgress):
             self._next += _LINE_INTERVAL_S
             now = progress_text(view, self._steps)
             self._write_line(f"    {now}", self._rest(), load_text(view.cores()))
+
+    def waiting(self, place: str, left: str) -> None:
+        if self._begins(place) or time.monotonic() >= self._next:
+            self._next = time.monotonic() + _WAIT_INTERVAL_S
+            self._write_line(place, left)
 
     def note(self, text: str) -> None:
         self._write_line(f"  {text}")
@@ -224,6 +237,12 @@ class _LiveProgress(_ShownProgress):
             self._next = time.monotonic() + _REFRESH_INTERVAL_S
             now = progress_text(view, self._steps)
             self._show(f"{self._title}: {now}", load_text(view.cores()))
+
+    def waiting(self, place: str, left: str) -> None:
+        if self._begins(place) or time.monotonic() >= self._next:
+            self._next = time.monotonic() + _REFRESH_INTERVAL_S
+            self._phase_text = place
+            self._show(left)
 
     def note(self, text: str) -> None:
         self._console.print(f"  {text}", markup=False, highlight=False, style="dim")

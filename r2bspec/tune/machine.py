@@ -159,7 +159,7 @@ class RealMachine:
 
     def _play(self, prepared: api.PreparedBenchmark, name: str) -> Start:
         try:
-            result = api.run(prepared, self.folder / name, self.progress, lock="off")
+            result = api.run(prepared, self.folder / name, self.progress, wait_s=None)
         except _ENDING:
             raise
         except R2bspecError as error:
@@ -244,7 +244,7 @@ class RealMachine:
             times = f"{time_text(takes_s)}, and {time_text(limit_s)} are left"
             return Proof(run=name, reason=f"Runs of the winner take {times}: give a larger budget.")
         result = api.run(
-            replace(prepared, plan=plan), self.folder / name, self.progress, lock="off"
+            replace(prepared, plan=plan), self.folder / name, self.progress, wait_s=None
         )
         return _proof_of(result, name)
 

@@ -12,7 +12,7 @@ from nightly import only_nightly
 pytest.importorskip("rclpy")
 
 
-from r2bspec.execute.processes.machine import DISABLED_BY
+from r2bspec.execute.host_queue import DISABLED_BY
 from ros_runs import Bench, relay_spec
 
 NO_CONFIRMATION = {"gate": {"confirm": False, "interference": "tolerate"}}
@@ -80,12 +80,12 @@ def test_a_second_run_waits_for_the_first_or_refuses(
     spec = relay_spec(name="first", benchmark=short(iterations=4))
     with bench.start(spec) as first:
         first.wait_for("starting player and monitor")
-        refused = bench.run(relay_spec(name="refused"), "--no-wait")
+        refused = bench.run(relay_spec(name="refused"), "--wait=0 s")
         assert refused.status == 4
         assert "R2B697" in refused.error
         assert f"first (process {first.process.pid})" in refused.error
         with bench.start(relay_spec(name="second", benchmark=short(duration="500 ms"))) as second:
-            second.wait_for(rf"waiting for first \(process {first.process.pid}\)")
+            second.wait_for(rf"in place 2 of the queue .* first \(process {first.process.pid}\)")
             assert first.finish().run().record.status == "complete"
             waited = second.finish()
     waited.assert_complete()

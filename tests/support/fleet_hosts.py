@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from r2bspec.execute.processes.machine import DISABLED_BY
+from r2bspec.execute.host_queue import DISABLED_BY
 from ros_runs import relay_spec
 
 HANG_S = 400.0

@@ -196,11 +196,11 @@ def lock(monkeypatch: pytest.MonkeyPatch, played: list[str]) -> list[list[str]]:
     taken: list[list[str]] = []
 
     @contextlib.contextmanager
-    def host_lock(*_: Any, **__: Any) -> Iterator[None]:
+    def host_to_itself(*_: Any, **__: Any) -> Iterator[None]:
         taken.append(list(played))
         yield
 
-    monkeypatch.setattr("r2bspec.execute.processes.machine.host_lock", host_lock)
+    monkeypatch.setattr("r2bspec.execute.host_queue.host_to_itself", host_to_itself)
     return taken
 
 

@@ -1,4 +1,4 @@
-"""Runs of programs, and of pytest, have the lock of the host, too."""
+"""Runs of programs, and of pytest, are in the queue of the host, too."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from lock_holder import other_holder
+from queue_members import Member, leave, other_members
 from r2bspec import api
-from r2bspec.execute.processes.machine import HostBusyError, lock_file
+from r2bspec.execute.host_queue import HostBusyError, queue_folder
 from r2bspec.execute.progress import Progress
 
 ROOT = Path(__file__).parents[3]
@@ -33,19 +33,19 @@ class Notes(Progress):
 
 
 @pytest.fixture
-def holder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[subprocess.Popen[str]]:
-    """Another process that has the lock, of these tests alone, until its input is closed."""
-    with other_holder(tmp_path, monkeypatch) as process:
-        yield process
+def holder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Member]:
+    """Another process that has the host."""
+    with other_members(tmp_path, monkeypatch) as join:
+        yield join()
 
 
 @pytest.fixture
 def played(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """What the lock says while runs are made, of which none is: this is about the lock."""
+    """What the tickets say while runs are made, of which none is: this is about the queue."""
     found: list[str] = []
 
     def make(*_: Any, **__: Any) -> None:
-        found.append(lock_file().read_text())
+        found.extend(sorted(ticket.read_text() for ticket in queue_folder().iterdir()))
 
     monkeypatch.setattr(api, "_run_in_folder", make)
     monkeypatch.setattr("r2bspec.compare.interleaved_runs.compare", make)
@@ -69,48 +69,51 @@ def run_pairs(prepared: api.PreparedBenchmark, folder: Path, notes: Notes, **way
 def test_a_run_waits_and_says_for_whom(
     make: Callable[..., None],
     prepared: api.PreparedBenchmark,
-    holder: subprocess.Popen[str],
+    holder: Member,
     played: list[str],
     tmp_path: Path,
 ) -> None:
-    assert holder.stdin is not None
-    notes = Notes(holder.stdin.close)
+    notes = Notes(lambda: leave(holder))
     make(prepared, tmp_path, notes)
     assert notes.texts == [
-        f"waiting for the other one (process {holder.pid}), which runs on this host"
+        (
+            "waiting in place 2 of the queue of this host, behind the other one "
+            f"(process {holder.pid}): how long is not known"
+        )
     ]
-    assert [each.partition(" ")[2] for each in played] == [f"(process {os.getpid()})"]
+    (ticket,) = played
+    assert f'"process":{os.getpid()}' in ticket
+    assert '"seconds":null' not in ticket
 
 
 @pytest.mark.parametrize("make", [run, run_pairs])
 def test_a_run_that_is_not_to_wait_is_refused(
     make: Callable[..., None],
     prepared: api.PreparedBenchmark,
-    holder: subprocess.Popen[str],
+    holder: Member,
     played: list[str],
     tmp_path: Path,
 ) -> None:
     with pytest.raises(HostBusyError, match=f"the other one \\(process {holder.pid}\\)"):
-        make(prepared, tmp_path, Notes(), lock="refuse")
+        make(prepared, tmp_path, Notes(), wait_s=0)
     assert played == []
-    assert {each.name for each in tmp_path.iterdir()} == {lock_file().name}
+    assert {each.name for each in tmp_path.iterdir()} == {queue_folder().name}
 
 
-def test_a_run_without_the_lock_is_made_at_once(
+def test_a_run_outside_of_the_queue_is_made_at_once(
     prepared: api.PreparedBenchmark,
-    holder: subprocess.Popen[str],
+    holder: Member,
     played: list[str],
     tmp_path: Path,
 ) -> None:
     notes = Notes()
-    run(prepared, tmp_path, notes, lock="off")
-    assert played == [f"the other one (process {holder.pid})"]
+    run(prepared, tmp_path, notes, wait_s=None)
+    (ticket,) = played
+    assert f'"process":{holder.pid}' in ticket
     assert notes.texts == []
 
 
-def test_a_test_of_pytest_is_refused_with_its_option(
-    holder: subprocess.Popen[str], tmp_path: Path
-) -> None:
+def test_a_test_of_pytest_is_refused_with_its_option(holder: Member, tmp_path: Path) -> None:
     (tmp_path / "relay.r2b.yaml").write_text(RELAY.read_text())
     environment = os.environ | {
         "PYTHONPATH": str(ROOT),
@@ -120,7 +123,7 @@ def test_a_test_of_pytest_is_refused_with_its_option(
     done = subprocess.run(
         [
             *(sys.executable, "-m", "pytest", "-p", "r2bspec.pytest_plugin"),
-            *("--r2bspec", "--r2bspec-no-wait", "-k", "not valid"),
+            *("--r2bspec", "--r2bspec-wait=0 s", "-k", "not valid"),
         ],
         cwd=tmp_path,
         env=environment,
