@@ -17,7 +17,6 @@ import math
 import os
 import re
 import stat
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -34,6 +33,7 @@ from r2bspec.execute.states import Interrupts
 DISABLED_BY: Final = "R2BSPEC_NO_LOCK"
 """The variable that switches the queue off, for programs that make several runs at once."""
 
+_TEMPORARY: Final = "/tmp"  # noqa: S108 - the folder that all users share
 _FOLDER: Final = "r2bspec-queue"
 _POLL_S = 0.2
 _MAX_NAME_CHARACTERS = 100
@@ -108,8 +108,11 @@ OnWait = Callable[[Place], None]
 
 
 def queue_folder() -> Path:
-    """Return the folder of the tickets, in that for temporary files."""
-    return Path(tempfile.gettempdir()) / _FOLDER
+    """Return the folder of the tickets, in that for temporary files.
+
+    `tempfile.gettempdir` would choose another one where the disk is full, with another queue.
+    """
+    return Path(os.environ.get("TMPDIR") or _TEMPORARY) / _FOLDER
 
 
 @contextlib.contextmanager

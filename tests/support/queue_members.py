@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -51,7 +50,7 @@ def other_members(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Joi
         folder: where the queue is.
         monkeypatch: undoes that at the end of the test.
     """
-    monkeypatch.setattr("tempfile.tempdir", str(folder))
+    monkeypatch.setenv("TMPDIR", str(folder))
     monkeypatch.delenv(DISABLED_BY)
     with ExitStack() as stack:
 
@@ -61,7 +60,6 @@ def other_members(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Joi
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,
-                env=os.environ | {"TMPDIR": str(folder)},
             )
             stack.enter_context(member)
             stack.callback(member.kill)
