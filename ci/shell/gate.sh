@@ -6,7 +6,7 @@
 # 'r2bspec gate'.
 #
 #   R2BSPEC_PYTHON        a Python interpreter that has r2bspec; by default python3. For the HTML
-#                         report it needs what 'pip install "r2bspec[report]"' installs
+#                         report it needs the extra 'report'
 #   R2BSPEC_ALLOW         what may differ from the base, one name per line
 #   R2BSPEC_INCONCLUSIVE  'fail', or 'pass' to let an inconclusive run pass
 #   R2BSPEC_ARGUMENTS     further arguments of 'r2bspec gate', one per line
@@ -33,7 +33,7 @@ if "$python" -I -c 'import importlib.util as u, sys
 sys.exit(not all(map(u.find_spec, ("jinja2", "matplotlib"))))'; then
   set -- "$@" --report "html=$folder/reports/report.html"
 else
-  echo "There is no HTML report: install it with pip install 'r2bspec[report]'."
+  echo "There is no HTML report: it needs the extra 'report' of r2bspec."
 fi
 set -f
 IFS='

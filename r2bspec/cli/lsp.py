@@ -7,6 +7,7 @@ import os
 import click
 
 from r2bspec.errors import ExitStatus, UsageError
+from r2bspec.extras import install_command
 
 
 @click.command("lsp")
@@ -19,7 +20,7 @@ def command() -> int:
         from r2bspec.language_server.server import create_server
     except ImportError as error:
         raise UsageError(
-            "the language server needs pygls", hint="pip install 'r2bspec[editor]'"
+            "the language server needs pygls", hint=install_command("editor")
         ) from error
     # A copy: the server closes its output when it ends.
     create_server().start_io(stdout=os.fdopen(os.dup(1), "wb"))

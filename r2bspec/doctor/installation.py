@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from r2bspec.doctor.checkup import CheckResult, System, advised
+from r2bspec.extras import install_command
 from r2bspec.judge.measure.units import show
 from r2bspec.middleware.middleware import (
     RMW_VARIABLE,
@@ -31,7 +32,7 @@ _MESSAGES = ("std_msgs", "sensor_msgs", "geometry_msgs", "nav_msgs", "stereo_msg
 _WHEEL = re.compile(r"ros-(?:(?P<distribution>[a-z]+)-)?rclpy")
 _RCL_PREFIX = re.compile(r"^(?:\[[^\]]*\] ?){3}: ")
 _RCL_PLACE = re.compile(r", at \S+:\d+$")
-_INSTALL = "source a ROS 2 installation, or pip install 'r2bspec[ros]'"
+_INSTALL = f"source a ROS 2 installation, or {install_command('ros')}"
 
 
 def check_ros(system: System) -> list[CheckResult]:
@@ -177,7 +178,7 @@ def check_vision(system: System) -> list[CheckResult]:
     """Check whether it can be imported. Other nodes than the reference nodes may not need it."""
     import_result = probe_imports(system, "cv2")["cv2"]
     if "error" in import_result:
-        advice = "the reference nodes for images need it: pip install 'r2bspec[vision]'"
+        advice = f"the reference nodes for images need it: {install_command('vision')}"
         return [advised(_OPENCV, "version", import_result["error"], advice)]
     return [advised(_OPENCV, "version", import_result["version"], "", import_result)]
 

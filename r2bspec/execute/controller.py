@@ -47,6 +47,7 @@ from r2bspec.execute.run_context import MEASURE_PHASE, HostWatch, RunContext, Ti
 from r2bspec.execute.session import StartSequence
 from r2bspec.execute.states import Interrupts, RunState, RunStates
 from r2bspec.execute.turns import Filled, Partner, play_by_turns
+from r2bspec.extras import install_command
 from r2bspec.ipc.arrivals import ClockOffsetTracker
 from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.judge.confirmation import needs_confirmation
@@ -261,7 +262,7 @@ class _Run:
         if find_module("rclpy") is None:
             raise errors.NotInstalledError(
                 "rclpy is not installed",
-                hint="Source a ROS 2 installation, or pip install 'r2bspec[ros]'.",
+                hint=f"Source a ROS 2 installation, or {install_command('ros')}.",
             )
         prerequisites.require_address_space()
         require_permitted(self._plan.processes)

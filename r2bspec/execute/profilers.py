@@ -18,6 +18,7 @@ from typing import Final
 
 from r2bspec.errors import UsageError
 from r2bspec.execute.errors import ProfilerError
+from r2bspec.extras import install_command
 from r2bspec.safe_io.private_files import temporary_folder
 
 OUTPUT: Final = "$(profile)"
@@ -33,7 +34,7 @@ _WORDS: Final = {
 _INSTALL: Final = {
     "perf": "Install it (Debian: apt install linux-perf; Ubuntu: apt install linux-tools-generic), "
     "or use '--profile py-spy' for Python nodes.",
-    "py-spy": "pip install 'r2bspec[profile]'",
+    "py-spy": install_command("profile"),
     "nsys": "Install NVIDIA Nsight Systems, and see that its folder is in PATH.",
 }
 _PERMIT: Final = {

@@ -21,6 +21,7 @@ import msgspec
 
 from r2bspec._version import __version__
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError
+from r2bspec.extras import install_command
 from r2bspec.fleet.archive import unpack
 from r2bspec.fleet.errors import FleetError, HostLostError, HostRunError, NoHostError
 from r2bspec.fleet.host import HostFacts, Job, Played, describe_host, play
@@ -149,7 +150,7 @@ class Fleet:
         except ImportError as error:
             raise UsageError(
                 "a fleet needs Dask distributed, which is not installed",
-                hint="pip install 'r2bspec[fleet]'",
+                hint=install_command("fleet"),
                 code=FleetError.code,
             ) from error
         # What matters of it is an error of r2bspec.

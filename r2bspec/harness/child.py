@@ -23,6 +23,7 @@ from collections.abc import Callable
 from typing import Final, Protocol
 
 from r2bspec.errors import ExitStatus, is_refusal, refusal_hint, refusal_text
+from r2bspec.extras import install_command
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.ipc import protocol
 from r2bspec.middleware.middleware import middleware_of
@@ -149,7 +150,7 @@ def _failure(error: Exception) -> protocol.Failed:
         # NumPy puts a page of advice in front of what the loader says.
         code, message = "R2B620", message.strip().splitlines()[-1]
         absent = isinstance(error, ModuleNotFoundError)
-        hint = "Install ROS 2, or pip install 'r2bspec[ros]'." if absent else ""
+        hint = f"Install ROS 2, or {install_command('ros')}." if absent else ""
     elif isinstance(root := _root(error), ImportError):
         # As of generated messages, which do not say why their library cannot be loaded.
         message = f"{message}: {root}"

@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import Literal
 
 from r2bspec.errors import ExitStatus, R2bspecError
+from r2bspec.extras import install_command
 from r2bspec.safe_io.cache_folder import UnusableCacheError, cache_or_temporary_folder, pass_over
 from r2bspec.safe_io.private_files import private_files, process_folder, temporary_folder
 
@@ -92,7 +93,7 @@ def find_ros(environ: Mapping[str, str] = os.environ) -> RosFiles:
     where = ", ".join(str(path) for path in (*sourced, Path(sys.prefix)))
     raise BuildError(
         f"the C headers of ROS 2 are not installed: no include/{_MARKER} in {where}",
-        hint="Source a ROS 2 installation with ros-<distro>-rcl, or pip install 'r2bspec[ros]'.",
+        hint=f"Source a ROS 2 installation with ros-<distro>-rcl, or {install_command('ros')}.",
     )
 
 

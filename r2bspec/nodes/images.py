@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.extras import install_command
+
 try:
     import cv2 as cv2
 except ImportError as missing:
     raise ImportError(
-        "this node needs OpenCV, which is not installed: pip install 'r2bspec[vision]'"
+        f"this node needs OpenCV, which is not installed: {install_command('vision')}"
     ) from missing
 
 if TYPE_CHECKING:

@@ -21,6 +21,7 @@ from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.diagnostics.plain_text import harmless, plain_values
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError
+from r2bspec.extras import install_command
 
 
 class ReportUsageError(UsageError):
@@ -111,7 +112,7 @@ def check_installed(name: str) -> None:
     if missing:
         raise ReportError(
             f"the report format {name!r} needs {' and '.join(missing)}",
-            hint="Install them with: pip install 'r2bspec[report]'",
+            hint=f"Install them with: {install_command('report')}",
         )
 
 

@@ -14,6 +14,7 @@ from r2bspec import api
 from r2bspec.errors import UsageError
 from r2bspec.execute.processes.machine import describe_machine
 from r2bspec.execute.progress import Progress
+from r2bspec.extras import install_command
 from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.plan.canonical_json import plan_hash
 from r2bspec.record.files import FolderTakenError, write_atomically
@@ -129,5 +130,5 @@ def require_extra() -> None:
     if find_spec("optuna") is None:
         raise UsageError(
             "the search needs optuna, which this installation does not have",
-            hint="Install it: pip install 'r2bspec[tune]'.",
+            hint=f"Install it: {install_command('tune')}.",
         )

@@ -16,6 +16,7 @@ from command_line import Call
 from r2bspec.doctor import installation
 from r2bspec.doctor.checkup import CheckResult, System
 from r2bspec.doctor.installation import check_ros, probe_imports
+from r2bspec.extras import install_command
 from r2bspec.middleware.middleware import RMW_VARIABLE
 
 MISSING = {"error": "ModuleNotFoundError: No module named 'rclpy'"}
@@ -56,7 +57,7 @@ def test_without_rclpy_there_is_a_problem_and_a_way_out(here: Callable[..., None
     here({installation._MIDDLEWARE: MISSING})
     checks = by_name()
     assert checks["rclpy"].status == "problem"
-    assert "r2bspec[ros]" in checks["rclpy"].advice
+    assert install_command("ros") in checks["rclpy"].advice
     assert checks["distributions"].status == "warn"
 
 

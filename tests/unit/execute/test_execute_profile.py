@@ -12,6 +12,7 @@ from plans import process_plan
 from r2bspec.execute.errors import ProfilerError
 from r2bspec.execute.profiled_iteration import profiled_processes, profiled_rate
 from r2bspec.execute.profilers import Profiler, find_profiler, require_usable
+from r2bspec.extras import install_command
 from r2bspec.plan.plan import Plan, PlayPlan, ProcessPlan
 from run_simulation import Played, Simulation
 
@@ -70,7 +71,7 @@ def test_the_words_of_a_profiler_are_put_before_the_command_of_the_process() -> 
 
 @pytest.mark.parametrize(
     ("name", "way_out"),
-    [("perf", "linux-perf"), ("py-spy", "r2bspec[profile]"), ("nsys", "Nsight")],
+    [("perf", "linux-perf"), ("py-spy", install_command("profile")), ("nsys", "Nsight")],
 )
 def test_a_profiler_that_is_missing_is_named_with_the_way_to_install_it(
     name: str, way_out: str

@@ -8,6 +8,7 @@ import sys
 import pytest
 
 import r2bspec.nodes
+from r2bspec.extras import install_command
 
 
 def test_a_missing_opencv_is_named_with_its_remedy() -> None:
@@ -16,7 +17,7 @@ def test_a_missing_opencv_is_named_with_its_remedy() -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, check=False
     ).stderr
     assert "ImportError: this node needs OpenCV" in refused
-    assert "pip install 'r2bspec[vision]'" in refused
+    assert install_command("vision") in refused
 
 
 def test_an_unknown_node_is_an_attribute_error() -> None:

@@ -15,6 +15,7 @@ import pytest
 from data_bags import text, write_bag
 from r2bspec.cli.main import main
 from r2bspec.errors import ExitStatus
+from r2bspec.extras import install_command
 from r2bspec.plan.time_estimate import TimeEstimate
 from r2bspec.record.run_folder import Run
 from r2bspec.report.format_registry import ReportError, ReportUsageError
@@ -55,7 +56,7 @@ def test_a_missing_library_is_named_before_anything_runs(monkeypatch: pytest.Mon
     monkeypatch.setattr(importlib.util, "find_spec", find)
     with pytest.raises(ReportError, match="needs matplotlib") as caught:
         parse_report_requests(["html=x"])
-    assert "r2bspec[report]" in caught.value.hint
+    assert install_command("report") in caught.value.hint
 
 
 def test_folders_are_made_and_reports_are_whole(run: Path, tmp_path: Path) -> None:
