@@ -26,8 +26,7 @@ from r2bspec.execute.measurement.segment_observation import SegmentObservation
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
 from r2bspec.ipc.schedule import Turns
 from r2bspec.judge.measure.matching import MatchedMonitor
-from r2bspec.judge.measure.samples import step_times
-from r2bspec.judge.measure.times import Seconds
+from r2bspec.judge.measure.times import Seconds, seconds
 from r2bspec.plan.plan import Plan, PlayPlan
 
 _FILLED_FILE: Final = "filled"
@@ -163,4 +162,6 @@ def _play_alone(player: SegmentPlayer, play: PlayPlan) -> None:
 def _latencies_s(matched: MatchedMonitor) -> Seconds:
     if matched.own_pace:
         return np.empty(0)
-    return step_times(matched.steps, matched.rows, matched.matching).latency
+    matching, steps = matched.matching, matched.steps
+    received_ns = matched.rows["received_ns"][matching.first_row[matching.answered]]
+    return seconds(received_ns - steps["published_ns"][matching.trigger_steps[matching.answered]])

@@ -28,24 +28,18 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from r2bspec.judge.measure.host_usage import interference_reasons, taken_share
 from r2bspec.judge.measure.matching import NO_MATCH
 from r2bspec.judge.measure.metric_catalogue import observed_metric
-from r2bspec.judge.measure.samples import (
-    MonitorSamples,
-    RunSamples,
-    SegmentSamples,
-    late_outputs,
-    output_period_ns,
-    samples_of_steps,
-)
+from r2bspec.judge.measure.sample_table import MonitorSamples
+from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
+from r2bspec.judge.measure.times import faster_half
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
 from r2bspec.judge.validity import schedule_problem
 from r2bspec.judge.verdict import DisturbedIteration, InterferencePolicy, RequirementVerdict
-from r2bspec.record.run_record import Probe, RunRecord, Segment
+from r2bspec.record.run_record import Probe, RunRecord
 
 REMEDY: Final = (
     "The machine was busy: run again when it has nothing else to do. If its load belongs to what "
@@ -150,58 +144,23 @@ def best_case_iteration(one: SegmentSamples) -> SegmentSamples:
     anatomy = {
         name: np.maximum(0.0, values - taken)
         if (metric := observed_metric(name)) is not None and metric.dimension == "share"
-        else _faster_half(values) * (1 - taken)
+        else faster_half(values) * (1 - taken)
         for name, values in one.anatomy.items()
     }
     monitors = {name: _best_case_samples(one, seen, taken) for name, seen in one.monitors.items()}
     return replace(one, monitors=monitors, anatomy=anatomy)
 
 
-def _faster_half(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the values with those of the faster half in the places of the others."""
-    better = -(-values.size // 2)
-    order = np.argsort(values, kind="stable")
-    found = values.copy()
-    found[order[better:]] = values[order[: values.size - better]]
-    return found
-
-
 def _best_case_samples(one: SegmentSamples, seen: MonitorSamples, taken: float) -> MonitorSamples:
     if seen.own_pace:
-        times = {name: _faster_half(found) * (1 - taken) for name, found in seen.times.items()}
-        return replace(seen, times=times, throughput_hz=seen.throughput_hz / (1 - taken))
-    steps, most_hz = seen.steps, one.playback.rate_hz * seen.per_step
-    lost_as_infinite = np.where(
-        steps.answered, (steps.received_ns - steps.published_ns).astype(np.float64), math.inf
+        return seen.shortened(taken)
+    published_ns, most_hz = seen.outputs["published_ns"], one.playback.rate_hz * seen.per_step
+    latency_ns = np.where(
+        seen.came, (seen.outputs["received_ns"] - published_ns).astype(np.float64), math.inf
     )
-    latency = _faster_half(lost_as_infinite) * (1 - taken)
+    latency_ns = faster_half(latency_ns) * (1 - taken)
+    arrives = np.isfinite(latency_ns)
+    received_ns = np.full(latency_ns.size, NO_MATCH, dtype=np.int64)
+    received_ns[arrives] = published_ns[arrives] + np.round(latency_ns[arrives]).astype(np.int64)
     gained_hz = min(most_hz, seen.throughput_hz + taken * most_hz)
-    return _with_latencies(one.segment, seen, latency, max(seen.throughput_hz, gained_hz))
-
-
-def _with_latencies(
-    segment: Segment, seen: MonitorSamples, latency: NDArray[np.float64], throughput_hz: float
-) -> MonitorSamples:
-    """Return what a monitor would have received with other latencies, in ns; infinite for lost."""
-    arrives = np.isfinite(latency)
-    received_ns = np.full(latency.size, NO_MATCH, dtype=np.int64)
-    received_ns[arrives] = seen.steps.published_ns[arrives] + np.round(latency[arrives]).astype(
-        np.int64
-    )
-    steps = replace(seen.steps, received_ns=received_ns)
-    period_ns = output_period_ns(segment, seen.sent, seen.per_step)
-    ended_ns = segment.began_ns + round(latency.size * period_ns)
-    found = samples_of_steps(steps, ended_ns, 0.0, 0.0)
-    return replace(
-        seen,
-        steps=steps,
-        times=found.times,
-        # Interference creates no messages.
-        received=found.received + seen.duplicates + seen.unmatched,
-        throughput_hz=throughput_hz,
-        reordered=steps.reordered,
-        late=late_outputs(segment, steps),
-        # Which step each output answers is known here.
-        by_order=False,
-        surplus=0,
-    )
+    return seen.with_outputs(received_ns, max(seen.throughput_hz, gained_hz))

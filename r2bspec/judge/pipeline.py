@@ -39,7 +39,8 @@ from r2bspec.judge.early_pass import early_doubt
 from r2bspec.judge.measure.metric import MetricInfo, Scope, Statistic
 from r2bspec.judge.measure.metric_catalogue import MetricError, resolve, unknown_metric
 from r2bspec.judge.measure.own_pace import own_pace_text, own_period_s
-from r2bspec.judge.measure.samples import RunSamples, SegmentSamples, pool_monitor
+from r2bspec.judge.measure.sample_table import MonitorSamples
+from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
 from r2bspec.judge.methods.mean_bound import judge_mean
@@ -408,7 +409,7 @@ def _without_latency(case: RequirementCase) -> Decision | None:
     seen = case.monitor_samples
     if not (case.info.metric.of_stamps and seen[0].own_pace):
         return None
-    if not any(sample.received and not sample.times["age"].size for sample in seen):
+    if not any(sample.received and not sample.age.size for sample in seen):
         return None
     if not case.iterations[0].live:
         return undecided(
@@ -443,8 +444,9 @@ def latency_unknown_by_order(
     seen = [iteration.monitors[monitor] for iteration in iterations]
     if not any(sample.unknown_latency for sample in seen):
         return None
+    why = MonitorSamples.joined(seen).unknown_latency
     reason = (
-        f"The latency at monitor '{monitor}' is unknown: {pool_monitor(seen).unknown_latency}. "
+        f"The latency at monitor '{monitor}' is unknown: {why}. "
         "Every later one may then answer another input."
     )
     return reason, "Match by stamp: use an output whose header keeps the stamp of its input."

@@ -8,7 +8,8 @@ from typing import Final
 
 from r2bspec.judge.measure.metric import MetricInfo, Scope
 from r2bspec.judge.measure.metric_values import lost_outputs, message_values, values_with_lost
-from r2bspec.judge.measure.samples import MonitorSamples, SegmentSamples, starts_of
+from r2bspec.judge.measure.sample_table import MonitorSamples
+from r2bspec.judge.measure.samples import SegmentSamples, starts_of
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import Method

@@ -153,7 +153,7 @@ def _mean_of(info: MetricInfo, monitor: str | None, one: SegmentSamples) -> floa
         values = np.sort(message_values(info, monitor, one))
         values = values[: math.ceil(_FASTEST * values.size)]
     else:
-        values = np.diff(seconds(np.sort(seen.steps.received_ns[seen.steps.answered])))
+        values = np.diff(seconds(np.sort(seen.outputs["received_ns"][seen.came])))
     return float(values.mean()) if values.size else 0.0
 
 

@@ -47,13 +47,8 @@ from dataclasses import dataclass
 
 from r2bspec.judge.measure.metric import Statistic
 from r2bspec.judge.measure.own_pace import own_pace_text
-from r2bspec.judge.measure.samples import (
-    MonitorSamples,
-    RunSamples,
-    SegmentSamples,
-    pool_monitor,
-    pool_playback,
-)
+from r2bspec.judge.measure.sample_table import MonitorSamples
+from r2bspec.judge.measure.samples import RunSamples, SegmentSamples, pool_playback
 from r2bspec.judge.measure.times import percentile
 from r2bspec.judge.measure.units import show
 
@@ -77,7 +72,7 @@ def impossible_result(iterations: Sequence[SegmentSamples]) -> Problem | None:
     if iterations[0].live:
         return None
     for name in iterations[0].monitors:
-        seen = pool_monitor([iteration.monitors[name] for iteration in iterations])
+        seen = MonitorSamples.joined([iteration.monitors[name] for iteration in iterations])
         reason = _surplus(name, seen) or _early(name, seen)
         if reason is not None:
             return reason

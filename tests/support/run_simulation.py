@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.judge.measure.host_usage import HostInterference, ProcessSamples
+from r2bspec.judge.measure.matching import MatchedMonitor, Matching
 from r2bspec.judge.measure.run_samples import (
     NO_STAMPS,
     HostSamples,
@@ -25,6 +26,7 @@ from r2bspec.judge.measure.run_samples import (
     segment_samples,
     work_of_steps,
 )
+from r2bspec.judge.measure.sample_table import MonitorSamples, monitor_samples
 from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
 from r2bspec.language.comparison_grammar import parse_requirement
 from r2bspec.language.quantities import Duration, Rate
@@ -300,6 +302,14 @@ def segment_of(
         ended_ns=start_ns + (round(steps * 1e9 / rate_hz) if length_ns is None else length_ns),
         complete=True,
     )
+
+
+def samples_of(
+    playback: Rows, received: Rows, matching: Matching, segment: Segment | None = None
+) -> MonitorSamples:
+    """What a monitor received, by how it matches what was played."""
+    played = segment or segment_of(10.0, int(playback.size))
+    return monitor_samples(played, MatchedMonitor(playback, received, matching))
 
 
 def monitor_plan(name: str, match: Literal["stamp", "order"] = "stamp") -> MonitorPlan:

@@ -9,7 +9,7 @@ import numpy as np
 
 from r2bspec.judge.measure.host_usage import HostInterference
 from r2bspec.judge.measure.matching import match_monitor
-from r2bspec.judge.measure.samples import MonitorSamples, monitor_samples
+from r2bspec.judge.measure.sample_table import MonitorSamples, monitor_samples
 from run_simulation import MONITOR_PLAN, segment_of
 from simulated_queues import BEGIN_NS, Times, rows
 

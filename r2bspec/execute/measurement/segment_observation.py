@@ -34,7 +34,8 @@ from r2bspec.judge.measure.matching import (
     arrivals,
     match_monitor,
 )
-from r2bspec.judge.measure.samples import SegmentSamples, monitor_samples, playback_samples
+from r2bspec.judge.measure.sample_table import monitor_samples
+from r2bspec.judge.measure.samples import SegmentSamples, playback_samples
 from r2bspec.judge.measure.times import percentile
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.record.run_record import Segment

@@ -28,13 +28,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.ipc.schedule import Schedule, TimelineSchedule
-from r2bspec.judge.measure.own_pace import MIN_UNASKED, PaceEvidence
 from r2bspec.plan.plan import MonitorPlan, StepSources
 from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import PLAYBACK_DTYPE, Rows
@@ -91,6 +91,21 @@ def ratio_of(plan: MonitorPlan, played_before: int) -> StepRatio:
     return StepRatio(plan.ratio_inputs, plan.ratio_outputs, played_before)
 
 
+class MessageKind(IntEnum):
+    """What a row of the samples is: an expected output, or another received message."""
+
+    EXPECTED = 0
+    """By stamp or by order, the first message that answers."""
+    DUPLICATE = 1
+    """Matches a step which an earlier message had matched."""
+    UNMATCHED = 2
+    """Matches no step, as the following."""
+    OVERDUE = 3
+    """Has the stamp of a step of an earlier segment."""
+    SURPLUS = 4
+    """By order, comes after the last expected output."""
+
+
 @dataclass(frozen=True)
 class Matching:
     """How the messages of one monitor match the steps of one segment.
@@ -106,13 +121,9 @@ class Matching:
             the step whose stamp it has.
         first_row: shape (e,), the row of the first message that is each expected output, or
             `NO_MATCH` where none is.
-        duplicates: messages that match a step which an earlier message had matched.
-        reordered: first outputs that arrived after the output of a later step (RFC 4737,
-            section 3: the step is below the highest one seen before).
-        unmatched: messages that match no step.
+        kind: shape (m,), the `MessageKind` of each message.
         early: first outputs that arrived before their step was published, which is impossible:
             matching by order has gone wrong.
-        surplus: by order, messages after the last expected output; they are unmatched, too.
         per_step: expected outputs per step, on average.
         by_order: whether messages were matched by order.
     """
@@ -120,11 +131,8 @@ class Matching:
     step: NDArray[np.int64]
     trigger_steps: NDArray[np.int64]
     first_row: NDArray[np.int64]
-    duplicates: int = 0
-    reordered: int = 0
-    unmatched: int = 0
+    kind: NDArray[np.int8]
     early: int = 0
-    surplus: int = 0
     per_step: float = 1.0
     by_order: bool = False
 
@@ -146,6 +154,21 @@ class Matching:
     def missed(self) -> int:
         """Expected outputs that never arrived."""
         return int(np.count_nonzero(self.first_row == NO_MATCH))
+
+    @property
+    def duplicates(self) -> int:
+        """Messages that match a step which an earlier message had matched."""
+        return int(np.count_nonzero(self.kind == MessageKind.DUPLICATE))
+
+    @property
+    def unmatched(self) -> int:
+        """Messages that match no step."""
+        return int(np.count_nonzero(self.kind >= MessageKind.UNMATCHED))
+
+    @property
+    def surplus(self) -> int:
+        """By order, messages after the last expected output; they are unmatched, too."""
+        return int(np.count_nonzero(self.kind == MessageKind.SURPLUS))
 
 
 def match(
@@ -179,20 +202,24 @@ def match(
             step=_steps_by_stamp(playback["stamp_ns"], monitor["stamp_ns"]),
             trigger_steps=np.empty(0, np.int64),
             first_row=np.empty(0, np.int64),
+            kind=np.full(monitor.size, MessageKind.UNMATCHED, np.int8),
         )
-    surplus = repeated = 0
+    kind = np.full(monitor.size, MessageKind.UNMATCHED, np.int8)
     if by == "order":
         trigger_steps = ratio.trigger_steps(playback.size)
         answer, surplus = _answers_by_order(playback, monitor, trigger_steps.size)
+        kind[surplus] = MessageKind.SURPLUS
     else:
         answer = _steps_by_stamp(playback["stamp_ns"], monitor["stamp_ns"])
+        kind[answer != NO_MATCH] = MessageKind.DUPLICATE
         trigger_steps = np.arange(playback.size, dtype=np.int64)
         if ratio.inputs != ratio.outputs:
-            answer, trigger_steps, repeated = _answers_of_groups(answer, playback.size, ratio)
+            answer, trigger_steps = _answers_of_groups(answer, playback.size, ratio)
     rows = np.flatnonzero(answer != NO_MATCH)
     answered, first = np.unique(answer[rows], return_index=True)
     first_row = np.full(trigger_steps.size, NO_MATCH, dtype=np.int64)
     first_row[answered] = rows[first]
+    kind[rows[first]] = MessageKind.EXPECTED
     step = np.full(monitor.size, NO_MATCH, dtype=np.int64)
     step[rows] = trigger_steps[answer[rows]]
     published_ns = playback["published_ns"][trigger_steps[answered]]
@@ -201,11 +228,8 @@ def match(
         step=step,
         trigger_steps=trigger_steps,
         first_row=first_row,
-        duplicates=int(rows.size - answered.size) + repeated,
-        reordered=count_reordered(answered[np.argsort(first)]),
-        unmatched=int(monitor.size - rows.size) - repeated,
+        kind=kind,
         early=int(np.count_nonzero(early)),
-        surplus=surplus,
         per_step=ratio.per_step,
         by_order=by == "order",
     )
@@ -221,29 +245,32 @@ def arrivals(monitor: Rows, match: Matching) -> NDArray[np.int64]:
 
 
 def count_reordered(in_order_of_arrival: NDArray[np.int64]) -> int:
-    """How many outputs arrived after that of a later step (see `Matching`)."""
+    """How many outputs arrived after that of a later step.
+
+    See RFC 4737, section 3: the step is below the highest one seen before.
+    """
     highest_before = np.maximum.accumulate(in_order_of_arrival)[:-1]
     return int(np.count_nonzero(in_order_of_arrival[1:] < highest_before))
 
 
 def _answers_by_order(
     playback: Rows, monitor: Rows, expected: int
-) -> tuple[NDArray[np.int64], int]:
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The number of the expected output that each message is, or `NO_MATCH`; and the surplus."""
     answer = np.full(monitor.size, NO_MATCH, dtype=np.int64)
     if not playback.size:
-        return answer, 0
+        return answer, np.empty(0, np.int64)
     # A message still in flight from before must not be taken for the first output.
     since_ns = playback["published_ns"][0] - CLOCK_ERROR_NS
     can = np.flatnonzero(monitor["received_ns"] >= since_ns)
     answers = can[:expected]
     answer[answers] = np.arange(answers.size)
-    return answer, int(can.size - answers.size)
+    return answer, can[expected:]
 
 
 def _answers_of_groups(
     matched: NDArray[np.int64], steps: int, ratio: StepRatio
-) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Assign messages to the expected outputs of their groups, as many as possible.
 
     In the order of their steps, each message takes the first expected output that is free, of its
@@ -256,8 +283,8 @@ def _answers_of_groups(
         ratio: other than one to one.
 
     Returns:
-        For each message the number of the expected output that it is, or `NO_MATCH`; the step of
-        each expected output; and how many messages with the stamp of a step are none of them.
+        For each message the number of the expected output that it is, or `NO_MATCH`; and the step
+        of each expected output.
     """
     triggers = ratio.trigger_steps(steps)
     groups = np.arange(triggers.size) // ratio.outputs
@@ -286,7 +313,7 @@ def _answers_of_groups(
         # The step of a missed output is between those of its neighbours, so that steps ascend.
         later = np.minimum.accumulate(np.where(answered, triggers, steps)[::-1])[::-1]
         triggers = np.maximum.accumulate(np.minimum(triggers, later))
-    return answer, triggers, int(rows.size - np.count_nonzero(answer != NO_MATCH))
+    return answer, triggers
 
 
 def _steps_by_stamp(sent: NDArray[np.int64], received: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -360,32 +387,14 @@ class MatchedMonitor:
     Attributes:
         steps: rows of type `PLAYBACK_DTYPE`: the steps that count for the monitor.
         rows: rows of type `MONITOR_DTYPE`: what it received.
-        ratio: of outputs to steps.
         matching: how `rows` match `steps`.
         own_pace: whether no output is expected.
     """
 
     steps: Rows
     rows: Rows
-    ratio: StepRatio
     matching: Matching
     own_pace: bool = False
-
-    def pace_evidence(self, segment: Segment) -> tuple[PaceEvidence, ...]:
-        """The evidence of a segment in which inputs were played; empty for a monitor of own pace.
-
-        The rows are those until the graph had drained.
-        """
-        if self.own_pace or not self.steps.size:
-            return ()
-        received = np.sort(self.rows["received_ns"])
-        evidence = PaceEvidence(
-            received[1:] - received[:-1],
-            unasked=self.rows.size - (self.matching.first_row.size - self.matching.missed),
-            least=1 if self.matching.by_order else MIN_UNASKED,
-            step_ns=(segment.ended_ns - segment.began_ns) / self.steps.size,
-        )
-        return (evidence,)
 
 
 def match_monitor(
@@ -407,7 +416,7 @@ def match_monitor(
     steps = select_expected_steps(playback, inputs, plan)
     ratio = ratio_of(plan, played_before)
     matching = match(steps, rows, plan.match, ratio)
-    return MatchedMonitor(steps, rows, ratio, matching, own_pace=plan.own_pace)
+    return MatchedMonitor(steps, rows, matching, own_pace=plan.own_pace)
 
 
 class StepStamps:

@@ -28,7 +28,8 @@ from r2bspec.judge.measure.metric import Scope, metric
 
 if TYPE_CHECKING:
     from r2bspec.judge.measure.host_usage import ResourceUse
-    from r2bspec.judge.measure.samples import MonitorSamples, PlaybackSamples
+    from r2bspec.judge.measure.sample_table import MonitorSamples
+    from r2bspec.judge.measure.samples import PlaybackSamples
     from r2bspec.judge.measure.times import Seconds
 
 _MAIN: Final = (*MAIN_PERCENTILES, "max")
@@ -95,7 +96,7 @@ def latency(seen: MonitorSamples) -> Seconds:
 
     received − published, for each expected output
     """
-    return seen.times["latency"]
+    return seen.latency
 
 
 @metric(
@@ -118,7 +119,7 @@ def latency_from_due(seen: MonitorSamples) -> Seconds:
 
     received − due, for each expected output
     """
-    return seen.times["latency_from_due"]
+    return seen.latency_from_due
 
 
 @metric(
@@ -145,7 +146,7 @@ def age(seen: MonitorSamples) -> Seconds:
 
     received − published, for each output with the stamp of a step
     """
-    return seen.times["age"]
+    return seen.age
 
 
 @metric(
@@ -167,7 +168,7 @@ def interval(seen: MonitorSamples) -> Seconds:
 
     t[i+1] − t[i]
     """
-    return seen.times["interval"]
+    return seen.interval
 
 
 @metric(
@@ -193,7 +194,7 @@ def jitter(seen: MonitorSamples) -> Seconds:
 
     |(t[i+2] − t[i+1]) − (t[i+1] − t[i])|
     """
-    return seen.times["jitter"]
+    return seen.jitter
 
 
 @metric("sent", Scope.PLAYBACK, "count", "steps played")

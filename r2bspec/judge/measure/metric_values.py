@@ -18,7 +18,7 @@ messages counts, too.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final
 
@@ -26,12 +26,8 @@ import numpy as np
 
 from r2bspec.judge.measure.metric import MetricInfo, Scope
 from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH
-from r2bspec.judge.measure.samples import (
-    MonitorSamples,
-    SegmentSamples,
-    output_period_ns,
-    samples_of_steps,
-)
+from r2bspec.judge.measure.sample_table import MonitorSamples, Span, output_period_ns
+from r2bspec.judge.measure.samples import SegmentSamples
 from r2bspec.judge.measure.times import Seconds, percentile, throughput
 
 
@@ -132,7 +128,7 @@ def values_with_lost(
     values, lost = message_values(info, monitor, samples), lost_outputs(info, monitor, samples)
     if not lost:
         return values
-    known = samples.monitors[monitor or info.subject].steps.answered
+    known = samples.monitors[monitor or info.subject].came
     if not values.size or np.count_nonzero(known) != values.size:
         # Which outputs never came is not known: they are the last ones.
         known = np.arange(values.size + lost) < values.size
@@ -195,15 +191,11 @@ def window_values(
         KeyError: there is no such monitor.
     """
     if samples.monitors[monitor].own_pace:
-        return _values_at_own_pace(info, samples.monitors[monitor], samples, window_ns)
+        return _values_at_own_pace(info, samples.monitors[monitor], window_ns)
     values: list[float] = []
     lost: list[float] = []
     without = 0
-    whole = samples.monitors[monitor]
-    # A timeline has no period: its windows have as many steps as were recorded in them.
-    paced = bool(samples.segment.rate_hz)
-    period_ns = output_period_ns(samples.segment, whole.sent, whole.per_step) if paced else 0.0
-    for seen in windows(whole, samples.segment.ended_ns, window_ns, period_ns):
+    for seen in windows(samples.monitors[monitor], window_ns):
         value = monitor_value(info, seen)
         if value is not None and seen.answered:
             values.append(value)
@@ -216,24 +208,26 @@ def window_values(
     return WindowValues(tuple(values), without, tuple(lost))
 
 
-def _values_at_own_pace(
-    info: MetricInfo, seen: MonitorSamples, samples: SegmentSamples, window_ns: int
-) -> WindowValues:
+def _values_at_own_pace(info: MetricInfo, seen: MonitorSamples, window_ns: int) -> WindowValues:
     """The values where nothing is due: windows are cut from the beginning of the iteration on.
 
     In a window without messages, the throughput is 0 and the interval as long as the window.
     """
-    began_ns, ended_ns = samples.segment.began_ns, samples.segment.ended_ns
-    received = seen.steps.received_ns
+    segment = seen.spans[0].segment
+    received = seen.outputs["received_ns"]
+    starts_ns = range(
+        segment.began_ns, segment.ended_ns - window_ns + _ROUNDING_TOLERANCE_NS, window_ns
+    )
     found: list[float] = []
     without = 0
-    for start_ns in range(began_ns, ended_ns - window_ns + _ROUNDING_TOLERANCE_NS, window_ns):
+    for start_ns in starts_ns:
         first, last = np.searchsorted(received, (start_ns, start_ns + window_ns))
         value = None
         if last > first:
-            part = _cut_window(seen, slice(first, last), start_ns + window_ns, window_ns)
-            in_window = throughput(np.sort(received[first:last]), start_ns, window_ns)
-            value = monitor_value(info, replace(part, own_pace=True, throughput_hz=in_window))
+            hz = throughput(np.sort(received[first:last]), start_ns, window_ns)
+            ended_ns, number = start_ns + window_ns, int(last - first)
+            span = Span(segment, number, window_ns, 0.0, ended_ns, given_hz=hz)
+            value = monitor_value(info, seen.part(slice(first, last), span))
         elif info.metric.empty_window is not None:
             value = info.metric.empty_window(window_ns / 1e9)
         if value is None:
@@ -243,38 +237,28 @@ def _values_at_own_pace(
     return WindowValues(tuple(found), without)
 
 
-def windows(
-    seen: MonitorSamples, ended_ns: int, window_ns: int, period_ns: float = 0.0
-) -> Iterator[MonitorSamples]:
-    """What a monitor received, window by window.
+def windows(seen: MonitorSamples, window_ns: int) -> Iterator[MonitorSamples]:
+    """What a monitor received in one iteration, window by window.
 
-    Duplicates, reordered and unmatched messages belong to no window: they are 0.
+    A window of 1 s at 29.97 Hz has 30 steps or 29, and each is then measured by the time of its
+    steps. A timeline has no period: its windows have as many steps as were recorded in them.
 
     Args:
         seen: one monitor in one iteration.
-        ended_ns: the end of the iteration's last period.
         window_ns: the length of a window, positive.
-        period_ns: the time in which one output is due; a window of 1 s at 29.97 Hz has 30 steps
-            or 29, and each is then measured by the time of its steps. 0 if steps have no period.
     """
-    steps = seen.steps
-    if not steps.due_ns.size:
+    due_ns, segment = seen.outputs["due_ns"], seen.spans[0].segment
+    if not due_ns.size:
         return
-    began_ns = int(steps.due_ns[0])
-    number = (steps.due_ns - began_ns + _ROUNDING_TOLERANCE_NS) // window_ns
-    complete = (ended_ns - began_ns + _ROUNDING_TOLERANCE_NS) // window_ns
+    period_ns = output_period_ns(segment, seen.sent, seen.per_step) if segment.rate_hz else 0.0
+    began_ns = int(due_ns[0])
+    number = (due_ns - began_ns + _ROUNDING_TOLERANCE_NS) // window_ns
+    complete = (segment.ended_ns - began_ns + _ROUNDING_TOLERANCE_NS) // window_ns
     edges = np.searchsorted(number, np.arange(complete + 1))
     for j, (first, last) in enumerate(pairwise(edges)):
         if last > first:
-            end_ns = began_ns + (j + 1) * window_ns
-            yield _cut_window(seen, slice(first, last), end_ns, window_ns, period_ns)
-
-
-def _cut_window(
-    seen: MonitorSamples, part: slice, ended_ns: int, window_ns: int, period_ns: float = 0.0
-) -> MonitorSamples:
-    steps = seen.steps
-    inside = steps.cut(part)
-    number = int(inside.due_ns.size)
-    found = samples_of_steps(inside, ended_ns, number * period_ns or window_ns, period_ns)
-    return replace(found, by_order=seen.by_order, per_step=seen.per_step)
+            steps, ended_ns = int(last - first), began_ns + (j + 1) * window_ns
+            length_ns = steps * period_ns or window_ns
+            yield seen.part(
+                slice(first, last), Span(segment, steps, length_ns, period_ns, ended_ns)
+            )

@@ -22,14 +22,8 @@ from r2bspec.judge.measure.distribution import (
     part_value,
 )
 from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse
-from r2bspec.judge.measure.samples import (
-    SENT_COUNTS,
-    HopSamples,
-    MonitorSamples,
-    RunSamples,
-    SegmentSamples,
-    pool_segments,
-)
+from r2bspec.judge.measure.sample_table import MonitorSamples
+from r2bspec.judge.measure.samples import HopSamples, RunSamples, SegmentSamples, pool_segments
 from r2bspec.judge.measure.times import Seconds, rank
 from r2bspec.record.run_record import Probe, SearchRecord
 
@@ -234,7 +228,10 @@ def measure_segment(samples: SegmentSamples) -> SegmentMetrics:
             rate_hz=None if samples.live else played.rate_hz,
             lateness=distribution(played.lateness),
         ),
-        monitors={name: _monitor(seen) for name, seen in samples.monitors.items()},
+        monitors={
+            name: _monitor(seen, samples.hops.get(name, ()))
+            for name, seen in samples.monitors.items()
+        },
         processes={name: _use(used, sent) for name, used in samples.processes.items()},
         machine=_use(samples.machine) if samples.machine is not None else None,
         graph=_use(samples.graph, sent) if samples.graph is not None else None,
@@ -297,22 +294,29 @@ def _spread(iterations: Sequence[SegmentMetrics], monitor: str) -> dict[str, Spr
     }
 
 
-def _monitor(seen: MonitorSamples) -> MonitorMetrics:
+def _monitor(seen: MonitorSamples, hops: Sequence[HopSamples]) -> MonitorMetrics:
     families = ("latency", "latency_from_due", "interval", "jitter")
-    fields: dict[str, Any] = {family: distribution(seen.times[family]) for family in families}
-    for name in (*SENT_COUNTS, "answered", "missed"):
+    fields: dict[str, Any] = {family: distribution(getattr(seen, family)) for family in families}
+    for name in _SENT_COUNTS:
         fields[name] = None if seen.own_pace else getattr(seen, name)
     return MonitorMetrics(
         drop_rate=seen.missed / seen.expected if seen.expected and not seen.own_pace else None,
         received=seen.received,
         throughput_hz=seen.throughput_hz,
-        age=distribution(seen.times["age"]) if seen.own_pace else None,
+        age=distribution(seen.age) if seen.own_pace else None,
         own_period_s=seen.own_period_s,
         untimed=seen.untimed,
         unknown_latency=seen.unknown_latency,
-        hops=tuple(map(_hop, seen.hops)),
+        hops=tuple(map(_hop, hops)),
         **fields,
     )
+
+
+_SENT_COUNTS: Final = (
+    *("sent", "answered", "missed", "duplicates", "reordered", "unmatched"),
+    *("late", "early", "overdue", "surplus"),
+)
+"""Counts that depend on what was sent."""
 
 
 def _hop(hop: HopSamples) -> HopMetrics:

@@ -40,15 +40,8 @@ from r2bspec.judge.measure.matching import (
 )
 from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH, Subjects
 from r2bspec.judge.measure.observed_runs import ObservedRows, observed_values
-from r2bspec.judge.measure.samples import (
-    HopSamples,
-    MonitorSamples,
-    RunSamples,
-    SegmentSamples,
-    live_samples,
-    monitor_samples,
-    playback_samples,
-)
+from r2bspec.judge.measure.sample_table import PlayedEarlier, live_samples, monitor_samples
+from r2bspec.judge.measure.samples import HopSamples, RunSamples, SegmentSamples, playback_samples
 from r2bspec.judge.measure.times import Seconds, seconds
 from r2bspec.plan.plan import GRAPH_ROLES, MonitorPlan, Plan
 from r2bspec.plan.taps import PLAYER, hops_to
@@ -62,9 +55,6 @@ from r2bspec.safe_io.limits import MAX_PROCESS_WINDOWS
 _HARNESS_ROLES = ("player", "monitor", "harness", "observer")
 
 NO_STAMPS: NDArray[np.int64] = np.empty(0, np.int64)
-
-
-PlayedEarlier = Callable[[NDArray[np.int64]], NDArray[np.bool_]]
 
 
 @dataclass(frozen=True)
@@ -309,19 +299,23 @@ def segment_samples(
         matched: the match of each monitor, where the caller has it already.
     """
     matched = matched or match_monitors(plan, segment, rows.playback, rows.monitors)
-    monitors = {}
+    monitors, hops = {}, {}
     for monitor in plan.monitors:
         name = monitor.name
         if segment.live:
             monitors[name] = live_samples(segment, rows.monitors[name])
-        else:
-            monitors[name] = _monitor(plan, segment, rows, monitor, matched[name])
+            continue
+        earlier = rows.played_earlier if monitor.match == "stamp" else None
+        monitors[name] = monitor_samples(segment, matched[name], earlier)
+        if monitor.taps:
+            hops[name] = _hops_of(plan, rows, monitor, matched[name])
     observed = rows.anatomy
     joined = observed.joined(plan, segment) if observed is not None else None
     return SegmentSamples(
         segment=segment,
         playback=playback_samples(rows.playback),
         monitors=monitors,
+        hops=hops,
         anatomy=observed_values(joined) if joined else {},
         summary=summarised(joined, segment, observed.record, plan) if joined and observed else None,
         processes={},
@@ -350,27 +344,13 @@ def work_of_steps(rows: Rows, processes: Sequence[str], steps: int) -> dict[str,
     return named
 
 
-def _monitor(
-    plan: Plan, segment: Segment, rows: SegmentRows, monitor: MonitorPlan, matched: MatchedMonitor
-) -> MonitorSamples:
-    """What one monitor received, with the path to it, and overdue outputs of earlier segments."""
+def _hops_of(
+    plan: Plan, rows: SegmentRows, monitor: MonitorPlan, matched: MatchedMonitor
+) -> tuple[HopSamples, ...]:
     taps = {tap.topic: rows.taps[tap.topic] for tap in monitor.taps}
     hops = hop_samples(plan, monitor, matched.steps, taps, matched.rows, matched.matching)
-    if not matched.matching.pairs_known:
-        hops = tuple(hop for hop in hops if hop.target != monitor.topic)
-    return replace(
-        monitor_samples(segment, matched),
-        overdue=_overdue(rows, matched) if monitor.match == "stamp" else 0,
-        hops=hops,
-    )
-
-
-def _overdue(rows: SegmentRows, matched: MatchedMonitor) -> int:
-    """How many messages carry the stamp of a step that was played before this segment."""
-    if not matched.matching.unmatched:
-        return 0
-    stamps = matched.rows["stamp_ns"][matched.matching.step == NO_MATCH]
-    return int(np.count_nonzero(rows.played_earlier(stamps)))
+    known = matched.matching.pairs_known
+    return tuple(hop for hop in hops if known or hop.target != monitor.topic)
 
 
 def _host_samples(record: RunRecord, plan: Plan, host: HostSamples) -> Mapping[str, dict[str, Any]]:

@@ -35,7 +35,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.judge.affected_iterations import REMEDY
-from r2bspec.judge.measure.samples import MonitorSamples, RunSamples
+from r2bspec.judge.measure.sample_table import MonitorSamples
+from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.requirement_case import Decision, RequirementCase, decide, undecided
 from r2bspec.judge.statistics.binomial import lower_bound
@@ -233,10 +234,10 @@ def _grows(
 
 def _latencies(seen: MonitorSamples) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """When the later steps were published, and how long each was under way, in seconds."""
-    answered = np.flatnonzero(seen.steps.answered)
+    answered = np.flatnonzero(seen.came)
     kept = answered[answered.size // _SKIPPED_DIVISOR :]
-    published = seen.steps.published_ns[kept]
-    return published / 1e9, (seen.steps.received_ns[kept] - published) / 1e9
+    published = seen.outputs["published_ns"][kept]
+    return published / 1e9, (seen.outputs["received_ns"][kept] - published) / 1e9
 
 
 def _loses(seen: Sequence[MonitorSamples], search: SearchRecord, confidence: float) -> str:

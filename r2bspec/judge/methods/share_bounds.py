@@ -76,7 +76,7 @@ _ONE_ITERATION: Final = "One iteration does not show by how much iterations diff
 
 def judge_share(case: RequirementCase, _: RunRecord) -> Decision:
     """Decide a requirement on ``drop_rate``: missed outputs, of the expected ones."""
-    missed = [np.logical_not(around.steps.answered) for around in case.monitor_samples]
+    missed = [np.logical_not(around.came) for around in case.monitor_samples]
     sample = effective_sample(missed, case.design(case.limit))
     if not sample.n:
         return undecided("No step was played.")

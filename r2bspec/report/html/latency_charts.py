@@ -14,12 +14,8 @@ from numpy.typing import NDArray
 from r2bspec.diagnostics.quote import printable
 from r2bspec.judge.measure.distribution import quantile
 from r2bspec.judge.measure.metrics import pace_of
-from r2bspec.judge.measure.samples import (
-    MonitorSamples,
-    RunSamples,
-    SegmentSamples,
-    known_latencies,
-)
+from r2bspec.judge.measure.sample_table import MonitorSamples
+from r2bspec.judge.measure.samples import RunSamples, SegmentSamples, known_latencies
 from r2bspec.judge.measure.units import at_rate, show, show_rate
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.report.html import chart
@@ -34,7 +30,7 @@ StepLatencies = NDArray[np.float64]
 
 def step_latencies(seen: MonitorSamples) -> StepLatencies:
     """The latencies of the expected outputs of one segment at one monitor; none if unknown."""
-    latencies = seen.times["latency"]
+    latencies = seen.latency
     if seen.unknown_latency or (seen.own_pace and not latencies.size):
         return np.empty(0)
     return seen.latency_by_step

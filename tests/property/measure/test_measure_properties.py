@@ -8,12 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from r2bspec.judge.measure.host_usage import ProcessSamples
-from r2bspec.judge.measure.matching import MatchedMonitor, StepRatio, arrivals, match
-from r2bspec.judge.measure.samples import monitor_samples, step_times
+from r2bspec.judge.measure.matching import StepRatio, arrivals, match
 from r2bspec.judge.measure.times import intervals, jitter, percentile
 from r2bspec.judge.measure.units import show
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE, RESOURCE_DTYPE, Rows
-from run_simulation import EPOCH_NS, segment_of
+from run_simulation import EPOCH_NS, samples_of, segment_of
 
 finite = st.floats(min_value=0, max_value=1e3, allow_nan=False)
 samples = st.lists(finite, min_size=1, max_size=60).map(np.array)
@@ -68,8 +67,11 @@ def test_matching_conserves_counts(rows: tuple[Rows, Rows], by: str) -> None:
     answered = int(np.count_nonzero(found.answered))
     assert playback.size == answered + found.missed
     assert monitor.size == answered + found.duplicates + found.unmatched
-    assert 0 <= found.reordered <= max(0, answered - 1)
-    assert step_times(playback, monitor, found).latency.size == answered
+    seen = samples_of(playback, monitor, found)
+    assert 0 <= seen.reordered <= max(0, answered - 1)
+    assert (seen.answered, seen.missed) == (answered, found.missed)
+    assert (seen.received, seen.duplicates) == (monitor.size, found.duplicates)
+    assert seen.latency.size == (0 if seen.unknown_latency else answered)
 
 
 @given(traffic())
@@ -106,10 +108,8 @@ def test_throughput_is_never_more_than_what_was_offered_and_answered(
     if by == "stamp":
         ratio = StepRatio()
     matching = match(playback, monitor, by, ratio)  # type: ignore[arg-type]
-    seen = monitor_samples(
-        segment_of(10.0, int(playback.size), length_ns=length_ns),
-        MatchedMonitor(playback, monitor, ratio, matching),
-    )
+    segment = segment_of(10.0, int(playback.size), length_ns=length_ns)
+    seen = samples_of(playback, monitor, matching, segment)
     if not seen.expected:
         assert seen.throughput_hz == 0
         return

@@ -262,7 +262,7 @@ class TestTheBestLight:
         found = best.monitors["detections"]
         assert (found.answered, found.missed, found.sent) == (300, 0, 300)
         half = np.sort(latency)[:150] * 0.5
-        assert np.sort(found.times["latency"]) == pytest.approx(np.repeat(half, 2), abs=2e-9)
+        assert np.sort(found.latency) == pytest.approx(np.repeat(half, 2), abs=2e-9)
 
     def test_more_than_half_lost_stays_lost(self) -> None:
         latency = np.where(np.arange(300) % 3 == 0, 0.01, np.nan)

@@ -11,7 +11,7 @@ import pytest
 
 from r2bspec.judge.measure.matching import NO_MATCH, match_monitor
 from r2bspec.judge.measure.own_pace import PaceEvidence, own_pace_text, own_period_s
-from r2bspec.judge.measure.samples import MonitorSamples, monitor_samples, pool_monitor
+from r2bspec.judge.measure.sample_table import MonitorSamples, monitor_samples
 from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import MONITOR_DTYPE
 from run_simulation import MONITOR_PLAN, Played, playback_rows
@@ -115,7 +115,7 @@ def test_a_slow_timer_is_recognised_over_segments() -> None:
     assert own_period_s([slow, slow, evidence(1 / INPUT_HZ)]) is None
     parts = [received([0.4, 1.4, 2.4], "own")[1] for _ in range(2)]
     assert parts[0].own_period_s is None
-    assert pool_monitor(parts).own_period_s == pytest.approx(1.0)
+    assert MonitorSamples.joined(parts).own_period_s == pytest.approx(1.0)
 
 
 def test_what_is_played_decides_the_age_and_no_message_is_missed() -> None:
@@ -125,25 +125,23 @@ def test_what_is_played_decides_the_age_and_no_message_is_missed() -> None:
     assert seen.throughput_hz == pytest.approx(10.0)
     assert seen.own_pace
     assert seen.missed == seen.duplicates == seen.unmatched == 0
-    assert seen.times["age"].size == 20
-    assert seen.times["age"].min() >= 0
-    assert seen.times["age"].max() < 1 / INPUT_HZ
-    assert seen.times["jitter"].max() < 1e-6
-    assert not seen.times["latency"].size
+    assert seen.age.size == 20
+    assert seen.age.min() >= 0
+    assert seen.age.max() < 1 / INPUT_HZ
+    assert seen.jitter.max() < 1e-6
+    assert not seen.latency.size
 
 
 def test_a_repeated_stamp_grows_older() -> None:
     _, seen = received([1.0 + number / 100 for number in range(4)], by="own_pace")
-    assert np.diff(seen.times["age"]) == pytest.approx([0.01] * 3, abs=1e-6)
+    assert np.diff(seen.age) == pytest.approx([0.01] * 3, abs=1e-6)
 
 
 def test_the_age_is_unknown_where_stamps_are_of_no_input() -> None:
     _, seen = received(ticks(10.0), "own", by="own_pace")
     assert seen.received == 20
-    assert not seen.times["age"].size
-    newest = seen.steps.newest_ns
-    assert newest is not None
-    assert (newest == NO_MATCH).all()
+    assert not seen.age.size
+    assert (seen.outputs["newest_ns"] == NO_MATCH).all()
 
 
 @pytest.mark.parametrize(

@@ -330,8 +330,8 @@ def test_runs_read_as_one_keep_every_sample(tmp_path: Path) -> None:
     for one, run in zip(iterations, alone, strict=True):
         (own,) = next(iter(run.iterations.values()))
         np.testing.assert_array_equal(
-            one.monitors["detections"].times["latency"],
-            own.monitors["detections"].times["latency"],
+            one.monitors["detections"].latency,
+            own.monitors["detections"].latency,
         )
         assert one.processes.keys() == own.processes.keys()
     together = merged_samples(merged, alone)

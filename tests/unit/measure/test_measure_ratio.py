@@ -8,14 +8,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.judge.measure.matching import NO_MATCH, MatchedMonitor, StepRatio, match, ratio_of
+from r2bspec.judge.measure.matching import NO_MATCH, StepRatio, match, ratio_of
 from r2bspec.judge.measure.metrics import measure_segment
-from r2bspec.judge.measure.samples import monitor_samples, step_times
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.rate_decision import Criterion, estimate_probe, judge_final, plan_interim_looks
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, Rows
-from run_simulation import EPOCH_NS, Played, Simulation, objective, playback_rows, segment_of
+from run_simulation import (
+    EPOCH_NS,
+    Played,
+    Simulation,
+    objective,
+    playback_rows,
+    samples_of,
+    segment_of,
+)
 
 
 def played(steps: int, rate_hz: float = 10.0) -> Rows:
@@ -59,7 +66,7 @@ def test_each_answer_has_its_own_latency(
 ) -> None:
     playback, monitor = played(steps), received(times_s)
     matching = match(playback, monitor, "order", ratio)
-    assert step_times(playback, monitor, matching).latency == pytest.approx(latency_s)
+    assert samples_of(playback, monitor, matching).latency == pytest.approx(latency_s)
 
 
 def test_the_inputs_before_the_first_answer_and_after_the_last_are_no_gap() -> None:
@@ -67,8 +74,8 @@ def test_the_inputs_before_the_first_answer_and_after_the_last_are_no_gap() -> N
     playback, monitor = played(14), received([0.44, 0.94])
     ratio, segment = StepRatio(inputs=5), segment_of(10.0, 14)
     matching = match(playback, monitor, "order", ratio)
-    seen = monitor_samples(segment, MatchedMonitor(playback, monitor, ratio, matching))
-    assert seen.times["interval"] == pytest.approx([0.5])
+    seen = samples_of(playback, monitor, matching, segment)
+    assert seen.interval == pytest.approx([0.5])
     assert seen.throughput_hz == pytest.approx(2.0)
 
 
@@ -146,7 +153,7 @@ def test_a_run_with_a_ratio_counts_in_answers_and_is_offered_a_third() -> None:
     seen = samples.iterations[30][0].monitors["detections"]
     assert (seen.sent, seen.expected, seen.answered, seen.missed) == (90, 30, 30, 0)
     assert seen.throughput_hz == pytest.approx(10)
-    assert seen.times["latency"] == pytest.approx(np.full(30, 0.02))
+    assert seen.latency == pytest.approx(np.full(30, 0.02))
     asked = {"all": objective("throughput.mean >= 97 % of offered", "missed == 0")}
     assert [requirement.outcome for requirement in judge(asked, samples).requirements] == [
         "pass",
@@ -197,7 +204,7 @@ def test_by_stamp_a_group_of_steps_expects_its_outputs(
     matching = match(playback, monitor, "stamp", ratio)
     assert (matching.missed, matching.duplicates, matching.unmatched) == (missed, duplicates, 0)
     assert triggers is None or matching.trigger_steps.tolist() == triggers
-    latency = step_times(playback, monitor, matching).latency
+    latency = samples_of(playback, monitor, matching).latency
     assert latency == pytest.approx([0.01] * (len(outputs) - duplicates))
 
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from nightly import size
 from r2bspec.judge.measure.metric_catalogue import find_metric
 from r2bspec.judge.measure.metric_values import window_values
-from r2bspec.judge.measure.samples import MonitorSamples, SegmentSamples
+from r2bspec.judge.measure.sample_table import MonitorSamples
+from r2bspec.judge.measure.samples import SegmentSamples
 from r2bspec.judge.measure.times import throughput
 from run_simulation import EPOCH_NS, Played, Simulation
 

@@ -7,10 +7,9 @@ import pytest
 
 from r2bspec.judge.measure.host_usage import ProcessSamples, total_use
 from r2bspec.judge.measure.matching import arrivals, match
-from r2bspec.judge.measure.samples import step_times
 from r2bspec.judge.measure.times import edge_gaps, intervals, jitter, mean_rate, percentile, rank
 from r2bspec.record.sample_arrays import RESOURCE_DTYPE, Rows
-from run_simulation import EPOCH_NS, Played, monitor_rows, playback_rows
+from run_simulation import EPOCH_NS, Played, monitor_rows, playback_rows, samples_of
 
 NAN = float("nan")
 
@@ -30,8 +29,9 @@ class TestMatching:
     def test_an_overtaken_answer_is_reordered_and_not_lost(self) -> None:
         playback, monitor = matched(Played(10, [0.25, 0.01, 0.01, 0.01]))
         found = match(playback, monitor, "stamp")
-        assert (found.reordered, found.missed) == (1, 0)
-        assert step_times(playback, monitor, found).latency[0] == pytest.approx(0.25, abs=1e-9)
+        seen = samples_of(playback, monitor, found)
+        assert (seen.reordered, seen.missed) == (1, 0)
+        assert seen.latency[0] == pytest.approx(0.25, abs=1e-9)
 
     def test_by_order_the_kth_message_answers_the_kth_step(self) -> None:
         playback, monitor = matched(Played(10, [0.01, NAN, 0.01], twice=(2, 2)))
@@ -44,13 +44,14 @@ class TestTimes:
     def test_a_nanosecond_survives_weeks_of_uptime(self) -> None:
         playback, monitor = matched(Played(10, [0.010000001, 0.010000002]))
         found = match(playback, monitor, "stamp")
-        assert step_times(playback, monitor, found).latency.tolist() == [0.010000001, 0.010000002]
+        assert samples_of(playback, monitor, found).latency.tolist() == [0.010000001, 0.010000002]
 
     def test_latency_from_due_includes_the_wait_of_the_playback(self) -> None:
         playback, monitor = matched(Played(10, [0.01, 0.01], late=[0, 0.03]))
         found = match(playback, monitor, "stamp")
-        assert step_times(playback, monitor, found).latency == pytest.approx([0.01, 0.01])
-        assert step_times(playback, monitor, found).latency_from_due == pytest.approx([0.01, 0.04])
+        seen = samples_of(playback, monitor, found)
+        assert seen.latency == pytest.approx([0.01, 0.01])
+        assert seen.latency_from_due == pytest.approx([0.01, 0.04])
 
     def test_intervals_and_jitter(self) -> None:
         playback, monitor = matched(Played(10, [0.01, 0.02, 0.01]))
