@@ -72,13 +72,11 @@ def _is_hop(source: TopicPlan | None, target: TopicPlan | None) -> bool:
 
 def _sort_by_distance(hops: Collection[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
     """Hops by the distance of their target, then of their source, from the player."""
-    distance = {PLAYER: 0}
-    ahead = [PLAYER]
-    for topic in ahead:
-        for source, target in sorted(hops):
-            if source == topic and target not in distance:
-                distance[target] = distance[topic] + 1
-                ahead.append(target)
+    import networkx as nx
+
+    graph: nx.DiGraph[str] = nx.DiGraph(sorted(hops))
+    graph.add_node(PLAYER)
+    distance = nx.single_source_shortest_path_length(graph, PLAYER)
     far = len(distance)
 
     def order(hop: tuple[str, str]) -> tuple[int, str, int, str]:

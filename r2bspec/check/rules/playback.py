@@ -74,12 +74,8 @@ def preprocessor_cycle(context: Context) -> Findings:
     """Preprocessors that form a cycle."""
     phase = context.wiring.preprocess
     for node in phase.nodes:
-        endpoints = phase.endpoints_of(node.name)
-        reached = phase.downstream_of(
-            endpoint.topic for endpoint in endpoints if endpoint.is_publisher
-        )
-        for endpoint in endpoints:
-            if not endpoint.is_publisher and endpoint.topic in reached:
+        for endpoint in phase.endpoints_of(node.name):
+            if not endpoint.is_publisher and phase.is_in_cycle(endpoint):
                 yield Finding(
                     message=f"preprocessor {node.key} is in a cycle: its input "
                     f"{quote(context.relative_name(endpoint.topic))} depends on its own output",

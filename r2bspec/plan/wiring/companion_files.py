@@ -27,6 +27,7 @@ from r2bspec.plan.wiring.node_interface import (
     node_target,
     origin_difference,
     parse_interface_entry,
+    reference_node_interfaces,
 )
 from r2bspec.plan.wiring.parameter_files import ParameterEffort, ParameterFile, read_parameter_file
 from r2bspec.plan.wiring.python_files import module_of, read_python_file, source_folder
@@ -106,7 +107,8 @@ class CompanionReader:
                 interface_errors[key] = recorded
             elif recorded is not None:
                 interfaces[key] = recorded
-            if node.python:
+            # Reference nodes have a table.
+            if node.python and node.python not in reference_node_interfaces():
                 sources[node.python], start = self._source(node.python)
                 if start is not None:
                     starts[node.python] = start

@@ -1,12 +1,15 @@
-"""The wiring of a spec: every known publisher and subscription of every topic, as values."""
+"""The wiring of a spec: every known publisher and subscription of every topic, as a graph.
+
+networkx takes long to import, so it is imported where the first question about the graph is asked.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from operator import attrgetter
-from typing import Literal
+from itertools import chain
+from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
@@ -15,6 +18,9 @@ from r2bspec.language.spec import Node, ParameterValue, QoS
 from r2bspec.plan.wiring.name_resolution import Remapper, expand
 from r2bspec.plan.wiring.node_interface import Interface
 from r2bspec.plan.wiring.python_source import KEYWORDS, NodeStart
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 Phase = Literal["preprocess", "measure"]
 ProcessRole = Literal["host", "container", "command"]
@@ -91,16 +97,8 @@ class WiredEndpoint(msgspec.Struct, frozen=True):
         return self.owner.startswith("/")
 
 
-_TOPIC = attrgetter("topic")
-
-
-def _grouped(
-    endpoints: Iterable[WiredEndpoint], key: Callable[[WiredEndpoint], str]
-) -> dict[str, tuple[WiredEndpoint, ...]]:
-    groups: dict[str, list[WiredEndpoint]] = {}
-    for endpoint in endpoints:
-        groups.setdefault(key(endpoint), []).append(endpoint)
-    return {name: tuple(group) for name, group in groups.items()}
+Vertex = tuple[Literal["owner", "topic"], str]
+"""Of the graph of a phase: the owner of endpoints, or a topic, by its name."""
 
 
 @dataclass(frozen=True)
@@ -112,29 +110,48 @@ class PhaseWiring:
     endpoints: tuple[WiredEndpoint, ...]
 
     @cached_property
-    def _publishers(self) -> dict[str, tuple[WiredEndpoint, ...]]:
-        return _grouped((end for end in self.endpoints if end.is_publisher), _TOPIC)
+    def graph(self) -> nx.DiGraph[Vertex]:
+        """The directed graph of owners and topics, in which messages follow the edges.
 
-    @cached_property
-    def _subscriptions(self) -> dict[str, tuple[WiredEndpoint, ...]]:
-        return _grouped((end for end in self.endpoints if not end.is_publisher), _TOPIC)
+        An edge has its endpoints as the attribute ``endpoints``. The parts of the harness only
+        publish or only subscribe, so every way from topic to topic leads through a node.
+        """
+        import networkx as nx
 
-    @cached_property
-    def _by_owner(self) -> dict[str, tuple[WiredEndpoint, ...]]:
-        return _grouped(self.endpoints, attrgetter("owner"))
+        graph: nx.DiGraph[Vertex] = nx.DiGraph()
+        for endpoint in self.endpoints:
+            owner: Vertex = ("owner", endpoint.owner)
+            topic: Vertex = ("topic", endpoint.topic)
+            edge = (owner, topic) if endpoint.is_publisher else (topic, owner)
+            known = graph.get_edge_data(*edge, default={}).get("endpoints", ())
+            graph.add_edge(*edge, endpoints=(*known, endpoint))
+        return graph
 
     @cached_property
     def topics(self) -> tuple[str, ...]:
         """Every known topic, sorted."""
-        return tuple(sorted(self._publishers.keys() | self._subscriptions.keys()))
+        return tuple(sorted(_topics(self.graph)))
 
     def publishers(self, topic: str) -> tuple[WiredEndpoint, ...]:
-        """The known publishers of a topic."""
-        return self._publishers.get(topic, ())
+        """Return the known publishers of a topic."""
+        return self._endpoints_into(("topic", topic))
 
     def subscriptions(self, topic: str) -> tuple[WiredEndpoint, ...]:
-        """The known subscriptions of a topic."""
-        return self._subscriptions.get(topic, ())
+        """Return the known subscriptions of a topic."""
+        return self._endpoints_out_of(("topic", topic))
+
+    def endpoints_of(self, owner: str) -> tuple[WiredEndpoint, ...]:
+        """Return the subscriptions and the publishers of a node or of a part of the harness."""
+        vertex: Vertex = ("owner", owner)
+        return (*self._endpoints_into(vertex), *self._endpoints_out_of(vertex))
+
+    def _endpoints_into(self, vertex: Vertex) -> tuple[WiredEndpoint, ...]:
+        tails = self.graph.pred.get(vertex, {})
+        return tuple(chain.from_iterable(edge["endpoints"] for edge in tails.values()))
+
+    def _endpoints_out_of(self, vertex: Vertex) -> tuple[WiredEndpoint, ...]:
+        heads = self.graph.adj.get(vertex, {})
+        return tuple(chain.from_iterable(edge["endpoints"] for edge in heads.values()))
 
     @cached_property
     def _by_name(self) -> dict[str, NodeWiring]:
@@ -143,10 +160,6 @@ class PhaseWiring:
     def node(self, owner: str) -> NodeWiring | None:
         """The node with that full name; None for a part of the harness."""
         return self._by_name.get(owner)
-
-    def endpoints_of(self, owner: str) -> tuple[WiredEndpoint, ...]:
-        """The endpoints of a node or of a part of the harness."""
-        return self._by_owner.get(owner, ())
 
     @cached_property
     def possible_publishers(self) -> tuple[NodeWiring, ...]:
@@ -159,32 +172,36 @@ class PhaseWiring:
         return tuple(node for node in self.nodes if not node.interface.subscribes_all)
 
     def downstream_of(self, topics: Iterable[str]) -> frozenset[str]:
-        """The topics reachable from `topics` through nodes, including themselves."""
-        return self._reachable(topics, self.subscriptions)
+        """Return the topics reachable from `topics` through nodes, including themselves."""
+        import networkx as nx
+
+        starts: list[Vertex] = [("topic", topic) for topic in topics]
+        reached = (nx.descendants(self.graph, start) for start in starts if start in self.graph)
+        return frozenset(_topics(chain(starts, *reached)))
 
     def upstream_of(self, topic: str) -> frozenset[str]:
-        """The topics from which `topic` is reachable through nodes, including itself."""
-        return self._reachable([topic], self.publishers)
+        """Return the topics from which `topic` is reachable through nodes, including itself."""
+        import networkx as nx
 
-    def _reachable(
-        self, topics: Iterable[str], entered_by: Callable[[str], tuple[WiredEndpoint, ...]]
-    ) -> frozenset[str]:
-        """Walk through the nodes that own an endpoint of a topic, to their opposite endpoints."""
-        visited: set[str] = set()
-        pending = list(topics)
-        while pending:
-            topic = pending.pop()
-            if topic in visited:
-                continue
-            visited.add(topic)
-            entries = [entry for entry in entered_by(topic) if entry.is_node]
-            pending += [
-                endpoint.topic
-                for entry in entries
-                for endpoint in self.endpoints_of(entry.owner)
-                if endpoint.is_publisher != entry.is_publisher
-            ]
-        return frozenset(visited)
+        end: Vertex = ("topic", topic)
+        return frozenset(
+            {topic, *_topics(nx.ancestors(self.graph, end) if end in self.graph else ())}
+        )
+
+    @cached_property
+    def _cycles(self) -> tuple[set[Vertex], ...]:
+        import networkx as nx
+
+        return tuple(nx.strongly_connected_components(self.graph))
+
+    def is_in_cycle(self, endpoint: WiredEndpoint) -> bool:
+        """Return True if the topic of an endpoint depends on itself through its owner."""
+        ends: set[Vertex] = {("topic", endpoint.topic), ("owner", endpoint.owner)}
+        return any(ends <= component for component in self._cycles)
+
+
+def _topics(vertices: Iterable[Vertex]) -> Iterator[str]:
+    return (name for kind, name in vertices if kind == "topic")
 
 
 class Wiring(msgspec.Struct, frozen=True):

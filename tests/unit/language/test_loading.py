@@ -109,8 +109,8 @@ def test_text_that_looks_like_a_number_stays_text() -> None:
 
 ROOT = Path(__file__).parents[3]
 ROS = ("rclpy", "cv2", "numpy")
-LIBRARIES = (*ROS, "scipy", "rosbags", "rich", "psutil", "networkx", "r2bspec.nodes")
-EXPLAINERS = ("r2bspec.language.explain_violations",)
+LIBRARIES = (*ROS, "scipy", "rosbags", "rich", "psutil", "r2bspec.nodes")
+EXPLAINERS = ("r2bspec.language.explain_violations", "networkx")
 STAGES = ("r2bspec.language", "r2bspec.check", "r2bspec.plan", "r2bspec.diagnostics")
 REPORTS = ("matplotlib", "jinja2", "scipy", "mcap", "junitparser", "rich")
 LOAD = "from pathlib import Path; from r2bspec.language.load_spec import load_spec; load_spec(Path"

@@ -112,6 +112,10 @@ def test_what_is_reached_follows_nodes_and_ends_in_circles() -> None:
     measure = wired(nodes)
     assert measure.downstream_of(["/r2b/image"]) == {"/r2b/image", "/r2b/a", "/r2b/b"}
     assert measure.downstream_of([]) == frozenset()
+    assert measure.upstream_of("/r2b/b") == {"/r2b/image", "/r2b/a", "/r2b/b"}
+    assert measure.upstream_of("/r2b/nowhere") == {"/r2b/nowhere"}
+    in_cycle = [end.own_name for end in measure.endpoints if measure.is_in_cycle(end)]
+    assert in_cycle == ["in", "out", "in", "out"]
 
 
 @pytest.mark.parametrize(
